@@ -1,0 +1,1 @@
+"""Autonomy engine for multicopters with a PX4 autopilot, live under ROS 1 and offline on recordings."""
