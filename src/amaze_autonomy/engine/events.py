@@ -1,0 +1,385 @@
+"""Everything that can happen to the engine: frozen, keyword-only, checked when made. An invalid event cannot exist.
+
+Rules of this file:
+
+* `t_ns` is the time at which the engine learns of it, integer nanoseconds on the clock that decides.
+* Unknown is None. NaN and infinity become None here, so that no comparison further in ever meets them.
+* `age_ns` of a status is how old the message said it was on arrival; negative: it claims to come from the future.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any, Optional, Tuple
+
+from .checks import Check, CheckName, finite
+from .mission import Mission
+from .severity import Code, Restart
+
+__all__ = [
+    "AutopilotStatus",
+    "CheckReply",
+    "ComponentStatus",
+    "EngineStarted",
+    "Event",
+    "InvalidEventError",
+    "Landed",
+    "LandedStatus",
+    "MissionPhase",
+    "MissionRejected",
+    "MissionSelected",
+    "MissionStatus",
+    "Outcome",
+    "PlatformRecording",
+    "RecordingPhase",
+    "RecordingStatus",
+    "Reply",
+    "Shutdown",
+    "Tick",
+    "UserCommand",
+    "UserRequest",
+    "VehicleLanded",
+    "WatchdogAction",
+    "WatchdogInfo",
+]
+
+
+class InvalidEventError(ValueError):
+    """An event was made of values that cannot be.
+
+    Args:
+        event: name of the event's class.
+        field: name of the field.
+        value: what it was given.
+        expected: what it takes, in words.
+    """
+
+    def __init__(self, event: str, field: str, value: object, expected: str) -> None:
+        super().__init__(f"{event}.{field} is {value!r}, must be {expected}")
+        self.event, self.field, self.value, self.expected = event, field, value, expected
+
+
+class UserCommand(enum.Enum):
+    """What a user can ask of the engine, besides selecting a mission."""
+
+    GO = "go"
+    RETRY = "retry"
+    GIVE_UP = "give_up"
+    HOLD = "hold"
+    RESUME = "resume"
+    LAND = "land"
+    ABORT = "abort"
+    ACKNOWLEDGE = "acknowledge"
+
+
+class Outcome(enum.Enum):
+    """How a request to a peer ended."""
+
+    ACCEPTED = "accepted"
+    REFUSED = "refused"
+    UNAVAILABLE = "unavailable"  # there is no such service
+    TIMED_OUT = "timed_out"  # it did not answer within the limit
+    BROKEN = "broken"  # it died in mid-call, or answered nonsense
+
+
+class MissionPhase(enum.Enum):
+    """Phase of the mission planner."""
+
+    IDLE = 0
+    LOADED = 1
+    TAKING_OFF = 2
+    FLYING = 3
+    HOLDING = 4
+    LANDING = 5
+    LANDED = 6
+    FAILED = 7
+
+
+class RecordingPhase(enum.Enum):
+    """Phase of the data recorder (the collector)."""
+
+    IDLE = 0
+    STARTING = 1
+    RECORDING = 2
+    STOPPING = 3
+    RECOVERING = 4
+    TRANSFERRING = 5
+    MERGING = 6
+    VERIFYING = 7
+    COMPLETE = 8
+    FAILED = 9
+
+
+class VehicleLanded(enum.Enum):
+    """Landed state as the autopilot says it."""
+
+    UNKNOWN = 0
+    ON_GROUND = 1
+    TAKING_OFF = 2
+    IN_AIR = 3
+    LANDING = 4
+
+
+class Landed(enum.Enum):
+    """Landed state as the landing detection says it."""
+
+    UNKNOWN = 0
+    ON_GROUND = 1
+    AIRBORNE = 2
+
+
+@dataclass(frozen=True)
+class Event:
+    """Base of all events.
+
+    Args:
+        t_ns: when the engine learns of it, on the clock that decides.
+    """
+
+    t_ns: int
+
+    def __new__(cls, *args: Any, **_: Any) -> Event:
+        """Refuse positional arguments (Python 3.8 has no keyword-only dataclasses)."""
+        if args:
+            raise TypeError(f"{cls.__name__} takes keyword arguments only")
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        self._check("t_ns", isinstance(self.t_ns, int) and self.t_ns >= 0, "a whole number of nanoseconds, not negative")
+
+    def _check(self, field: str, good: bool, expected: str) -> None:
+        if not good:
+            raise InvalidEventError(type(self).__name__, field, getattr(self, field), expected)
+
+    def _unknown_is_none(self, *fields: str) -> None:
+        for field in fields:
+            object.__setattr__(self, field, finite(getattr(self, field)))
+
+    def _fraction_or_none(self, *fields: str) -> None:
+        """Keep a fraction in 0..1; anything else is unknown (batteries say -1 or -0.53 when they do not know)."""
+        for field in fields:
+            value = finite(getattr(self, field))
+            object.__setattr__(self, field, value if value is not None and 0.0 <= value <= 1.0 else None)
+
+
+@dataclass(frozen=True)
+class Tick(Event):
+    """Time has passed: the shell wakes the engine at its next deadline."""
+
+
+@dataclass(frozen=True)
+class EngineStarted(Event):
+    """The process of the engine starts: the first event of all, and the first after a restart.
+
+    Args:
+        label: prefix of session ids, made from the wall time by the shell, e.g. "20261121T101500".
+        resumed: a journal was open; its events were decided again before this one.
+    """
+
+    label: str = "session"
+    resumed: bool = False
+
+
+@dataclass(frozen=True)
+class MissionSelected(Event):
+    """The user has selected and confirmed one mission, or several to be flown one after the other."""
+
+    missions: Tuple[Mission, ...]
+    request_id: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check("missions", len(self.missions) > 0, "at least one mission")
+
+
+@dataclass(frozen=True)
+class MissionRejected(Event):
+    """The user asked for a mission that does not exist or is not valid; `error` says why and what would be right."""
+
+    mission_id: str
+    error: str
+    request_id: int = 0
+
+
+@dataclass(frozen=True)
+class UserRequest(Event):
+    """A command of the user. The engine answers every one with an `Answer` of the same `request_id`."""
+
+    command: UserCommand
+    request_id: int = 0
+
+
+@dataclass(frozen=True)
+class ComponentStatus:
+    """Condition of one component as the watchdog says it.
+
+    Args:
+        name: the component.
+        code: its condition.
+        restart: what the watchdog does about it.
+        until_ns: when the watchdog gives up restarting it, on the clock that decides; None when it does not try.
+        reason: why it is not nominal.
+    """
+
+    name: str
+    code: Code
+    restart: Restart = Restart.NONE
+    until_ns: Optional[int] = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class WatchdogAction(Event):
+    """The watchdog's action stream and heartbeat; `components` are all at code 4 or above."""
+
+    sequence: int
+    loop_counter: int
+    code: Code
+    latest_component: str = ""
+    components: Tuple[ComponentStatus, ...] = ()
+    age_ns: int = 0
+
+
+@dataclass(frozen=True)
+class WatchdogInfo(Event):
+    """The watchdog's info stream: every component it watches, and which of them changed."""
+
+    sequence: int
+    changed: Tuple[str, ...]
+    components: Tuple[ComponentStatus, ...]
+    age_ns: int = 0
+
+
+@dataclass(frozen=True)
+class CheckReply(Event):
+    """The answer to a `RunCheck`. `fixable` ... `components` are the watchdog's alone."""
+
+    command_id: int
+    check: CheckName
+    outcome: Outcome
+    ok: bool = False
+    checks: Tuple[Check, ...] = ()
+    fixable: bool = False
+    being_fixed: bool = False
+    until_ns: Optional[int] = None
+    components: Tuple[ComponentStatus, ...] = ()
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Reply(Event):
+    """The answer to any other command that has an id."""
+
+    command_id: int
+    outcome: Outcome
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class MissionStatus(Event):
+    """The mission planner's status."""
+
+    session_id: str
+    mission_id: str
+    phase: MissionPhase
+    waypoint: int = 0
+    waypoints: int = 0
+    file_index: int = 0
+    repetition: int = 0
+    distance_left_m: Optional[float] = None
+    time_left_s: Optional[float] = None
+    message: str = ""
+    age_ns: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._unknown_is_none("distance_left_m", "time_left_s")
+
+
+@dataclass(frozen=True)
+class PlatformRecording:
+    """The recording on one companion computer; `written_bytes` so far, `free_fraction` of its storage."""
+
+    platform: str
+    growing: bool
+    written_bytes: int = 0
+    byte_rate: Optional[float] = None
+    free_fraction: Optional[float] = None
+    location: str = ""
+    message: str = ""
+
+    def __post_init__(self) -> None:
+        for field in ("byte_rate", "free_fraction"):
+            object.__setattr__(self, field, finite(getattr(self, field)))
+
+
+@dataclass(frozen=True)
+class RecordingStatus(Event):
+    """The data recorder's status; `progress` of the present phase as a fraction 0..1."""
+
+    session_id: str
+    phase: RecordingPhase
+    progress: Optional[float] = None
+    platforms: Tuple[PlatformRecording, ...] = ()
+    location: str = ""
+    message: str = ""
+    age_ns: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._fraction_or_none("progress")
+
+
+@dataclass(frozen=True)
+class AutopilotStatus(Event):
+    """What the vehicle says of itself; None is unknown. Position is east, north of the takeoff position, height above it."""
+
+    armed: Optional[bool]
+    landed: VehicleLanded
+    mode: str = ""
+    pilot_in_control: bool = False
+    failsafe: bool = False
+    link_age_s: Optional[float] = 0.0
+    height_m: Optional[float] = None
+    position_x_m: Optional[float] = None
+    position_y_m: Optional[float] = None
+    vertical_speed_m_s: Optional[float] = None
+    battery_fraction: Optional[float] = None
+    battery_voltage_v: Optional[float] = None
+    battery_age_s: Optional[float] = None
+    age_ns: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._unknown_is_none(
+            "link_age_s",
+            "height_m",
+            "position_x_m",
+            "position_y_m",
+            "vertical_speed_m_s",
+            "battery_voltage_v",
+            "battery_age_s",
+        )
+        self._fraction_or_none("battery_fraction")
+
+
+@dataclass(frozen=True)
+class LandedStatus(Event):
+    """The landing detection's judgement; `distance_m` to the ground below the vehicle's feet."""
+
+    landed: Landed
+    distance_m: Optional[float] = None
+    reason: str = ""
+    age_ns: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._unknown_is_none("distance_m")
+
+
+@dataclass(frozen=True)
+class Shutdown(Event):
+    """The process was told to end; `signal` is its name, e.g. "SIGINT"."""
+
+    signal: str = "SIGINT"
