@@ -52,6 +52,8 @@ class Limits:
     watchdog_heartbeat_limit_ns: int = 6 * _S // 10
     planner_status_limit_ns: int = 1 * _S
     autopilot_status_limit_ns: int = 1 * _S
+    autopilot_link_limit_ns: int = 3 * _S
+    position_age_limit_ns: int = 10 * _S
     recorder_status_limit_ns: int = 5 * _S
     landing_detection_limit_ns: int = 1 * _S
     status_max_age_ns: int = 1 * _S
@@ -62,7 +64,6 @@ class Limits:
     max_flight_time_ns: int = 900 * _S
     max_height_m: float = 30.0
     max_distance_m: float = 100.0
-    mission_limit_ns: int = 3600 * _S
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -100,6 +101,7 @@ LOSSES: Tuple[Loss, ...] = (
     Loss("flight_time", Verb.LAND, False, False, "the maximum flight time is reached"),
     Loss("height", Verb.LAND, False, False, "the height limit is exceeded"),
     Loss("distance", Verb.LAND, False, False, "the distance limit is exceeded"),
+    Loss("position_unknown", Verb.CONTINUE, False, False, "height or position is unknown: their limits cannot be checked"),
     Loss("recorder_dead", Verb.CONTINUE, False, False, "the recorder is silent or does not record"),
     Loss("landing_detection", Verb.CONTINUE, False, False, "the landing detection is silent"),
 )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, Optional, Tuple, TypeVar
 
 from .checks import Check, CheckName
+from .commands import Level, MissionAction
 from .events import (
     AutopilotStatus,
     ComponentStatus,
@@ -202,7 +203,9 @@ class EngineState:
 
     in_flight: bool = False
     flight_started_ns: Optional[int] = None
+    was_armed: bool = False
     was_airborne: bool = False
+    grounded_ns: Optional[int] = None
     interrupted: State = State.MISSION
     user_hold_ns: Optional[int] = None
     failures: Tuple[Failure, ...] = ()
@@ -212,7 +215,8 @@ class EngineState:
     motion_ns: int = 0
     motion_outcome: Optional[Outcome] = None
     motion_message: str = ""
-    expected: str = ""
+    commanded: Optional[MissionAction] = None
+    confirmed: Optional[MissionAction] = None
 
     land_ns: Optional[int] = None
     land_sent_ns: int = 0
@@ -221,12 +225,14 @@ class EngineState:
     alarmed: bool = False
     disarm_sent_ns: Optional[int] = None
     shutting_down: bool = False
+    armed_at_start: Optional[bool] = None
 
     recording_asked: bool = False
     recording_id: int = 0
     recording_outcome: Optional[Outcome] = None
     recording_message: str = ""
     recording_since_ns: Optional[int] = None
+    recording_progressed: bool = False
     recording_over: bool = False
     data_location: str = ""
 
@@ -240,9 +246,10 @@ class EngineState:
     autopilot: Optional[AutopilotStatus] = None
     autopilot_ns: Optional[int] = None
     battery_ns: Optional[int] = None
+    position_ns: Optional[int] = None
     descending_ns: Optional[int] = None
     landing: Optional[LandedStatus] = None
     landing_ns: Optional[int] = None
     message: str = ""
-    message_level: int = 1
+    message_level: Level = Level.INFO
     advice: str = ""
