@@ -1,0 +1,53 @@
+"""Errors of monitoring.
+
+MonitoringError
+ +-- SpecError                a specification that cannot be; also a ValueError
+ +-- RestartRefusedError      a restart of something that is never restarted was asked for
+ +-- UnknownComponentError    a name that is not watched; also a KeyError
+"""
+
+from __future__ import annotations
+
+from typing import Tuple
+
+__all__ = ["MonitoringError", "RestartRefusedError", "SpecError", "UnknownComponentError"]
+
+
+class MonitoringError(Exception):
+    """Base of all errors of monitoring."""
+
+
+class SpecError(MonitoringError, ValueError):
+    """A specification was made of values that cannot be.
+
+    Args:
+        spec: name of the specification's class, or of the component.
+        field: name of the field.
+        value: what it was given.
+        expected: what it takes, in words.
+    """
+
+    def __init__(self, spec: str, field: str, value: object, expected: str) -> None:
+        super().__init__(f"{spec}.{field} is {value!r}, must be {expected}")
+        self.spec, self.field, self.value, self.expected = spec, field, value, expected
+
+
+class RestartRefusedError(MonitoringError):
+    """A component of the PX4 would have been restarted: the vehicle would be uncontrollable."""
+
+    def __init__(self, component: str) -> None:
+        super().__init__(
+            f"{component} belongs to the PX4, which is never restarted: the vehicle would be uncontrollable"
+        )
+        self.component = component
+
+
+class UnknownComponentError(MonitoringError, KeyError):
+    """Something was said about a component, or a source of it, that is not watched."""
+
+    def __init__(self, name: str, known: Tuple[str, ...]) -> None:
+        super().__init__(name)
+        self.name, self.known = name, known
+
+    def __str__(self) -> str:
+        return f"{self.name} is not watched; watched: {', '.join(self.known) or 'nothing'}"
