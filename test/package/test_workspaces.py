@@ -1,0 +1,88 @@
+"""The package in workspaces of catkin_make, catkin_tools and colcon, used from a shell that knows nothing of us."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rospy", reason="needs ROS")
+pytestmark = pytest.mark.builds
+
+ROOT = Path(__file__).parents[2]
+PYTHON = f"-DPYTHON_EXECUTABLE={sys.executable}"
+NOETIC = "[ ! -f /opt/ros/noetic/setup.bash ] || source /opt/ros/noetic/setup.bash"
+BUILD = {
+    "catkin_make": f"catkin_make {PYTHON} install",
+    "catkin": f"catkin config --init --install --cmake-args {PYTHON} && catkin build --no-status --no-notify",
+    "colcon": f"colcon build --cmake-args {PYTHON}",
+}
+EXECUTABLES = ["amaze-autonomy", "amaze-replay", "autonomy", "console", "simulation"]
+
+
+@pytest.fixture(scope="module", params=[pytest.param(tool, marks=pytest.mark.xdist_group(tool)) for tool in BUILD])
+def workspace(request, build_copy):
+    """Build and install, then take the source away."""
+    if shutil.which(request.param) is None:
+        pytest.skip(f"{request.param} is not installed")
+    folder = ROOT / "build" / f"ws-{request.param}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    build_copy(folder / "src" / "amaze_autonomy", f"{NOETIC}; {BUILD[request.param]}", folder)
+    shutil.rmtree(folder / "src")
+    return folder
+
+
+def installed(workspace: Path, name: str) -> Path:
+    (path,) = workspace.glob(f"install/**/lib/amaze_autonomy/{name}")
+    return path
+
+
+def test_every_executable_names_the_interpreter_of_the_build(workspace):
+    shebangs = {name: installed(workspace, name).read_text().splitlines()[0] for name in EXECUTABLES}
+
+    assert shebangs == dict.fromkeys(EXECUTABLES, f"#!{sys.executable}")
+
+
+def test_the_install_space_needs_nothing_of_the_source_tree(workspace, shell):
+    program = workspace / "where.py"
+    program.write_text(
+        "import amaze_autonomy, amaze_autonomy.msg, amaze_autonomy.nodes.autonomy_node\n"
+        "from amaze_autonomy.paths import config_folder\n"
+        "print(amaze_autonomy.__file__, amaze_autonomy.msg.__file__, config_folder(), sep='\\n')\n"
+    )
+
+    output = shell(f"source install/setup.bash && {sys.executable} {program}", workspace)
+
+    prefix = installed(workspace, "autonomy").parents[2]
+    assert output.splitlines() == [
+        f"{prefix}/lib/python3/dist-packages/amaze_autonomy/__init__.py",
+        f"{prefix}/lib/python3/dist-packages/amaze_autonomy/msg/__init__.py",
+        f"{prefix}/share/amaze_autonomy/config",
+    ]
+
+
+def test_the_stack_starts_from_the_install_space_whatever_python3_is_in_the_path(workspace, shell):
+    (workspace / "bad").mkdir()
+    for name in ("python", "python3"):
+        (workspace / "bad" / name).write_text("#!/bin/sh\nexit 111\n")
+        (workspace / "bad" / name).chmod(0o755)
+    port = subprocess.check_output([sys.executable, str(ROOT / "test/package/free_port.py")], text=True).strip()
+    started = (
+        "until rosservice list 2>/dev/null | grep -q /autonomy/select_mission; do"
+        " kill -0 $! && sleep 0.3 || exit 1; done; rosnode list; kill -INT $!; wait $!"
+    )
+
+    output = shell(
+        f"source install/setup.bash; export PATH={workspace}/bad:$PATH; set -m;"
+        f"roslaunch -p {port} amaze_autonomy autonomy.launch simulation:=true record:=false & {started}",
+        workspace,
+        ROS_MASTER_URI=f"http://localhost:{port}",
+        ROS_HOME=str(workspace / "ros_home"),
+    )
+
+    assert "/autonomy" in output.splitlines()
+    assert "/simulation" in output.splitlines()
