@@ -1,4 +1,4 @@
-"""What the import contracts cannot say: the engine uses the standard library only, and not the parts that act or ask."""
+"""What import contracts cannot say: the engine uses the standard library only, and no part of it that acts or asks."""
 
 from __future__ import annotations
 
