@@ -1,0 +1,41 @@
+"""What can be wrong with a configuration.
+
+    ConfigError        one mistake in one file: where it is, what is wrong, what would be right
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["ConfigError", "Place"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where something stands.
+
+    Args:
+        source: the file as it was opened, or an override such as "override autonomy.landing.land_limit_s=9".
+        line: from 1; 0 where lines mean nothing (an override, a missing file).
+    """
+
+    source: str
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.source}:{self.line}" if self.line else self.source
+
+
+class ConfigError(ValueError):
+    """One mistake in a configuration. Its text is one line: `file:line: key: what is wrong; what would be right`.
+
+    Args:
+        place: file and line.
+        key: dotted address of the key, or the column of a waypoint file; empty when the file as a whole is meant.
+        wrong: what is wrong.
+        right: what would be right.
+    """
+
+    def __init__(self, place: Place, key: str, wrong: str, right: str) -> None:
+        super().__init__(": ".join(part for part in (str(place), key, f"{wrong}; {right}") if part))
+        self.file, self.line, self.key, self.wrong, self.right = place.source, place.line, key, wrong, right

@@ -1,0 +1,243 @@
+"""Kinds of single values: what a key may be given. A kind reads an entry of a document, and says in words what it takes.
+
+Numbers must be written plainly. YAML 1.1 would read `010` as 8, `1:30` as 90 and `1e3` as a text: each is an error that
+says what to write instead.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, NoReturn, Optional, Tuple
+
+from .document import Entry, Items, Scalar, Table
+from .errors import ConfigError, Place
+from .units import unit_words
+
+__all__ = ["Address", "Choice", "Flag", "Kind", "ListOf", "Number", "Places", "Text", "Whole", "described", "dotted", "refuse"]
+
+Address = Tuple[str, ...]
+Places = Dict[Address, Place]
+
+_PLAIN_INT = re.compile(r"[-+]?(0|[1-9][0-9_]*)")
+_PLAIN_FLOAT = re.compile(r"[-+]?[0-9][0-9_]*(\.[0-9_]*)?([eE][-+]?[0-9]+)?|[-+]?\.[0-9]+([eE][-+]?[0-9]+)?")
+_SHOWN = 60
+
+
+def dotted(address: Address) -> str:
+    """Return an address as it is written in messages and overrides."""
+    return ".".join(address)
+
+
+def described(entry: Entry) -> str:
+    """Say what an entry is, as the first half of an error."""
+    if isinstance(entry, Items):
+        return "is a list"
+    if isinstance(entry, Table):
+        return "is a group of keys"
+    text = entry.text if isinstance(entry, Scalar) else ""
+    shown = text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
+    if isinstance(entry, Scalar) and entry.tag == "null":
+        return "has no value"
+    return f"is the text {shown!r}" if isinstance(entry, Scalar) and entry.tag == "str" else f"is {shown}"
+
+
+def refuse(entry: Entry, address: Address, wrong: str, right: str) -> NoReturn:
+    """Raise the error about an entry."""
+    raise ConfigError(entry.place, dotted(address), wrong, right)
+
+
+class Kind:
+    """What a key may be given."""
+
+    def words(self, unit: str = "") -> str:
+        """Say what is taken, after "must be"; `unit` in words."""
+        raise NotImplementedError
+
+    def read(self, entry: Entry, address: Address, places: Places) -> Any:
+        """Return the value of an entry as plain Python, and note in `places` where its parts stand.
+
+        Raises:
+            ConfigError: it is not of this kind.
+        """
+        raise NotImplementedError
+
+    def _refuse(self, entry: Entry, address: Address, wrong: str = "", hint: str = "") -> NoReturn:
+        right = "must be " + self.words(unit_words(address[-1]) if address else "")
+        refuse(entry, address, wrong or described(entry), right + hint)
+
+
+@dataclass(frozen=True)
+class Number(Kind):
+    """A finite number within bounds. `above` and `below` exclude the bound."""
+
+    above: Optional[float] = None
+    minimum: Optional[float] = None
+    below: Optional[float] = None
+    maximum: Optional[float] = None
+
+    def words(self, unit: str = "") -> str:
+        """Say which numbers are taken."""
+        bounds = (("above", self.above), ("at least", self.minimum), ("below", self.below), ("at most", self.maximum))
+        said = " and ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None)
+        return " ".join(part for part in ("a number", said) if part) + (f", in {unit}" if unit else "")
+
+    def read(self, entry: Entry, address: Address, places: Places) -> float:
+        """Return the number as a float, so that 5 and 5.0 are the same configuration."""
+        places[address] = entry.place
+        value = self._value(entry, address)
+        if not math.isfinite(value):
+            self._refuse(entry, address)
+        good = (
+            (self.above is None or value > self.above)
+            and (self.minimum is None or value >= self.minimum)
+            and (self.below is None or value < self.below)
+            and (self.maximum is None or value <= self.maximum)
+        )
+        return value + 0.0 if good else self._refuse(entry, address)
+
+    def _value(self, entry: Entry, address: Address) -> float:
+        if not isinstance(entry, Scalar) or entry.tag not in ("int", "float", "str"):
+            self._refuse(entry, address)
+        plain = _PLAIN_INT if entry.tag == "int" else _PLAIN_FLOAT
+        if entry.tag == "str":
+            self._refuse(entry, address, hint=_how_to_write(entry.text))
+        if plain.fullmatch(entry.text) is None:
+            self._refuse(entry, address, hint="" if entry.tag == "float" else ", written plainly")
+        return float(entry.text.replace("_", ""))
+
+
+def _how_to_write(text: str) -> str:
+    """Say how a number that YAML takes for a text is written; empty when it is no number."""
+    if not re.fullmatch(r"\s*" + f"({_PLAIN_FLOAT.pattern})" + r"\s*", text):
+        unitless = re.fullmatch(f"({_PLAIN_FLOAT.pattern})" + r"\s*[A-Za-z%/^0-9]+", text)
+        return ", written without its unit" if unitless else ""
+    value = float(text.replace("_", ""))
+    return f": write {value!r} without quotes" if math.isfinite(value) and abs(value) < 1e9 else ""  # noqa: PLR2004
+
+
+@dataclass(frozen=True)
+class Whole(Kind):
+    """A whole number within bounds."""
+
+    minimum: int = 0
+    maximum: int = 1_000_000
+
+    def words(self, unit: str = "") -> str:
+        """Say which whole numbers are taken."""
+        return f"a whole number, {self.minimum} to {self.maximum}" + (f", in {unit}" if unit else "")
+
+    def read(self, entry: Entry, address: Address, places: Places) -> int:
+        """Return the number."""
+        places[address] = entry.place
+        if not isinstance(entry, Scalar) or entry.tag != "int" or _PLAIN_INT.fullmatch(entry.text) is None:
+            self._refuse(entry, address)
+        digits = entry.text.replace("_", "")
+        if len(digits) > 20 or not self.minimum <= int(digits) <= self.maximum:  # noqa: PLR2004
+            self._refuse(entry, address)
+        return int(digits)
+
+
+@dataclass(frozen=True)
+class Flag(Kind):
+    """True or false."""
+
+    def words(self, unit: str = "") -> str:  # noqa: ARG002
+        """Say it."""
+        return "true or false"
+
+    def read(self, entry: Entry, address: Address, places: Places) -> bool:
+        """Return the flag; `yes` and `on` are taken as YAML 1.1 takes them."""
+        places[address] = entry.place
+        if not isinstance(entry, Scalar) or entry.tag != "bool":
+            self._refuse(entry, address)
+        return entry.text.lower() in ("yes", "true", "on")
+
+
+@dataclass(frozen=True)
+class Text(Kind):
+    """A text. `numbers`: a number without quotes is taken as the text it is written as.
+
+    Args:
+        said: what it is, in words.
+        pattern: regular expression that the whole of it matches.
+        numbers: see above.
+        longest: number of characters.
+    """
+
+    said: str = "a text"
+    pattern: str = r"[^\x00-\x1f\x7f]+"
+    numbers: bool = False
+    longest: int = 200
+
+    def words(self, unit: str = "") -> str:  # noqa: ARG002
+        """Say what it is."""
+        return self.said
+
+    def read(self, entry: Entry, address: Address, places: Places) -> str:
+        """Return the text."""
+        places[address] = entry.place
+        if not isinstance(entry, Scalar) or entry.tag not in (("str", "int", "float") if self.numbers else ("str",)):
+            quotes = isinstance(entry, Scalar) and entry.tag != "null"
+            self._refuse(entry, address, hint=": put it in quotes" if quotes else "")
+        if len(entry.text) > self.longest:
+            self._refuse(entry, address, f"has {len(entry.text)} characters", f" of at most {self.longest} characters")
+        if re.fullmatch(self.pattern, entry.text) is None or not entry.text.isprintable():
+            self._refuse(entry, address)
+        return entry.text
+
+
+@dataclass(frozen=True)
+class Choice(Kind):
+    """One of several words."""
+
+    options: Tuple[str, ...]
+
+    def words(self, unit: str = "") -> str:  # noqa: ARG002
+        """Say which."""
+        return "one of " + ", ".join(self.options)
+
+    def read(self, entry: Entry, address: Address, places: Places) -> str:
+        """Return the word."""
+        places[address] = entry.place
+        if not isinstance(entry, Scalar) or entry.tag != "str" or entry.text not in self.options:
+            self._refuse(entry, address)
+        return entry.text
+
+
+@dataclass(frozen=True)
+class ListOf(Kind):
+    """A list of values of one kind.
+
+    Args:
+        kind: of each.
+        said: the list in words.
+        at_least: so many.
+        unique: none twice.
+    """
+
+    kind: Kind
+    said: str
+    at_least: int = 0
+    unique: bool = False
+    example: str = field(default="")
+
+    def words(self, unit: str = "") -> str:  # noqa: ARG002
+        """Say what is in it."""
+        size = f", at least {self.at_least}" if self.at_least else ""
+        return f"a list of {self.said}{size}" + (f", e.g. {self.example}" if self.example else "")
+
+    def read(self, entry: Entry, address: Address, places: Places) -> List[Any]:
+        """Return the values."""
+        places[address] = entry.place
+        if not isinstance(entry, Items) or len(entry.items) < self.at_least:
+            self._refuse(entry, address, "is an empty list" if isinstance(entry, Items) else "")
+        values: List[Any] = []
+        for position, item in enumerate(entry.items):
+            here = (*address, str(position))
+            value = self.kind.read(item, here, places)
+            if self.unique and value in values:
+                refuse(item, here, f"{value!r} is listed twice", "must be listed once")
+            values.append(value)
+        return values
