@@ -1,0 +1,99 @@
+"""The bytes of single messages, out of chunks that are decompressed once and kept for a while."""
+
+from __future__ import annotations
+
+import struct
+from collections import OrderedDict
+from typing import Any, Dict, Tuple
+
+from .errors import MessageError
+
+__all__ = ["ChunkCache"]
+
+_UINT32 = struct.Struct("<L")
+_CONNECTION, _MESSAGE = 7, 2
+_KEPT_BYTES = (
+    64_000_000  # decompressed; recordings whose chunks overlap in time would else be decompressed over and over
+)
+
+
+class ChunkCache:
+    """Reads messages by the position of their chunk and their offset in it.
+
+    Args:
+        reader: of rosbags, opened.
+    """
+
+    def __init__(self, reader: Any) -> None:
+        self._reader = reader
+        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._size = 0
+        self._damaged: Dict[int, str] = {}
+
+    def message(self, chunk: int, offset: int) -> bytes:
+        """Return the bytes of one message.
+
+        Raises:
+            MessageError: The chunk or the record is damaged.
+        """
+        data = self._chunk(chunk)
+        try:
+            op, offset = _skip_header(data, offset)
+            while op == _CONNECTION:
+                op, offset = _skip_header(data, offset + 4 + _size(data, offset))
+            start, size = offset + 4, _size(data, offset)
+        except (struct.error, ValueError) as error:
+            raise MessageError(f"record at {chunk}+{offset} is damaged: {error}") from error
+        if op != _MESSAGE or start + size > len(data):
+            raise MessageError(f"record at {chunk}+{offset} is no whole message")
+        return data[start : start + size]
+
+    def _chunk(self, position: int) -> bytes:
+        data = self._kept.get(position)
+        if data is not None:
+            self._kept.move_to_end(position)
+            return data
+        if position in self._damaged:
+            raise MessageError(self._damaged[position])
+        try:
+            data = self._decompressed(position)
+        except Exception as error:  # the decompressors raise what they like
+            self._damaged[position] = f"chunk at byte {position} is damaged: {error or type(error).__name__}"
+            raise MessageError(self._damaged[position]) from error
+        self._keep(position, data)
+        return data
+
+    def _decompressed(self, position: int) -> bytes:
+        chunk, file = self._reader.chunks[position], self._reader.bio
+        file.seek(chunk.datapos)
+        stored = file.read(chunk.datasize)
+        if len(stored) != chunk.datasize:
+            raise EOFError(f"{len(stored)} bytes of {chunk.datasize}")
+        return bytes(chunk.decompressor(stored))
+
+    def _keep(self, position: int, data: bytes) -> None:
+        self._kept[position] = data
+        self._size += len(data)
+        while self._size > _KEPT_BYTES and len(self._kept) > 1:
+            _, dropped = self._kept.popitem(last=False)
+            self._size -= len(dropped)
+
+
+def _size(data: bytes, offset: int) -> int:
+    size: int = _UINT32.unpack_from(data, offset)[0]
+    return size
+
+
+def _skip_header(data: bytes, offset: int) -> Tuple[int, int]:
+    """Return the kind of a record and where its data starts."""
+    end = offset + 4 + _size(data, offset)
+    offset += 4
+    op = -1
+    while offset < end:
+        size = _size(data, offset)
+        if data[offset + 4 : offset + 7] == b"op=":
+            op = data[offset + 7]
+        offset += 4 + size
+    if offset != end:
+        raise ValueError("header fields do not fit the header")
+    return op, end

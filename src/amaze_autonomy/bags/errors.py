@@ -1,0 +1,27 @@
+"""What can be wrong with a bag.
+
+BagError           the bag as a whole cannot be read
+MessageError       one message cannot be read; the rest can
+"""
+
+from __future__ import annotations
+
+__all__ = ["BagError", "MessageError"]
+
+
+class BagError(ValueError):
+    """A bag cannot be read. Its text is one line: `file: what is wrong; what to do`.
+
+    Args:
+        path: the file.
+        wrong: what is wrong.
+        remedy: what to do about it.
+    """
+
+    def __init__(self, path: str, wrong: str, remedy: str) -> None:
+        super().__init__(f"{path}: {wrong}; {remedy}")
+        self.path, self.wrong, self.remedy = path, wrong, remedy
+
+
+class MessageError(ValueError):
+    """One message cannot be read: its chunk is damaged, or its bytes are not what its definition says."""
