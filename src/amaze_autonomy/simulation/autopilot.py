@@ -1,0 +1,151 @@
+"""The simulated autopilot node: what it hears of the vehicle, its checks, and the second route of a landing."""
+
+from __future__ import annotations
+
+import random
+from typing import Dict, List, Optional, Tuple
+
+from amaze_autonomy.engine.checks import Check, CheckName, Verdict
+from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Request, RunCheck
+from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome
+from amaze_autonomy.engine.state import evolve
+
+from .peer import Cadence, Peer, Site, accepted, refused, slowness
+from .scenario import Subject
+
+__all__ = ["SENSORS", "Autopilot"]
+
+_S = 1_000_000_000
+_NOISE_M = 0.02
+_LINK_LIMIT_S = 2.0
+
+SENSORS = ("gps", "imu", "magnetometer", "barometer")
+
+_READY: Tuple[Tuple[str, str, str], ...] = (
+    ("prearm", "pre-arm check", "read the autopilot's messages and put right what it names"),
+    ("rc", "RC receiver", "switch on the transmitter"),
+    ("kill_switch", "kill switch", "release the kill switch"),
+    ("home", "home position", "wait for the home position"),
+    ("parameters", "parameters", "load the parameters of this vehicle"),
+)
+
+
+class Autopilot(Peer):
+    """Hears the vehicle over its link; a link that is lost leaves what was heard last, getting older."""
+
+    name = "autopilot"
+
+    def __init__(self, site: Site) -> None:
+        super().__init__(site)
+        self._noise: random.Random = site.noise(self.name)
+        self._cadence = Cadence(site.settings.rates.autopilot_status_rate_hz)
+        self._heard: Optional[AutopilotStatus] = None
+        self._battery: Tuple[Optional[float], Optional[float], Optional[int]] = (None, None, None)
+
+    def answer(self, t_ns: int, command: Request) -> Optional[Event]:
+        """Check, land or disarm."""
+        if isinstance(command, RunCheck):
+            rows = self._check(t_ns) if command.check == CheckName.AUTOPILOT else self._check_battery(t_ns, command)
+            return CheckReply(
+                t_ns=t_ns,
+                command_id=command.id,
+                check=command.check,
+                outcome=Outcome.ACCEPTED,
+                ok=all(row.passed for row in rows),
+                checks=rows,
+            )
+        if self.site.world_fault("autopilot_link_lost") is not None:
+            return refused(command, "no link to the vehicle")
+        problem = "not the autopilot's business"
+        if isinstance(command, AutopilotLand):
+            problem = self.site.vehicle.land()
+        elif isinstance(command, AutopilotDisarm):
+            problem = self.site.vehicle.disarm()
+        return refused(command, problem) if problem else accepted(command)
+
+    def step(self, t_ns: int) -> List[Event]:
+        """Listen, and tell."""
+        if self.site.world_fault("autopilot_link_lost") is None or self._heard is None:
+            self._listen(t_ns)
+        vehicle, heard = self.site.vehicle, self._heard
+        if heard is None:
+            return []
+        key = (heard.armed, heard.landed, heard.mode, heard.pilot_in_control, heard.failsafe, vehicle.flags.not_ready)
+        if not self._cadence.due(t_ns, key, slowness(self.site, self.name)):
+            return []
+        battery_ns = self._battery[2]
+        return [
+            evolve(
+                heard,
+                t_ns=t_ns,
+                link_age_s=round((t_ns - heard.t_ns) / _S, 3),
+                battery_age_s=None if battery_ns is None else round((t_ns - battery_ns) / _S, 3),
+            )
+        ]
+
+    def _listen(self, t_ns: int) -> None:
+        """Take over what the vehicle says now."""
+        vehicle, power = self.site.vehicle, self.site.power
+        voltage = power.voltage_v(flying=vehicle.airborne)
+        if voltage is not None:
+            self._battery = (round(power.fraction, 4), round(voltage, 3), t_ns)
+        known = voltage is not None
+        self._heard = AutopilotStatus(
+            t_ns=t_ns,
+            armed=vehicle.armed,
+            landed=vehicle.landed,
+            mode=vehicle.mode,
+            pilot_in_control=vehicle.pilot,
+            failsafe=vehicle.failsafe,
+            height_m=self._noisy(vehicle.position_m[2]),
+            position_x_m=self._noisy(vehicle.position_m[0]),
+            position_y_m=self._noisy(vehicle.position_m[1]),
+            vertical_speed_m_s=round(vehicle.velocity_m_s[2], 3),
+            battery_fraction=self._battery[0] if known else None,
+            battery_voltage_v=self._battery[1] if known else None,
+        )
+        self.site.health = (t_ns, self._health())
+
+    def _noisy(self, value: float) -> float:
+        return round(value + _NOISE_M * self._noise.uniform(-1.0, 1.0), 3)
+
+    def _health(self) -> Dict[str, bool]:
+        """Return sensor -> healthy, as the vehicle reports it; a sensor that it does not report is not there."""
+        return sensor_health(self.site)
+
+    def _check(self, t_ns: int) -> Tuple[Check, ...]:
+        heard, problems = self._heard, self.site.vehicle.flags.not_ready
+        age = None if heard is None else (t_ns - heard.t_ns) / _S
+        fresh = age is not None and age <= _LINK_LIMIT_S
+        advice = "" if fresh else "check the link to the autopilot"
+        link = Verdict.PASS if fresh else Verdict.FAIL
+        rows = [Check("autopilot link", link, age, _LINK_LIMIT_S, "s", age, advice)]
+        armed = heard.armed if heard is not None and fresh else None
+        rows.append(_row("not armed", None if armed is None else not armed, age, "disarm the vehicle"))
+        for key, name, words in _READY:
+            rows.append(_row(name, key not in problems if fresh else None, age, words))
+        return tuple(rows)
+
+    def _check_battery(self, t_ns: int, command: RunCheck) -> Tuple[Check, ...]:
+        raise NotImplementedError
+
+
+def sensor_health(site: Site) -> Dict[str, bool]:
+    """Return sensor -> healthy, as the vehicle reports it; a sensor that it does not report is not there."""
+    health: Dict[str, bool] = {}
+    for component in site.settings.components:
+        if component.autopilot is None:
+            continue
+        kinds = [fault.kind.name for fault, _ in site.faults.on(Subject.COMPONENT, component.name)]
+        if "unreported" not in kinds:
+            health[component.autopilot.sensor.value] = not any(kind in _UNHEALTHY for kind in kinds)
+    return health
+
+
+_UNHEALTHY = ("unhealthy", "silent", "killed", "nan", "stuck")
+
+
+def _row(name: str, good: Optional[bool], age_s: Optional[float], advice: str) -> Check:
+    if good is None:
+        return Check(name, Verdict.UNKNOWN, age_s=age_s, advice="check the link to the autopilot")
+    return Check(name, Verdict.PASS if good else Verdict.FAIL, age_s=age_s, advice="" if good else advice)

@@ -1,0 +1,45 @@
+"""What can go wrong in the simulated world.
+
+    SimulationError          base
+    +-- SimulatedTimeError   time went backwards
+    +-- UnknownTargetError   a fault names something that this world does not have
+
+Mistakes in a scenario file are `amaze_autonomy.config.errors.ConfigError`, with file and line.
+"""
+
+from __future__ import annotations
+
+from typing import Tuple
+
+__all__ = ["SimulatedTimeError", "SimulationError", "UnknownTargetError"]
+
+
+class SimulationError(Exception):
+    """Base of the errors of the simulated world."""
+
+
+class SimulatedTimeError(SimulationError):
+    """Time went backwards.
+
+    Args:
+        now_ns: where the world is.
+        asked_ns: where it was asked to be.
+    """
+
+    def __init__(self, now_ns: int, asked_ns: int) -> None:
+        super().__init__(f"the simulated world is at {now_ns} ns and cannot go back to {asked_ns} ns")
+        self.now_ns, self.asked_ns = now_ns, asked_ns
+
+
+class UnknownTargetError(SimulationError):
+    """A scenario names something that this world does not have.
+
+    Args:
+        what: kind of thing, e.g. "component".
+        name: the name that was given.
+        known: names that there are.
+    """
+
+    def __init__(self, what: str, name: str, known: Tuple[str, ...]) -> None:
+        super().__init__(f"there is no {what} {name!r}; there is {', '.join(known) or 'none'}")
+        self.what, self.name, self.known = what, name, known

@@ -1,0 +1,124 @@
+"""What every peer of the engine is in this world, and what all of them share.
+
+A peer is one small class: it answers the commands that go to its services, and it makes its status. Where a real node
+takes its place, the world leaves it out, and nothing else changes.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field
+from typing import Dict, List, Optional, Tuple
+
+from amaze_autonomy.engine.commands import Request, RunCheck
+from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
+
+from .faults import Faults
+from .power import Power
+from .scenario import Fault, Subject
+from .settings import Settings
+from .streams import Batch, Stream
+from .vehicle import Vehicle
+
+__all__ = ["Cadence", "Peer", "Site", "accepted", "refused", "reply", "slowness"]
+
+_S = 1_000_000_000
+
+
+@dataclass
+class Site:
+    """What the peers of one world look at.
+
+    Args:
+        settings: what the world is made of.
+        vehicle: the vehicle.
+        power: its battery.
+        faults: what is wrong now.
+        seed: of the world.
+        streams: the sensors, by topic.
+        batches: samples since the last step, by topic.
+        happened: (name, number) of what happened in this step, for triggers.
+        health: what the autopilot node last said of the PX4's sensors: (time, sensor -> healthy); None: nothing.
+    """
+
+    settings: Settings
+    vehicle: Vehicle
+    power: Power
+    faults: Faults
+    seed: int
+    streams: Dict[str, Stream] = field(default_factory=dict)
+    batches: Dict[str, List[Batch]] = field(default_factory=dict)
+    happened: List[Tuple[str, int]] = field(default_factory=list)
+    health: Optional[Tuple[int, Dict[str, bool]]] = None
+
+    def noise(self, name: str) -> random.Random:
+        """Return a source of noise of its own, so that one peer's absence changes nobody else's."""
+        return random.Random(f"{self.seed}:{name}")  # noqa: S311 - noise, not a secret
+
+    def note(self, name: str, number: int = 0) -> None:
+        """Say that something happened that a trigger may wait for."""
+        self.happened.append((name, number))
+
+    def world_fault(self, kind: str) -> Optional[Fault]:
+        """Return the fault of a kind of which there is one in the world, if it acts now."""
+        return self.faults.active(Subject.WORLD, kind)
+
+
+class Peer:
+    """Base of the peers. A killed one is made anew when it comes back."""
+
+    name = ""
+
+    def __init__(self, site: Site) -> None:
+        self.site = site
+
+    def answer(self, t_ns: int, command: Request) -> Optional[Event]:
+        """Do what a command asks and return the reply; None: it follows later, among the events of `step`."""
+        raise NotImplementedError
+
+    def step(self, t_ns: int) -> List[Event]:
+        """Do what is to be done at a time; return statuses and late replies."""
+        raise NotImplementedError
+
+
+class Cadence:
+    """Tells when a status is due: at its period, and at once when what matters in it has changed."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(_S / rate_hz)
+        self._next_ns: Optional[int] = None
+        self._key: object = None
+
+    def due(self, t_ns: int, key: object, slowness: float = 1.0) -> bool:
+        """Tell whether to send now; `slowness` stretches the period and takes away the "at once"."""
+        changed = key != self._key and slowness == 1.0
+        if self._next_ns is not None and t_ns < self._next_ns and not changed:
+            return False
+        self._key = key
+        period = round(self._period_ns * slowness)
+        on_time = self._next_ns is not None and self._next_ns <= t_ns < self._next_ns + period
+        self._next_ns = (self._next_ns if on_time and self._next_ns is not None else t_ns) + period
+        return True
+
+
+def slowness(site: Site, name: str) -> float:
+    """Return by how much a process is slower than it should be, because a fault says so."""
+    fault = site.faults.active(Subject.PROCESS, "slow", name)
+    return 1.0 / fault.number("rate_fraction") if fault is not None else 1.0
+
+
+def reply(command: Request, outcome: Outcome, message: str = "") -> Event:
+    """Make the plain reply to a command; the world sets its time."""
+    if isinstance(command, RunCheck):
+        return CheckReply(t_ns=0, command_id=command.id, check=command.check, outcome=outcome, message=message)
+    return Reply(t_ns=0, command_id=command.id, outcome=outcome, message=message)
+
+
+def accepted(command: Request, message: str = "") -> Event:
+    """Make the reply "accepted"."""
+    return reply(command, Outcome.ACCEPTED, message)
+
+
+def refused(command: Request, message: str) -> Event:
+    """Make the reply "refused"."""
+    return reply(command, Outcome.REFUSED, message)

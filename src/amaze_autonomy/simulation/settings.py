@@ -1,0 +1,139 @@
+"""What the world is made of, read from a configuration: components as streams, missions as waypoints, limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Dict, Mapping, Tuple, Union
+
+from amaze_autonomy.config.autonomy_schema import Streams
+from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.missions import Waypoint
+from amaze_autonomy.monitoring.preflight_specs import (
+    BatterySpec,
+    EstimateSource,
+    LandingSpec,
+    RangeSource,
+    StateEstimationSpec,
+)
+from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
+
+from .power import PowerSettings
+from .streams import SampleKind, StreamSettings
+from .vehicle import VehicleSettings
+
+__all__ = ["Settings", "settings_of"]
+
+_S = 1_000_000_000
+_IMU_HZ, _RANGE_HZ = 100.0, 20.0
+_ABOVE_TAKEOFF_M = 0.2  # the climb ends a little above the height that the engine waits for
+
+_RANGES = {
+    RangeSource.RANGE: SampleKind.RANGE,
+    RangeSource.SCAN: SampleKind.SCAN,
+    RangeSource.FLOAT: SampleKind.FLOAT,
+    RangeSource.POSE: SampleKind.POSE,
+}
+_ESTIMATES = {
+    EstimateSource.ODOMETRY: SampleKind.ODOMETRY,
+    EstimateSource.POSE: SampleKind.POSE,
+    EstimateSource.POSE_WITH_COVARIANCE: SampleKind.POSE_WITH_COVARIANCE,
+}
+_NAMES = (
+    ("imu", SampleKind.IMU),
+    ("camera", SampleKind.IMAGE),
+    ("image", SampleKind.IMAGE),
+    ("lrf", SampleKind.RANGE),
+    ("range", SampleKind.RANGE),
+    ("gps", SampleKind.FIX),
+    ("mag", SampleKind.FIELD),
+    ("baro", SampleKind.PRESSURE),
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that the world needs to know.
+
+    Args:
+        components: what is watched.
+        waypoints: of each mission by id, one tuple for each of its files.
+        landing: how the distance to the ground is measured.
+        state_estimation: when states are valid.
+        battery: when the battery is enough.
+        platforms: names of the computers that record.
+        rates: how often each peer sends its status.
+        recording_folder: where recordings lie.
+        vehicle: how it flies.
+        power: how the battery behaves.
+        turn_ns: distance of the world's steps, and of the turns of its watchdog.
+    """
+
+    components: Tuple[ComponentSpec, ...] = ()
+    waypoints: Mapping[str, Tuple[Tuple[Waypoint, ...], ...]] = field(default_factory=dict)
+    landing: LandingSpec = field(default_factory=LandingSpec)
+    state_estimation: StateEstimationSpec = field(default_factory=StateEstimationSpec)
+    battery: BatterySpec = field(default_factory=BatterySpec)
+    platforms: Tuple[str, ...] = ("main", "second")
+    rates: Streams = field(default_factory=Streams)
+    recording_folder: str = "recordings"
+    vehicle: VehicleSettings = field(default_factory=VehicleSettings)
+    power: PowerSettings = field(default_factory=PowerSettings)
+    turn_ns: int = _S // 10
+
+    def streams(self) -> Tuple[StreamSettings, ...]:
+        """Return every stream: all topics of all components, and what the checks need beyond them."""
+        streams: Dict[str, StreamSettings] = {}
+        for component in self.components:
+            for topic in component.topics:
+                streams[topic.topic] = self._stream(component.name, topic)
+        for topic, kind, rate in self._needed():
+            streams.setdefault(topic, StreamSettings("", topic, kind, rate))
+        return tuple(streams.values())
+
+    def _needed(self) -> Tuple[Tuple[str, str, float], ...]:
+        states = self.state_estimation
+        needed = (
+            (self.landing.topic, _RANGES[self.landing.source], _RANGE_HZ),
+            (states.imu_topic, SampleKind.IMU, _IMU_HZ),
+            (states.topic, _ESTIMATES[states.source], states.rate_hz),
+        )
+        return tuple(each for each in needed if each[0])
+
+    def _stream(self, component: str, topic: TopicSpec) -> StreamSettings:
+        for needed, kind, _ in self._needed():
+            if needed == topic.topic:
+                return StreamSettings(component, topic.topic, kind, topic.rate_hz)
+        return StreamSettings(component, topic.topic, _kind_of(component, topic.topic), topic.rate_hz)
+
+
+def _kind_of(component: str, topic: str) -> str:
+    """Guess what a topic carries from the names of its component and of itself."""
+    for text in (topic.lower(), component.lower()):
+        for part, kind in _NAMES:
+            if part in text:
+                return kind
+    return SampleKind.FLOAT
+
+
+def settings_of(configuration: Union[Configuration, Settings]) -> Settings:
+    """Read the world's settings from a configuration; settings are returned as they are."""
+    if isinstance(configuration, Settings):
+        return configuration
+    return Settings(
+        components=configuration.components,
+        waypoints={
+            plan.mission.id: tuple(trajectory.waypoints for trajectory in plan.trajectories)
+            for plan in configuration.plans
+        },
+        landing=configuration.landing,
+        state_estimation=configuration.state_estimation,
+        battery=configuration.battery,
+        platforms=tuple(platform.name for platform in configuration.recording.platforms),
+        vehicle=VehicleSettings(configuration.rules.limits.takeoff_height_m + _ABOVE_TAKEOFF_M, configuration.flight),
+        power=PowerSettings(
+            flight_endurance_s=configuration.flight.endurance_s,
+            cells=configuration.battery.cells or PowerSettings.cells,
+        ),
+        rates=configuration.streams,
+        recording_folder=configuration.recording.folder,
+    )
