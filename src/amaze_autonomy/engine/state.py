@@ -215,7 +215,7 @@ class EngineState:
     motion_ns: int = 0
     motion_outcome: Optional[Outcome] = None
     motion_message: str = ""
-    commanded: Optional[MissionAction] = None
+    commanded: Tuple[MissionAction, ...] = ()
     confirmed: Optional[MissionAction] = None
 
     land_ns: Optional[int] = None
@@ -223,6 +223,7 @@ class EngineState:
     second_route_ns: Optional[int] = None
     both_routes: bool = False
     alarmed: bool = False
+    overdue_alarmed: bool = False
     disarm_sent_ns: Optional[int] = None
     shutting_down: bool = False
     armed_at_start: Optional[bool] = None

@@ -1,0 +1,192 @@
+"""`decide`: the one function of the engine."""
+
+from __future__ import annotations
+
+from typing import Dict, List, Optional, Tuple
+
+from . import failures
+from .absorb import absorb
+from .answers import SELECT, answer_to
+from .commands import (
+    Answer,
+    AnswerKind,
+    AutopilotDisarm,
+    AutopilotLand,
+    Command,
+    Decision,
+    LoadMission,
+    MissionAction,
+    MissionCommand,
+    Request,
+    RunCheck,
+    Value,
+)
+from .effects import ENTER, begin_session
+from .events import Event, MissionRejected, MissionSelected, UserRequest
+from .rules import Rules
+from .state import EngineState, State
+from .transitions import ROWS_AT, Place, Transition
+from .turn import Turn
+
+__all__ = ["MAX_ROWS", "decide"]
+
+MAX_ROWS = 12
+"""How many rows may fire on one event. The longest chain is shorter; a test watches it."""
+
+_NS = 1e9
+
+
+def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState, Tuple[Command, ...]]:
+    """Decide what to do about an event.
+
+    Args:
+        state: what the engine knew before.
+        event: what has happened; an event older than the state counts as happening now (the state's time never runs back).
+        rules: the configuration.
+
+    Returns:
+        What it knows now, and the commands in the order in which they are to be carried out: landing first, then other
+        requests, then the answer and the messages to the user, and the decisions to be written down last.
+    """
+    turn = Turn(state, event, rules)
+    turn.now = max(event.t_ns, state.t_ns)
+    absorb(turn)
+    decisions: List[Decision] = []
+    _answer(turn)
+    _update_failures(turn, decisions)
+    for _ in range(MAX_ROWS):
+        row, values = _first(turn)
+        if row is None:
+            break
+        _fire(turn, row, values, decisions)
+        _update_failures(turn, decisions)
+    if not turn.commands and not decisions:
+        return turn.state, ()
+    return turn.state, (*sorted(turn.commands, key=_rank), *decisions)
+
+
+def _rank(command: Command) -> int:
+    if isinstance(command, (AutopilotLand, AutopilotDisarm)):
+        return 1
+    if isinstance(command, MissionCommand):
+        return 0 if command.action is MissionAction.LAND else 2
+    if isinstance(command, Request):
+        return 3
+    return 4 if isinstance(command, Answer) else 5
+
+
+def _answer(turn: Turn) -> None:
+    """Answer the user; a request that is not done is not carried out either."""
+    event = turn.event
+    if isinstance(event, MissionRejected):
+        turn.notify("mission_invalid", mission_id=event.mission_id, error=event.error)
+        turn.commands.append(Answer(request_id=event.request_id, answer=AnswerKind.REFUSED, message=event.error))
+        return
+    if isinstance(event, UserRequest):
+        case = answer_to(turn, event.command)
+    elif isinstance(event, MissionSelected):
+        case = SELECT[turn.state.state]
+    else:
+        return
+    if case.answer is not AnswerKind.DONE:
+        turn.consume()
+    turn.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
+
+
+def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
+    """Bring what is wrong up to date, and write down what changed in flight."""
+    for change in failures.update(turn):
+        failure = change.failure
+        reason = f"{failure.reason}." if failure.reason else ""
+        before = len(turn.commands)
+        turn.notify(change.rule, name=failure.name, reason=reason)
+        place = (turn.state.state, turn.state.step)
+        _write_down(turn, decisions, change.rule, place, failures.values_of(failure), before)
+
+
+def _first(turn: Turn) -> Tuple[Optional[Transition], Tuple[Value, ...]]:
+    for row in ROWS_AT[turn.state.state, turn.state.step]:
+        values = row.guard(turn)
+        if values is not None:
+            return row, values
+    return None, ()
+
+
+def _fire(turn: Turn, row: Transition, values: Tuple[Value, ...], decisions: List[Decision]) -> None:
+    """Carry out one row: its own fields and action, the step into the new state, the effects of entering it."""
+    before, first = (turn.state.state, turn.state.step), len(turn.commands)
+    if row.sets:
+        turn.set(**row.sets)
+    if row.act is not None:
+        row.act(turn)
+    if row.target is not None:
+        _enter(turn, before, row.target)
+    if row.message:
+        turn.notify(row.message, **_words(turn, values))
+    turn.consume()
+    _write_down(turn, decisions, row.rule, before, values, first)
+
+
+def _enter(turn: Turn, before: Place, target: Place) -> None:
+    state, step = target
+    if state is State.PREFLIGHT and before[0] is State.MISSION_INPUT:
+        begin_session(turn)
+    if state is State.HOLD and before[0] is not State.HOLD:
+        turn.set(interrupted=before[0])
+    entered = turn.now if state is not before[0] else turn.state.entered_ns
+    turn.set(state=state, step=step, entered_ns=entered, step_ns=turn.now)
+    effect = ENTER.get(target)
+    if effect is not None:
+        effect(turn)
+
+
+def _words(turn: Turn, values: Tuple[Value, ...]) -> Dict[str, object]:
+    """Return what the texts of messages may name."""
+    state = turn.state
+    texts = [str(value.value) for value in values if value.name in ("reason", "recorder", "planner", "signal")]
+    named = [f"{value.name} {value.value}{' ' + value.unit if value.unit else ''}" for value in values]
+    checks = [f"{value.name[6:]}: {value.value}" for value in values if value.name.startswith("check ")]
+    return {
+        "reason": "; ".join(checks or texts or named) + "." if values else "",
+        "mission_id": state.mission.id if state.mission is not None else "",
+        "state": state.state.value,
+        "result": state.result.value,
+        "location": f"The data is at {state.data_location}." if state.data_location else "",
+        "limit_s": (turn.limits.ready_limit_ns if state.state is State.PREFLIGHT else turn.limits.land_limit_ns) / _NS,
+        "signal": next((str(v.value) for v in values if v.name == "signal"), ""),
+    }
+
+
+def _write_down(
+    turn: Turn, decisions: List[Decision], rule: str, before: Place, values: Tuple[Value, ...], first: int
+) -> None:
+    commands = tuple(_short(c) for c in sorted(turn.commands[first:], key=_rank) if isinstance(c, Request))
+    number = turn.state.decisions
+    turn.set(decisions=number + 1)
+    decisions.append(
+        Decision(
+            t_ns=turn.now,
+            sequence=number,
+            event=type(turn.event).__name__,
+            before=before[0].value,
+            after=turn.state.state.value,
+            step=turn.state.step.value,
+            rule=rule,
+            values=values,
+            commands=commands,
+        )
+    )
+
+
+def _short(command: Request) -> str:
+    if isinstance(command, MissionCommand):
+        detail = command.action.name
+    elif isinstance(command, RunCheck):
+        detail = command.check.name
+    elif isinstance(command, LoadMission):
+        detail = f"{command.mission_id}, file {command.file_index}, repetition {command.repetition}"
+    else:
+        detail = ""
+    return f"{type(command).__name__}({detail})#{command.id}"
+
+

@@ -1,0 +1,223 @@
+"""Every wait of the engine: where it applies, when it ends, and what it is called. There is no other one.
+
+Guards ask `passed` by name; the shell asks `next_deadline` when to wake the engine; `state_deadline` is what a person is
+shown. A timer whose time has come and that changed nothing does not wake the engine again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, Dict, Mapping, Optional, Tuple, Union
+
+from .checks import CheckName
+from .rules import Rules
+from .state import EngineState, FailureKind, State, Step
+
+__all__ = ["TIMERS", "Timer", "applies", "next_deadline", "passed", "state_deadline", "time_of"]
+
+_NS = 1_000_000_000
+Place = Union[State, Tuple[State, Step]]
+When = Callable[[EngineState, Rules], Optional[int]]
+
+
+@dataclass(frozen=True)
+class Timer:
+    """One wait.
+
+    Args:
+        name: as guards and journal call it; the limit of the same name is in autonomy.yaml where it has one.
+        places: states, or (state, step), where it applies.
+        when: its end in nanoseconds; None when it is not running.
+        ends_state: it ends the state (or the step) by itself: part of what a person is shown as deadline.
+    """
+
+    name: str
+    places: Tuple[Place, ...]
+    when: When
+    ends_state: bool = False
+
+
+def _after(since: Optional[int], limit: int) -> Optional[int]:
+    return None if since is None else since + limit
+
+
+def _step(limit: str) -> When:
+    return lambda s, r: s.step_ns + int(getattr(r.limits, limit))
+
+
+def _entered(limit: str) -> When:
+    return lambda s, r: s.entered_ns + int(getattr(r.limits, limit))
+
+
+def check_limit_ns(state: EngineState, rules: Rules, check: CheckName) -> int:
+    """Return how long the answer to a check may take; the watchdog's first one starts its watching."""
+    first = check is CheckName.WATCHDOG and state.watchdog_started_ns is None
+    return rules.limits.check_reply_limit_ns + (rules.limits.watchdog_startup_time_ns if first else 0)
+
+
+def _check_reply(state: EngineState, rules: Rules) -> Optional[int]:
+    ends = [r.asked_ns + check_limit_ns(state, rules, r.check) for r in state.checks if r.outcome is None]
+    return min(ends) if ends else None
+
+
+def _check_age(state: EngineState, rules: Rules) -> Optional[int]:
+    replied = [r.replied_ns for r in state.checks if r.replied_ns is not None]
+    return min(replied) + rules.limits.check_max_age_ns + 1 if replied else None
+
+
+def _check_poll(state: EngineState, rules: Rules) -> Optional[int]:
+    replied = [r.replied_ns for r in state.checks if r.replied_ns is not None]
+    return max(replied) + rules.limits.preflight_fix_poll_ns if len(replied) == len(CheckName) else None
+
+
+def heartbeat_end(state: EngineState, rules: Rules) -> Optional[int]:
+    """Return when the watchdog's heartbeat is lost: counted from its accepted start."""
+    if state.watchdog_started_ns is None:
+        return None
+    return max(state.watchdog_started_ns, state.heartbeat_ns or 0) + rules.limits.watchdog_heartbeat_limit_ns + 1
+
+
+def _in_flight_since(state: EngineState, seen: Optional[int], limit: int) -> Optional[int]:
+    if not state.in_flight or state.flight_started_ns is None:
+        return None
+    return max(state.flight_started_ns if seen is None else seen, 0) + limit + 1
+
+
+def _link(state: EngineState, rules: Rules) -> Optional[int]:
+    status, seen = state.autopilot, state.autopilot_ns
+    if status is None or seen is None or status.link_age_s is None:
+        return None
+    return seen - int(status.link_age_s * _NS) + rules.limits.autopilot_link_limit_ns + 1
+
+
+def max_flight_time_ns(state: EngineState, rules: Rules) -> int:
+    """Return the limit of the flight time: the mission's own, else the configuration's."""
+    own = state.mission.max_flight_time_ns if state.mission is not None else None
+    return rules.limits.max_flight_time_ns if own is None else own
+
+
+def _wait(state: EngineState, _: Rules) -> Optional[int]:
+    ends = [f.deadline_ns for f in state.failures if f.deadline_ns is not None and f.kind is not FailureKind.USER]
+    return min(ends) if ends else None
+
+
+def _disarm(state: EngineState, rules: Rules) -> Optional[int]:
+    if state.disarm_sent_ns is not None:
+        return state.disarm_sent_ns + rules.limits.ground_disarm_period_ns
+    return _after(state.grounded_ns, rules.limits.ground_disarm_after_ns)
+
+
+def _second_route(state: EngineState, rules: Rules) -> Optional[int]:
+    return _after(state.land_ns, rules.limits.land_second_route_after_ns)
+
+
+_CHECKED = (State.PREFLIGHT, State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN))
+_TAKING_BACK = (State.READY, State.START_RECORDING, State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN))
+_FLYING = (State.TAKEOFF, (State.MISSION, Step.FLYING), State.HOLD)
+_WATCHED = (*_FLYING, State.LAND)
+
+TIMERS: Tuple[Timer, ...] = (
+    Timer("check_reply_limit", _CHECKED, _check_reply),
+    Timer("preflight_fix_poll", (State.PREFLIGHT,), _check_poll),
+    Timer("preflight_fix_limit", (State.PREFLIGHT,), lambda s, _: s.fix_deadline_ns, ends_state=True),
+    Timer("check_max_age", (State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)), _check_age),
+    Timer("ready_limit", (State.READY,), _entered("ready_limit_ns"), ends_state=True),
+    Timer("recording_lead", (State.START_RECORDING,), lambda s, r: _after(s.recording_since_ns, r.limits.recording_lead_ns)),
+    Timer("recording_start_limit", (State.START_RECORDING,), _entered("recording_start_limit_ns"), ends_state=True),
+    Timer("load_limit", (State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)), _step("load_limit_ns"), ends_state=True),
+    Timer("arm_limit", ((State.TAKEOFF, Step.ARMING),), _step("arm_limit_ns"), ends_state=True),
+    Timer("lift_off_limit", ((State.TAKEOFF, Step.LIFTING_OFF),), _step("lift_off_limit_ns"), ends_state=True),
+    Timer("takeoff_limit", ((State.TAKEOFF, Step.CLIMBING),), _step("takeoff_limit_ns"), ends_state=True),
+    Timer("cancel_limit", ((State.TAKEOFF, Step.CANCELLING),), _step("cancel_limit_ns"), ends_state=True),
+    Timer("hold_confirm_limit", ((State.HOLD, Step.CONFIRMING),), _step("hold_confirm_limit_ns"), ends_state=True),
+    Timer("resume_confirm_limit", ((State.HOLD, Step.RESUMING),), _step("resume_confirm_limit_ns"), ends_state=True),
+    Timer("wait_limit", _FLYING, _wait, ends_state=True),
+    Timer("user_hold_limit", (State.HOLD,), lambda s, r: _after(s.user_hold_ns, r.limits.user_hold_limit_ns), ends_state=True),
+    Timer(
+        "flight_time",
+        _WATCHED,
+        lambda s, r: _in_flight_since(s, None, max_flight_time_ns(s, r) - 1),
+        ends_state=True,
+    ),
+    Timer("watchdog_heartbeat_limit", (*_TAKING_BACK, *_WATCHED), heartbeat_end),
+    Timer("planner_status_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.planner_ns, r.limits.planner_status_limit_ns)),
+    Timer(
+        "autopilot_status_limit",
+        _WATCHED,
+        lambda s, r: _in_flight_since(s, s.autopilot_ns, r.limits.autopilot_status_limit_ns),
+    ),
+    Timer("autopilot_link_limit", _WATCHED, _link),
+    Timer("battery_age_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.battery_ns, r.limits.battery_age_limit_ns)),
+    Timer("position_age_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.position_ns, r.limits.position_age_limit_ns)),
+    Timer("recorder_status_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.recorder_ns, r.limits.recorder_status_limit_ns)),
+    Timer(
+        "landing_detection_limit",
+        _WATCHED,
+        lambda s, r: _in_flight_since(s, s.landing_ns, r.limits.landing_detection_limit_ns),
+    ),
+    Timer("confirm_limit", ((State.MISSION, Step.FLYING), State.HOLD, State.LAND), lambda s, r: _after(s.grounded_ns, r.limits.confirm_limit_ns)),
+    Timer("land_repeat_period", (State.LAND,), lambda s, r: s.land_sent_ns + r.limits.land_repeat_period_ns),
+    Timer("land_second_route_after", ((State.LAND, Step.COMMANDING),), _second_route),
+    Timer("land_alarm_after", ((State.LAND, Step.COMMANDING),), lambda s, r: _after(s.land_ns, r.limits.land_alarm_after_ns)),
+    Timer("descent_time", (State.LAND,), lambda s, r: _after(s.descending_ns, r.limits.descent_time_ns)),
+    Timer("land_limit", (State.LAND,), lambda s, r: _after(s.land_ns, r.limits.land_limit_ns), ends_state=True),
+    Timer("ground_disarm_after", (State.LAND,), _disarm),
+    Timer("never_armed", (State.LAND,), lambda s, r: None if s.was_armed else _after(s.land_ns, r.limits.arm_limit_ns)),
+    Timer("recorder_silent", (State.DATA_CLEANUP,), lambda s, r: max(s.recorder_ns or 0, s.entered_ns) + r.limits.recorder_status_limit_ns + 1),
+    Timer("data_cleanup_limit", (State.DATA_CLEANUP,), _entered("data_cleanup_limit_ns"), ends_state=True),
+)
+
+_BY_NAME: Dict[str, Timer] = {timer.name: timer for timer in TIMERS}
+
+
+def applies(timer: Timer, state: EngineState) -> bool:
+    """Return True when a timer applies in the engine's present state and step."""
+    return any(place == (state.state, state.step) if isinstance(place, tuple) else place is state.state for place in timer.places)
+
+
+def _index() -> Mapping[Tuple[State, Step], Tuple[Timer, ...]]:
+    return {
+        (state, step): tuple(t for t in TIMERS if state in t.places or (state, step) in t.places)
+        for state in State
+        for step in Step
+    }
+
+
+_AT: Mapping[Tuple[State, Step], Tuple[Timer, ...]] = _index()
+
+
+def time_of(name: str, state: EngineState, rules: Rules) -> Optional[int]:
+    """Return when a timer ends; None when it is not running."""
+    return _BY_NAME[name].when(state, rules)
+
+
+def passed(name: str, state: EngineState, rules: Rules, now_ns: int) -> bool:
+    """Return True when a timer has ended at `now_ns`."""
+    end = _BY_NAME[name].when(state, rules)
+    return end is not None and now_ns >= end
+
+
+def next_deadline(state: EngineState, rules: Rules) -> Optional[int]:
+    """Return the next time after the state's own at which the shell must send `Tick`; None: no need to."""
+    soonest: Optional[int] = None
+    now = state.t_ns
+    for timer in _AT[state.state, state.step]:
+        end = timer.when(state, rules)
+        if end is not None and end > now and (soonest is None or end < soonest):
+            soonest = end
+    return soonest
+
+
+def state_deadline(state: EngineState, rules: Rules) -> Optional[Tuple[str, int]]:
+    """Return name and time of the first timer that ends the present state; None in the states that wait for a person."""
+    ends = [
+        (end, timer.name)
+        for timer in _AT[state.state, state.step]
+        if timer.ends_state
+        for end in (timer.when(state, rules),)
+        if end is not None
+    ]
+    if not ends:
+        return None
+    end, name = min(ends)
+    return name, end

@@ -1,0 +1,202 @@
+"""The transition table: every way from one state to another, and every repeated action within one. Nothing else moves it.
+
+How to read it: a row fires when the engine is in one of its `sources` and its guard holds. Rows are tried from the top;
+the first that holds wins, so the order is the order of urgency: the pilot, the end of the process, what is complete,
+landing, holding, and then the way of a nominal mission. After a row has fired the table is tried again, until none holds.
+`target` None stays in the state (and step). The sources name a state for all its steps, or (state, step).
+
+Before the rows the facts are brought up to date (`absorb.py`), and what is wrong gets its verb (`failures.py`, with the
+tables `SEVERITIES` and `LOSSES`); what is sent on the way into a state is in `effects.ENTER`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Dict, Mapping, Optional, Tuple, Union
+
+from . import effects as do
+from . import guards as on
+from .effects import Effect
+from .events import MissionPhase, UserCommand
+from .guards import Guard, both, negated, planner_in, timer, user
+from .state import OutreachKind, Result, State, Step
+
+__all__ = ["ROWS_AT", "TRANSITIONS", "Place", "Transition", "places_of"]
+
+Place = Tuple[State, Step]
+Source = Union[State, Place]
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One row.
+
+    Args:
+        rule: its name, as in the journal; unique.
+        sources: where it can fire.
+        guard: its condition.
+        target: where it leads; None: it stays.
+        message: entry of the table of messages for the user; empty: none.
+        sets: fields of the state that it sets before the effects of the new state.
+        act: what it does before them.
+        words: the condition in words, for the documentation.
+    """
+
+    rule: str
+    sources: Tuple[Source, ...]
+    guard: Guard
+    target: Optional[Place]
+    message: str = ""
+    sets: Mapping[str, Any] = field(default_factory=dict)
+    act: Optional[Effect] = None
+    words: str = ""
+
+
+STEPS: Mapping[State, Tuple[Step, ...]] = {
+    State.TAKEOFF: (Step.ARMING, Step.LIFTING_OFF, Step.CLIMBING, Step.CANCELLING),
+    State.MISSION: (Step.FLYING, Step.TOUCHDOWN),
+    State.HOLD: (Step.CONFIRMING, Step.HOLDING, Step.RESUMING),
+    State.LAND: (Step.COMMANDING, Step.DESCENDING),
+}
+
+
+def places_of(source: Source) -> Tuple[Place, ...]:
+    """Return the (state, step) pairs that a source stands for."""
+    if isinstance(source, tuple):
+        return (source,)
+    return tuple((source, step) for step in STEPS.get(source, (Step.NONE,)))
+
+
+INPUT, PREFLIGHT, OUTREACH = (State.MISSION_INPUT, Step.NONE), (State.PREFLIGHT, Step.NONE), (State.OUTREACH, Step.NONE)
+READY, RECORDING, LOAD = (State.READY, Step.NONE), (State.START_RECORDING, Step.NONE), (State.LOAD_MISSION, Step.NONE)
+ARMING, LIFTING_OFF = (State.TAKEOFF, Step.ARMING), (State.TAKEOFF, Step.LIFTING_OFF)
+CLIMBING, CANCELLING = (State.TAKEOFF, Step.CLIMBING), (State.TAKEOFF, Step.CANCELLING)
+FLYING, TOUCHDOWN = (State.MISSION, Step.FLYING), (State.MISSION, Step.TOUCHDOWN)
+CONFIRMING, HOLDING, RESUMING = (State.HOLD, Step.CONFIRMING), (State.HOLD, Step.HOLDING), (State.HOLD, Step.RESUMING)
+COMMANDING, DESCENDING = (State.LAND, Step.COMMANDING), (State.LAND, Step.DESCENDING)
+PILOT, CLEANUP, ENDED = (State.PILOT, Step.NONE), (State.DATA_CLEANUP, Step.NONE), (State.MISSION_ENDED, Step.NONE)
+
+_FLIGHT: Tuple[Source, ...] = (State.TAKEOFF, FLYING, State.HOLD)
+_AIR: Tuple[Source, ...] = (CLIMBING, FLYING, State.HOLD)
+_BEFORE: Tuple[Source, ...] = (PREFLIGHT, READY, RECORDING, LOAD)
+_EARLY = {"result": Result.LANDED_EARLY}
+_NOT_FLOWN = {"result": Result.NOT_FLOWN}
+_BY_PILOT = {"result": Result.PILOT}
+_FOR_CHECKS = {"outreach": OutreachKind.PREFLIGHT}
+_FOR_DATA = {"outreach": OutreachKind.DATA}
+_PLANNER_GOES_ON = planner_in(MissionPhase.FLYING, MissionPhase.TAKING_OFF, MissionPhase.LANDING, MissionPhase.LANDED)
+T = Transition
+
+TRANSITIONS: Tuple[Transition, ...] = (
+    # the pilot
+    T("pilot_took_over", (*_FLIGHT, State.LAND), on.taken_over, PILOT, "pilot", _BY_PILOT, words="the pilot, or a failsafe of the autopilot, has control"),
+    T("pilot_had_control_at_start", (INPUT,), both(on.started_armed, on.taken_over), PILOT, "pilot", _BY_PILOT, do.adopt_flight, "started while armed, pilot in control"),
+    T("started_armed", (INPUT,), on.started_armed, COMMANDING, "land", _EARLY, do.adopt_flight, "started while armed, no flight to resume"),
+    T("armed_by_others", (INPUT, OUTREACH, *_BEFORE, State.MISSION), on.armed_by_others, PILOT, "pilot", _BY_PILOT, words="armed, and not by us"),
+    # the end of the process
+    T("shutdown_in_flight", _FLIGHT, both(on.shutdown, on.in_flight), COMMANDING, "shutdown", {**_EARLY, "both_routes": True, "shutting_down": True}, words="told to end in flight"),
+    T("shutdown_while_landing", (State.LAND,), on.shutdown, None, "shutdown", {"shutting_down": True}, do.land_both, "told to end while landing"),
+    T("shutdown_on_ground", (OUTREACH, *_BEFORE, TOUCHDOWN), both(on.shutdown, on.something_recorded), CLEANUP, "data_cleanup", {**_NOT_FLOWN, "shutting_down": True}, words="told to end with a recording running"),
+    # what is complete
+    T("mission_complete", (FLYING,), both(on.file_done, on.last_leg), CLEANUP, "data_cleanup", {"result": Result.COMPLETE}, words="last waypoint done, landed and disarmed"),
+    T("touchdown", (FLYING,), on.file_done, TOUCHDOWN, "touchdown", words="a file is done, landed and disarmed; more are to come"),
+    T("landed", (State.LAND,), on.touched_down, CLEANUP, "data_cleanup", words="landed and disarmed"),
+    T("cancelled_by_landing", (State.LAND,), on.cancelled_on_ground, CLEANUP, "data_cleanup", _NOT_FLOWN, words="never armed, and the landing was accepted"),
+    T("landed_unexpectedly", (CLIMBING, FLYING, State.HOLD), both(on.touched_down, timer("confirm_limit")), CLEANUP, "data_cleanup", _EARLY, words="landed and disarmed, the planner does not say that the mission is done"),
+    # land
+    T("land_by_both_routes", _FLIGHT, on.must_land_both, COMMANDING, "land", {**_EARLY, "both_routes": True}, words="planner or autopilot is lost"),
+    T("land", _FLIGHT, on.must_land, COMMANDING, "land", _EARLY, words="something means to land"),
+    T("user_land", _FLIGHT, user(UserCommand.LAND), COMMANDING, "land_user", _EARLY, words="the user asks for it"),
+    T("user_abort_in_flight", _AIR, user(UserCommand.ABORT), COMMANDING, "land_user", _EARLY, words="the user aborts, airborne"),
+    T("takeoff_not_cancelled", (CANCELLING,), on.airborne, COMMANDING, "land", _EARLY, words="airborne although the takeoff was cancelled"),
+    T("cancel_unconfirmed", (CANCELLING,), both(timer("cancel_limit"), negated(on.down)), COMMANDING, "land", _EARLY, words="not disarmed in time"),
+    T("lift_off_unknown", (LIFTING_OFF,), both(timer("lift_off_limit"), negated(on.on_the_ground)), COMMANDING, "land", _EARLY, words="armed, and whether it flies is unknown"),
+    T("takeoff_height_not_reached", (CLIMBING,), timer("takeoff_limit"), COMMANDING, "land", _EARLY, words="below takeoff height in time, or unknown"),
+    T("hold_refused", (CONFIRMING,), on.motion_refused, COMMANDING, "land", _EARLY, words="the hold is refused"),
+    T("hold_unconfirmed", (CONFIRMING,), timer("hold_confirm_limit"), COMMANDING, "land", _EARLY, words="the hold is not confirmed in time"),
+    T("resume_refused", (RESUMING,), on.motion_refused, COMMANDING, "land", _EARLY, words="the resume is refused"),
+    T("resume_unconfirmed", (RESUMING,), timer("resume_confirm_limit"), COMMANDING, "land", _EARLY, words="the resume is not confirmed in time"),
+    # while landing
+    T("autopilot_lost_alarm", (State.LAND,), on.must_alarm, None, "autopilot_lost", {"both_routes": True}, do.alarm, "the autopilot is silent: alarm to the pilot"),
+    T("both_routes_needed", (State.LAND,), both(on.must_land_both, on.one_route_only), None, "land_second_route", {}, do.land_both, "planner or autopilot is lost while landing"),
+    T("disarm_on_ground", (State.LAND,), on.ground_armed, None, "disarm", {}, do.disarm, "on the ground but armed for a while"),
+    T("landing_not_shown", (DESCENDING,), negated(on.landing_shown), COMMANDING, words="the vehicle no longer shows that it lands, or the limit has passed"),
+    T("landing_shown", (COMMANDING,), on.landing_shown, DESCENDING, "land_shown", words="landing mode, sustained descent, or on the ground"),
+    T("land_limit", (COMMANDING,), both(timer("land_limit"), on.not_overdue_alarmed), None, "land_limit", {"overdue_alarmed": True}, do.alarm, "not landed in time: alarm, both routes repeat"),
+    T("land_alarm", (COMMANDING,), both(timer("land_alarm_after"), on.not_alarmed), None, "land_alarm", {}, do.alarm, "neither route is answered: alarm to the pilot"),
+    T("land_second_route", (COMMANDING,), both(timer("land_second_route_after"), on.one_route_only), None, "land_second_route", {"both_routes": True}, do.land, "not shown after a while: the autopilot too"),
+    T("land_repeat", (COMMANDING,), timer("land_repeat_period"), None, "", {}, do.land, "not shown yet: repeated"),
+    # before lift-off
+    T("takeoff_refused", (ARMING,), both(on.motion_refused, on.down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="the takeoff is refused"),
+    T("takeoff_refused_unclear", (ARMING,), on.motion_refused, CANCELLING, "takeoff_cancelled", words="the takeoff is refused, the vehicle's state is not known"),
+    T("cancelled", (CANCELLING,), on.cancelled, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="disarmed on the ground"),
+    T("cancelled_late", (CANCELLING,), both(timer("cancel_limit"), on.down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="still disarmed on the ground at the limit"),
+    T("failure_before_lift_off", (ARMING, LIFTING_OFF), both(negated(on.airborne), on.must_wait), CANCELLING, "takeoff_cancelled", words="something would be waited for, and it has not lifted off"),
+    T("user_abort_before_lift_off", (ARMING, LIFTING_OFF), user(UserCommand.ABORT), CANCELLING, "takeoff_cancelled", words="the user aborts before lift-off"),
+    T("lifted_off", (ARMING, LIFTING_OFF), on.airborne, CLIMBING, words="it has left the ground"),
+    T("armed", (ARMING,), on.armed, LIFTING_OFF, words="it is armed"),
+    T("not_armed", (ARMING,), timer("arm_limit"), CANCELLING, "takeoff_cancelled", words="not armed in time"),
+    T("disarmed_before_lift_off", (LIFTING_OFF,), on.down, CANCELLING, "takeoff_cancelled", words="disarmed again before lift-off"),
+    T("no_lift_off", (LIFTING_OFF,), timer("lift_off_limit"), CANCELLING, "takeoff_cancelled", words="armed, but no lift-off in time"),
+    # hold
+    T("user_hold", (CLIMBING, FLYING), user(UserCommand.HOLD), CONFIRMING, "user_hold", {}, do.ask_hold, "the user asks for it"),
+    T("user_hold_too", (State.HOLD,), user(UserCommand.HOLD), None, "user_hold", {}, do.ask_hold, "the user asks for it while it holds"),
+    T("user_resume", (State.HOLD,), user(UserCommand.RESUME), None, "", {}, do.end_hold, "the user asks to go on"),
+    T("hold", (CLIMBING, FLYING), on.must_wait, CONFIRMING, "hold", words="something is waited for"),
+    T("hold_again", (RESUMING,), on.must_wait, CONFIRMING, "hold", words="something is waited for while resuming"),
+    T("hold_confirmed", (CONFIRMING,), planner_in(MissionPhase.HOLDING), HOLDING, words="the planner holds"),
+    T("hold_not_kept", (HOLDING,), planner_in(MissionPhase.FLYING, MissionPhase.TAKING_OFF), CONFIRMING, "hold", words="the planner does not hold any more"),
+    T("resume", (HOLDING,), on.nothing_waited_for, RESUMING, "resuming", words="nothing is waited for any more"),
+    T("takeoff_resumed", (RESUMING,), both(on.interrupted(State.TAKEOFF), _PLANNER_GOES_ON), CLIMBING, "resumed_flight", words="the planner goes on; a takeoff was interrupted"),
+    T("mission_resumed", (RESUMING,), both(on.interrupted(State.MISSION), _PLANNER_GOES_ON), FLYING, "resumed_flight", words="the planner goes on; the mission was interrupted"),
+    # the way of a nominal mission
+    T("mission_selected", (INPUT,), on.mission_selected, PREFLIGHT, "preflight", {}, do.queue_missions, "a valid mission is confirmed"),
+    T("next_mission", (INPUT,), on.mission_waits, PREFLIGHT, "preflight", words="a mission waits in the queue"),
+    T("user_give_up_before_recording", _BEFORE, both(on.user_gives_up, on.nothing_recorded), INPUT, "mission_input", words="the user gives up; nothing was recorded"),
+    T("user_give_up", _BEFORE, on.user_gives_up, CLEANUP, "data_cleanup", _NOT_FLOWN, words="the user gives up; something was recorded"),
+    T("checks_passed_too_often", (PREFLIGHT,), both(on.all_checks_passed, on.too_many_rounds), OUTREACH, "checks_failed", _FOR_CHECKS, words="passed, but taken back too often"),
+    T("checks_passed", (PREFLIGHT,), on.all_checks_passed, READY, words="all checks pass"),
+    T("checks_failed", (PREFLIGHT,), on.checks_failed, OUTREACH, "checks_failed", _FOR_CHECKS, words="a check fails, and cannot be fixed, or not in time"),
+    T("checks_repeated", (PREFLIGHT,), on.fix_in_progress, None, "preflight_fixing", {}, do.run_checks, "the watchdog fixes it: asked again"),
+    T("checks_too_old", (PREFLIGHT,), on.answers_too_old, OUTREACH, "checks_failed", _FOR_CHECKS, words="the answers do not get complete while they are fresh"),
+    T("ready_taken_back", (READY, RECORDING, LOAD), on.taken_back, PREFLIGHT, "ready_taken_back", words="a component fails between Ready and takeoff"),
+    T("go", (READY,), user(UserCommand.GO), RECORDING, "start_recording", words="the operator's go"),
+    T("go_not_required", (READY,), on.go_not_required, RECORDING, "start_recording", words="no go is required"),
+    T("ready_too_old", (READY,), timer("ready_limit"), PREFLIGHT, "ready_old", words="no go in time"),
+    T("recording_refused", (RECORDING,), on.recording_refused, OUTREACH, "recording_refused", _FOR_CHECKS, words="the recorder refuses or fails"),
+    T("recording_proven", (RECORDING,), on.recording_proven, LOAD, "load_mission", words="files grow on every platform, and the lead time has passed"),
+    T("recording_not_proven", (RECORDING,), timer("recording_start_limit"), OUTREACH, "recording_refused", _FOR_CHECKS, words="not proven in time"),
+    T("planner_refused", (LOAD,), on.planner_refused, OUTREACH, "planner_refused", _FOR_CHECKS, words="the planner refuses, or is not there"),
+    T("check_failed_before_takeoff", (LOAD,), on.check_failed, PREFLIGHT, "check_failed", words="a check fails when asked again"),
+    T("takeoff", (LOAD,), both(on.all_checks_passed, on.planner_confirmed), ARMING, "takeoff", words="the planner confirms, all checks pass and are fresh"),
+    T("checks_expired", (LOAD,), both(on.all_answered_values, timer("check_max_age")), PREFLIGHT, "check_failed", words="the checks are too old"),
+    T("planner_silent", (LOAD,), timer("load_limit"), OUTREACH, "planner_refused", _FOR_CHECKS, words="the planner does not confirm in time"),
+    T("user_ends_touchdown", (TOUCHDOWN,), on.user_ends, CLEANUP, "data_cleanup", _EARLY, words="the user lands, aborts or gives up on the ground"),
+    T("next_takeoff_failed", (TOUCHDOWN,), on.next_takeoff_failed, CLEANUP, "next_takeoff_failed", _EARLY, words="a check fails, the planner refuses, or a limit passes"),
+    T("next_takeoff", (TOUCHDOWN,), both(on.all_checks_passed, on.planner_confirmed), ARMING, "takeoff", words="the planner confirms, all checks pass and are fresh"),
+    T("at_takeoff_height", (CLIMBING,), on.at_takeoff_height, FLYING, "mission", words="airborne and at takeoff height"),
+    # after the flight
+    T("acknowledged", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "data_cleanup", words="on the ground, disarmed, acknowledged"),
+    T("nothing_to_collect", (CLEANUP,), on.nothing_recorded, ENDED, "mission_ended", words="nothing was recorded"),
+    T("data_complete", (CLEANUP,), on.data_complete, ENDED, "mission_ended", words="written, transferred, merged, verified"),
+    T("data_incomplete", (CLEANUP,), on.data_incomplete, OUTREACH, "data_incomplete", _FOR_DATA, words="the recorder refuses, fails, or is silent"),
+    T("data_limit", (CLEANUP,), timer("data_cleanup_limit"), OUTREACH, "data_incomplete", _FOR_DATA, words="not complete in time"),
+    T("retry_data", (OUTREACH,), both(user(UserCommand.RETRY), on.outreach_for(OutreachKind.DATA)), CLEANUP, "data_cleanup", words="the user retries the data"),
+    T("give_up_data", (OUTREACH,), both(user(UserCommand.GIVE_UP), on.outreach_for(OutreachKind.DATA)), ENDED, "mission_ended", {"result": Result.DATA_INCOMPLETE}, words="the user gives up on the data; nothing is deleted"),
+    T("retry", (OUTREACH,), user(UserCommand.RETRY), PREFLIGHT, "preflight", {}, do.forgive, "the user retries; a running recording is kept"),
+    T("give_up_unrecorded", (OUTREACH,), both(user(UserCommand.GIVE_UP), on.nothing_recorded), INPUT, "mission_input", words="the user gives up; nothing was recorded"),
+    T("give_up", (OUTREACH,), user(UserCommand.GIVE_UP), CLEANUP, "data_cleanup", _NOT_FLOWN, words="the user gives up; something was recorded"),
+    T("select_next", (ENDED,), on.mission_selected, INPUT, "", {}, do.queue_missions, "the user selects the next mission"),
+    T("next_in_queue", (ENDED,), on.next_in_queue, INPUT, words="a further mission was selected, and this one is complete"),
+)  # fmt: skip
+
+
+def _index() -> Mapping[Place, Tuple[Transition, ...]]:
+    found: Dict[Place, Tuple[Transition, ...]] = {}
+    for state in State:
+        for place in places_of(state):
+            found[place] = tuple(row for row in TRANSITIONS if any(place in places_of(source) for source in row.sources))
+    return found
+
+
+ROWS_AT: Mapping[Place, Tuple[Transition, ...]] = _index()

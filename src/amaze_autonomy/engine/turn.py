@@ -1,0 +1,97 @@
+"""One turn of the engine: the state in the making, the event, the rules, and the commands collected so far.
+
+A `Turn` lives inside one call of `decide` and is never seen outside the engine. Guards read it, effects change it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, List, Optional, Tuple
+
+from .commands import Command, Notify, Request, Value
+from .events import AutopilotStatus, Event, MissionSelected, Shutdown, UserCommand, UserRequest, VehicleLanded
+from .messages import MESSAGES
+from .mission import Mission
+from .rules import Limits, Rules
+from .state import EngineState, evolve
+
+__all__ = ["Turn"]
+
+_NS = 1_000_000_000
+
+
+class Turn:
+    """What guards and effects work on."""
+
+    __slots__ = ("commands", "event", "foreign_mode", "limits", "now", "rules", "selected", "signal", "state", "user")
+
+    def __init__(self, state: EngineState, event: Event, rules: Rules) -> None:
+        self.state = state
+        self.event = event
+        self.rules = rules
+        self.limits: Limits = rules.limits
+        self.now: int = event.t_ns
+        self.commands: List[Command] = []
+        self.user: Optional[UserCommand] = event.command if isinstance(event, UserRequest) else None
+        self.selected: Tuple[Mission, ...] = event.missions if isinstance(event, MissionSelected) else ()
+        self.signal: str = event.signal if isinstance(event, Shutdown) else ""
+        self.foreign_mode: Tuple[Value, ...] = ()
+
+    def set(self, **changes: Any) -> None:
+        """Change fields of the state."""
+        self.state = evolve(self.state, **changes)
+
+    def consume(self) -> None:
+        """Forget what the event asks for: a request is carried out once."""
+        self.user, self.selected, self.signal = None, (), ""
+
+    def take_id(self) -> int:
+        """Return a new id for a request."""
+        identity = self.state.next_id
+        self.set(next_id=identity + 1)
+        return identity
+
+    def send(self, request: Request) -> int:
+        """Send a request to a peer and return its id."""
+        self.commands.append(request)
+        return request.id
+
+    def notify(self, key: str, **values: object) -> None:
+        """Tell the user by an entry of the table of messages; ignore the empty key."""
+        if not key:
+            return
+        entry = MESSAGES[key]
+        text = entry.text.format(**values)
+        self.set(message=text, message_level=entry.level, advice=entry.advice)
+        self.commands.append(Notify(level=entry.level, key=key, text=text, advice=entry.advice))
+
+    # --- the vehicle, as far as it is known freshly -------------------------------------------------------------------
+
+    def vehicle(self) -> Optional[AutopilotStatus]:
+        """Return the autopilot's status if it is fresh: the stream and the link behind it; else None."""
+        status, heard_ns = self.state.autopilot, self.state.autopilot_ns
+        if status is None or heard_ns is None or status.link_age_s is None:
+            return None
+        age_ns = self.now - heard_ns
+        link_ns = age_ns + int(status.link_age_s * _NS)
+        fresh = age_ns <= self.limits.autopilot_status_limit_ns and link_ns <= self.limits.autopilot_link_limit_ns
+        return status if fresh else None
+
+    def armed(self) -> bool:
+        """Return True when the vehicle says, freshly, that it is armed."""
+        status = self.vehicle()
+        return status is not None and status.armed is True
+
+    def down(self) -> bool:
+        """Return True when the vehicle says, freshly, both disarmed and ON_GROUND. Unknown is not down."""
+        status = self.vehicle()
+        return status is not None and status.armed is False and status.landed is VehicleLanded.ON_GROUND
+
+    def on_ground(self) -> bool:
+        """Return True when the vehicle says, freshly, ON_GROUND."""
+        status = self.vehicle()
+        return status is not None and status.landed is VehicleLanded.ON_GROUND
+
+    def airborne(self) -> bool:
+        """Return True when the vehicle says, freshly, that it has left the ground."""
+        status = self.vehicle()
+        return status is not None and status.landed not in (VehicleLanded.ON_GROUND, VehicleLanded.UNKNOWN)
