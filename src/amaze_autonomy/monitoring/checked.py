@@ -41,10 +41,12 @@ class Checked:
 
 
 def is_number(value: object) -> bool:
+    """Return True for a finite int or float; a bool is not a number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
 
 
 def is_command(value: object) -> bool:
+    """Return True for a tuple of texts with a program in front."""
     return (
         isinstance(value, tuple) and len(value) > 0 and all(isinstance(part, str) for part in value) and bool(value[0])
     )
