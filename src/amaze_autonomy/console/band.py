@@ -1,0 +1,89 @@
+"""The band on top of the screen: the state and its time left, large, on the colour of how things stand."""
+
+from __future__ import annotations
+
+from typing import List, Optional
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.text import Text
+
+from .banner import banner
+from .model import Desk, Snapshot
+from .style import Style, Tone, tone_of_state
+from .words import clock, seconds
+
+__all__ = ["band"]
+
+
+def band(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType:
+    """Return the band; lost contact with the engine takes its place, with what was known last below."""
+    snapshot = desk.snapshot
+    if snapshot is None:
+        return _waiting(desk, now_s, width, style)
+    passed_s = desk.age_s(now_s)
+    lines = _headline(_title(snapshot), _time_left(snapshot, passed_s), width, style)
+    state = _fill([*lines, _situation(snapshot)], tone_of_state(snapshot.state, snapshot.result), style)
+    return Group(_lost(desk, passed_s, width, style), state) if desk.stale(now_s) else state
+
+
+def _title(snapshot: Snapshot) -> str:
+    return snapshot.state.replace("_", " ") or "UNKNOWN"
+
+
+def _time_left(snapshot: Snapshot, passed_s: float) -> str:
+    return "" if snapshot.time_left_s is None else clock(snapshot.time_left_s - passed_s)
+
+
+def _headline(title: str, left: str, width: int, style: Style) -> List[str]:
+    """Return title and time in large letters, if they fit; else on one line."""
+    large, large_left = banner(title, style.blocks), banner(left, style.blocks)
+    inner = width - 2
+    if large is not None and large_left is not None:
+        gap = inner - len(large[0]) - len(large_left[0])
+        if gap > 1:
+            return [first + " " * gap + second for first, second in zip(large, large_left)]
+        if len(large[0]) <= inner:
+            return [*large, f"{left} left"] if left else large
+    words = f"{left} left" if left else ""
+    return [f"{title:<{max(len(title) + 1, inner - len(words))}}{words}"]
+
+
+def _situation(snapshot: Snapshot) -> str:
+    """Return the line below the headline: step, flight, mission, file and repetition."""
+    parts = [snapshot.step.replace("_", " ")] if snapshot.step else []
+    if snapshot.result and snapshot.state == "MISSION_ENDED":
+        parts.append(f"result {snapshot.result}")
+    parts.append("IN FLIGHT" if snapshot.in_flight else "not in flight")
+    if snapshot.mission_id:
+        parts.append(f"mission {snapshot.mission_id} {snapshot.mission_description}".strip())
+    if snapshot.files > 1:
+        parts.append(f"file {snapshot.file_index + 1} of {snapshot.files}")
+    if snapshot.repetitions > 1:
+        parts.append(f"repetition {snapshot.repetition + 1} of {snapshot.repetitions}")
+    return " | ".join(parts)
+
+
+def _lost(desk: Desk, passed_s: float, width: int, style: Style) -> RenderableType:
+    lines = _headline("NO CONTACT", clock(passed_s), width, style)
+    lines[-1] = lines[-1].replace(" left", " ago")
+    words = (
+        f"The engine ({desk.engine}) has been silent for {seconds(passed_s)}. Below is what it said last, it may have "
+        "changed. If the vehicle flies, watch it and be ready to take over."
+    )
+    return _fill([*lines, words], Tone.BAD, style)
+
+
+def _waiting(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType:
+    since = seconds(now_s - desk.started_s)
+    what = desk.link or f"Waiting for the engine on {desk.engine}/state"
+    words = [
+        f"{what} ... {since}",
+        "This goes on by itself once it is there. If it is not running: start the launch file.",
+    ]
+    return _fill([*_headline("WAITING", "", width, style), *words], Tone.WARN, style)
+
+
+def _fill(lines: List[str], tone: Tone, style: Style, pad: Optional[int] = 1) -> RenderableType:
+    text = Text("\n".join(line.rstrip() for line in lines), overflow="fold")
+    return Padding(text, (0, pad or 0), style=style.band(tone), expand=True)

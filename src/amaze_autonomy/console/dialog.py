@@ -1,0 +1,218 @@
+"""What happens on the console's desk: states arrive, answers arrive, keys and lines are typed. Pure.
+
+Every function takes the desk and the time and returns the next desk, with the requests to send where there can be any.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Optional, Tuple
+
+from .keys import QUIT_KEY, Binding, binding_of_key, binding_of_word, offered
+from .missions import chosen, mission_question
+from .model import Answer, Desk, MissionRow, Note, Question, Request, RequestKind, Snapshot, Verdict
+
+__all__ = ["Turn", "answered", "listed", "oldest_open", "press", "received", "tick", "typed"]
+
+_ANSWER_SHOWN_S = 15.0
+_QUESTION_OPEN_S = 10.0
+_REQUEST_FORGOTTEN_S = 60.0
+_LIST_AGAIN_S = 5.0
+_NOTES = 50
+_ENTRY_LIMIT = 60
+
+Turn = Tuple[Desk, Tuple[Request, ...]]
+
+
+# --- the engine speaks ---
+
+
+def received(desk: Desk, snapshot: Snapshot, now_s: float, clock: str) -> Desk:
+    """Take in a state; `clock` is the wall time for the log of messages."""
+    before = desk.snapshot
+    desk = replace(desk, snapshot=snapshot, received_s=now_s, link="")
+    if snapshot.message and (before is None or _said(before) != _said(snapshot)):
+        note = Note(clock=clock, level=snapshot.message_level, text=snapshot.message)
+        desk = replace(desk, notes=(*desk.notes, note)[-_NOTES:])
+    if before is not None and before.takes_mission and not snapshot.takes_mission:
+        desk = replace(desk, entry="", error="")
+    return _drop_question_if_void(desk)
+
+
+def _said(snapshot: Snapshot) -> Tuple[str, str, int]:
+    return snapshot.state, snapshot.message, snapshot.message_level
+
+
+def _drop_question_if_void(desk: Desk) -> Desk:
+    """Drop a question whose command would not be done any more."""
+    if desk.question is None or desk.snapshot is None:
+        return desk
+    request = desk.question.request
+    possible = (
+        request.kind is RequestKind.QUIT
+        or (request.kind is RequestKind.SELECT and desk.snapshot.takes_mission)
+        or (request.command is not None and request.command.value in desk.snapshot.user_commands)
+    )
+    if possible:
+        return desk
+    return replace(desk, question=None, error=f"Not sent: {request.words} is not possible any more.")
+
+
+def listed(desk: Desk, request_id: int, missions: Tuple[MissionRow, ...]) -> Desk:
+    """Take in the list of missions; it answers a request."""
+    return replace(desk, missions=missions, requests=tuple(each for each in desk.requests if each.id != request_id))
+
+
+def answered(desk: Desk, request_id: int, verdict: Verdict, message: str, now_s: float) -> Desk:
+    """Take in an answer; one to a request that is not open is dropped."""
+    request = next((each for each in desk.requests if each.id == request_id), None)
+    if request is None:
+        return desk
+    desk = replace(desk, requests=tuple(each for each in desk.requests if each.id != request_id))
+    if request.kind is RequestKind.LIST:
+        return desk
+    return replace(desk, answer=Answer(request=request.words, verdict=verdict, message=message, at_s=now_s))
+
+
+# --- time passes ---
+
+
+def tick(desk: Desk, now_s: float) -> Turn:
+    """Forget what is old; ask for the missions when they are needed; select what a parameter named."""
+    if desk.answer is not None and now_s - desk.answer.at_s > _ANSWER_SHOWN_S:
+        desk = replace(desk, answer=None)
+    if desk.question is not None and now_s - desk.question.asked_s > _QUESTION_OPEN_S:
+        desk = replace(desk, question=None, error=f"Not sent: {desk.question.request.words} was not confirmed in time.")
+    requests = tuple(each for each in desk.requests if now_s - each.sent_s <= _REQUEST_FORGOTTEN_S)
+    desk = replace(desk, requests=requests)
+    if desk.snapshot is None or not desk.snapshot.takes_mission:
+        return _forget_missions(desk), ()
+    if desk.listed_s is None or (desk.missions is None and now_s - desk.listed_s > _LIST_AGAIN_S):
+        return _send(replace(desk, listed_s=now_s), Request(kind=RequestKind.LIST), now_s)
+    return _select_wanted(desk, now_s)
+
+
+def _forget_missions(desk: Desk) -> Desk:
+    """Ask for the list anew when it is needed next: battery and files may differ then. Drop what cannot be selected."""
+    desk = replace(desk, listed_s=None)
+    if desk.snapshot is None or not desk.wanted:
+        return desk
+    wanted = ", ".join(desk.wanted)
+    return replace(desk, wanted=(), error=f"Mission {wanted} was not selected: the engine is in {desk.snapshot.state}.")
+
+
+def _select_wanted(desk: Desk, now_s: float) -> Turn:
+    if not desk.wanted or desk.missions is None:
+        return desk, ()
+    ids, error = chosen(" ".join(desk.wanted), desk.missions)
+    desk = replace(desk, wanted=(), error=error)
+    return (desk, ()) if error else _send(desk, Request(kind=RequestKind.SELECT, missions=ids), now_s)
+
+
+# --- the user types ---
+
+
+def press(desk: Desk, key: str, now_s: float) -> Turn:
+    """Take in one key: a letter, or "enter", "escape", "backspace", "clear", "quit"."""
+    if key == "quit":
+        return desk, (Request(kind=RequestKind.QUIT),)
+    if desk.question is not None:
+        yes = key.lower() == "y" or (key == "enter" and desk.question.enter_is_yes)
+        return _reply(desk, desk.question, yes, now_s)
+    if desk.snapshot is not None and desk.snapshot.takes_mission:
+        return _edit(desk, key, now_s)
+    if key.lower() == QUIT_KEY:
+        return _quit(desk, now_s)
+    binding = binding_of_key(key)
+    return (desk, ()) if binding is None else _command(desk, binding, now_s)
+
+
+def typed(desk: Desk, line: str, now_s: float) -> Turn:
+    """Take in one line: yes or no, mission ids, a command's name or its key, "quit"."""
+    words = " ".join(line.split())
+    if desk.question is not None:
+        return _reply(desk, desk.question, words.lower() in ("y", "yes"), now_s)
+    if not words:
+        return desk, ()
+    takes_mission = desk.snapshot is not None and desk.snapshot.takes_mission
+    if takes_mission and any(row.id == words for row in desk.missions or ()):
+        return _choose(desk, words, now_s)
+    if words.lower() in (QUIT_KEY, "quit", "exit"):
+        return desk, (Request(kind=RequestKind.QUIT),)
+    binding = binding_of_word(words) or binding_of_key(words)
+    if binding is not None:
+        return _command(desk, binding, now_s, sure=len(words) > 1)
+    return _choose(desk, words, now_s) if takes_mission else (replace(desk, error=_unknown(desk, words)), ())
+
+
+def _edit(desk: Desk, key: str, now_s: float) -> Turn:
+    """Edit the line in which a mission is named."""
+    if key == "enter":
+        return typed(replace(desk, entry=""), desk.entry, now_s)
+    if key in ("escape", "clear"):
+        return replace(desk, entry="", error=""), ()
+    if key == "backspace":
+        return replace(desk, entry=desk.entry[:-1]), ()
+    if len(key) == 1 and len(desk.entry) < _ENTRY_LIMIT:
+        return replace(desk, entry=desk.entry + key), ()
+    return desk, ()
+
+
+def _choose(desk: Desk, words: str, now_s: float) -> Turn:
+    if desk.missions is None:
+        return replace(desk, error="The list of missions has not come yet; try again in a moment."), ()
+    ids, error = chosen(words, desk.missions)
+    if error:
+        return replace(desk, error=error), ()
+    question = mission_question(ids, desk.missions)
+    return _ask(desk, question, Request(kind=RequestKind.SELECT, missions=ids), now_s, enter_is_yes=False), ()
+
+
+def _unknown(desk: Desk, words: str) -> str:
+    names = [f"{binding.command.value.replace('_', ' ')} ({binding.key})" for binding in offered(desk.snapshot)]
+    return f'"{words}" is not a command. Possible now: {", ".join([*names, "quit"])}.'
+
+
+def _command(desk: Desk, binding: Binding, now_s: float, *, sure: bool = False) -> Turn:
+    name = binding.command.value.replace("_", " ")
+    if binding not in offered(desk.snapshot):
+        where = "" if desk.snapshot is None else f" in {desk.snapshot.state}"
+        return replace(desk, error=f"{name} is not possible now{where}."), ()
+    request = Request(kind=RequestKind.COMMAND, command=binding.command)
+    if binding.question and not sure:
+        return _ask(desk, binding.question, request, now_s), ()
+    return _send(desk, request, now_s)
+
+
+def _quit(desk: Desk, now_s: float) -> Turn:
+    request = Request(kind=RequestKind.QUIT)
+    if desk.snapshot is not None and desk.snapshot.in_flight:
+        return _ask(desk, "Close this console? The flight goes on without it.", request, now_s), ()
+    return desk, (request,)
+
+
+def _ask(desk: Desk, text: str, request: Request, now_s: float, *, enter_is_yes: bool = True) -> Desk:
+    question = Question(text=text, request=request, asked_s=now_s, enter_is_yes=enter_is_yes)
+    return replace(desk, question=question, error="")
+
+
+def _reply(desk: Desk, question: Question, yes: bool, now_s: float) -> Turn:  # noqa: FBT001
+    desk = replace(desk, question=None)
+    if not yes:
+        return replace(desk, error=f"Not sent: {question.request.words}."), ()
+    return _send(desk, question.request, now_s)
+
+
+def _send(desk: Desk, request: Request, now_s: float) -> Turn:
+    if request.kind is RequestKind.QUIT:
+        return desk, (request,)
+    request = replace(request, id=desk.next_id, sent_s=now_s)
+    answer = desk.answer if request.kind is RequestKind.LIST else None
+    error = desk.error if request.kind is RequestKind.LIST else ""
+    desk = replace(desk, next_id=desk.next_id + 1, requests=(*desk.requests, request), answer=answer, error=error)
+    return desk, (request,)
+
+
+def oldest_open(desk: Desk) -> Optional[Request]:
+    """Return the oldest request of the user that is not answered."""
+    return next((each for each in desk.requests if each.kind is not RequestKind.LIST), None)

@@ -1,0 +1,65 @@
+"""Which key asks for what. A key works only while the engine says that its command would be done now.
+
+Whatever moves the vehicle or ends something for good asks once more, and one key more is always enough: "y" or Enter.
+Holding a key down never says yes: the second key is another one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+from amaze_autonomy.engine.events import UserCommand
+
+from .model import Snapshot
+
+__all__ = ["BINDINGS", "QUIT_KEY", "Binding", "binding_of_key", "binding_of_word", "offered"]
+
+QUIT_KEY = "q"
+
+
+@dataclass(frozen=True)
+class Binding:
+    """One key.
+
+    Args:
+        key: the letter, lower case.
+        command: what it asks for.
+        words: what that does, for the screen.
+        question: asked before it is sent; empty: sent at once.
+    """
+
+    key: str
+    command: UserCommand
+    words: str
+    question: str = ""
+
+
+BINDINGS: Tuple[Binding, ...] = (
+    Binding("g", UserCommand.GO, "go", "Go: the vehicle takes off. Sure?"),
+    Binding("h", UserCommand.HOLD, "hold"),
+    Binding("c", UserCommand.RESUME, "continue (resume)", "Resume the mission: the vehicle flies on. Sure?"),
+    Binding("l", UserCommand.LAND, "LAND", "LAND at the present position?"),
+    Binding("a", UserCommand.ABORT, "ABORT", "ABORT: in the air land, on the ground disarm?"),
+    Binding("r", UserCommand.RETRY, "retry", "Retry: when all checks pass the vehicle takes off. Everybody clear?"),
+    Binding("u", UserCommand.GIVE_UP, "give up", "Give up?"),
+    Binding("k", UserCommand.ACKNOWLEDGE, "acknowledge"),
+)
+
+
+def offered(snapshot: Optional[Snapshot]) -> Tuple[Binding, ...]:
+    """Return the bindings whose commands would be done now, in the order of the table."""
+    if snapshot is None:
+        return ()
+    return tuple(binding for binding in BINDINGS if binding.command.value in snapshot.user_commands)
+
+
+def binding_of_key(key: str) -> Optional[Binding]:
+    """Return the binding of a key, whatever its case."""
+    return next((binding for binding in BINDINGS if binding.key == key.lower()), None)
+
+
+def binding_of_word(word: str) -> Optional[Binding]:
+    """Return the binding of a command's name, e.g. "land", "give up" or "give_up"."""
+    name = "_".join(word.lower().split())
+    return next((binding for binding in BINDINGS if binding.command.value == name), None)

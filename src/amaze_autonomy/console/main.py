@@ -1,0 +1,184 @@
+"""The command `console`: reads the command line, chooses screen or plain mode, ends with a status that says how."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any, Callable, List, Optional, Tuple
+
+from amaze_autonomy.console.errors import ConsoleError, UsageError
+from amaze_autonomy.console.link import Happening, Link, Mailbox
+from amaze_autonomy.console.model import Desk
+from amaze_autonomy.console.printer import run_plain
+from amaze_autonomy.console.session import CLOSED, INTERRUPTED, Session
+from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal
+from amaze_autonomy.console.text import clean
+
+__all__ = ["main"]
+
+_USAGE_STATUS = 2
+
+_DESCRIPTION = """\
+The operator's terminal of amaze_autonomy: select a mission, follow the checks and the flight, command.
+
+Closing it, by Q, Ctrl-C or by closing its window, never touches the flight: the engine goes on without it.
+Several consoles may look at one engine. Without a terminal it prints what changes, one line each.
+"""
+
+_EPILOG = """\
+examples:
+  rosrun amaze_autonomy console                      the full screen, in a second terminal
+  rosrun amaze_autonomy console --plain | tee log    lines only
+  rosrun amaze_autonomy console --mission 1 --once   fly mission 1, end with it
+  rosrun amaze_autonomy console --engine /uav2/autonomy
+  printf '1\\ny\\n' | rosrun amaze_autonomy console --plain --once
+
+exit status:
+  0    closed by the user, or --once and the mission is complete
+  2    wrong usage, or ROS is not there
+  3    --once: the mission has ended otherwise, or was given up
+  4    --wait: no engine in time
+  130  Ctrl-C
+"""
+
+MakeLink = Callable[[Callable[[Happening], None], Optional[str], bool], Link]
+
+
+def main(arguments: Optional[List[str]] = None, make_link: Optional[MakeLink] = None) -> int:
+    """Run the console and return its exit status.
+
+    Args:
+        arguments: the command line without the program's name; None: the process's own.
+        make_link: makes the link to the engine from (post, engine's name, quiet); None: the one over ROS.
+    """
+    given = sys.argv[1:] if arguments is None else arguments
+    options = _parser().parse_args([each for each in given if ":=" not in each])
+    try:
+        return _run(options, make_link or _ros_link)
+    except ConsoleError as error:
+        print(f"console: {error}", file=sys.stderr)  # noqa: T201
+        return _USAGE_STATUS
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="console", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--engine", metavar="NAME", help="the engine's node (parameter ~engine; default /autonomy)")
+    parser.add_argument(
+        "--mission",
+        metavar="ID",
+        action="append",
+        default=[],
+        help="select it without asking (parameter ~mission); may be repeated",
+    )
+    parser.add_argument("--once", action="store_true", help="end when the mission has ended")
+    parser.add_argument(
+        "--wait", metavar="S", type=float, help="wait so many seconds for the engine (default: for ever)"
+    )
+    parser.add_argument(
+        "--plain", action="store_true", help="lines only, no colour, no cursor; without a terminal by itself"
+    )
+    parser.add_argument("--ascii", action="store_true", help="no unicode; by itself where the locale has none")
+    parser.add_argument(
+        "--pictures", metavar="DIR", type=Path, help="save the screen as SVG whenever the state changes"
+    )
+    return parser
+
+
+def _ros_link(post: Callable[[Happening], None], engine: Optional[str], quiet: bool) -> Link:  # noqa: FBT001
+    try:
+        from amaze_autonomy.console.ros_link import RosLink  # noqa: PLC0415 (offline there is no ROS)
+    except ImportError as error:
+        raise UsageError(
+            f"ROS or the messages of amaze_autonomy are not there ({error}): source devel/setup.bash"
+        ) from error
+    link: Link = RosLink(post, engine, quiet=quiet)
+    return link
+
+
+def _run(options: argparse.Namespace, make_link: MakeLink) -> int:
+    full = not options.plain and owns_terminal(0) and os.isatty(1) and _has_rich()
+    wake = Wake()
+    mailbox = Mailbox(wake)
+    link = make_link(mailbox.post, options.engine, full)
+    wanted = tuple(name for each in options.mission for name in clean(each).replace(",", " ").split())
+    desk = Desk(engine=clean(options.engine or "/autonomy", 80), wanted=wanted)
+    session = Session(desk, link, mailbox, once=options.once, wait_s=options.wait)
+    _end_on_signals(session, wake)
+    link.start()
+    try:
+        if full:
+            _run_screen(session, wake, options)
+        else:
+            run_plain(session, wake, _input())
+    finally:
+        link.close()
+    return CLOSED if session.status is None else session.status
+
+
+def _run_screen(session: Session, wake: Wake, options: argparse.Namespace) -> None:
+    from amaze_autonomy.console.screen import run_screen  # noqa: PLC0415 (the plain mode needs no rich)
+    from amaze_autonomy.console.style import ASCII, UNICODE  # noqa: PLC0415
+
+    sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
+    encoding = (sys.stdout.encoding or "").lower().replace("-", "")
+    plain_letters = options.ascii or encoding != "utf8" or os.environ.get("TERM") == "linux"
+    run_screen(session, Terminal(wake), ASCII if plain_letters else UNICODE, options.pictures)
+    with contextlib.suppress(OSError):  # the terminal may be gone
+        print(session.farewell(), flush=True)  # noqa: T201
+
+
+def _has_rich() -> bool:
+    try:
+        import rich  # noqa: F401, PLC0415
+    except ImportError:
+        print("console: the library rich is not installed, so there are lines only", file=sys.stderr)  # noqa: T201
+        return False
+    return os.environ.get("TERM") not in (None, "", "dumb")
+
+
+def _input() -> Optional[int]:
+    """Return standard input, unless reading from it would stop this process (a shell's background) or it is closed.
+
+    A terminal that is not this process's own (under roslaunch) may be read: nobody stops a process for that.
+    """
+    try:
+        if os.isatty(0) and not owns_terminal(0) and _is_controlling(0):
+            return None
+        os.fstat(0)
+    except OSError:
+        return None
+    return 0
+
+
+def _is_controlling(descriptor: int) -> bool:
+    try:
+        os.tcgetpgrp(descriptor)
+    except OSError:
+        return False
+    return True
+
+
+def _end_on_signals(session: Session, wake: Wake) -> None:
+    """End in order, with the terminal as it was, on every signal that asks for it; look again when the size changes."""
+    statuses: Tuple[Tuple[signal.Signals, int, str], ...] = (
+        (signal.SIGINT, INTERRUPTED, "Interrupted."),
+        (signal.SIGTERM, CLOSED, "Terminated."),
+        (signal.SIGHUP, CLOSED, "The terminal was closed."),
+    )
+    for number, status, words in statuses:
+        signal.signal(number, _ender(session, wake, status, words))
+    signal.signal(signal.SIGWINCH, lambda *_: wake.set())
+
+
+def _ender(session: Session, wake: Wake, status: int, words: str) -> Any:
+    def end(*_: Any) -> None:
+        session.end(status, words)
+        wake.set()
+
+    return end

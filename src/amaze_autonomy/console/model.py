@@ -1,0 +1,215 @@
+"""What the console knows: frozen, without ROS. `Snapshot` mirrors msg/AutonomyState.msg; unknown is None.
+
+All texts in here are clean (`text.clean`): `wire` makes these values from messages, `dialog` from the keyboard.
+Times named `_s` without another word are seconds on the console's own monotonic clock.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.events import UserCommand
+
+__all__ = [
+    "STALE_AFTER_S",
+    "Answer",
+    "Desk",
+    "MissionRow",
+    "Note",
+    "PendingFailure",
+    "Question",
+    "Request",
+    "RequestKind",
+    "Snapshot",
+    "Verdict",
+]
+
+STALE_AFTER_S = 3.0
+"""The engine publishes its state at 2 Hz; silence for longer than this is shown as lost contact."""
+
+
+@dataclass(frozen=True)
+class PendingFailure:
+    """One thing that is wrong now; fields as in msg/PendingFailure.msg, `time_left_s` at the stamp of the snapshot."""
+
+    name: str
+    code: int = 0
+    verb: str = ""
+    then: str = ""
+    time_left_s: Optional[float] = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class MissionRow:
+    """One mission that can be selected; fields as in msg/MissionInfo.msg."""
+
+    id: str
+    description: str = ""
+    files: int = 1
+    repetitions: int = 1
+    duration_s: Optional[float] = None
+    battery_needed: Optional[float] = None
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The engine's state at one moment; fields as in msg/AutonomyState.msg."""
+
+    state: str
+    step: str = ""
+    session_id: str = ""
+    mission_id: str = ""
+    mission_description: str = ""
+    file_index: int = 0
+    files: int = 0
+    repetition: int = 0
+    repetitions: int = 0
+    in_flight: bool = False
+    checks: Tuple[Check, ...] = ()
+    failures: Tuple[PendingFailure, ...] = ()
+    waiting_for: str = ""
+    time_left_s: Optional[float] = None
+    message: str = ""
+    message_level: int = 0
+    advice: str = ""
+    user_commands: Tuple[str, ...] = ()
+    waypoint: int = 0
+    waypoints: int = 0
+    recording_phase: str = ""
+    recording_progress: Optional[float] = None
+    data_location: str = ""
+    result: str = ""
+
+    @property
+    def takes_mission(self) -> bool:
+        """True when the engine takes a mission now."""
+        return self.state in ("MISSION_INPUT", "MISSION_ENDED")
+
+
+class Verdict(enum.Enum):
+    """What became of a request; the first three as in srv/UserCommand.srv."""
+
+    DONE = "DONE"
+    REFUSED = "REFUSED"
+    ALREADY = "ALREADY"
+    NO_ANSWER = "NO ANSWER"  # the service does not exist, or died in mid-call
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The engine's answer to a request, and when it came."""
+
+    request: str
+    verdict: Verdict
+    message: str = ""
+    at_s: float = 0.0
+
+
+class RequestKind(enum.Enum):
+    """What the console can ask for."""
+
+    COMMAND = "command"
+    SELECT = "select"
+    LIST = "list"
+    QUIT = "quit"
+
+
+@dataclass(frozen=True)
+class Request:
+    """Something to be sent, or to be done by the shell.
+
+    Args:
+        kind: which.
+        id: number of the request; its answer carries it.
+        command: of a COMMAND.
+        missions: ids, of a SELECT.
+        sent_s: when it was sent.
+    """
+
+    kind: RequestKind
+    id: int = 0
+    command: Optional[UserCommand] = None
+    missions: Tuple[str, ...] = ()
+    sent_s: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """What is asked for, e.g. "give up" or "mission 1, 2"."""
+        if self.command is not None:
+            return self.command.value.replace("_", " ")
+        if self.kind is RequestKind.SELECT:
+            return "mission " + ", ".join(self.missions)
+        return {RequestKind.LIST: "list of missions", RequestKind.QUIT: "close this console"}.get(self.kind, "")
+
+
+@dataclass(frozen=True)
+class Question:
+    """A request that waits for the user's yes."""
+
+    text: str
+    request: Request
+    asked_s: float = 0.0
+    enter_is_yes: bool = True
+
+
+@dataclass(frozen=True)
+class Note:
+    """One line of the log of messages; `clock` is the wall time as it is shown."""
+
+    clock: str
+    level: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Everything that one console knows and shows.
+
+    Args:
+        engine: name space of the engine, for the user.
+        started_s: when the console started.
+        snapshot: the engine's last state; None: never heard of it.
+        received_s: when it came.
+        link: what the connection waits for, in words; empty when nothing.
+        missions: that can be selected; None: not known yet.
+        listed_s: when they were asked for.
+        wanted: missions given by parameter, until they are selected.
+        entry: what is being typed.
+        error: what was wrong with the last input.
+        question: that waits for a yes.
+        requests: sent and not answered.
+        answer: the last one.
+        notes: the last messages, oldest first.
+        next_id: of the next request.
+        interactive: there is somebody who can type.
+    """
+
+    engine: str = "/autonomy"
+    started_s: float = 0.0
+    snapshot: Optional[Snapshot] = None
+    received_s: float = 0.0
+    link: str = ""
+    missions: Optional[Tuple[MissionRow, ...]] = None
+    listed_s: Optional[float] = None
+    wanted: Tuple[str, ...] = ()
+    entry: str = ""
+    error: str = ""
+    question: Optional[Question] = None
+    requests: Tuple[Request, ...] = ()
+    answer: Optional[Answer] = None
+    notes: Tuple[Note, ...] = ()
+    next_id: int = 1
+    interactive: bool = True
+
+    def age_s(self, now_s: float) -> float:
+        """Return how long ago the last state came."""
+        return max(0.0, now_s - self.received_s)
+
+    def stale(self, now_s: float) -> bool:
+        """Return True when the engine was heard and is silent now."""
+        return self.snapshot is not None and self.age_s(now_s) > STALE_AFTER_S

@@ -1,0 +1,145 @@
+"""The plain mode's lines: what differs between two moments, one line each, no colour, no cursor. Pure."""
+
+from __future__ import annotations
+
+from math import floor
+from typing import Dict, Iterator, List, Optional, Tuple
+
+from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.checks import Verdict as CheckVerdict
+
+from .dialog import oldest_open
+from .keys import offered
+from .model import Desk, MissionRow, PendingFailure, Snapshot
+from .words import age, duration, fraction, quantity, seconds
+
+__all__ = ["changes", "mission_lines"]
+
+_SLOW_S = 3.0
+_LEVELS = ("INFO", "WARNING", "ERROR")
+
+
+def changes(before: Desk, before_s: float, after: Desk, after_s: float) -> List[str]:
+    """Return a line for each thing that is different, the most important first."""
+    return [
+        *_contact(before, before_s, after, after_s),
+        *_engine(before.snapshot, after),
+        *_dialog(before, before_s, after, after_s),
+    ]
+
+
+def _contact(before: Desk, before_s: float, after: Desk, after_s: float) -> Iterator[str]:
+    if after.link and after.link != before.link:
+        yield f"WAIT      {after.link}"
+    was, now = before.stale(before_s), after.stale(after_s)
+    if now and not was:
+        silent = seconds(after.age_s(after_s))
+        yield f"CONTACT   LOST: the engine ({after.engine}) has been silent for {silent}. Watch the vehicle."
+    elif was and not now:
+        yield "CONTACT   the engine is heard again"
+
+
+def _engine(before: Optional[Snapshot], desk: Desk) -> Iterator[str]:
+    after = desk.snapshot
+    if after is None or before == after:
+        return
+    old = before or Snapshot(state="")
+    new_state = (old.state, old.step, old.in_flight) != (after.state, after.step, after.in_flight)
+    if new_state or (old.session_id, old.mission_id) != (after.session_id, after.mission_id):
+        yield _state_line(after)
+    if (old.file_index, old.repetition) != (after.file_index, after.repetition):
+        repetition = f"repetition {after.repetition + 1} of {after.repetitions}"
+        yield f"PROGRESS  file {after.file_index + 1} of {after.files}, {repetition}"
+    if after.message and (after.state, after.message) != (old.state, old.message):
+        yield f"{_LEVELS[min(2, max(0, after.message_level))]:<9} {after.message}"
+    yield from _failures(old.failures, after.failures)
+    yield from _checks(old.checks, after.checks)
+    yield from _progress(old, after)
+    if after.waiting_for and after.waiting_for != old.waiting_for:
+        yield f"WAIT      {after.waiting_for}"
+    if after.advice and (after.state, after.advice) != (old.state, old.advice):
+        yield f"ADVICE    {after.advice}"
+    if after.data_location and after.data_location != old.data_location:
+        yield f"DATA      {after.data_location}"
+    if after.state == "MISSION_ENDED" and (old.state, old.result) != (after.state, after.result):
+        yield f"RESULT    {after.result}"
+    if desk.interactive and after.user_commands != old.user_commands and after.user_commands:
+        yield f"COMMANDS  {', '.join(each.command.value.replace('_', ' ') for each in offered(after))}"
+
+
+def _state_line(after: Snapshot) -> str:
+    step = f" ({after.step.replace('_', ' ')})" if after.step else ""
+    flying = ", IN FLIGHT" if after.in_flight else ""
+    mission = f", mission {after.mission_id} {after.mission_description}".rstrip() if after.mission_id else ""
+    left = "" if after.time_left_s is None else f", {seconds(after.time_left_s)} left"
+    return f"STATE     {after.state}{step}{flying}{mission}{left}"
+
+
+def _failures(old: Tuple[PendingFailure, ...], new: Tuple[PendingFailure, ...]) -> Iterator[str]:
+    known: Dict[str, PendingFailure] = {each.name: each for each in old}
+    for failure in new:
+        last = known.pop(failure.name, None)
+        if last is None or (last.code, last.verb, last.then) != (failure.code, failure.verb, failure.then):
+            left = "" if failure.time_left_s is None else f", {seconds(failure.time_left_s)} left"
+            then = f", then {failure.then}" if failure.then else ""
+            code = f" code {failure.code}" if failure.code else ""
+            yield f"WRONG     {failure.name}{code}: {failure.verb}{then}{left}: {failure.reason}"
+    for name in known:
+        yield f"CLEARED   {name}"
+
+
+def _checks(old: Tuple[Check, ...], new: Tuple[Check, ...]) -> Iterator[str]:
+    known = {each.name: each.verdict for each in old}
+    for check in new:
+        if known.get(check.name) != check.verdict:
+            yield _check_line(check)
+
+
+def _check_line(check: Check) -> str:
+    value = quantity(check.value, check.unit)
+    limit = "" if check.limit is None else f", limit {quantity(check.limit, check.unit)}"
+    old = "" if check.age_s is None else f", age {age(check.age_s)}"
+    advice = f": {check.advice}" if check.advice and check.verdict is not CheckVerdict.PASS else ""
+    return f"CHECK     {check.verdict.value.upper():<7} {check.name} {value}{limit}{old}{advice}"
+
+
+def _progress(old: Snapshot, new: Snapshot) -> Iterator[str]:
+    if new.waypoints and (old.waypoint, old.waypoints) != (new.waypoint, new.waypoints):
+        yield f"PROGRESS  waypoint {new.waypoint} of {new.waypoints}"
+    tenth = None if new.recording_progress is None else floor(new.recording_progress * 10)
+    last = None if old.recording_progress is None else floor(old.recording_progress * 10)
+    if new.recording_phase and (old.recording_phase, last) != (new.recording_phase, tenth):
+        done = "" if new.recording_progress is None else f" {fraction(new.recording_progress)}"
+        yield f"RECORDING {new.recording_phase.lower()}{done}"
+
+
+def _dialog(before: Desk, before_s: float, after: Desk, after_s: float) -> Iterator[str]:
+    if after.missions is not None and after.missions != before.missions:
+        yield from mission_lines(after.missions)
+    slow = oldest_open(after)
+    if slow is not None and before_s - slow.sent_s <= _SLOW_S < after_s - slow.sent_s:
+        yield f"ANSWER    {slow.words}: none for {_SLOW_S:.0f} s"
+    answer = after.answer
+    if answer is not None and answer != before.answer:
+        yield f"ANSWER    {answer.request}: {answer.verdict.value} {answer.message}".rstrip()
+    if after.error and after.error != before.error:
+        yield f"INPUT     {after.error}"
+    if after.question is not None and after.question != before.question:
+        yield f"QUESTION  {after.question.text} Type y and Enter for yes, anything else for no."
+    elif after.interactive and _asks_for_mission(after) and not _asks_for_mission(before):
+        yield "QUESTION  Which mission? Type its id and Enter; several: 1 2 3."
+
+
+def _asks_for_mission(desk: Desk) -> bool:
+    listed = bool(desk.missions) and not desk.requests and not desk.wanted
+    return desk.snapshot is not None and desk.snapshot.takes_mission and listed and desk.question is None
+
+
+def mission_lines(missions: Tuple[MissionRow, ...]) -> Iterator[str]:
+    """Return the list of missions."""
+    if not missions:
+        yield "MISSIONS  none: look at the engine's missions.yaml"
+    for row in missions:
+        numbers = f"{duration(row.duration_s)}, battery needed {fraction(row.battery_needed)}"
+        about = f"CANNOT BE FLOWN: {row.error}" if row.error else numbers
+        yield f"MISSION   {row.id}: {row.description or 'no description'} ({about})"

@@ -1,0 +1,156 @@
+"""The real link: the engine's topic and services over ROS. The only module of the console that knows ROS."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from typing import Any, Callable, List, Optional, Tuple
+
+import rosgraph
+import rospy
+
+from amaze_autonomy.console.link import (
+    AnswerCame,
+    Happening,
+    Link,
+    LinkClosed,
+    LinkSays,
+    MissionsCame,
+    MissionWanted,
+    StateCame,
+)
+from amaze_autonomy.console.model import STALE_AFTER_S, Request, RequestKind, Verdict
+from amaze_autonomy.console.text import clean
+from amaze_autonomy.console.wire import missions_of, snapshot_of, verdict_of
+from amaze_autonomy.msg import AutonomyState
+from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
+
+__all__ = ["DEFAULT_ENGINE", "RosLink"]
+
+DEFAULT_ENGINE = "/autonomy"
+_LOOK_S = 1.0
+
+
+class RosLink(Link):
+    """A console's connection to the engine. `<engine>` is the engine's node, `/autonomy` unless told otherwise.
+
+    Subscribes: `<engine>/state` (AutonomyState, latched, 2 Hz and at each decision).
+    Calls: `<engine>/list_missions` (ListMissions), `<engine>/select_mission` (SelectMission), `<engine>/go`, `retry`,
+    `give_up`, `hold`, `resume`, `land`, `abort`, `acknowledge` (UserCommand each). Each call has its own thread: a
+    service that hangs delays no other.
+    Parameters: `~engine` (string), `~mission` (string, number or a list of them), where the command line says nothing.
+
+    A master or an engine that is not there yet, goes away or comes back is waited for and found again.
+
+    Args:
+        post: takes what happens; called from several threads.
+        engine: the engine's name; None: the parameter, or `/autonomy`.
+        quiet: ROS prints nothing: the screen is in use.
+    """
+
+    def __init__(self, post: Callable[[Happening], None], engine: Optional[str], *, quiet: bool) -> None:
+        self._post, self._engine, self._quiet = post, engine, quiet
+        self._heard_s = 0.0
+        self._closed = threading.Event()
+        self._subscriber: Optional[rospy.Subscriber] = None
+
+    def start(self) -> None:
+        """Connect in the background."""
+        threading.Thread(target=self._run, name="link", daemon=True).start()
+
+    def send(self, request: Request) -> None:
+        """Call the service in a thread of its own; its answer, or why there is none, is posted."""
+        threading.Thread(target=self._call, args=(request,), name=request.words, daemon=True).start()
+
+    def close(self) -> None:
+        """Tell the master, if it can be told within a second, that this console is gone."""
+        self._closed.set()
+        if rospy.core.is_initialized():
+            goodbye = threading.Thread(target=rospy.signal_shutdown, args=("console closed",), daemon=True)
+            goodbye.start()
+            goodbye.join(1.0)
+
+    # --- in the background ---
+
+    def _run(self) -> None:
+        self._wait_for_master()
+        if self._closed.is_set():
+            return
+        # rospy alone would take over the signals and wait for the master without an end.
+        rospy.init_node("console", anonymous=True, disable_signals=True, disable_rosout=True)
+        if self._quiet:
+            _silence()
+        rospy.on_shutdown(lambda: self._post(LinkClosed("ROS shut this console down.")))
+        engine = self._engine or str(rospy.get_param("~engine", "") or DEFAULT_ENGINE)
+        self._engine = rospy.resolve_name(engine.rstrip("/"))
+        self._post(LinkSays("", engine=clean(self._engine, 80)))
+        missions = _names(rospy.get_param("~mission", ""))
+        if missions:
+            self._post(MissionWanted(missions))
+        self._subscribe()
+        while not self._closed.wait(_LOOK_S):
+            self._mend()
+
+    def _wait_for_master(self) -> None:
+        while not self._closed.is_set() and not rosgraph.is_master_online():
+            uri = clean(rosgraph.get_master_uri(), 80)
+            self._post(LinkSays(f"Waiting for the ROS master at {uri}"))
+            self._closed.wait(_LOOK_S)
+
+    def _subscribe(self) -> None:
+        if self._subscriber is not None:
+            self._subscriber.unregister()
+        self._subscriber = rospy.Subscriber(f"{self._engine}/state", AutonomyState, self._on_state, queue_size=1)
+
+    def _on_state(self, message: AutonomyState) -> None:
+        self._heard_s = time.monotonic()
+        self._post(StateCame(snapshot_of(message)))
+
+    def _mend(self) -> None:
+        """Subscribe anew when the engine is silent because the master was started anew and has forgotten us."""
+        if time.monotonic() - self._heard_s <= STALE_AFTER_S:
+            return
+        try:
+            rosgraph.Master(rospy.get_name()).lookupNode(rospy.get_name())
+        except rosgraph.MasterError:
+            self._subscribe()
+        except OSError:  # there is no master at present
+            return
+
+    def _call(self, request: Request) -> None:
+        try:
+            self._post(self._answer(request))
+        except (rospy.ROSException, rospy.ServiceException, OSError) as error:
+            self._post(AnswerCame(request.id, Verdict.NO_ANSWER, clean(str(error))))
+
+    def _answer(self, request: Request) -> Happening:
+        if request.kind is RequestKind.LIST:
+            return MissionsCame(request.id, missions_of(self._service("list_missions", ListMissions)()))
+        if request.kind is RequestKind.SELECT:
+            reply = self._service("select_mission", SelectMission)(mission_ids=list(request.missions))
+            verdict = Verdict.DONE if reply.accepted else Verdict.REFUSED
+            return AnswerCame(request.id, verdict, clean(reply.message))
+        name = "" if request.command is None else request.command.value
+        reply = self._service(name, UserCommand)()
+        return AnswerCame(request.id, verdict_of(reply.answer), clean(reply.message))
+
+    def _service(self, name: str, kind: Any) -> Any:
+        if not rospy.core.is_initialized():
+            raise rospy.ROSException("not connected yet")
+        return rospy.ServiceProxy(f"{self._engine}/{name}", kind)
+
+
+def _names(parameter: Any) -> Tuple[str, ...]:
+    """Return the ids that a parameter names: "1", 1, "1 2" or [1, 2]."""
+    words: List[Any] = parameter if isinstance(parameter, list) else [parameter]
+    return tuple(name for word in words for name in clean(str(word)).replace(",", " ").split())
+
+
+def _silence() -> None:
+    """Take ROS's printing handlers away; its log file stays."""
+    for name in ("", "rosout", "rospy"):
+        logger = logging.getLogger(name)
+        for handler in list(logger.handlers):
+            if not isinstance(handler, logging.FileHandler):
+                logger.removeHandler(handler)

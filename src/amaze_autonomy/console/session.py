@@ -1,0 +1,117 @@
+"""One console at work: the desk, the link, and when it is over. The screen and the plain mode both drive it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Callable, Optional
+
+from . import dialog
+from .link import AnswerCame, Happening, Link, LinkClosed, LinkSays, Mailbox, MissionsCame, MissionWanted, StateCame
+from .model import Desk, RequestKind, Snapshot
+
+__all__ = ["CLOSED", "INTERRUPTED", "NOT_COMPLETE", "NO_ENGINE", "Session"]
+
+CLOSED, NOT_COMPLETE, NO_ENGINE, INTERRUPTED = 0, 3, 4, 130
+
+
+def _wall_clock() -> str:
+    return time.strftime("%H:%M:%S")
+
+
+class Session:
+    """Applies what happens to the desk, in one thread.
+
+    Args:
+        desk: at the start.
+        link: to the engine.
+        mailbox: that the link fills.
+        once: end with the first mission that ends.
+        wait_s: how long to wait for the engine's first state; None: for ever.
+        now: monotonic time in seconds.
+        clock: wall time as it is shown.
+    """
+
+    def __init__(
+        self,
+        desk: Desk,
+        link: Link,
+        mailbox: Mailbox,
+        *,
+        once: bool = False,
+        wait_s: Optional[float] = None,
+        now: Callable[[], float] = time.monotonic,
+        clock: Callable[[], str] = _wall_clock,
+    ) -> None:
+        self.desk = replace(desk, started_s=now())
+        self.status: Optional[int] = None
+        self.last_words = ""
+        self.now = now
+        self.clock = clock
+        self._link, self._mailbox = link, mailbox
+        self._once, self._wait_s = once, wait_s
+        self._begun = False
+
+    def turn(self) -> None:
+        """Take in what has happened, and what time has brought."""
+        for happening in self._mailbox.empty():
+            self._apply(happening)
+        self._take(dialog.tick(self.desk, self.now()))
+        if self.desk.snapshot is None and self._wait_s is not None and self.now() - self.desk.started_s > self._wait_s:
+            self.end(NO_ENGINE, f"No engine on {self.desk.engine} within {self._wait_s:g} s.")
+
+    def press(self, key: str) -> None:
+        """Take in a key."""
+        self._take(dialog.press(self.desk, key, self.now()))
+
+    def typed(self, line: str) -> None:
+        """Take in a line."""
+        self._take(dialog.typed(self.desk, line, self.now()))
+
+    def end(self, status: int, words: str = "") -> None:
+        """Let it be over; the first to say so is heard."""
+        if self.status is None:
+            self.status, self.last_words = status, words
+
+    def farewell(self) -> str:
+        """Return what is said at the end: how it ended, and that the engine goes on."""
+        snapshot = self.desk.snapshot
+        if snapshot is None:
+            return self.last_words or "Console closed."
+        flying = ", IN FLIGHT" if snapshot.in_flight else ""
+        goes_on = f"Console closed. The engine goes on without it: {snapshot.state}{flying}."
+        return f"{self.last_words} {goes_on}".strip()
+
+    def _take(self, turn: dialog.Turn) -> None:
+        self.desk, requests = turn
+        for request in requests:
+            if request.kind is RequestKind.QUIT:
+                self.end(CLOSED)
+            else:
+                self._link.send(request)
+
+    def _apply(self, happening: Happening) -> None:
+        if isinstance(happening, StateCame):
+            self.desk = dialog.received(self.desk, happening.snapshot, self.now(), self.clock())
+            self._look_for_the_end(happening.snapshot)
+        elif isinstance(happening, MissionsCame):
+            self.desk = dialog.listed(self.desk, happening.request_id, happening.missions)
+        elif isinstance(happening, AnswerCame):
+            answer = happening
+            self.desk = dialog.answered(self.desk, answer.request_id, answer.verdict, answer.message, self.now())
+        elif isinstance(happening, MissionWanted):
+            self.desk = replace(self.desk, wanted=self.desk.wanted or happening.missions)
+        elif isinstance(happening, LinkSays):
+            self.desk = replace(self.desk, link=happening.text, engine=happening.engine or self.desk.engine)
+        elif isinstance(happening, LinkClosed):
+            self.end(CLOSED, happening.reason)
+
+    def _look_for_the_end(self, snapshot: Snapshot) -> None:
+        if not self._once:
+            return
+        if not snapshot.takes_mission:
+            self._begun = True
+        elif self._begun:
+            complete = snapshot.state == "MISSION_ENDED" and snapshot.result == "COMPLETE"
+            ended = f"Mission ended: {snapshot.result}." if snapshot.result else "The mission was given up."
+            self.end(CLOSED if complete else NOT_COMPLETE, ended)

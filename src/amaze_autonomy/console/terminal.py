@@ -1,0 +1,134 @@
+"""The terminal: single keys without echo, a way to be woken from other threads, and everything as it was at the end."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+from types import TracebackType
+from typing import Any, List, Optional, Tuple, Type
+
+from .errors import TerminalError
+from .keyboard import KeyDecoder
+
+__all__ = ["Terminal", "Wake", "owns_terminal", "read_if_ready"]
+
+_PASTE_MARKS_ON, _PASTE_MARKS_OFF = b"\x1b[?2004h", b"\x1b[?2004l"
+_ESCAPE_PAUSE_S = 0.05
+
+
+class Wake:
+    """Ends the wait of one thread from any other thread, or from a signal handler."""
+
+    def __init__(self) -> None:
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._read, False)
+        os.set_blocking(self._write, False)
+
+    def fileno(self) -> int:
+        """Return what `select` waits for."""
+        return self._read
+
+    def set(self) -> None:
+        """End the wait; harmless when it has been done already."""
+        try:
+            os.write(self._write, b"!")
+        except (BlockingIOError, OSError):  # full: it is awake; closed: it is over
+            return
+
+    def clear(self) -> None:
+        """Be ready for the next wait."""
+        try:
+            while os.read(self._read, 4096):
+                pass
+        except BlockingIOError:
+            return
+
+
+def owns_terminal(descriptor: int) -> bool:
+    """Return True when a terminal is this process's own, and in its foreground.
+
+    Under roslaunch a node shares a terminal that it does not own; in a shell's background reading would stop it.
+    """
+    try:
+        return os.isatty(descriptor) and os.tcgetpgrp(descriptor) == os.getpgrp()
+    except OSError:
+        return False
+
+
+def read_if_ready(descriptor: Optional[int], wake: Wake, limit_s: float) -> Optional[bytes]:
+    """Wait for bytes, a wake or the limit; return the bytes, b"" at their end, None when there are none."""
+    wanted: List[Any] = [wake] if descriptor is None else [wake, descriptor]
+    ready, _, _ = select.select(wanted, [], [], limit_s)
+    wake.clear()
+    if descriptor is None or descriptor not in ready:
+        return None
+    try:
+        return os.read(descriptor, 4096)
+    except BlockingIOError:
+        return None
+    except OSError:  # the terminal is gone
+        return b""
+
+
+class Terminal:
+    """A terminal in key mode for as long as the `with` lasts. To be used by one thread; only `wake` is for others.
+
+    Ctrl-C stays a signal. Ctrl-S, Ctrl-Z and Ctrl-Backslash do nothing: a frozen or suspended console would look alive.
+
+    Raises:
+        TerminalError: Input is not a terminal.
+    """
+
+    def __init__(self, wake: Wake, source: Optional[int] = None, sink: Optional[int] = None) -> None:
+        self._wake = wake
+        self._source = sys.stdin.fileno() if source is None else source
+        self._sink = sys.stdout.fileno() if sink is None else sink
+        self._keys = KeyDecoder()
+        self._before: List[Any] = []
+
+    def __enter__(self) -> None:
+        try:
+            self._before = termios.tcgetattr(self._source)
+            termios.tcsetattr(self._source, termios.TCSADRAIN, _key_mode(termios.tcgetattr(self._source)))
+        except termios.error as error:
+            raise TerminalError(f"this is no terminal for single keys ({error}); use --plain") from error
+        self._write(_PASTE_MARKS_ON)
+
+    def __exit__(
+        self, kind: Optional[Type[BaseException]], error: Optional[BaseException], trace: Optional[TracebackType]
+    ) -> None:
+        """Put the terminal back, and drop what was typed but not read: it was not meant for the shell."""
+        self._write(_PASTE_MARKS_OFF)
+        try:
+            termios.tcsetattr(self._source, termios.TCSAFLUSH, self._before)
+        except termios.error:  # it is gone: nothing to put back
+            return
+
+    def keys(self, limit_s: float) -> Tuple[str, ...]:
+        """Wait for keys, a wake or the limit, and return the keys; "quit" when the terminal is gone."""
+        data = read_if_ready(self._source, self._wake, limit_s)
+        if data == b"":
+            return ("quit",)
+        keys = self._keys.feed(data or b"")
+        if data is not None and data.endswith(b"\x1b"):
+            more = read_if_ready(self._source, self._wake, _ESCAPE_PAUSE_S)
+            keys += self._keys.feed(more) if more else self._keys.flush()
+        return tuple(keys)
+
+    def _write(self, data: bytes) -> None:
+        try:
+            os.write(self._sink, data)
+        except OSError:
+            return
+
+
+def _key_mode(attributes: List[Any]) -> List[Any]:
+    """Return the attributes for single keys without echo."""
+    attributes[0] &= ~(termios.IXON | termios.IXOFF)
+    attributes[3] &= ~(termios.ICANON | termios.ECHO)
+    controls = attributes[6]
+    controls[termios.VMIN], controls[termios.VTIME] = 1, 0
+    controls[termios.VSUSP] = controls[termios.VQUIT] = b"\x00"
+    return attributes

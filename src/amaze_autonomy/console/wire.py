@@ -1,0 +1,114 @@
+"""Messages made into the console's values: texts cleaned, NaN and infinity None, sizes bounded, nothing trusted.
+
+Works on anything that has the fields of the messages; knows no ROS. A field that a message of another version lacks, or
+that holds nonsense, becomes unknown: a console that shows most of it is better in flight than one that has crashed.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Optional, Tuple
+
+from amaze_autonomy.engine.checks import Check, finite
+from amaze_autonomy.engine.checks import Verdict as CheckVerdict
+
+from .model import MissionRow, PendingFailure, Snapshot, Verdict
+from .text import clean
+
+__all__ = ["missions_of", "snapshot_of", "verdict_of"]
+
+_ROWS = 200
+_CHECK_VERDICTS = {1: CheckVerdict.PASS, 2: CheckVerdict.WARN, 3: CheckVerdict.FAIL, 4: CheckVerdict.UNKNOWN}
+_VERDICTS = {1: Verdict.DONE, 2: Verdict.REFUSED, 3: Verdict.ALREADY}
+
+
+def _text(message: Any, field: str, limit: int = 500) -> str:
+    value = getattr(message, field, "")
+    return clean(value, limit) if isinstance(value, str) else ""
+
+
+def _number(message: Any, field: str) -> Optional[float]:
+    value = getattr(message, field, None)
+    return finite(float(value)) if isinstance(value, (int, float)) else None
+
+
+def _count(message: Any, field: str) -> int:
+    value = getattr(message, field, 0)
+    return value if isinstance(value, int) else 0
+
+
+def _rows(message: Any, field: str) -> Tuple[Any, ...]:
+    return tuple(getattr(message, field, ()))[:_ROWS]
+
+
+def _check(message: Any) -> Check:
+    return Check(
+        name=_text(message, "name", 60),
+        verdict=_CHECK_VERDICTS.get(_count(message, "verdict"), CheckVerdict.UNKNOWN),
+        value=_number(message, "value"),
+        limit=_number(message, "limit"),
+        unit=_text(message, "unit", 12),
+        age_s=_number(message, "age"),
+        advice=_text(message, "advice"),
+    )
+
+
+def _failure(message: Any) -> PendingFailure:
+    return PendingFailure(
+        name=_text(message, "name", 60),
+        code=_count(message, "code"),
+        verb=_text(message, "verb", 20),
+        then=_text(message, "then", 20),
+        time_left_s=_number(message, "time_left"),
+        reason=_text(message, "reason"),
+    )
+
+
+def snapshot_of(message: Any) -> Snapshot:
+    """Make a snapshot of an AutonomyState."""
+    return Snapshot(
+        state=_text(message, "state", 20),
+        step=_text(message, "phase", 20),
+        session_id=_text(message, "session_id", 60),
+        mission_id=_text(message, "mission_id", 40),
+        mission_description=_text(message, "mission_description", 120),
+        file_index=_count(message, "file_index"),
+        files=_count(message, "files"),
+        repetition=_count(message, "repetition"),
+        repetitions=_count(message, "repetitions"),
+        in_flight=bool(getattr(message, "in_flight", True)),
+        checks=tuple(_check(row) for row in _rows(message, "checks")),
+        failures=tuple(_failure(row) for row in _rows(message, "failures")),
+        waiting_for=_text(message, "waiting_for"),
+        time_left_s=_number(message, "time_left"),
+        message=_text(message, "message"),
+        message_level=_count(message, "message_level"),
+        advice=_text(message, "advice"),
+        user_commands=tuple(clean(str(name), 20) for name in _rows(message, "user_commands")),
+        waypoint=_count(message, "waypoint"),
+        waypoints=_count(message, "waypoints"),
+        recording_phase=_text(message, "recording_phase", 20),
+        recording_progress=_number(message, "recording_progress"),
+        data_location=_text(message, "data_location"),
+        result=_text(message, "result", 20),
+    )
+
+
+def missions_of(message: Any) -> Tuple[MissionRow, ...]:
+    """Make the rows of a ListMissions reply."""
+    return tuple(
+        MissionRow(
+            id=_text(row, "id", 40),
+            description=_text(row, "description", 120),
+            files=_count(row, "files"),
+            repetitions=_count(row, "repetitions"),
+            duration_s=_number(row, "estimated_duration"),
+            battery_needed=_number(row, "battery_needed"),
+            error=_text(row, "error"),
+        )
+        for row in _rows(message, "missions")
+    )
+
+
+def verdict_of(answer: Any) -> Verdict:
+    """Return what the answer of a UserCommand says; a number that nobody knows is no answer."""
+    return _VERDICTS.get(answer, Verdict.NO_ANSWER)
