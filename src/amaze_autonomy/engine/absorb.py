@@ -1,6 +1,6 @@
 """What each event changes in what the engine knows. No decisions here: they follow from the facts afterwards.
 
-Late and foreign messages end here: a reply to a request that is no longer current, a status of another session, a status
+Late and foreign messages end here: a reply to a request that is no longer current, a status of another session, one
 that is too old or claims to come from the future, a heartbeat whose loop counter stands still.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Tuple, Type
 
+from .checks import CheckName
 from .commands import Value
 from .events import (
     AutopilotStatus,
@@ -24,7 +25,6 @@ from .events import (
     WatchdogAction,
     WatchdogInfo,
 )
-from .checks import CheckName
 from .modes import MODES, ours
 from .severity import Code
 from .state import CheckRecord, State, Step, evolve
@@ -73,7 +73,15 @@ def _engine_started(turn: Turn, event: EngineStarted) -> None:
         return
     seen = {
         name: turn.now
-        for name in ("heartbeat_ns", "planner_ns", "recorder_ns", "autopilot_ns", "landing_ns", "battery_ns", "position_ns")
+        for name in (
+            "heartbeat_ns",
+            "planner_ns",
+            "recorder_ns",
+            "autopilot_ns",
+            "landing_ns",
+            "battery_ns",
+            "position_ns",
+        )
         if getattr(state, name) is not None
     }
     turn.set(**seen)
@@ -122,7 +130,11 @@ def _check_reply(turn: Turn, event: CheckReply) -> None:
         return
     answered = answer_of(current[0], event, turn.now)
     turn.set(checks=tuple(answered if r is current[0] else r for r in records))
-    if event.check is CheckName.WATCHDOG and event.outcome is Outcome.ACCEPTED and turn.state.watchdog_started_ns is None:
+    if (
+        event.check is CheckName.WATCHDOG
+        and event.outcome is Outcome.ACCEPTED
+        and turn.state.watchdog_started_ns is None
+    ):
         turn.set(watchdog_started_ns=turn.now)
 
 

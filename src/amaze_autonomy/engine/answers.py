@@ -32,7 +32,7 @@ def _component_waited(turn: Turn) -> bool:
 
 
 CONDITIONS: Mapping[str, Callable[[Turn], bool]] = {
-    "always": lambda turn: True,
+    "always": lambda _: True,
     "airborne": lambda turn: turn.state.in_flight and turn.state.step in (Step.CLIMBING, Step.FLYING),
     "in flight": lambda turn: turn.state.in_flight,
     "between files": lambda turn: turn.state.step is Step.TOUCHDOWN,
@@ -76,9 +76,12 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
     },
     UserCommand.GIVE_UP: {
         State.OUTREACH: (Case(_DONE, "Given up; nothing is deleted."),),
-        **{state: _END for state in _BEFORE},
+        **dict.fromkeys(_BEFORE, _END),
         State.TAKEOFF: (Case(_NO, "The takeoff is under way: abort or land."),),
-        State.MISSION: (Case(_DONE, "Given up: no further takeoff.", "between files"), Case(_NO, "The vehicle is in flight: land.")),
+        State.MISSION: (
+            Case(_DONE, "Given up: no further takeoff.", "between files"),
+            Case(_NO, "The vehicle is in flight: land."),
+        ),
         State.HOLD: (Case(_NO, "The vehicle is in flight: land."),),
         State.LAND: (Case(_NO, "The vehicle is in flight; it is landing."),),
         State.PILOT: (Case(_NO, "Land, then acknowledge."),),
@@ -115,7 +118,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.PILOT: _PILOT,
     },
     UserCommand.ABORT: {
-        **{state: _END for state in _BEFORE},
+        **dict.fromkeys(_BEFORE, _END),
         State.TAKEOFF: (Case(_SO, "The takeoff is being cancelled.", "being cancelled"), Case(_DONE, "Aborting.")),
         State.MISSION: (
             Case(_DONE, "On the ground: no further takeoff.", "between files"),

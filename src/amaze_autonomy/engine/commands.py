@@ -62,7 +62,7 @@ class AnswerKind(enum.Enum):
 class Command:
     """Base of all commands."""
 
-    def __new__(cls, *args: Any, **_: Any) -> Command:
+    def __new__(cls, *args: Any, **_: Any) -> Command:  # noqa: PYI034 - typing.Self is newer than 3.8
         """Refuse positional arguments (Python 3.8 has no keyword-only dataclasses)."""
         if args:
             raise TypeError(f"{cls.__name__} takes keyword arguments only")

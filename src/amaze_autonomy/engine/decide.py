@@ -41,7 +41,7 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
 
     Args:
         state: what the engine knew before.
-        event: what has happened; an event older than the state counts as happening now (the state's time never runs back).
+        event: what has happened; one that is older than the state counts as happening now, time never runs back.
         rules: the configuration.
 
     Returns:
@@ -82,12 +82,9 @@ def _answer(turn: Turn) -> None:
         turn.notify("mission_invalid", mission_id=event.mission_id, error=event.error)
         turn.commands.append(Answer(request_id=event.request_id, answer=AnswerKind.REFUSED, message=event.error))
         return
-    if isinstance(event, UserRequest):
-        case = answer_to(turn, event.command)
-    elif isinstance(event, MissionSelected):
-        case = SELECT[turn.state.state]
-    else:
+    if not isinstance(event, (UserRequest, MissionSelected)):
         return
+    case = answer_to(turn, event.command) if isinstance(event, UserRequest) else SELECT[turn.state.state]
     if case.answer is not AnswerKind.DONE:
         turn.consume()
     turn.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
@@ -188,5 +185,3 @@ def _short(command: Request) -> str:
     else:
         detail = ""
     return f"{type(command).__name__}({detail})#{command.id}"
-
-

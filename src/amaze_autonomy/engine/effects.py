@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Callable, Mapping, Tuple
 
+from .absorb import proves_recording
 from .checks import CheckName
 from .commands import (
     AutopilotDisarm,
@@ -15,7 +16,6 @@ from .commands import (
     StartRecording,
     StopRecording,
 )
-from .absorb import proves_recording
 from .events import Landed, RecordingPhase
 from .state import CheckRecord, OutreachKind, Result, State, Step, evolve
 from .timers import check_limit_ns, passed
@@ -73,7 +73,11 @@ def preflight(turn: Turn) -> None:
     """Ask for all checks, and start the time in which the watchdog may fix what fails."""
     state, limits = turn.state, turn.limits
     startup = limits.watchdog_startup_time_ns if state.watchdog_started_ns is None else 0
-    turn.set(rounds=state.rounds + 1, fix_deadline_ns=turn.now + startup + limits.preflight_fix_limit_ns, outreach=OutreachKind.NONE)
+    turn.set(
+        rounds=state.rounds + 1,
+        fix_deadline_ns=turn.now + startup + limits.preflight_fix_limit_ns,
+        outreach=OutreachKind.NONE,
+    )
     run_checks(turn)
 
 
@@ -295,7 +299,9 @@ def clean_up(turn: Turn) -> None:
     turn.set(in_flight=False, land_ns=None, user_hold_ns=None, outreach=OutreachKind.NONE)
     detection = state.landing.landed if state.landing is not None else Landed.UNKNOWN
     if flown and detection is not Landed.ON_GROUND:
-        reason = f"it says {detection.name}" + (f", {state.landing.reason}" if state.landing and state.landing.reason else "")
+        reason = f"it says {detection.name}" + (
+            f", {state.landing.reason}" if state.landing and state.landing.reason else ""
+        )
         turn.notify("landing_unconfirmed", reason=reason)
     if not state.recording_asked:
         return

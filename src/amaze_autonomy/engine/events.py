@@ -139,16 +139,20 @@ class Event:
 
     t_ns: int
 
-    def __new__(cls, *args: Any, **_: Any) -> Event:
+    def __new__(cls, *args: Any, **_: Any) -> Event:  # noqa: PYI034 - typing.Self is newer than 3.8
         """Refuse positional arguments (Python 3.8 has no keyword-only dataclasses)."""
         if args:
             raise TypeError(f"{cls.__name__} takes keyword arguments only")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        self._check("t_ns", isinstance(self.t_ns, int) and self.t_ns >= 0, "a whole number of nanoseconds, not negative")
+        self._check(
+            "t_ns",
+            good=isinstance(self.t_ns, int) and self.t_ns >= 0,
+            expected="a whole number of nanoseconds, not negative",
+        )
 
-    def _check(self, field: str, good: bool, expected: str) -> None:
+    def _check(self, field: str, *, good: bool, expected: str) -> None:
         if not good:
             raise InvalidEventError(type(self).__name__, field, getattr(self, field), expected)
 
@@ -190,7 +194,7 @@ class MissionSelected(Event):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check("missions", len(self.missions) > 0, "at least one mission")
+        self._check("missions", good=len(self.missions) > 0, expected="at least one mission")
 
 
 @dataclass(frozen=True)
@@ -333,7 +337,7 @@ class RecordingStatus(Event):
 
 @dataclass(frozen=True)
 class AutopilotStatus(Event):
-    """What the vehicle says of itself; None is unknown. Position is east, north of the takeoff position, height above it."""
+    """What the vehicle says of itself; None is unknown. Position: east and north of the takeoff position, height above."""
 
     armed: Optional[bool]
     landed: VehicleLanded

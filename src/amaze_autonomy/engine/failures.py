@@ -59,7 +59,9 @@ def update(turn: Turn) -> Tuple[Change, ...]:
     ledger.close(new)
     if not new and not old:
         return ()
-    turn.set(failures=tuple(new), spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without)))
+    turn.set(
+        failures=tuple(new), spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without))
+    )
     return _changes(old, turn.state) if turn.state.in_flight else ()
 
 
@@ -147,7 +149,8 @@ def _lost(turn: Turn, old: Dict[str, Failure]) -> List[Failure]:
 
 def _words(values: Tuple[Value, ...]) -> str:
     return ", ".join(
-        f"{v.name} {v.value}{' ' + v.unit if v.unit else ''}" + (f", limit {v.limit}" if v.limit is not None else "") for v in values
+        f"{v.name} {v.value}{' ' + v.unit if v.unit else ''}" + (f", limit {v.limit}" if v.limit is not None else "")
+        for v in values
     )
 
 
@@ -169,7 +172,9 @@ def _changes(old: Tuple[Failure, ...], state: EngineState) -> Tuple[Change, ...]
             continue
         dropped = failure.verb is Verb.CONTINUE and failure.name in state.flown_without
         changes.append(Change("flown_without" if dropped else f"failure_{failure.verb.name.lower()}", failure))
-    changes += [Change("failure_back", failure) for failure in old if failure.name in before and failure.name != USER_HOLD]
+    changes += [
+        Change("failure_back", failure) for failure in old if failure.name in before and failure.name != USER_HOLD
+    ]
     return tuple(changes)
 
 

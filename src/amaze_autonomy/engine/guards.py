@@ -1,4 +1,4 @@
-"""The conditions of the transition table. Each returns what it looked at when it holds, else None, and changes nothing."""
+"""The conditions of the transition table. Each returns what it looked at when it holds, else None; none changes a thing."""
 
 from __future__ import annotations
 
@@ -101,7 +101,9 @@ def mission_selected(turn: Turn) -> Optional[Values]:
 
 def next_in_queue(turn: Turn) -> Optional[Values]:
     """A further mission was selected, and the last one is complete."""
-    return _if(turn.state.queue and turn.state.result is Result.COMPLETE, Value("missions to come", len(turn.state.queue)))
+    return _if(
+        turn.state.queue and turn.state.result is Result.COMPLETE, Value("missions to come", len(turn.state.queue))
+    )
 
 
 def mission_waits(turn: Turn) -> Optional[Values]:
@@ -129,7 +131,9 @@ def all_checks_passed(turn: Turn) -> Optional[Values]:
 
 
 def _failed(turn: Turn) -> Values:
-    return tuple(Value(f"check {r.check.value}", r.message or "failed") for r in turn.state.checks if r.outcome and not r.ok)
+    return tuple(
+        Value(f"check {r.check.value}", r.message or "failed") for r in turn.state.checks if r.outcome and not r.ok
+    )
 
 
 def all_answered(turn: Turn) -> bool:
@@ -209,7 +213,11 @@ def go_not_required(turn: Turn) -> Optional[Values]:
 def recording_proven(turn: Turn) -> Optional[Values]:
     """Files grow on every platform, and the lead time has passed."""
     recorder = turn.state.recorder
-    if recorder is None or not proves_recording(recorder) or not passed("recording_lead", turn.state, turn.rules, turn.now):
+    if (
+        recorder is None
+        or not proves_recording(recorder)
+        or not passed("recording_lead", turn.state, turn.rules, turn.now)
+    ):
         return None
     return (Value("platforms that record", len(recorder.platforms)),)
 
@@ -249,7 +257,9 @@ def data_incomplete(turn: Turn) -> Optional[Values]:
         return (Value("recorder", f"silent for {turn.limits.recorder_status_limit_ns / _NS:g} s"),)
     if state.recorder is None or state.recorder.phase is not RecordingPhase.FAILED:
         return None
-    since = state.recorder_ns is not None and state.recorder_ns - state.entered_ns >= turn.limits.recorder_status_limit_ns
+    since = (
+        state.recorder_ns is not None and state.recorder_ns - state.entered_ns >= turn.limits.recorder_status_limit_ns
+    )
     return _if(state.recording_progressed or since, Value("recorder", state.recorder.message or "FAILED"))
 
 
@@ -261,7 +271,11 @@ def planner_confirmed(turn: Turn) -> Optional[Values]:
     state, planner = turn.state, turn.state.planner
     if planner is None or state.mission is None or state.load_outcome is not Outcome.ACCEPTED:
         return None
-    same = (planner.mission_id, planner.file_index, planner.repetition) == (state.mission.id, state.file_index, state.repetition)
+    same = (planner.mission_id, planner.file_index, planner.repetition) == (
+        state.mission.id,
+        state.file_index,
+        state.repetition,
+    )
     return _if(same and planner.phase is MissionPhase.LOADED, Value("planner phase", "LOADED"))
 
 
@@ -408,7 +422,11 @@ def last_leg(turn: Turn) -> Optional[Values]:
     if mission is None:
         return ()
     last = state.file_index + 1 >= mission.files and state.repetition + 1 >= mission.repetitions
-    return _if(last, Value("file", state.file_index + 1, mission.files), Value("repetition", state.repetition + 1, mission.repetitions))
+    return _if(
+        last,
+        Value("file", state.file_index + 1, mission.files),
+        Value("repetition", state.repetition + 1, mission.repetitions),
+    )
 
 
 def cancelled_on_ground(turn: Turn) -> Optional[Values]:
@@ -440,7 +458,11 @@ def ground_armed(turn: Turn) -> Optional[Values]:
     flies = detection is not None and detection.landed is Landed.AIRBORNE
     if not turn.on_ground() or not turn.armed() or flies:
         return None
-    return _if(passed("ground_disarm_after", turn.state, turn.rules, turn.now), Value("landed", "ON_GROUND"), Value("armed", True))
+    return _if(
+        passed("ground_disarm_after", turn.state, turn.rules, turn.now),
+        Value("landed", "ON_GROUND"),
+        Value("armed", True),
+    )
 
 
 def cancelled(turn: Turn) -> Optional[Values]:
@@ -466,7 +488,13 @@ def one_route_only(turn: Turn) -> Optional[Values]:
 
 def next_takeoff_failed(turn: Turn) -> Optional[Values]:
     """On the ground between two files: whatever forbids a takeoff forbids the next one."""
-    for guard in (check_failed, taken_back, planner_refused, timer("load_limit"), both(all_answered_values, timer("check_max_age"))):
+    for guard in (
+        check_failed,
+        taken_back,
+        planner_refused,
+        timer("load_limit"),
+        both(all_answered_values, timer("check_max_age")),
+    ):
         values = guard(turn)
         if values is not None:
             return values

@@ -46,7 +46,9 @@ def _autopilot_status(turn: Turn) -> Optional[Values]:
     if passed("autopilot_status_limit", state, turn.rules, turn.now):
         return _age(turn, "age of the autopilot's status", state.autopilot_ns, limits.autopilot_status_limit_ns)
     status = state.autopilot
-    if status is not None and (status.link_age_s is None or passed("autopilot_link_limit", state, turn.rules, turn.now)):
+    if status is not None and (
+        status.link_age_s is None or passed("autopilot_link_limit", state, turn.rules, turn.now)
+    ):
         return (Value("age of the autopilot's link", status.link_age_s, limits.autopilot_link_limit_ns / _NS, "s"),)
     return None
 
@@ -101,7 +103,9 @@ PREDICATES: Mapping[str, Callable[[Turn], Optional[Values]]] = {
     "watchdog_heartbeat": _silent(
         "watchdog_heartbeat_limit", "heartbeat_ns", "watchdog_heartbeat_limit_ns", "age of the watchdog's heartbeat"
     ),
-    "planner_status": _silent("planner_status_limit", "planner_ns", "planner_status_limit_ns", "age of the planner's status"),
+    "planner_status": _silent(
+        "planner_status_limit", "planner_ns", "planner_status_limit_ns", "age of the planner's status"
+    ),
     "planner_failed": _planner_failed,
     "autopilot_status": _autopilot_status,
     "battery_unknown": _silent("battery_age_limit", "battery_ns", "battery_age_limit_ns", "age of the battery level"),

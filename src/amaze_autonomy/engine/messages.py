@@ -23,7 +23,9 @@ _I, _W, _E, _A = Level.INFO, Level.WARNING, Level.ERROR, Level.ALARM
 
 MESSAGES: Mapping[str, Message] = {
     "mission_input": Message(_I, "Select a mission.", "Choose a mission from the list."),
-    "mission_invalid": Message(_E, "Mission {mission_id} cannot be flown: {error}", "Choose another mission, or mend this one."),
+    "mission_invalid": Message(
+        _E, "Mission {mission_id} cannot be flown: {error}", "Choose another mission, or mend this one."
+    ),
     "resumed": Message(_W, "The engine was restarted and goes on in {state}."),
     "preflight": Message(_I, "Pre-flight checks of mission {mission_id} are running."),
     "preflight_fixing": Message(_W, "The watchdog is fixing: {reason}", "Wait; the checks are repeated."),
@@ -32,21 +34,31 @@ MESSAGES: Mapping[str, Message] = {
     "ready_old": Message(_W, "Ready is older than {limit_s:.0f} s: the checks are repeated."),
     "ready_taken_back": Message(_W, "Ready is taken back: {reason}", "The checks are repeated."),
     "check_failed": Message(_W, "A check failed before takeoff: {reason}", "The checks are repeated."),
-    "checks_failed": Message(_E, "Pre-flight checks failed: {reason}", "Follow the advice in the table, then retry, or give up."),
+    "checks_failed": Message(
+        _E, "Pre-flight checks failed: {reason}", "Follow the advice in the table, then retry, or give up."
+    ),
     "start_recording": Message(_I, "Recording is starting."),
-    "recording_refused": Message(_E, "The recorder does not record: {reason}", "Check storage and recorder, then retry, or give up."),
+    "recording_refused": Message(
+        _E, "The recorder does not record: {reason}", "Check storage and recorder, then retry, or give up."
+    ),
     "load_mission": Message(_I, "Mission {mission_id} is sent to the mission planner."),
     "planner_refused": Message(
-        _E, "The mission planner did not accept the mission: {reason}", "Check planner and mission, then retry, or give up."
+        _E,
+        "The mission planner did not accept the mission: {reason}",
+        "Check planner and mission, then retry, or give up.",
     ),
     "takeoff": Message(_I, "Takeoff."),
     "takeoff_refused": Message(
         _E, "Takeoff was refused or did not happen: {reason}", "Check autopilot and planner, then retry, or give up."
     ),
-    "takeoff_cancelled": Message(_W, "Takeoff is being cancelled: {reason}", "Keep clear until the vehicle is disarmed."),
+    "takeoff_cancelled": Message(
+        _W, "Takeoff is being cancelled: {reason}", "Keep clear until the vehicle is disarmed."
+    ),
     "mission": Message(_I, "At takeoff height: the mission is flown."),
     "touchdown": Message(_I, "Touched down: the next waypoint file is prepared."),
-    "next_takeoff_failed": Message(_W, "No further takeoff: {reason}", "The data is collected; select the mission again to go on."),
+    "next_takeoff_failed": Message(
+        _W, "No further takeoff: {reason}", "The data is collected; select the mission again to go on."
+    ),
     "hold": Message(_W, "Holding position: {reason}", "Wait, or land."),
     "user_hold": Message(_I, "Holding position as you asked.", "Resume, or land."),
     "resuming": Message(_I, "Resuming the mission."),
@@ -57,17 +69,27 @@ MESSAGES: Mapping[str, Message] = {
     "land_second_route": Message(_E, "The vehicle does not show that it lands: the autopilot is told directly."),
     "land_alarm": Message(_A, "PILOT: THE VEHICLE DOES NOT LAND. TAKE OVER.", "Take over by remote control."),
     "land_limit": Message(_A, "PILOT: NOT LANDED AFTER {limit_s:.0f} s. TAKE OVER.", "Take over by remote control."),
-    "autopilot_lost": Message(_A, "PILOT: THE AUTOPILOT IS SILENT. TAKE OVER IF YOU CAN.", "Take over by remote control."),
+    "autopilot_lost": Message(
+        _A, "PILOT: THE AUTOPILOT IS SILENT. TAKE OVER IF YOU CAN.", "Take over by remote control."
+    ),
     "disarm": Message(_W, "On the ground but still armed: disarming.", "Keep clear."),
     "pilot": Message(
-        _W, "The pilot or the autopilot has control: {reason}", "Fly and land; acknowledge when on the ground and disarmed."
+        _W,
+        "The pilot or the autopilot has control: {reason}",
+        "Fly and land; acknowledge when on the ground and disarmed.",
     ),
     "landing_unconfirmed": Message(_W, "Landed and disarmed; the landing detection does not confirm it: {reason}"),
     "data_cleanup": Message(_I, "On the ground: recording is stopped, data is collected."),
     "data_incomplete": Message(_E, "The data is not complete: {reason}", "Retry, or give up; nothing is deleted."),
     "mission_ended": Message(_I, "Mission ended: {result}. {location}", "Select the next mission."),
-    "queue_dropped": Message(_W, "The missions that were still to come are not flown: {missions}", "Select them again."),
-    "shutdown": Message(_E, "Told to end ({signal}) in flight: landing on both routes.", "Watch the vehicle; take over if it does not land."),
+    "queue_dropped": Message(
+        _W, "The missions that were still to come are not flown: {missions}", "Select them again."
+    ),
+    "shutdown": Message(
+        _E,
+        "Told to end ({signal}) in flight: landing on both routes.",
+        "Watch the vehicle; take over if it does not land.",
+    ),
     "failure_continue": Message(_W, "{name}: {reason} The mission goes on."),
     "failure_wait": Message(_W, "{name}: {reason} The mission waits."),
     "failure_land": Message(_E, "{name}: {reason} Landing."),

@@ -1,4 +1,4 @@
-"""The rules: everything that a configuration can say to the engine. Two rule sets make two engines; nothing else does."""
+"""The rules: everything that a configuration can say to the engine. Two rule sets make two engines, nothing else."""
 
 from __future__ import annotations
 
@@ -101,7 +101,9 @@ LOSSES: Tuple[Loss, ...] = (
     Loss("flight_time", Verb.LAND, False, False, "the maximum flight time is reached"),
     Loss("height", Verb.LAND, False, False, "the height limit is exceeded"),
     Loss("distance", Verb.LAND, False, False, "the distance limit is exceeded"),
-    Loss("position_unknown", Verb.CONTINUE, False, False, "height or position is unknown: their limits cannot be checked"),
+    Loss(
+        "position_unknown", Verb.CONTINUE, False, False, "height or position is unknown: their limits cannot be checked"
+    ),
     Loss("recorder_dead", Verb.CONTINUE, False, False, "the recorder is silent or does not record"),
     Loss("landing_detection", Verb.CONTINUE, False, False, "the landing detection is silent"),
 )

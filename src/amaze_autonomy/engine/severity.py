@@ -10,7 +10,17 @@ import enum
 from dataclasses import dataclass
 from typing import Mapping, Optional
 
-__all__ = ["SEVERITIES", "Code", "ComponentRule", "Restart", "Severity", "SeverityRow", "Verb", "row_of_code", "verb_of"]
+__all__ = [
+    "SEVERITIES",
+    "Code",
+    "ComponentRule",
+    "Restart",
+    "Severity",
+    "SeverityRow",
+    "Verb",
+    "row_of_code",
+    "verb_of",
+]
 
 
 class Code(enum.IntEnum):
@@ -94,7 +104,9 @@ class ComponentRule:
 
     def __post_init__(self) -> None:
         if self.group == "px4" and self.restart:
-            raise ValueError(f"{self.name}: a component of the PX4 is never restarted, the vehicle would be uncontrollable")
+            raise ValueError(
+                f"{self.name}: a component of the PX4 is never restarted, the vehicle would be uncontrollable"
+            )
         if self.wait_limit_ns < 0:
             raise ValueError(f"{self.name}: wait_limit_ns is {self.wait_limit_ns}, must not be negative")
 

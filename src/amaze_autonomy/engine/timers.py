@@ -1,6 +1,6 @@
 """Every wait of the engine: where it applies, when it ends, and what it is called. There is no other one.
 
-Guards ask `passed` by name; the shell asks `next_deadline` when to wake the engine; `state_deadline` is what a person is
+Guards ask `passed` by name; the shell asks `next_deadline` when to wake the engine; `state_deadline` is what people are
 shown. A timer whose time has come and that changed nothing does not wake the engine again.
 """
 
@@ -122,7 +122,11 @@ TIMERS: Tuple[Timer, ...] = (
     Timer("preflight_fix_limit", (State.PREFLIGHT,), lambda s, _: s.fix_deadline_ns, ends_state=True),
     Timer("check_max_age", (State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)), _check_age),
     Timer("ready_limit", (State.READY,), _entered("ready_limit_ns"), ends_state=True),
-    Timer("recording_lead", (State.START_RECORDING,), lambda s, r: _after(s.recording_since_ns, r.limits.recording_lead_ns)),
+    Timer(
+        "recording_lead",
+        (State.START_RECORDING,),
+        lambda s, r: _after(s.recording_since_ns, r.limits.recording_lead_ns),
+    ),
     Timer("recording_start_limit", (State.START_RECORDING,), _entered("recording_start_limit_ns"), ends_state=True),
     Timer("load_limit", (State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)), _step("load_limit_ns"), ends_state=True),
     Timer("arm_limit", ((State.TAKEOFF, Step.ARMING),), _step("arm_limit_ns"), ends_state=True),
@@ -132,7 +136,12 @@ TIMERS: Tuple[Timer, ...] = (
     Timer("hold_confirm_limit", ((State.HOLD, Step.CONFIRMING),), _step("hold_confirm_limit_ns"), ends_state=True),
     Timer("resume_confirm_limit", ((State.HOLD, Step.RESUMING),), _step("resume_confirm_limit_ns"), ends_state=True),
     Timer("wait_limit", _FLYING, _wait, ends_state=True),
-    Timer("user_hold_limit", (State.HOLD,), lambda s, r: _after(s.user_hold_ns, r.limits.user_hold_limit_ns), ends_state=True),
+    Timer(
+        "user_hold_limit",
+        (State.HOLD,),
+        lambda s, r: _after(s.user_hold_ns, r.limits.user_hold_limit_ns),
+        ends_state=True,
+    ),
     Timer(
         "flight_time",
         _WATCHED,
@@ -140,7 +149,11 @@ TIMERS: Tuple[Timer, ...] = (
         ends_state=True,
     ),
     Timer("watchdog_heartbeat_limit", (*_TAKING_BACK, *_WATCHED), heartbeat_end),
-    Timer("planner_status_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.planner_ns, r.limits.planner_status_limit_ns)),
+    Timer(
+        "planner_status_limit",
+        _WATCHED,
+        lambda s, r: _in_flight_since(s, s.planner_ns, r.limits.planner_status_limit_ns),
+    ),
     Timer(
         "autopilot_status_limit",
         _WATCHED,
@@ -148,22 +161,40 @@ TIMERS: Tuple[Timer, ...] = (
     ),
     Timer("autopilot_link_limit", _WATCHED, _link),
     Timer("battery_age_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.battery_ns, r.limits.battery_age_limit_ns)),
-    Timer("position_age_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.position_ns, r.limits.position_age_limit_ns)),
-    Timer("recorder_status_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.recorder_ns, r.limits.recorder_status_limit_ns)),
+    Timer(
+        "position_age_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.position_ns, r.limits.position_age_limit_ns)
+    ),
+    Timer(
+        "recorder_status_limit",
+        _WATCHED,
+        lambda s, r: _in_flight_since(s, s.recorder_ns, r.limits.recorder_status_limit_ns),
+    ),
     Timer(
         "landing_detection_limit",
         _WATCHED,
         lambda s, r: _in_flight_since(s, s.landing_ns, r.limits.landing_detection_limit_ns),
     ),
-    Timer("confirm_limit", ((State.MISSION, Step.FLYING), State.HOLD, State.LAND), lambda s, r: _after(s.grounded_ns, r.limits.confirm_limit_ns)),
+    Timer(
+        "confirm_limit",
+        ((State.MISSION, Step.FLYING), State.HOLD, State.LAND),
+        lambda s, r: _after(s.grounded_ns, r.limits.confirm_limit_ns),
+    ),
     Timer("land_repeat_period", (State.LAND,), lambda s, r: s.land_sent_ns + r.limits.land_repeat_period_ns),
     Timer("land_second_route_after", ((State.LAND, Step.COMMANDING),), _second_route),
-    Timer("land_alarm_after", ((State.LAND, Step.COMMANDING),), lambda s, r: _after(s.land_ns, r.limits.land_alarm_after_ns)),
+    Timer(
+        "land_alarm_after",
+        ((State.LAND, Step.COMMANDING),),
+        lambda s, r: _after(s.land_ns, r.limits.land_alarm_after_ns),
+    ),
     Timer("descent_time", (State.LAND,), lambda s, r: _after(s.descending_ns, r.limits.descent_time_ns)),
     Timer("land_limit", (State.LAND,), lambda s, r: _after(s.land_ns, r.limits.land_limit_ns), ends_state=True),
     Timer("ground_disarm_after", (State.LAND,), _disarm),
     Timer("never_armed", (State.LAND,), lambda s, r: None if s.was_armed else _after(s.land_ns, r.limits.arm_limit_ns)),
-    Timer("recorder_silent", (State.DATA_CLEANUP,), lambda s, r: max(s.recorder_ns or 0, s.entered_ns) + r.limits.recorder_status_limit_ns + 1),
+    Timer(
+        "recorder_silent",
+        (State.DATA_CLEANUP,),
+        lambda s, r: max(s.recorder_ns or 0, s.entered_ns) + r.limits.recorder_status_limit_ns + 1,
+    ),
     Timer("data_cleanup_limit", (State.DATA_CLEANUP,), _entered("data_cleanup_limit_ns"), ends_state=True),
 )
 
@@ -172,7 +203,10 @@ _BY_NAME: Dict[str, Timer] = {timer.name: timer for timer in TIMERS}
 
 def applies(timer: Timer, state: EngineState) -> bool:
     """Return True when a timer applies in the engine's present state and step."""
-    return any(place == (state.state, state.step) if isinstance(place, tuple) else place is state.state for place in timer.places)
+    return any(
+        place == (state.state, state.step) if isinstance(place, tuple) else place is state.state
+        for place in timer.places
+    )
 
 
 def _index() -> Mapping[Tuple[State, Step], Tuple[Timer, ...]]:
@@ -209,7 +243,7 @@ def next_deadline(state: EngineState, rules: Rules) -> Optional[int]:
 
 
 def state_deadline(state: EngineState, rules: Rules) -> Optional[Tuple[str, int]]:
-    """Return name and time of the first timer that ends the present state; None in the states that wait for a person."""
+    """Return name and time of the first timer that ends the present state; None where a person is waited for."""
     ends = [
         (end, timer.name)
         for timer in _AT[state.state, state.step]
