@@ -5,6 +5,25 @@
 
 from __future__ import annotations
 
+from .autonomy_schema import Streams
 from .errors import ConfigError, Place
+from .loader import FILES, hash_of, load_configuration, rules_of_effective
+from .model import Configuration
+from .overrides import Overrides
+from .recording_schema import Platform, Recording, Storage, TopicGroup
 
-__all__ = ["ConfigError", "Place"]
+__all__ = [
+    "FILES",
+    "ConfigError",
+    "Configuration",
+    "Overrides",
+    "Place",
+    "Platform",
+    "Recording",
+    "Storage",
+    "Streams",
+    "TopicGroup",
+    "hash_of",
+    "load_configuration",
+    "rules_of_effective",
+]

@@ -18,7 +18,7 @@ from .errors import ConfigError, Place
 __all__ = ["Entry", "Items", "Scalar", "Table", "entry_of", "parse", "read", "replace"]
 
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same parser, some ten times faster with libyaml
-_RESOLVER = yaml.resolver.Resolver()
+_RESOLVER: Any = yaml.resolver.Resolver()
 _DEPTH = 12
 _BYTES = 1_000_000
 _TAGS = {f"tag:yaml.org,2002:{name}": name for name in ("bool", "float", "int", "null", "str", "timestamp")}
@@ -176,7 +176,9 @@ class _Builder:
 
     def _key(self, event: Any, path: Tuple[str, ...]) -> str:
         if not isinstance(event, yaml.ScalarEvent) or event.tag not in (None, "!"):
-            raise ConfigError(self._place(event), ".".join(path), "has a key that is not a word", "must have plain keys")
+            raise ConfigError(
+                self._place(event), ".".join(path), "has a key that is not a word", "must have plain keys"
+            )
         if event.value == "<<" and event.implicit[0]:
             right = "must be written out: merge keys are not taken"
             raise ConfigError(self._place(event), ".".join((*path, "<<")), "is a merge key", right)

@@ -1,6 +1,6 @@
 """What can be wrong with a configuration.
 
-    ConfigError        one mistake in one file: where it is, what is wrong, what would be right
+ConfigError        one mistake in one file: where it is, what is wrong, what would be right
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Kinds of single values: what a key may be given. A kind reads an entry of a document, and says in words what it takes.
+"""Kinds of single values: what a key may be given. A kind reads an entry of a document and says what it takes.
 
 Numbers must be written plainly. YAML 1.1 would read `010` as 8, `1:30` as 90 and `1e3` as a text: each is an error that
 says what to write instead.
@@ -15,7 +15,20 @@ from .document import Entry, Items, Scalar, Table
 from .errors import ConfigError, Place
 from .units import unit_words
 
-__all__ = ["Address", "Choice", "Flag", "Kind", "ListOf", "Number", "Places", "Text", "Whole", "described", "dotted", "refuse"]
+__all__ = [
+    "Address",
+    "Choice",
+    "Flag",
+    "Kind",
+    "ListOf",
+    "Number",
+    "Places",
+    "Text",
+    "Whole",
+    "described",
+    "dotted",
+    "refuse",
+]
 
 Address = Tuple[str, ...]
 Places = Dict[Address, Place]

@@ -69,7 +69,9 @@ class Group(Kind):
                 self._unknown(place, address, name, value)
             given[name] = known[name].kind.read(value, (*address, name), places)
             places[(*address, name)] = place
-        return {key.name: given[key.name] if key.name in given else self._absent(key, entry, address) for key in self.keys}
+        return {
+            key.name: given[key.name] if key.name in given else self._absent(key, entry, address) for key in self.keys
+        }
 
     def _absent(self, key: Key, entry: Entry, address: Address) -> Any:
         if isinstance(key.default, _Required):
@@ -129,7 +131,9 @@ class Named(Kind):
         """Return the values by name, in the order of the file."""
         places[address] = entry.place
         if not isinstance(entry, Table) or len(entry.entries) < self.at_least:
-            refuse(entry, address, "is empty" if isinstance(entry, Table) else described(entry), "must be " + self.words())
+            refuse(
+                entry, address, "is empty" if isinstance(entry, Table) else described(entry), "must be " + self.words()
+            )
         values: Dict[str, Any] = {}
         for name, (place, value) in entry.entries.items():
             here = (*address, name)

@@ -1,0 +1,134 @@
+"""Makes the frozen values of the package from the checked values of the files."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, Dict, Mapping, Optional, Tuple
+
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.rules import Limits, Rules
+from amaze_autonomy.engine.severity import ComponentRule, Severity
+from amaze_autonomy.monitoring.specs import (
+    AutopilotSensor,
+    ComponentSpec,
+    EstimateSource,
+    LandingSpec,
+    PollingSpec,
+    RangeSource,
+    RestartPolicy,
+    RestartSpec,
+    StateEstimationSpec,
+    TopicSpec,
+)
+
+from .autonomy_schema import LIMIT_GROUPS
+from .binding import field_value, key_name, make
+from .kinds import Places
+from .recording_schema import Platform, Recording, Storage, TopicGroup
+
+__all__ = ["components_of", "landing_of", "limits_of", "mission_of", "recording_of", "rules_of", "state_estimation_of"]
+
+_Values = Mapping[str, Any]
+
+
+def limits_of(autonomy: _Values) -> Limits:
+    """Return the engine's limits."""
+    given: Dict[str, Any] = {}
+    for group, _, rows in LIMIT_GROUPS:
+        for row in rows:
+            given[row[0]] = field_value(row[0], autonomy[group][key_name(row[0])])
+    return Limits(**given)
+
+
+def rules_of(autonomy: _Values, sensors: _Values) -> Rules:
+    """Return the engine's rules.
+
+    A component that has no wait of its own gets that of unlisted ones, for missions that judge it otherwise.
+    """
+    limits = limits_of(autonomy)
+    rows = tuple(_rule(name, values, limits) for name, values in sensors["components"].items())
+    return Rules(rows, limits, autonomy["require_go"])
+
+
+def _rule(name: str, values: _Values, limits: Limits) -> ComponentRule:
+    wait = values["wait_limit_s"]
+    return ComponentRule(
+        name=name,
+        group=values["group"],
+        restart=values["restart"]["policy"] != "never",
+        severity=Severity(values["severity"]),
+        wait_limit_ns=limits.unlisted_wait_limit_ns if wait is None else field_value("wait_limit_ns", wait),
+    )
+
+
+def components_of(sensors: _Values, places: Places) -> Tuple[ComponentSpec, ...]:
+    """Return what the watchdog watches."""
+    polling = make(PollingSpec, sensors["polling"], ("polling",), places)
+    return tuple(_component(name, values, polling, places) for name, values in sensors["components"].items())
+
+
+def _component(name: str, values: _Values, polling: PollingSpec, places: Places) -> ComponentSpec:
+    here, restart = ("components", name), values["restart"]
+    topics = tuple(
+        make(TopicSpec, topic, (*here, "topics", address), places, topic=address)
+        for address, topic in values["topics"].items()
+    )
+    policy = RestartPolicy(restart["policy"])
+    sensor: Optional[str] = values["autopilot"]
+    return make(
+        ComponentSpec,
+        {**values, "wait_limit_s": values["wait_limit_s"] or 0.0},
+        here,
+        places,
+        name=name,
+        severity=Severity(values["severity"]),
+        topics=topics,
+        autopilot=AutopilotSensor(sensor) if sensor else None,
+        restart=make(RestartSpec, restart, (*here, "restart"), places, policy=policy),
+        polling=polling,
+    )
+
+
+def landing_of(sensors: _Values, places: Places) -> LandingSpec:
+    """Return the specification of the landing detection."""
+    values = sensors["landing_detection"]
+    return make(LandingSpec, values, ("landing_detection",), places, source=RangeSource(values["source"]))
+
+
+def state_estimation_of(sensors: _Values, places: Places) -> StateEstimationSpec:
+    """Return the specification of the check of the states."""
+    values = sensors["state_estimation"]
+    return make(StateEstimationSpec, values, ("state_estimation",), places, source=EstimateSource(values["source"]))
+
+
+def mission_of(mission_id: str, values: _Values, needed_fraction: float, duration_s: float) -> Mission:
+    """Return a mission as the engine sees it."""
+    limits = {field.name: None for field in fields(Mission) if field.name.startswith("max_")}
+    for name in limits:
+        value = values["limits"][key_name(name)]
+        limits[name] = None if value is None else field_value(name, value)
+    return Mission(
+        id=mission_id,
+        description=values["description"],
+        files=len(values["files"]),
+        repetitions=values["repetitions"],
+        battery_needed_fraction=needed_fraction,
+        estimated_duration_s=duration_s,
+        severities=tuple((name, Severity(value)) for name, value in values["severities"].items()),
+        required=tuple(values["required"]),
+        tolerated=tuple(values["tolerated"]),
+        **limits,
+    )
+
+
+def recording_of(recording: _Values, places: Places) -> Recording:
+    """Return what is recorded."""
+    return make(
+        Recording,
+        recording,
+        (),
+        places,
+        platforms=tuple(Platform(name, tuple(values["groups"])) for name, values in recording["platforms"].items()),
+        groups=tuple(TopicGroup(name, tuple(values["topics"])) for name, values in recording["groups"].items()),
+        storage=make(Storage, recording["storage"], ("storage",), places),
+    )

@@ -1,0 +1,132 @@
+"""Loads a folder of configuration files: all of them, once, strictly. One mistake is one `ConfigError`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Dict, Mapping, Sequence, Tuple, Union
+
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.missions import Bounds, FlightModel
+from amaze_autonomy.monitoring.specs import BatterySpec
+
+from .autonomy_schema import AUTONOMY, Streams
+from .binding import make
+from .build import components_of, landing_of, recording_of, rules_of, state_estimation_of
+from .consistency import check_autonomy, check_components, check_recording
+from .document import Entry, entry_of, read
+from .errors import ConfigError, Place
+from .kinds import Places
+from .missions_schema import MISSIONS
+from .model import Configuration
+from .overrides import Overrides, apply_overrides
+from .recording_schema import RECORDING
+from .schema import Group
+from .sensors_schema import SENSORS
+from .trajectories import Files, plans_of, read_files
+
+__all__ = ["FILES", "hash_of", "load_configuration", "rules_of_effective"]
+
+FILES: Mapping[str, Group] = {
+    "autonomy": AUTONOMY,
+    "sensors": SENSORS,
+    "missions": MISSIONS,
+    "recording": RECORDING,
+}
+_Read = Tuple[Dict[str, Any], Dict[str, Places]]
+
+
+def load_configuration(folder: Union[str, Path], overrides: Overrides = ()) -> Configuration:
+    """Load and check every file of a folder.
+
+    Args:
+        folder: with autonomy.yaml, sensors.yaml, missions.yaml, recording.yaml and the waypoint files.
+        overrides: "file.key.key=value" texts, or a mapping from "file.key.key" to plain values; they replace what the
+            files say and are checked in the same way.
+
+    Raises:
+        ConfigError: the first mistake.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ConfigError(Place(str(folder)), "", "is not a folder", f"must hold {', '.join(_names())}")
+    trees = {name: read(folder / f"{name}.yaml") for name in FILES}
+    values, places = _read_all(apply_overrides(trees, overrides))
+    _check(values, places)
+    files = read_files(folder, values["missions"], places["missions"])
+    return _configuration(folder, values, places, files)
+
+
+def rules_of_effective(effective: Mapping[str, Any]) -> Rules:
+    """Return the engine's rules of an effective configuration, e.g. from the header of a journal.
+
+    Raises:
+        ConfigError: it is not one.
+    """
+    place = Place("effective configuration")
+    for name in ("autonomy", "sensors"):
+        if not isinstance(effective.get(name), Mapping):
+            raise ConfigError(place, name, "is missing", "must be a group of keys")
+    trees = {name: entry_of(_given(effective[name]), place) for name in ("autonomy", "sensors")}
+    values, places = _read_all(trees)
+    _check(values, places)
+    return rules_of(values["autonomy"], values["sensors"])
+
+
+def hash_of(effective: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of plain values as canonical JSON: the same on every machine and Python."""
+    text = json.dumps(effective, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def _given(value: Any) -> Any:
+    """Return plain values without the keys that were left out, which an effective configuration has as None."""
+    if isinstance(value, Mapping):
+        return {name: _given(item) for name, item in value.items() if item is not None}
+    return value
+
+
+def _names() -> Sequence[str]:
+    return [f"{name}.yaml" for name in FILES]
+
+
+def _read_all(trees: Mapping[str, Entry]) -> _Read:
+    values: Dict[str, Any] = {}
+    places: Dict[str, Places] = {}
+    for name, tree in trees.items():
+        places[name] = {}
+        values[name] = FILES[name].read(tree, (), places[name])
+    return values, places
+
+
+def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
+    check_autonomy(values["autonomy"], places["autonomy"])
+    check_components(values["sensors"]["components"], places["sensors"])
+    if "recording" in values:
+        check_recording(values["recording"], places["recording"])
+
+
+def _configuration(
+    folder: Path, values: Mapping[str, Any], places: Mapping[str, Places], files: Files
+) -> Configuration:
+    autonomy, sensors, missions = values["autonomy"], values["sensors"], values["missions"]
+    rules = rules_of(autonomy, sensors)
+    components = components_of(sensors, places["sensors"])
+    names = tuple(component.name for component in components)
+    effective = {**values, "trajectories": {name: digest for name, (_, digest) in files.items()}}
+    return Configuration(
+        folder=folder,
+        rules=rules,
+        streams=make(Streams, autonomy["streams"], ("streams",), places["autonomy"]),
+        components=components,
+        landing=landing_of(sensors, places["sensors"]),
+        state_estimation=state_estimation_of(sensors, places["sensors"]),
+        battery=make(BatterySpec, sensors["battery"], ("battery",), places["sensors"]),
+        flight=make(FlightModel, missions["flight"], ("flight",), places["missions"]),
+        bounds=make(Bounds, missions["bounds"], ("bounds",), places["missions"]),
+        plans=plans_of(folder, missions, files, rules.limits, names, places["missions"]),
+        recording=recording_of(values["recording"], places["recording"]),
+        effective=effective,
+        hash=hash_of(effective),
+    )

@@ -1,0 +1,153 @@
+"""Reads the waypoint files that missions name, and plans the missions."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Tuple
+
+from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.missions import (
+    Bounds,
+    FlightModel,
+    MissionPlan,
+    Trajectory,
+    WaypointError,
+    battery_needed_fraction,
+    check_files,
+    estimate_rounds,
+    parse_trajectory,
+    total,
+)
+
+from .binding import make, place_of
+from .build import mission_of
+from .consistency import check_known
+from .errors import ConfigError, Place
+from .kinds import Address, Places, dotted
+
+__all__ = ["Files", "plans_of", "read_files"]
+
+_BYTES = 1_000_000
+Files = Dict[str, Tuple[Trajectory, str]]
+
+
+def read_files(folder: Path, missions: Mapping[str, Any], places: Places) -> Files:
+    """Read every waypoint file once: its waypoints, and the SHA-256 of its bytes.
+
+    Raises:
+        ConfigError: a file is missing, outside the folder, or not a waypoint file.
+    """
+    files: Files = {}
+    for mission_id, mission in missions["missions"].items():
+        for position, name in enumerate(mission["files"]):
+            if name not in files:
+                here = ("missions", mission_id, "files", str(position))
+                files[name] = _read(folder, name, here, places)
+    return files
+
+
+def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[Trajectory, str]:
+    place, path = place_of(here, places), folder / name
+    inside = folder.resolve()
+    try:
+        outside = inside not in path.resolve().parents
+        content = path.read_bytes() if not outside and path.is_file() else b""
+    except (OSError, RuntimeError, ValueError):
+        outside, content = False, b""
+    if outside:
+        right = "must lie inside the folder of the configuration"
+        raise ConfigError(place, dotted(here), f"{name} leaves the folder", right)
+    if not content or len(content) > _BYTES:
+        wrong = f"{name} is larger than {_BYTES} bytes" if content else f"{name} is missing, empty or cannot be read"
+        raise ConfigError(place, dotted(here), wrong, f"must be a waypoint file in {folder}")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise ConfigError(Place(str(path), line), "", "is not UTF-8", "must be saved as UTF-8 text") from None
+    try:
+        return parse_trajectory(text, name), hashlib.sha256(content).hexdigest()
+    except WaypointError as error:
+        raise _config_error(error, folder) from None
+
+
+def _config_error(error: WaypointError, folder: Path) -> ConfigError:
+    return ConfigError(Place(str(folder / error.file), error.line), error.column, error.wrong, error.right)
+
+
+def plans_of(
+    folder: Path, missions: Mapping[str, Any], files: Files, limits: Limits, components: Tuple[str, ...], places: Places
+) -> Tuple[MissionPlan, ...]:
+    """Plan every mission, in the order of the file.
+
+    Raises:
+        ConfigError: a mission cannot be flown, or names a component that is not there.
+    """
+    model = make(FlightModel, missions["flight"], ("flight",), places)
+    bounds = make(Bounds, missions["bounds"], ("bounds",), places)
+    plans: List[MissionPlan] = []
+    for mission_id, values in missions["missions"].items():
+        here = ("missions", mission_id)
+        _check_names(values, components, here, places)
+        trajectories = tuple(files[name][0] for name in values["files"])
+        own = values["limits"]
+        reach = (own["max_height_m"] or limits.max_height_m, own["max_distance_m"] or limits.max_distance_m)
+        try:
+            check_files(trajectories, values["repetitions"], limits.takeoff_height_m, bounds, reach)
+        except WaypointError as error:
+            raise _config_error(error, folder) from None
+        plans.append(_plan(mission_id, values, trajectories, model, limits, places))
+    return tuple(plans)
+
+
+def _check_names(values: Mapping[str, Any], components: Tuple[str, ...], here: Address, places: Places) -> None:
+    for key in ("severities", "required", "tolerated"):
+        check_known(values[key], components, "component of sensors.yaml", (*here, key), places)
+    for position, name in enumerate(values["tolerated"]):
+        if name in values["required"]:
+            at = (*here, "tolerated", str(position))
+            right = "must be in one of them: a required component must be at code 1, a tolerated one may be at code 2"
+            raise ConfigError(place_of(at, places), dotted(at), f"{name} is required as well", right)
+
+
+def _plan(
+    mission_id: str,
+    values: Mapping[str, Any],
+    trajectories: Tuple[Trajectory, ...],
+    model: FlightModel,
+    limits: Limits,
+    places: Places,
+) -> MissionPlan:
+    here = ("missions", mission_id)
+    first, again = estimate_rounds(trajectories, limits.takeoff_height_m, model)
+    whole = total(first, again, values["repetitions"])
+    _check_flight_time(
+        values, max(flight.duration_s for flight in (*first.flights, *again.flights)), limits, here, places
+    )
+    needed = values["battery_needed_fraction"]
+    if needed is None:
+        needed = battery_needed_fraction(whole.duration_s, limits.battery_reserve_fraction, model)
+        if needed > 1.0:
+            wrong = (
+                f"needs {needed:.2f} of the battery ({whole.duration_s:.0f} s of {model.endurance_s:g} s, and reserve)"
+            )
+            raise ConfigError(place_of(here, places), dotted(here), wrong, "must need at most 1: fly less, or in parts")
+    elif needed <= limits.battery_reserve_fraction:
+        at = (*here, "battery_needed_fraction")
+        right = f"must be above the reserve, which it includes ({limits.battery_reserve_fraction:g})"
+        raise ConfigError(place_of(at, places), dotted(at), f"is {needed:g}", right)
+    mission = mission_of(mission_id, values, needed, whole.duration_s)
+    return MissionPlan(mission, trajectories, first, again)
+
+
+def _check_flight_time(
+    values: Mapping[str, Any], longest_s: float, limits: Limits, here: Address, places: Places
+) -> None:
+    own = values["limits"]["max_flight_time_s"]
+    allowed = limits.max_flight_time_ns / 1e9 if own is None else own
+    if longest_s < allowed:
+        return
+    at = here if own is None else (*here, "limits", "max_flight_time_s")
+    wrong = f"its longest flight takes {longest_s:.0f} s"
+    raise ConfigError(place_of(at, places), dotted(at), wrong, f"must be below max_flight_time_s ({allowed:g})")
