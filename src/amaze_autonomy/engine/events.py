@@ -337,7 +337,7 @@ class RecordingStatus(Event):
 
 @dataclass(frozen=True)
 class AutopilotStatus(Event):
-    """What the vehicle says of itself; None is unknown. Position: east and north of the takeoff position, height above."""
+    """What the vehicle says of itself; None is unknown. Position east and north of the takeoff position."""
 
     armed: Optional[bool]
     landed: VehicleLanded

@@ -1,4 +1,4 @@
-"""The conditions of the transition table. Each returns what it looked at when it holds, else None; none changes a thing."""
+"""The conditions of the transition table. Each returns what it looked at when it holds, else None. None has effects."""
 
 from __future__ import annotations
 
