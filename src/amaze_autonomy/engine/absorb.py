@@ -241,7 +241,7 @@ def _flight(turn: Turn) -> None:
     if state.in_flight and turn.armed():
         turn.set(was_armed=True)
     if state.in_flight and turn.airborne():
-        turn.set(was_airborne=True, was_armed=True)
+        turn.set(was_airborne=True, was_armed=True, flown=True)
 
 
 def _landed_status(turn: Turn, event: LandedStatus) -> None:

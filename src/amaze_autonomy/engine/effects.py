@@ -61,6 +61,7 @@ def begin_session(turn: Turn) -> None:
         data_location="",
         was_armed=False,
         was_airborne=False,
+        flown=False,
     )
 
 
@@ -313,6 +314,8 @@ def clean_up(turn: Turn) -> None:
 
 def end_mission(turn: Turn) -> None:
     """Drop the missions that were still to come, unless this one is complete."""
+    if turn.state.result is Result.NOT_FLOWN and turn.state.flown:
+        turn.set(result=Result.LANDED_EARLY)  # given up before a further file, after the first ones were flown
     state = turn.state
     turn.set(recording_over=True, in_flight=False)
     if state.queue and state.result is not Result.COMPLETE:

@@ -205,6 +205,7 @@ class EngineState:
     flight_started_ns: Optional[int] = None
     was_armed: bool = False
     was_airborne: bool = False
+    flown: bool = False
     grounded_ns: Optional[int] = None
     interrupted: State = State.MISSION
     user_hold_ns: Optional[int] = None
