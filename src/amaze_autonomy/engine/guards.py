@@ -398,7 +398,7 @@ def shutdown(turn: Turn) -> Optional[Values]:
 def touched_down(turn: Turn) -> Optional[Values]:
     """Disarmed and ON_GROUND after a flight, and the landing detection does not contradict, or not for longer."""
     state = turn.state
-    if not turn.down() or not state.was_armed:
+    if not state.was_armed or (state.in_flight and not turn.down()):
         return None
     detection = state.landing.landed if state.landing is not None else Landed.UNKNOWN
     if detection is Landed.AIRBORNE and not passed("confirm_limit", state, turn.rules, turn.now):

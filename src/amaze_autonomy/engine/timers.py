@@ -177,7 +177,8 @@ TIMERS: Tuple[Timer, ...] = (
     Timer(
         "confirm_limit",
         ((State.MISSION, Step.FLYING), State.HOLD, State.LAND),
-        lambda s, r: _after(s.grounded_ns, r.limits.confirm_limit_ns),
+        lambda s, r: None if s.in_flight else _after(s.grounded_ns, r.limits.confirm_limit_ns),
+        ends_state=True,
     ),
     Timer("land_repeat_period", (State.LAND,), lambda s, r: s.land_sent_ns + r.limits.land_repeat_period_ns),
     Timer("land_second_route_after", ((State.LAND, Step.COMMANDING),), _second_route),
