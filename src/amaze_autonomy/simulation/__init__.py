@@ -25,7 +25,7 @@ Live, behind ROS services and topics, with the node's clock and ``live=True``. T
 * ``samples()`` returns what the sensors sent since the last call: topic, ROS type, stamp, and the fields of the message
   as plain values (`messages.py`); the node only converts. ``processes()`` says which nodes live.
 * ``observe_state(now, state)`` when the engine publishes another state.
-* ``without=("planner",)`` leaves a peer out: its services and status are not there, a real node takes its place.
+* ``without=("mission_planner",)`` leaves a peer out: its services and status are not there, a real node takes its place.
 * Times are the node's clock, in nanoseconds; ``start_ns`` is the time of the first call.
 
 Nothing here is safe for threads: one lock around the world, held for microseconds.
@@ -35,6 +35,7 @@ from __future__ import annotations
 
 from .errors import SimulatedTimeError, SimulationError, UnknownTargetError
 from .scenario import EVENTS, KINDS, Fault, FaultKind, Request, Scenario, Subject, Trigger
+from .scenario_file import load_scenario, parse_scenario
 from .settings import Settings
 from .world import World
 
@@ -52,4 +53,6 @@ __all__ = [
     "Trigger",
     "UnknownTargetError",
     "World",
+    "load_scenario",
+    "parse_scenario",
 ]

@@ -10,10 +10,12 @@ from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Reque
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome
 from amaze_autonomy.engine.state import evolve
 
+from amaze_autonomy.monitoring.battery import BatteryMonitor
+
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
 from .scenario import Subject
 
-__all__ = ["SENSORS", "Autopilot"]
+__all__ = ["SENSORS", "Autopilot", "sensor_health"]
 
 _S = 1_000_000_000
 _NOISE_M = 0.02
@@ -40,12 +42,15 @@ class Autopilot(Peer):
         self._noise: random.Random = site.noise(self.name)
         self._cadence = Cadence(site.settings.rates.autopilot_status_rate_hz)
         self._heard: Optional[AutopilotStatus] = None
-        self._battery: Tuple[Optional[float], Optional[float], Optional[int]] = (None, None, None)
+        self._monitor = BatteryMonitor(site.settings.battery)
+        self._battery_ns: Optional[int] = None
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Check, land or disarm."""
         if isinstance(command, RunCheck):
-            rows = self._check(t_ns) if command.check == CheckName.AUTOPILOT else self._check_battery(t_ns, command)
+            rows = self._check(t_ns)
+            if command.check == CheckName.BATTERY:
+                rows = self._monitor.check(t_ns, command.required_fraction).checks
             return CheckReply(
                 t_ns=t_ns,
                 command_id=command.id,
@@ -73,7 +78,7 @@ class Autopilot(Peer):
         key = (heard.armed, heard.landed, heard.mode, heard.pilot_in_control, heard.failsafe, vehicle.flags.not_ready)
         if not self._cadence.due(t_ns, key, slowness(self.site, self.name)):
             return []
-        battery_ns = self._battery[2]
+        battery_ns = self._battery_ns
         return [
             evolve(
                 heard,
@@ -87,9 +92,11 @@ class Autopilot(Peer):
         """Take over what the vehicle says now."""
         vehicle, power = self.site.vehicle, self.site.power
         voltage = power.voltage_v(flying=vehicle.airborne)
+        fraction = None
         if voltage is not None:
-            self._battery = (round(power.fraction, 4), round(voltage, 3), t_ns)
-        known = voltage is not None
+            fraction, voltage = round(power.fraction, 4), round(voltage, 3)
+            self._battery_ns = t_ns
+            self._monitor.add(t_ns, fraction, voltage)
         self._heard = AutopilotStatus(
             t_ns=t_ns,
             armed=vehicle.armed,
@@ -101,17 +108,13 @@ class Autopilot(Peer):
             position_x_m=self._noisy(vehicle.position_m[0]),
             position_y_m=self._noisy(vehicle.position_m[1]),
             vertical_speed_m_s=round(vehicle.velocity_m_s[2], 3),
-            battery_fraction=self._battery[0] if known else None,
-            battery_voltage_v=self._battery[1] if known else None,
+            battery_fraction=fraction,
+            battery_voltage_v=voltage,
         )
-        self.site.health = (t_ns, self._health())
+        self.site.health = (t_ns, sensor_health(self.site))
 
     def _noisy(self, value: float) -> float:
         return round(value + _NOISE_M * self._noise.uniform(-1.0, 1.0), 3)
-
-    def _health(self) -> Dict[str, bool]:
-        """Return sensor -> healthy, as the vehicle reports it; a sensor that it does not report is not there."""
-        return sensor_health(self.site)
 
     def _check(self, t_ns: int) -> Tuple[Check, ...]:
         heard, problems = self._heard, self.site.vehicle.flags.not_ready
@@ -125,9 +128,6 @@ class Autopilot(Peer):
         for key, name, words in _READY:
             rows.append(_row(name, key not in problems if fresh else None, age, words))
         return tuple(rows)
-
-    def _check_battery(self, t_ns: int, command: RunCheck) -> Tuple[Check, ...]:
-        raise NotImplementedError
 
 
 def sensor_health(site: Site) -> Dict[str, bool]:

@@ -38,8 +38,10 @@ class UnknownTargetError(SimulationError):
         what: kind of thing, e.g. "component".
         name: the name that was given.
         known: names that there are.
+        where: file and line; empty when it did not come from a file.
     """
 
-    def __init__(self, what: str, name: str, known: Tuple[str, ...]) -> None:
-        super().__init__(f"there is no {what} {name!r}; there is {', '.join(known) or 'none'}")
-        self.what, self.name, self.known = what, name, known
+    def __init__(self, what: str, name: str, known: Tuple[str, ...], where: str = "") -> None:
+        place = f"{where}: " if where else ""
+        super().__init__(f"{place}there is no {what} {name!r}; there is {', '.join(known) or 'none'}")
+        self.what, self.name, self.known, self.where = what, name, known, where

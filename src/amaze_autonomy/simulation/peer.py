@@ -15,6 +15,7 @@ from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 
 from .faults import Faults
 from .power import Power
+from .restarts import Restarts
 from .scenario import Fault, Subject
 from .settings import Settings
 from .streams import Batch, Stream
@@ -51,6 +52,10 @@ class Site:
     happened: List[Tuple[str, int]] = field(default_factory=list)
     health: Optional[Tuple[int, Dict[str, bool]]] = None
 
+    def __post_init__(self) -> None:
+        self.restarts = Restarts(self.faults)
+        self.restarted: List[Tuple[str, bool]] = []
+
     def noise(self, name: str) -> random.Random:
         """Return a source of noise of its own, so that one peer's absence changes nobody else's."""
         return random.Random(f"{self.seed}:{name}")  # noqa: S311 - noise, not a secret
@@ -58,6 +63,10 @@ class Site:
     def note(self, name: str, number: int = 0) -> None:
         """Say that something happened that a trigger may wait for."""
         self.happened.append((name, number))
+
+    def autopilot_speaks(self) -> bool:
+        """Tell whether the status of the autopilot node is heard, so that its word on the PX4's sensors is."""
+        return not any(self.faults.active(Subject.PROCESS, kind, "autopilot") for kind in ("killed", "silent"))
 
     def world_fault(self, kind: str) -> Optional[Fault]:
         """Return the fault of a kind of which there is one in the world, if it acts now."""

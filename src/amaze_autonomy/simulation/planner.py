@@ -20,7 +20,7 @@ _IN_FLIGHT = (MissionPhase.TAKING_OFF, MissionPhase.FLYING, MissionPhase.HOLDING
 class Planner(Peer):
     """Reads its phase from the vehicle: what was commanded is done when the vehicle shows it."""
 
-    name = "planner"
+    name = "mission_planner"
 
     def __init__(self, site: Site) -> None:
         super().__init__(site)

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
-import random
 from math import cos, nan, sin
-from typing import NamedTuple, Tuple
-
-from amaze_autonomy.monitoring.preflight_specs import LandingSpec, StateEstimationSpec
+from typing import TYPE_CHECKING, Generic, NamedTuple, Optional, Tuple, TypeVar
 
 from .streams import Batch, Content
 from .vehicle import Vehicle
 
-__all__ = ["Estimate", "Inertial", "RangeReader", "read_estimate", "read_imu"]
+if TYPE_CHECKING:
+    import random
+
+    from amaze_autonomy.monitoring.preflight_specs import LandingSpec, StateEstimationSpec
+
+__all__ = ["Estimate", "EstimateReader", "ImuReader", "Inertial", "RangeReader", "Reader", "Vector"]
 
 _RANGE_NOISE_M = 0.005
 _ACCELERATION_NOISE_M_S2 = 0.03
 _FLIGHT_NOISE_M_S2 = 0.4
 _TURN_NOISE_RAD_S = 0.002
 _POSITION_NOISE_M = 0.003
+_POSITION_VARIANCE, _ORIENTATION_VARIANCE = 0.0025, 0.0004
 
 Vector = Tuple[float, float, float]
-Matrix = Tuple[Vector, Vector, Vector]
+_Matrix = Tuple[Vector, Vector, Vector]
+_NANS: Vector = (nan, nan, nan)
+
+T = TypeVar("T")
 
 
 class Inertial(NamedTuple):
@@ -36,64 +42,95 @@ class Estimate(NamedTuple):
     position: Vector
     velocity: Vector
     orientation: Tuple[float, float, float, float]
-    position_variance: float
-    orientation_variance: float
+    position_variance: float = _POSITION_VARIANCE
+    orientation_variance: float = _ORIENTATION_VARIANCE
 
 
-class RangeReader:
-    """The laser range finder: looks down, from where it is mounted."""
+class Reader(Generic[T]):
+    """A sensor that reads the vehicle, unless something is wrong with its content."""
 
-    def __init__(self, spec: LandingSpec, noise: random.Random) -> None:
-        self._spec, self._noise, self._last = spec, noise, 0.0
+    def __init__(self, noise: random.Random) -> None:
+        self._noise = noise
+        self._last: Optional[T] = None
 
-    def read(self, vehicle: Vehicle, batch: Batch) -> float:
-        """Return a reading in the units of its message."""
+    def read(self, vehicle: Vehicle, batch: Batch) -> T:
+        """Return what the last sample of a batch says."""
         if batch.content == Content.NAN:
-            return nan
-        if batch.content == Content.READS:
-            return batch.value / self._spec.scale
-        if batch.content != Content.STUCK:
+            return self._nothing()
+        if batch.content != Content.STUCK or self._last is None:
             self._last = self._measure(vehicle)
         return self._last
 
+    def _measure(self, vehicle: Vehicle) -> T:
+        raise NotImplementedError
+
+    def _nothing(self) -> T:
+        raise NotImplementedError
+
+    def _spread(self, size: float) -> float:
+        return size * self._noise.uniform(-1.0, 1.0)
+
+
+class RangeReader(Reader[float]):
+    """The laser range finder: looks down from where it is mounted; in the units of its message."""
+
+    def __init__(self, spec: LandingSpec, noise: random.Random) -> None:
+        super().__init__(noise)
+        self._spec = spec
+
+    def read(self, vehicle: Vehicle, batch: Batch) -> float:
+        """Return what the last sample of a batch says."""
+        if batch.content == Content.READS:
+            return round(batch.value / self._spec.scale, 6)
+        return super().read(vehicle, batch)
+
     def _measure(self, vehicle: Vehicle) -> float:
-        height = vehicle.height_m / cos(vehicle.tilt_rad) if vehicle.airborne else vehicle.flags.raised_m
-        reading = height + self._spec.mounting_height_m + self._noise.uniform(-1.0, 1.0) * _RANGE_NOISE_M
+        height, tilt = (vehicle.height_m, vehicle.tilt_rad) if vehicle.airborne else (vehicle.flags.raised_m, 0.0)
+        reading = (height + self._spec.mounting_height_m) / cos(tilt) + self._spread(_RANGE_NOISE_M)
         return round(min(max(0.0, reading), self._spec.max_range_m) / self._spec.scale, 6)
 
-
-def read_imu(vehicle: Vehicle, spec: StateEstimationSpec, noise: random.Random, content: str) -> Inertial:
-    """Return one sample of the IMU; a stuck one repeats itself without noise."""
-    if content == Content.NAN:
-        return Inertial((nan, nan, nan), (nan, nan, nan))
-    shake = _FLIGHT_NOISE_M_S2 if vehicle.airborne else _ACCELERATION_NOISE_M_S2
-    force = tuple(
-        round(part * spec.gravity_m_s2 + shake * noise.uniform(-1.0, 1.0), 6) for part in _up_in_vehicle(vehicle)
-    )
-    turn = tuple(round(_TURN_NOISE_RAD_S * noise.uniform(-1.0, 1.0), 6) for _ in range(3))
-    mounting = _rotation(*spec.imu_mounting_rpy_rad)
-    return Inertial(_turned_back(mounting, force), _turned_back(mounting, turn))
+    def _nothing(self) -> float:
+        return nan
 
 
-def read_estimate(vehicle: Vehicle, noise: random.Random) -> Estimate:
-    """Return what a good state estimator says of the vehicle."""
-    half_yaw, half_tilt = vehicle.yaw_rad / 2, vehicle.tilt_rad / 2
-    orientation = (
-        -sin(half_yaw) * sin(half_tilt),
-        cos(half_yaw) * sin(half_tilt),
-        sin(half_yaw) * cos(half_tilt),
-        cos(half_yaw) * cos(half_tilt),
-    )
-    x, y, z = (round(part + _POSITION_NOISE_M * noise.uniform(-1.0, 1.0), 6) for part in vehicle.position_m)
-    return Estimate((x, y, z), vehicle.velocity_m_s, orientation, 0.0025, 0.0004)
+class ImuReader(Reader[Inertial]):
+    """The IMU of the state estimation, in its own frame."""
+
+    def __init__(self, spec: StateEstimationSpec, noise: random.Random) -> None:
+        super().__init__(noise)
+        self._gravity, self._mounting = spec.gravity_m_s2, _rotation(*spec.imu_mounting_rpy_rad)
+
+    def _measure(self, vehicle: Vehicle) -> Inertial:
+        shake = _FLIGHT_NOISE_M_S2 if vehicle.airborne else _ACCELERATION_NOISE_M_S2
+        # The nose is down by the tilt: up, in the vehicle frame (REP-103), points back and up.
+        up = (-sin(vehicle.tilt_rad), 0.0, cos(vehicle.tilt_rad))
+        force = tuple(round(part * self._gravity + self._spread(shake), 6) for part in up)
+        turn = tuple(round(self._spread(_TURN_NOISE_RAD_S), 6) for _ in up)
+        return Inertial(_turned_back(self._mounting, force), _turned_back(self._mounting, turn))
+
+    def _nothing(self) -> Inertial:
+        return Inertial(_NANS, _NANS)
 
 
-def _up_in_vehicle(vehicle: Vehicle) -> Vector:
-    """Return the direction up in the vehicle frame (REP-103) of a vehicle whose nose is down by its tilt."""
-    return (-sin(vehicle.tilt_rad), 0.0, cos(vehicle.tilt_rad))
+class EstimateReader(Reader[Estimate]):
+    """A good state estimator."""
+
+    def _measure(self, vehicle: Vehicle) -> Estimate:
+        half_yaw, half_tilt = vehicle.yaw_rad / 2, vehicle.tilt_rad / 2
+        orientation = (
+            -sin(half_yaw) * sin(half_tilt),
+            cos(half_yaw) * sin(half_tilt),
+            sin(half_yaw) * cos(half_tilt),
+            cos(half_yaw) * cos(half_tilt),
+        )
+        x, y, z = (round(part + self._spread(_POSITION_NOISE_M), 6) for part in vehicle.position_m)
+        return Estimate((x, y, z), vehicle.velocity_m_s, orientation)
+
+    def _nothing(self) -> Estimate:
+        return Estimate(_NANS, _NANS, (nan, nan, nan, nan))
 
 
-def _rotation(roll: float, pitch: float, yaw: float) -> Matrix:
+def _rotation(roll: float, pitch: float, yaw: float) -> _Matrix:
     """Return the matrix from a frame turned by roll, pitch, yaw (about fixed axes, as in URDF) to its parent."""
     sr, cr, sp, cp, sy, cy = sin(roll), cos(roll), sin(pitch), cos(pitch), sin(yaw), cos(yaw)
     return (
@@ -103,7 +140,7 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Matrix:
     )
 
 
-def _turned_back(matrix: Matrix, vector: Tuple[float, ...]) -> Vector:
+def _turned_back(matrix: _Matrix, vector: Tuple[float, ...]) -> Vector:
     """Return a vector of the parent frame in the turned frame: the transposed matrix times it."""
     x, y, z = (sum(matrix[row][column] * vector[row] for row in range(3)) for column in range(3))
     return (x, y, z)

@@ -30,7 +30,7 @@ _OPEN = (RecordingPhase.IDLE, RecordingPhase.COMPLETE, RecordingPhase.FAILED)
 class Recorder(Peer):
     """The collector: it stands for the recorders of all platforms."""
 
-    name = "recorder"
+    name = "data_recorder"
 
     def __init__(self, site: Site) -> None:
         super().__init__(site)

@@ -268,6 +268,7 @@ class Fault:
         trigger: when it begins.
         for_ns: how long it lasts; None: until a restart ends it, or for ever.
         parameters: what is said of it beyond that.
+        where: file and line it was read from.
     """
 
     kind: FaultKind
@@ -275,6 +276,7 @@ class Fault:
     trigger: Trigger
     for_ns: Optional[int] = None
     parameters: Tuple[Tuple[str, _Value], ...] = ()
+    where: str = field(default="", compare=False)
 
     def _value(self, name: str) -> _Value:
         given: Dict[str, _Value] = dict(self.parameters)
@@ -322,4 +324,4 @@ class Scenario:
 
     description: str = "nothing goes wrong"
     faults: Tuple[Fault, ...] = ()
-    requests: Tuple[Request, ...] = field(default=())
+    requests: Tuple[Request, ...] = ()

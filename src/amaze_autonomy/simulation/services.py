@@ -16,23 +16,23 @@ from amaze_autonomy.engine.commands import (
     StopRecording,
 )
 
-__all__ = ["PEERS", "SERVICES", "service_of"]
+__all__ = ["PEERS", "SERVICES", "peer_of", "service_of"]
 
-PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "planner", "recorder")
+PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner", "data_recorder")
 
-SERVICES: Mapping[str, str] = {
-    "watchdog/start": "watchdog",
-    "autopilot/check_battery": "autopilot",
-    "autopilot/check": "autopilot",
-    "landing_detection/check": "landing_detection",
-    "state_estimation/check": "state_estimation",
-    "mission_planner/load": "planner",
-    "mission_planner/command": "planner",
-    "data_recorder/start": "recorder",
-    "data_recorder/stop": "recorder",
-    "autopilot/land": "autopilot",
-    "autopilot/disarm": "autopilot",
-}
+SERVICES = (
+    "watchdog/start",
+    "autopilot/check_battery",
+    "autopilot/check",
+    "landing_detection/check",
+    "state_estimation/check",
+    "mission_planner/load",
+    "mission_planner/command",
+    "data_recorder/start",
+    "data_recorder/stop",
+    "autopilot/land",
+    "autopilot/disarm",
+)
 
 _CHECKS: Mapping[CheckName, str] = {
     CheckName.WATCHDOG: "watchdog/start",
@@ -41,6 +41,11 @@ _CHECKS: Mapping[CheckName, str] = {
     CheckName.ON_GROUND: "landing_detection/check",
     CheckName.STATE_ESTIMATION: "state_estimation/check",
 }
+
+
+def peer_of(service: str) -> str:
+    """Return the peer that offers a service: the first part of its name."""
+    return service.split("/", 1)[0]
 
 
 def service_of(command: Command) -> Optional[str]:

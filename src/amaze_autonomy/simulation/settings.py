@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Dict, Mapping, Tuple, Union
+from typing import Dict, Mapping, Optional, Tuple, Union
 
 from amaze_autonomy.config.autonomy_schema import Streams
 from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.missions import Waypoint
 from amaze_autonomy.monitoring.preflight_specs import (
     BatterySpec,
@@ -56,6 +57,7 @@ class Settings:
 
     Args:
         components: what is watched.
+        missions: as the engine knows them.
         waypoints: of each mission by id, one tuple for each of its files.
         landing: how the distance to the ground is measured.
         state_estimation: when states are valid.
@@ -69,6 +71,7 @@ class Settings:
     """
 
     components: Tuple[ComponentSpec, ...] = ()
+    missions: Tuple[Mission, ...] = ()
     waypoints: Mapping[str, Tuple[Tuple[Waypoint, ...], ...]] = field(default_factory=dict)
     landing: LandingSpec = field(default_factory=LandingSpec)
     state_estimation: StateEstimationSpec = field(default_factory=StateEstimationSpec)
@@ -79,6 +82,10 @@ class Settings:
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     power: PowerSettings = field(default_factory=PowerSettings)
     turn_ns: int = _S // 10
+
+    def mission(self, mission_id: str) -> Optional[Mission]:
+        """Return a mission; None when there is no such mission."""
+        return next((mission for mission in self.missions if mission.id == mission_id), None)
 
     def streams(self) -> Tuple[StreamSettings, ...]:
         """Return every stream: all topics of all components, and what the checks need beyond them."""
@@ -121,6 +128,7 @@ def settings_of(configuration: Union[Configuration, Settings]) -> Settings:
         return configuration
     return Settings(
         components=configuration.components,
+        missions=configuration.missions,
         waypoints={
             plan.mission.id: tuple(trajectory.waypoints for trajectory in plan.trajectories)
             for plan in configuration.plans

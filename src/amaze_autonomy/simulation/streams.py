@@ -64,15 +64,25 @@ class StreamSettings:
 
 
 class Batch(NamedTuple):
-    """Samples that came in one step: how many, their stamps' first, last and distance, and what is wrong with them."""
+    """Samples that came in one step.
+
+    Args:
+        count: how many, at least 1.
+        last_ns: stamp of the last one.
+        place_ns: where that would be without jitter.
+        period_ns: from one to the next.
+        number: of the last one, from 1.
+        content: what is wrong with what they say.
+        value: what a sensor reads that reads one value only.
+    """
 
     count: int
-    first_ns: int
     last_ns: int
+    place_ns: int
     period_ns: int
+    number: int
     content: str
     value: float
-    since_ns: int
 
 
 class Stream:
@@ -82,20 +92,20 @@ class Stream:
         self.settings = settings
         self._period_ns = max(1, round(_S / settings.rate_hz))
         self._salt = (seed * 2654435761 + sum(ord(letter) * 131**n for n, letter in enumerate(settings.topic))) & _WORD
-        self._next_ns = start_ns + self._salt % self._period_ns
+        self._next_ns = start_ns + round(settings.jitter * self._period_ns) + self._salt % self._period_ns
         self._number = 0
 
     def take(self, t_ns: int, faults: Faults) -> Optional[Batch]:
         """Return the samples up to a time that were not taken before; None when there are none."""
         acting = faults.on(Subject.COMPONENT, self.settings.component) if self.settings.component else ()
         if not acting:
-            return self._count(t_ns, self._period_ns, Content.GOOD, 0.0, 0)
+            return self._count(t_ns, self._period_ns, Content.GOOD, 0.0)
         if any(_silences(fault, since, t_ns) for fault, since in acting):
             self._next_ns = max(self._next_ns, t_ns + 1)
             return None
         period = self._period_ns
-        content, value, begun = Content.GOOD, 0.0, 0
-        for fault, since in acting:
+        content, value = Content.GOOD, 0.0
+        for fault, _ in acting:
             if fault.kind.name == "slow":
                 fraction = fault.number("rate_fraction")
                 if fraction <= 0.0:
@@ -103,29 +113,31 @@ class Stream:
                     return None
                 period = round(period / fraction)
             elif fault.kind.name in _CONTENTS:
-                content, begun = fault.kind.name, since
+                content = fault.kind.name
                 value = fault.number("value_m") if content == Content.READS else 0.0
-        return self._count(t_ns, period, content, value, begun)
+        return self._count(t_ns, period, content, value)
 
-    def _count(self, t_ns: int, period_ns: int, content: str, value: float, since_ns: int) -> Optional[Batch]:
+    def stamps(self, batch: Batch) -> List[int]:
+        """Return the stamp of every sample of a batch."""
+        return [
+            batch.place_ns - before * batch.period_ns - self._jitter(batch.number - before)
+            for before in range(batch.count - 1, -1, -1)
+        ]
+
+    def _count(self, t_ns: int, period_ns: int, content: str, value: float) -> Optional[Batch]:
         if t_ns < self._next_ns:
             return None
-        first = self._next_ns
-        count = (t_ns - first) // period_ns + 1
-        last = first + (count - 1) * period_ns
-        self._next_ns = last + period_ns
+        count = (t_ns - self._next_ns) // period_ns + 1
+        place = self._next_ns + (count - 1) * period_ns
+        self._next_ns = place + period_ns
         self._number += count
-        jitter = self._jitter(self._number)
-        return Batch(count, max(0, first - jitter), max(0, last - jitter), period_ns, content, value, since_ns)
+        last = place - self._jitter(self._number)
+        return Batch(count, last, place, period_ns, self._number, content, value)
 
     def _jitter(self, number: int) -> int:
         """Return by how much a stamp is early: deterministic, from the number of the sample."""
         mixed = ((number * _MIX) ^ self._salt) & _WORD
         return int(self.settings.jitter * self._period_ns * (mixed / (_WORD + 1)))
-
-    def stamps(self, batch: Batch) -> List[int]:
-        """Return the stamp of every sample of a batch."""
-        return [batch.last_ns - (batch.count - 1 - n) * batch.period_ns for n in range(batch.count)]
 
 
 _CONTENTS = (Content.NAN, Content.STUCK, Content.READS)
@@ -139,8 +151,3 @@ def _silences(fault: Fault, since_ns: int, t_ns: int) -> bool:
         return False
     off, on = round(fault.number("off_s") * _S), round(fault.number("on_s") * _S)
     return (t_ns - since_ns) % (off + on) < off
-
-
-def streams_of(settings: Tuple[StreamSettings, ...], start_ns: int, seed: int) -> Tuple[Stream, ...]:
-    """Make the streams of a world."""
-    return tuple(Stream(each, start_ns, seed) for each in settings)

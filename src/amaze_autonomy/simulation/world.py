@@ -11,24 +11,27 @@ from amaze_autonomy.engine.commands import Command, Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, UserRequest
 from amaze_autonomy.engine.state import evolve
 
-from .autopilot import Autopilot
+from .autopilot import SENSORS, Autopilot, sensor_health
 from .effects import begin, end
 from .errors import SimulatedTimeError, UnknownTargetError
 from .faults import Faults
+from .landing_detection import LandingDetection
+from .messages import Sample, Sender
 from .peer import Peer, Site, accepted, reply
 from .planner import Planner
 from .power import Power
 from .recorder import Recorder
 from .scenario import Fault, Scenario, Subject
-from .services import PEERS, SERVICES, service_of
+from .services import PEERS, SERVICES, peer_of, service_of
 from .settings import Settings, settings_of
 from .streams import Batch, Stream
 from .vehicle import Vehicle
+from .watchdog import SimulatedWatchdog
 
 __all__ = ["World"]
 
 _MS = 1_000_000
-_CLASSES: Tuple[Type[Peer], ...] = (Autopilot, Planner, Recorder)
+_CLASSES: Tuple[Type[Peer], ...] = (Autopilot, LandingDetection, SimulatedWatchdog, Planner, Recorder)
 
 
 class World:
@@ -81,6 +84,7 @@ class World:
         self._serial = 0
         self._backlog: List[Event] = []
         self._batches: List[Tuple[str, Batch]] = []
+        self._sender = Sender(self._site)
 
     # --- time -----------------------------------------------------------------------------------------------------
 
@@ -119,7 +123,7 @@ class World:
             SimulatedTimeError: the time is in the past.
         """
         service = service_of(command)
-        if not isinstance(command, Request) or service is None or SERVICES[service] not in self._classes:
+        if not isinstance(command, Request) or service is None or peer_of(service) not in self._classes:
             return
         events = self.advance(t_ns)
         self._backlog.extend(events)
@@ -128,6 +132,10 @@ class World:
         if not self._live:
             self._serial += 1
             heapq.heappush(self._deadlines, (t_ns + command.limit_ns, self._serial, command.id))
+
+    def restart(self, component: str) -> None:
+        """Restart a component's node now, as a real watchdog would; it comes up, or not, as its faults say."""
+        self._site.restarts.begin(self.now_ns, component)
 
     def observe_state(self, t_ns: int, state: str) -> None:
         """Take notice of a state of the engine, for triggers that wait for it."""
@@ -147,7 +155,17 @@ class World:
 
     def services(self) -> Tuple[str, ...]:
         """Return the services that are there now: those of killed processes and vanished ones are not."""
-        return tuple(name for name, peer in SERVICES.items() if peer in self._classes and self._is_there(name))
+        return tuple(name for name in SERVICES if peer_of(name) in self._classes and self._is_there(name))
+
+    def samples(self) -> Tuple[Sample, ...]:
+        """Return what the sensors sent since the last call; nothing when the world is not live."""
+        batches, self._batches = self._batches, []
+        return tuple(sample for topic, batch in batches for sample in self._sender.samples(topic, batch))
+
+    def sensor_health(self) -> Mapping[str, Optional[bool]]:
+        """Return sensor -> healthy as the autopilot says it now; None: it says nothing of it."""
+        health = sensor_health(self._site)
+        return {name: health.get(name) for name in SENSORS}
 
     def processes(self) -> Mapping[str, bool]:
         """Return process -> alive for the peers of this world and for the node of every component."""
@@ -191,6 +209,7 @@ class World:
 
     def _turn(self, t_ns: int) -> None:
         """Let every peer that lives do its work."""
+        self._site.restarted = self._site.restarts.step(t_ns)
         for name, peer in self._peers.items():
             if not self._lives(name):
                 continue
@@ -243,7 +262,7 @@ class World:
                 if answer is not None:
                     self._push(self._arrival(t_ns), answer)
                 return
-        answer = self._peers[SERVICES[service]].answer(t_ns, command)
+        answer = self._peers[peer_of(service)].answer(t_ns, command)
         if answer is not None:
             slow = self._faults.active(Subject.SERVICE, "slow", service)
             delay = round(slow.number("delay_s") * 1000 * _MS) if slow is not None else 0
@@ -263,7 +282,7 @@ class World:
 
     def _is_there(self, service: str) -> bool:
         vanished = self._faults.active(Subject.SERVICE, "vanishes", service) is not None
-        return self._lives(SERVICES[service]) and not vanished
+        return self._lives(peer_of(service)) and not vanished
 
 
 def _spoilt(fault: Fault, command: Request) -> Tuple[bool, Optional[Event]]:
@@ -292,11 +311,11 @@ def _refusal(command: Request) -> Event:
 def _check_targets(settings: Settings, scenario: Scenario, without: Tuple[str, ...]) -> None:
     """Refuse a scenario or a name that means nothing here."""
     components = tuple(component.name for component in settings.components)
-    known = {Subject.COMPONENT: components, Subject.PROCESS: PEERS, Subject.SERVICE: tuple(SERVICES)}
+    known = {Subject.COMPONENT: components, Subject.PROCESS: PEERS, Subject.SERVICE: SERVICES}
     for fault in scenario.faults:
         names = known.get(fault.kind.subject)
         if names is not None and fault.target not in names:
-            raise UnknownTargetError(fault.kind.subject, fault.target, names)
+            raise UnknownTargetError(fault.kind.subject, fault.target, names, fault.where)
     for name in without:
         if name not in PEERS:
             raise UnknownTargetError("peer", name, PEERS)

@@ -1,0 +1,181 @@
+"""What the simulated sensors publish, free of ROS: topic, type, stamp, and the fields of the message as plain values.
+
+`Sample.fields` mirrors the message: a nested message is a dict, an array a tuple, an image's data bytes. The header is
+`stamp_ns` and `frame_id`; types without one (std_msgs/Float32) ignore them.
+"""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
+
+from .peer import Site
+from .readings import Estimate, EstimateReader, ImuReader, Inertial, RangeReader, Vector
+from .streams import Batch, Content, SampleKind
+from .vehicle import Vehicle
+
+__all__ = ["Sample", "Sender"]
+
+_S = 1_000_000_000
+_WIDTH, _HEIGHT = 64, 48
+_RAMP = bytes(range(256)) * ((_WIDTH * _HEIGHT) // 256 + 2)
+_HOME_LATITUDE, _HOME_LONGITUDE, _HOME_ALTITUDE_M = 46.6167, 14.2650, 446.0
+_DEGREES_PER_M = 1.0 / 111_320.0
+_FIELD_T: Vector = (2.1e-5, 1.0e-6, -4.3e-5)
+_PRESSURE_PA, _PRESSURE_PA_PER_M = 96_000.0, -11.4
+
+Fields = Dict[str, Any]
+
+
+class Sample(NamedTuple):
+    """One message of a sensor.
+
+    Args:
+        topic: where it is published.
+        type_name: ROS type, e.g. "sensor_msgs/Imu".
+        stamp_ns: time of its header.
+        frame_id: of its header.
+        fields: the rest of the message.
+    """
+
+    topic: str
+    type_name: str
+    stamp_ns: int
+    frame_id: str
+    fields: Fields
+
+
+class Sender:
+    """Makes the messages of all streams of one world."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        settings = site.settings
+        self._range = RangeReader(settings.landing, site.noise("sent range"))
+        self._imu = ImuReader(settings.state_estimation, site.noise("sent imu"))
+        self._estimate = EstimateReader(site.noise("sent estimate"))
+        self._number: Dict[str, int] = {}
+        self._makers: Mapping[str, Callable[[str, Vehicle, Batch], Fields]] = {
+            SampleKind.IMAGE: self._image,
+            SampleKind.IMU: self._inertial,
+            SampleKind.RANGE: self._distance,
+            SampleKind.SCAN: self._scan,
+            SampleKind.FLOAT: self._float,
+            SampleKind.POSE: self._pose,
+            SampleKind.POSE_WITH_COVARIANCE: self._pose_with_covariance,
+            SampleKind.ODOMETRY: self._odometry,
+            SampleKind.FIX: self._fix,
+            SampleKind.FIELD: self._field,
+            SampleKind.PRESSURE: self._pressure,
+        }
+
+    def samples(self, topic: str, batch: Batch) -> List[Sample]:
+        """Return every message of a batch."""
+        stream = self._site.streams[topic]
+        make = self._makers[stream.settings.kind]
+        frame = stream.settings.component or "map"
+        return [
+            Sample(topic, stream.settings.kind, stamp, frame, make(topic, self._site.vehicle, batch))
+            for stamp in stream.stamps(batch)
+        ]
+
+    def _image(self, topic: str, _: Vehicle, batch: Batch) -> Fields:
+        if batch.content != Content.STUCK:
+            self._number[topic] = self._number.get(topic, 0) + 1
+        shift = self._number.get(topic, 0) % 256
+        return {
+            "height": _HEIGHT,
+            "width": _WIDTH,
+            "encoding": "mono8",
+            "is_bigendian": 0,
+            "step": _WIDTH,
+            "data": _RAMP[shift : shift + _WIDTH * _HEIGHT],
+        }
+
+    def _inertial(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        reading: Inertial = self._imu.read(vehicle, batch)
+        return {
+            "orientation_covariance": (-1.0, *(0.0,) * 8),
+            "angular_velocity": _xyz(reading.turn_rate),
+            "angular_velocity_covariance": _diagonal((4e-6,) * 3),
+            "linear_acceleration": _xyz(reading.force),
+            "linear_acceleration_covariance": _diagonal((9e-4,) * 3),
+        }
+
+    def _distance(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        spec = self._site.settings.landing
+        return {
+            "radiation_type": 1,
+            "field_of_view": 0.03,
+            "min_range": spec.min_range_m / spec.scale,
+            "max_range": spec.max_range_m / spec.scale,
+            "range": self._range.read(vehicle, batch),
+        }
+
+    def _scan(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        spec = self._site.settings.landing
+        return {
+            "range_min": spec.min_range_m / spec.scale,
+            "range_max": spec.max_range_m / spec.scale,
+            "ranges": (self._range.read(vehicle, batch),),
+        }
+
+    def _float(self, topic: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        if topic == self._site.settings.landing.topic:
+            return {"data": self._range.read(vehicle, batch)}
+        if batch.content != Content.STUCK:
+            self._number[topic] = self._number.get(topic, 0) + 1
+        return {"data": nan if batch.content == Content.NAN else float(self._number.get(topic, 0) % 100)}
+
+    def _pose(self, topic: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        estimate = self._estimate.read(vehicle, batch)
+        if topic != self._site.settings.landing.topic:
+            return {"pose": _pose_of(estimate)}
+        height = self._range.read(vehicle, batch)
+        return {"pose": _pose_of(estimate._replace(position=(estimate.position[0], estimate.position[1], height)))}
+
+    def _pose_with_covariance(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        estimate = self._estimate.read(vehicle, batch)
+        return {"pose": {"pose": _pose_of(estimate), "covariance": _covariance(estimate)}}
+
+    def _odometry(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        estimate = self._estimate.read(vehicle, batch)
+        return {
+            "child_frame_id": "base_link",
+            "pose": {"pose": _pose_of(estimate), "covariance": _covariance(estimate)},
+            "twist": {"twist": {"linear": _xyz(estimate.velocity)}},
+        }
+
+    def _fix(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        x, y, z = (nan, nan, nan) if batch.content == Content.NAN else vehicle.position_m
+        return {
+            "status": {"status": 0, "service": 1},
+            "latitude": _HOME_LATITUDE + y * _DEGREES_PER_M,
+            "longitude": _HOME_LONGITUDE + x * _DEGREES_PER_M * 1.456,
+            "altitude": _HOME_ALTITUDE_M + z,
+        }
+
+    def _field(self, _: str, __: Vehicle, batch: Batch) -> Fields:
+        return {"magnetic_field": _xyz((nan, nan, nan) if batch.content == Content.NAN else _FIELD_T)}
+
+    def _pressure(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+        height = nan if batch.content == Content.NAN else vehicle.height_m
+        return {"fluid_pressure": _PRESSURE_PA + _PRESSURE_PA_PER_M * height}
+
+
+def _xyz(vector: Vector) -> Fields:
+    return dict(zip("xyz", vector))
+
+
+def _pose_of(estimate: Estimate) -> Fields:
+    return {"position": _xyz(estimate.position), "orientation": dict(zip("xyzw", estimate.orientation))}
+
+
+def _diagonal(values: Tuple[float, ...]) -> Tuple[float, ...]:
+    """Return the square matrix with these values on its diagonal, row by row."""
+    size = len(values)
+    return tuple(values[row] if row == column else 0.0 for row in range(size) for column in range(size))
+
+
+def _covariance(estimate: Estimate) -> Tuple[float, ...]:
+    return _diagonal((estimate.position_variance,) * 3 + (estimate.orientation_variance,) * 3)
