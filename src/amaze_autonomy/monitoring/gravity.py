@@ -1,0 +1,202 @@
+"""Where is down? Gravity and tilt from an IMU, and from the orientation of an estimate.
+
+Frames as in REP-103: x forward, y left, z up. At rest an accelerometer measures the specific force that holds it up,
+(0, 0, +g) when level; gravity is its negative. *Up* is a unit vector in the vehicle frame throughout this file.
+
+Samples are summed in buckets of `BUCKET_NS`: adding one costs a few additions, whatever the window.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import acos, atan2, cos, degrees, hypot, inf, isfinite, pi, sin, sqrt
+from typing import Deque, List, NamedTuple, Optional, Tuple
+
+__all__ = [
+    "BUCKET_NS",
+    "STANDARD_GRAVITY_M_S2",
+    "GravityWindow",
+    "ImuStatistics",
+    "Matrix",
+    "Vector",
+    "angle_between",
+    "describe_tilt",
+    "likely_mistake",
+    "norm",
+    "rotate",
+    "rotation_from_rpy",
+    "tilt_of",
+    "up_of_quaternion",
+]
+
+Vector = Tuple[float, float, float]
+Matrix = Tuple[Vector, Vector, Vector]
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+BUCKET_NS = 1_000_000_000 // 20
+_NEAR = 0.2  # a unit is recognised when the magnitude is off by less than this fraction
+_PLAUSIBLE_M2_S4 = 1e12
+_GAP_NS = 1_000_000_000 // 2
+_SIDE = sin(pi / 8)  # of eight directions each covers 45 degrees
+
+
+def norm(vector: Vector) -> float:
+    """Return the length of a vector."""
+    x, y, z = vector
+    return sqrt(x * x + y * y + z * z)
+
+
+def rotation_from_rpy(rpy_rad: Vector) -> Matrix:
+    """Return the rotation Rz(yaw) Ry(pitch) Rx(roll) that takes a vector of the sensor into the vehicle frame."""
+    (cr, sr), (cp, sp), (cy, sy) = ((cos(angle), sin(angle)) for angle in rpy_rad)
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+
+
+def rotate(rotation: Matrix, vector: Vector) -> Vector:
+    """Return the rotated vector."""
+    x, y, z = (row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] for row in rotation)
+    return x, y, z
+
+
+def up_of_quaternion(x: float, y: float, z: float, w: float) -> Optional[Vector]:
+    """Return up in the frame whose orientation in the world is a quaternion; None when it is none (NaN, all zero)."""
+    length = sqrt(x * x + y * y + z * z + w * w)
+    if not isfinite(length) or length <= 0:
+        return None
+    x, y, z, w = x / length, y / length, z / length, w / length
+    return 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+
+
+def tilt_of(up: Vector) -> float:
+    """Return the angle between the vehicle's z axis and up, 0..pi rad; up need not be a unit vector."""
+    return atan2(hypot(up[0], up[1]), up[2])
+
+
+def angle_between(first: Vector, second: Vector) -> float:
+    """Return the angle between two vectors, 0..pi rad; pi when one of them is zero or not finite: they do not agree."""
+    lengths = norm(first) * norm(second)
+    if not 0 < lengths < inf:
+        return pi
+    cosine = sum(a * b for a, b in zip(first, second)) / lengths
+    return acos(max(-1.0, min(1.0, cosine)))
+
+
+def describe_tilt(up: Vector) -> str:
+    """Return a tilt for a person, e.g. "14 deg to the left": the side that is down."""
+    tilt_rad = tilt_of(up)
+    if not isfinite(tilt_rad):
+        return "by an unknown angle"
+    if tilt_rad > pi / 2:
+        return f"{degrees(tilt_rad):.0f} deg, upside down"
+    length = hypot(up[0], up[1]) or 1.0
+    words: List[str] = []
+    if abs(up[0]) / length > _SIDE:
+        words.append("forward" if up[0] < 0 else "backward")
+    if abs(up[1]) / length > _SIDE:
+        words.append("to the left" if up[1] < 0 else "to the right")
+    return " ".join([f"{degrees(tilt_rad):.0f} deg", " and ".join(words)]).strip()
+
+
+def likely_mistake(magnitude: float, gravity_m_s2: float) -> str:
+    """Return what is likely wrong when the magnitude of gravity is; never empty."""
+    units = (("g", 1.0), ("milli-g", 1000.0), ("cm/s^2", 100 * gravity_m_s2), ("mm/s^2", 1000 * gravity_m_s2))
+    for unit, expected in units:
+        if abs(magnitude / expected - 1) < _NEAR:
+            return f"it looks like {unit}: the driver must publish m/s^2"
+    if magnitude < _NEAR * gravity_m_s2:
+        return "it measures next to nothing: is gravity already subtracted, or is the sensor dead?"
+    return "calibrate the accelerometer, and keep the vehicle still"
+
+
+class ImuStatistics(NamedTuple):
+    """What an IMU measured over a window, in its own frame.
+
+    Args:
+        samples: how many.
+        acceleration: mean specific force, m/s^2.
+        deviation: standard deviation of the specific force, all axes together, m/s^2.
+        turn_rate: magnitude of the mean turn rate, rad/s; None when it has none.
+    """
+
+    samples: int
+    acceleration: Vector
+    deviation: float
+    turn_rate: Optional[float]
+
+
+class _Bucket:
+    """Sums over one bucket of time."""
+
+    __slots__ = ("count", "gx", "gy", "gz", "number", "squares", "turns", "x", "y", "z")
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.count = self.turns = 0
+        self.x = self.y = self.z = self.squares = self.gx = self.gy = self.gz = 0.0
+
+
+class GravityWindow:
+    """Sliding sums of an IMU.
+
+    Args:
+        span_ns: how much is kept.
+    """
+
+    def __init__(self, span_ns: int) -> None:
+        self._span_ns = span_ns
+        self._buckets: Deque[_Bucket] = deque()
+        self.last_ns: Optional[int] = None
+        self.first_ns: Optional[int] = None
+
+    def add(self, t_ns: int, acceleration: Vector, turn_rate: Optional[Vector] = None) -> None:
+        """Add a sample. One that is not finite, or beyond any sensor, is not added."""
+        x, y, z = acceleration
+        squares = x * x + y * y + z * z
+        if not squares < _PLAUSIBLE_M2_S4:
+            return
+        bucket = self._bucket(t_ns)
+        bucket.count += 1
+        bucket.x += x
+        bucket.y += y
+        bucket.z += z
+        bucket.squares += squares
+        if turn_rate is not None and isfinite(sum(turn_rate)):
+            bucket.turns += 1
+            bucket.gx += turn_rate[0]
+            bucket.gy += turn_rate[1]
+            bucket.gz += turn_rate[2]
+
+    def statistics(self, t_ns: int, window_ns: int) -> Optional[ImuStatistics]:
+        """Return what was measured in the window that ends at a time; None when nothing was."""
+        first = (t_ns - window_ns) // BUCKET_NS
+        used = [bucket for bucket in self._buckets if first <= bucket.number <= t_ns // BUCKET_NS]
+        count = sum(bucket.count for bucket in used)
+        if not count:
+            return None
+        mean = tuple(sum(getattr(bucket, axis) for bucket in used) / count for axis in ("x", "y", "z"))
+        acceleration = (mean[0], mean[1], mean[2])
+        variance = sum(bucket.squares for bucket in used) / count - sum(value * value for value in mean)
+        turns = sum(bucket.turns for bucket in used)
+        rate = [sum(getattr(bucket, axis) for bucket in used) for axis in ("gx", "gy", "gz")]
+        turn_rate = norm((rate[0] / turns, rate[1] / turns, rate[2] / turns)) if turns else None
+        return ImuStatistics(count, acceleration, sqrt(max(0.0, variance)), turn_rate)
+
+    def _bucket(self, t_ns: int) -> _Bucket:
+        """Return the bucket of a time, and drop what is too old; time that jumps backwards empties the window."""
+        number, buckets = t_ns // BUCKET_NS, self._buckets
+        if self.last_ns is None or number < buckets[-1].number:
+            buckets.clear()
+            self.first_ns = t_ns
+        elif t_ns - self.last_ns > _GAP_NS:
+            self.first_ns = t_ns  # what came before the gap does not tell what was in it
+        self.last_ns = t_ns
+        if not buckets or buckets[-1].number != number:
+            buckets.append(_Bucket(number))
+            oldest = (t_ns - self._span_ns) // BUCKET_NS
+            while buckets[0].number < oldest:
+                buckets.popleft()
+        return buckets[-1]

@@ -1,0 +1,182 @@
+"""Is the vehicle on the ground, has it landed? Judged from the distance to the ground; unknown is not on the ground.
+
+```
+  UNKNOWN --- near for settle_ns ---> ON_GROUND --- far for settle_ns ---> AIRBORNE
+     ^                                    ^                                   |
+     |  no distance, at once              +--- near for landed_dwell_ns, -----+
+     +------------- from any                   hardly any vertical speed, autopilot agrees where it says anything
+```
+
+Near is below `ground_distance_m`, far above `airborne_distance_m`; in between the last judgement stands, and anything
+but near begins the dwell anew. A vehicle that was airborne stays so through UNKNOWN: it needs the long dwell. So a
+bounce, a low pass over the pad or a hand under the sensor is no landing. The judgement moves when a range arrives, at
+most once per `STEP_NS`, and does not depend on how often somebody asks.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple, Optional, Tuple
+
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.events import Landed, VehicleLanded
+
+from .condition import FOREVER_NS, seconds
+from .ground import GroundDistance, seen_m
+from .specs import LandingSpec
+
+__all__ = ["STEP_NS", "LandingDetector", "LandingVerdict"]
+
+_S = 1_000_000_000
+STEP_NS = _S // 20
+_FAR_PAST_NS = -(2**62)
+
+
+class LandingVerdict(NamedTuple):
+    """The judgement at a time.
+
+    Args:
+        landed: UNKNOWN, ON_GROUND or AIRBORNE.
+        distance_m: from the feet to the ground; None: unknown.
+        reason: why.
+        age_ns: since something was last seen; None: never.
+        changes_at_ns: when it can change if nothing arrives.
+    """
+
+    landed: Landed
+    distance_m: Optional[float]
+    reason: str
+    age_ns: Optional[int]
+    changes_at_ns: int
+
+
+class LandingDetector:
+    """The landing detection's judgement."""
+
+    def __init__(self, spec: Optional[LandingSpec] = None) -> None:
+        self.spec = spec or LandingSpec()
+        self._ground = GroundDistance(self.spec)
+        self._landed, self._reason = Landed.UNKNOWN, ""
+        self._was_airborne = False
+        self._distance_m: Optional[float] = None
+        self._near_since_ns: Optional[int] = None
+        self._far_since_ns: Optional[int] = None
+        self._stale = f"nothing seen for longer than {seconds(self.spec.age_limit_ns)}"
+        self._judged_ns = _FAR_PAST_NS
+        self._speed: Tuple[int, float] = (_FAR_PAST_NS, 0.0)
+        self._autopilot: Tuple[int, VehicleLanded] = (_FAR_PAST_NS, VehicleLanded.UNKNOWN)
+
+    def add_range(
+        self, t_ns: int, reading: float, min_range_m: Optional[float] = None, max_range_m: Optional[float] = None
+    ) -> bool:
+        """Add a reading and the limits that its message says, in its units. Return True when the judgement changed."""
+        seen_ns = self._ground.seen_ns
+        if t_ns < self._judged_ns:
+            self._begin()
+        elif seen_ns is not None and t_ns - seen_ns > self.spec.age_limit_ns:
+            self._lose(self._stale)
+        self._ground.add(t_ns, seen_m(reading, self.spec, min_range_m, max_range_m))
+        if t_ns - self._judged_ns < STEP_NS:
+            return False
+        before = self._landed
+        self._judged_ns = t_ns
+        self._distance_m = self._ground.distance_m()
+        self._judge(t_ns)
+        return self._landed is not before
+
+    def add_tilt(self, t_ns: int, tilt_rad: float) -> None:
+        """Add the angle between the vehicle's z axis and the vertical."""
+        self._ground.add_tilt(t_ns, tilt_rad)
+
+    def add_vertical_speed(self, t_ns: int, speed_m_s: float) -> None:
+        """Add the vertical speed; NaN is ignored."""
+        if isfinite(speed_m_s):
+            self._speed = (t_ns, speed_m_s)
+
+    def add_autopilot(self, t_ns: int, landed: VehicleLanded) -> None:
+        """Add what the autopilot says; UNKNOWN does not count."""
+        self._autopilot = (t_ns, landed)
+
+    def evaluate(self, t_ns: int) -> LandingVerdict:
+        """Return the judgement at a time."""
+        seen_ns, limit_ns = self._ground.seen_ns, self.spec.age_limit_ns
+        if seen_ns is None:
+            return LandingVerdict(Landed.UNKNOWN, None, self._reason or "no range yet", None, FOREVER_NS)
+        age_ns = t_ns - seen_ns
+        if abs(age_ns) > limit_ns:
+            self._lose(self._stale)
+            return LandingVerdict(Landed.UNKNOWN, None, self._reason, max(0, age_ns), FOREVER_NS)
+        return LandingVerdict(self._landed, self._distance_m, self._reason, max(0, age_ns), seen_ns + limit_ns + 1)
+
+    def checks(self, t_ns: int) -> Tuple[Check, ...]:
+        """Return the rows of the check "on the ground" at a time."""
+        return (self._range_row(self.evaluate(t_ns)), self._ground_row(self.evaluate(t_ns)))
+
+    def _range_row(self, verdict: LandingVerdict) -> Check:
+        limit_s = self.spec.age_limit_ns / _S
+        age_s = None if verdict.age_ns is None else verdict.age_ns / _S
+        if verdict.distance_m is not None:
+            return Check("range age", Verdict.PASS, age_s, limit_s, "s", age_s)
+        advice = f"{verdict.reason}: check the range finder, its lens and its topic {self.spec.topic}"
+        return Check("range age", Verdict.UNKNOWN, age_s, limit_s, "s", age_s, advice)
+
+    def _ground_row(self, verdict: LandingVerdict) -> Check:
+        limit_m = self.spec.ground_distance_m
+        age_s = None if verdict.age_ns is None else verdict.age_ns / _S
+        outcome, advice = Verdict.PASS, ""
+        if verdict.distance_m is None:
+            outcome, advice = Verdict.UNKNOWN, "the distance to the ground is unknown"
+        elif verdict.distance_m > limit_m:
+            outcome, height = Verdict.FAIL, f"{verdict.distance_m:.2f} m above the ground, limit {limit_m:.2f} m"
+            advice = f"the feet are {height}: place the vehicle on the ground"
+        elif verdict.landed is not Landed.ON_GROUND:
+            outcome, advice = Verdict.UNKNOWN, f"{verdict.reason}, wait"
+        return Check("distance to ground", outcome, verdict.distance_m, limit_m, "m", age_s, advice)
+
+    def _begin(self) -> None:
+        """Begin anew when time has jumped backwards; that it was airborne stands."""
+        self._ground.clear()
+        self._lose("no range yet")
+        self._judged_ns = _FAR_PAST_NS
+
+    def _lose(self, reason: str) -> None:
+        self._landed, self._reason, self._distance_m = Landed.UNKNOWN, reason, None
+        self._near_since_ns = self._far_since_ns = None
+
+    def _judge(self, t_ns: int) -> None:
+        """Move the judgement by the present distance."""
+        spec, distance_m = self.spec, self._distance_m
+        if distance_m is None:
+            self._lose(self._ground.why_unknown)
+            return
+        if distance_m < -spec.ground_distance_m:
+            self._lose("something is nearer to the range finder than the ground can be")
+            return
+        near, far = distance_m <= spec.ground_distance_m, distance_m > spec.airborne_distance_m
+        near = near and (not self._was_airborne or self._at_rest(t_ns))
+        self._near_since_ns = (t_ns if self._near_since_ns is None else self._near_since_ns) if near else None
+        self._far_since_ns = (t_ns if self._far_since_ns is None else self._far_since_ns) if far else None
+        if self._far_since_ns is not None and t_ns - self._far_since_ns >= spec.settle_ns:
+            self._landed, self._was_airborne = Landed.AIRBORNE, True
+        dwell_ns = spec.landed_dwell_ns if self._was_airborne else spec.settle_ns
+        if self._near_since_ns is not None and t_ns - self._near_since_ns >= dwell_ns:
+            self._landed, self._was_airborne = Landed.ON_GROUND, False
+        self._reason = self._words(near=near)
+
+    def _at_rest(self, t_ns: int) -> bool:
+        """Return False when vertical speed or autopilot, as far as they are known, speak against a landing."""
+        limit_ns = self.spec.age_limit_ns
+        speed_ns, speed_m_s = self._speed
+        if abs(t_ns - speed_ns) <= limit_ns and abs(speed_m_s) > self.spec.max_vertical_speed_m_s:
+            return False
+        said_ns, landed = self._autopilot
+        fresh = abs(t_ns - said_ns) <= limit_ns
+        return not fresh or landed in (VehicleLanded.UNKNOWN, VehicleLanded.ON_GROUND)
+
+    def _words(self, *, near: bool) -> str:
+        if self._landed is Landed.ON_GROUND:
+            return "on the ground"
+        if near:
+            dwell_ns = self.spec.landed_dwell_ns if self._was_airborne else self.spec.settle_ns
+            return f"near the ground, not yet for {seconds(dwell_ns)}"
+        return "in the air" if self._landed is Landed.AIRBORNE else "neither near the ground nor clear of it"
