@@ -1,0 +1,327 @@
+"""The autonomy node: wires the engine to ROS. It decides nothing itself.
+
+Services it calls, topics it listens to: `interface.py`. It offers, in its private namespace:
+
+    ~state           AutonomyState, latched, at each decision and 2 Hz
+    ~journal         JournalEntry, every line of the journal; a new listener first gets all lines so far
+    /diagnostics     diagnostic_msgs/DiagnosticArray, 1 Hz
+    ~list_missions   ListMissions
+    ~select_mission  SelectMission
+    ~go ~retry ~give_up ~hold ~resume ~land ~abort ~acknowledge   UserCommand
+
+Parameters: `parameters.py`. Exit status: `results.py`.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from datetime import datetime, timezone
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
+
+import rosgraph
+import rospy
+
+from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.engine import journal as codec
+from amaze_autonomy.engine.commands import Command
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import (
+    EngineStarted,
+    Event,
+    InvalidEventError,
+    MissionRejected,
+    Shutdown,
+    UserCommand,
+    UserRequest,
+)
+from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.engine.timers import next_deadline
+
+from . import output, process, results
+from .clock import Clock, make_clock
+from .diagnostics import Diagnostics
+from .ending import Ending, Farewell
+from .engine_thread import EngineThread
+from .errors import InvalidMessageError, NodeError, StartError
+from .interface import SERVICES, STATUS_TOPICS, StatusTopic
+from .journal_file import JournalFile, create, reopen
+from .outbox import Outbox
+from .parameters import Parameters, read_parameters
+from .requests import Requests
+from .service_client import ServiceClient
+from .state_publisher import StatePublisher
+from .timeline import Timeline
+from .users import UserDesk, choose
+
+__all__ = ["AutonomyNode", "main"]
+
+_FAREWELL_LIMIT_S = 5.0
+_MASTER_LIMIT_S = 1.0
+_LOOK_AGAIN_S = 0.2
+_LAST_WORDS_S = 0.3  # until what was published last is on the wire
+_SPARE = {"mission_planner/command": 2, "autopilot/land": 1, "autopilot/disarm": 1}
+
+
+class AutonomyNode:
+    """All parts of the node, and how they are connected.
+
+    Args:
+        parameters: of the node.
+        configuration: as loaded.
+        clock: that decides.
+        label: prefix of session ids, made from the wall time.
+        unfinished: the journal to go on with.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        configuration: Configuration,
+        clock: Clock,
+        label: str,
+        unfinished: Optional[output.Unfinished] = None,
+    ) -> None:
+        self._parameters, self._configuration, self._clock = parameters, configuration, clock
+        self._label, self._resumed = label, unfinished
+        self._reasons: SimpleQueue[str] = SimpleQueue()
+        self._rejected: Dict[str, int] = {}
+        self._warned: Set[Tuple[str, str]] = set()
+        self._timeline = Timeline()
+        self._farewell = Farewell()
+        self._journal = self._open_journal()
+        state = self._decided_again()
+        self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
+        self._state_publisher = StatePublisher(configuration.rules, clock)
+        self._outbox = Outbox(self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping)
+        self._requests = Requests(self._clients(), self.put, clock.now_ns)
+        self._desk = UserDesk(configuration.missions, self.put, clock.now_ns)
+        self._engine = EngineThread(
+            decide,
+            next_deadline,
+            configuration.rules,
+            clock,
+            self._requests.send,
+            self._desk.answer,
+            self._record,
+            state,
+        )
+        self._diagnostics = Diagnostics(
+            lambda: self._engine.state, self._journal, self._rejected, lambda: len(self._requests.open)
+        )
+
+    # --- start ----------------------------------------------------------------------------------------------------
+
+    def _clients(self) -> Dict[str, ServiceClient]:
+        master, me = rosgraph.get_master_uri(), rospy.get_name()
+        return {
+            name: ServiceClient(rospy.resolve_name(name), service, master, me, _SPARE.get(name, 0))
+            for name, service in SERVICES.items()
+        }
+
+    def _open_journal(self) -> JournalFile:
+        if self._resumed is not None:
+            return reopen(self._resumed.path)
+        header = codec.make_header(
+            self._configuration.rules,
+            self._configuration.effective,
+            self._configuration.hash,
+            boot_id=output.boot_id(),
+            clock="ROS time" if not rospy.rostime.is_wallclock() else "monotonic",
+            label=self._label,
+            node=rospy.get_name(),
+            python=sys.version.split()[0],
+            started=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            written_by="autonomy node",
+        )
+        return create(output.make_folder(self._parameters.output, self._label), codec.encode_header(header))
+
+    def _decided_again(self) -> EngineState:
+        """Return the state that an unfinished journal leads to."""
+        state = EngineState()
+        for event in self._resumed.events if self._resumed is not None else ():
+            state, _ = decide(state, event, self._configuration.rules)
+        return state
+
+    def start(self) -> None:
+        """Begin to decide, then open the node to the world."""
+        self._outbox.start(self._engine.state)
+        self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
+        self._engine.start()
+        self._desk.open()
+        for topic in STATUS_TOPICS:
+            rospy.Subscriber(topic.name, topic.message, self._listener(topic), tcp_nodelay=True)
+        if self._parameters.missions and self._resumed is None:
+            threading.Thread(target=self._select, name="select", daemon=True).start()
+        process.settle()
+
+    def _select(self) -> None:
+        """Select the missions of the parameter once all peers are there, or have had the time to come."""
+        deadline_s = time.monotonic() + self._parameters.peers_limit_s
+        while time.monotonic() < deadline_s and self._requests.missing(_MASTER_LIMIT_S):
+            time.sleep(_LOOK_AGAIN_S)
+        self.put(choose(self._configuration.missions, self._parameters.missions, self._clock.now_ns()))
+
+    def _listener(self, topic: StatusTopic) -> Callable[[Any], None]:
+        read, now_ns, ros_ns, put = topic.read, self._clock.now_ns, self._clock.ros_ns, self._engine.put
+
+        def listen(message: Any) -> None:
+            try:
+                put(read(message, now_ns(), ros_ns()))
+            except (InvalidMessageError, InvalidEventError) as error:
+                self._reject(topic.name, error)
+
+        return listen
+
+    def _reject(self, topic: str, error: Any) -> None:
+        """Count an invalid message; warn once per topic and field."""
+        self._rejected[topic] = self._rejected.get(topic, 0) + 1
+        if (topic, error.field) not in self._warned:
+            self._warned.add((topic, error.field))
+            rospy.logwarn("%s: invalid message ignored: %s (said once)", rospy.resolve_name(topic), error)
+
+    # --- run ------------------------------------------------------------------------------------------------------
+
+    def put(self, event: Event) -> None:
+        """Give the engine an event; from any thread."""
+        self._engine.put(event)
+
+    def _record(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+        """Hand on a step of the engine; on its thread, after the requests went out."""
+        self._outbox.put(event, state, commands)
+        self._farewell.see(event, commands)
+        self._ending.see(state)
+        if self._parameters.unattended and commands:
+            self._answer_for_the_user(state)
+
+    def _answer_for_the_user(self, state: EngineState) -> None:
+        """Do what ends the run when nobody is there to do anything else."""
+        if state.state is State.OUTREACH:
+            self.put(UserRequest(t_ns=state.t_ns, command=UserCommand.GIVE_UP))
+        elif state.state is State.PILOT and not state.in_flight:
+            self.put(UserRequest(t_ns=state.t_ns, command=UserCommand.ACKNOWLEDGE))
+
+    def _housekeeping(self) -> None:
+        self._diagnostics.publish()
+        self._requests.keep_connected()
+
+    def end(self, reason: str) -> None:
+        """Have the node end; from any thread and from signal handlers. Only the first reason counts."""
+        self._reasons.put(reason)
+
+    # --- end ------------------------------------------------------------------------------------------------------
+
+    def run(self) -> int:
+        """Work until there is a reason to end; return the exit status."""
+        reason = self._reasons.get()
+        if reason != "mission ended":
+            self.put(Shutdown(t_ns=self._clock.now_ns(), signal=reason))
+            self._farewell.wait(_FAREWELL_LIMIT_S)
+        self._engine.stop()
+        state = self._engine.state
+        self._outbox.stop()
+        status = self._write_result(state)
+        self._print_end(reason, state)
+        time.sleep(_LAST_WORDS_S)
+        self._requests.close()
+        return status
+
+    def _write_result(self, state: EngineState) -> int:
+        status = results.exit_status(self._ending.results, state)
+        folder = self._folder
+        result = {
+            "data": state.data_location,
+            "exit_status": status,
+            "in_flight": state.in_flight,
+            "journal": str(self._journal.path),
+            "report": str(folder / output.REPORT_NAME),
+            "result": results.outcome(self._ending.results, state),
+            "state": state.state.value,
+        }
+        try:
+            (folder / output.REPORT_NAME).write_text(self._timeline.text(), encoding="utf-8")
+            output.write_result(folder, result)
+        except OSError as error:
+            print(f"autonomy: the result cannot be written: {error}", file=sys.stderr, flush=True)
+        return status
+
+    @property
+    def _folder(self) -> Path:
+        return self._journal.path.parent
+
+    def _print_end(self, reason: str, state: EngineState) -> None:
+        lines: List[str] = []
+        if reason != "mission ended":
+            flight = " IN FLIGHT" if state.in_flight else ""
+            lines.append(f"autonomy: ended by {reason}{flight} in {state.state.value}")
+            if self._farewell.text():
+                lines.append(f"autonomy: LAND was sent ({self._farewell.text()})")
+        lines.append(f"autonomy: result   {results.outcome(self._ending.results, state)}")
+        lines.append(f"autonomy: bag      {state.data_location or 'none'}")
+        lines.append(f"autonomy: journal  {self._journal.path}")
+        lines.append(f"autonomy: report   {self._folder / output.REPORT_NAME}")
+        print("\n".join(lines), flush=True)
+
+
+def _wait_for_time(stopped: threading.Event) -> None:
+    """Wait for the first message on /clock; without it there is no time to decide on."""
+    while not rospy.rostime.is_wallclock() and not rospy.rostime.get_rostime() and not stopped.wait(0.05):
+        rospy.logwarn_throttle(10, "use_sim_time is set: waiting for /clock")
+
+
+def _check_missions(parameters: Parameters, configuration: Configuration) -> None:
+    """Refuse to start a run that would wait for a mission for ever."""
+    event = choose(configuration.missions, parameters.missions, 0)
+    if parameters.missions and parameters.exit_when_ended and isinstance(event, MissionRejected):
+        raise StartError(f"mission {event.mission_id!r}: {event.error}")
+
+
+def _unfinished(parameters: Parameters, configuration: Configuration) -> Optional[output.Unfinished]:
+    """Return the journal to go on with, unless it was decided by other rules than ours."""
+    found = output.find_unfinished(parameters.output) if parameters.resume else None
+    if found is not None and found.header.get("hash") != configuration.hash:
+        rospy.logwarn("%s has not ended, but was decided by another configuration: a new one begins", found.path)
+        return None
+    return found
+
+
+def _make(stopped: threading.Event) -> AutonomyNode:
+    parameters = read_parameters()
+    process.take_precedence(parameters.nice)
+    configuration = load_configuration(parameters.config, parameters.overrides)
+    _check_missions(parameters, configuration)
+    _wait_for_time(stopped)
+    unfinished = _unfinished(parameters, configuration)
+    clock = make_clock(unfinished.last_ns if unfinished is not None else 0)
+    label = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S")
+    return AutonomyNode(parameters, configuration, clock, label, unfinished)
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    rospy.init_node("autonomy", disable_signals=True)
+    stopped = threading.Event()
+    ends: List[Callable[[str], None]] = [lambda _: stopped.set()]
+
+    def handle(number: int, _frame: Any) -> None:
+        ends[-1](signal.Signals(number).name)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handle)
+    rospy.core.add_preshutdown_hook(lambda reason: ends[-1](f"ROS ({reason})"))
+    try:
+        node = _make(stopped)
+        ends.append(node.end)
+        if stopped.is_set():
+            node.end("a signal")
+        node.start()
+        return node.run()
+    except (ConfigError, NodeError) as error:
+        print(f"autonomy: {error}", file=sys.stderr, flush=True)
+        return results.START_ERROR
+    finally:
+        rospy.signal_shutdown("ended")

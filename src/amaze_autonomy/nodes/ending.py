@@ -1,0 +1,99 @@
+"""When the node ends, and what has to be true before it may."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Callable, Dict, List, Tuple
+
+from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction, MissionCommand
+from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
+from amaze_autonomy.engine.state import EngineState, Result, State
+
+__all__ = ["Ending", "Farewell"]
+
+_ROUTES = ("mission planner", "autopilot")
+
+
+class Ending:
+    """Watches the steps of the engine for the end of the last mission.
+
+    Args:
+        exit_when_ended: the end of the last mission ends the node.
+        end: called with the reason, when the node shall end.
+        state: that the engine starts from.
+    """
+
+    def __init__(self, end: Callable[[str], None], state: EngineState, *, exit_when_ended: bool) -> None:
+        self._exit, self._end = exit_when_ended, end
+        self._before = state.state
+        self.results: List[Result] = []
+
+    def see(self, state: EngineState) -> None:
+        """Take notice of a step."""
+        before, self._before = self._before, state.state
+        if state.state is before:
+            return
+        if state.state is State.MISSION_ENDED:
+            self.results.append(state.result)
+        elif state.state is State.MISSION_INPUT and before is not State.MISSION_ENDED:
+            self.results.append(Result.NOT_FLOWN)
+        else:
+            return
+        if self._exit and not state.queue:
+            self._end("mission ended")
+
+
+class Farewell:
+    """Follows the landing that the engine sends when the process is told to end."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Condition()
+        self._waits: Dict[int, str] = {}
+        self._sent: Dict[str, str] = {}
+        self._seen = self._landing = False
+
+    def see(self, event: Event, commands: Tuple[Command, ...]) -> None:
+        """Take notice of a step of the engine: the shutdown, the requests to land, and their replies."""
+        if not self._seen and not isinstance(event, Shutdown):
+            return
+        with self._lock:
+            self._seen = True
+            for command in commands:
+                route = _route(command)
+                if route:
+                    self._landing = True
+                    self._waits[command.id] = route  # type: ignore[attr-defined]
+                    self._sent.setdefault(route, "no answer")
+            if isinstance(event, Reply) and event.command_id in self._waits:
+                self._note(self._waits.pop(event.command_id), event)
+            self._lock.notify_all()
+
+    def _note(self, route: str, reply: Reply) -> None:
+        if self._sent[route] != Outcome.ACCEPTED.value:
+            self._sent[route] = reply.outcome.value
+
+    def wait(self, limit_s: float) -> None:
+        """Wait until the shutdown was decided on, and where it led to a landing, until both routes have accepted it."""
+        deadline_s = time.monotonic() + limit_s
+        with self._lock:
+            while not self._over():
+                left_s = deadline_s - time.monotonic()
+                if left_s <= 0.0:
+                    return
+                self._lock.wait(left_s)
+
+    def _over(self) -> bool:
+        if not self._seen:
+            return False
+        return not self._landing or all(self._sent.get(route) == Outcome.ACCEPTED.value for route in _ROUTES)
+
+    def text(self) -> str:
+        """Return what was sent and what was answered, for the exit text; empty when nothing was sent."""
+        return ", ".join(f"{route}: {self._sent[route]}" for route in _ROUTES if route in self._sent)
+
+
+def _route(command: Command) -> str:
+    if isinstance(command, MissionCommand) and command.action in (MissionAction.LAND, MissionAction.ABORT):
+        return _ROUTES[0]
+    return _ROUTES[1] if isinstance(command, AutopilotLand) else ""

@@ -1,0 +1,270 @@
+"""The simulated world behind real services and topics: everything the engine talks to, for a laptop without a vehicle.
+
+Offers the services and publishes the status topics of `interface.py` for the peers it plays, and the sensors' topics.
+
+    ~peers      which peers it plays: a mapping of name to true or false, or names with commas; default all
+    ~sensors    publish the sensors' samples (default: true)
+    ~faults     file with a scenario; empty: nothing goes wrong
+    ~seed       of noise and latencies (default: 0)
+    ~record     really record with rosbag record (default: false)
+    ~output     folder for recordings; empty: the one of recording.yaml
+    ~received   file that gets a line of JSON for each request that arrived
+    ~config     folder of the configuration; ~overrides as for the autonomy node
+
+A second process may play a part of the peers, so that it can be killed. Each process then has a world of its own from
+the same seed and faults; the vehicle that obeys is that of the process that plays mission_planner.
+"""
+
+from __future__ import annotations
+
+import functools
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
+
+import rospy
+
+from amaze_autonomy import msg, srv
+from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.engine import events
+from amaze_autonomy.engine.commands import Request
+from amaze_autonomy.engine.events import Event, Outcome, Reply
+from amaze_autonomy.simulation import SimulationError, World
+from amaze_autonomy.simulation.scenario_file import load_scenario
+
+from . import outgoing, parameters
+from .bag_recorder import BagRecorder
+from .clock import Clock, make_clock
+from .errors import NodeError, StartError
+from .interface import SERVICES, STATUS_TOPICS
+from .live_world import LiveWorld, Received, Turn
+from .request_reader import command_of, response_of
+from .sensor_publisher import SensorPublisher
+
+__all__ = ["PEERS", "SimulationNode", "main"]
+
+_LANDING_LIMIT_S = 10.0
+_BAG_LIMIT_S = 10.0
+
+PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner", "data_recorder")
+
+_Writer = Callable[[Any, int], Any]
+_STATUS: Mapping[Type[Event], Tuple[str, _Writer]] = {
+    events.WatchdogAction: ("watchdog/action", outgoing.watchdog_action),
+    events.WatchdogInfo: ("watchdog/info", outgoing.watchdog_info),
+    events.MissionStatus: ("mission_planner/status", outgoing.mission_status),
+    events.RecordingStatus: ("data_recorder/status", outgoing.recording_status),
+    events.AutopilotStatus: ("autopilot/status", outgoing.autopilot_status),
+    events.LandedStatus: ("landing_detection/landed", outgoing.landed_status),
+}
+
+
+def _peer(name: str) -> str:
+    """Return the peer that a service or topic belongs to."""
+    return name.split("/", 1)[0]
+
+
+class SimulationNode:
+    """A world, and its services and topics.
+
+    Args:
+        world: made with `live=True`.
+        clock: the node's.
+        peers: which peers this process plays.
+        recorder: records really; None: the recording is simulated.
+        received: writes down what came.
+        sensors: publish the sensors' samples.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        clock: Clock,
+        peers: Tuple[str, ...],
+        recorder: Optional[BagRecorder],
+        received: Received,
+        *,
+        sensors: bool,
+    ) -> None:
+        self._clock, self._peers, self._recorder = clock, peers, recorder
+        self._jobs: List[Callable[[], None]] = []
+        self._jobs_lock = threading.Lock()
+        self._live = LiveWorld(world, clock, self._take, received)
+        self._sensors = SensorPublisher(clock) if sensors else None
+        self._services: Dict[str, Any] = {}
+        self._status = {
+            topic.name: rospy.Publisher(topic.name, topic.message, queue_size=100, tcp_nodelay=True)
+            for topic in STATUS_TOPICS
+            if _peer(topic.name) in peers
+        }
+        self._engine_state = ""
+
+    def start(self) -> None:
+        """Let the world begin."""
+        rospy.Subscriber("autonomy/state", msg.AutonomyState, self._observe, queue_size=10)
+        self._live.start()
+
+    def _observe(self, message: Any) -> None:
+        if message.state != self._engine_state:
+            self._engine_state = message.state
+            self._live.observe_state(message.state)
+
+    # --- the world's side -----------------------------------------------------------------------------------------
+
+    def _take(self, turn: Turn) -> None:
+        """Publish what came of a turn of the world; on the world's thread."""
+        for event in turn.events:
+            self._publish(event, turn)
+        self._offer(turn.services)
+        if self._sensors is not None:
+            self._sensors.publish(turn.samples)
+        with self._jobs_lock:
+            jobs, self._jobs = self._jobs, []
+        for job in jobs:
+            job()
+
+    def _publish(self, event: Event, turn: Turn) -> None:
+        """Publish a status, or ask the engine what the scenario's user asks."""
+        if isinstance(event, events.UserRequest):
+            threading.Thread(target=_ask_engine, args=(event.command.value,), daemon=True).start()
+            return
+        name, write = _STATUS[type(event)]
+        publisher = self._status.get(name)
+        if publisher is None:
+            return
+        if isinstance(event, events.RecordingStatus) and self._recorder is not None:
+            event = self._recorder.truth(event)
+        if isinstance(event, events.AutopilotStatus):
+            publisher.publish(outgoing.autopilot_status(event, self._clock.ros_ns(), turn.health))
+        else:
+            publisher.publish(write(event, self._clock.ros_ns()))
+
+    def _offer(self, wanted: Tuple[str, ...]) -> None:
+        """Have exactly those services that are there now."""
+        for name in [name for name in self._services if name not in wanted]:
+            self._services.pop(name).shutdown("vanished")
+        for name in wanted:
+            if name not in self._services and _peer(name) in self._peers:
+                handler = functools.partial(self._serve, name)
+                self._services[name] = rospy.Service(name, SERVICES[name], handler, error_handler=_say_nothing)
+
+    def _serve(self, name: str, request: Any) -> Any:
+        """Answer a request; on a service thread."""
+        asked: List[Request] = []
+
+        def make(number: int) -> Request:
+            asked.append(command_of(name, request, number))
+            return asked[0]
+
+        reply = self._live.ask(name, make)
+        if reply is None:
+            raise rospy.ServiceException("the node ends")
+        if getattr(reply, "outcome", None) is Outcome.BROKEN:
+            raise BrokenPipeError(getattr(reply, "message", ""))
+        return response_of(name, self._really(name, request, reply), self._clock.now_ns())
+
+    def _really(self, name: str, request: Any, reply: Event) -> Event:
+        """Start and stop the real recording with the simulated one; rosbag is started by the world's thread."""
+        if self._recorder is None or not isinstance(reply, Reply) or reply.outcome is not Outcome.ACCEPTED:
+            return reply
+        recorder, session = self._recorder, getattr(request, "session_id", "")
+        with self._jobs_lock:
+            if name == "data_recorder/start":
+                self._jobs.append(lambda: self._start_recording(recorder, session))
+            elif name == "data_recorder/stop":
+                self._jobs.append(recorder.stop)
+        return reply
+
+    def _start_recording(self, recorder: BagRecorder, session: str) -> None:
+        problem = recorder.start(session)
+        if problem:
+            rospy.logerr("%s", problem)
+
+    # --- end ------------------------------------------------------------------------------------------------------
+
+    def end(self) -> None:
+        """End; a vehicle in the air does not vanish because of a Ctrl-C: it gets the time to land."""
+        deadline_s = time.monotonic() + _LANDING_LIMIT_S
+        while "mission_planner" in self._peers and self._live.in_the_air and time.monotonic() < deadline_s:
+            time.sleep(0.05)
+        if self._recorder is not None:
+            self._recorder.stop()
+            self._recorder.wait(_BAG_LIMIT_S)
+        self._live.stop()
+
+
+def _ask_engine(command: str) -> None:
+    try:
+        rospy.ServiceProxy(f"autonomy/{command}", srv.UserCommand)()
+    except rospy.ServiceException as error:
+        rospy.logwarn("the scenario's user asked for %s: %s", command, error)
+
+
+def _say_nothing(_error: Exception, _kind: Any, _value: Any, _trace: Any) -> None:
+    """A service that breaks by the scenario is no error of this node."""
+
+
+def _peers() -> Tuple[str, ...]:
+    value = rospy.get_param("~peers", "")
+    if isinstance(value, dict):
+        names = [name for name, plays in value.items() if plays]
+    else:
+        names = [name.strip() for name in str(value).split(",") if name.strip()] or list(PEERS)
+    for name in names:
+        if name not in PEERS:
+            raise StartError(f"~peers names {name!r}, there are {', '.join(PEERS)}")
+    return tuple(name for name in PEERS if name in names)
+
+
+def _topics(configuration: Configuration) -> List[str]:
+    """Return what is recorded on all platforms; ~ is the autonomy node's private namespace."""
+    names = [
+        name for platform in configuration.recording.platforms for name in configuration.recording.topics(platform.name)
+    ]
+    return [rospy.resolve_name(name.replace("~", "autonomy/", 1)) for name in dict.fromkeys(names)]
+
+
+def _recorder(configuration: Configuration) -> Optional[BagRecorder]:
+    if not rospy.get_param("~record", False):
+        return None
+    storage = configuration.recording.storage
+    options = [f"--buffsize={storage.buffer_mb}", f"--chunksize={storage.chunk_kb}", "--tcpnodelay"]
+    if storage.compression == "lz4":
+        options.append("--lz4")
+    output = str(rospy.get_param("~output", ""))
+    folder = Path(output) / "recordings" if output else Path(configuration.recording.folder)
+    return BagRecorder(folder.expanduser(), _topics(configuration), options)
+
+
+def _make() -> SimulationNode:
+    configuration = load_configuration(parameters.configuration_folder(), parameters.overrides())
+    peers = _peers()
+    faults = str(rospy.get_param("~faults", ""))
+    scenario = load_scenario(faults) if faults else None
+    clock = make_clock()
+    world = World(configuration, int(rospy.get_param("~seed", 0)), scenario, start_ns=clock.now_ns(), live=True)
+    received = Received(str(rospy.get_param("~received", "")))
+    sensors = bool(rospy.get_param("~sensors", True)) and "mission_planner" in peers
+    return SimulationNode(world, clock, peers, _recorder(configuration), received, sensors=sensors)
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    rospy.init_node("simulation", disable_signals=True)
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
+    rospy.core.add_preshutdown_hook(lambda _: stopped.set())
+    try:
+        node = _make()
+    except (ConfigError, NodeError, SimulationError, OSError) as error:
+        print(f"simulation: {error}", file=sys.stderr, flush=True)
+        return 2
+    node.start()
+    stopped.wait()
+    node.end()
+    rospy.signal_shutdown("ended")
+    return 0
