@@ -1,0 +1,77 @@
+"""The conditions of the recording: proven, refused, complete, incomplete."""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from .absorb import proves_recording
+from .commands import Value
+from .events import Outcome, RecordingPhase
+from .guards import Values, holds_if
+from .timers import passed
+from .turn import Turn
+
+__all__ = [
+    "data_complete",
+    "data_incomplete",
+    "nothing_recorded",
+    "recording_proven",
+    "recording_refused",
+    "something_recorded",
+]
+
+_NS = 1e9
+_REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
+
+
+def recording_proven(turn: Turn) -> Optional[Values]:
+    """Files grow on every platform, and the lead time has passed."""
+    recorder = turn.state.recorder
+    if (
+        recorder is None
+        or not proves_recording(recorder)
+        or not passed("recording_lead", turn.state, turn.rules, turn.now)
+    ):
+        return None
+    return (Value("platforms that record", len(recorder.platforms)),)
+
+
+def recording_refused(turn: Turn) -> Optional[Values]:
+    """The recorder refused to start, or says that it failed."""
+    state = turn.state
+    if state.recording_outcome in _REFUSED:
+        return (Value("recorder", state.recording_message or "refused"),)
+    failed = state.recorder is not None and state.recorder.phase is RecordingPhase.FAILED and state.recording_progressed
+    return holds_if(failed, Value("recorder", state.recorder.message if state.recorder is not None else ""))
+
+
+def nothing_recorded(turn: Turn) -> Optional[Values]:
+    """No recording was ever asked for in this session."""
+    return holds_if(not turn.state.recording_asked, Value("recording", "never started"))
+
+
+def something_recorded(turn: Turn) -> Optional[Values]:
+    """A recording was asked for in this session."""
+    return holds_if(turn.state.recording_asked, Value("recording", "started"))
+
+
+def data_complete(turn: Turn) -> Optional[Values]:
+    """The recorder has written, transferred, merged and verified everything."""
+    recorder = turn.state.recorder
+    complete = recorder is not None and recorder.phase is RecordingPhase.COMPLETE
+    return holds_if(complete, Value("recording", "COMPLETE"), Value("location", turn.state.data_location))
+
+
+def data_incomplete(turn: Turn) -> Optional[Values]:
+    """The recorder refused to stop, failed since it was asked, or is silent."""
+    state = turn.state
+    if state.recording_outcome in _REFUSED:
+        return (Value("recorder", state.recording_message or "refused to stop"),)
+    if passed("recorder_silent", state, turn.rules, turn.now):
+        return (Value("recorder", f"silent for {turn.limits.recorder_status_limit_ns / _NS:g} s"),)
+    if state.recorder is None or state.recorder.phase is not RecordingPhase.FAILED:
+        return None
+    since = (
+        state.recorder_ns is not None and state.recorder_ns - state.entered_ns >= turn.limits.recorder_status_limit_ns
+    )
+    return holds_if(state.recording_progressed or since, Value("recorder", state.recorder.message or "FAILED"))

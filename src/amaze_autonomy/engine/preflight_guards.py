@@ -1,0 +1,154 @@
+"""The conditions before a takeoff: checks, the watchdog's fixes, Ready taken back, the planner's confirmation."""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from .checks import CheckName
+from .commands import Value
+from .events import MissionPhase, Outcome
+from .guards import Values, both, holds_if, timer
+from .severity import Code
+from .timers import passed
+from .turn import Turn
+
+__all__ = [
+    "all_answered",
+    "all_answered_values",
+    "all_checks_passed",
+    "answers_too_old",
+    "check_failed",
+    "checks_failed",
+    "fix_in_progress",
+    "go_not_required",
+    "next_takeoff_failed",
+    "planner_confirmed",
+    "planner_refused",
+    "taken_back",
+    "too_many_rounds",
+]
+
+_NS = 1e9
+_REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
+
+
+def all_checks_passed(turn: Turn) -> Optional[Values]:
+    """Every check has answered and passed, and no answer is too old."""
+    records = turn.state.checks
+    if len(records) < len(CheckName) or not all(record.ok for record in records):
+        return None
+    ages = [turn.now - record.replied_ns for record in records if record.replied_ns is not None]
+    oldest, limit = max(ages), turn.limits.check_max_age_ns
+    return holds_if(
+        len(ages) == len(CheckName) and oldest <= limit, Value("oldest check", oldest / _NS, limit / _NS, "s")
+    )
+
+
+def _failed(turn: Turn) -> Values:
+    return tuple(
+        Value(f"check {r.check.value}", r.message or "failed") for r in turn.state.checks if r.outcome and not r.ok
+    )
+
+
+def all_answered(turn: Turn) -> bool:
+    """Return True when no check is open."""
+    return bool(turn.state.checks) and all(record.outcome is not None for record in turn.state.checks)
+
+
+def all_answered_values(turn: Turn) -> Optional[Values]:
+    """No check is open."""
+    return holds_if(all_answered(turn))
+
+
+def answers_too_old(turn: Turn) -> Optional[Values]:
+    """All have answered and passed, but the first answers are too old by now."""
+    fresh = all_checks_passed(turn) is not None
+    passed_once = all_answered(turn) and all(record.ok for record in turn.state.checks)
+    return holds_if(passed_once and not fresh, Value("checks", "too old"))
+
+
+def check_failed(turn: Turn) -> Optional[Values]:
+    """One of the checks has answered that it failed."""
+    return _failed(turn) or None
+
+
+def _watchdog_fixes(turn: Turn) -> bool:
+    """Return True when all that failed is the watchdog's check, and the watchdog can fix it."""
+    bad = [record for record in turn.state.checks if not record.ok]
+    return bool(bad) and all(r.check is CheckName.WATCHDOG and (r.fixable or r.being_fixed) for r in bad)
+
+
+def checks_failed(turn: Turn) -> Optional[Values]:
+    """All checks have answered, one has failed, and it cannot be fixed, or not in time."""
+    if not all_answered(turn) or not _failed(turn):
+        return None
+    if _watchdog_fixes(turn) and not passed("preflight_fix_limit", turn.state, turn.rules, turn.now):
+        return None
+    return _failed(turn)
+
+
+def fix_in_progress(turn: Turn) -> Optional[Values]:
+    """The watchdog fixes what failed, and it is time to ask again."""
+    if not all_answered(turn) or not _failed(turn) or not _watchdog_fixes(turn):
+        return None
+    return _failed(turn) if passed("preflight_fix_poll", turn.state, turn.rules, turn.now) else None
+
+
+def too_many_rounds(turn: Turn) -> Optional[Values]:
+    """The checks were passed and taken back too often without a word of the user."""
+    rounds, limit = turn.state.rounds, turn.limits.preflight_rounds_limit
+    return holds_if(rounds > limit, Value("rounds of checks", rounds, limit))
+
+
+def taken_back(turn: Turn) -> Optional[Values]:
+    """A required component is not at code 1 (nor tolerated at code 2), or the watchdog is silent."""
+    mission = turn.state.mission
+    required, tolerated = (mission.required, mission.tolerated) if mission is not None else ((), ())
+    for status in turn.state.components:
+        needed = not required or status.name in required
+        accepted = status.code == Code.NOMINAL or (status.code == Code.NON_CRITICAL and status.name in tolerated)
+        if needed and not accepted:
+            return (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
+    return holds_if(
+        passed("watchdog_heartbeat_limit", turn.state, turn.rules, turn.now),
+        Value("reason", "the watchdog's heartbeat is lost"),
+        Value("limit", turn.limits.watchdog_heartbeat_limit_ns / _NS, None, "s"),
+    )
+
+
+def go_not_required(turn: Turn) -> Optional[Values]:
+    """The configuration does not ask for the operator's go."""
+    return holds_if(not turn.rules.require_go, Value("require_go", False))
+
+
+def planner_confirmed(turn: Turn) -> Optional[Values]:
+    """The planner has accepted this file of this mission, and says so in its status."""
+    state, planner = turn.state, turn.state.planner
+    if planner is None or state.mission is None or state.load_outcome is not Outcome.ACCEPTED:
+        return None
+    same = (planner.mission_id, planner.file_index, planner.repetition) == (
+        state.mission.id,
+        state.file_index,
+        state.repetition,
+    )
+    return holds_if(same and planner.phase is MissionPhase.LOADED, Value("planner phase", "LOADED"))
+
+
+def planner_refused(turn: Turn) -> Optional[Values]:
+    """The planner did not accept the mission."""
+    return holds_if(turn.state.load_outcome in _REFUSED, Value("planner", turn.state.load_message or "refused"))
+
+
+def next_takeoff_failed(turn: Turn) -> Optional[Values]:
+    """On the ground between two files: whatever forbids a takeoff forbids the next one."""
+    for guard in (
+        check_failed,
+        taken_back,
+        planner_refused,
+        timer("load_limit"),
+        both(all_answered_values, timer("check_max_age")),
+    ):
+        values = guard(turn)
+        if values is not None:
+            return values
+    return None
