@@ -38,116 +38,38 @@ def _time(most: float = 600.0) -> Number:
     return Number(above=0.0, maximum=most)
 
 
+# fmt: off
 _TOPIC_ROWS: Tuple[Row, ...] = (
-    (
-        "rate_hz",
-        Number(minimum=0.001, maximum=100000.0),
-        "messages per second that are intended",
-        "as set in the driver",
-    ),
-    (
-        "tolerance_fraction",
-        _SMALL,
-        "deviation of the rate that is still as intended; more is code 2",
-        "wide enough for jitter, narrow enough to see a halved rate",
-    ),
-    (
-        "rate_failed_fraction",
-        _SMALL,
-        "part of the intended rate below which the component has failed",
-        "a third of the data is of no use",
-    ),
-    (
-        "age_limit_ns",
-        _time(),
-        "silence after which the component has failed; at least three periods",
-        "one or two lost messages are no failure",
-    ),
-    (
-        "window_ns",
-        _time(),
-        "time over which the rate is measured; at least four periods; left out: ten periods, at least 1 s",
-        "a longer one is steadier and slower",
-    ),
+    ("rate_hz", Number(minimum=0.001, maximum=100000.0), "messages per second that are intended", "as set in the driver"),
+    ("tolerance_fraction", _SMALL, "deviation of the rate that is still as intended; more is code 2", "wide enough for jitter, narrow enough to see a halved rate"),
+    ("rate_failed_fraction", _SMALL, "part of the intended rate below which the component has failed", "a third of the data is of no use"),
+    ("age_limit_ns", _time(), "silence after which the component has failed; at least three periods", "one or two lost messages are no failure"),
+    ("window_ns", _time(), "time over which the rate is measured; at least four periods; left out: ten periods, at least 1 s", "a longer one is steadier and slower"),
     ("finite", Flag(), "NaN or infinity in the content is a failure", "costs decoding each message"),
-    (
-        "unchanged_limit_ns",
-        _time(),
-        "content that stays the same for longer is a failure; left out: not looked at",
-        "a camera can send the same frame for ever",
-    ),
-    (
-        "stamp_tolerance_ns",
-        _time(60),
-        "header stamps further than this from the arrival are code 2; left out: not looked at",
-        "clocks of two computers drift apart",
-    ),
+    ("unchanged_limit_ns", _time(), "content that stays the same for longer is a failure; left out: not looked at", "a camera can send the same frame for ever"),
+    ("stamp_tolerance_ns", _time(60), "header stamps further than this from the arrival are code 2; left out: not looked at", "clocks of two computers drift apart"),
 )
 _RESTART_ROWS: Tuple[Row, ...] = (
-    (
-        "policy",
-        Choice(tuple(policy.value for policy in RestartPolicy)),
-        "what is restarted: the node (killed, roslaunch respawns it), driver or else by a command, or never",
-        "never is the only one in group px4: the vehicle would be uncontrollable",
-    ),
-    (
-        "command",
-        _COMMAND,
-        "program and arguments, for the policies driver and command",
-        "no shell: nothing is expanded or chained",
-    ),
-    (
-        "attempts",
-        Whole(1, 100),
-        "at most so many, one after the other",
-        "what does not come back in three does not come back",
-    ),
+    ("policy", Choice(tuple(policy.value for policy in RestartPolicy)), "what is restarted: the node (killed, roslaunch respawns it), driver or else by a command, or never", "never is the only one in group px4: the vehicle would be uncontrollable"),
+    ("command", _COMMAND, "program and arguments, for the policies driver and command", "no shell: nothing is expanded or chained"),
+    ("attempts", Whole(1, 100), "at most so many, one after the other", "what does not come back in three does not come back"),
     ("backoff_ns", _time(60), "pause between two attempts", "a USB device needs a second to go away"),
-    (
-        "attempt_limit_ns",
-        _time(),
-        "time in which an attempt must bring the component back",
-        "the start of the slowest driver",
-    ),
-    (
-        "total_limit_ns",
-        _time(),
-        "time after which the watchdog gives up, all attempts together",
-        "within what a flight waits",
-    ),
-    (
-        "good_samples",
-        Whole(1, 10000),
-        "messages in time that show that it is back",
-        "one message may be the last of a buffer",
-    ),
-    (
-        "forget_after_ns",
-        _time(3600),
-        "good for so long: attempts and time are forgotten",
-        "a flapping component is given up",
-    ),
+    ("attempt_limit_ns", _time(), "time in which an attempt must bring the component back", "the start of the slowest driver"),
+    ("total_limit_ns", _time(), "time after which the watchdog gives up, all attempts together", "within what a flight waits"),
+    ("good_samples", Whole(1, 10000), "messages in time that show that it is back", "one message may be the last of a buffer"),
+    ("forget_after_ns", _time(3600), "good for so long: attempts and time are forgotten", "a flapping component is given up"),
 )
 _POLLING_ROWS: Tuple[Row, ...] = (
     ("node_period_ns", _time(60), "how often a node is asked", "an answer takes a millisecond"),
-    (
-        "node_answer_limit_ns",
-        _time(60),
-        "time that its answer may take",
-        "a busy node is slow, a dead one refuses at once",
-    ),
+    ("node_answer_limit_ns", _time(60), "time that its answer may take", "a busy node is slow, a dead one refuses at once"),
     ("node_age_limit_ns", _time(60), "longest time without a good answer", "three questions"),
-    (
-        "driver_period_ns",
-        _time(60),
-        "how often the command that looks at a driver is run",
-        "it starts a process each time",
-    ),
+    ("driver_period_ns", _time(60), "how often the command that looks at a driver is run", "it starts a process each time"),
     ("driver_run_limit_ns", _time(60), "time that one run may take", "longer is a failed run"),
     ("driver_age_limit_ns", _time(60), "longest time without a result", "two runs"),
     ("autopilot_age_limit_ns", _time(60), "longest time without a report of the autopilot", "it reports at 1 to 5 Hz"),
     ("autopilot_reports", Whole(1, 100), "reports in a row that change the verdict", "a single one may be a glitch"),
 )
+# fmt: on
 _COMPONENT = Group(
     "a component: what tells that it works, and what its failure means",
     (

@@ -16,58 +16,25 @@ __all__ = ["MISSIONS", "MISSION_ID"]
 MISSION_ID = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
 _SPEED = Number(above=0.0, maximum=30.0)
 
+# fmt: off
 _FLIGHT_ROWS: Tuple[Row, ...] = (
     ("cruise_speed_m_s", _SPEED, "horizontal speed between waypoints", "as set in the autopilot (MPC_XY_CRUISE)"),
     ("climb_speed_m_s", _SPEED, "vertical speed upwards", "MPC_Z_VEL_MAX_UP"),
     ("descent_speed_m_s", _SPEED, "vertical speed downwards, between waypoints", "MPC_Z_VEL_MAX_DN"),
     ("landing_speed_m_s", _SPEED, "vertical speed of a landing", "MPC_LAND_SPEED"),
-    (
-        "acceleration_m_s2",
-        Number(above=0.0, maximum=30.0),
-        "acceleration and braking at each waypoint",
-        "each waypoint is a stop",
-    ),
-    (
-        "turn_rate_rad_s",
-        Number(above=0.0, maximum=10.0),
-        "yaw rate while turning",
-        "a turn may take longer than its leg",
-    ),
-    (
-        "ground_time_s",
-        Number(minimum=0.0, maximum=600.0),
-        "time on the ground with turning propellers, each takeoff and landing together",
-        "arming, spin-up, disarming",
-    ),
-    (
-        "endurance_s",
-        Number(minimum=10.0, maximum=86400.0),
-        "flight time of a full battery",
-        "measured: hover from full to empty",
-    ),
+    ("acceleration_m_s2", Number(above=0.0, maximum=30.0), "acceleration and braking at each waypoint", "each waypoint is a stop"),
+    ("turn_rate_rad_s", Number(above=0.0, maximum=10.0), "yaw rate while turning", "a turn may take longer than its leg"),
+    ("ground_time_s", Number(minimum=0.0, maximum=600.0), "time on the ground with turning propellers, each takeoff and landing together", "arming, spin-up, disarming"),
+    ("endurance_s", Number(minimum=10.0, maximum=86400.0), "flight time of a full battery", "measured: hover from full to empty"),
 )
 _BOUNDS_ROWS: Tuple[Row, ...] = (
     ("min_height_m", Number(minimum=0.0, maximum=100.0), "lowest waypoint", "ground effect, grass"),
-    (
-        "max_leg_m",
-        Number(above=0.0, maximum=10000.0),
-        "longest way between two waypoints",
-        "a slipped digit shows here",
-    ),
-    (
-        "max_first_leg_m",
-        Number(above=0.0, maximum=10000.0),
-        "longest way from the takeoff to the first waypoint",
-        "a wrong origin shows here",
-    ),
-    (
-        "max_hold_s",
-        Number(above=0.0, maximum=3600.0),
-        "longest hold at a waypoint",
-        "milliseconds for seconds show here",
-    ),
+    ("max_leg_m", Number(above=0.0, maximum=10000.0), "longest way between two waypoints", "a slipped digit shows here"),
+    ("max_first_leg_m", Number(above=0.0, maximum=10000.0), "longest way from the takeoff to the first waypoint", "a wrong origin shows here"),
+    ("max_hold_s", Number(above=0.0, maximum=3600.0), "longest hold at a waypoint", "milliseconds for seconds show here"),
     ("max_waypoints", Whole(1, 100000), "most waypoints of a file", "what the autopilot takes"),
 )
+# fmt: on
 
 
 _FILE = Text('a file inside the folder of the configuration, e.g. "trajectories/square.csv"', r"[^\\\x00-\x1f]+\.csv")

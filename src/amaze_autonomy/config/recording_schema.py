@@ -82,28 +82,15 @@ class Recording:
         return tuple(topic for name in wanted for topic in groups[name])
 
 
+# fmt: off
 _STORAGE_ROWS: Tuple[Row, ...] = (
-    (
-        "min_free_fraction",
-        Number(minimum=0.0, below=1.0),
-        "free part of the storage below which no recording starts",
-        "file systems slow down when they are full",
-    ),
-    (
-        "min_free_gb",
-        Number(minimum=0.0, maximum=100000.0),
-        "free space below which no recording starts",
-        "two cameras write 1.5 GB in a minute",
-    ),
-    (
-        "compression",
-        Choice(("none", "lz4")),
-        "of the chunks",
-        "never bz2: with images the recorder loses a third of the data",
-    ),
+    ("min_free_fraction", Number(minimum=0.0, below=1.0), "free part of the storage below which no recording starts", "file systems slow down when they are full"),
+    ("min_free_gb", Number(minimum=0.0, maximum=100000.0), "free space below which no recording starts", "two cameras write 1.5 GB in a minute"),
+    ("compression", Choice(("none", "lz4")), "of the chunks", "never bz2: with images the recorder loses a third of the data"),
     ("chunk_kb", Whole(1, 65536), "size of a chunk", "what a power cut loses; 64 with lz4"),
     ("buffer_mb", Whole(0, 65536), "what rosbag may hold in memory; 0: no limit", "a slow disk shows here"),
 )
+# fmt: on
 _NAME = Text("the name of a platform", COMPONENT_NAME)
 _TOPIC = Text('the name of a topic, e.g. "/lrf/range"; "~" stands for the autonomy node', TOPIC_NAME)
 _GROUP = Group(

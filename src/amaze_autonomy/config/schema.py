@@ -12,7 +12,7 @@ from .errors import ConfigError, Place
 from .kinds import Address, Kind, Places, described, dotted, refuse
 from .units import converted, split_unit, unit_words
 
-__all__ = ["REQUIRED", "Group", "Key", "Named"]
+__all__ = ["REQUIRED", "Group", "Key", "Named", "is_required"]
 
 
 class _Required:
@@ -39,6 +39,11 @@ class Key:
     meaning: str
     reason: str = ""
     default: Any = REQUIRED
+
+
+def is_required(key: Key) -> bool:
+    """Return whether a key must be given."""
+    return isinstance(key.default, _Required)
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class Group(Kind):
         }
 
     def _absent(self, key: Key, entry: Entry, address: Address) -> Any:
-        if isinstance(key.default, _Required):
+        if is_required(key):
             right = f"must be given: {key.kind.words(unit_words(key.name))}"
             refuse(entry, (*address, key.name), "is missing", right)
         if key.default is None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from .checks_schema import BATTERY, LANDING_DETECTION, STATE_ESTIMATION
-from .components_schema import COMPONENTS, POLLING
+from .components_schema import COMPONENT_NAME, COMPONENTS, POLLING, SEVERITY, TOPIC_NAME
 from .schema import Group, Key
 
-__all__ = ["SENSORS"]
+__all__ = ["COMPONENT_NAME", "SENSORS", "SEVERITY", "TOPIC_NAME"]
 
 SENSORS = Group(
     "what is watched",

@@ -1,0 +1,199 @@
+"""The command `amaze-autonomy`: check a configuration, list its missions, write documentation, fly in simulation."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+
+from . import paths
+
+__all__ = ["main"]
+
+OK, WRONG, USAGE = 0, 1, 2
+_DESCRIPTION = "Autonomy engine for multicopters with a PX4 autopilot: the commands that need no ROS."
+_STATUSES = """\
+exit status:
+  0  good
+  1  the configuration has a mistake (one line says where, what is wrong and what would be right), or
+     the documentation differs from the code
+  2  wrong use of the command
+"""
+_EXAMPLES = """\
+examples:
+  amaze-autonomy check-config                       the configuration that ships with the package
+  amaze-autonomy check-config ~/flight/config       another folder
+  amaze-autonomy check-config --set autonomy.require_go=true --json
+  amaze-autonomy missions
+  amaze-autonomy simulate --help
+"""
+_CHECK_EXAMPLES = """\
+examples:
+  amaze-autonomy check-config ~/flight/config
+  amaze-autonomy check-config --set sensors.components.gps.severity=high
+  amaze-autonomy check-config --json | python3 -m json.tool
+"""
+_DOCS_EXAMPLES = """\
+examples:
+  amaze-autonomy docs            write what is generated into docs/ of the source tree
+  amaze-autonomy docs --check    say whether it differs, and where first; write nothing
+"""
+_MISSIONS_EXAMPLES = """\
+examples:
+  amaze-autonomy missions
+  amaze-autonomy missions ~/flight/config --json
+"""
+_FOLDER = "folder of the configuration (default: the one that ships with the package)"
+
+
+def main(argv: Optional[Sequence[str]] = None) -> int:
+    """Run a command and return its exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["simulate"]:  # has its own options and its own --help
+        return _simulate(arguments[1:])
+    options = _parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], int] = options.command
+    try:
+        return command(options)
+    except BrokenPipeError:  # the reader has seen enough, e.g. `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("amaze-autonomy", description=_DESCRIPTION, **_layout(_EXAMPLES))
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    words = "check every file of a configuration and say the first mistake"
+    check = commands.add_parser("check-config", help=words, description=words, **_layout(_CHECK_EXAMPLES))
+    check.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
+    _add_common(check)
+    check.set_defaults(command=_check_config)
+
+    words = "list the missions of a configuration"
+    missions = commands.add_parser("missions", help=words, description=words, **_layout(_MISSIONS_EXAMPLES))
+    missions.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
+    _add_common(missions)
+    missions.set_defaults(command=_missions)
+
+    words = "write the generated parts of docs/, or check them"
+    docs = commands.add_parser("docs", help=words, description=words, **_layout(_DOCS_EXAMPLES))
+    docs.add_argument("--check", action="store_true", help="write nothing; exit status 1 when something differs")
+    docs.add_argument("--folder", type=Path, metavar="DOCS", help="folder of the pages (default: docs/ of the sources)")
+    docs.set_defaults(command=_docs)
+
+    commands.add_parser("simulate", help="fly missions in the simulated world, in virtual time", add_help=False)
+    return parser
+
+
+def _layout(examples: str) -> Dict[str, Any]:
+    return {"epilog": f"{examples}\n{_STATUSES}", "formatter_class": argparse.RawDescriptionHelpFormatter}
+
+
+def _add_common(parser: argparse.ArgumentParser) -> None:
+    words = "override a value, e.g. autonomy.require_go=true; may be repeated"
+    parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help=words)
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def _load(options: argparse.Namespace) -> Any:
+    """Load the configuration; print the mistake and return None when there is one."""
+    from .config import ConfigError, load_configuration  # noqa: PLC0415 (--help stays quick)
+
+    try:
+        return load_configuration(options.folder or paths.config_folder(), options.overrides)
+    except ConfigError as error:
+        if options.json:
+            fields = {name: getattr(error, name) for name in ("file", "line", "key", "wrong", "right")}
+            _print_json({"valid": False, **fields})
+        else:
+            print(error, file=sys.stderr)
+        return None
+
+
+def _print_json(value: Mapping[str, Any]) -> None:
+    print(json.dumps(value, indent=2, sort_keys=True))
+
+
+def _check_config(options: argparse.Namespace) -> int:
+    configuration = _load(options)
+    if configuration is None:
+        return WRONG
+    if options.json:
+        found = {"folder": str(configuration.folder), "hash": configuration.hash, "effective": configuration.effective}
+        _print_json({"valid": True, **found})
+        return OK
+    counts = f"{len(configuration.components)} components, {len(configuration.plans)} missions"
+    print(f"{configuration.folder}: good: {counts}, hash {configuration.hash[:12]}")
+    return OK
+
+
+def _missions(options: argparse.Namespace) -> int:
+    configuration = _load(options)
+    if configuration is None:
+        return WRONG
+    rows = [_mission_row(plan) for plan in configuration.plans]
+    if options.json:
+        _print_json({"missions": rows})
+        return OK
+    width = max(len(row["id"]) for row in rows)
+    print(f"{'id':<{width}}  {'duration':>8}  {'length':>7}  {'battery':>7}  description")
+    for row in rows:
+        duration = f"{row['estimated_duration_s']:.0f} s"
+        length, battery = f"{row['length_m']:.0f} m", f"{100 * row['battery_needed_fraction']:.0f} %"
+        print(f"{row['id']:<{width}}  {duration:>8}  {length:>7}  {battery:>7}  {row['description']}")
+    return OK
+
+
+def _mission_row(plan: Any) -> Dict[str, Any]:
+    mission = plan.mission
+    return {
+        "id": mission.id,
+        "description": mission.description,
+        "files": [trajectory.file for trajectory in plan.trajectories],
+        "repetitions": mission.repetitions,
+        "length_m": round(plan.total.length_m, 3),
+        "estimated_duration_s": round(mission.estimated_duration_s, 3),
+        "battery_needed_fraction": round(mission.battery_needed_fraction, 4),
+    }
+
+
+def _docs(options: argparse.Namespace) -> int:
+    from .documents import DocumentError, not_shown, regenerated  # noqa: PLC0415 (--help stays quick)
+
+    folder = options.folder or Path(__file__).resolve().parents[2] / "docs"
+    if not folder.is_dir():
+        print(f"{folder}: is not a folder; name the docs of a source tree with --folder", file=sys.stderr)
+        return USAGE
+    try:
+        pages = regenerated(folder)
+    except DocumentError as error:
+        print(error, file=sys.stderr)
+        return WRONG
+    changed = [_changed(*page, check=options.check) for page in pages if page[1] != page[2]]
+    missing = not_shown(new for _, _, new in pages)
+    if missing:
+        print(f"{folder}: no page shows {', '.join(missing)}", file=sys.stderr)
+    return WRONG if missing else max(changed, default=OK)
+
+
+def _changed(page: Path, old: str, new: str, *, check: bool) -> int:
+    from .documents import first_difference  # noqa: PLC0415 (as above)
+
+    if not check:
+        page.write_text(new, encoding="utf-8")
+        print(f"{page}: written")
+        return OK
+    line, is_there, should_be = first_difference(old, new)
+    print(f"{page}:{line}: differs from the code; run `amaze-autonomy docs`", file=sys.stderr)
+    print(f"  is        {is_there}\n  should be {should_be}", file=sys.stderr)
+    return WRONG
+
+
+def _simulate(arguments: List[str]) -> int:
+    from .simulation.run import main as simulate  # noqa: PLC0415 (it is large)
+
+    return int(simulate(arguments))

@@ -1,0 +1,95 @@
+"""The reference of the configuration as Markdown, made from the schema: what is said in docs/ cannot differ from it."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, Callable, Iterator, List, Mapping, Tuple
+
+from .consistency import LOSS_RATES, ORDER
+from .kinds import ListOf
+from .loader import FILES
+from .schema import Group, Key, Named, is_required
+from .units import unit_words
+
+__all__ = ["DOCUMENTS", "file_reference", "order_reference"]
+
+
+def file_reference(name: str) -> str:
+    """Return a table for each group of a file, e.g. "sensors": key, what it takes, default, meaning."""
+    return "\n".join(_group("", FILES[name])).strip() + "\n"
+
+
+def order_reference() -> str:
+    """Return the table of what must be true between keys of autonomy.yaml."""
+    lines = ["| This | must be | that | because |", "|---|---|---|---|"]
+    for order in ORDER:
+        word = "at most" if order.equal else "below"
+        lines.append(f"| `{order.low}` | {word} | `{order.high}` | {order.reason} |")
+    for limit, rate in LOSS_RATES:
+        lines.append(f"| `{limit}` | at least | 2 periods of `{rate}` | one lost message is no loss |")
+    return "\n".join(lines) + "\n"
+
+
+def _group(path: str, group: Group) -> Iterator[str]:
+    """Yield the table of a group's single keys, then the groups in it."""
+    inner = [key for key in group.keys if isinstance(key.kind, (Group, Named))]
+    single = [key for key in group.keys if key not in inner or _is_plain(key)]
+    if single:
+        yield from ("| Key | Takes | Default | Meaning |", "|---|---|---|---|")
+        yield from (_row(key) for key in single)
+        yield ""
+    for key in inner:
+        if not _is_plain(key):
+            yield from _inner(f"{path}{key.name}", key)
+
+
+def _is_plain(key: Key) -> bool:
+    """Return whether the key is a group of names with single values, which needs no table of its own."""
+    return isinstance(key.kind, Named) and not isinstance(key.kind.kind, Group)
+
+
+def _inner(path: str, key: Key) -> Iterator[str]:
+    kind: Any = key.kind
+    if isinstance(kind, Named):
+        path, kind = f"{path}.<name>", kind.kind
+    yield from (f"#### `{path}`", "", _sentence(key.meaning, key.reason), "")
+    yield from _group(f"{path}.", kind)
+
+
+def _sentence(meaning: str, reason: str) -> str:
+    words = f"{meaning} ({reason})" if reason else meaning
+    return words[0].upper() + words[1:] + ("" if words[-1] in "?." else ".")
+
+
+def _row(key: Key) -> str:
+    takes = key.kind.words(unit_words(key.name))
+    if isinstance(key.kind, Named):
+        takes = f"{key.kind.words()}: {key.kind.kind.words()}"
+    cells: Tuple[str, ...] = (f"`{key.name}`", takes, _default(key), _sentence(key.meaning, key.reason))
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _default(key: Key) -> str:
+    if is_required(key):
+        return "must be given"
+    if key.default is None:
+        return "left out"
+    if key.default in ({}, []) and isinstance(key.kind, (Named, ListOf)):
+        return "none"
+    return f"`{_written(key.default)}`"
+
+
+def _written(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        items: List[str] = [_written(item) for item in value]
+        return f"[{', '.join(items)}]"
+    return '""' if value == "" else str(value)
+
+
+DOCUMENTS: Mapping[str, Callable[[], str]] = {
+    **{f"{name}.yaml": partial(file_reference, name) for name in FILES},
+    "order-of-limits": order_reference,
+}
+"""What docs/ shows of the configuration, by the name of its marker."""
