@@ -32,3 +32,16 @@ def test_what_is_no_job_is_refused_with_the_list(tmp_path, job):
 
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == run(folder=tmp_path).stdout
+
+
+@pytest.mark.builds
+def test_a_demo_whose_engine_does_not_start_fails_and_says_so(tmp_path):
+    pytest.importorskip("rospy", reason="needs ROS")
+    (tmp_path / "empty").mkdir()
+
+    result = run("demo", "config:=empty", "output:=out", folder=tmp_path)
+
+    assert result.returncode == 1
+    assert result.stderr.splitlines()[-1] == (
+        f"no {tmp_path}/out/result.json: the autonomy node ended before its mission did"
+    )
