@@ -96,7 +96,7 @@ class Autopilot(Peer):
         if voltage is not None:
             fraction, voltage = round(power.fraction, 4), round(voltage, 3)
             self._battery_ns = t_ns
-            self._monitor.add(t_ns, fraction, voltage)
+        self._monitor.add(t_ns, fraction, voltage)
         self._heard = AutopilotStatus(
             t_ns=t_ns,
             armed=vehicle.armed,
@@ -138,7 +138,7 @@ def sensor_health(site: Site) -> Dict[str, bool]:
             continue
         kinds = [fault.kind.name for fault, _ in site.faults.on(Subject.COMPONENT, component.name)]
         if "unreported" not in kinds:
-            health[component.autopilot.sensor.value] = not any(kind in _UNHEALTHY for kind in kinds)
+            health[component.autopilot.value] = not any(kind in _UNHEALTHY for kind in kinds)
     return health
 
 

@@ -46,6 +46,11 @@ class Faults:
         """Time of the next change that is known of; None when there is none."""
         return self._due[0][0] if self._due else None
 
+    @property
+    def requests_to_come(self) -> bool:
+        """True while a request of the user is on the schedule: it will come whatever happens."""
+        return any(isinstance(change.what, Request) for _, _, _, change in self._due)
+
     def observe(self, t_ns: int, *, event: str = "", state: str = "", number: int = 0) -> None:
         """Take notice of an event or a state: what waits for it is put on the schedule."""
         still: List[Tuple[int, Union[Fault, Request]]] = []

@@ -54,6 +54,7 @@ class LandingDetection(Peer):
         if self.site.autopilot_speaks():
             self._detector.add_vertical_speed(t_ns, vehicle.velocity_m_s[2])
             self._detector.add_autopilot(t_ns, vehicle.landed)
+        pose = vehicle.pose
         for batch in self.site.batches.get(topic, ()):
             for stamp_ns in self.site.streams[topic].stamps(batch):
-                self._detector.add_range(stamp_ns, self._reader.read(vehicle, batch))
+                self._detector.add_range(stamp_ns, self._reader.read(pose, batch))

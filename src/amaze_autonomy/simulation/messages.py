@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 from .peer import Site
 from .readings import Estimate, EstimateReader, ImuReader, Inertial, RangeReader, Vector
 from .streams import Batch, Content, SampleKind
-from .vehicle import Vehicle
+from .vehicle import Pose
 
 __all__ = ["Sample", "Sender"]
 
@@ -55,7 +55,7 @@ class Sender:
         self._imu = ImuReader(settings.state_estimation, site.noise("sent imu"))
         self._estimate = EstimateReader(site.noise("sent estimate"))
         self._number: Dict[str, int] = {}
-        self._makers: Mapping[str, Callable[[str, Vehicle, Batch], Fields]] = {
+        self._makers: Mapping[str, Callable[[str, Pose, Batch], Fields]] = {
             SampleKind.IMAGE: self._image,
             SampleKind.IMU: self._inertial,
             SampleKind.RANGE: self._distance,
@@ -73,13 +73,14 @@ class Sender:
         """Return every message of a batch."""
         stream = self._site.streams[topic]
         make = self._makers[stream.settings.kind]
+        pose = self._site.vehicle.pose
         frame = stream.settings.component or "map"
         return [
-            Sample(topic, stream.settings.kind, stamp, frame, make(topic, self._site.vehicle, batch))
+            Sample(topic, stream.settings.kind, stamp, frame, make(topic, pose, batch))
             for stamp in stream.stamps(batch)
         ]
 
-    def _image(self, topic: str, _: Vehicle, batch: Batch) -> Fields:
+    def _image(self, topic: str, _: Pose, batch: Batch) -> Fields:
         if batch.content != Content.STUCK:
             self._number[topic] = self._number.get(topic, 0) + 1
         shift = self._number.get(topic, 0) % 256
@@ -92,8 +93,8 @@ class Sender:
             "data": _RAMP[shift : shift + _WIDTH * _HEIGHT],
         }
 
-    def _inertial(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
-        reading: Inertial = self._imu.read(vehicle, batch)
+    def _inertial(self, _: str, pose: Pose, batch: Batch) -> Fields:
+        reading: Inertial = self._imu.read(pose, batch)
         return {
             "orientation_covariance": (-1.0, *(0.0,) * 8),
             "angular_velocity": _xyz(reading.turn_rate),
@@ -102,52 +103,52 @@ class Sender:
             "linear_acceleration_covariance": _diagonal((9e-4,) * 3),
         }
 
-    def _distance(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+    def _distance(self, _: str, pose: Pose, batch: Batch) -> Fields:
         spec = self._site.settings.landing
         return {
             "radiation_type": 1,
             "field_of_view": 0.03,
             "min_range": spec.min_range_m / spec.scale,
             "max_range": spec.max_range_m / spec.scale,
-            "range": self._range.read(vehicle, batch),
+            "range": self._range.read(pose, batch),
         }
 
-    def _scan(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
+    def _scan(self, _: str, pose: Pose, batch: Batch) -> Fields:
         spec = self._site.settings.landing
         return {
             "range_min": spec.min_range_m / spec.scale,
             "range_max": spec.max_range_m / spec.scale,
-            "ranges": (self._range.read(vehicle, batch),),
+            "ranges": (self._range.read(pose, batch),),
         }
 
-    def _float(self, topic: str, vehicle: Vehicle, batch: Batch) -> Fields:
+    def _float(self, topic: str, pose: Pose, batch: Batch) -> Fields:
         if topic == self._site.settings.landing.topic:
-            return {"data": self._range.read(vehicle, batch)}
+            return {"data": self._range.read(pose, batch)}
         if batch.content != Content.STUCK:
             self._number[topic] = self._number.get(topic, 0) + 1
         return {"data": nan if batch.content == Content.NAN else float(self._number.get(topic, 0) % 100)}
 
-    def _pose(self, topic: str, vehicle: Vehicle, batch: Batch) -> Fields:
-        estimate = self._estimate.read(vehicle, batch)
+    def _pose(self, topic: str, pose: Pose, batch: Batch) -> Fields:
+        estimate = self._estimate.read(pose, batch)
         if topic != self._site.settings.landing.topic:
             return {"pose": _pose_of(estimate)}
-        height = self._range.read(vehicle, batch)
+        height = self._range.read(pose, batch)
         return {"pose": _pose_of(estimate._replace(position=(estimate.position[0], estimate.position[1], height)))}
 
-    def _pose_with_covariance(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
-        estimate = self._estimate.read(vehicle, batch)
+    def _pose_with_covariance(self, _: str, pose: Pose, batch: Batch) -> Fields:
+        estimate = self._estimate.read(pose, batch)
         return {"pose": {"pose": _pose_of(estimate), "covariance": _covariance(estimate)}}
 
-    def _odometry(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
-        estimate = self._estimate.read(vehicle, batch)
+    def _odometry(self, _: str, pose: Pose, batch: Batch) -> Fields:
+        estimate = self._estimate.read(pose, batch)
         return {
             "child_frame_id": "base_link",
             "pose": {"pose": _pose_of(estimate), "covariance": _covariance(estimate)},
-            "twist": {"twist": {"linear": _xyz(estimate.velocity)}},
+            "twist": {"twist": {"linear": _xyz(estimate.velocity or (0.0, 0.0, 0.0))}},
         }
 
-    def _fix(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
-        x, y, z = (nan, nan, nan) if batch.content == Content.NAN else vehicle.position_m
+    def _fix(self, _: str, pose: Pose, batch: Batch) -> Fields:
+        x, y, z = (nan, nan, nan) if batch.content == Content.NAN else pose.position_m
         return {
             "status": {"status": 0, "service": 1},
             "latitude": _HOME_LATITUDE + y * _DEGREES_PER_M,
@@ -155,11 +156,11 @@ class Sender:
             "altitude": _HOME_ALTITUDE_M + z,
         }
 
-    def _field(self, _: str, __: Vehicle, batch: Batch) -> Fields:
+    def _field(self, _: str, __: Pose, batch: Batch) -> Fields:
         return {"magnetic_field": _xyz((nan, nan, nan) if batch.content == Content.NAN else _FIELD_T)}
 
-    def _pressure(self, _: str, vehicle: Vehicle, batch: Batch) -> Fields:
-        height = nan if batch.content == Content.NAN else vehicle.height_m
+    def _pressure(self, _: str, pose: Pose, batch: Batch) -> Fields:
+        height = nan if batch.content == Content.NAN else pose.position_m[2]
         return {"fluid_pressure": _PRESSURE_PA + _PRESSURE_PA_PER_M * height}
 
 
@@ -178,4 +179,4 @@ def _diagonal(values: Tuple[float, ...]) -> Tuple[float, ...]:
 
 
 def _covariance(estimate: Estimate) -> Tuple[float, ...]:
-    return _diagonal((estimate.position_variance,) * 3 + (estimate.orientation_variance,) * 3)
+    return _diagonal((estimate.position_variance or (0.0,) * 3) + (estimate.orientation_variance or (0.0,) * 3))

@@ -128,6 +128,12 @@ class Planner(Peer):
         on_ground = not vehicle.armed and vehicle.landed == VehicleLanded.ON_GROUND
         return on_ground and (self._lifted or vehicle.mode in LANDING_MODES)
 
+    def _waypoint(self, waypoints: int) -> int:
+        """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
+        if self._phase is MissionPhase.LANDED:
+            return self.site.vehicle.reached
+        return min(self.site.vehicle.reached + 1, waypoints) if self._phase in _IN_FLIGHT else 0
+
     def _status(self, t_ns: int) -> MissionStatus:
         vehicle = self.site.vehicle
         waypoints = len(vehicle.waypoints) if self._session else 0
@@ -137,7 +143,7 @@ class Planner(Peer):
             session_id=self._session,
             mission_id=self._mission,
             phase=self._phase,
-            waypoint=min(vehicle.reached + 1, waypoints) if self._phase in _IN_FLIGHT else 0,
+            waypoint=self._waypoint(waypoints),
             waypoints=waypoints,
             file_index=self._file,
             repetition=self._repetition,

@@ -5,8 +5,10 @@ from __future__ import annotations
 from math import cos, nan, sin
 from typing import TYPE_CHECKING, Generic, NamedTuple, Optional, Tuple, TypeVar
 
+from amaze_autonomy.monitoring.estimate_rows import Estimate
+
 from .streams import Batch, Content
-from .vehicle import Vehicle
+from .vehicle import Pose
 
 if TYPE_CHECKING:
     import random
@@ -15,14 +17,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Estimate", "EstimateReader", "ImuReader", "Inertial", "RangeReader", "Reader", "Vector"]
 
+Vector = Tuple[float, float, float]
+
 _RANGE_NOISE_M = 0.005
 _ACCELERATION_NOISE_M_S2 = 0.03
 _FLIGHT_NOISE_M_S2 = 0.4
 _TURN_NOISE_RAD_S = 0.002
 _POSITION_NOISE_M = 0.003
-_POSITION_VARIANCE, _ORIENTATION_VARIANCE = 0.0025, 0.0004
+_POSITION_VARIANCE: Vector = (0.0025, 0.0025, 0.0025)
+_ORIENTATION_VARIANCE: Vector = (0.0004, 0.0004, 0.0004)
 
-Vector = Tuple[float, float, float]
 _Matrix = Tuple[Vector, Vector, Vector]
 _NANS: Vector = (nan, nan, nan)
 
@@ -36,16 +40,6 @@ class Inertial(NamedTuple):
     turn_rate: Vector
 
 
-class Estimate(NamedTuple):
-    """One estimate of the state: ENU position in m, velocity in m/s, orientation (x, y, z, w), variances."""
-
-    position: Vector
-    velocity: Vector
-    orientation: Tuple[float, float, float, float]
-    position_variance: float = _POSITION_VARIANCE
-    orientation_variance: float = _ORIENTATION_VARIANCE
-
-
 class Reader(Generic[T]):
     """A sensor that reads the vehicle, unless something is wrong with its content."""
 
@@ -53,15 +47,15 @@ class Reader(Generic[T]):
         self._noise = noise
         self._last: Optional[T] = None
 
-    def read(self, vehicle: Vehicle, batch: Batch) -> T:
+    def read(self, pose: Pose, batch: Batch) -> T:
         """Return what the last sample of a batch says."""
         if batch.content == Content.NAN:
             return self._nothing()
         if batch.content != Content.STUCK or self._last is None:
-            self._last = self._measure(vehicle)
+            self._last = self._measure(pose)
         return self._last
 
-    def _measure(self, vehicle: Vehicle) -> T:
+    def _measure(self, pose: Pose) -> T:
         raise NotImplementedError
 
     def _nothing(self) -> T:
@@ -78,14 +72,14 @@ class RangeReader(Reader[float]):
         super().__init__(noise)
         self._spec = spec
 
-    def read(self, vehicle: Vehicle, batch: Batch) -> float:
+    def read(self, pose: Pose, batch: Batch) -> float:
         """Return what the last sample of a batch says."""
         if batch.content == Content.READS:
             return round(batch.value / self._spec.scale, 6)
-        return super().read(vehicle, batch)
+        return super().read(pose, batch)
 
-    def _measure(self, vehicle: Vehicle) -> float:
-        height, tilt = (vehicle.height_m, vehicle.tilt_rad) if vehicle.airborne else (vehicle.flags.raised_m, 0.0)
+    def _measure(self, pose: Pose) -> float:
+        height, tilt = (pose.position_m[2], pose.tilt_rad) if pose.airborne else (pose.raised_m, 0.0)
         reading = (height + self._spec.mounting_height_m) / cos(tilt) + self._spread(_RANGE_NOISE_M)
         return round(min(max(0.0, reading), self._spec.max_range_m) / self._spec.scale, 6)
 
@@ -100,10 +94,10 @@ class ImuReader(Reader[Inertial]):
         super().__init__(noise)
         self._gravity, self._mounting = spec.gravity_m_s2, _rotation(*spec.imu_mounting_rpy_rad)
 
-    def _measure(self, vehicle: Vehicle) -> Inertial:
-        shake = _FLIGHT_NOISE_M_S2 if vehicle.airborne else _ACCELERATION_NOISE_M_S2
+    def _measure(self, pose: Pose) -> Inertial:
+        shake = _FLIGHT_NOISE_M_S2 if pose.airborne else _ACCELERATION_NOISE_M_S2
         # The nose is down by the tilt: up, in the vehicle frame (REP-103), points back and up.
-        up = (-sin(vehicle.tilt_rad), 0.0, cos(vehicle.tilt_rad))
+        up = (-sin(pose.tilt_rad), 0.0, cos(pose.tilt_rad))
         force = tuple(round(part * self._gravity + self._spread(shake), 6) for part in up)
         turn = tuple(round(self._spread(_TURN_NOISE_RAD_S), 6) for _ in up)
         return Inertial(_turned_back(self._mounting, force), _turned_back(self._mounting, turn))
@@ -115,19 +109,29 @@ class ImuReader(Reader[Inertial]):
 class EstimateReader(Reader[Estimate]):
     """A good state estimator."""
 
-    def _measure(self, vehicle: Vehicle) -> Estimate:
-        half_yaw, half_tilt = vehicle.yaw_rad / 2, vehicle.tilt_rad / 2
+    def _measure(self, pose: Pose) -> Estimate:
+        half_yaw, half_tilt = pose.yaw_rad / 2, pose.tilt_rad / 2
         orientation = (
             -sin(half_yaw) * sin(half_tilt),
             cos(half_yaw) * sin(half_tilt),
             sin(half_yaw) * cos(half_tilt),
             cos(half_yaw) * cos(half_tilt),
         )
-        x, y, z = (round(part + self._spread(_POSITION_NOISE_M), 6) for part in vehicle.position_m)
-        return Estimate((x, y, z), vehicle.velocity_m_s, orientation)
+        x, y, z = (round(part + self._spread(_POSITION_NOISE_M), 6) for part in pose.position_m)
+        return _estimate((x, y, z), orientation, pose.velocity_m_s)
 
     def _nothing(self) -> Estimate:
-        return Estimate(_NANS, _NANS, (nan, nan, nan, nan))
+        return _estimate(_NANS, (nan, nan, nan, nan), _NANS)
+
+
+def _estimate(position: Vector, orientation: Tuple[float, float, float, float], velocity: Vector) -> Estimate:
+    return Estimate(
+        position=position,
+        orientation=orientation,
+        velocity=velocity,
+        position_variance=_POSITION_VARIANCE,
+        orientation_variance=_ORIENTATION_VARIANCE,
+    )
 
 
 def _rotation(roll: float, pitch: float, yaw: float) -> _Matrix:

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import hypot, inf
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.missions import FlightModel, Waypoint
 
 from .leg import Leg, Vector, climb, descent, flight
 
-__all__ = ["LANDING_MODES", "Flags", "Mode", "Vehicle", "VehicleSettings"]
+__all__ = ["LANDING_MODES", "Flags", "Mode", "Pose", "Vehicle", "VehicleSettings"]
 
 _S = 1_000_000_000
 _ARRIVED_M = 1e-9
@@ -61,6 +61,26 @@ class VehicleSettings:
     ground_ns: int = 1 * _S
     disarm_ns: int = 2 * _S
     idle_disarm_ns: int = 10 * _S
+
+
+class Pose(NamedTuple):
+    """What sensors see of the vehicle.
+
+    Args:
+        airborne: it does not stand on the ground.
+        position_m: ENU.
+        velocity_m_s: ENU.
+        yaw_rad: counter-clockwise from east.
+        tilt_rad: angle between its z axis and the vertical; its nose is down.
+        raised_m: height of what it stands on, where its range sensor looks past.
+    """
+
+    airborne: bool
+    position_m: Vector
+    velocity_m_s: Vector
+    yaw_rad: float
+    tilt_rad: float
+    raised_m: float
 
 
 @dataclass
@@ -123,6 +143,13 @@ class Vehicle:
         if not self.airborne:
             return self.flags.tilt_rad
         return _CRUISE_LEAN_RAD * min(1.0, hypot(self.velocity_m_s[0], self.velocity_m_s[1]))
+
+    @property
+    def pose(self) -> Pose:
+        """What sensors see of it now."""
+        return Pose(
+            self.airborne, self.position_m, self.velocity_m_s, self.yaw_rad, self.tilt_rad, self.flags.raised_m
+        )
 
     # --- commands -------------------------------------------------------------------------------------------------
 

@@ -24,6 +24,7 @@ from .recorder import Recorder
 from .scenario import Fault, Scenario, Subject
 from .services import PEERS, SERVICES, peer_of, service_of
 from .settings import Settings, settings_of
+from .state_estimation import StateEstimation
 from .streams import Batch, Stream
 from .vehicle import Vehicle
 from .watchdog import SimulatedWatchdog
@@ -31,7 +32,7 @@ from .watchdog import SimulatedWatchdog
 __all__ = ["World"]
 
 _MS = 1_000_000
-_CLASSES: Tuple[Type[Peer], ...] = (Autopilot, LandingDetection, SimulatedWatchdog, Planner, Recorder)
+_CLASSES: Tuple[Type[Peer], ...] = (Autopilot, LandingDetection, StateEstimation, SimulatedWatchdog, Planner, Recorder)
 
 
 class World:
@@ -99,6 +100,11 @@ class World:
         if self._deadlines:
             times.append(self._deadlines[0][0])
         return max(min(times), self.now_ns)
+
+    @property
+    def requests_to_come(self) -> bool:
+        """True while the scenario's user will ask for something at a time that is known."""
+        return self._faults.requests_to_come
 
     def advance(self, t_ns: int) -> Tuple[Event, ...]:
         """Go on to a time and return what happened until then, in order.
