@@ -27,7 +27,7 @@ class Planner(Peer):
         self._phase = MissionPhase.IDLE
         self._session = self._mission = self._message = ""
         self._file = self._repetition = 0
-        self._lifted = False
+        self._was_armed = False
         self._cadence = Cadence(site.settings.rates.planner_status_rate_hz)
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
@@ -59,7 +59,7 @@ class Planner(Peer):
             return problem
         self._session, self._mission = command.session_id, command.mission_id
         self._file, self._repetition = command.file_index, command.repetition
-        self._phase, self._message, self._lifted = MissionPhase.LOADED, "", False
+        self._phase, self._message, self._was_armed = MissionPhase.LOADED, "", False
         self.site.note("loaded")
         return ""
 
@@ -93,7 +93,10 @@ class Planner(Peer):
         return self.site.vehicle.resume()
 
     def _land(self) -> str:
-        return self.site.vehicle.land()
+        problem = self.site.vehicle.land()
+        if not problem and not self.site.vehicle.armed and self._phase in _IN_FLIGHT:
+            self._phase = MissionPhase.LANDED  # the takeoff was cancelled before it armed
+        return problem
 
     def _abort(self) -> str:
         vehicle = self.site.vehicle
@@ -108,7 +111,7 @@ class Planner(Peer):
         """Read the phase from the vehicle."""
         if self._phase not in _IN_FLIGHT:
             return
-        self._lifted = self._lifted or vehicle.airborne
+        self._was_armed = self._was_armed or vehicle.armed
         if vehicle.finished and vehicle.mode == Mode.MISSION and not vehicle.pilot:
             vehicle.land()
         if self._is_over(vehicle):
@@ -125,8 +128,7 @@ class Planner(Peer):
             self._phase = MissionPhase.TAKING_OFF
 
     def _is_over(self, vehicle: Vehicle) -> bool:
-        on_ground = not vehicle.armed and vehicle.landed == VehicleLanded.ON_GROUND
-        return on_ground and (self._lifted or vehicle.mode in LANDING_MODES)
+        return self._was_armed and not vehicle.armed and vehicle.landed == VehicleLanded.ON_GROUND
 
     def _waypoint(self, waypoints: int) -> int:
         """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
