@@ -10,7 +10,7 @@ import dataclasses
 import enum
 import re
 from math import degrees, radians
-from typing import Any, Dict, Mapping, Tuple, Type, TypeVar
+from typing import Any, Dict, Mapping, NoReturn, Tuple, Type, TypeVar
 
 from amaze_autonomy.monitoring.errors import SpecError
 
@@ -18,7 +18,7 @@ from .errors import ConfigError, Place
 from .kinds import Address, Kind, Places, dotted
 from .schema import REQUIRED, Group, Key
 
-__all__ = ["Row", "bind", "field_value", "group_of", "key_name", "key_value", "make", "place_of"]
+__all__ = ["Row", "bind", "field_value", "group_of", "key_name", "key_value", "make", "place_of", "refuse_at"]
 
 T = TypeVar("T")
 Row = Tuple[str, Kind, str, str]  # field, what it may be given, meaning, reason
@@ -102,3 +102,8 @@ def place_of(address: Address, places: Places) -> Place:
         if address[:length] in places:
             return places[address[:length]]
     return Place("configuration")
+
+
+def refuse_at(address: Address, places: Places, wrong: str, right: str) -> NoReturn:
+    """Raise the error about a key, with the place where it stands."""
+    raise ConfigError(place_of(address, places), dotted(address), wrong, right)

@@ -103,6 +103,10 @@ def parse(text: str, source: str, *, lines: bool = True) -> Entry:
     except yaml.YAMLError as error:
         words = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(Place(source), "", f"is not YAML ({words})", _PLAIN) from None
+    except ConfigError:
+        raise
+    except (ValueError, OverflowError) as error:  # PyYAML's own parser on escapes of characters that there are not
+        raise ConfigError(Place(source), "", f"is not YAML ({error})", _PLAIN) from None
 
 
 _PLAIN = "must be one YAML document"

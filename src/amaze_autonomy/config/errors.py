@@ -37,5 +37,10 @@ class ConfigError(ValueError):
     """
 
     def __init__(self, place: Place, key: str, wrong: str, right: str) -> None:
-        super().__init__(": ".join(part for part in (str(place), key, f"{wrong}; {right}") if part))
+        super().__init__(_one_line(": ".join(part for part in (str(place), key, f"{wrong}; {right}") if part)))
         self.file, self.line, self.key, self.wrong, self.right = place.source, place.line, key, wrong, right
+
+
+def _one_line(text: str) -> str:
+    """Escape what cannot be printed: a key may hold line breaks."""
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)

@@ -14,12 +14,14 @@ from amaze_autonomy.monitoring.specs import BatterySpec
 from .autonomy_schema import AUTONOMY, Streams
 from .binding import make
 from .build import components_of, landing_of, recording_of, rules_of, state_estimation_of
-from .consistency import check_autonomy, check_components, check_recording
+from .consistency import check_autonomy_with_sensors, check_heights, check_recording
+from .decision_table import check_components
 from .document import Entry, entry_of, read
 from .errors import ConfigError, Place
 from .kinds import Places
 from .missions_schema import MISSIONS
 from .model import Configuration
+from .order import check_order
 from .overrides import Overrides, apply_overrides
 from .recording_schema import RECORDING
 from .schema import Group
@@ -101,8 +103,11 @@ def _read_all(trees: Mapping[str, Entry]) -> _Read:
 
 
 def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
-    check_autonomy(values["autonomy"], places["autonomy"])
+    check_order(values["autonomy"], places["autonomy"])
     check_components(values["sensors"]["components"], places["sensors"])
+    check_autonomy_with_sensors(values["autonomy"], values["sensors"], places["sensors"])
+    if "missions" in values:
+        check_heights(values["autonomy"], values["missions"], places["missions"])
     if "recording" in values:
         check_recording(values["recording"], places["recording"])
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, Callable, Iterator, List, Mapping, Tuple
 
-from .consistency import LOSS_RATES, ORDER
 from .kinds import ListOf
 from .loader import FILES
+from .order import LOSS_RATES, ORDER
 from .schema import Group, Key, Named, is_required
 from .units import unit_words
 
