@@ -1,0 +1,178 @@
+"""The verdict on a topic's rate and silence, in the words of the flight line."""
+
+from __future__ import annotations
+
+import random
+from typing import List
+
+import pytest
+from monitoring_feed import S, follow, regular
+
+from amaze_autonomy.monitoring.condition import FOREVER_NS, Condition, Level
+from amaze_autonomy.monitoring.rate import RateMonitor
+from amaze_autonomy.monitoring.specs import TopicSpec
+
+UNKNOWN_RATE = "its rate is not known yet"
+
+
+def running(rate_hz: float, until_s: float = 20.0, **limits: int) -> RateMonitor:
+    """Return a monitor of a topic that has come as intended, from 0 s."""
+    monitor = RateMonitor(TopicSpec("/t", rate_hz, **limits))
+    monitor.start(0, 10 * S)
+    for t_ns in regular(rate_hz, 0.0, until_s):
+        monitor.add(t_ns)
+    return monitor
+
+
+def levels(changes: List[tuple]) -> List[Level]:
+    return [level for _, level, _ in changes]
+
+
+@pytest.mark.parametrize("rate_hz", [0.2, 1.0, 10.0, 30.0, 200.0, 1000.0])
+def test_a_topic_as_intended_is_good_once_its_rate_is_known(rate_hz: float):
+    monitor = RateMonitor(TopicSpec("/t", rate_hz))
+    monitor.start(0, 30 * S)
+    changes = follow(monitor, regular(rate_hz, 0.5, 200.0), 200 * S)
+    assert levels(changes) == [Level.STARTING, Level.STARTING, Level.GOOD]
+
+
+@pytest.mark.parametrize("rate_hz,known_after_s", [(200.0, 0.8), (30.0, 0.8), (10.0, 0.9), (1.0, 6.0), (0.2, 30.0)])
+def test_the_rate_is_known_soon(rate_hz: float, known_after_s: float):
+    monitor = RateMonitor(TopicSpec("/t", rate_hz))
+    monitor.start(0, 10 * S)
+    good = [at for at, level, _ in follow(monitor, regular(rate_hz, 0.0, 100.0), 100 * S) if level is Level.GOOD]
+    assert good[0] <= known_after_s * S
+
+
+@pytest.mark.parametrize(
+    "rate_hz,limit_s", [(200.0, 0.05), (200.0, 0.5), (30.0, 0.2), (1.0, 3.0), (0.2, 15.0), (0.2, 20.0)]
+)
+def test_a_topic_that_stops_is_seen_one_nanosecond_after_its_limit(rate_hz: float, limit_s: float):
+    monitor = running(rate_hz, 100.0, age_limit_ns=int(limit_s * S))
+    last_ns = regular(rate_hz, 0.0, 100.0)[-1]
+    limit_ns = monitor.spec.silence_limit_ns
+    assert abs(limit_ns - limit_s * S) <= 3
+    before = monitor.evaluate(last_ns + limit_ns)
+    assert (before.level, before.changes_at_ns) == (Level.GOOD, last_ns + limit_ns + 1)
+    reason = f"no message on /t for longer than {limit_s:g} s"
+    assert monitor.evaluate(last_ns + limit_ns + 1) == Condition(
+        Level.FAILED, reason, (limit_ns + 1) / S, limit_ns / S, "s", limit_ns + 1, FOREVER_NS
+    )
+
+
+def test_a_topic_that_never_came_is_starting_and_then_failed():
+    monitor = RateMonitor(TopicSpec("/t", 10.0))
+    monitor.start(S, 10 * S)
+    assert monitor.evaluate(S) == Condition(Level.STARTING, "no message on /t yet", changes_at_ns=11 * S)
+    assert monitor.evaluate(11 * S) == Condition(Level.FAILED, "no message on /t since the start")
+
+
+@pytest.mark.parametrize(
+    "fraction,level,reason",
+    [
+        (0.85, Level.GOOD, ""),
+        (1.15, Level.GOOD, ""),
+        (0.5, Level.OFF, "too slow, expected 100 Hz"),
+        (0.35, Level.OFF, "too slow, expected 100 Hz"),
+        (0.1, Level.FAILED, "below 30 Hz it has failed"),
+        (1.5, Level.OFF, "too fast, expected 100 Hz"),
+        (10.0, Level.OFF, "too fast, expected 100 Hz"),
+    ],
+)
+def test_a_rate_that_is_off_is_code_2_and_far_too_slow_is_a_failure(fraction: float, level: Level, reason: str):
+    monitor = running(100.0)
+    for t_ns in regular(100.0 * fraction, 20.0, 25.0):
+        monitor.add(t_ns)
+    condition = monitor.evaluate(25 * S)
+    assert condition.level is level
+    assert condition.reason.endswith(reason)
+    assert condition.value == pytest.approx(100.0 * fraction, rel=0.02)
+    assert condition.unit == "Hz"
+
+
+def test_half_rate_is_seen_within_one_and_a_half_windows():
+    monitor = running(100.0)
+    changes = follow(monitor, regular(50.0, 20.0, 25.0), 25 * S)
+    assert levels(changes) == [Level.GOOD, Level.OFF]
+    assert changes[1][0] - 20 * S <= 1.5 * S
+
+
+def test_a_lost_tenth_of_a_second_changes_nothing():
+    monitor = running(200.0)
+    changes = follow(monitor, regular(200.0, 20.1, 25.0) + regular(200.0, 25.1, 30.0), 30 * S)
+    assert levels(changes) == [Level.GOOD]
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 30.0, 200.0])
+def test_jitter_of_half_a_period_never_flaps(rate_hz: float):
+    generator = random.Random(7)
+    times = [t_ns + int(generator.uniform(-0.5, 0.5) * S / rate_hz) for t_ns in regular(rate_hz, 20.0, 320.0)]
+    changes = follow(running(rate_hz), sorted(times), 320 * S)
+    assert levels(changes) == [Level.GOOD]
+
+
+@pytest.mark.parametrize("burst", [2, 5, 20])
+def test_bursts_never_flap(burst: int):
+    times = [t_ns // (burst * S // 200) * (burst * S // 200) for t_ns in regular(200.0, 20.0, 120.0)]
+    changes = follow(running(200.0), times, 120 * S)
+    assert levels(changes) == [Level.GOOD]
+
+
+@pytest.mark.parametrize("edge", [0.8, 1.2])
+def test_a_rate_on_the_edge_of_its_tolerance_does_not_flap(edge: float):
+    generator = random.Random(11)
+    times, t_s = [], 20.0
+    while t_s < 140.0:
+        t_s += generator.uniform(0.9, 1.1) / (100.0 * edge)
+        times.append(int(t_s * S))
+    assert len(follow(running(100.0), times, 140 * S)) <= 2
+
+
+def test_it_is_back_after_good_samples_at_the_intended_rate_and_not_before():
+    monitor = running(30.0)
+    changes = follow(monitor, regular(30.0, 30.0, 35.0), 35 * S)
+    assert levels(changes) == [Level.GOOD, Level.FAILED, Level.GOOD]
+    assert 0.5 * S <= changes[2][0] - 30 * S <= 0.75 * S
+
+
+def test_one_message_a_second_does_not_bring_a_fast_topic_back():
+    monitor = running(30.0)
+    changes = follow(monitor, regular(1.0, 25.0, 60.0), 60 * S)
+    assert levels(changes) == [Level.GOOD, Level.FAILED]
+
+
+def test_a_topic_that_comes_back_too_slow_stays_failed_with_the_new_reason():
+    monitor = running(100.0)
+    changes = follow(monitor, regular(5.0, 25.0, 60.0), 60 * S)
+    assert levels(changes) == [Level.GOOD, Level.FAILED, Level.FAILED]
+    assert changes[-1][2] == "5 Hz on /t, below 30 Hz it has failed"
+
+
+def test_silence_that_nobody_asked_about_is_noticed_with_the_next_message():
+    monitor = running(30.0, 20.0)
+    assert monitor.add(22 * S)
+    assert monitor.evaluate(22 * S).level is Level.FAILED
+
+
+def test_time_that_jumps_backwards_keeps_the_verdict_and_the_topic_stays_good():
+    monitor = running(30.0)
+    changes = follow(monitor, regular(30.0, 5.0, 15.0), 15 * S)
+    assert levels(changes) == [Level.GOOD]
+
+
+def test_a_topic_that_stops_with_a_jump_backwards_is_still_seen():
+    monitor = running(30.0)
+    assert monitor.evaluate(5 * S).level is Level.GOOD
+    due_ns = monitor.evaluate(5 * S).changes_at_ns
+    assert due_ns == 5 * S + monitor.spec.silence_limit_ns + 1
+    assert monitor.evaluate(due_ns).level is Level.FAILED
+
+
+def test_late_and_empty_batches_are_harmless():
+    monitor = running(30.0)
+    before = monitor.evaluate(20 * S)
+    assert not monitor.add(20 * S - S // 30 - 1000)
+    assert not monitor.add(20 * S, 0)
+    assert not monitor.add(20 * S, -3)
+    assert monitor.evaluate(20 * S) == before
+    assert monitor.total == 601
