@@ -48,6 +48,7 @@ __all__ = ["PEERS", "SimulationNode", "main"]
 
 _LANDING_LIMIT_S = 10.0
 _BAG_LIMIT_S = 10.0
+_HISTORY_NS = 5_000_000_000  # the world is older than the node, so that its checks have seen enough samples
 
 PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner", "data_recorder")
 
@@ -245,7 +246,8 @@ def _make() -> SimulationNode:
     faults = str(rospy.get_param("~faults", ""))
     scenario = load_scenario(faults) if faults else None
     clock = make_clock()
-    world = World(configuration, int(rospy.get_param("~seed", 0)), scenario, start_ns=clock.now_ns(), live=True)
+    start_ns = max(0, clock.now_ns() - _HISTORY_NS)
+    world = World(configuration, int(rospy.get_param("~seed", 0)), scenario, start_ns=start_ns, live=True)
     received = Received(str(rospy.get_param("~received", "")))
     sensors = bool(rospy.get_param("~sensors", True)) and "mission_planner" in peers
     return SimulationNode(world, clock, peers, _recorder(configuration), received, sensors=sensors)
