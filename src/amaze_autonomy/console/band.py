@@ -22,9 +22,10 @@ def band(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType:
     if snapshot is None:
         return _waiting(desk, now_s, width, style)
     passed_s = desk.age_s(now_s)
-    lines = _headline(_title(snapshot), _time_left(snapshot, passed_s), width, style)
+    stale = desk.stale(now_s)
+    lines = _headline(_title(snapshot), _time_left(snapshot, passed_s), width, style, large=not stale)
     state = _fill([*lines, _situation(snapshot)], tone_of_state(snapshot.state, snapshot.result), style)
-    return Group(_lost(desk, passed_s, width, style), state) if desk.stale(now_s) else state
+    return Group(_lost(desk, passed_s, width, style), state) if stale else state
 
 
 def _title(snapshot: Snapshot) -> str:
@@ -35,16 +36,16 @@ def _time_left(snapshot: Snapshot, passed_s: float) -> str:
     return "" if snapshot.time_left_s is None else clock(snapshot.time_left_s - passed_s)
 
 
-def _headline(title: str, left: str, width: int, style: Style) -> List[str]:
+def _headline(title: str, left: str, width: int, style: Style, *, large: bool = True) -> List[str]:
     """Return title and time in large letters, if they fit; else on one line."""
-    large, large_left = banner(title, style.blocks), banner(left, style.blocks)
+    letters, digits = banner(title, style.blocks), banner(left, style.blocks)
     inner = width - 2
-    if large is not None and large_left is not None:
-        gap = inner - len(large[0]) - len(large_left[0])
+    if large and letters is not None and digits is not None:
+        gap = inner - len(letters[0]) - len(digits[0])
         if gap > 1:
-            return [first + " " * gap + second for first, second in zip(large, large_left)]
-        if len(large[0]) <= inner:
-            return [*large, f"{left} left"] if left else large
+            return [first + " " * gap + second for first, second in zip(letters, digits)]
+        if len(letters[0]) <= inner:
+            return [*letters, f"{left} left"] if left else letters
     words = f"{left} left" if left else ""
     return [f"{title:<{max(len(title) + 1, inner - len(words))}}{words}"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
+import errno
 import os
 import signal
 import sys
@@ -128,9 +128,14 @@ def _run_screen(session: Session, wake: Wake, options: argparse.Namespace) -> No
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
     encoding = (sys.stdout.encoding or "").lower().replace("-", "")
     plain_letters = options.ascii or encoding != "utf8" or os.environ.get("TERM") == "linux"
-    run_screen(session, Terminal(wake), ASCII if plain_letters else UNICODE, options.pictures)
-    with contextlib.suppress(OSError):  # the terminal may be gone
+    try:
+        run_screen(session, Terminal(wake), ASCII if plain_letters else UNICODE, options.pictures)
         print(session.farewell(), flush=True)  # noqa: T201
+    except OSError as error:
+        if error.errno not in (errno.EIO, errno.EPIPE):
+            raise
+        session.end(CLOSED)  # the window was closed
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _has_rich() -> bool:

@@ -138,7 +138,7 @@ def _asks_for_mission(desk: Desk) -> bool:
 def mission_lines(missions: Tuple[MissionRow, ...]) -> Iterator[str]:
     """Return the list of missions."""
     if not missions:
-        yield "MISSIONS  none: look at the engine's missions.yaml"
+        yield "MISSION   none: look at the engine's missions.yaml"
     for row in missions:
         numbers = f"{duration(row.duration_s)}, battery needed {fraction(row.battery_needed)}"
         about = f"CANNOT BE FLOWN: {row.error}" if row.error else numbers

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional
 
@@ -50,19 +51,25 @@ class Album:
     def __init__(self, folder: Optional[Path], style: Style) -> None:
         self._folder, self._style = folder, style
         self._last, self._number = "", 0
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
 
     def add(self, session: Session) -> None:
-        """Save the screen if the state is another than last time."""
+        """Save the screen if the state is another than last time; what cannot be saved is said, and no more tried."""
         snapshot = session.desk.snapshot
         if self._folder is None or snapshot is None or snapshot.state == self._last:
             return
         self._last = snapshot.state
         self._number += 1
-        name = f"{self._number:02d}-{''.join(c for c in snapshot.state.lower() if c.isalnum() or c == '_')}.svg"
+        try:
+            self._save(self._folder, snapshot.state, session)
+        except OSError as error:
+            self._folder = None
+            session.desk = replace(session.desk, error=f"Pictures are not saved: {error.strerror}.")
+
+    def _save(self, folder: Path, state: str, session: Session) -> None:
+        name = f"{self._number:02d}-{''.join(c for c in state.lower() if c.isalnum() or c == '_')}.svg"
         screen = Screen(session.desk, session.now(), self._style)
-        (self._folder / name).write_text(svg(screen, 100, f"console in {snapshot.state}"), encoding="utf-8")
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(svg(screen, 100, f"console in {state}"), encoding="utf-8")
 
 
 def run_screen(session: Session, terminal: Terminal, style: Style, pictures: Optional[Path] = None) -> None:

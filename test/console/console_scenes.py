@@ -1,0 +1,261 @@
+"""Scenes of a flight day as the console's desk holds them: every state of the engine, and what can go wrong beside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Dict
+
+from amaze_autonomy.console.model import (
+    Answer,
+    Desk,
+    MissionRow,
+    Note,
+    PendingFailure,
+    Question,
+    Request,
+    RequestKind,
+    Snapshot,
+    Verdict,
+)
+from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.checks import Verdict as CheckVerdict
+from amaze_autonomy.engine.events import UserCommand
+
+NOW_S = 1000.0
+
+MISSIONS = (
+    MissionRow("1", "Square of 5 m at 3 m height", 1, 1, 118.0, 0.42),
+    MissionRow("2", "Figure eight, cameras down", 2, 3, 412.0, 0.71),
+    MissionRow(
+        "wall",
+        "Along the north wall",
+        1,
+        1,
+        None,
+        None,
+        "trajectories/wall.csv line 7: height -1.5 m is below the ground",
+    ),
+)
+
+CHECKS = (
+    Check("gps", CheckVerdict.PASS, 5.0, 5.0, "Hz", 0.2),
+    Check("mission_camera", CheckVerdict.PASS, 20.1, 20.0, "Hz", 0.04),
+    Check("realsense", CheckVerdict.WARN, 13.2, 15.0, "Hz", 0.07, "Tolerated by this mission."),
+    Check("lrf", CheckVerdict.PASS, 20.0, 20.0, "Hz", 0.05),
+    Check("battery fraction", CheckVerdict.FAIL, 0.38, 0.42, "fraction", 0.8, "Charge or change the battery."),
+    Check("distance to the ground", CheckVerdict.PASS, 0.02, 0.1, "m", 0.05),
+    Check("tilt", CheckVerdict.UNKNOWN, None, 0.174, "rad", None, "The state estimation does not answer: start it."),
+)
+
+PASSED = (
+    *CHECKS[:2],
+    Check("realsense", CheckVerdict.PASS, 15.1, 15.0, "Hz", 0.03),
+    CHECKS[3],
+    Check("battery fraction", CheckVerdict.PASS, 0.93, 0.42, "fraction", 0.8),
+    CHECKS[5],
+    Check("tilt", CheckVerdict.PASS, 0.021, 0.174, "rad", 0.01),
+)
+
+LRF = PendingFailure("lrf", 8, "wait", "land", 12.4, "no message for 1.32 s, limit 0.15 s; restart 1 of 3")
+REALSENSE = PendingFailure("realsense", 4, "wait", "continue", 21.0, "no message for 2.10 s, limit 0.20 s")
+GPS = PendingFailure("gps", 2, "continue", "", None, "3.1 Hz, expected 5.0 Hz")
+CAMERA = PendingFailure("mission_camera", 16, "land", "", None, "no message for 0.31 s, limit 0.15 s")
+
+_NOTES = (
+    Note("10:14:31", 0, "Pre-flight checks of mission 1 are running."),
+    Note("10:14:36", 0, "Ready."),
+    Note("10:14:40", 0, "Takeoff."),
+    Note("10:15:02", 1, "gps: 3.1 Hz, expected 5.0 Hz The mission goes on."),
+)
+
+_MISSION = Snapshot(
+    state="MISSION",
+    session_id="20261121T101431-1",
+    mission_id="1",
+    mission_description=MISSIONS[0].description,
+    files=1,
+    repetitions=1,
+)
+_FLYING = replace(
+    _MISSION,
+    step="flying",
+    in_flight=True,
+    message="At takeoff height: the mission is flown.",
+    user_commands=("hold", "land", "abort"),
+    waypoint=3,
+    waypoints=8,
+    recording_phase="RECORDING",
+)
+
+
+def _desk(snapshot: Snapshot | None, **changes: object) -> Desk:
+    return replace(
+        Desk(started_s=NOW_S - 75.0, snapshot=snapshot, received_s=NOW_S - 0.2, missions=MISSIONS), **changes
+    )
+
+
+_INPUT = Snapshot(state="MISSION_INPUT", message="Select a mission.", advice="Choose a mission from the list.")
+_HOLD = replace(
+    _FLYING,
+    state="HOLD",
+    step="holding",
+    failures=(GPS, REALSENSE, LRF),
+    waiting_for="lrf to come back",
+    time_left_s=12.4,
+    message="Holding position: lrf: no message for 1.32 s, limit 0.15 s",
+    message_level=1,
+    advice="Wait, or land.",
+    user_commands=("land", "abort"),
+)
+_OUTREACH = replace(
+    _MISSION,
+    state="OUTREACH",
+    checks=CHECKS,
+    message="Pre-flight checks failed: battery fraction 0.38, limit 0.42",
+    message_level=2,
+    advice="Follow the advice in the table, then retry, or give up.",
+    user_commands=("retry", "give_up"),
+)
+_HOLD_REQUEST = Request(RequestKind.COMMAND, 7, UserCommand.HOLD, sent_s=NOW_S - 2.3)
+_LAND_REQUEST = Request(RequestKind.COMMAND, command=UserCommand.LAND)
+
+SCENES: Dict[str, Desk] = {
+    "waiting-master": _desk(None, link="Waiting for the ROS master at http://uav1:11311"),
+    "waiting-engine": _desk(None),
+    "mission-input": _desk(_INPUT),
+    "mission-input-error": _desk(
+        _INPUT, entry="2 walk", error='There is no mission "walk". Did you mean wall? There are: 1, 2, wall.'
+    ),
+    "mission-input-confirm": _desk(
+        _INPUT,
+        question=Question(
+            "Fly mission 1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)?",
+            Request(RequestKind.SELECT, missions=("1",)),
+            NOW_S,
+            enter_is_yes=False,
+        ),
+    ),
+    "preflight": _desk(
+        replace(
+            _MISSION,
+            state="PREFLIGHT",
+            checks=CHECKS[:5],
+            waiting_for="the answer of the landing detection",
+            time_left_s=2.6,
+            message="Pre-flight checks of mission 1 are running.",
+            user_commands=("give_up",),
+        )
+    ),
+    "outreach": _desk(_OUTREACH, notes=_NOTES[:1]),
+    "ready": _desk(
+        replace(
+            _MISSION,
+            state="READY",
+            checks=PASSED,
+            time_left_s=52.0,
+            message="Ready. Waiting for the operator's go.",
+            advice="Give the go, or give up.",
+            user_commands=("go", "give_up"),
+        )
+    ),
+    "start-recording": _desk(
+        replace(
+            _MISSION,
+            state="START_RECORDING",
+            checks=PASSED,
+            time_left_s=13.0,
+            waiting_for="files that grow on main and payload",
+            message="Recording is starting.",
+            user_commands=("give_up",),
+            recording_phase="STARTING",
+        )
+    ),
+    "load-mission": _desk(
+        replace(
+            _MISSION,
+            state="LOAD_MISSION",
+            checks=PASSED,
+            time_left_s=9.0,
+            waiting_for="the mission planner to confirm mission 1",
+            message="Mission 1 is sent to the mission planner.",
+            user_commands=("give_up",),
+            recording_phase="RECORDING",
+        )
+    ),
+    "takeoff": _desk(
+        replace(
+            _FLYING,
+            state="TAKEOFF",
+            step="climbing",
+            time_left_s=24.0,
+            waypoint=0,
+            message="Takeoff.",
+            user_commands=("land", "abort"),
+        )
+    ),
+    "mission": _desk(replace(_FLYING, failures=(GPS,), time_left_s=781.0), notes=_NOTES),
+    "hold": _desk(_HOLD, notes=_NOTES),
+    "hold-land-asked": _desk(_HOLD, question=Question("LAND at the present position?", _LAND_REQUEST, NOW_S)),
+    "land": _desk(
+        replace(
+            _FLYING,
+            state="LAND",
+            step="commanding",
+            failures=(CAMERA,),
+            time_left_s=117.0,
+            message="Landing: mission_camera: no message for 0.31 s, limit 0.15 s",
+            message_level=2,
+            advice="Watch the vehicle; be ready to take over.",
+            user_commands=(),
+        ),
+        notes=_NOTES,
+        answer=Answer("hold", Verdict.REFUSED, "the vehicle is landing", NOW_S - 2.0),
+    ),
+    "pilot": _desk(
+        replace(
+            _FLYING,
+            state="PILOT",
+            step="",
+            message="The pilot or the autopilot has control: mode POSCTL",
+            message_level=1,
+            advice="Fly and land; acknowledge when on the ground and disarmed.",
+            user_commands=("acknowledge",),
+        )
+    ),
+    "data-cleanup": _desk(
+        replace(
+            _MISSION,
+            state="DATA_CLEANUP",
+            time_left_s=1702.0,
+            message="On the ground: recording is stopped, data is collected.",
+            recording_phase="TRANSFERRING",
+            recording_progress=0.43,
+            data_location="main:/data/20261121T101431-1",
+        )
+    ),
+    "mission-ended": _desk(
+        replace(
+            _MISSION,
+            state="MISSION_ENDED",
+            message="Mission ended: COMPLETE. /data/20261121T101431-1.bag",
+            advice="Select the next mission.",
+            recording_phase="COMPLETE",
+            recording_progress=1.0,
+            data_location="/data/20261121T101431-1.bag",
+            result="COMPLETE",
+        ),
+        entry="2",
+    ),
+    "mission-ended-incomplete": _desk(
+        replace(
+            _MISSION,
+            state="MISSION_ENDED",
+            message="Mission ended: DATA_INCOMPLETE. main:/data/20261121T101431-1 payload:/data/20261121T101431-1",
+            message_level=2,
+            recording_phase="FAILED",
+            data_location="main:/data/20261121T101431-1 payload:/data/20261121T101431-1",
+            result="DATA_INCOMPLETE",
+        )
+    ),
+    "stale": replace(_desk(_HOLD, requests=(_HOLD_REQUEST,)), received_s=NOW_S - 7.4),
+}

@@ -1,0 +1,287 @@
+"""What keys, lines, answers and time do to the desk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from console_scenes import MISSIONS, NOW_S, SCENES
+
+from amaze_autonomy.console.dialog import answered, listed, press, received, tick, typed
+from amaze_autonomy.console.model import Answer, Desk, Note, Question, Request, RequestKind, Snapshot, Verdict
+from amaze_autonomy.engine.events import UserCommand
+
+HOLD, MISSION, INPUT = SCENES["hold"], SCENES["mission"], replace(SCENES["mission-input"], listed_s=NOW_S)
+LAND = Request(RequestKind.COMMAND, 1, UserCommand.LAND, sent_s=NOW_S)
+
+
+def press_all(desk, *keys):
+    requests = ()
+    for key in keys:
+        desk, sent = press(desk, key, NOW_S)
+        requests += sent
+    return desk, requests
+
+
+# --- commands by key ---
+
+
+def test_hold_is_sent_at_once():
+    desk, requests = press(MISSION, "h", NOW_S)
+    assert requests == (Request(RequestKind.COMMAND, 1, UserCommand.HOLD, sent_s=NOW_S),)
+    assert desk == replace(MISSION, next_id=2, requests=requests)
+
+
+@pytest.mark.parametrize("yes", ["y", "Y", "enter"])
+def test_land_takes_one_key_more(yes):
+    desk, requests = press(HOLD, "l", NOW_S)
+    assert (desk.question.text, requests) == ("LAND at the present position?", ())
+    desk, requests = press(desk, yes, NOW_S)
+    assert (desk, requests) == (replace(HOLD, next_id=2, requests=(LAND,)), (LAND,))
+
+
+def test_holding_the_land_key_down_does_not_land():
+    _, requests = press_all(HOLD, *["l"] * 51)
+    assert requests == ()
+
+
+@pytest.mark.parametrize("no", ["n", "l", "escape", "backspace", "h", " ", "q"])
+def test_any_other_key_does_not_land(no):
+    desk, requests = press_all(HOLD, "l", no)
+    assert (desk, requests) == (replace(HOLD, error="Not sent: land."), ())
+
+
+def test_a_key_whose_command_is_not_offered_sends_nothing():
+    desk, requests = press(HOLD, "g", NOW_S)
+    assert (desk, requests) == (replace(HOLD, error="go is not possible now in HOLD."), ())
+
+
+def test_a_key_before_the_engine_was_heard_sends_nothing():
+    assert press(Desk(), "l", NOW_S) == (replace(Desk(), error="land is not possible now."), ())
+
+
+def test_a_key_that_means_nothing_changes_nothing():
+    assert press(HOLD, "x", NOW_S) == (HOLD, ())
+    assert press(HOLD, "backspace", NOW_S) == (HOLD, ())
+
+
+def test_every_key_sends_its_own_command():
+    commands = tuple(command.value for command in UserCommand)
+    desk = replace(HOLD, snapshot=replace(HOLD.snapshot, user_commands=commands))
+    sent = {}
+    for key in "ghclaruk":
+        after, requests = press(desk, key, NOW_S)
+        if after.question is not None:
+            _, requests = press(after, "y", NOW_S)
+        sent[key] = [request.command.value for request in requests]
+    assert sent == {
+        "g": ["go"],
+        "h": ["hold"],
+        "c": ["resume"],
+        "l": ["land"],
+        "a": ["abort"],
+        "r": ["retry"],
+        "u": ["give_up"],
+        "k": ["acknowledge"],
+    }
+
+
+def test_a_question_is_dropped_when_the_engine_would_not_do_it_any_more():
+    desk, _ = press(HOLD, "l", NOW_S)
+    landing = SCENES["land"].snapshot
+    desk = received(desk, landing, NOW_S, "10:00:00")
+    assert (desk.question, desk.error) == (None, "Not sent: land is not possible any more.")
+    assert press(desk, "enter", NOW_S)[1] == ()
+
+
+def test_a_question_is_dropped_after_ten_seconds():
+    desk, _ = press(HOLD, "l", NOW_S)
+    assert tick(desk, NOW_S + 9.9)[0].question is not None
+    desk, _ = tick(desk, NOW_S + 10.1)
+    assert (desk.question, desk.error) == (None, "Not sent: land was not confirmed in time.")
+
+
+# --- closing ---
+
+
+def test_quit_on_the_ground_closes_at_once():
+    assert press(SCENES["ready"], "q", NOW_S)[1] == (Request(RequestKind.QUIT),)
+
+
+def test_quit_in_flight_asks_and_sends_nothing_to_the_engine():
+    desk, requests = press(HOLD, "q", NOW_S)
+    assert (desk.question.text, requests) == ("Close this console? The flight goes on without it.", ())
+    assert press(desk, "y", NOW_S)[1] == (Request(RequestKind.QUIT),)
+
+
+def test_the_end_of_input_closes_even_within_a_question():
+    assert press(press(HOLD, "l", NOW_S)[0], "quit", NOW_S)[1] == (Request(RequestKind.QUIT),)
+
+
+# --- choosing a mission ---
+
+
+def test_a_mission_is_typed_confirmed_and_selected():
+    desk, requests = press_all(INPUT, "1", "enter")
+    assert (desk.entry, desk.question.enter_is_yes, requests) == ("", False, ())
+    assert desk.question.text == "Fly mission 1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)?"
+    desk, requests = press(desk, "y", NOW_S)
+    assert requests == (Request(RequestKind.SELECT, 1, missions=("1",), sent_s=NOW_S),)
+    assert desk == replace(INPUT, next_id=2, requests=requests)
+
+
+def test_enter_twice_does_not_start_a_mission():
+    desk, requests = press_all(INPUT, "1", "enter", "enter")
+    assert (desk.error, requests) == ("Not sent: mission 1.", ())
+
+
+def test_an_invalid_mission_gives_the_error_and_asks_again():
+    desk, requests = press_all(INPUT, "7", "enter")
+    assert (desk, requests) == (replace(INPUT, error='There is no mission "7". There are: 1, 2, wall.'), ())
+    desk, _ = press_all(desk, "1", "enter")
+    assert (desk.question.request.missions, desk.error) == (("1",), "")
+
+
+def test_a_mission_that_cannot_be_flown_gives_the_reason():
+    desk, requests = press_all(INPUT, *"wall", "enter")
+    assert requests == ()
+    assert desk.error == (
+        "Mission wall cannot be flown: trajectories/wall.csv line 7: height -1.5 m is below the ground"
+    )
+
+
+def test_typing_can_be_mended():
+    desk, _ = press_all(INPUT, "1", "2", "backspace", "x", "backspace")
+    assert desk.entry == "1"
+    assert press_all(desk, "escape")[0].entry == press_all(desk, "clear")[0].entry == ""
+    assert len(press_all(INPUT, *["1"] * 500)[0].entry) == 60
+
+
+def test_an_empty_line_says_nothing():
+    assert press(INPUT, "enter", NOW_S) == (INPUT, ())
+
+
+def test_typing_before_the_list_has_come():
+    desk, requests = press_all(replace(INPUT, missions=None), "1", "enter")
+    assert (desk.error, requests) == ("The list of missions has not come yet; try again in a moment.", ())
+
+
+def test_what_is_typed_is_dropped_when_another_console_selects():
+    desk, _ = press_all(INPUT, "1")
+    desk = received(desk, SCENES["preflight"].snapshot, NOW_S, "10:00:00")
+    assert (desk.entry, desk.question) == ("", None)
+
+
+def test_a_confirmation_is_dropped_when_another_console_selects():
+    desk, _ = press_all(INPUT, "1", "enter")
+    desk = received(desk, SCENES["preflight"].snapshot, NOW_S, "10:00:00")
+    assert (desk.question, desk.error) == (None, "Not sent: mission 1 is not possible any more.")
+    assert press(desk, "y", NOW_S)[1] == ()
+
+
+# --- the list, and missions by parameter ---
+
+
+def test_the_list_is_asked_for_when_a_mission_can_be_selected():
+    desk = replace(INPUT, listed_s=None, missions=None)
+    after, requests = tick(desk, NOW_S)
+    assert requests == (Request(RequestKind.LIST, 1, sent_s=NOW_S),)
+    assert tick(after, NOW_S + 1.0)[1] == ()
+    assert tick(after, NOW_S + 6.0)[1] == (Request(RequestKind.LIST, 2, sent_s=NOW_S + 6.0),)
+    assert listed(after, 1, MISSIONS) == replace(after, missions=MISSIONS, requests=())
+
+
+def test_the_list_is_not_asked_for_in_flight_and_anew_afterwards():
+    flying, requests = tick(replace(HOLD, listed_s=5.0), NOW_S)
+    assert (flying.listed_s, requests) == (None, ())
+    ended = received(flying, SCENES["mission-ended"].snapshot, NOW_S, "")
+    assert [request.kind for request in tick(ended, NOW_S)[1]] == [RequestKind.LIST]
+
+
+def test_a_mission_by_parameter_is_selected_without_a_question():
+    desk, requests = tick(replace(INPUT, wanted=("1", "2")), NOW_S)
+    assert requests == (Request(RequestKind.SELECT, 1, missions=("1", "2"), sent_s=NOW_S),)
+    assert (desk.wanted, tick(desk, NOW_S)[1]) == ((), ())
+
+
+def test_a_mission_by_parameter_that_does_not_exist_gives_the_error_and_asks():
+    desk, requests = tick(replace(INPUT, wanted=("9",)), NOW_S)
+    assert (desk, requests) == (replace(INPUT, error='There is no mission "9". There are: 1, 2, wall.'), ())
+
+
+def test_a_mission_by_parameter_is_dropped_when_the_engine_is_busy():
+    desk, requests = tick(replace(HOLD, wanted=("1",)), NOW_S)
+    assert (desk.wanted, desk.error, requests) == ((), "Mission 1 was not selected: the engine is in HOLD.", ())
+
+
+# --- answers and messages ---
+
+
+def test_an_answer_is_shown_for_fifteen_seconds():
+    desk = replace(HOLD, requests=(LAND,))
+    desk = answered(desk, 1, Verdict.REFUSED, "the reason", NOW_S)
+    assert desk == replace(HOLD, answer=Answer("land", Verdict.REFUSED, "the reason", NOW_S))
+    assert tick(desk, NOW_S + 14.0)[0].answer is not None
+    assert tick(desk, NOW_S + 16.0)[0].answer is None
+
+
+def test_an_answer_to_nothing_is_dropped():
+    assert answered(HOLD, 99, Verdict.DONE, "", NOW_S) == HOLD
+
+
+def test_a_list_that_does_not_come_is_no_news_for_the_operator():
+    desk = replace(INPUT, requests=(Request(RequestKind.LIST, 4),))
+    assert answered(desk, 4, Verdict.NO_ANSWER, "no such service", NOW_S) == INPUT
+
+
+def test_a_request_without_an_answer_is_forgotten_after_a_minute():
+    desk = replace(HOLD, requests=(LAND,))
+    assert tick(desk, NOW_S + 59.0)[0].requests == (LAND,)
+    assert tick(desk, NOW_S + 61.0)[0].requests == ()
+
+
+def test_a_hanging_request_does_not_keep_land_back():
+    hold = Request(RequestKind.COMMAND, 1, UserCommand.HOLD, sent_s=NOW_S)
+    desk, requests = press_all(replace(MISSION, requests=(hold,), next_id=2), "l", "enter")
+    assert [request.command for request in requests] == [UserCommand.LAND]
+    assert [request.command for request in desk.requests] == [UserCommand.HOLD, UserCommand.LAND]
+
+
+def test_messages_are_noted_once_with_their_time():
+    desk = Desk()
+    first = Snapshot(state="READY", message="Ready.")
+    for clock, snapshot in (("10:00:00", first), ("10:00:01", first), ("10:00:02", replace(first, time_left_s=3.0))):
+        desk = received(desk, snapshot, NOW_S, clock)
+    desk = received(desk, replace(first, state="HOLD", message="Holding.", message_level=1), NOW_S, "10:00:03")
+    assert desk.notes == (Note("10:00:00", 0, "Ready."), Note("10:00:03", 1, "Holding."))
+
+
+# --- lines ---
+
+
+def test_a_whole_word_is_its_own_confirmation_and_a_letter_is_not():
+    assert typed(HOLD, " land ", NOW_S)[1] == (LAND,)
+    desk, requests = typed(HOLD, "l", NOW_S)
+    assert (desk.question.request.command, requests) == (UserCommand.LAND, ())
+    assert typed(desk, "yes", NOW_S)[1] == (LAND,)
+    assert typed(desk, "", NOW_S) == (replace(HOLD, error="Not sent: land."), ())
+
+
+def test_an_unknown_word_gives_what_is_possible():
+    desk, requests = typed(HOLD, "hover", NOW_S)
+    assert (desk.error, requests) == ('"hover" is not a command. Possible now: land (l), abort (a), quit.', ())
+
+
+def test_a_mission_whose_id_is_a_command_is_a_mission():
+    desk = replace(INPUT, missions=(replace(MISSIONS[0], id="land"), replace(MISSIONS[0], id="q")))
+    assert typed(desk, "land", NOW_S)[0].question.request.missions == ("land",)
+    assert typed(desk, "q", NOW_S)[0].question.request.missions == ("q",)
+
+
+def test_quit_as_a_line():
+    assert typed(INPUT, "quit", NOW_S)[1] == typed(HOLD, "exit", NOW_S)[1] == (Request(RequestKind.QUIT),)
+
+
+def test_a_question_that_was_answered_is_gone():
+    question = Question("Sure?", replace(LAND, id=0), NOW_S)
+    assert typed(replace(HOLD, question=question), "y", NOW_S)[0].question is None

@@ -1,0 +1,306 @@
+"""The whole console as a process: on a terminal, without one, at its end."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import pytest
+from console_process import ConsoleProcess
+
+from amaze_autonomy.console.main import main
+
+HERE = Path(__file__).parent
+SCREEN_ON, SCREEN_OFF, CURSOR_ON = "\x1b[?1049h", "\x1b[?1049l", "\x1b[?25h"
+
+
+def left_in_order(console):
+    """Return True when the terminal is as it was: attributes, main screen, visible cursor, plain pasting."""
+    ends = [console.seen.rindex(SCREEN_OFF) > console.seen.rindex(SCREEN_ON), console.seen.rindex(CURSOR_ON) > 0]
+    return (
+        all(ends)
+        and console.seen.count("\x1b[?2004h") == console.seen.count("\x1b[?2004l")
+        and (console.after() == console.before)
+    )
+
+
+# --- on a terminal ---
+
+
+def test_land_is_one_key_and_one_more(tmp_path):
+    with ConsoleProcess(tmp_path, "hold") as console:
+        console.wait_for("waits 12 s, then LAND")
+        console.type("l")
+        console.wait_for("LAND at the present position?")
+        assert console.asked() == []
+        console.type("\r")
+        console.wait_for("as asked")
+        assert console.asked() == ["land"]
+
+
+def test_a_mission_is_typed_and_confirmed(tmp_path):
+    with ConsoleProcess(tmp_path, "mission-input") as console:
+        console.wait_for("Square of 5 m at 3 m height")
+        console.type("7\r")
+        console.wait_for('There is no mission "7". There are: 1, 2, wall.')
+        console.type("1\r")
+        console.wait_for("Fly mission 1:")
+        console.type("y")
+        console.wait_for("mission 1:  DONE")
+        assert console.asked() == ["mission 1"]
+
+
+def test_pasted_text_does_not_land(tmp_path):
+    with ConsoleProcess(tmp_path, "mission") as console:
+        console.wait_for("3 m height")
+        console.type("\x1b[200~l\ry\x1b[201~")
+        console.type("h")
+        console.wait_for("as asked")
+        assert console.asked() == ["hold"]
+
+
+def test_ctrl_c_ends_the_console_and_nothing_else(tmp_path):
+    with ConsoleProcess(tmp_path, "hold") as console:
+        console.wait_for("close console only")
+        console.type("\x03")
+        assert console.end() == 130
+        assert left_in_order(console)
+        assert "Interrupted. Console closed. The engine goes on without it: HOLD, IN FLIGHT." in console.seen
+        assert console.asked() == []
+
+
+def test_quit_by_key(tmp_path):
+    with ConsoleProcess(tmp_path, "ready") as console:
+        console.wait_for("close console only")
+        console.type("q")
+        assert console.end() == 0
+        assert left_in_order(console)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_other_signals_leave_the_terminal_in_order(tmp_path, number):
+    with ConsoleProcess(tmp_path, "hold") as console:
+        console.wait_for("close console only")
+        console.signal(number)
+        assert console.end() == 0
+        assert left_in_order(console)
+
+
+def test_a_defect_leaves_the_terminal_in_order_and_shows_its_traceback(tmp_path):
+    with ConsoleProcess(tmp_path, "mission") as console:
+        console.wait_for("close console only")
+        console.type("a\r")
+        assert console.end() == 1
+        assert left_in_order(console)
+        assert console.seen.index("ValueError: the console has a defect") > console.seen.rindex(SCREEN_OFF)
+
+
+def test_a_window_that_is_closed_ends_the_console(tmp_path):
+    with ConsoleProcess(tmp_path, "hold") as console:
+        console.wait_for("close console only")
+        console.hang_up()
+        assert console.end() == 0
+
+
+def test_ctrl_z_and_ctrl_s_do_not_stop_it(tmp_path):
+    with ConsoleProcess(tmp_path, "mission") as console:
+        console.wait_for("close console only")
+        console.type("\x1a\x13\x1ch")
+        console.wait_for("as asked")
+        assert console.asked() == ["hold"]
+
+
+def test_silence_of_the_engine_is_loud(tmp_path):
+    with ConsoleProcess(tmp_path, "hold", "--ascii") as console:
+        console.wait_for("close console only")
+        Path(f"{console.log}.silent").touch()
+        console.wait_for("NO CONTACT")
+        console.wait_for("The engine (/autonomy) has been silent for 3 s.")
+
+
+def test_ascii_where_the_locale_has_no_unicode(tmp_path):
+    with ConsoleProcess(tmp_path, "hold", PYTHONIOENCODING="ascii") as console:
+        console.wait_for("waits 12 s, then LAND")
+        console.type("\x03")
+        assert console.end() == 130
+        assert console.seen.isascii()
+
+
+def test_a_terminal_that_can_do_nothing_gets_lines(tmp_path):
+    with ConsoleProcess(tmp_path, "hold", TERM="dumb") as console:
+        console.wait_for("STATE     HOLD (holding), IN FLIGHT")
+        console.type("l\n")
+        console.wait_for("QUESTION  LAND at the present position?")
+        console.type("y\n")
+        console.wait_for("ANSWER    land: DONE as asked")
+        console.type("\x03")
+        assert console.end() == 130
+        assert "\x1b" not in console.seen
+        assert console.after() == console.before
+
+
+def test_a_picture_is_saved_for_each_state(tmp_path):
+    with ConsoleProcess(tmp_path, "hold", "--pictures", str(tmp_path / "pictures")) as console:
+        console.wait_for("close console only")
+        console.type("\x03")
+        assert console.end() == 130
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["01-hold.svg"]
+
+
+def test_pictures_that_cannot_be_saved_are_said_and_do_not_end_it(tmp_path):
+    (tmp_path / "file").touch()
+    with ConsoleProcess(tmp_path, "hold", "--pictures", str(tmp_path / "file" / "below")) as console:
+        console.wait_for("Pictures are not saved: Not a directory.")
+        console.type("\x03")
+        assert console.end() == 130
+
+
+# --- without a terminal ---
+
+
+def plain(tmp_path, scene, *arguments, stdin=subprocess.DEVNULL, **options):
+    log = tmp_path / "asked"
+    log.touch()
+    process = subprocess.Popen(
+        [sys.executable, str(HERE / "fake_engine.py"), str(log), scene, *arguments],
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        encoding="utf-8",
+        **options,
+    )
+    return process, log
+
+
+def lines_until(process, words):
+    """Return the lines up to the one that contains the words, without their time stamps."""
+    lines = []
+    for line in process.stdout:
+        assert re.match(r"\d\d:\d\d:\d\d ", line), line
+        lines.append(line[9:].rstrip())
+        if words in line:
+            return lines
+    raise AssertionError("\n".join(lines))
+
+
+def finish(process, number=signal.SIGINT):
+    process.send_signal(number)
+    out, _ = process.communicate(timeout=20)
+    return process.returncode, out
+
+
+def test_without_input_it_tells_and_never_blocks(tmp_path):
+    process, log = plain(tmp_path, "land")
+    lines = lines_until(process, "ADVICE")
+    status, out = finish(process)
+    assert re.fullmatch(r"START     console of /autonomy, \d{4}-\d\d-\d\d, local time [+-]\d{4}", lines[0])
+    assert lines[1:] == [
+        "STATE     LAND (commanding), IN FLIGHT, mission 1 Square of 5 m at 3 m height, 1 min 57 s left",
+        "ERROR     Landing: mission_camera: no message for 0.31 s, limit 0.15 s",
+        "WRONG     mission_camera code 16: land: no message for 0.31 s, limit 0.15 s",
+        "PROGRESS  waypoint 0 of 8",
+        "RECORDING recording",
+        "ADVICE    Watch the vehicle; be ready to take over.",
+    ]
+    assert (status, log.read_text()) == (130, "")
+    assert out.endswith("END       Interrupted. Console closed. The engine goes on without it: LAND, IN FLIGHT.\n")
+
+
+def test_lines_of_a_pipe_wait_until_they_mean_something(tmp_path):
+    process, log = plain(tmp_path, "mission-input", stdin=subprocess.PIPE)
+    process.stdin.write("1\ny\n")
+    process.stdin.flush()
+    lines = lines_until(process, "ANSWER")
+    status, _ = finish(process)
+    assert lines[-2:] == [
+        "QUESTION  Fly mission 1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)? "
+        "Type y and Enter for yes, anything else for no.",
+        "ANSWER    mission 1: DONE as asked",
+    ]
+    assert (status, log.read_text()) == (130, "mission 1\n")
+
+
+def test_a_mission_by_argument_is_selected_without_input(tmp_path):
+    process, log = plain(tmp_path, "mission-input", "--mission", "2")
+    lines_until(process, "ANSWER    mission 2: DONE as asked")
+    assert finish(process, signal.SIGTERM)[0] == 0
+    assert log.read_text() == "mission 2\n"
+
+
+def test_an_end_of_input_does_not_end_the_console(tmp_path):
+    process, log = plain(tmp_path, "hold", stdin=subprocess.PIPE)
+    process.stdin.write("land")
+    process.stdin.close()
+    lines_until(process, "ANSWER    land: DONE as asked")
+    process.stdin = None
+    assert finish(process)[0] == 130
+    assert log.read_text() == "land\n"
+
+
+def test_quit_as_a_line_ends_it_even_without_an_engine(tmp_path):
+    process, _ = plain(tmp_path, "waiting-engine", stdin=subprocess.PIPE)
+    out, _ = process.communicate("quit\n", timeout=20)
+    assert process.returncode == 0
+    assert out.splitlines()[-1].endswith("END       Console closed.")
+
+
+def test_closed_input_and_a_reader_that_has_gone(tmp_path):
+    process, _ = plain(tmp_path, "hold", preexec_fn=lambda: os.close(0))
+    lines_until(process, "STATE")
+    process.stdout.close()
+    assert process.wait(20) == 0
+
+
+def test_no_engine_in_time_has_its_status(tmp_path):
+    process, _ = plain(tmp_path, "waiting-engine", "--wait", "0.3")
+    out, _ = process.communicate(timeout=20)
+    assert process.returncode == 4
+    assert out.splitlines()[-1].endswith("END       No engine on /autonomy within 0.3 s.")
+
+
+def test_a_terminal_that_belongs_to_others_gets_lines_and_is_read(tmp_path):
+    """As under roslaunch: the terminal is there, but it is not the console's own."""
+    outside, inside = os.openpty()
+    process, log = plain(tmp_path, "hold", stdin=inside, start_new_session=True)
+    lines_until(process, "COMMANDS")
+    os.write(outside, b"land\n")
+    lines_until(process, "ANSWER    land: DONE as asked")
+    assert finish(process)[0] == 130
+    assert log.read_text() == "land\n"
+    assert termios.tcgetattr(inside)[3] & termios.ECHO
+    os.close(outside)
+    os.close(inside)
+
+
+# --- the command line ---
+
+
+def test_help_has_examples_and_exit_statuses(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["--help"])
+    out = capsys.readouterr().out
+    assert end.value.code == 0
+    assert all(words in out for words in ("examples:", "exit status:", "--mission ID", "never touches the flight"))
+
+
+def test_wrong_usage(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["--fly"])
+    assert end.value.code == 2
+    assert "unrecognized arguments: --fly" in capsys.readouterr().err
+
+
+def test_without_ros_it_says_what_to_do(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rospy", None)
+    monkeypatch.delitem(sys.modules, "amaze_autonomy.console.ros_link", raising=False)
+    assert main(["--plain"]) == 2
+    assert re.fullmatch(
+        r"console: ROS or the messages of amaze_autonomy are not there \(.*\): source devel/setup.bash\n",
+        capsys.readouterr().err,
+    )

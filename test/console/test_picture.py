@@ -1,0 +1,49 @@
+"""The picture of a screen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+from console_scenes import NOW_S, SCENES
+from rich.text import Text
+from write_screens import PICTURES
+
+from amaze_autonomy.console.picture import svg
+from amaze_autonomy.console.style import UNICODE
+from amaze_autonomy.console.view import Screen
+
+IMAGES = Path(__file__).parents[2] / "docs" / "images"
+NAMES = {"s": "http://www.w3.org/2000/svg"}
+
+
+def words(picture):
+    return [text.text for text in ET.fromstring(picture).iterfind(".//s:text", NAMES)]
+
+
+def test_letters_are_text_blocks_are_rectangles():
+    assert svg(Text("a  b█▄ <&>", style="bold #ffffff on #c00000"), 12, "A & B").splitlines() == [
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 132 43" role="img" font-size="15" '
+        'font-family="DejaVu Sans Mono, ui-monospace, Menlo, Consolas, monospace" xml:space="preserve">',
+        "<title>A &amp; B</title>",
+        '<rect width="132" height="43" rx="8" fill="#101418"/>',
+        '<rect x="12" y="12" width="90.5" height="19.5" fill="#c00000"/>',
+        '<text x="12" y="26.5" fill="#ffffff" font-weight="bold" textLength="9">a</text>',
+        '<text x="39" y="26.5" fill="#ffffff" font-weight="bold" textLength="9">b</text>',
+        '<rect x="48" y="12" width="9.2" height="19.2" fill="#ffffff"/>',
+        '<rect x="57" y="21.5" width="9.2" height="9.7" fill="#ffffff"/>',
+        '<text x="75" y="26.5" fill="#ffffff" font-weight="bold" textLength="27">&lt;&amp;&gt;</text>',
+        "</svg>",
+    ]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_makes_a_picture_that_is_well_formed(name):
+    assert ET.fromstring(svg(Screen(SCENES[name], NOW_S, UNICODE), 100, name)).tag == "{http://www.w3.org/2000/svg}svg"
+
+
+@pytest.mark.parametrize("name, height", PICTURES.items())
+def test_the_pictures_of_the_documentation_show_the_console_as_it_is(name, height):
+    shown = (IMAGES / f"console-{name}.svg").read_text(encoding="utf-8")
+    assert words(shown) == words(svg(Screen(SCENES[name], NOW_S, UNICODE, height), 100, f"The console: {name}"))

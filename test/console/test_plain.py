@@ -1,0 +1,150 @@
+"""The lines of the plain mode: one for each change, none without one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from console_scenes import CAMERA, CHECKS, GPS, LRF, MISSIONS, NOW_S, SCENES
+
+from amaze_autonomy.console.model import Answer, Desk, Question, Request, RequestKind, Verdict
+from amaze_autonomy.console.plain import changes
+from amaze_autonomy.engine.events import UserCommand
+
+START = Desk(started_s=NOW_S, received_s=NOW_S)
+
+
+def lines(before, after, before_s=NOW_S, after_s=NOW_S):
+    return changes(before, before_s, after, after_s)
+
+
+def test_nothing_new_is_no_line():
+    for desk in SCENES.values():
+        assert lines(desk, desk) == []
+
+
+def test_time_that_passes_is_no_line():
+    hold = SCENES["hold"]
+    shorter = tuple(
+        replace(each, time_left_s=each.time_left_s and each.time_left_s - 1.0) for each in hold.snapshot.failures
+    )
+    later = replace(hold, snapshot=replace(hold.snapshot, time_left_s=11.4, failures=shorter), received_s=NOW_S + 0.8)
+    assert lines(hold, later) == []
+
+
+def test_the_first_state_is_told_whole():
+    assert lines(START, SCENES["hold"]) == [
+        "STATE     HOLD (holding), IN FLIGHT, mission 1 Square of 5 m at 3 m height, 12 s left",
+        "WARNING   Holding position: lrf: no message for 1.32 s, limit 0.15 s",
+        "WRONG     gps code 2: continue: 3.1 Hz, expected 5.0 Hz",
+        "WRONG     realsense code 4: wait, then continue, 21 s left: no message for 2.10 s, limit 0.20 s",
+        "WRONG     lrf code 8: wait, then land, 12 s left: no message for 1.32 s, limit 0.15 s; restart 1 of 3",
+        "PROGRESS  waypoint 3 of 8",
+        "RECORDING recording",
+        "WAIT      lrf to come back",
+        "ADVICE    Wait, or land.",
+        "COMMANDS  land, abort",
+        "MISSION   1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)",
+        "MISSION   2: Figure eight, cameras down (6 min 52 s, battery needed 71 %)",
+        "MISSION   wall: Along the north wall "
+        "(CANNOT BE FLOWN: trajectories/wall.csv line 7: height -1.5 m is below the ground)",
+    ]
+
+
+def test_a_failure_that_turns_into_a_landing_and_others_that_clear():
+    hold = SCENES["hold"]
+    land = replace(
+        hold, snapshot=replace(hold.snapshot, state="LAND", failures=(replace(LRF, verb="land", then=""), CAMERA))
+    )
+    assert lines(hold, land) == [
+        "STATE     LAND (holding), IN FLIGHT, mission 1 Square of 5 m at 3 m height, 12 s left",
+        "WARNING   Holding position: lrf: no message for 1.32 s, limit 0.15 s",
+        "WRONG     lrf code 8: land, 12 s left: no message for 1.32 s, limit 0.15 s; restart 1 of 3",
+        "WRONG     mission_camera code 16: land: no message for 0.31 s, limit 0.15 s",
+        "CLEARED   gps",
+        "CLEARED   realsense",
+        "ADVICE    Wait, or land.",
+    ]
+
+
+def test_checks_are_told_when_their_verdict_changes():
+    preflight = SCENES["preflight"]
+    before = replace(preflight, snapshot=replace(preflight.snapshot, checks=CHECKS[:4]))
+    after = replace(
+        preflight, snapshot=replace(preflight.snapshot, checks=(replace(CHECKS[0], value=4.0), *CHECKS[4:]))
+    )
+    assert lines(before, after) == [
+        "CHECK     FAIL    battery fraction 38 %, limit 42 %, age 0.80 s: Charge or change the battery.",
+        "CHECK     PASS    distance to the ground 0.02 m, limit 0.1 m, age 0.05 s",
+        "CHECK     UNKNOWN tilt -, limit 10.0 deg: The state estimation does not answer: start it.",
+    ]
+
+
+def test_progress_in_steps_of_ten_percent():
+    desk = SCENES["data-cleanup"]
+    told = []
+    for percent in range(43, 64):
+        after = replace(desk, snapshot=replace(desk.snapshot, recording_progress=percent / 100))
+        told += lines(desk, after)
+        desk = after
+    assert told == ["RECORDING transferring 50 %", "RECORDING transferring 60 %"]
+
+
+def test_the_end_names_result_and_data():
+    assert lines(SCENES["data-cleanup"], replace(SCENES["mission-ended"], interactive=False)) == [
+        "STATE     MISSION_ENDED, mission 1 Square of 5 m at 3 m height",
+        "INFO      Mission ended: COMPLETE. /data/20261121T101431-1.bag",
+        "RECORDING complete 100 %",
+        "ADVICE    Select the next mission.",
+        "DATA      /data/20261121T101431-1.bag",
+        "RESULT    COMPLETE",
+    ]
+
+
+def test_lost_contact_is_told_once_and_so_is_its_return():
+    hold = replace(SCENES["hold"], received_s=NOW_S)
+    assert lines(hold, hold, NOW_S + 2.9, NOW_S + 3.2) == [
+        "CONTACT   LOST: the engine (/autonomy) has been silent for 3 s. Watch the vehicle."
+    ]
+    assert lines(hold, hold, NOW_S + 3.2, NOW_S + 60.0) == []
+    assert lines(hold, replace(hold, received_s=NOW_S + 60.0), NOW_S + 60.0, NOW_S + 60.1) == [
+        "CONTACT   the engine is heard again"
+    ]
+
+
+def test_waiting_for_the_link():
+    assert lines(START, replace(START, link="Waiting for the ROS master")) == ["WAIT      Waiting for the ROS master"]
+
+
+def test_requests_answers_questions_and_errors():
+    hold = SCENES["hold"]
+    request = Request(RequestKind.COMMAND, 1, UserCommand.LAND, sent_s=NOW_S)
+    asked = replace(hold, requests=(request,))
+    assert lines(asked, asked, NOW_S + 2.9, NOW_S + 3.1) == ["ANSWER    land: none for 3 s"]
+    assert lines(asked, replace(hold, answer=Answer("land", Verdict.DONE, "Landing.", NOW_S))) == [
+        "ANSWER    land: DONE Landing."
+    ]
+    assert lines(hold, replace(hold, error="Not sent: land.")) == ["INPUT     Not sent: land."]
+    assert lines(hold, replace(hold, question=Question("LAND?", request))) == [
+        "QUESTION  LAND? Type y and Enter for yes, anything else for no."
+    ]
+
+
+def test_somebody_who_can_type_is_asked_for_a_mission_and_nobody_else():
+    asked = "QUESTION  Which mission? Type its id and Enter; several: 1 2 3."
+    unlisted = replace(SCENES["mission-input"], missions=None)
+    assert lines(unlisted, SCENES["mission-input"])[-1] == asked
+    alone = replace(SCENES["mission-input"], interactive=False)
+    assert asked not in lines(replace(alone, missions=None), alone)
+
+
+def test_an_engine_without_missions():
+    empty = replace(SCENES["mission-input"], missions=())
+    assert lines(replace(empty, missions=None), empty) == ["MISSION   none: look at the engine's missions.yaml"]
+
+
+def test_files_and_repetitions():
+    mission = replace(SCENES["mission"], missions=MISSIONS)
+    next_file = replace(
+        mission, snapshot=replace(mission.snapshot, file_index=1, files=2, repetitions=3, failures=(GPS,))
+    )
+    assert lines(mission, next_file) == ["PROGRESS  file 2 of 2, repetition 1 of 3"]

@@ -1,0 +1,158 @@
+"""One console at work on a link that is a list."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from console_scenes import MISSIONS, SCENES
+
+from amaze_autonomy.console.link import (
+    AnswerCame,
+    Link,
+    LinkClosed,
+    LinkSays,
+    Mailbox,
+    MissionsCame,
+    MissionWanted,
+    StateCame,
+)
+from amaze_autonomy.console.model import Desk, Verdict
+from amaze_autonomy.console.session import Session
+from amaze_autonomy.console.terminal import Wake
+
+
+class ListLink(Link):
+    def __init__(self):
+        self.sent = []
+
+    def send(self, request):
+        self.sent.append(request)
+
+
+class Console:
+    """A session, its link, its mailbox and its clock."""
+
+    def __init__(self, **options):
+        self.now_s = 0.0
+        self.link, self.mailbox = ListLink(), Mailbox(Wake())
+        self.session = Session(
+            Desk(), self.link, self.mailbox, now=lambda: self.now_s, clock=lambda: "10:00:00", **options
+        )
+
+    def happens(self, *happenings):
+        for happening in happenings:
+            self.mailbox.post(happening)
+        self.session.turn()
+
+    def shows(self, scene, **changes):
+        self.happens(StateCame(replace(SCENES[scene].snapshot, **changes)))
+
+
+@pytest.fixture
+def console():
+    return Console()
+
+
+def test_a_mission_is_selected_and_its_answer_shown(console):
+    console.shows("mission-input")
+    console.happens(MissionsCame(console.link.sent[0].id, MISSIONS))
+    for key in ("1", "enter", "y"):
+        console.session.press(key)
+    assert [request.words for request in console.link.sent] == ["list of missions", "mission 1"]
+    console.happens(AnswerCame(console.link.sent[1].id, Verdict.REFUSED, "Battery."))
+    answer = console.session.desk.answer
+    assert (answer.request, answer.verdict, answer.message) == ("mission 1", Verdict.REFUSED, "Battery.")
+
+
+def test_a_mission_by_parameter_is_selected_when_it_can_be(console):
+    console.happens(MissionWanted(("2",)))
+    console.shows("mission-input")
+    console.happens(MissionsCame(console.link.sent[0].id, MISSIONS))
+    assert [request.missions for request in console.link.sent] == [(), ("2",)]
+
+
+def test_the_command_line_goes_before_the_parameter():
+    console = Console()
+    console.session.desk = replace(console.session.desk, wanted=("1",))
+    console.happens(MissionWanted(("2",)))
+    assert console.session.desk.wanted == ("1",)
+
+
+def test_closing_sends_nothing_to_the_engine_and_says_that_it_goes_on(console):
+    console.shows("hold")
+    console.session.press("q")
+    console.session.press("y")
+    assert (console.session.status, console.link.sent) == (0, [])
+    assert console.session.farewell() == "Console closed. The engine goes on without it: HOLD, IN FLIGHT."
+
+
+def test_an_interrupt_keeps_its_status_whatever_comes_after(console):
+    console.shows("ready")
+    console.session.end(130, "Interrupted.")
+    console.happens(LinkClosed("ROS shut this console down."))
+    assert console.session.status == 130
+    assert console.session.farewell() == "Interrupted. Console closed. The engine goes on without it: READY."
+
+
+def test_the_link_says_what_it_waits_for_until_the_engine_speaks(console):
+    console.happens(LinkSays("Waiting for the ROS master at http://uav:11311"))
+    assert console.session.desk.link == "Waiting for the ROS master at http://uav:11311"
+    console.happens(LinkSays("", engine="/uav2/autonomy"))
+    assert (console.session.desk.link, console.session.desk.engine) == ("", "/uav2/autonomy")
+
+
+def test_an_end_of_ros_ends_the_console(console):
+    console.happens(LinkClosed("ROS shut this console down."))
+    assert (console.session.status, console.session.farewell()) == (0, "ROS shut this console down.")
+
+
+def test_no_engine_in_time():
+    console = Console(wait_s=5.0)
+    console.now_s = 4.9
+    console.session.turn()
+    assert console.session.status is None
+    console.now_s = 5.1
+    console.session.turn()
+    assert (console.session.status, console.session.farewell()) == (4, "No engine on /autonomy within 5 s.")
+
+
+def test_an_engine_that_falls_silent_is_waited_for():
+    console = Console(wait_s=5.0)
+    console.shows("hold")
+    console.now_s = 500.0
+    console.session.turn()
+    assert console.session.status is None
+    assert console.session.desk.stale(console.now_s)
+
+
+@pytest.mark.parametrize(
+    "result, status", [("COMPLETE", 0), ("LANDED_EARLY", 3), ("PILOT", 3), ("NOT_FLOWN", 3), ("DATA_INCOMPLETE", 3)]
+)
+def test_once_ends_with_the_mission(result, status):
+    console = Console(once=True)
+    for scene in ("mission-input", "preflight", "mission", "data-cleanup"):
+        console.shows(scene)
+        assert console.session.status is None
+    console.shows("mission-ended", result=result)
+    assert console.session.status == status
+    assert console.session.farewell().startswith(f"Mission ended: {result}.")
+
+
+def test_once_does_not_end_with_the_mission_before():
+    console = Console(once=True)
+    console.shows("mission-ended")
+    assert console.session.status is None
+
+
+def test_once_ends_when_the_mission_is_given_up():
+    console = Console(once=True)
+    console.shows("outreach")
+    console.shows("mission-input")
+    assert (console.session.status, console.session.last_words) == (3, "The mission was given up.")
+
+
+def test_without_once_it_stays(console):
+    console.shows("mission")
+    console.shows("mission-ended")
+    assert console.session.status is None

@@ -1,0 +1,139 @@
+"""The screens as they are, for every state and for what can go wrong beside: whole texts, wide and narrow."""
+
+from __future__ import annotations
+
+import io
+import unicodedata
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from console_scenes import CHECKS, NOW_S, SCENES
+from rich.console import Console
+from write_screens import screen
+
+from amaze_autonomy.console.model import Answer, MissionRow, PendingFailure, Question, Request, RequestKind, Verdict
+from amaze_autonomy.console.style import ASCII, UNICODE
+from amaze_autonomy.console.view import Screen
+from amaze_autonomy.console.wire import snapshot_of
+from amaze_autonomy.engine.state import State
+
+SCREENS = Path(__file__).parent / "screens"
+
+
+def draw(desk, width=100, height=None, style=UNICODE, color_system=None):
+    out = io.StringIO()
+    console = Console(file=out, width=width, color_system=color_system, force_terminal=color_system is not None)
+    console.print(Screen(desk, NOW_S, style, height), end="")
+    return out.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_on_a_hundred_columns(name):
+    assert screen(name, 100, UNICODE) == (SCREENS / f"{name}-100.txt").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_on_sixty_columns_in_ascii(name):
+    shown = screen(name, 60, ASCII)
+    assert shown == (SCREENS / f"{name}-60.txt").read_text(encoding="utf-8")
+    assert shown.isascii()
+
+
+def test_every_state_of_the_engine_has_a_scene():
+    shown = {desk.snapshot.state for desk in SCENES.values() if desk.snapshot is not None}
+    assert shown == {state.value for state in State}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("width, height", [(100, 30), (80, 24), (60, 16), (40, 12), (30, 8)])
+def test_band_and_keys_are_visible_in_any_size(name, width, height):
+    lines = draw(SCENES[name], width, height)
+    whole = draw(SCENES[name], width)
+    assert len(lines) >= height
+    assert {len(line) for line in lines} <= {width}
+    assert lines[0] == whole[0]
+    assert lines[-1] == whole[-1]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_screen_of_usual_size_is_filled_exactly(name):
+    assert len(draw(SCENES[name], 80, 24)) == 24
+
+
+def test_what_failed_stays_when_there_is_no_room_for_what_passed():
+    desk = SCENES["outreach"]
+    many = tuple(replace(CHECKS[0], name=f"sensor {number}") for number in range(40))
+    desk = replace(desk, snapshot=replace(desk.snapshot, checks=(*many, *CHECKS)))
+    text = "\n".join(draw(desk, 100, 24))
+    assert all(name in text for name in ("battery fraction", "tilt", "realsense", "more that passed"))
+
+
+def test_an_unknown_state_and_unknown_words_are_shown_as_they_are():
+    desk = replace(
+        SCENES["hold"],
+        snapshot=replace(
+            SCENES["hold"].snapshot,
+            state="BARREL_ROLL",
+            result="",
+            failures=(PendingFailure("x", 99, "pirouette", "", None, ""),),
+            message_level=77,
+            user_commands=("pirouette",),
+        ),
+    )
+    text = "\n".join(draw(desk, style=ASCII))
+    assert "BARREL ROLL" in text
+    assert "pirouette" in text
+    assert "ERROR" in text
+
+
+class Evil:
+    """A message whose every text tries to steer the terminal, or to be read as markup."""
+
+    text = "\x1b[2J\x1b]0;owned\x07[blink]\x9b31m[/nonsense]"
+    in_flight = True
+    time_left = float("nan")
+    files = repetitions = waypoint = waypoints = file_index = repetition = 2
+    message_level = 2
+    user_commands = ("land", "\x1b[2J")
+    state = "\x1b[2JHOLD"
+
+    def __init__(self, *, rows=True):
+        if rows:
+            self.checks = self.failures = [Evil(rows=False)] * 3
+
+    def __getattr__(self, name):
+        if name in ("checks", "failures"):
+            raise AttributeError(name)
+        return self.text
+
+
+@pytest.mark.parametrize("state", [each.value for each in State])
+def test_nothing_from_the_wire_steers_the_terminal(state):
+    message = Evil()
+    message.state = state
+    desk = replace(
+        SCENES["hold"],
+        snapshot=snapshot_of(message),
+        missions=tuple(MissionRow(id="[red]1", description="[/]", error=error) for error in ("", "[bold")),
+        error="[red]typed[/red]",
+        answer=Answer("land", Verdict.REFUSED, "[blink]no[/]"),
+        question=Question("[red]sure[/]?", Request(RequestKind.QUIT)),
+    )
+    lines = draw(desk)
+    assert [letter for line in lines for letter in line if unicodedata.category(letter) == "Cc"] == []
+    text = " ".join(" ".join(lines).split())
+    for verbatim in ("[blink]", "[/nonsense]", "[red]typed[/red]", "[blink]no[/]", "[red]sure[/]?"):
+        assert verbatim in text
+    # In colour, too, the only sequences are rich's own for colour.
+    coloured = "\n".join(draw(desk, color_system="truecolor"))
+    assert "\x1b[2J" not in coloured
+    assert "\x1b]" not in coloured
+    assert "\x9b" not in coloured
+    assert "\x07" not in coloured
+
+
+def test_colour_carries_the_severity():
+    coloured = {name: draw(SCENES[name], color_system="truecolor")[0] for name in ("mission", "hold", "land", "pilot")}
+    backgrounds = {name: line.split("48;2;")[1].split("m")[0] for name, line in coloured.items()}
+    assert backgrounds == {"mission": "95;215;95", "hold": "255;215;0", "land": "192;0;0", "pilot": "135;0;175"}

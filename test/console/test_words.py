@@ -1,0 +1,46 @@
+"""Numbers as an operator reads them."""
+
+from __future__ import annotations
+
+import pytest
+
+from amaze_autonomy.console import words
+
+
+@pytest.mark.parametrize(
+    "value, unit, shown",
+    [
+        (0.416, "fraction", "42 %"),
+        (0.1745, "rad", "10.0 deg"),
+        (20.123, "Hz", "20.12 Hz"),
+        (-1.5, "m", "-1.5 m"),
+        (3.0, "", "3"),
+        (None, "m", "-"),
+    ],
+)
+def test_quantity_with_its_unit(value, unit, shown):
+    assert words.quantity(value, unit) == shown
+
+
+@pytest.mark.parametrize(
+    "left_s, in_words, as_clock",
+    [(12.9, "12 s", "0:12"), (59.99, "59 s", "0:59"), (60.0, "1 min 00 s", "1:00"), (725.4, "12 min 05 s", "12:05")],
+)
+def test_time_left_is_rounded_down(left_s, in_words, as_clock):
+    assert (words.seconds(left_s), words.clock(left_s)) == (in_words, as_clock)
+
+
+def test_time_left_is_never_below_zero():
+    assert (words.seconds(-3.0), words.clock(-3.0)) == ("0 s", "0:00")
+
+
+@pytest.mark.parametrize(
+    "value_s, shown", [(None, "-"), (44.2, "45 s"), (60.0, "1 min"), (117.4, "1 min 58 s"), (3600.0, "60 min")]
+)
+def test_duration_is_rounded_up(value_s, shown):
+    assert words.duration(value_s) == shown
+
+
+@pytest.mark.parametrize("value_s, shown", [(None, "-"), (0.042, "0.04 s"), (2.54, "2.5 s"), (-0.2, "-0.20 s")])
+def test_age(value_s, shown):
+    assert words.age(value_s) == shown
