@@ -14,7 +14,7 @@ from amaze_autonomy.engine.state import evolve
 from .autopilot import SENSORS, Autopilot, sensor_health
 from .effects import begin, end
 from .errors import SimulatedTimeError, UnknownTargetError
-from .faults import Faults
+from .faults import Change, Faults
 from .landing_detection import LandingDetection
 from .messages import Sample, Sender
 from .peer import Peer, Site, accepted, reply
@@ -84,6 +84,7 @@ class World:
         self._deadlines: List[Tuple[int, int, int]] = []
         self._serial = 0
         self._backlog: List[Event] = []
+        self._history: List[Tuple[int, str]] = []
         self._batches: List[Tuple[str, Batch]] = []
         self._sender = Sender(self._site)
 
@@ -102,6 +103,11 @@ class World:
         return max(min(times), self.now_ns)
 
     @property
+    def history(self) -> Tuple[Tuple[int, str], ...]:
+        """What happened by the scenario: (time, text) of faults that began and ended and of the user's requests."""
+        return tuple(self._history)
+
+    @property
     def requests_to_come(self) -> bool:
         """True while the scenario's user will ask for something at a time that is known."""
         return self._faults.requests_to_come
@@ -117,7 +123,8 @@ class World:
         events, self._backlog = self._backlog, []
         while self.next_ns <= t_ns:
             self._step(self.next_ns, events)
-        self._move(t_ns)
+        if t_ns > self.now_ns:
+            self._move(t_ns)
         return tuple(events)
 
     def handle(self, t_ns: int, command: Command) -> None:
@@ -184,8 +191,10 @@ class World:
 
     def _step(self, t_ns: int, events: List[Event]) -> None:
         """Do what is due at a time."""
-        self._move(t_ns)
+        if t_ns > self.now_ns:
+            self._move(t_ns)
         for change in self._faults.advance(t_ns):
+            self._history.append((t_ns, _told(change)))
             if not isinstance(change.what, Fault):
                 events.append(UserRequest(t_ns=t_ns, command=change.what.command))
             elif change.begins:
@@ -289,6 +298,13 @@ class World:
     def _is_there(self, service: str) -> bool:
         vanished = self._faults.active(Subject.SERVICE, "vanishes", service) is not None
         return self._lives(peer_of(service)) and not vanished
+
+
+def _told(change: Change) -> str:
+    """Say what a change is, for a person."""
+    if not isinstance(change.what, Fault):
+        return f"the user asks: {change.what.command.value}"
+    return f"fault {'begins' if change.begins else 'ends'}: {change.what}"
 
 
 def _spoilt(fault: Fault, command: Request) -> Tuple[bool, Optional[Event]]:

@@ -1,0 +1,147 @@
+"""The closed loop in virtual time: the world and the engine, event by event, as fast as they compute."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Optional, Tuple
+
+from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.engine import journal
+from amaze_autonomy.engine.commands import Command, Decision
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.engine.timers import next_deadline
+from amaze_autonomy.engine.transitions import TRANSITIONS
+
+from .scenario import Scenario
+from .world import World
+
+__all__ = ["Run", "run"]
+
+_S = 1_000_000_000
+_WAITING = (State.MISSION_INPUT, State.OUTREACH, State.PILOT, State.MISSION_ENDED)
+_SELECT_NS = 5 * _S
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a simulated run.
+
+    Args:
+        lines: of the journal, header first.
+        commands: (time, command) of everything that the engine asked for, decisions left out.
+        decisions: in order.
+        history: (time, text) of what happened in the world: faults that began and ended, what the user asked.
+        results: (mission, result) of every mission that has ended.
+        state: the engine's last state.
+        finished: it ended by itself; false: the limit of simulated time was reached.
+    """
+
+    lines: Tuple[str, ...]
+    commands: Tuple[Tuple[int, Command], ...]
+    decisions: Tuple[Decision, ...]
+    history: Tuple[Tuple[int, str], ...]
+    results: Tuple[Tuple[str, Result], ...]
+    state: EngineState
+    finished: bool
+
+
+def run(
+    configuration: Configuration,
+    missions: Tuple[Mission, ...],
+    scenario: Optional[Scenario] = None,
+    *,
+    seed: int = 0,
+    limit_ns: int = 7200 * _S,
+) -> Run:
+    """Fly missions in a simulated world until the engine has nothing more to do.
+
+    It ends when all missions have ended, or when the engine waits for a person who, by the scenario, will not come.
+
+    Args:
+        configuration: of the engine and of the world.
+        missions: as selected by the user, five seconds after the start.
+        scenario: what goes wrong, and what the user does.
+        seed: of the world.
+        limit_ns: of simulated time.
+    """
+    return _Loop(configuration, scenario or Scenario(), seed).run(missions, limit_ns)
+
+
+class _Loop:
+    """One run."""
+
+    def __init__(self, configuration: Configuration, scenario: Scenario, seed: int) -> None:
+        self._rules = configuration.rules
+        self._world = World(configuration, seed, scenario)
+        self._state = EngineState()
+        header = journal.make_header(
+            configuration.rules,
+            configuration.effective,
+            configuration.hash,
+            writer="simulate",
+            seed=seed,
+            scenario=scenario.description,
+        )
+        self._lines: List[str] = [journal.encode_header(header)]
+        self._commands: List[Tuple[int, Command]] = []
+        self._decisions: List[Decision] = []
+        self._results: List[Tuple[str, Result]] = []
+
+    def run(self, missions: Tuple[Mission, ...], limit_ns: int) -> Run:
+        self._take(EngineStarted(t_ns=0, label="simulation"))
+        selected = False
+        finished = False
+        while not finished and self._world.now_ns <= limit_ns:
+            t_ns = self._next_ns() if selected else min(self._next_ns(), _SELECT_NS)
+            for event in self._world.advance(t_ns):
+                self._take(event)
+            if not selected and t_ns >= _SELECT_NS:
+                selected = True
+                self._take(MissionSelected(t_ns=t_ns, missions=missions))
+            deadline_ns = next_deadline(self._state, self._rules)
+            if deadline_ns is not None and deadline_ns <= t_ns:
+                self._take(Tick(t_ns=t_ns))
+            finished = selected and self._over()
+        return Run(
+            lines=tuple(self._lines),
+            commands=tuple(self._commands),
+            decisions=tuple(self._decisions),
+            history=self._world.history,
+            results=tuple(self._results),
+            state=self._state,
+            finished=finished,
+        )
+
+    def _next_ns(self) -> int:
+        deadline_ns = next_deadline(self._state, self._rules)
+        return self._world.next_ns if deadline_ns is None else min(self._world.next_ns, deadline_ns)
+
+    def _take(self, event: Event) -> None:
+        """Let the engine decide about an event, write it down, and carry out what it asks for."""
+        before = self._state
+        self._lines.append(journal.encode_event(event))
+        self._state, commands = decide(self._state, event, self._rules)
+        for command in commands:
+            if isinstance(command, Decision):
+                self._lines.append(journal.encode_decision(command))
+                self._decisions.append(command)
+                self._note_result(command, before)
+            else:
+                self._commands.append((event.t_ns, command))
+                self._world.handle(max(event.t_ns, self._world.now_ns), command)
+        if self._state.state is not before.state:
+            self._world.observe_state(self._world.now_ns, self._state.state.value)
+
+    def _note_result(self, decision: Decision, before: EngineState) -> None:
+        """Note the result of a mission that has just ended; the next one may have begun with the same event."""
+        if decision.after != State.MISSION_ENDED.value or before.mission is None:
+            return
+        result = next((row.sets["result"] for row in TRANSITIONS if row.rule == decision.rule and "result" in row.sets), None)
+        self._results.append((before.mission.id, before.result if result is None else Result(result)))
+
+    def _over(self) -> bool:
+        """Tell whether nothing more will happen without a person."""
+        return self._state.state in _WAITING and not self._state.queue and not self._world.requests_to_come
