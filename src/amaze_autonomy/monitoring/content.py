@@ -31,7 +31,8 @@ class ContentMonitor(Source):
         self._finite_ns: Optional[int] = None
         self._change_ns: Optional[int] = None
         self._digest: Optional[int] = None
-        self._good = good_samples
+        self._recovering = False
+        self._good = 0
         self._stamps_off = False
         self._stamps_in_a_row = 0
         self._stamp_error_ns = 0
@@ -44,14 +45,17 @@ class ContentMonitor(Source):
     def add(self, t_ns: int, *, finite: bool, digest: int) -> bool:
         """Add one message: are its numbers finite, and a digest of it. Return True when that may change the verdict."""
         unknown = self._finite_ns is None
+        if self._overdue(t_ns):
+            self._recovering, self._good = True, 0
         if self._digest != digest or self._change_ns is None or t_ns < self._change_ns:
             self._change_ns = t_ns
         self._digest = digest
         if finite:
             self._finite_ns = t_ns
-        recovering = self._good < self._good_samples
         self._good = self._good + 1 if finite and self._fresh(t_ns) else 0
-        return unknown or (recovering and self._good >= self._good_samples)
+        recovered = self._recovering and self._good >= self._good_samples
+        self._recovering = self._recovering and not recovered
+        return unknown or recovered
 
     def add_stamp(self, t_ns: int, stamp_ns: int) -> bool:
         """Add the header stamp of a message that came at a time. True when that changes the verdict."""
@@ -76,6 +80,12 @@ class ContentMonitor(Source):
         value_s = self._stamp_error_ns / _S
         return content._replace(level=Level.OFF, reason=reason, value=value_s, limit=limit_ns / _S, unit="s")
 
+    def _overdue(self, t_ns: int) -> bool:
+        """Return True when the content had failed before the message that comes now."""
+        if self.spec.finite and self._finite_ns is not None and t_ns - self._finite_ns > self.spec.silence_limit_ns:
+            return True
+        return not self._fresh(t_ns)
+
     def _fresh(self, t_ns: int) -> bool:
         limit_ns = self.spec.unchanged_limit_ns
         return limit_ns is None or self._change_ns is None or t_ns - self._change_ns <= limit_ns
@@ -86,8 +96,8 @@ class ContentMonitor(Source):
         conditions = [self._finite(t_ns), self._changing(t_ns)]
         worst = max(conditions, key=lambda condition: condition.level)
         if worst.level is Level.FAILED:
-            self._good = 0
-        elif self._good < self._good_samples:
+            self._recovering, self._good = True, 0
+        elif self._recovering and worst.level is Level.GOOD:
             worst = Condition(
                 Level.FAILED, f"the content of {self.spec.topic} is usable again, not yet for long enough"
             )
