@@ -75,8 +75,8 @@ class StateEstimationMonitor:
             track.clear()
         if not track or t_ns - track[-1][0] >= BUCKET_NS:
             track.append((t_ns, estimate.position))
-            while track[0][0] < t_ns - self.spec.still_ns - BUCKET_NS:
-                track.popleft()
+            while len(track) > 1 and track[1][0] <= t_ns - self.spec.still_ns:
+                track.popleft()  # the first one kept is at least as old as the time to be observed
 
     def check(self, t_ns: int) -> StateVerdict:
         """Return the verdict at a time."""
