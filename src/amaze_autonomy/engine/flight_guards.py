@@ -149,7 +149,7 @@ def planner_in(*phases: MissionPhase) -> Guard:
 
     def guard(turn: Turn) -> Optional[Values]:
         planner = turn.state.planner
-        said = planner is not None and planner.phase in phases and planner.t_ns >= turn.state.motion_ns
+        said = planner is not None and planner.phase in phases and planner.t_ns > turn.state.motion_ns
         return holds_if(said, Value("planner phase", planner.phase.name if planner else ""))
 
     return guard
@@ -199,14 +199,18 @@ def cancelled_on_ground(turn: Turn) -> Optional[Values]:
 
 
 def landing_shown(turn: Turn) -> Optional[Values]:
-    """The vehicle shows that it lands: on the ground, or, up to the limit, landing mode or sustained descent."""
+    """The vehicle shows that it lands: on the ground, or, up to the limit, landing mode or sustained descent.
+
+    Before lift-off ON_GROUND shows nothing while it is armed: the takeoff may still be on its way.
+    """
     status = turn.vehicle()
+    before_lift_off = status is not None and status.armed is not False and not turn.state.was_airborne
     overdue = passed("land_limit", turn.state, turn.rules, turn.now)
     if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
         return None
     if status.mode in LANDING_MODES:
         return (Value("flight mode", status.mode),)
-    if status.landed in (VehicleLanded.LANDING, VehicleLanded.ON_GROUND):
+    if status.landed is VehicleLanded.LANDING or (status.landed is VehicleLanded.ON_GROUND and not before_lift_off):
         return (Value("landed", status.landed.name),)
     sustained = passed("descent_time", turn.state, turn.rules, turn.now)
     return holds_if(
