@@ -72,12 +72,15 @@ class Autopilot(Peer):
         """Listen, and tell."""
         if self.site.world_fault("autopilot_link_lost") is None or self._heard is None:
             self._listen(t_ns)
-        vehicle, heard = self.site.vehicle, self._heard
+        heard = self._heard
         if heard is None:
             return []
-        key = (heard.armed, heard.landed, heard.mode, heard.pilot_in_control, heard.failsafe, vehicle.flags.not_ready)
+        health = sensor_health(self.site)
+        key = (heard.armed, heard.landed, heard.mode, heard.pilot_in_control, heard.failsafe, tuple(health.items()))
         if not self._cadence.due(t_ns, key, slowness(self.site, self.name)):
             return []
+        if heard.t_ns == t_ns:
+            self.site.health = (t_ns, health)
         battery_ns = self._battery_ns
         return [
             evolve(
@@ -111,7 +114,6 @@ class Autopilot(Peer):
             battery_fraction=fraction,
             battery_voltage_v=voltage,
         )
-        self.site.health = (t_ns, sensor_health(self.site))
 
     def _noisy(self, value: float) -> float:
         return round(value + _NOISE_M * self._noise.uniform(-1.0, 1.0), 3)

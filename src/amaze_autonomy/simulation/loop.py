@@ -144,4 +144,5 @@ class _Loop:
 
     def _over(self) -> bool:
         """Tell whether nothing more will happen without a person."""
-        return self._state.state in _WAITING and not self._state.queue and not self._world.requests_to_come
+        waits = self._state.state in _WAITING and not self._state.queue
+        return waits and not self._world.vehicle.armed and not self._world.requests_to_come

@@ -10,7 +10,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy import paths
 from amaze_autonomy.config import ConfigError, load_configuration
-from amaze_autonomy.engine.commands import Decision, Notify, Request, Value
+from amaze_autonomy.engine.commands import Command, Decision, Notify, Request, Value
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.state import Result
 
@@ -133,8 +133,8 @@ def _status(result: Run) -> int:
 def _story(scenario: Scenario, result: Run) -> str:
     """Return the story of a run: decisions, messages to the user, and what the scenario did, in order of time."""
     told: List[Tuple[int, int, str]] = [(t_ns, 0, f"* {text}") for t_ns, text in result.history]
-    told += [(decision.t_ns, 1, _decision(decision)) for decision in result.decisions]
-    told += [(t_ns, 2, _message(each)) for t_ns, each in result.commands if isinstance(each, Notify)]
+    told += [(decision.t_ns, 1, text) for decision, text in _joined(result.decisions)]
+    told += _messages(result.commands)
     lines = [f"scenario: {scenario.description}", ""]
     lines += [f"{t_ns / _NS:10.3f}  {text}" for t_ns, _, text in sorted(told, key=lambda line: line[:2])]
     lines += ["", *(f"mission {name}: {each.value}" for name, each in result.results)]
@@ -143,6 +143,27 @@ def _story(scenario: Scenario, result: Run) -> str:
     elif _status(result) == LIMIT:
         lines.append(f"{result.state.state.value}: not finished within the limit of simulated time")
     return "\n".join(lines)
+
+
+def _joined(decisions: Sequence[Decision]) -> List[Tuple[Decision, str]]:
+    """Return each decision with its text; the same rule over and over within a state is told once."""
+    told: List[Tuple[Decision, str]] = []
+    times = 0
+    for number, decision in enumerate(decisions):
+        following = decisions[number + 1] if number + 1 < len(decisions) else None
+        last = decisions[number - 1] if number else None
+        if last is None or not _same(last, decision):
+            told.append((decision, _decision(decision)))
+            times = 0
+            continue
+        times += 1
+        if following is None or not _same(decision, following):
+            told.append((decision, f"  ... {decision.rule}, {times} more times until here"))
+    return told
+
+
+def _same(one: Decision, other: Decision) -> bool:
+    return one.rule == other.rule and (one.before, one.after) == (other.before, other.after) == (one.after, one.before)
 
 
 def _decision(decision: Decision) -> str:
@@ -159,8 +180,15 @@ def _value(value: Value) -> str:
     return text if value.limit is None else f"{text}, limit {value.limit}"
 
 
-def _message(notify: Notify) -> str:
-    return f"  {notify.level.name}: {notify.text}" + (f" {notify.advice}" if notify.advice else "")
+def _messages(commands: Sequence[Tuple[int, Command]]) -> List[Tuple[int, int, str]]:
+    """Return the messages to the user; one that is said again and again is told once."""
+    told: List[Tuple[int, int, str]] = []
+    for t_ns, each in commands:
+        if isinstance(each, Notify):
+            text = f"  {each.level.name}: {each.text}" + (f" {each.advice}" if each.advice else "")
+            if not told or told[-1][2] != text:
+                told.append((t_ns, 2, text))
+    return told
 
 
 def _summary(result: Run) -> Dict[str, Any]:
