@@ -221,7 +221,10 @@ def _flight_mode(turn: Turn, event: AutopilotStatus) -> None:
     elif not ours(event.mode, state.commanded, state.confirmed):
         before = state.autopilot.mode if state.autopilot is not None else ""
         if state.confirmed is not None or event.mode != before:
-            turn.foreign_mode = (Value("flight mode", event.mode, "a mode of ours"), Value("mode before", before))
+            turn.foreign_mode = (
+                Value("reason", f"flight mode {event.mode} was not commanded"),
+                Value("mode before", before),
+            )
 
 
 def _flight(turn: Turn) -> None:

@@ -24,7 +24,7 @@ from .commands import (
 from .effects import ENTER, begin_session
 from .events import Event, MissionRejected, MissionSelected, UserRequest
 from .rules import Rules
-from .state import EngineState, State
+from .state import EngineState, State, Step
 from .transitions import ROWS_AT, Place, Transition
 from .turn import Turn
 
@@ -34,6 +34,7 @@ MAX_ROWS = 12
 """How many rows may fire on one event. The longest chain is shorter; a test watches it."""
 
 _NS = 1e9
+_CHECK = "check "
 
 
 def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState, Tuple[Command, ...]]:
@@ -90,15 +91,18 @@ def _answer(turn: Turn) -> None:
     turn.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
 
 
+_SAID_HERE = {"failure_wait": State.HOLD, "failure_land": State.LAND, "failure_pilot": State.PILOT}
+"""A failure that leads to another state is said by the transition; in that state it is said by itself."""
+
+
 def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
     """Bring what is wrong up to date, and write down what changed in flight."""
     for change in failures.update(turn):
-        failure = change.failure
-        reason = f"{failure.reason}." if failure.reason else ""
-        before = len(turn.commands)
-        turn.notify(change.rule, name=failure.name, reason=reason)
+        failure, first = change.failure, len(turn.commands)
+        if _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state:
+            turn.notify(change.rule, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
         place = (turn.state.state, turn.state.step)
-        _write_down(turn, decisions, change.rule, place, failures.values_of(failure), before)
+        _write_down(turn, decisions, change.rule, place, failures.values_of(failure, turn.now), first)
 
 
 def _first(turn: Turn) -> Tuple[Optional[Transition], Tuple[Value, ...]]:
@@ -112,8 +116,7 @@ def _first(turn: Turn) -> Tuple[Optional[Transition], Tuple[Value, ...]]:
 def _fire(turn: Turn, row: Transition, values: Tuple[Value, ...], decisions: List[Decision]) -> None:
     """Carry out one row: its own fields and action, the step into the new state, the effects of entering it."""
     before, first = (turn.state.state, turn.state.step), len(turn.commands)
-    if row.sets:
-        turn.set(**row.sets)
+    turn.set(cause=_reason(turn, row, values), **row.sets)
     if row.act is not None:
         row.act(turn)
     if row.target is not None:
@@ -122,6 +125,18 @@ def _fire(turn: Turn, row: Transition, values: Tuple[Value, ...], decisions: Lis
         turn.notify(row.message, **_words(turn, values))
     turn.consume()
     _write_down(turn, decisions, row.rule, before, values, first)
+
+
+def _reason(turn: Turn, row: Transition, values: Tuple[Value, ...]) -> str:
+    """Return why a row fires: what its guard says, else the row's own words; a cancelled takeoff keeps its cause."""
+    if turn.state.step is Step.CANCELLING:
+        return turn.state.cause
+    checks = [f"{value.name[len(_CHECK) :]}: {value.value}" for value in values if value.name.startswith(_CHECK)]
+    named = {value.name: str(value.value) for value in values}
+    said = [named[name] for name in ("reason", "recorder", "planner") if named.get(name)]
+    if named.get("failure") and named.get("code", "0") != "0":
+        said = [": ".join([named["failure"], *said])]
+    return "; ".join(checks or said) or row.words
 
 
 def _enter(turn: Turn, before: Place, target: Place) -> None:
@@ -140,17 +155,14 @@ def _enter(turn: Turn, before: Place, target: Place) -> None:
 def _words(turn: Turn, values: Tuple[Value, ...]) -> Dict[str, object]:
     """Return what the texts of messages may name."""
     state = turn.state
-    texts = [str(value.value) for value in values if value.name in ("reason", "recorder", "planner", "signal")]
-    named = [f"{value.name} {value.value}{' ' + value.unit if value.unit else ''}" for value in values]
-    checks = [f"{value.name[6:]}: {value.value}" for value in values if value.name.startswith("check ")]
     return {
-        "reason": "; ".join(checks or texts or named) + "." if values else "",
+        "reason": f"{state.cause}." if state.cause else "",
         "mission_id": state.mission.id if state.mission is not None else "",
         "state": state.state.value,
         "result": state.result.value,
         "location": f"The data is at {state.data_location}." if state.data_location else "",
         "limit_s": (turn.limits.ready_limit_ns if state.state is State.PREFLIGHT else turn.limits.land_limit_ns) / _NS,
-        "signal": next((str(v.value) for v in values if v.name == "signal"), ""),
+        "signal": next((str(value.value) for value in values if value.name == "signal"), ""),
     }
 
 

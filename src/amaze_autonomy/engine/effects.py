@@ -298,7 +298,7 @@ def clean_up(turn: Turn) -> None:
     state = turn.state
     flown = state.was_airborne
     turn.set(in_flight=False, land_ns=None, user_hold_ns=None, outreach=OutreachKind.NONE)
-    detection = state.landing.landed if state.landing is not None else Landed.UNKNOWN
+    detection = turn.detection()
     if flown and detection is not Landed.ON_GROUND:
         reason = f"it says {detection.name}" + (
             f", {state.landing.reason}" if state.landing and state.landing.reason else ""

@@ -19,6 +19,7 @@ from .turn import Turn
 __all__ = ["Change", "limit_of", "severity_of", "update", "values_of", "waiting", "worst"]
 
 USER_HOLD = "user_hold"
+_NS = 1e9
 
 
 class Change(NamedTuple):
@@ -59,10 +60,11 @@ def update(turn: Turn) -> Tuple[Change, ...]:
     ledger.close(new)
     if not new and not old:
         return ()
+    without = turn.state.flown_without
     turn.set(
         failures=tuple(new), spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without))
     )
-    return _changes(old, turn.state) if turn.state.in_flight else ()
+    return _changes(old, turn.state, without) if turn.state.in_flight else ()
 
 
 def _can_wait(state: EngineState) -> bool:
@@ -163,14 +165,14 @@ def _user_hold(turn: Turn) -> List[Failure]:
     return [hold if turn.now < deadline else evolve(hold, verb=Verb.LAND, then=None, deadline_ns=None)]
 
 
-def _changes(old: Tuple[Failure, ...], state: EngineState) -> Tuple[Change, ...]:
+def _changes(old: Tuple[Failure, ...], state: EngineState, without: Tuple[str, ...]) -> Tuple[Change, ...]:
     before = {failure.name: failure for failure in old}
     changes = []
     for failure in state.failures:
         known = before.pop(failure.name, None)
         if known is not None and (known.verb is failure.verb or state.state in _FLOOR):
             continue
-        dropped = failure.verb is Verb.CONTINUE and failure.name in state.flown_without
+        dropped = failure.name in state.flown_without and failure.name not in without
         changes.append(Change("flown_without" if dropped else f"failure_{failure.verb.name.lower()}", failure))
     changes += [
         Change("failure_back", failure) for failure in old if failure.name in before and failure.name != USER_HOLD
@@ -178,11 +180,11 @@ def _changes(old: Tuple[Failure, ...], state: EngineState) -> Tuple[Change, ...]
     return tuple(changes)
 
 
-def values_of(failure: Failure) -> Tuple[Value, ...]:
+def values_of(failure: Failure, now_ns: int) -> Tuple[Value, ...]:
     """Return what a decision about a failure looked at."""
     values = [Value("failure", failure.name), Value("code", failure.code), Value("verb", failure.verb.name.lower())]
     if failure.deadline_ns is not None:
-        values.append(Value("wait ends", failure.deadline_ns, None, "ns"))
+        values.append(Value("waits at most", round((failure.deadline_ns - now_ns) / _NS, 3), None, "s"))
     if failure.reason:
         values.append(Value("reason", failure.reason))
     return tuple(values)

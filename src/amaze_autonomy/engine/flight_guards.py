@@ -94,15 +94,15 @@ def taken_over(turn: Turn) -> Optional[Values]:
     if status is None or status.armed is False:
         return None
     if status.pilot_in_control:
-        return (Value("pilot in control", True), Value("flight mode", status.mode))
+        return (Value("reason", "the pilot has control"), Value("flight mode", status.mode))
     if status.failsafe:
-        return (Value("autopilot failsafe", True), Value("flight mode", status.mode))
+        return (Value("reason", "a failsafe of the autopilot is active"), Value("flight mode", status.mode))
     return turn.foreign_mode or None
 
 
 def armed_by_others(turn: Turn) -> Optional[Values]:
     """The vehicle is armed, and it was not us."""
-    return holds_if(not turn.state.in_flight and turn.armed(), Value("armed by", "somebody else"))
+    return holds_if(not turn.state.in_flight and turn.armed(), Value("reason", "it was armed, and not by us"))
 
 
 def in_flight(turn: Turn) -> Optional[Values]:
@@ -113,25 +113,25 @@ def in_flight(turn: Turn) -> Optional[Values]:
 def must_land(turn: Turn) -> Optional[Values]:
     """Something means to land."""
     worst = failures.worst(turn.state) if turn.state.in_flight else ()
-    return failures.values_of(worst[0]) if worst else None
+    return failures.values_of(worst[0], turn.now) if worst else None
 
 
 def must_land_both(turn: Turn) -> Optional[Values]:
     """Something means to land, and by both routes at once."""
     lost = [f for f in turn.state.failures if f.name in _BOTH_ROUTES] if turn.state.in_flight else []
-    return failures.values_of(lost[0]) if lost else None
+    return failures.values_of(lost[0], turn.now) if lost else None
 
 
 def must_alarm(turn: Turn) -> Optional[Values]:
     """Something is lost that the pilot must know at once."""
     lost = [f for f in turn.state.failures if f.name in _ALARM] if turn.state.in_flight else []
-    return failures.values_of(lost[0]) if lost and not turn.state.alarmed else None
+    return failures.values_of(lost[0], turn.now) if lost and not turn.state.alarmed else None
 
 
 def must_wait(turn: Turn) -> Optional[Values]:
     """Something is waited for."""
     held = failures.waiting(turn.state) if turn.state.in_flight else ()
-    return tuple(value for failure in held for value in failures.values_of(failure)) or None
+    return tuple(value for failure in held for value in failures.values_of(failure, turn.now)) or None
 
 
 def nothing_waited_for(turn: Turn) -> Optional[Values]:
@@ -160,7 +160,7 @@ def touched_down(turn: Turn) -> Optional[Values]:
     state = turn.state
     if not state.was_armed or (state.in_flight and not turn.down()):
         return None
-    detection = state.landing.landed if state.landing is not None else Landed.UNKNOWN
+    detection = turn.detection()
     if detection is Landed.AIRBORNE and not passed("confirm_limit", state, turn.rules, turn.now):
         return None
     return (Value("armed", False), Value("landed", "ON_GROUND"), Value("landing detection", detection.name))
@@ -220,8 +220,7 @@ def landing_shown(turn: Turn) -> Optional[Values]:
 
 def ground_armed(turn: Turn) -> Optional[Values]:
     """On the ground for a while, still armed, and nothing says that it flies."""
-    detection = turn.state.landing
-    flies = detection is not None and detection.landed is Landed.AIRBORNE
+    flies = turn.detection() is Landed.AIRBORNE
     if not turn.on_ground() or not turn.armed() or flies:
         return None
     return holds_if(

@@ -190,6 +190,7 @@ class EngineState:
     file_index: int = 0
     repetition: int = 0
     result: Result = Result.NONE
+    cause: str = ""
 
     checks: Tuple[CheckRecord, ...] = ()
     fix_deadline_ns: Optional[int] = None

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, List, Optional, Tuple
 
 from .commands import Command, Notify, Request, Value
-from .events import AutopilotStatus, Event, MissionSelected, Shutdown, UserCommand, UserRequest, VehicleLanded
+from .events import AutopilotStatus, Event, Landed, MissionSelected, Shutdown, UserCommand, UserRequest, VehicleLanded
 from .messages import MESSAGES
 from .mission import Mission
 from .rules import Limits, Rules
@@ -90,6 +90,13 @@ class Turn:
         """Return True when the vehicle says, freshly, ON_GROUND."""
         status = self.vehicle()
         return status is not None and status.landed is VehicleLanded.ON_GROUND
+
+    def detection(self) -> Landed:
+        """Return what the landing detection says, freshly; UNKNOWN when it is silent."""
+        status, seen_ns = self.state.landing, self.state.landing_ns
+        if status is None or seen_ns is None or self.now - seen_ns > self.limits.landing_detection_limit_ns:
+            return Landed.UNKNOWN
+        return status.landed
 
     def airborne(self) -> bool:
         """Return True when the vehicle says, freshly, that it has left the ground."""
