@@ -41,7 +41,9 @@ def test_a_single_nan_is_no_failure_and_only_nan_is_seen_like_silence():
         monitor.add(index * S // 10, finite=False, digest=index)
     assert monitor.evaluate(S // 2) == Condition(Level.GOOD, "", 0.5, 0.5, "s", S // 2, S // 2 + 1)
     reason = "nothing but NaN or infinity on /t for longer than 0.5 s"
-    assert monitor.evaluate(S // 2 + 1) == Condition(Level.FAILED, reason, 0.500000001, 0.5, "s", S // 2 + 1, FOREVER_NS)
+    assert monitor.evaluate(S // 2 + 1) == Condition(
+        Level.FAILED, reason, 0.500000001, 0.5, "s", S // 2 + 1, FOREVER_NS
+    )
 
 
 def test_nan_from_the_first_message_on_is_a_failure_after_the_start():

@@ -108,7 +108,10 @@ def test_the_verdict_stands_until_the_time_it_names(rate_hz: float, steps: List[
         assert (later.level, later.reason) == (now.level, now.reason)
 
 
-@given(st.sampled_from([0.2, 10.0, 200.0]), st.lists(st.tuples(st.integers(0, 2**62), st.integers(-5, 1000), st.integers(0, 2**62))))
+@given(
+    st.sampled_from([0.2, 10.0, 200.0]),
+    st.lists(st.tuples(st.integers(0, 2**62), st.integers(-5, 1000), st.integers(0, 2**62))),
+)
 def test_no_time_and_no_count_breaks_it(rate_hz: float, calls: List[Tuple[int, int, int]]):
     monitor = RateMonitor(TopicSpec("/t", rate_hz))
     for last_ns, count, asked_ns in calls:
@@ -126,4 +129,6 @@ def test_a_topic_that_stops_with_any_jump_of_time_is_seen_within_twice_its_limit
     now = jump_to_ns
     while monitor.evaluate(now).level is not Level.FAILED:
         now = monitor.evaluate(now).changes_at_ns
-    assert now - jump_to_ns <= max(2 * monitor.spec.silence_limit_ns + 2, 120 * S - jump_to_ns + monitor.spec.silence_limit_ns)
+    assert now - jump_to_ns <= max(
+        2 * monitor.spec.silence_limit_ns + 2, 120 * S - jump_to_ns + monitor.spec.silence_limit_ns
+    )

@@ -53,7 +53,10 @@ def test_the_window_is_a_second_or_ten_periods(rate_hz: float, window_ns: int):
         ({"rate_failed_fraction": 0.8}, "TopicSpec.rate_failed_fraction is 0.8, must be below 1 - tolerance_fraction"),
         ({"age_limit_ns": 0.5}, "TopicSpec.age_limit_ns is 0.5, must be a whole number of nanoseconds above 0"),
         ({"window_ns": S}, "TopicSpec.window_ns is 1000000000, must be at least four periods (4 s)"),
-        ({"unchanged_limit_ns": -1}, "TopicSpec.unchanged_limit_ns is -1, must be a whole number of nanoseconds above 0"),
+        (
+            {"unchanged_limit_ns": -1},
+            "TopicSpec.unchanged_limit_ns is -1, must be a whole number of nanoseconds above 0",
+        ),
     ],
 )
 def test_a_topic_that_cannot_be_is_refused(changes: Dict[str, Any], message: str):

@@ -88,7 +88,7 @@ class RateMonitor(Source):
         """Add messages that are the first of a bucket, out of order, or the first after silence."""
         if count <= 0:
             return False
-        before = self._reason
+        before, never = self._reason, self._last_ns == _NEVER_NS
         step_ns = last_t_ns - self._last_ns
         if self._mark_at_ns == _NEVER_NS or step_ns < -self._late_ns:
             self._begin(last_t_ns)
@@ -102,7 +102,7 @@ class RateMonitor(Source):
             self._mark_at_ns = (last_t_ns // self.bucket_ns + 1) * self.bucket_ns
         self._last_ns = last_t_ns
         self._total += count
-        return self._reason is not before
+        return never or self._reason is not before
 
     def _begin(self, t_ns: int) -> None:
         """Begin the window anew; the verdict stands until the rate is known."""
