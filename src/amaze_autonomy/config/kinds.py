@@ -94,7 +94,7 @@ class Number(Kind):
         """Say which numbers are taken."""
         bounds = (("above", self.above), ("at least", self.minimum), ("below", self.below), ("at most", self.maximum))
         said = " and ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None)
-        return " ".join(part for part in ("a number", said) if part) + (f", in {unit}" if unit else "")
+        return " ".join(part for part in ("a number", said) if part) + (f", {unit}" if unit else "")
 
     def read(self, entry: Entry, address: Address, places: Places) -> float:
         """Return the number as a float, so that 5 and 5.0 are the same configuration."""
@@ -139,7 +139,7 @@ class Whole(Kind):
 
     def words(self, unit: str = "") -> str:
         """Say which whole numbers are taken."""
-        return f"a whole number, {self.minimum} to {self.maximum}" + (f", in {unit}" if unit else "")
+        return f"a whole number, {self.minimum} to {self.maximum}" + (f", {unit}" if unit else "")
 
     def read(self, entry: Entry, address: Address, places: Places) -> int:
         """Return the number."""

@@ -108,7 +108,7 @@ def _in_other_unit(value: Entry, given: str, wanted: str) -> str:
         words = converted(float(value.text), given, wanted) if isinstance(value, Scalar) else None
     except ValueError:
         words = None
-    return f" ({words})" if words else f" (in {unit_words('x_' + wanted)})"
+    return f" ({words})" if words else f" ({unit_words('x_' + wanted)})"
 
 
 @dataclass(frozen=True)

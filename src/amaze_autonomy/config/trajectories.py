@@ -137,7 +137,7 @@ def _plan(
         at = (*here, "battery_needed_fraction")
         right = f"must be above the reserve, which it includes ({limits.battery_reserve_fraction:g})"
         raise ConfigError(place_of(at, places), dotted(at), f"is {needed:g}", right)
-    mission = mission_of(mission_id, values, needed, whole.duration_s)
+    mission = mission_of(mission_id, values, round(needed, 6), round(whole.duration_s, 6))
     return MissionPlan(mission, trajectories, first, again)
 
 

@@ -6,36 +6,36 @@ from typing import Mapping, Optional, Tuple
 
 __all__ = ["UNITS", "converted", "split_unit", "unit_words"]
 
-# suffix: (what is measured, size in the unit of that, how it is said)
+# suffix: (what is measured, size in the unit of that, how a number of it is said)
 UNITS: Mapping[str, Tuple[str, float, str]] = {
-    "s": ("time", 1.0, "seconds"),
-    "ms": ("time", 1e-3, "milliseconds"),
-    "us": ("time", 1e-6, "microseconds"),
-    "ns": ("time", 1e-9, "nanoseconds"),
-    "min": ("time", 60.0, "minutes"),
-    "h": ("time", 3600.0, "hours"),
-    "hz": ("rate", 1.0, "Hz"),
-    "khz": ("rate", 1e3, "kHz"),
-    "m": ("length", 1.0, "metres"),
-    "cm": ("length", 1e-2, "centimetres"),
-    "mm": ("length", 1e-3, "millimetres"),
-    "km": ("length", 1e3, "kilometres"),
-    "m_s": ("speed", 1.0, "m/s"),
-    "km_h": ("speed", 1 / 3.6, "km/h"),
-    "m_s2": ("acceleration", 1.0, "m/s^2"),
-    "g": ("acceleration", 9.80665, "g"),
-    "deg": ("angle", 1.0, "degrees"),
-    "rad": ("angle", 57.29577951308232, "radians"),
-    "deg_s": ("angular speed", 1.0, "degrees per second"),
-    "rad_s": ("angular speed", 57.29577951308232, "radians per second"),
-    "fraction": ("part", 1.0, "a fraction of 1"),
-    "percent": ("part", 1e-2, "percent"),
-    "v": ("voltage", 1.0, "volts"),
-    "mv": ("voltage", 1e-3, "millivolts"),
-    "bytes": ("size", 1.0, "bytes"),
-    "kb": ("size", 1e3, "kilobytes"),
-    "mb": ("size", 1e6, "megabytes"),
-    "gb": ("size", 1e9, "gigabytes"),
+    "s": ("time", 1.0, "in seconds"),
+    "ms": ("time", 1e-3, "in milliseconds"),
+    "us": ("time", 1e-6, "in microseconds"),
+    "ns": ("time", 1e-9, "in nanoseconds"),
+    "min": ("time", 60.0, "in minutes"),
+    "h": ("time", 3600.0, "in hours"),
+    "hz": ("rate", 1.0, "in Hz"),
+    "khz": ("rate", 1e3, "in kHz"),
+    "m": ("length", 1.0, "in metres"),
+    "cm": ("length", 1e-2, "in centimetres"),
+    "mm": ("length", 1e-3, "in millimetres"),
+    "km": ("length", 1e3, "in kilometres"),
+    "m_s": ("speed", 1.0, "in m/s"),
+    "km_h": ("speed", 1 / 3.6, "in km/h"),
+    "m_s2": ("acceleration", 1.0, "in m/s^2"),
+    "g": ("acceleration", 9.80665, "in g"),
+    "deg": ("angle", 1.0, "in degrees"),
+    "rad": ("angle", 57.29577951308232, "in radians"),
+    "deg_s": ("angular speed", 1.0, "in degrees per second"),
+    "rad_s": ("angular speed", 57.29577951308232, "in radians per second"),
+    "fraction": ("part", 1.0, "as a fraction of 1"),
+    "percent": ("part", 1e-2, "in percent"),
+    "v": ("voltage", 1.0, "in volts"),
+    "mv": ("voltage", 1e-3, "in millivolts"),
+    "bytes": ("size", 1.0, "in bytes"),
+    "kb": ("size", 1e3, "in kilobytes"),
+    "mb": ("size", 1e6, "in megabytes"),
+    "gb": ("size", 1e9, "in gigabytes"),
 }
 
 
@@ -48,7 +48,7 @@ def split_unit(name: str) -> Tuple[str, str]:
 
 
 def unit_words(name: str) -> str:
-    """Return the unit of a key as it is said, e.g. "seconds"; empty when it has none."""
+    """Return the unit of a key as it is said of a number, e.g. "in seconds"; empty when it has none."""
     unit = split_unit(name)[1]
     return UNITS[unit][2] if unit else ""
 

@@ -1,0 +1,127 @@
+"""What must be true between files, and between names and what they name."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
+    text = small_file("sensors.yaml").replace("{policy: node}", "{policy: node, total_limit_s: 61.0}")
+    assert mistake("sensors.yaml", text) == (
+        "sensors.yaml:13: components.camera.restart.total_limit_s: is 61; "
+        "must be at most checks.preflight_fix_limit_s of autonomy.yaml (60), or it is not waited for"
+    )
+
+
+def test_no_takeoff_at_a_critical_battery(mistake, small_file):
+    text = small_file("sensors.yaml") + "battery:\n  minimum_fraction: 0.1\n"
+    assert mistake("sensors.yaml", text) == (
+        "sensors.yaml:15: battery.minimum_fraction: is 0.1; "
+        "must be at least battery.battery_critical_fraction of autonomy.yaml (0.15): it would land at once"
+    )
+
+
+def test_a_landing_from_the_height_limit_must_fit_its_time(mistake, small_file):
+    text = small_file("missions.yaml") + "flight: {landing_speed_m_s: 0.2}\n"
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:5: flight.landing_speed_m_s: is 0.2; "
+        "must be at least 0.25: else landing from 30 m takes longer than 120 s"
+    )
+
+
+def test_a_landing_from_the_height_limit_of_a_mission_must_fit_its_time(mistake, small_file):
+    text = small_file("missions.yaml") + "    limits: {max_height_m: 80.0}\n"
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:5: missions.1.limits.max_height_m: is 80; "
+        "must be at most 60: landing takes longer than 120 s (land_limit_s)"
+    )
+
+
+@pytest.mark.parametrize(
+    "line, message",
+    [
+        ("required: [gsp]", "required.0: gsp is not a component of sensors.yaml; did you mean gps?"),
+        ("tolerated: [gps, lidar]", "tolerated.1: lidar is not a component of sensors.yaml; known: gps, camera"),
+        (
+            "severities: {cameras: low}",
+            "severities.cameras: cameras is not a component of sensors.yaml; did you mean camera?",
+        ),
+        (
+            "severities: {camera: bad}",
+            "severities.camera: is the text 'bad'; must be one of low, moderate, high, highest",
+        ),
+        (
+            "{required: [gps, camera], tolerated: [camera]}",
+            "tolerated.0: camera is required as well; "
+            "must be in one of them: a required component must be at code 1, a tolerated one may be at code 2",
+        ),
+        (
+            "battery_needed_fraction: 0.2",
+            "battery_needed_fraction: is 0.2; must be above the reserve, which it includes (0.2)",
+        ),
+        (
+            "limits: {max_flight_time_s: 10.0}",
+            "limits.max_flight_time_s: its longest flight takes 14 s; must be below max_flight_time_s (10)",
+        ),
+    ],
+)
+def test_a_mission_that_cannot_be_is_refused(mistake, small_file, line, message):
+    text = small_file("missions.yaml")
+    text += f"    {line}\n" if not line.startswith("{") else "    " + line[1:-1].replace("], ", "]\n    ") + "\n"
+    number = len(text.splitlines())
+    assert mistake("missions.yaml", text) == f"missions.yaml:{number}: missions.1.{message}"
+
+
+def test_a_mission_that_no_battery_is_enough_for_is_refused(mistake, small_file):
+    text = small_file("missions.yaml") + "    repetitions: 100\n"
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:2: missions.1: needs 1.60 of the battery (1400 s of 1000 s, and reserve); "
+        "must need at most 1: fly less, or in parts"
+    )
+
+
+def test_a_flight_longer_than_the_limit_of_all_flights_is_refused(mistake, small_file):
+    overrides = ["autonomy.flight.max_flight_time_s=13.0", "autonomy.commands.user_hold_limit_s=5.0"]
+    assert mistake("missions.yaml", small_file("missions.yaml"), overrides) == (
+        "missions.yaml:2: missions.1: its longest flight takes 14 s; must be below max_flight_time_s (13)"
+    )
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("collector: main", "collector: man", "2: collector: man is not a platform; did you mean main?"),
+        ("groups: [all]", "groups: [al]", "4: platforms.main.groups.0: al is not a group; did you mean all?"),
+        (
+            "[/camera/image]",
+            "[camera image]",
+            "6: groups.all.topics.0: is the text 'camera image'; "
+            'must be the name of a topic, e.g. "/lrf/range"; "~" stands for the autonomy node',
+        ),
+        ("[/camera/image]", "[]", "6: groups.all.topics: is an empty list; must be a list of topics, at least 1"),
+        (
+            "  all: {topics: [/camera/image]}",
+            "  all: {topics: [/camera/image]}\n  more: {topics: [/imu]}",
+            "7: groups.more: is recorded by no platform; must be in the groups of one",
+        ),
+        (
+            "  main: {groups: [all]}",
+            "  main: {groups: [all]}\n  second: {groups: [all]}",
+            "7: groups.all.topics.0: /camera/image is recorded by main in all and by second in all; "
+            "must be recorded once: the merged recording would have it twice",
+        ),
+        ("folder: ~/recordings", "folders: ~/x", "1: folders: is an unknown key; did you mean folder?"),
+        (
+            "folder: ~/recordings",
+            "folder: ~/recordings\nstorage: {min_free_fraction: 1.0}",
+            "2: storage.min_free_fraction: is 1.0; must be a number at least 0 and below 1, as a fraction of 1",
+        ),
+        (
+            "folder: ~/recordings",
+            "folder: ~/recordings\nstorage: {compression: bz2}",
+            "2: storage.compression: is the text 'bz2'; must be one of none, lz4",
+        ),
+    ],
+)
+def test_a_recording_that_cannot_be_is_refused(mistake, small_file, old, new, message):
+    assert mistake("recording.yaml", small_file("recording.yaml").replace(old, new)) == f"recording.yaml:{message}"

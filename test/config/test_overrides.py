@@ -1,0 +1,74 @@
+"""Single values on top of the files."""
+
+from __future__ import annotations
+
+import pytest
+
+from amaze_autonomy.config import ConfigError, load_configuration
+from amaze_autonomy.engine.severity import Severity
+
+
+def test_an_override_replaces_what_the_file_says(small):
+    changed = load_configuration(small, ["autonomy.require_go=true", "sensors.components.gps.severity=highest"])
+    assert changed.rules.require_go is True
+    assert changed.components[0].severity is Severity.HIGHEST
+
+
+def test_an_override_says_what_the_file_leaves_to_its_default(small):
+    changed = load_configuration(small, ["sensors.components.camera.topics./camera/image.tolerance_fraction=0.3"])
+    assert changed.components[1].topics[0].tolerance_fraction == 0.3
+    assert changed.components[1].topics[0].rate_hz == 10.0
+
+
+def test_overrides_can_be_plain_values(small):
+    changed = load_configuration(small, {"autonomy.flight.max_height_m": 12, "missions.missions.1.required": ["gps"]})
+    assert changed.rules.limits.max_height_m == 12.0
+    assert changed.missions[0].required == ("gps",)
+
+
+def test_the_last_override_wins(small):
+    texts = ["autonomy.flight.max_height_m=12.0", "autonomy.flight.max_height_m=13.0"]
+    assert load_configuration(small, texts).rules.limits.max_height_m == 13.0
+
+
+def test_an_override_and_the_same_value_in_the_file_are_one_configuration(small):
+    by_override = load_configuration(small, ["autonomy.require_go=true"])
+    (small / "autonomy.yaml").write_text("require_go: true\n")
+    assert load_configuration(small).hash == by_override.hash
+
+
+NO_KEY = "addresses no key; must be file.key.key=value with the file one of autonomy, sensors, missions, recording"
+
+
+@pytest.mark.parametrize(
+    "override, message",
+    [
+        ("autonomy.require_go", "has no value; must be file.key.key=value"),
+        ("autonomy=1", NO_KEY),
+        ("autonomy.=1", NO_KEY),
+        ("engine.require_go=1", NO_KEY),
+        ("autonomy.require_go.now=1", "leads through a single value; must address a key of a group"),
+        ("autonomy.require_go=", "is empty; must be one YAML document"),
+        ("autonomy.require_go=1", "require_go: is 1; must be true or false"),
+        ("autonomy.flight.max_height_ft=10", "flight.max_height_ft: is an unknown key; did you mean max_height_m?"),
+        ("autonomy.flight.max_height_cm=900",
+         "flight.max_height_cm: is an unknown key; did you mean max_height_m (900 cm are 9 m)?"),
+        ("sensors.components.gps.restart.policy=node",
+         "components.gps.restart.policy: is node; must be never in group px4: the vehicle would be uncontrollable"),
+        ("autonomy.flight.max_height_m=0.5",
+         "flight.max_height_m: is 0.5; must be above takeoff.takeoff_height_m (1): "
+         "else every takeoff ends in a landing"),
+    ],
+)  # fmt: skip
+def test_an_override_is_checked_like_the_files(small, override, message):
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(small, [override])
+    assert str(caught.value) == f"override {override}: {message}"
+
+
+def test_an_override_of_what_is_missing_does_not_hide_that_it_is(small):
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(small, {"sensors.components.lrf.severity": "low"})
+    assert str(caught.value) == (
+        "override sensors.components.lrf.severity: components.lrf.group: is missing; must be given: one of px4, other"
+    )

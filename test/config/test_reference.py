@@ -1,0 +1,52 @@
+"""The reference in docs/ is what the schema says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from amaze_autonomy.config import FILES
+from amaze_autonomy.config.kinds import Number
+from amaze_autonomy.config.reference import file_reference, order_reference
+from amaze_autonomy.config.schema import Group, Key, Named
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_every_file_and_the_order_of_limits_stand_in_the_page():
+    page = (DOCS / "configuration.md").read_text(encoding="utf-8")
+    for name in FILES:
+        assert f"<!-- generated:{name}.yaml -->\n\n{file_reference(name).strip()}\n\n<!-- end -->" in page
+    assert f"<!-- generated:order-of-limits -->\n\n{order_reference().strip()}\n\n<!-- end -->" in page
+
+
+def test_every_key_of_the_schema_has_a_row():
+    def names(group: Group):
+        for key in group.keys:
+            yield key.name
+            kind = key.kind.kind if isinstance(key.kind, Named) else key.kind
+            if isinstance(kind, Group):
+                yield from names(kind)
+
+    for file, group in FILES.items():
+        text = file_reference(file)
+        missing = [name for name in names(group) if f"`{name}`" not in text and f"{name}.<name>`" not in text]
+        assert [name for name in missing if f".{name}`" not in text] == []
+
+
+def test_a_row_says_what_is_taken_the_default_and_the_meaning(monkeypatch):
+    group = Group(
+        "one",
+        (
+            Key("age_limit_s", Number(above=0.0, maximum=5.0), "how old it may be", "old is bad", 0.5),
+            Key("rate_hz", Number(minimum=1.0), "how often | it comes"),
+            Key("window_s", Number(), "over which", "", None),
+        ),
+    )
+    monkeypatch.setitem(FILES, "one", group)
+    assert file_reference("one") == (
+        "| Key | Takes | Default | Meaning |\n"
+        "|---|---|---|---|\n"
+        "| `age_limit_s` | a number above 0 and at most 5, in seconds | `0.5` | How old it may be (old is bad). |\n"
+        "| `rate_hz` | a number at least 1, in Hz | must be given | How often \\| it comes. |\n"
+        "| `window_s` | a number, in seconds | left out | Over which. |\n"
+    )

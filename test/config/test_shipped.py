@@ -1,0 +1,119 @@
+"""The configuration that ships with the package. The expected table is written by hand, from the specification."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import pytest
+import yaml
+
+from amaze_autonomy import paths
+from amaze_autonomy.config import Streams, load_configuration
+from amaze_autonomy.config.autonomy_schema import LIMIT_GROUPS
+from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.monitoring.specs import BatterySpec, LandingSpec, PollingSpec, StateEstimationSpec
+
+FOLDER = paths.config_folder()
+
+# component, group, restart, severity, wait limit in s (None: nobody waits)
+DECISIONS = [
+    ("gps", "px4", False, "low", None),
+    ("imu", "px4", False, "highest", None),
+    ("magnetometer", "px4", False, "moderate", 10),
+    ("barometer", "px4", False, "moderate", 10),
+    ("mission_camera", "other", True, "highest", None),
+    ("realsense_camera", "other", True, "moderate", 20),
+    ("realsense_imu", "other", False, "low", None),
+    ("lsm9ds1_imu", "other", True, "moderate", 15),
+    ("lrf", "other", True, "high", 15),
+]
+RATES = {
+    "/px4/gps": 5,
+    "/px4/imu": 100,
+    "/px4/magnetometer": 20,
+    "/px4/barometer": 20,
+    "/mission_camera/image_raw": 10,
+    "/realsense/image_raw": 10,
+    "/realsense/imu": 100,
+    "/lsm9ds1/imu": 50,
+    "/lrf/range": 20,
+}
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return load_configuration(FOLDER)
+
+
+def test_the_decision_table_is_that_of_the_specification(shipped):
+    found = [
+        (spec.name, spec.group, rule.restart, spec.severity.value, spec.wait_limit_ns // 1_000_000_000 or None)
+        for spec, rule in zip(shipped.components, shipped.rules.components)
+    ]
+    assert found == DECISIONS
+
+
+def test_the_engine_and_the_watchdog_are_told_the_same(shipped):
+    for spec, rule in zip(shipped.components, shipped.rules.components):
+        assert (spec.name, spec.group, spec.severity) == (rule.name, rule.group, rule.severity)
+        assert rule.wait_limit_ns == (spec.wait_limit_ns or shipped.rules.limits.unlisted_wait_limit_ns)
+
+
+def test_every_sensor_is_watched_at_its_rate(shipped):
+    assert {topic.topic: topic.rate_hz for spec in shipped.components for topic in spec.topics} == RATES
+
+
+def test_the_sensors_of_the_px4_are_judged_by_the_autopilot_too(shipped):
+    judged = [(spec.name, spec.autopilot.value) for spec in shipped.components if spec.autopilot is not None]
+    assert judged == [(name, name) for name, group, *_ in DECISIONS if group == "px4"]
+
+
+def test_what_ships_is_what_the_code_has_as_its_defaults(shipped):
+    assert shipped.rules.limits == Limits()
+    assert shipped.rules.require_go is False
+    assert shipped.streams == Streams()
+    assert shipped.landing == LandingSpec()
+    assert shipped.state_estimation == StateEstimationSpec()
+    assert shipped.battery == dataclasses.replace(BatterySpec(), cells=4)
+    assert {spec.polling for spec in shipped.components} == {PollingSpec()}
+
+
+def test_autonomy_yaml_has_every_limit_of_the_engine():
+    rows = [row[0] for _, _, group in LIMIT_GROUPS for row in group]
+    assert sorted(rows) == sorted(field.name for field in dataclasses.fields(Limits))
+    text = yaml.safe_load((FOLDER / "autonomy.yaml").read_text())
+    written = [key for group in text.values() if isinstance(group, dict) for key in group]
+    expected = [name[:-3] + "_s" if name.endswith("_ns") else name for name in rows]
+    assert written == expected + [field.name for field in dataclasses.fields(Streams)]
+
+
+def test_the_missions_are_those_of_the_demo(shipped):
+    assert [(plan.mission.id, plan.mission.files, plan.mission.repetitions) for plan in shipped.plans] == [
+        ("1", 1, 1),
+        ("2", 3, 1),
+        ("3", 1, 3),
+        ("4", 1, 1),
+        ("5", 1, 1),
+    ]
+    durations = [round(plan.total.duration_s) for plan in shipped.plans]
+    assert 40 <= durations[0] <= 60
+    assert 270 <= durations[3] <= 330
+    assert [plan.mission.tolerated for plan in shipped.plans if plan.mission.tolerated] == [("gps", "mission_camera")]
+
+
+def test_all_that_is_watched_is_recorded_and_so_are_the_decisions(shipped):
+    recorded = [topic for platform in shipped.recording.platforms for topic in shipped.recording.topics(platform.name)]
+    assert [topic for topic in RATES if topic not in recorded] == []
+    assert [topic for topic in ("~journal", "/odometry", "/watchdog/action") if topic not in recorded] == []
+
+
+def test_every_trajectory_that_ships_is_flown_by_a_mission(shipped):
+    files = sorted(path.relative_to(FOLDER).as_posix() for path in (FOLDER / "trajectories").iterdir())
+    assert sorted(shipped.effective["trajectories"]) == files
+
+
+def test_loading_takes_less_than_150_ms(shipped):
+    begin = time.perf_counter()
+    assert load_configuration(FOLDER).hash == shipped.hash
+    assert time.perf_counter() - begin < 0.15
