@@ -194,6 +194,6 @@ def _changed(page: Path, old: str, new: str, *, check: bool) -> int:
 
 
 def _simulate(arguments: List[str]) -> int:
-    from .simulation.run import main as simulate  # noqa: PLC0415 (it is large)
+    from .simulation.cli import main as simulate  # noqa: PLC0415 (it is large)
 
     return int(simulate(arguments))

@@ -9,7 +9,6 @@ from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Request, RunCheck
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome
 from amaze_autonomy.engine.state import evolve
-
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
@@ -147,7 +146,7 @@ def sensor_health(site: Site) -> Dict[str, bool]:
 _UNHEALTHY = ("unhealthy", "silent", "killed", "nan", "stuck")
 
 
-def _row(name: str, good: Optional[bool], age_s: Optional[float], advice: str) -> Check:
+def _row(name: str, good: Optional[bool], age_s: Optional[float], advice: str) -> Check:  # noqa: FBT001
     if good is None:
         return Check(name, Verdict.UNKNOWN, age_s=age_s, advice="check the link to the autopilot")
     return Check(name, Verdict.PASS if good else Verdict.FAIL, age_s=age_s, advice="" if good else advice)

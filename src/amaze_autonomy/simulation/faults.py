@@ -9,7 +9,7 @@ from .scenario import Fault, Request, Scenario, Trigger
 
 __all__ = ["Change", "Faults"]
 
-_S = 1_000_000_000
+_Item = Union[Fault, Request]
 
 
 class Change(NamedTuple):
@@ -22,7 +22,7 @@ class Change(NamedTuple):
     """
 
     t_ns: int
-    what: Union[Fault, Request]
+    what: _Item
     begins: bool
 
 
@@ -32,10 +32,11 @@ class Faults:
     def __init__(self, scenario: Scenario, start_ns: int = 0) -> None:
         self._active: Dict[int, Tuple[Fault, int]] = {}
         self._due: List[Tuple[int, int, int, Change]] = []
-        self._waiting: List[Tuple[int, Union[Fault, Request]]] = []
+        self._waiting: List[Tuple[int, _Item]] = []
         self._seen: Dict[int, int] = {}
         self._pushed = 0
-        for serial, item in enumerate((*scenario.faults, *scenario.requests)):
+        items: Tuple[_Item, ...] = (*scenario.faults, *scenario.requests)
+        for serial, item in enumerate(items):
             if item.trigger.at_ns is not None:
                 self._push(serial, Change(start_ns + item.trigger.at_ns, item, begins=True))
             else:
@@ -53,7 +54,7 @@ class Faults:
 
     def observe(self, t_ns: int, *, event: str = "", state: str = "", number: int = 0) -> None:
         """Take notice of an event or a state: what waits for it is put on the schedule."""
-        still: List[Tuple[int, Union[Fault, Request]]] = []
+        still: List[Tuple[int, _Item]] = []
         for serial, item in self._waiting:
             if not _matches(item.trigger, event, state, number):
                 still.append((serial, item))

@@ -68,6 +68,10 @@ class Site:
         """Tell whether the status of the autopilot node is heard, so that its word on the PX4's sensors is."""
         return not any(self.faults.active(Subject.PROCESS, kind, "autopilot") for kind in ("killed", "silent"))
 
+    def lives(self, process: str) -> bool:
+        """Tell whether a peer's process lives."""
+        return self.faults.active(Subject.PROCESS, "killed", process) is None
+
     def world_fault(self, kind: str) -> Optional[Fault]:
         """Return the fault of a kind of which there is one in the world, if it acts now."""
         return self.faults.active(Subject.WORLD, kind)

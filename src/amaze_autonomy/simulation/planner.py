@@ -30,7 +30,7 @@ class Planner(Peer):
         self._was_armed = False
         self._cadence = Cadence(site.settings.rates.planner_status_rate_hz)
 
-    def answer(self, t_ns: int, command: Request) -> Optional[Event]:
+    def answer(self, t_ns: int, command: Request) -> Optional[Event]:  # noqa: ARG002
         """Load a waypoint file, or carry out a command."""
         if isinstance(command, LoadMission):
             problem = self._load(command)

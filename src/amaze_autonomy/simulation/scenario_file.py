@@ -1,15 +1,17 @@
 """Reads scenarios from YAML, as strictly as every other file of the package.
 
-    description: The laser range finder dies in flight and comes back when it is restarted.
-    faults:
-      - component: lrf                              # or `process:`, `service:`, or none of them
-        fault: silent                               # a row of `scenario.KINDS`
-        after: {event: airborne, delay_s: 3.0}      # or `at_s:`; neither: from the start
-        for_s: 5.0                                  # left out: until a restart ends it, or for ever
-        restart: succeeds                           # parameters of the kind
-    requests:
-      - request: retry                              # what a user asks, by the names of the engine's services
-        after: {state: OUTREACH, delay_s: 2.0}
+```yaml
+description: The laser range finder dies in flight and comes back when it is restarted.
+faults:
+  - component: lrf                              # or `process:`, `service:`, or none of them
+    fault: silent                               # a row of `scenario.KINDS`
+    after: {event: airborne, delay_s: 3.0}      # or `at_s:`; neither: from the start
+    for_s: 5.0                                  # left out: until a restart ends it, or for ever
+    restart: succeeds                           # parameters of the kind
+requests:
+  - request: retry                              # what a user asks, by the names of the engine's services
+    after: {state: OUTREACH, delay_s: 2.0}
+```
 """
 
 from __future__ import annotations

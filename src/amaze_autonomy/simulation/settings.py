@@ -93,8 +93,8 @@ class Settings:
         for component in self.components:
             for topic in component.topics:
                 streams[topic.topic] = self._stream(component.name, topic)
-        for topic, kind, rate in self._needed():
-            streams.setdefault(topic, StreamSettings("", topic, kind, rate))
+        for name, kind, rate in self._needed():
+            streams.setdefault(name, StreamSettings("", name, kind, rate))
         return tuple(streams.values())
 
     def _needed(self) -> Tuple[Tuple[str, str, float], ...]:

@@ -7,7 +7,7 @@ only for those who look at it (`contents.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional
 
 from .faults import Faults
 from .scenario import Fault, Subject
@@ -67,7 +67,7 @@ class Batch(NamedTuple):
     """Samples that came in one step.
 
     Args:
-        count: how many, at least 1.
+        samples: how many, at least 1.
         last_ns: stamp of the last one.
         place_ns: where that would be without jitter.
         period_ns: from one to the next.
@@ -76,7 +76,7 @@ class Batch(NamedTuple):
         value: what a sensor reads that reads one value only.
     """
 
-    count: int
+    samples: int
     last_ns: int
     place_ns: int
     period_ns: int
@@ -121,7 +121,7 @@ class Stream:
         """Return the stamp of every sample of a batch."""
         return [
             batch.place_ns - before * batch.period_ns - self._jitter(batch.number - before)
-            for before in range(batch.count - 1, -1, -1)
+            for before in range(batch.samples - 1, -1, -1)
         ]
 
     def _count(self, t_ns: int, period_ns: int, content: str, value: float) -> Optional[Batch]:

@@ -99,7 +99,7 @@ class SimulatedWatchdog(Peer):
         for component in self.site.settings.components:
             for topic in component.topics:
                 for batch in self.site.batches.get(topic.topic, ()):
-                    self._watchdog.add_samples(component.name, batch.place_ns, batch.count, topic.topic)
+                    self._watchdog.add_samples(component.name, batch.place_ns, batch.samples, topic.topic)
                     if topic.finite or topic.unchanged_limit_ns is not None:
                         self._content(component.name, topic.topic, batch)
             self._poll(t_ns, component)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import heapq
 from typing import Dict, List, Mapping, Optional, Tuple, Type, Union
 
 from amaze_autonomy.config.model import Configuration
-from amaze_autonomy.engine.checks import Check, Verdict
-from amaze_autonomy.engine.commands import Command, Request, RunCheck
-from amaze_autonomy.engine.events import CheckReply, Event, Outcome, UserRequest
-from amaze_autonomy.engine.state import evolve
+from amaze_autonomy.engine.commands import Command, Request
+from amaze_autonomy.engine.events import Event, UserRequest
 
 from .autopilot import SENSORS, Autopilot, sensor_health
 from .effects import begin, end
@@ -17,7 +14,7 @@ from .errors import SimulatedTimeError, UnknownTargetError
 from .faults import Change, Faults
 from .landing_detection import LandingDetection
 from .messages import Sample, Sender
-from .peer import Peer, Site, accepted, reply
+from .peer import Peer, Site
 from .planner import Planner
 from .power import Power
 from .recorder import Recorder
@@ -26,6 +23,7 @@ from .services import PEERS, SERVICES, peer_of, service_of
 from .settings import Settings, settings_of
 from .state_estimation import StateEstimation
 from .streams import Batch, Stream
+from .switchboard import Switchboard
 from .vehicle import Vehicle
 from .watchdog import SimulatedWatchdog
 
@@ -77,12 +75,8 @@ class World:
         )
         self._classes = {kind.name: kind for kind in _CLASSES if kind.name not in without}
         self._peers: Dict[str, Peer] = {name: kind(self._site) for name, kind in self._classes.items()}
-        self._latency = self._site.noise("latency")
         self._turn_ns = start_ns
-        self._deliveries: List[Tuple[int, int, Event]] = []
-        self._open: Dict[int, Request] = {}
-        self._deadlines: List[Tuple[int, int, int]] = []
-        self._serial = 0
+        self._switchboard = Switchboard(self._site, self._peers, live=live)
         self._backlog: List[Event] = []
         self._history: List[Tuple[int, str]] = []
         self._batches: List[Tuple[str, Batch]] = []
@@ -93,14 +87,8 @@ class World:
     @property
     def next_ns(self) -> int:
         """Time at which the world has something to do next."""
-        times = [self._turn_ns]
-        if self._faults.next_ns is not None:
-            times.append(max(self._faults.next_ns, self.now_ns))
-        if self._deliveries:
-            times.append(self._deliveries[0][0])
-        if self._deadlines:
-            times.append(self._deadlines[0][0])
-        return max(min(times), self.now_ns)
+        times = (self._turn_ns, self._faults.next_ns, self._switchboard.next_ns)
+        return max(min(time for time in times if time is not None), self.now_ns)
 
     @property
     def history(self) -> Tuple[Tuple[int, str], ...]:
@@ -140,11 +128,8 @@ class World:
             return
         events = self.advance(t_ns)
         self._backlog.extend(events)
-        self._open[command.id] = command
-        self._call(t_ns, service, command)
-        if not self._live:
-            self._serial += 1
-            heapq.heappush(self._deadlines, (t_ns + command.limit_ns, self._serial, command.id))
+        self._switchboard.call(t_ns, service, command)
+        self._observe(t_ns)
 
     def restart(self, component: str) -> None:
         """Restart a component's node now, as a real watchdog would; it comes up, or not, as its faults say."""
@@ -168,7 +153,7 @@ class World:
 
     def services(self) -> Tuple[str, ...]:
         """Return the services that are there now: those of killed processes and vanished ones are not."""
-        return tuple(name for name in SERVICES if peer_of(name) in self._classes and self._is_there(name))
+        return self._switchboard.services()
 
     def samples(self) -> Tuple[Sample, ...]:
         """Return what the sensors sent since the last call; nothing when the world is not live."""
@@ -182,7 +167,7 @@ class World:
 
     def processes(self) -> Mapping[str, bool]:
         """Return process -> alive for the peers of this world and for the node of every component."""
-        alive = {name: self._lives(name) for name in self._classes}
+        alive = {name: self._site.lives(name) for name in self._classes}
         for component in self._site.settings.components:
             alive[component.name] = not self._faults.active(Subject.COMPONENT, "killed", component.name)
         return alive
@@ -197,16 +182,15 @@ class World:
             self._history.append((t_ns, _told(change)))
             if not isinstance(change.what, Fault):
                 events.append(UserRequest(t_ns=t_ns, command=change.what.command))
-            elif change.begins:
-                begin(self._site, change.what)
-            else:
-                end(self._site, change.what)
-                self._revive(change.what)
+                continue
+            (begin if change.begins else end)(self._site, change.what)
+            if (change.what.kind.subject, change.what.kind.name) == (Subject.PROCESS, "killed"):
+                self._kill_or_revive(t_ns, change.what.target, killed=change.begins)
         self._observe(t_ns)
         if self._turn_ns <= t_ns:
             self._turn(t_ns)
             self._turn_ns += self._site.settings.turn_ns
-        self._deliver(t_ns, events)
+        events.extend(self._switchboard.deliver(t_ns))
 
     def _move(self, t_ns: int) -> None:
         """Let the vehicle fly and the sensors send until a time."""
@@ -226,13 +210,13 @@ class World:
         """Let every peer that lives do its work."""
         self._site.restarted = self._site.restarts.step(t_ns)
         for name, peer in self._peers.items():
-            if not self._lives(name):
+            if not self._site.lives(name):
                 continue
             mute = self._faults.active(Subject.PROCESS, "silent", name) is not None
             for event in peer.step(t_ns):
                 reply_id = getattr(event, "command_id", None)
                 if reply_id is not None or not mute:
-                    self._push(t_ns, event)
+                    self._switchboard.send(t_ns, event)
         self._site.batches.clear()
         self._observe(t_ns)
 
@@ -247,57 +231,12 @@ class World:
             self._faults.observe(t_ns, event=name, number=number)
         self._site.happened.clear()
 
-    def _deliver(self, t_ns: int, events: List[Event]) -> None:
-        """Hand over what has arrived, and end requests that were not answered in time."""
-        while self._deliveries and self._deliveries[0][0] <= t_ns:
-            at_ns, _, event = heapq.heappop(self._deliveries)
-            self._open.pop(getattr(event, "command_id", -1), None)
-            events.append(evolve(event, t_ns=at_ns))
-        while self._deadlines and self._deadlines[0][0] <= t_ns:
-            _, _, command_id = heapq.heappop(self._deadlines)
-            command = self._open.pop(command_id, None)
-            if command is not None:
-                events.append(evolve(reply(command, Outcome.TIMED_OUT), t_ns=t_ns))
-
-    def _revive(self, fault: Fault) -> None:
-        """Start a killed process anew: it has forgotten everything."""
-        if fault.kind.subject == Subject.PROCESS and fault.kind.name == "killed" and fault.target in self._classes:
-            self._peers[fault.target] = self._classes[fault.target](self._site)
-
-    # --- requests -------------------------------------------------------------------------------------------------
-
-    def _call(self, t_ns: int, service: str, command: Request) -> None:
-        """Carry a request to its service, as well as that works now."""
-        if not self._is_there(service):
-            self._push(t_ns + _MS, reply(command, Outcome.UNAVAILABLE, f"there is no service {service}"))
-            return
-        for fault, _ in self._faults.on(Subject.SERVICE, service):
-            answered, answer = _spoilt(fault, command)
-            if answered:
-                if answer is not None:
-                    self._push(self._arrival(t_ns), answer)
-                return
-        answer = self._peers[peer_of(service)].answer(t_ns, command)
-        if answer is not None:
-            slow = self._faults.active(Subject.SERVICE, "slow", service)
-            delay = round(slow.number("delay_s") * 1000 * _MS) if slow is not None else 0
-            self._push(self._arrival(t_ns) + delay, answer)
-        self._observe(t_ns)
-
-    def _arrival(self, t_ns: int) -> int:
-        """Return when a reply arrives: two to twelve milliseconds later."""
-        return t_ns + self._latency.randrange(2 * _MS, 12 * _MS)
-
-    def _push(self, t_ns: int, event: Event) -> None:
-        self._serial += 1
-        heapq.heappush(self._deliveries, (t_ns, self._serial, event))
-
-    def _lives(self, process: str) -> bool:
-        return self._faults.active(Subject.PROCESS, "killed", process) is None
-
-    def _is_there(self, service: str) -> bool:
-        vanished = self._faults.active(Subject.SERVICE, "vanishes", service) is not None
-        return self._lives(peer_of(service)) and not vanished
+    def _kill_or_revive(self, t_ns: int, process: str, *, killed: bool) -> None:
+        """Break the calls to a process that dies; make one anew that comes back: it has forgotten everything."""
+        if killed:
+            self._switchboard.hang_up(t_ns, process)
+        elif process in self._classes:
+            self._peers[process] = self._classes[process](self._site)
 
 
 def _told(change: Change) -> str:
@@ -305,29 +244,6 @@ def _told(change: Change) -> str:
     if not isinstance(change.what, Fault):
         return f"the user asks: {change.what.command.value}"
     return f"fault {'begins' if change.begins else 'ends'}: {change.what}"
-
-
-def _spoilt(fault: Fault, command: Request) -> Tuple[bool, Optional[Event]]:
-    """Return whether a fault of a service answers in its place, and what; None: no answer at all."""
-    kind = fault.kind.name
-    if kind == "hangs":
-        return True, None
-    if kind == "breaks":
-        return True, reply(command, Outcome.BROKEN, "the connection was closed in mid-call")
-    if kind == "lies":
-        return True, evolve(accepted(command), ok=True) if isinstance(command, RunCheck) else accepted(command)
-    if kind == "refuses":
-        return True, _refusal(command)
-    return False, None
-
-
-def _refusal(command: Request) -> Event:
-    """Make the answer "no": of a check, a row that failed."""
-    if not isinstance(command, RunCheck):
-        return reply(command, Outcome.REFUSED, "refused")
-    row = Check(command.check.value, Verdict.FAIL, advice="refused")
-    answer = reply(command, Outcome.ACCEPTED, "refused")
-    return evolve(answer, checks=(row,)) if isinstance(answer, CheckReply) else answer
 
 
 def _check_targets(settings: Settings, scenario: Scenario, without: Tuple[str, ...]) -> None:
