@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Iterator, List, Optional, Tuple
 
+from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.monitoring.condition import Level
 from amaze_autonomy.monitoring.rate import RateMonitor
 
@@ -50,3 +52,9 @@ def wakes(monitor: RateMonitor, times: List[int], end_ns: int) -> Iterator[Tuple
 def _begin(monitor: RateMonitor) -> int:
     """Return where an earlier stream has left off."""
     return max(0, monitor._last_ns)
+
+
+def rounded(row: Check) -> Check:
+    """Return a row with six decimals, to be compared whole."""
+    numbers = {name: getattr(row, name) for name in ("value", "limit", "age_s")}
+    return replace(row, **{name: None if value is None else round(value, 6) for name, value in numbers.items()})

@@ -1,0 +1,163 @@
+"""Where is down: rotations, tilts, words for them, and the window of an IMU."""
+
+from __future__ import annotations
+
+from math import cos, inf, nan, pi, radians, sin
+from typing import List
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from monitoring_feed import S
+
+from amaze_autonomy.monitoring.gravity import (
+    GravityWindow,
+    ImuStatistics,
+    Vector,
+    angle_between,
+    describe_tilt,
+    likely_mistake,
+    norm,
+    rotate,
+    rotation_from_rpy,
+    tilt_of,
+    up_of_quaternion,
+)
+
+G = 9.80665
+
+
+def rolled(angle_deg: float) -> Vector:
+    """Return up in a vehicle whose right side is down by an angle (REP-103: roll about x forward)."""
+    return (0.0, sin(radians(angle_deg)), cos(radians(angle_deg)))
+
+
+def pitched(angle_deg: float) -> Vector:
+    """Return up in a vehicle whose nose is down by an angle (REP-103: pitch about y left)."""
+    return (-sin(radians(angle_deg)), 0.0, cos(radians(angle_deg)))
+
+
+@pytest.mark.parametrize(
+    "up,words",
+    [
+        (rolled(14), "14 deg to the right"),
+        (rolled(-14), "14 deg to the left"),
+        (pitched(14), "14 deg forward"),
+        (pitched(-14), "14 deg backward"),
+        ((-0.2, -0.2, 1.0), "16 deg forward and to the left"),
+        ((0.2, 0.2, 1.0), "16 deg backward and to the right"),
+        ((0.0, 0.0, 1.0), "0 deg"),
+        ((0.0, 0.0, -1.0), "180 deg, upside down"),
+        (rolled(90), "90 deg to the right"),
+        ((nan, 0.0, 1.0), "by an unknown angle"),
+    ],
+)
+def test_a_tilt_is_told_by_the_side_that_is_down(up: Vector, words: str):
+    assert describe_tilt(up) == words
+
+
+@pytest.mark.parametrize("angle_deg", [-170.0, -90.0, -10.0, 0.0, 10.0, 45.0, 90.0, 179.0])
+def test_a_quaternion_says_the_same_up_as_the_accelerometer(angle_deg: float):
+    half = radians(angle_deg) / 2
+    assert up_of_quaternion(sin(half), 0.0, 0.0, cos(half)) == pytest.approx(rolled(angle_deg))
+    assert up_of_quaternion(0.0, sin(half), 0.0, cos(half)) == pytest.approx(pitched(angle_deg))
+    assert up_of_quaternion(0.0, 0.0, sin(half), cos(half)) == pytest.approx((0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("quaternion", [(0.0, 0.0, 0.0, 0.0), (nan, 0.0, 0.0, 1.0), (inf, 0.0, 0.0, 1.0)])
+def test_what_is_no_quaternion_has_no_up(quaternion: tuple):
+    assert up_of_quaternion(*quaternion) is None
+
+
+@pytest.mark.parametrize(
+    "rpy_deg,measured",
+    [
+        ((0, 0, 0), (0, 0, G)),
+        ((90, 0, 0), (0, G, 0)),
+        ((-90, 0, 0), (0, -G, 0)),
+        ((180, 0, 0), (0, 0, -G)),
+        ((0, 90, 0), (-G, 0, 0)),
+    ],
+)
+def test_a_mounting_rotation_brings_gravity_down_again(rpy_deg: Vector, measured: Vector):
+    rotation = rotation_from_rpy(tuple(radians(angle) for angle in rpy_deg))
+    assert rotate(rotation, measured) == pytest.approx((0.0, 0.0, G))
+
+
+@given(st.tuples(*[st.floats(-7, 7)] * 3), st.tuples(*[st.floats(-100, 100)] * 3))
+def test_a_rotation_keeps_lengths(rpy: Vector, vector: Vector):
+    assert norm(rotate(rotation_from_rpy(rpy), vector)) == pytest.approx(norm(vector), abs=1e-9)
+
+
+@given(st.tuples(*[st.floats(-100, 100)] * 3))
+def test_a_tilt_is_the_angle_to_z(up: Vector):
+    if norm(up) > 1e-3:
+        assert tilt_of(up) == pytest.approx(angle_between(up, (0.0, 0.0, 1.0)), abs=1e-6)
+
+
+@pytest.mark.parametrize("other", [(0.0, 0.0, 0.0), (nan, 0.0, 0.0), (inf, 0.0, 0.0), (1e200, 1e200, 0.0)])
+def test_what_has_no_direction_agrees_with_nothing(other: Vector):
+    assert angle_between((0.0, 0.0, 1.0), other) == pi
+
+
+@pytest.mark.parametrize(
+    "magnitude,words",
+    [
+        (1.0, "it looks like g: the driver must publish m/s^2"),
+        (0.97, "it looks like g: the driver must publish m/s^2"),
+        (1000.0, "it looks like milli-g: the driver must publish m/s^2"),
+        (980.665, "it looks like milli-g: the driver must publish m/s^2"),
+        (9806.65, "it looks like mm/s^2: the driver must publish m/s^2"),
+        (0.1, "it measures next to nothing: is gravity already subtracted, or is the sensor dead?"),
+        (8.0, "calibrate the accelerometer, and keep the vehicle still"),
+        (inf, "calibrate the accelerometer, and keep the vehicle still"),
+    ],
+)
+def test_the_likely_mistake_is_named(magnitude: float, words: str):
+    assert likely_mistake(magnitude, G) == words
+
+
+def test_the_window_holds_means_and_spread():
+    window = GravityWindow(2 * S)
+    for index in range(400):
+        window.add(index * S // 200, (0.5 if index % 2 else -0.5, 0.0, G), (0.0, 0.3, 0.4))
+    assert window.statistics(400 * S // 200 - 1, S) == ImuStatistics(
+        pytest.approx(210, abs=10), pytest.approx((0.0, 0.0, G)), pytest.approx(0.5), pytest.approx(0.5)
+    )
+
+
+def test_what_is_older_than_the_window_does_not_count():
+    window = GravityWindow(S)
+    window.add(0, (100.0, 0.0, 0.0))
+    window.add(2 * S, (0.0, 0.0, G))
+    assert window.statistics(2 * S, S) == ImuStatistics(1, (0.0, 0.0, G), pytest.approx(0.0), None)
+    assert window.statistics(10 * S, S) is None
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf, 1e200])
+def test_what_is_not_finite_or_beyond_any_sensor_is_not_added(bad: float):
+    window = GravityWindow(S)
+    window.add(0, (0.0, bad, G))
+    assert window.statistics(0, S) is None
+    assert window.last_ns is None
+
+
+def test_a_gap_or_a_jump_backwards_begins_the_observation_anew():
+    window = GravityWindow(5 * S)
+    window.add(0, (0.0, 0.0, G))
+    window.add(S, (0.0, 0.0, G))
+    assert window.first_ns == S
+    window.add(S // 2, (0.0, 0.0, G))
+    assert (window.first_ns, window.statistics(S, 5 * S).samples) == (S // 2, 1)
+
+
+@given(st.lists(st.tuples(st.integers(-(2**60), 2**60), st.tuples(*[st.floats()] * 3), st.tuples(*[st.floats()] * 3))))
+def test_no_number_breaks_it(calls: List[tuple]):
+    window = GravityWindow(S)
+    for t_ns, acceleration, turn_rate in calls:
+        window.add(t_ns, acceleration, turn_rate)
+        window.statistics(t_ns, S)
+        describe_tilt(acceleration)
+        up_of_quaternion(*acceleration, turn_rate[0])
+        assert 0 <= angle_between(acceleration, turn_rate) <= pi
+        likely_mistake(norm(acceleration), G)

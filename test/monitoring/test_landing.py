@@ -1,0 +1,225 @@
+"""Landing detection as flights: what counts as on the ground, airborne, and landed."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Callable, List, Optional, Tuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from monitoring_feed import S, rounded
+
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.monitoring.condition import FOREVER_NS
+from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
+from amaze_autonomy.monitoring.specs import LandingSpec
+
+Height = Callable[[float], float]
+GROUND, AIR, UNKNOWN = Landed.ON_GROUND, Landed.AIRBORNE, Landed.UNKNOWN
+
+
+class Flight:
+    """Flies a profile of heights with a range finder at 50 Hz, 0.1 m above the feet."""
+
+    def __init__(self, *, speed: bool = True) -> None:
+        self.detector = LandingDetector()
+        self.t_s = 0.0
+        self.speed = speed
+        self.autopilot: Optional[VehicleLanded] = None
+        self.changes: List[Tuple[float, Landed]] = []
+
+    def fly(self, seconds: float, height: Height) -> Flight:
+        begin_s = self.t_s
+        while self.t_s < begin_s + seconds - 1e-9:
+            self.t_s = round(self.t_s + 0.02, 6)
+            t_ns, at_s = round(self.t_s * S), self.t_s - begin_s
+            if self.speed:
+                self.detector.add_vertical_speed(t_ns, (height(at_s) - height(at_s - 0.02)) / 0.02)
+            if self.autopilot is not None:
+                self.detector.add_autopilot(t_ns, self.autopilot)
+            self.detector.add_range(t_ns, height(at_s) + 0.1)
+            self._note(t_ns)
+        return self
+
+    def _note(self, t_ns: int) -> None:
+        landed = self.detector.evaluate(t_ns).landed
+        if not self.changes or self.changes[-1][1] is not landed:
+            self.changes.append((self.t_s, landed))
+
+    @property
+    def said(self) -> List[Landed]:
+        return [landed for _, landed in self.changes]
+
+
+def level(height_m: float) -> Height:
+    return lambda _: height_m
+
+
+def ramp(begin_m: float, end_m: float, seconds: float) -> Height:
+    return lambda t_s: begin_m + (end_m - begin_m) * min(1.0, max(0.0, t_s / seconds))
+
+
+@pytest.fixture
+def hovering() -> Flight:
+    """Return a flight that stands at first, climbs, and hovers at 2 m."""
+    flight = Flight().fly(2.0, level(0.0)).fly(2.0, ramp(0.0, 2.0, 2.0)).fly(2.0, level(2.0))
+    assert flight.said == [UNKNOWN, GROUND, AIR]
+    return flight
+
+
+def test_a_vehicle_that_stands_is_on_the_ground_after_half_a_second():
+    flight = Flight().fly(1.0, level(0.0))
+    assert flight.said == [UNKNOWN, GROUND]
+    assert 0.5 <= flight.changes[1][0] <= 0.65
+
+
+def test_it_is_airborne_soon_after_lift_off(hovering: Flight):
+    crossing_s = 2.0 + 0.3  # 1 m/s
+    assert crossing_s + 0.5 <= hovering.changes[2][0] <= crossing_s + 0.8
+
+
+def test_it_has_landed_two_seconds_after_touchdown(hovering: Flight):
+    hovering.fly(2.0, ramp(2.0, 0.0, 2.0)).fly(4.0, level(0.0))
+    assert hovering.said == [UNKNOWN, GROUND, AIR, GROUND]
+    assert 8.0 + 1.9 <= hovering.changes[3][0] <= 8.0 + 2.3
+
+
+def test_a_bounce_begins_the_dwell_anew(hovering: Flight):
+    hovering.fly(2.0, ramp(2.0, 0.0, 2.0)).fly(1.5, level(0.0)).fly(0.4, level(0.25)).fly(1.9, level(0.0))
+    assert hovering.said[-1] is AIR
+    hovering.fly(1.0, level(0.0))
+    assert hovering.said[-1] is GROUND
+
+
+def test_a_low_pass_over_the_pad_is_no_landing(hovering: Flight):
+    hovering.fly(1.0, ramp(2.0, 0.08, 1.0)).fly(1.5, level(0.08)).fly(1.0, ramp(0.08, 2.0, 1.0)).fly(2.0, level(2.0))
+    assert hovering.said == [UNKNOWN, GROUND, AIR]
+
+
+def test_a_hand_under_the_sensor_on_the_way_down_is_no_landing(hovering: Flight):
+    hovering.autopilot = VehicleLanded.LANDING
+    hovering.fly(5.0, level(-0.05))
+    assert hovering.said[-1] is AIR
+    hovering.autopilot = VehicleLanded.ON_GROUND
+    hovering.fly(2.5, level(0.0))
+    assert hovering.said[-1] is GROUND
+
+
+def test_a_descent_that_the_sensor_does_not_see_is_no_landing(hovering: Flight):
+    for index in range(200):
+        t_ns = round((hovering.t_s + 0.02 * (index + 1)) * S)
+        hovering.detector.add_vertical_speed(t_ns, -0.5)
+        hovering.detector.add_range(t_ns, 0.1)
+        assert hovering.detector.evaluate(t_ns).landed is AIR
+
+
+def test_something_nearer_than_the_ground_can_be_is_unknown():
+    detector = LandingDetector(LandingSpec(mounting_height_m=0.4))
+    for index in range(50):
+        detector.add_range(index * S // 50, 0.05)
+    reason = "something is nearer to the range finder than the ground can be"
+    assert detector.evaluate(S)[:3] == (UNKNOWN, None, reason)
+
+
+@pytest.mark.parametrize("nothing", [nan, float("inf"), -1.0, 8191.0, 40.0, -0.1])
+def test_nothing_seen_is_unknown_and_never_on_the_ground(hovering: Flight, nothing: float):
+    begin_s = hovering.t_s
+    hovering.fly(2.0, level(nothing))
+    assert hovering.said[-1] is UNKNOWN
+    assert hovering.changes[-1][0] - begin_s <= 0.55
+
+
+def test_a_vehicle_that_was_airborne_needs_the_long_dwell_also_after_unknown(hovering: Flight):
+    hovering.fly(2.0, level(nan)).fly(1.9, level(0.0))
+    assert hovering.said[-1] is UNKNOWN
+    hovering.fly(0.5, level(0.0))
+    assert hovering.said[-1] is GROUND
+
+
+def test_a_range_that_stops_is_unknown_at_its_age_limit(hovering: Flight):
+    now = round(hovering.t_s * S)
+    verdict = hovering.detector.evaluate(now)
+    assert verdict == LandingVerdict(AIR, pytest.approx(2.0), "in the air", 0, now + S // 2 + 1)
+    assert hovering.detector.evaluate(now + S // 2).landed is AIR
+    lost = hovering.detector.evaluate(now + S // 2 + 1)
+    assert lost == LandingVerdict(UNKNOWN, None, "nothing seen for longer than 0.5 s", S // 2 + 1, FOREVER_NS)
+
+
+def test_a_gap_that_nobody_asked_about_begins_the_dwell_anew():
+    flight = Flight().fly(0.4, level(0.0))
+    flight.t_s += 10.0
+    flight.fly(0.3, level(0.0))
+    assert flight.said == [UNKNOWN]
+
+
+def test_between_ground_and_air_the_last_judgement_stands():
+    flight = Flight().fly(1.0, level(0.0)).fly(5.0, level(0.2))
+    assert flight.said == [UNKNOWN, GROUND]
+    assert Flight().fly(5.0, level(0.2)).said == [UNKNOWN]
+
+
+def test_time_that_jumps_backwards_begins_anew_and_remembers_the_flight(hovering: Flight):
+    hovering.t_s = 1.0
+    hovering.fly(1.9, level(0.0))
+    assert hovering.said[-1] is UNKNOWN
+    hovering.fly(0.5, level(0.0))
+    assert hovering.said[-1] is GROUND
+
+
+def test_the_check_passes_on_the_ground():
+    flight = Flight().fly(1.0, level(0.0))
+    assert flight.detector.checks(S) == (
+        Check("range age", Verdict.PASS, 0.0, 0.5, "s", 0.0),
+        Check("distance to ground", Verdict.PASS, 0.0, 0.1, "m", 0.0),
+    )
+
+
+def test_the_check_fails_in_the_air_and_says_what_to_do():
+    flight = Flight().fly(1.0, level(0.5))
+    advice = "the feet are 0.50 m above the ground, limit 0.10 m: place the vehicle on the ground"
+    assert rounded(flight.detector.checks(S)[1]) == Check(
+        "distance to ground", Verdict.FAIL, 0.5, 0.1, "m", 0.0, advice
+    )
+
+
+def test_the_check_is_unknown_without_a_range():
+    advice = "no range yet: check the range finder, its lens and its topic /lrf/range"
+    assert LandingDetector().checks(S) == (
+        Check("range age", Verdict.UNKNOWN, None, 0.5, "s", None, advice),
+        Check("distance to ground", Verdict.UNKNOWN, None, 0.1, "m", None, "the distance to the ground is unknown"),
+    )
+
+
+def test_the_check_waits_until_the_judgement_has_settled():
+    flight = Flight().fly(0.3, level(0.0))
+    row = flight.detector.checks(round(0.3 * S))[1]
+    assert (row.verdict, row.advice) == (Verdict.UNKNOWN, "near the ground, not yet for 0.5 s, wait")
+
+
+readings = st.one_of(st.floats(), st.sampled_from([0.1, 0.1, 0.15, 0.5, 2.0, 8191.0]))
+
+
+@given(st.lists(st.tuples(st.integers(0, S), readings), max_size=150), st.randoms())
+def test_the_judgement_does_not_depend_on_how_often_one_asks(steps: List[Tuple[int, float]], random):
+    asked, quiet, now = LandingDetector(), LandingDetector(), 0
+    for step_ns, reading in steps:
+        asked.evaluate(now + random.randrange(step_ns + 1))
+        now += step_ns
+        asked.add_range(now, reading)
+        quiet.add_range(now, reading)
+        assert asked.evaluate(now)[:2] == quiet.evaluate(now)[:2]
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**62), st.floats(), st.floats(), st.sampled_from(list(VehicleLanded)))))
+def test_no_number_breaks_it(calls: List[tuple]):
+    detector = LandingDetector()
+    for t_ns, reading, speed, landed in calls:
+        detector.add_vertical_speed(t_ns, speed)
+        detector.add_autopilot(t_ns, landed)
+        detector.add_tilt(t_ns, speed)
+        detector.add_range(t_ns, reading, speed, reading)
+        verdict = detector.evaluate(t_ns)
+        assert verdict.landed is UNKNOWN or verdict.distance_m is not None
+        detector.checks(t_ns)

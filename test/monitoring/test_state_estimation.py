@@ -1,0 +1,243 @@
+"""The check of the states as a vehicle on the pad: level, tilted, shaken, with each mistake that is made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, inf, nan, pi, radians, sin
+from typing import Dict, List, Optional, Tuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from monitoring_feed import S, rounded
+
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.monitoring.specs import StateEstimationSpec
+from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor, StateVerdict
+
+G = 9.80665
+VARIANCE = (0.01, 0.01, 0.01)
+LEVEL = Estimate((1.0, 2.0, 0.0), (0.0, 0.0, 0.0, 1.0), VARIANCE, (1e-4, 1e-4, 1e-4), (0.0, 0.0, 0.0))
+NOW = 4 * S
+
+
+def on_the_pad(
+    estimate: Estimate = LEVEL,
+    *,
+    up: Tuple[float, float, float] = (0.0, 0.0, G),
+    turn_rate: Optional[Tuple[float, float, float]] = (0.0, 0.0, 0.0),
+    spec: Optional[StateEstimationSpec] = None,
+    estimate_hz: int = 30,
+) -> StateEstimationMonitor:
+    """Return a monitor of a vehicle that has stood for 4 s, IMU 100 Hz."""
+    monitor = StateEstimationMonitor(spec)
+    for index in range(401):
+        monitor.add_imu(index * S // 100, up, turn_rate)
+    for index in range(4 * estimate_hz + 1):
+        monitor.add_estimate(index * S // estimate_hz, estimate)
+    return monitor
+
+
+def failed(verdict: StateVerdict) -> Dict[str, Check]:
+    return {row.name: row for row in verdict.checks if not row.passed}
+
+
+def rolled(angle_deg: float) -> Tuple[Tuple[float, float, float], Estimate]:
+    """Return the specific force and the estimate of a vehicle whose right side is down."""
+    angle = radians(angle_deg)
+    quaternion = (sin(angle / 2), 0.0, 0.0, cos(angle / 2))
+    return (0.0, G * sin(angle), G * cos(angle)), LEVEL._replace(orientation=quaternion)
+
+
+def test_a_level_vehicle_that_stands_still_passes_every_row():
+    verdict = on_the_pad().check(NOW)
+    assert (verdict.valid, verdict.gravity, verdict.tilt_rad) == (True, pytest.approx((0.0, 0.0, -G)), 0.0)
+    assert [(row.name, row.verdict) for row in verdict.checks] == [
+        (name, Verdict.PASS)
+        for name in (
+            "estimate age",
+            "estimate rate",
+            "estimate finite",
+            "quaternion norm",
+            "distance from origin",
+            "position deviation",
+            "orientation deviation",
+            "estimated speed",
+            "estimated tilt",
+            "estimate drift",
+            "IMU age",
+            "gravity magnitude",
+            "tilt",
+            "shaking",
+            "turning",
+            "tilt agreement",
+        )
+    ]
+
+
+@pytest.mark.parametrize("angle_deg,side", [(-14.0, "left"), (14.0, "right")])
+def test_a_tilted_vehicle_is_told_the_side_and_the_limit(angle_deg: float, side: str):
+    up, estimate = rolled(angle_deg)
+    verdict = on_the_pad(estimate, up=up).check(NOW)
+    limit = round(radians(10.0), 6)
+    advice = f"vehicle is tilted 14 deg to the {side}, limit 10 deg"
+    assert {name: rounded(row) for name, row in failed(verdict).items()} == {
+        "tilt": Check("tilt", Verdict.FAIL, 0.244346, limit, "rad", None, advice),
+        "estimated tilt": Check(
+            "estimated tilt",
+            Verdict.FAIL,
+            0.244346,
+            limit,
+            "rad",
+            None,
+            f"the estimator says that the {advice}",
+        ),
+    }
+    assert verdict.tilt_rad == pytest.approx(radians(14.0))
+
+
+def test_an_imu_on_its_side_is_wrong_until_its_mounting_is_given():
+    wrong = on_the_pad(up=(0.0, G, 0.0)).check(NOW)
+    advice = "vehicle is tilted 90 deg to the right, limit 10 deg; if it stands level, imu_mounting_rpy_deg is wrong"
+    assert failed(wrong)["tilt"].advice == advice
+    mounted = replace(StateEstimationSpec(), imu_mounting_rpy_rad=(pi / 2, 0.0, 0.0))
+    right = on_the_pad(up=(0.0, G, 0.0), spec=mounted).check(NOW)
+    assert (right.valid, right.gravity) == (True, pytest.approx((0.0, 0.0, -G)))
+
+
+def test_an_imu_in_units_of_g_is_named():
+    row = failed(on_the_pad(up=(0.0, 0.0, 1.0)).check(NOW))["gravity magnitude"]
+    advice = "gravity is 1 m/s^2: it looks like g: the driver must publish m/s^2"
+    assert rounded(row) == Check("gravity magnitude", Verdict.FAIL, 1.0, 9.30665, "m/s^2", None, advice)
+
+
+def test_estimator_and_imu_that_disagree_are_told_apart():
+    _, estimate = rolled(8.0)
+    row = failed(on_the_pad(estimate).check(NOW))["tilt agreement"]
+    advice = "the IMU says 0 deg, the estimator 8 deg to the right: restart the estimator, check the mounting rotation"
+    assert row.advice == advice
+    assert row.value == pytest.approx(radians(8.0))
+
+
+@pytest.mark.parametrize(
+    "changes,row,words",
+    [
+        ({"position": (nan, 0.0, 0.0)}, "estimate finite", "1 of 10 numbers are NaN or infinite"),
+        ({"velocity": (inf, 0.0, nan)}, "estimate finite", "2 of 10 numbers are NaN or infinite"),
+        ({"orientation": (0.0, 0.0, 0.0, 0.0)}, "quaternion norm", "the orientation is all zero"),
+        ({"orientation": (0.0, 0.0, 0.0, 2.0)}, "quaternion norm", "the orientation is no unit quaternion"),
+        ({"position": (0.0, 2000.0, 0.0)}, "distance from origin", "the position is far from the origin"),
+        ({"position_variance": (1.0, 0.0, 0.0)}, "position deviation", "the estimator is not sure"),
+        ({"orientation_variance": (0.0, nan, 0.0)}, "orientation deviation", "the covariance is not finite"),
+        ({"velocity": (0.0, 0.4, 0.0)}, "estimated speed", "the estimate moves though the vehicle stands"),
+    ],
+)
+def test_each_fault_of_an_estimate_fails_its_row(changes: Dict[str, tuple], row: str, words: str):
+    rows = failed(on_the_pad(LEVEL._replace(**changes)).check(NOW))
+    assert rows[row].verdict is Verdict.FAIL
+    assert rows[row].advice.startswith(words)
+
+
+@pytest.mark.parametrize("variance", [None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
+@pytest.mark.parametrize("required", [False, True])
+def test_an_estimate_without_covariance_is_a_warning_unless_it_is_required(variance: Optional[tuple], required: bool):  # noqa: FBT001
+    estimate = LEVEL._replace(position_variance=variance)
+    verdict = on_the_pad(estimate, spec=StateEstimationSpec(require_covariance=required)).check(NOW)
+    row = next(row for row in verdict.checks if row.name == "position deviation")
+    expected = Verdict.UNKNOWN if required else Verdict.WARN
+    assert row == Check("position deviation", expected, None, 0.5, "m", None, "the estimate has no covariance")
+    assert verdict.valid is not required
+
+
+def test_nothing_heard_is_unknown():
+    verdict = StateEstimationMonitor().check(NOW)
+    assert (verdict.valid, verdict.gravity, verdict.tilt_rad) == (False, None, None)
+    assert {row.verdict for row in verdict.checks} == {Verdict.UNKNOWN}
+    assert verdict.checks[0].advice == "nothing came on /odometry: is its node running?"
+
+
+def test_a_stale_estimate_and_imu_fail():
+    rows = failed(on_the_pad().check(NOW + S))
+    assert {"estimate age", "estimate rate", "IMU age"} <= set(rows)
+    assert rows["estimate age"].advice == "the last word on /odometry is 1 s old: did its node stop?"
+    assert rows["IMU age"].value == 1.0
+
+
+def test_a_stamp_from_the_future_or_long_ago_fails_though_the_message_is_fresh():
+    monitor = on_the_pad()
+    monitor.add_estimate(NOW + 1, LEVEL, stamp_ns=NOW + 10 * S)
+    row = failed(monitor.check(NOW + 1))["estimate age"]
+    assert row.advice == "the last word on /odometry is 10 s in the future: compare the clocks of the computers"
+    monitor.add_estimate(NOW + 2, LEVEL, stamp_ns=0)
+    assert "estimate age" in failed(monitor.check(NOW + 2))
+
+
+@pytest.mark.parametrize("estimate_hz,verdict", [(30, Verdict.PASS), (15, Verdict.WARN), (6, Verdict.FAIL)])
+def test_the_rate_of_the_estimate_has_its_row(estimate_hz: int, verdict: Verdict):
+    rows = on_the_pad(estimate_hz=estimate_hz).check(NOW).checks
+    assert next(row for row in rows if row.name == "estimate rate").verdict is verdict
+
+
+def test_a_vehicle_that_is_shaken_turned_or_drifting_is_not_still():
+    monitor = on_the_pad()
+    for index in range(1, 201):
+        sway = 2.0 if index % 2 else -2.0
+        monitor.add_imu(NOW + index * S // 100, (sway, 0.0, G), (0.0, 0.0, 0.2))
+    for index in range(1, 61):
+        monitor.add_estimate(NOW + index * S // 30, LEVEL._replace(position=(0.01 * index, 2.0, 0.0)))
+    rows = failed(monitor.check(NOW + 2 * S))
+    assert set(rows) == {"shaking", "turning", "estimate drift"}
+    assert rows["shaking"].advice == "do not move the vehicle for 2 s"
+
+
+def test_a_vehicle_that_was_not_watched_for_long_enough_is_not_known_to_be_still():
+    monitor = StateEstimationMonitor()
+    for index in range(101):
+        monitor.add_imu(index * S // 100, (0.0, 0.0, G), (0.0, 0.0, 0.0))
+        monitor.add_estimate(index * S // 100, LEVEL)
+    unknown = {row.name for row in monitor.check(S).checks if row.verdict is Verdict.UNKNOWN}
+    assert unknown == {"estimate drift", "shaking", "turning"}
+
+
+def test_too_few_samples_are_no_gravity():
+    monitor = on_the_pad()
+    for index in range(5):
+        monitor.add_imu(10 * S + index, (0.0, 0.0, G))
+    verdict = monitor.check(10 * S + 5)
+    assert verdict.gravity is None
+    row = failed(verdict)["gravity magnitude"]
+    assert (row.verdict, row.advice) == (Verdict.UNKNOWN, "5 good samples on /px4/imu in 1 s, 10 are needed")
+
+
+def test_without_an_estimator_the_imu_is_judged_alone_and_the_other_way_round():
+    alone = on_the_pad(spec=StateEstimationSpec(topic="")).check(NOW)
+    assert (alone.valid, len(alone.checks)) == (True, 5)
+    blind = on_the_pad(spec=StateEstimationSpec(imu_topic="")).check(NOW)
+    assert (blind.valid, len(blind.checks), blind.gravity) == (True, 10, pytest.approx((0.0, 0.0, -G)))
+
+
+def test_a_nan_that_was_in_the_track_is_no_small_drift():
+    monitor = on_the_pad()
+    monitor.add_estimate(NOW + S // 10, LEVEL._replace(position=(1.0, nan, 0.0)))
+    monitor.add_estimate(NOW + S // 5, LEVEL)
+    assert "estimate drift" in failed(monitor.check(NOW + S // 5))
+
+
+floats3 = st.tuples(st.floats(), st.floats(), st.floats())
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 2**60), floats3, st.tuples(floats3, st.floats()), floats3, st.none() | floats3),
+        max_size=30,
+    )
+)
+def test_no_number_breaks_it_and_what_is_not_finite_is_never_valid(calls: List[tuple]):
+    monitor = StateEstimationMonitor()
+    for t_ns, vector, (axis, w), variance, velocity in calls:
+        monitor.add_imu(t_ns, vector, variance)
+        monitor.add_estimate(t_ns, Estimate(vector, (*axis, w), variance, variance, velocity))
+        verdict = monitor.check(t_ns)
+        numbers = (*vector, *axis, w, *variance, *(velocity or ()))
+        if any(number in (inf, -inf) or number != number for number in numbers):  # noqa: PLR0124
+            assert not verdict.valid
