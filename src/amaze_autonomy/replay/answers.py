@@ -1,0 +1,114 @@
+"""The answers to the pre-flight checks: from the recording where it tells, else from the script."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Optional, Tuple
+
+from amaze_autonomy.engine.checks import Check, CheckName, Verdict
+from amaze_autonomy.engine.commands import RunCheck
+from amaze_autonomy.engine.events import CheckReply, ComponentStatus, Landed, LandedStatus, Outcome, WatchdogInfo
+from amaze_autonomy.engine.severity import Code
+
+from .monitors import Monitors
+from .plan import Plan
+from .timeline import Source
+
+__all__ = ["Answers"]
+
+_NAMES = {
+    CheckName.WATCHDOG: "watchdog",
+    CheckName.BATTERY: "battery fraction",
+    CheckName.AUTOPILOT: "autopilot",
+    CheckName.ON_GROUND: "distance to ground",
+    CheckName.STATE_ESTIMATION: "tilt",
+}
+
+
+class Answers:
+    """Answers checks.
+
+    Args:
+        plan: of the replay.
+        monitors: that know what the recording tells.
+    """
+
+    def __init__(self, plan: Plan, monitors: Monitors) -> None:
+        self._plan, self._monitors = plan, monitors
+        self.recorded_info: Optional[WatchdogInfo] = None
+        self.recorded_landed: Optional[LandedStatus] = None
+        self.last: Dict[CheckName, Tuple[Source, Tuple[Check, ...]]] = {}
+
+    def answer(self, t_ns: int, command: RunCheck, source: Source) -> Tuple[CheckReply, Source]:
+        """Return the answer to a check at a time, and where it comes from; `source` is that of the samples now."""
+        found = self._found(t_ns, command)
+        if found is None:
+            rows: Tuple[Check, ...] = (Check(_NAMES[command.check], Verdict.PASS, advice="scripted"),)
+            found, source = {"ok": True, "checks": rows}, Source.SCRIPT
+        self.last[command.check] = source, found["checks"]
+        reply = CheckReply(
+            t_ns=t_ns, command_id=command.id, check=command.check, outcome=Outcome.ACCEPTED, **_explained(found)
+        )
+        return reply, source
+
+    def watchdog_waits(self, t_ns: int) -> bool:
+        """Return True while a component may still come up, so that the first answer is worth waiting for."""
+        verdict = self._monitors.watchdog.checks(t_ns)
+        return not verdict.ready and verdict.fixable
+
+    def _found(self, t_ns: int, command: RunCheck) -> Optional[Dict[str, Any]]:
+        if command.check is CheckName.WATCHDOG:
+            return self._watchdog(t_ns)
+        if command.check is CheckName.BATTERY and self._monitors.battery is not None:
+            battery = self._monitors.battery.check(t_ns, command.required_fraction)
+            return {"ok": battery.ok, "checks": battery.checks}
+        if command.check is CheckName.ON_GROUND:
+            return self._ground(t_ns)
+        if command.check is CheckName.STATE_ESTIMATION:
+            state = self._monitors.check_state(t_ns)
+            return None if state is None else {"ok": state.valid, "checks": state.checks}
+        return None
+
+    def _watchdog(self, t_ns: int) -> Optional[Dict[str, Any]]:
+        if "watchdog_info" in self._plan.topic_map.statuses:
+            return None if self.recorded_info is None else self._recorded_watchdog(self.recorded_info)
+        verdict = self._monitors.watchdog.checks(t_ns)
+        return {
+            "ok": verdict.ready,
+            "checks": verdict.checks,
+            "fixable": verdict.fixable,
+            "being_fixed": verdict.being_fixed,
+            "until_ns": verdict.until_ns,
+            "components": self._monitors.watchdog.evaluate(t_ns),
+        }
+
+    def _recorded_watchdog(self, info: WatchdogInfo) -> Dict[str, Any]:
+        mission = self._plan.mission
+        rows = tuple(_component_row(c, tolerated=c.name in mission.tolerated) for c in info.components)
+        needed = mission.required or tuple(component.name for component in info.components)
+        ok = all(row.passed for row in rows if row.name in needed)
+        return {"ok": ok, "checks": rows, "components": info.components}
+
+    def _ground(self, t_ns: int) -> Optional[Dict[str, Any]]:
+        if self.recorded_landed is not None:
+            said = self.recorded_landed
+            good = said.landed is Landed.ON_GROUND
+            verdict = Verdict.PASS if good else Verdict.FAIL
+            rows: Tuple[Check, ...] = (
+                Check("distance to ground", verdict, said.distance_m, None, "m", None, said.reason),
+            )
+            return {"ok": good, "checks": rows}
+        checks = self._monitors.check_ground(t_ns)
+        return None if checks is None else {"ok": all(row.passed for row in checks), "checks": checks}
+
+
+def _component_row(status: ComponentStatus, *, tolerated: bool) -> Check:
+    verdict = Verdict.PASS if status.code is Code.NOMINAL else Verdict.FAIL
+    if status.code is Code.NON_CRITICAL and tolerated:
+        verdict = Verdict.WARN
+    return Check(status.name, verdict, float(status.code), float(Code.NOMINAL), "code", None, status.reason)
+
+
+def _explained(found: Dict[str, Any]) -> Dict[str, Any]:
+    """Add the reason in words: what the rows that did not pass advise."""
+    bad = [row for row in found["checks"] if not row.passed]
+    return {**found, "message": "; ".join(f"{row.name}: {row.advice}" if row.advice else row.name for row in bad)}

@@ -1,0 +1,53 @@
+"""What can end a replay before it has an answer. Each is one line for the user and exit status 2.
+
+ReplayError          base
+  FieldError         a field that the topic map names is not in the message
+  UnknownTopicError  a topic that the map needs is not in any of the bags
+  NoMessagesError    the bags hold no message that the map needs
+  JournalGapError    lines are missing in a journal from a bag
+"""
+
+from __future__ import annotations
+
+from typing import Tuple
+
+__all__ = ["FieldError", "JournalGapError", "NoMessagesError", "ReplayError", "UnknownTopicError"]
+
+
+class ReplayError(ValueError):
+    """A replay cannot be done."""
+
+
+class FieldError(ReplayError):
+    """A field that the topic map names is not in the message.
+
+    Args:
+        path: of the field, as in the map.
+        kind: type of the message, or of the part of it that lacks the field.
+        known: what it has.
+    """
+
+    def __init__(self, path: str, kind: str, known: Tuple[str, ...]) -> None:
+        super().__init__(f"{path}: {kind} has no such field; it has {', '.join(known) or 'none'}")
+        self.path, self.kind, self.known = path, kind, known
+
+
+class UnknownTopicError(ReplayError):
+    """A topic that was named is in none of the bags.
+
+    Args:
+        topic: the one that was named.
+        known: the topics that are there.
+    """
+
+    def __init__(self, topic: str, known: Tuple[str, ...]) -> None:
+        super().__init__(f"{topic}: no bag has this topic; there are {', '.join(known) or 'none'}")
+        self.topic, self.known = topic, known
+
+
+class NoMessagesError(ReplayError):
+    """The bags hold no message that the map needs."""
+
+
+class JournalGapError(ReplayError):
+    """Lines are missing in a journal from a bag."""

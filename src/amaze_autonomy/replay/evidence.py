@@ -1,0 +1,107 @@
+"""Did the recorded vehicle do what the engine says? After the first command that it did not get, all is counterfactual.
+
+Only what the recording tells counts. Where it tells nothing of the vehicle, no command is known to have been got.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Optional
+
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
+from amaze_autonomy.engine.modes import LANDING_MODES
+from amaze_autonomy.engine.rules import Limits
+
+__all__ = ["Evidence", "Observed"]
+
+_S = 1_000_000_000
+_DESCENT_M = 0.5
+_LAND_LIMIT_NS = 5 * _S
+_LANDING_PHASES = (MissionPhase.LANDING, MissionPhase.LANDED)
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What the recording shows at a time; None: nothing."""
+
+    t_ns: int
+    landed: Optional[VehicleLanded] = None
+    height_m: Optional[float] = None
+    mode: Optional[str] = None
+    phase: Optional[MissionPhase] = None
+
+
+@dataclass
+class _Waiting:
+    t_ns: int
+    action: MissionAction
+    until_ns: int
+    height_m: Optional[float]
+
+
+class Evidence:
+    """Waits for the recorded vehicle to show each command.
+
+    Args:
+        limits: within which a command must show.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._waiting: List[_Waiting] = []
+        self._last = Observed(0)
+        self.counterfactual_ns: Optional[int] = None
+        self.action: Optional[MissionAction] = None
+
+    def command(self, t_ns: int, action: MissionAction) -> None:
+        """Note a command of motion; LAND is repeated, the first one counts."""
+        if self.counterfactual_ns is None and all(each.action is not action for each in self._waiting):
+            self._waiting.append(_Waiting(t_ns, action, t_ns + self._limit_ns(action), self._last.height_m))
+
+    def observe(self, seen: Observed) -> None:
+        """Take what the recording shows now."""
+        self._last = seen
+        self._waiting = [each for each in self._waiting if not self._shows(each, seen)]
+        for each in self._waiting:
+            if seen.t_ns >= each.until_ns:
+                self._miss(each)
+
+    def end(self) -> None:
+        """Take the end of the recording: what has not shown by now never did."""
+        for each in self._waiting:
+            self._miss(each)
+
+    def _miss(self, waiting: _Waiting) -> None:
+        if self.counterfactual_ns is None or waiting.t_ns < self.counterfactual_ns:
+            self.counterfactual_ns, self.action = waiting.t_ns, waiting.action
+
+    def _limit_ns(self, action: MissionAction) -> int:
+        limits = {
+            MissionAction.TAKEOFF: self._limits.takeoff_limit_ns,
+            MissionAction.HOLD: self._limits.hold_confirm_limit_ns,
+            MissionAction.RESUME: self._limits.resume_confirm_limit_ns,
+        }
+        return limits.get(action, _LAND_LIMIT_NS)
+
+    def _shows(self, waiting: _Waiting, seen: Observed) -> bool:
+        if waiting.action is MissionAction.TAKEOFF:
+            return self._flies(seen)
+        if waiting.action is MissionAction.HOLD:
+            return seen.phase is MissionPhase.HOLDING
+        if waiting.action is MissionAction.RESUME:
+            return seen.phase is MissionPhase.FLYING
+        return self._lands(waiting, seen)
+
+    def _flies(self, seen: Observed) -> bool:
+        if seen.landed is not None and seen.landed is not VehicleLanded.UNKNOWN:
+            return seen.landed is not VehicleLanded.ON_GROUND
+        return seen.height_m is not None and seen.height_m >= self._limits.takeoff_height_m
+
+    def _lands(self, waiting: _Waiting, seen: Observed) -> bool:
+        if seen.phase in _LANDING_PHASES or seen.mode in LANDING_MODES:
+            return True
+        if seen.landed in (VehicleLanded.ON_GROUND, VehicleLanded.LANDING):
+            return True
+        known = waiting.height_m is not None and seen.height_m is not None
+        return known and (waiting.height_m or 0.0) - (seen.height_m or 0.0) >= _DESCENT_M

@@ -1,0 +1,252 @@
+"""From messages to monitors: one feed per use of a topic by the map. A feed can also play its topic as nominal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+
+from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.monitoring.battery import BatteryMonitor
+from amaze_autonomy.monitoring.gravity import rotation_from_rpy, tilt_of, up_of_quaternion
+from amaze_autonomy.monitoring.landing import LandingDetector
+from amaze_autonomy.monitoring.specs import EstimateSource
+from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
+from amaze_autonomy.monitoring.watchdog import Watchdog
+
+from .fields import Getter, getter, number, quaternion, vector
+from .topic_map import Reading
+
+__all__ = [
+    "BatteryFeed",
+    "ComponentFeed",
+    "EstimateFeed",
+    "Fact",
+    "FactFeed",
+    "Feed",
+    "ImuFeed",
+    "RangeFeed",
+    "TiltFeed",
+]
+
+Vector = Tuple[float, float, float]
+
+_S = 1_000_000_000
+_SURE: Vector = (1e-4, 1e-4, 1e-4)
+
+
+@dataclass(frozen=True)
+class Fact:
+    """The last thing that the recording said about one property of the vehicle."""
+
+    t_ns: int
+    value: Any
+
+
+class Feed:
+    """One use of a topic.
+
+    Args:
+        topic: that it takes.
+        period_ns: of its messages, for playing it.
+        decodes: it looks into the messages.
+    """
+
+    def __init__(self, topic: str, period_ns: int, *, decodes: bool = True) -> None:
+        self.topic, self.period_ns, self.decodes = topic, period_ns, decodes
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Take a message; `message` is None when the feed does not decode."""
+        raise NotImplementedError
+
+    def play(self, t_ns: int) -> None:
+        """Take what a good message would have said at a time."""
+
+
+class ComponentFeed(Feed):
+    """A message of a component: it came, that is all."""
+
+    def __init__(self, watchdog: Watchdog, name: str, topic: str, period_ns: int) -> None:
+        super().__init__(topic, period_ns, decodes=False)
+        self._watchdog, self._name = watchdog, name
+
+    def take(self, t_ns: int, message: Any) -> None:  # noqa: ARG002
+        """Count it."""
+        self._watchdog.add_samples(self._name, t_ns, 1, self.topic)
+
+    def play(self, t_ns: int) -> None:
+        """Count it."""
+        self._watchdog.add_samples(self._name, t_ns, 1, self.topic)
+
+
+class RangeFeed(Feed):
+    """A distance to the ground, in the units of the message; the specification scales it."""
+
+    def __init__(self, detector: LandingDetector, reading: Reading) -> None:
+        super().__init__(reading.topic, _S // 20)
+        self._detector, self._get = detector, getter(reading.fields["distance"])
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Take a reading; what is no number is nothing seen."""
+        value = number(self._get(message))
+        limits = number(getattr(message, "min_range", None)), number(getattr(message, "max_range", None))
+        self._detector.add_range(t_ns, float("nan") if value is None else value, *limits)
+
+    def play(self, t_ns: int) -> None:
+        """Take what the sensor measures when the vehicle stands on the ground."""
+        spec = self._detector.spec
+        self._detector.add_range(t_ns, max(spec.mounting_height_m, spec.min_range_m) / spec.scale)
+
+
+class TiltFeed(Feed):
+    """The attitude of the vehicle for the landing detection; an invalid orientation says nothing."""
+
+    def __init__(self, detector: LandingDetector, reading: Reading) -> None:
+        super().__init__(reading.topic, 0)
+        self._detector, self._get = detector, getter(reading.fields["orientation"])
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Take an orientation."""
+        parts = quaternion(self._get(message))
+        up = up_of_quaternion(*parts) if parts is not None else None
+        if up is not None:
+            self._detector.add_tilt(t_ns, tilt_of(up))
+
+
+class BatteryFeed(Feed):
+    """The battery: for its check, and for what the vehicle says."""
+
+    def __init__(self, monitor: BatteryMonitor, reading: Reading, facts: Dict[str, Fact]) -> None:
+        super().__init__(reading.topic, _S // 2)
+        self._monitor, self._facts, self._scale = monitor, facts, reading.scale
+        self._get: Mapping[str, Getter] = {name: getter(path) for name, path in reading.fields.items()}
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Take a level."""
+        values = {name: number(get(message)) for name, get in self._get.items()}
+        fraction = values.get("fraction")
+        fraction = None if fraction is None else fraction * self._scale
+        self._monitor.add(t_ns, fraction, values.get("voltage"))
+        self._facts["battery_fraction"] = Fact(t_ns, fraction)
+        if "voltage" in values:
+            self._facts["battery_voltage_v"] = Fact(t_ns, values["voltage"])
+
+    def play(self, t_ns: int) -> None:
+        """Take a charged battery."""
+        spec = self._monitor.spec
+        self._monitor.add(t_ns, 0.95, 0.5 * (spec.cell_voltage_min_v + spec.cell_voltage_max_v) * (spec.cells or 4))
+
+
+class FactFeed(Feed):
+    """A property of the vehicle: armed, landed or height."""
+
+    def __init__(self, name: str, reading: Reading, facts: Dict[str, Fact]) -> None:
+        super().__init__(reading.topic, 0)
+        self._name, self._facts = name, facts
+        self._get = getter(reading.fields[name])
+        self._read = _READ[name](reading)
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Keep it."""
+        self._facts[_FACTS[self._name]] = Fact(t_ns, self._read(self._get(message)))
+
+
+def _height(reading: Reading) -> Callable[[Any], Optional[float]]:
+    def read(value: Any) -> Optional[float]:
+        metres = number(value)
+        return None if metres is None else metres * reading.scale + reading.offset
+
+    return read
+
+
+def _landed(reading: Reading) -> Callable[[Any], VehicleLanded]:
+    return lambda value: VehicleLanded.ON_GROUND if _word(value) in reading.on_ground else VehicleLanded.IN_AIR
+
+
+def _armed(_: Reading) -> Callable[[Any], bool]:
+    return bool
+
+
+def _word(value: Any) -> str:
+    return str(value.item() if hasattr(value, "item") else value)
+
+
+_READ: Mapping[str, Callable[[Reading], Callable[[Any], Any]]] = {"height": _height, "landed": _landed, "armed": _armed}
+_FACTS: Mapping[str, str] = {"height": "height_m", "landed": "landed", "armed": "armed"}
+
+
+class ImuFeed(Feed):
+    """An accelerometer in the vehicle, for the check of gravity."""
+
+    def __init__(
+        self, take: Callable[[int, Vector, Optional[Vector]], object], reading: Reading, rpy: Vector, g: float
+    ) -> None:
+        super().__init__(reading.topic, _S // 50)
+        self._add, self._scale = take, reading.scale
+        self._acceleration = getter(reading.fields["acceleration"])
+        self._turn_rate = getter(reading.fields["turn_rate"]) if "turn_rate" in reading.fields else None
+        column = rotation_from_rpy(rpy)[2]  # up in the sensor's frame: the transposed matrix times (0, 0, 1)
+        self._level: Vector = (column[0] * g, column[1] * g, column[2] * g)
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Take a sample."""
+        x, y, z = vector(self._acceleration(message))
+        scale = self._scale
+        turn_rate = vector(self._turn_rate(message)) if self._turn_rate is not None else None
+        self._add(t_ns, (x * scale, y * scale, z * scale), turn_rate)
+
+    def play(self, t_ns: int) -> None:
+        """Take what a vehicle measures that stands level and still."""
+        self._add(t_ns, self._level, (0.0, 0.0, 0.0))
+
+
+class EstimateFeed(Feed):
+    """An estimate of the state, for its check."""
+
+    def __init__(self, monitor: StateEstimationMonitor, reading: Reading) -> None:
+        super().__init__(reading.topic, round(_S / monitor.spec.rate_hz))
+        self._monitor = monitor
+        self._read = _ESTIMATES[monitor.spec.source]
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Take an estimate; a header stamp of 0 says nothing about its age."""
+        stamp = message.header.stamp
+        stamp_ns = int(stamp.sec) * _S + int(stamp.nanosec)
+        self._monitor.add_estimate(t_ns, self._read(message), stamp_ns or None)
+
+    def play(self, t_ns: int) -> None:
+        """Take what a good estimator says of a vehicle that stands level and still."""
+        good = Estimate((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), _SURE, _SURE, (0.0, 0.0, 0.0))
+        self._monitor.add_estimate(t_ns, good)
+
+
+def _odometry(message: Any) -> Estimate:
+    speed = message.twist.twist.linear
+    return _with_covariance(message)._replace(velocity=vector(speed))
+
+
+def _with_covariance(message: Any) -> Estimate:
+    diagonal = [float(message.pose.covariance[7 * axis]) for axis in range(6)]
+    known = any(diagonal)  # all zero: the message has none
+    pose = message.pose.pose
+    return Estimate(
+        vector(pose.position),
+        _orientation(pose),
+        (diagonal[0], diagonal[1], diagonal[2]) if known else None,
+        (diagonal[3], diagonal[4], diagonal[5]) if known else None,
+    )
+
+
+def _pose(message: Any) -> Estimate:
+    return Estimate(vector(message.pose.position), _orientation(message.pose))
+
+
+def _orientation(pose: Any) -> Tuple[float, float, float, float]:
+    q = pose.orientation
+    return float(q.x), float(q.y), float(q.z), float(q.w)
+
+
+_ESTIMATES: Mapping[EstimateSource, Callable[[Any], Estimate]] = {
+    EstimateSource.ODOMETRY: _odometry,
+    EstimateSource.POSE: _pose,
+    EstimateSource.POSE_WITH_COVARIANCE: _with_covariance,
+}

@@ -1,0 +1,68 @@
+"""Values out of messages by the paths that a topic map names, e.g. `pose.pose.position.z` or `values[5]`."""
+
+from __future__ import annotations
+
+import re
+from math import isfinite
+from typing import Any, Callable, List, Optional, Tuple, Union
+
+from .errors import FieldError
+
+__all__ = ["FIELD_PATH", "Getter", "getter", "number", "quaternion", "vector"]
+
+FIELD_PATH = r"[A-Za-z]\w*(\[\d+\])*(\.[A-Za-z]\w*(\[\d+\])*)*"
+Getter = Callable[[Any], Any]
+_STEP = re.compile(r"[A-Za-z]\w*|\[\d+\]")
+
+
+def getter(path: str) -> Getter:
+    """Return a function that takes a message and returns the value at the path.
+
+    The function raises:
+        FieldError: The message has no such field.
+    """
+    steps: List[Union[str, int]] = [int(s[1:-1]) if s[0] == "[" else s for s in _STEP.findall(path)]
+
+    def get(message: Any) -> Any:
+        value = message
+        for step in steps:
+            try:
+                value = value[step] if isinstance(step, int) else getattr(value, step)
+            except (AttributeError, IndexError, TypeError, KeyError):
+                raise FieldError(path, _kind(value), _fields(value)) from None
+        return value
+
+    return get
+
+
+def number(value: Any) -> Optional[float]:
+    """Return a finite float; None for anything else. A Python float: numpy's would not be written alike everywhere."""
+    try:
+        plain = float(value)
+    except (TypeError, ValueError):
+        return None
+    return plain if isfinite(plain) else None
+
+
+def vector(value: Any) -> Tuple[float, float, float]:
+    """Return x, y, z of a vector message."""
+    return float(value.x), float(value.y), float(value.z)
+
+
+def quaternion(value: Any) -> Optional[Tuple[float, float, float, float]]:
+    """Return x, y, z, w; None for what is no orientation: (0, 0, 0, 0) and everything whose norm is not 1."""
+    parts = float(value.x), float(value.y), float(value.z), float(value.w)
+    norm = sum(part * part for part in parts)
+    return parts if abs(norm - 1.0) < 0.1 else None  # noqa: PLR2004
+
+
+def _kind(value: Any) -> str:
+    kind = getattr(type(value), "__msgtype__", "") or getattr(value, "__msgtype__", "") or type(value).__name__
+    return str(kind).replace("/msg/", "/")
+
+
+def _fields(value: Any) -> Tuple[str, ...]:
+    names = getattr(type(value), "__dataclass_fields__", {})
+    if not names and hasattr(value, "__len__"):
+        return (f"{len(value)} elements",)
+    return tuple(name for name in names if not name.startswith("__"))

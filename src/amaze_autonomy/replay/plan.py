@@ -1,0 +1,170 @@
+"""What a replay is made of: the configuration's rules, the map's recording, and the mission, brought together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Dict, Mapping, Optional, Tuple
+
+from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.severity import ComponentRule, Severity
+from amaze_autonomy.monitoring.errors import SpecError
+from amaze_autonomy.monitoring.specs import (
+    BatterySpec,
+    ComponentSpec,
+    EstimateSource,
+    LandingSpec,
+    RestartSpec,
+    StateEstimationSpec,
+)
+
+from .errors import ReplayError
+from .topic_map import ComponentMap, TopicMap
+
+__all__ = ["Plan", "make_plan"]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that a replay needs besides the recording.
+
+    Args:
+        topic_map: of the recording.
+        rules: of the engine, with a row for each component of the map.
+        mission: with the required components that the recording has.
+        components: that are watched.
+        landing: None when the recording has no range.
+        state_estimation: None when it has neither IMU nor estimate.
+        battery: None when it has no battery.
+        takeoff_height_m: of the rules.
+        configuration: the effective one, for the journal's header.
+        configuration_hash: of it.
+    """
+
+    topic_map: TopicMap
+    rules: Rules
+    mission: Mission
+    components: Tuple[ComponentSpec, ...]
+    landing: Optional[LandingSpec]
+    state_estimation: Optional[StateEstimationSpec]
+    battery: Optional[BatterySpec]
+    configuration: Mapping[str, Any]
+    configuration_hash: str
+
+    @property
+    def component_topics(self) -> Tuple[str, ...]:
+        """Topics of all components, each once."""
+        return tuple(dict.fromkeys(topic.topic for spec in self.components for topic in spec.topics))
+
+    @property
+    def topics(self) -> Tuple[str, ...]:
+        """Every topic that is read, each once; its place is its rank among equal times."""
+        return tuple(dict.fromkeys((*self.component_topics, *self.topic_map.topics)))
+
+
+def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str, recorded: Tuple[str, ...]) -> Plan:
+    """Bring configuration, map and mission together.
+
+    Args:
+        configuration: the rules to decide by.
+        topic_map: of the recording.
+        mission_id: of the configuration.
+        recorded: topics that are in the recording.
+
+    Raises:
+        ReplayError: The mission does not exist, or the map asks for a specification that cannot be.
+    """
+    known = {spec.name: spec for spec in configuration.components}
+    try:
+        components = tuple(_component(each, known, configuration.rules) for each in topic_map.components)
+        if topic_map.as_configured:
+            taken = [spec.name for spec in components]
+            components += tuple(_as_recorded(s) for s in known.values() if s.name not in taken and _has(s, recorded))
+        return Plan(
+            topic_map=topic_map,
+            rules=_rules(configuration.rules, components),
+            mission=_mission(configuration, mission_id, components),
+            components=components,
+            landing=_landing(configuration.landing, topic_map),
+            state_estimation=_state_estimation(configuration.state_estimation, topic_map),
+            battery=_battery(configuration.battery, topic_map),
+            configuration=configuration.effective,
+            configuration_hash=configuration.hash,
+        )
+    except SpecError as error:
+        raise ReplayError(f"map {topic_map.name}: {error}") from error
+
+
+def _component(given: ComponentMap, known: Mapping[str, ComponentSpec], rules: Rules) -> ComponentSpec:
+    """Return what is watched: the recording's topic, the configuration's severity and limits."""
+    base = known.get(given.name)
+    severity = base.severity if base is not None else Severity.MODERATE
+    wait_ns = base.wait_limit_ns if base is not None else rules.limits.unlisted_wait_limit_ns
+    return ComponentSpec(
+        name=given.name,
+        group=given.group or (base.group if base is not None else "other"),
+        severity=Severity(given.severity) if given.severity else severity,
+        topics=(given.topic,),
+        wait_limit_ns=given.wait_limit_ns if given.wait_limit_ns is not None else wait_ns,
+        required=given.required,
+    )
+
+
+def _has(spec: ComponentSpec, recorded: Tuple[str, ...]) -> bool:
+    return bool(spec.topics) and all(topic.topic in recorded for topic in spec.topics)
+
+
+def _as_recorded(spec: ComponentSpec) -> ComponentSpec:
+    """Return a component by its topics alone: no node and no driver can be asked, and nothing be restarted."""
+    return replace(spec, node=None, driver=(), autopilot=None, restart=RestartSpec())
+
+
+def _rules(rules: Rules, components: Tuple[ComponentSpec, ...]) -> Rules:
+    rows: Dict[str, ComponentRule] = {row.name: row for row in rules.components}
+    for spec in components:
+        restart = spec.name in rows and rows[spec.name].restart and spec.group != "px4"
+        rows[spec.name] = ComponentRule(spec.name, spec.group, restart, spec.severity, spec.wait_limit_ns)
+    return replace(rules, components=tuple(rows.values()))
+
+
+def _mission(configuration: Configuration, mission_id: str, components: Tuple[ComponentSpec, ...]) -> Mission:
+    missions = {mission.id: mission for mission in configuration.missions}
+    if mission_id not in missions:
+        raise ReplayError(f"there is no mission {mission_id!r}; there are {', '.join(missions)}")
+    mission = missions[mission_id]
+    names = [spec.name for spec in components]
+    needed = [spec.name for spec in components if spec.required]
+    return replace(
+        mission,
+        severities=tuple((name, severity) for name, severity in mission.severities if name in names),
+        required=tuple(name for name in needed if not mission.required or name in mission.required) or tuple(needed),
+        tolerated=tuple(name for name in mission.tolerated if name in names),
+    )
+
+
+def _landing(spec: LandingSpec, topic_map: TopicMap) -> Optional[LandingSpec]:
+    reading = topic_map.readings.get("range")
+    if reading is None:
+        return None
+    return replace(spec, topic=reading.topic, scale=reading.scale, **topic_map.landing)
+
+
+def _state_estimation(spec: StateEstimationSpec, topic_map: TopicMap) -> Optional[StateEstimationSpec]:
+    imu, estimate = topic_map.readings.get("imu"), topic_map.readings.get("estimate")
+    if imu is None and estimate is None:
+        return None
+    return replace(
+        spec,
+        topic=estimate.topic if estimate is not None else "",
+        source=EstimateSource(estimate.source) if estimate is not None else spec.source,
+        imu_topic=imu.topic if imu is not None else "",
+        **topic_map.state_estimation,
+    )
+
+
+def _battery(spec: BatterySpec, topic_map: TopicMap) -> Optional[BatterySpec]:
+    reading = topic_map.readings.get("battery")
+    if reading is None:
+        return None
+    return spec if "voltage" in reading.fields else replace(spec, cells=0)

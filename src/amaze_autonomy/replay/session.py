@@ -1,0 +1,281 @@
+"""One replay: the recording's samples, the script's answers and the engine's deadlines, in virtual time.
+
+Time is the recording's. Everything that happens is one of: a message of the recording, a task of the agenda (a status
+that is due, an answer, the user), a deadline of the engine. They happen in the order (time, rank, position), so that
+the journal of a recording is the same whenever and wherever it is made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from amaze_autonomy.engine.checks import Check, CheckName
+from amaze_autonomy.engine.codec import to_plain
+from amaze_autonomy.engine.commands import (
+    Command,
+    Decision,
+    Level,
+    MissionAction,
+    MissionCommand,
+    Notify,
+)
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import (
+    EngineStarted,
+    Event,
+    MissionSelected,
+    Tick,
+    UserCommand,
+    UserRequest,
+)
+from amaze_autonomy.engine.journal import encode_decision, encode_event, encode_header, make_header
+from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.engine.timers import next_deadline
+
+from .agenda import Agenda, Rank
+from .log import FlightLog, read_log
+from .monitors import Monitors
+from .plan import Plan
+from .sources import Recordings, Sample
+from .timeline import Line, LineKind, Source, decision_text, joined, marked
+from .user import User
+from .world import World
+
+__all__ = ["Outcome", "Session"]
+
+_S = 1_000_000_000
+_STEP_NS = 1_000_000
+_WARM_UP_NS = 3 * _S  # what is played fills the windows of the checks before anybody asks
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a replay.
+
+    Args:
+        journal: its lines.
+        timeline: its lines.
+        state: of the engine at the end.
+        start_ns: time of the recording's first message.
+        end_ns: of its last.
+        counterfactual_ns: time of the first command that the recorded vehicle did not get; None: there is none.
+        missed: that command.
+        checks: the last answer to each check, and where it came from.
+        decisions: that were made.
+        flown: those that were made in flight, where its journal is in the recording; None: it is not.
+    """
+
+    journal: Tuple[str, ...]
+    timeline: Tuple[Line, ...]
+    state: EngineState
+    start_ns: int
+    end_ns: int
+    counterfactual_ns: Optional[int]
+    missed: Optional[MissionAction]
+    checks: Dict[CheckName, Tuple[Source, Tuple[Check, ...]]]
+    decisions: Tuple[Decision, ...]
+    flown: Optional[Tuple[Decision, ...]] = None
+
+
+class Session:
+    """A replay in the making.
+
+    Args:
+        plan: what is decided by and with.
+        recordings: open.
+    """
+
+    def __init__(self, plan: Plan, recordings: Recordings) -> None:
+        self._plan, self._recordings = plan, recordings
+        self._rules = plan.rules
+        self._state = EngineState()
+        self._agenda = Agenda()
+        self._journal: List[str] = []
+        self._lines: List[Line] = []
+        self._decisions: List[Decision] = []
+        self._request_id = 0
+        self._deadline_ns: Optional[int] = None
+        self._user = User(plan.topic_map.script)
+        self._source = Source.SCRIPT
+        self._monitors = Monitors(plan)
+        self._script = plan.topic_map.script
+        self._log = self._read_log()
+        self._begin_ns = self._beginning()
+        self._world = World(plan, self._monitors, self._agenda, self._feed, self._say, recordings)
+        self._takers = self._made_takers()
+
+    def run(self, progress: Optional[Progress] = None) -> Outcome:
+        """Replay all of it.
+
+        Raises:
+            ReplayError: The map does not fit the recording.
+        """
+        self._begin()
+        samples, total = self._recordings.samples, len(self._recordings.samples)
+        for number, sample in enumerate(samples):
+            self._until(sample.t_ns, sample.rank)
+            self._take(sample)
+            if progress is not None and number % 2048 == 0:
+                progress(number, total)
+        self._until(self._recordings.end_ns, Rank.TICK + 1)
+        if progress is not None:
+            progress(total, total)
+        return self._outcome()
+
+    def _begin(self) -> None:
+        start_ns = self._recordings.start_ns
+        self._journal.append(encode_header(self._header()))
+        self._world.begin(self._begin_ns)
+        self._note(start_ns, "the recording begins")
+        for topic in self._recordings.missing:
+            self._note(start_ns, f"{topic} is {'muted' if topic in self._recordings.muted else 'not in the recording'}")
+        source = Source.SCRIPT if self._log is None else Source.LOG
+        self._feed(EngineStarted(t_ns=self._begin_ns, label=self._label()), source)
+        if self._log is not None:
+            for event in self._log.events:
+                self._agenda.at(event.t_ns, Rank.LOG, self._logged(event))
+        else:
+            self._agenda.at(
+                max(self._begin_ns + _STEP_NS, start_ns + self._script.select_at_ns), Rank.USER, self._select
+            )
+
+    def _logged(self, event: Event) -> Callable[[int], None]:
+        return lambda _: self._feed(event, Source.LOG)
+
+    def _beginning(self) -> int:
+        """Return when the replay begins: before the recording where the script must have played by then."""
+        start_ns = self._recordings.start_ns
+        first_ns = min(start_ns, start_ns + self._script.select_at_ns)
+        if self._log is not None:
+            first_ns = min(start_ns, self._log.events[0].t_ns)
+        plays = first_ns < start_ns or self._script.sensors_until_ns > 0
+        return max(0, first_ns - (_WARM_UP_NS if plays else _STEP_NS))
+
+    def _read_log(self) -> Optional[FlightLog]:
+        topic = self._plan.topic_map.statuses.get("journal", "")
+        if not topic or topic in self._recordings.missing:
+            return None
+        log = read_log(tuple(self._recordings.bags), topic)
+        return log if log is not None and log.events else None
+
+    def _label(self) -> str:
+        """Return the prefix of session ids: that of the flight, or the time of the recording, not of the replay."""
+        if self._log is not None:
+            return self._log.label
+        start = datetime.fromtimestamp(self._recordings.start_ns // _S, tz=timezone.utc)
+        return start.strftime("%Y%m%dT%H%M%S")
+
+    def _header(self) -> Dict[str, Any]:
+        plan, recordings = self._plan, self._recordings
+        return make_header(
+            plan.rules,
+            plan.configuration,
+            plan.configuration_hash,
+            program="amaze-replay",
+            map=plan.topic_map.name,
+            mission=to_plain(plan.mission),
+            recording={
+                "start_ns": recordings.start_ns,
+                "end_ns": recordings.end_ns,
+                "messages": len(recordings.samples),
+            },
+        )
+
+    def _made_takers(self) -> Tuple[Tuple[bool, str], ...]:
+        """Return for each rank whether its messages are decoded, and its topic."""
+        topics = self._recordings.topics
+        return tuple((self._monitors.decodes(topic) or self._world.decodes(topic), topic) for topic in topics)
+
+    def _take(self, sample: Sample) -> None:
+        decodes, topic = self._takers[sample.rank]
+        message = self._recordings.message(sample) if decodes else None
+        self._monitors.take(topic, sample.t_ns, message)
+        if message is not None:
+            self._world.take(topic, sample.t_ns, message)
+
+    def _until(self, t_ns: int, rank: int) -> None:
+        """Do everything that comes before a time and rank."""
+        while True:
+            task = self._agenda.next
+            tick = (self._deadline_ns, Rank.TICK) if self._deadline_ns is not None else None
+            if tick is not None and tick < (t_ns, rank) and (task is None or tick < task):
+                self._feed(Tick(t_ns=tick[0]), self._world.source(tick[0]))
+            elif task is not None and task < (t_ns, rank):
+                self._agenda.run()
+            else:
+                return
+
+    def _feed(self, event: Event, source: Source) -> None:
+        """Give an event to the engine, and carry out what it says."""
+        self._journal.append(encode_event(event))
+        self._source = source
+        self._state, commands = decide(self._state, event, self._rules)
+        for command in commands:
+            self._carry_out(event.t_ns, command)
+        for message in (command for command in commands if isinstance(command, Notify)):
+            self._lines.append(Line(event.t_ns, source, LineKind.MESSAGE, f'"{message.text}"', _level(message.level)))
+        self._world.state = self._state
+        self._deadline_ns = next_deadline(self._state, self._rules)
+        self._ask_user()
+
+    def _carry_out(self, t_ns: int, command: Command) -> None:
+        if isinstance(command, Decision):
+            self._decisions.append(command)
+            self._journal.append(encode_decision(command))
+            level = 2 if command.after in (State.LAND.value, State.PILOT.value, State.OUTREACH.value) else 0
+            level = 1 if command.after == State.HOLD.value else level
+            self._lines.append(
+                Line(t_ns, self._source, LineKind.DECISION, decision_text(command, self._recordings.start_ns), level)
+            )
+        else:
+            if isinstance(command, MissionCommand) and command.action is MissionAction.TAKEOFF:
+                self._world.flown = True
+            self._world.carry_out(t_ns, command)
+
+    def _ask_user(self) -> None:
+        if self._log is not None:
+            return
+        asked = self._user.react(self._state, require_go=self._rules.require_go)
+        if asked is not None:
+            when_ns, command = asked
+            self._agenda.at(when_ns, Rank.USER, lambda t_ns: self._request(t_ns, command))
+
+    def _request(self, t_ns: int, command: UserCommand) -> None:
+        self._request_id += 1
+        self._feed(UserRequest(t_ns=t_ns, command=command, request_id=self._request_id), Source.SCRIPT)
+
+    def _select(self, t_ns: int) -> None:
+        self._request_id += 1
+        missions = (self._plan.mission,)
+        self._feed(MissionSelected(t_ns=t_ns, missions=missions, request_id=self._request_id), Source.SCRIPT)
+
+    def _say(self, t_ns: int, source: Source, text: str, level: int) -> None:
+        self._lines.append(Line(t_ns, source, LineKind.MONITOR, text, level))
+
+    def _note(self, t_ns: int, text: str) -> None:
+        self._agenda.at(t_ns, 0, lambda at_ns: self._lines.append(Line(at_ns, Source.BAG, LineKind.NOTE, text)))
+
+    def _outcome(self) -> Outcome:
+        end_ns, evidence = self._recordings.end_ns, self._world.evidence
+        evidence.end()
+        words = f"the recording ends in {self._state.state.value}"
+        self._lines.append(Line(end_ns, Source.BAG, LineKind.NOTE, words))
+        return Outcome(
+            journal=tuple(self._journal),
+            timeline=tuple(marked(joined(self._lines), evidence.counterfactual_ns)),
+            state=self._state,
+            start_ns=self._recordings.start_ns,
+            end_ns=end_ns,
+            counterfactual_ns=evidence.counterfactual_ns,
+            missed=evidence.action,
+            checks=dict(self._world.answers.last),
+            decisions=tuple(self._decisions),
+            flown=None if self._log is None else self._log.decisions,
+        )
+
+
+def _level(level: Level) -> int:
+    return {Level.INFO: 0, Level.WARNING: 1}.get(level, 2)

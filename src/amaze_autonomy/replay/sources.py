@@ -1,0 +1,171 @@
+"""The messages of all bags in one total order that is ours.
+
+The order is (time, rank of the topic in the map, bag, publisher, position in the file). Bags rank by their beginning
+and then by name, not by their place on the command line. Nothing in it depends on the library, on the numbers of the
+connections, on the compression or on the order of a hash table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+from amaze_autonomy.bags import Entry, Recording
+from amaze_autonomy.bags.errors import MessageError
+
+from .errors import NoMessagesError, UnknownTopicError
+
+__all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
+
+_S = 1_000_000_000
+
+
+class Sample(NamedTuple):
+    """One message in the total order. `rank` is that of its topic, `bag` that of its bag; the rest is `Entry`'s."""
+
+    t_ns: int
+    rank: int
+    bag: int
+    publisher: int
+    chunk: int
+    offset: int
+    connection: int
+
+
+@dataclass
+class Damage:
+    """What of one topic could not be read.
+
+    Args:
+        topic: whose messages.
+        reason: of the first one.
+        count: of messages.
+        first_ns: time of the first one.
+        last_ns: time of the last one.
+    """
+
+    topic: str
+    reason: str
+    first_ns: int
+    last_ns: int
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class TopicFigures:
+    """What the index says of one topic.
+
+    Args:
+        topic: its name.
+        messages: how many.
+        rate_hz: over all of it; None for fewer than two messages.
+        longest_gap_s: between two messages; None for fewer than two.
+        longest_gap_at_ns: when that gap began.
+    """
+
+    topic: str
+    messages: int
+    rate_hz: Optional[float] = None
+    longest_gap_s: Optional[float] = None
+    longest_gap_at_ns: Optional[int] = None
+
+
+class Recordings:
+    """Several bags of one flight, read as one.
+
+    Args:
+        paths: of the bags.
+        topics: that are wanted; the place of a topic is its rank.
+        muted: topics that are read as if they were not there.
+
+    Raises:
+        BagError: A bag cannot be read.
+        UnknownTopicError: A muted topic is in none of them.
+        NoMessagesError: There is no message of any wanted topic.
+    """
+
+    def __init__(self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = ()) -> None:
+        bags = [Recording(path) for path in paths]
+        self.bags = sorted(bags, key=lambda bag: (bag.start_ns or 0, bag.path.name))
+        self.topics = tuple(topics)
+        self.damage: Dict[str, Damage] = {}
+        self.muted = tuple(muted)
+        known = tuple(sorted({topic.name for bag in self.bags for topic in bag.topics}))
+        for topic in muted:
+            if topic not in known:
+                raise UnknownTopicError(topic, known)
+        self.missing = tuple(topic for topic in topics if topic not in known or topic in muted)
+        self.samples: List[Sample] = self._ordered()
+        if not self.samples:
+            raise self._nothing()
+
+    def close(self) -> None:
+        """Close all bags."""
+        for bag in self.bags:
+            bag.close()
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first message of any topic, wanted or not."""
+        return min(bag.start_ns for bag in self.bags if bag.start_ns is not None)
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last message of any topic, wanted or not."""
+        return max(bag.end_ns for bag in self.bags if bag.end_ns is not None)
+
+    def topic(self, sample: Sample) -> str:
+        """Return the topic of a sample."""
+        return self.topics[sample.rank]
+
+    def message(self, sample: Sample) -> Optional[Any]:
+        """Return the decoded message; None when it is damaged, which is noted."""
+        entry = Entry(sample.t_ns, sample.publisher, sample.chunk, sample.offset, sample.connection)
+        try:
+            return self.bags[sample.bag].message(entry)
+        except MessageError as error:
+            self._note(self.topic(sample), sample.t_ns, str(error))
+            return None
+
+    def figures(self) -> Tuple[TopicFigures, ...]:
+        """Return what the index says of each wanted topic."""
+        times: Dict[int, List[int]] = {rank: [] for rank in range(len(self.topics))}
+        for sample in self.samples:
+            times[sample.rank].append(sample.t_ns)
+        return tuple(_figures(topic, times[rank]) for rank, topic in enumerate(self.topics))
+
+    def _ordered(self) -> List[Sample]:
+        samples = [
+            Sample(entry.t_ns, rank, number, entry.publisher, entry.chunk, entry.offset, entry.connection)
+            for number, bag in enumerate(self.bags)
+            for rank, topic in enumerate(self.topics)
+            if topic not in self.muted
+            for entry in bag.entries(topic)
+        ]
+        samples.sort()
+        return samples
+
+    def _nothing(self) -> NoMessagesError:
+        names = ", ".join(bag.path.name for bag in self.bags)
+        if all(bag.start_ns is None for bag in self.bags):
+            return NoMessagesError(f"{names}: there is no message in it")
+        there = ", ".join(topic.name for bag in self.bags for topic in bag.topics)
+        return NoMessagesError(
+            f"{names}: no message of {', '.join(self.topics)}; there are {there}: is it another map?"
+        )
+
+    def _note(self, topic: str, t_ns: int, reason: str) -> None:
+        damage = self.damage.get(topic)
+        if damage is None:
+            self.damage[topic] = Damage(topic, reason, t_ns, t_ns)
+        else:
+            damage.count, damage.last_ns = damage.count + 1, t_ns
+
+
+def _figures(topic: str, times: List[int]) -> TopicFigures:
+    if len(times) < 2 or times[-1] == times[0]:  # noqa: PLR2004
+        return TopicFigures(topic, len(times))
+    gap, begin = max((after - before, -before) for before, after in zip(times, times[1:]))
+    rate = (len(times) - 1) * _S / (times[-1] - times[0])
+    return TopicFigures(topic, len(times), rate, gap / _S, -begin)

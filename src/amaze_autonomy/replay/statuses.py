@@ -1,0 +1,172 @@
+"""Statuses of our own nodes that a recording carries, as events of the engine. Messages of msg/, fields as there."""
+
+from __future__ import annotations
+
+from enum import Enum
+from math import isfinite
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple, Type, TypeVar
+
+from amaze_autonomy.engine.events import (
+    AutopilotStatus,
+    ComponentStatus,
+    Event,
+    Landed,
+    LandedStatus,
+    MissionPhase,
+    MissionStatus,
+    PlatformRecording,
+    RecordingPhase,
+    RecordingStatus,
+    VehicleLanded,
+    WatchdogAction,
+    WatchdogInfo,
+)
+from amaze_autonomy.engine.severity import Code, Restart
+
+from .errors import ReplayError
+
+__all__ = ["EVENT_OF", "health_of"]
+
+E = TypeVar("E", bound=Enum)
+_S = 1_000_000_000
+_RESTARTS = (Restart.NONE, Restart.TRYING, Restart.GIVEN_UP)
+_HEALTH: Tuple[Optional[bool], ...] = (None, True, False)
+
+
+def _enum(kind: Type[E], field: str, value: Any) -> E:
+    try:
+        return kind(int(value))
+    except ValueError:
+        raise ReplayError(f"{field} is {value!r}, must be one of {', '.join(str(m.value) for m in kind)}") from None
+
+
+def _age_ns(message: Any, t_ns: int) -> int:
+    stamp = message.header.stamp
+    return t_ns - (int(stamp.sec) * _S + int(stamp.nanosec))
+
+
+def _component(message: Any, t_ns: int) -> ComponentStatus:
+    until_s = float(message.until)
+    restart = int(message.restart)
+    if not 0 <= restart < len(_RESTARTS):
+        raise ReplayError(f"components.restart is {restart}, must be one of 0, 1, 2")
+    return ComponentStatus(
+        name=str(message.name),
+        code=_enum(Code, "components.code", message.code),
+        restart=_RESTARTS[restart],
+        until_ns=t_ns + round(until_s * _S) if isfinite(until_s) else None,
+        reason=str(message.reason),
+    )
+
+
+def _watchdog_action(message: Any, t_ns: int) -> Event:
+    return WatchdogAction(
+        t_ns=t_ns,
+        sequence=int(message.sequence),
+        loop_counter=int(message.loop_counter),
+        code=_enum(Code, "code", message.code),
+        latest_component=str(message.latest_component),
+        components=tuple(_component(each, t_ns) for each in message.components),
+        age_ns=_age_ns(message, t_ns),
+    )
+
+
+def _watchdog_info(message: Any, t_ns: int) -> Event:
+    return WatchdogInfo(
+        t_ns=t_ns,
+        sequence=int(message.sequence),
+        changed=tuple(str(name) for name in message.changed),
+        components=tuple(_component(each, t_ns) for each in message.components),
+        age_ns=_age_ns(message, t_ns),
+    )
+
+
+def _mission_planner(message: Any, t_ns: int) -> Event:
+    return MissionStatus(
+        t_ns=t_ns,
+        session_id=str(message.session_id),
+        mission_id=str(message.mission_id),
+        phase=_enum(MissionPhase, "phase", message.phase),
+        waypoint=int(message.waypoint),
+        waypoints=int(message.waypoints),
+        file_index=int(message.file_index),
+        repetition=int(message.repetition),
+        distance_left_m=float(message.distance_left),
+        time_left_s=float(message.time_left),
+        message=str(message.message),
+        age_ns=_age_ns(message, t_ns),
+    )
+
+
+def _autopilot(message: Any, t_ns: int) -> Event:
+    placed = bool(message.position_valid)
+    return AutopilotStatus(
+        t_ns=t_ns,
+        armed=bool(message.armed) if message.armed_known else None,
+        landed=_enum(VehicleLanded, "landed", message.landed),
+        mode=str(message.mode),
+        pilot_in_control=bool(message.pilot_in_control),
+        failsafe=bool(message.failsafe),
+        link_age_s=float(message.link_age),
+        height_m=float(message.height) if message.height_valid else None,
+        position_x_m=float(message.position_x) if placed else None,
+        position_y_m=float(message.position_y) if placed else None,
+        vertical_speed_m_s=float(message.vertical_speed),
+        battery_fraction=float(message.battery_fraction),
+        battery_voltage_v=float(message.battery_voltage),
+        battery_age_s=float(message.battery_age),
+        age_ns=_age_ns(message, t_ns),
+    )
+
+
+def _landing_detection(message: Any, t_ns: int) -> Event:
+    return LandedStatus(
+        t_ns=t_ns,
+        landed=_enum(Landed, "landed", message.landed),
+        distance_m=float(message.distance),
+        reason=str(message.reason),
+        age_ns=_age_ns(message, t_ns),
+    )
+
+
+def _data_recorder(message: Any, t_ns: int) -> Event:
+    return RecordingStatus(
+        t_ns=t_ns,
+        session_id=str(message.session_id),
+        phase=_enum(RecordingPhase, "phase", message.phase),
+        progress=float(message.progress),
+        platforms=tuple(_platform(each) for each in message.platforms),
+        location=str(message.location),
+        message=str(message.message),
+        age_ns=_age_ns(message, t_ns),
+    )
+
+
+def _platform(message: Any) -> PlatformRecording:
+    return PlatformRecording(
+        platform=str(message.platform),
+        growing=bool(message.growing),
+        written_bytes=int(message.bytes),
+        byte_rate=float(message.byte_rate),
+        free_fraction=float(message.free_fraction),
+        location=str(message.location),
+        message=str(message.message),
+    )
+
+
+EVENT_OF: Mapping[str, Callable[[Any, int], Event]] = {
+    "watchdog_action": _watchdog_action,
+    "watchdog_info": _watchdog_info,
+    "mission_planner": _mission_planner,
+    "autopilot": _autopilot,
+    "landing_detection": _landing_detection,
+    "data_recorder": _data_recorder,
+}
+"""By the name of the status in a topic map: message and time of recording to event."""
+
+
+def health_of(message: Any) -> Dict[str, Optional[bool]]:
+    """Return what an AutopilotStatus says of the autopilot's sensors, by name; None: it does not know."""
+    names = ("gps", "imu", "magnetometer", "barometer")
+    values = {name: int(getattr(message, name)) for name in names}
+    return {name: _HEALTH[value] if 0 <= value < len(_HEALTH) else None for name, value in values.items()}

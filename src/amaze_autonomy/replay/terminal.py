@@ -1,0 +1,64 @@
+"""What a person at a terminal sees: colours and a progress bar there, plain text everywhere else."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import contextmanager
+from typing import Callable, Iterator, List, Sequence
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from .session import Outcome
+from .timeline import Line, LineKind, written
+
+__all__ = ["progress_bar", "show_lines", "show_timeline"]
+
+Report = Callable[[int, int], None]
+
+_KINDS = {LineKind.NOTE: "bold", LineKind.MONITOR: "cyan", LineKind.DECISION: "", LineKind.MESSAGE: "italic"}
+_LEVELS = {0: "", 1: "yellow", 2: "red"}
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Report]:
+    """Show a progress bar on the standard error stream when it is a terminal; nothing otherwise."""
+    if not sys.stderr.isatty():
+        yield lambda _done, _total: None
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def show_timeline(outcome: Outcome) -> None:
+    """Print the timeline: coloured at a terminal, where what is counterfactual is dim; else plain."""
+    if not sys.stdout.isatty():
+        show_lines([f"{time}  {source:<10}  {text}" for time, source, text in _rows(outcome)])
+        return
+    console = Console(highlight=False)
+    for line in outcome.timeline:
+        console.print(_styled(line, outcome.start_ns), soft_wrap=True)
+
+
+def _rows(outcome: Outcome) -> List[Sequence[str]]:
+    return [written(line, outcome.start_ns) for line in outcome.timeline]
+
+
+def _styled(line: Line, start_ns: int) -> Text:
+    time, source, text = written(line, start_ns)
+    base = "dim" if line.counterfactual else ""
+    style = " ".join(part for part in (base, _KINDS[line.kind], _LEVELS[line.level]) if part)
+    return Text.assemble((f"{time}  ", base or "bold"), (f"{source:<10}  ", "dim"), (text, style))
+
+
+def show_lines(lines: Sequence[str]) -> None:
+    """Print lines as they are."""
+    sys.stdout.write("".join(f"{line}\n" for line in lines))

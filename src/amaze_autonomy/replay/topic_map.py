@@ -1,0 +1,306 @@
+"""Topic maps: which topic of a recording is which component, and where each reading comes from. Strict YAML.
+
+A map says nothing about what is decided: that is the configuration. It says what the recording is. `schema` is the
+whole of it; docs/replay.md explains it with examples. A unit is part of each key.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Dict, Mapping, Optional, Tuple
+
+from amaze_autonomy.config import ConfigError, Place
+from amaze_autonomy.config.binding import bind, field_value, key_name, make
+from amaze_autonomy.config.checks_schema import LANDING_DETECTION, STATE_ESTIMATION
+from amaze_autonomy.config.components_schema import COMPONENT_NAME, SEVERITY, TOPIC_NAME
+from amaze_autonomy.config.document import read
+from amaze_autonomy.config.kinds import Choice, Flag, ListOf, Number, Places, Text, Whole
+from amaze_autonomy.config.schema import Group, Key, Named
+from amaze_autonomy.monitoring.specs import GROUPS, EstimateSource, LandingSpec, StateEstimationSpec, TopicSpec
+
+from .fields import FIELD_PATH
+
+__all__ = ["ComponentMap", "Reading", "Script", "TopicMap", "load_map", "map_names"]
+
+MAPS = Path(__file__).parent / "maps"
+STATUSES = (
+    "watchdog_action",
+    "watchdog_info",
+    "mission_planner",
+    "autopilot",
+    "landing_detection",
+    "data_recorder",
+    "journal",
+)
+
+
+@dataclass(frozen=True)
+class ComponentMap:
+    """One component that the recording has; None: as the configuration says of the component of this name."""
+
+    name: str
+    topic: TopicSpec
+    required: bool = True
+    group: Optional[str] = None
+    severity: Optional[str] = None
+    wait_limit_ns: Optional[int] = None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Where one kind of reading comes from.
+
+    Args:
+        topic: that carries it.
+        fields: path of each part of it.
+        scale: factor that makes SI of the message's unit.
+        offset: added after that.
+        on_ground: values of the field that mean "on the ground"; for `landed`.
+        source: kind of message; for `estimate`.
+    """
+
+    topic: str
+    fields: Mapping[str, str]
+    scale: float = 1.0
+    offset: float = 0.0
+    on_ground: Tuple[str, ...] = ()
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Script:
+    """What the scripted world does.
+
+    Args:
+        select_at_ns: when the user selects the mission, from the first message; negative: before the recording starts.
+        sensors_until_ns: until then the script plays a topic as nominal that has not begun yet, from the first message.
+        retries: how often the user retries after a failed check before giving up.
+        retry_after_ns: how long the user takes for it.
+    """
+
+    select_at_ns: int = 0
+    sensors_until_ns: int = 0
+    retries: int = 0
+    retry_after_ns: int = 5_000_000_000
+
+
+@dataclass(frozen=True)
+class TopicMap:
+    """A map. `readings` by name: imu, estimate, range, height, battery, armed, landed; `statuses`: topics by name.
+
+    `landing` and `state_estimation` are what the recording's vehicle has differently: fields of the specifications.
+    `as_configured`: every component of the configuration whose topics are all in the recording is watched.
+    """
+
+    name: str
+    about: str
+    components: Tuple[ComponentMap, ...]
+    readings: Mapping[str, Reading]
+    statuses: Mapping[str, str]
+    landing: Mapping[str, Any]
+    state_estimation: Mapping[str, Any]
+    script: Script
+    as_configured: bool = False
+
+    @property
+    def topics(self) -> Tuple[str, ...]:
+        """Every topic of the map, each once, in the order of the map: its place is its rank among equal times."""
+        names = [component.topic.topic for component in self.components]
+        names += [reading.topic for reading in self.readings.values()] + list(self.statuses.values())
+        return tuple(dict.fromkeys(names))
+
+
+def _optional(group: Group, *left_out: str) -> Group:
+    """Return a group of sensors.yaml of which nothing has to be given."""
+    return Group(group.said, tuple(replace(key, default=None) for key in group.keys if key.name not in left_out))
+
+
+_TIME = Number(above=0.0, maximum=600.0)
+_SMALL = Number(above=0.0, below=1.0)
+_TOPIC = Key("topic", Text('the name of a topic, e.g. "/imu/data"', TOPIC_NAME), "topic that carries it")
+_PATH = Text("the path of a field, e.g. pose.position.z or values[5]", FIELD_PATH)
+_SCALE = Key("scale", Number(minimum=-1e6, maximum=1e6), "factor that makes SI of the message's unit", "", 1.0)
+_OFFSET = Key("offset_m", Number(minimum=-1e5, maximum=1e5), "added after scaling", "", 0.0)
+
+
+def _field(name: str, default: Any = None) -> Key:
+    return Key(name, _PATH, f"field with the {name}", "", default)
+
+
+def _reading(name: str, said: str, *keys: Key) -> Key:
+    return Key(name, Group(said, (_TOPIC, *keys)), said, "", None)
+
+
+_COMPONENT = Group(
+    "a component of the recording",
+    (
+        _TOPIC,
+        Key("rate_hz", Number(minimum=0.001, maximum=1e5), "messages per second that are intended"),
+        bind(TopicSpec, "tolerance_fraction", _SMALL, "deviation of the rate that is still as intended"),
+        bind(TopicSpec, "rate_failed_fraction", _SMALL, "part of the rate below which it has failed"),
+        bind(TopicSpec, "age_limit_ns", _TIME, "silence after which it has failed"),
+        bind(TopicSpec, "window_ns", _TIME, "time over which the rate is measured"),
+        Key("required", Flag(), "must work before takeoff", "", True),
+        Key("group", Choice(GROUPS), "px4 or other; left out: as configured, else other", "", None),
+        Key("severity", SEVERITY, "how bad its failure is; left out: as configured, else moderate", "", None),
+        Key("wait_limit_s", _TIME, "how long a flight may wait for it; left out: as configured", "", None),
+    ),
+)
+_SCRIPT = Group(
+    "the scripted world",
+    (
+        Key(
+            "select_at_s",
+            Number(minimum=-600, maximum=1e6),
+            "when the mission is selected, from the first message",
+            "",
+            0.0,
+        ),
+        Key(
+            "sensors_until_s", Number(minimum=0, maximum=1e6), "until then silent topics are played as nominal", "", 0.0
+        ),
+        Key("retries", Whole(0, 1000), "how often a failed check is retried", "", 0),
+        Key("retry_after_s", Number(above=0, maximum=3600), "after how long", "", 5.0),
+    ),
+)
+_READINGS = Group(
+    "where readings come from",
+    (
+        _reading(
+            "imu",
+            "an accelerometer",
+            _field("acceleration", "linear_acceleration"),
+            _field("turn_rate"),
+            _field("orientation"),
+            _SCALE,
+        ),
+        _reading(
+            "estimate",
+            "an estimate of the state",
+            Key("source", Choice(tuple(s.value for s in EstimateSource)), "kind of message", "", "odometry"),
+        ),
+        _reading("range", "a distance to the ground", _field("distance", "range"), _SCALE),
+        _reading("height", "the height above the takeoff position", _field("height"), _SCALE, _OFFSET),
+        _reading("battery", "the battery", _field("fraction"), _field("voltage"), _SCALE),
+        _reading("armed", "whether the motors are armed", _field("armed", "data")),
+        _reading(
+            "landed",
+            "what the vehicle says of the ground",
+            _field("landed", "data"),
+            Key(
+                "on_ground",
+                ListOf(Text("a value", numbers=True), "values that mean on the ground", 1),
+                "values that mean on the ground",
+            ),
+        ),
+    ),
+)
+_STATUS_KEYS = tuple(
+    Key(name, Text("the name of a topic", TOPIC_NAME), f"topic with the recorded {name}", "", None) for name in STATUSES
+)
+_MAP = Group(
+    "a topic map",
+    (
+        Key("about", Text("one line about the recording", longest=400), "what the recording is"),
+        Key("components", Named("components", COMPONENT_NAME, _COMPONENT), "what is watched", "", {}),
+        Key(
+            "components_as_configured",
+            Flag(),
+            "watch what the configuration watches, as far as it is recorded",
+            "",
+            False,
+        ),
+        Key("readings", _READINGS, "where readings come from", "", {}),
+        Key("statuses", Group("recorded statuses of our own nodes", _STATUS_KEYS), "recorded statuses", "", {}),
+        Key(
+            "landing",
+            _optional(LANDING_DETECTION, "topic", "source", "scale"),
+            "landing detection of this vehicle",
+            "",
+            {},
+        ),
+        Key(
+            "state_estimation",
+            _optional(STATE_ESTIMATION, "topic", "source", "imu_topic"),
+            "state check of this vehicle",
+            "",
+            {},
+        ),
+        Key("script", _SCRIPT, "the scripted world", "", {}),
+    ),
+)
+
+
+def map_names() -> Tuple[str, ...]:
+    """Return the names of the maps that ship with the package."""
+    return tuple(sorted(path.stem for path in MAPS.glob("*.yaml")))
+
+
+def load_map(name: str) -> TopicMap:
+    """Load a map by the name of one that ships with the package, or by its path.
+
+    Raises:
+        ConfigError: There is no such map, or it is not one.
+    """
+    path = MAPS / f"{name}.yaml" if name in map_names() else Path(name)
+    if not path.is_file():
+        right = f"name a file, or one of {', '.join(map_names())}"
+        raise ConfigError(Place(name), "", "is no topic map", right)
+    places: Places = {}
+    values = _MAP.read(read(path), (), places)
+    return TopicMap(
+        name=path.stem,
+        about=values["about"],
+        components=tuple(_component(name, each, places) for name, each in values["components"].items()),
+        readings={name: _made_reading(each) for name, each in values["readings"].items() if each is not None},
+        statuses={name: topic for name, topic in values["statuses"].items() if topic is not None},
+        landing=_spec_fields(LandingSpec, values["landing"]),
+        state_estimation=_spec_fields(StateEstimationSpec, values["state_estimation"]),
+        script=_script(values["script"]),
+        as_configured=values["components_as_configured"],
+    )
+
+
+def _component(name: str, values: Dict[str, Any], places: Places) -> ComponentMap:
+    wait_s = values["wait_limit_s"]
+    return ComponentMap(
+        name=name,
+        topic=make(TopicSpec, values, ("components", name), places),
+        required=values["required"],
+        group=values["group"],
+        severity=values["severity"],
+        wait_limit_ns=None if wait_s is None else _ns(wait_s),
+    )
+
+
+def _made_reading(values: Dict[str, Any]) -> Reading:
+    known = ("topic", "scale", "offset_m", "on_ground", "source")
+    paths = {key: path for key, path in values.items() if key not in known and path is not None}
+    return Reading(
+        topic=values["topic"],
+        fields=paths,
+        scale=values.get("scale", 1.0),
+        offset=values.get("offset_m", 0.0),
+        on_ground=tuple(values.get("on_ground", ())),
+        source=values.get("source", ""),
+    )
+
+
+def _script(values: Dict[str, Any]) -> Script:
+    return Script(
+        select_at_ns=_ns(values["select_at_s"]),
+        sensors_until_ns=_ns(values["sensors_until_s"]),
+        retries=values["retries"],
+        retry_after_ns=_ns(values["retry_after_s"]),
+    )
+
+
+def _spec_fields(cls: Any, values: Dict[str, Any]) -> Dict[str, Any]:
+    """Return the fields of a specification whose keys are given."""
+    names = [entry.name for entry in fields(cls) if values.get(key_name(entry.name)) is not None]
+    return {name: field_value(name, values[key_name(name)]) for name in names}
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)

@@ -1,0 +1,329 @@
+"""The engine's peers in a replay: statuses at their periods, answers to commands, from the recording or the script."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.commands import (
+    AutopilotLand,
+    Command,
+    LoadMission,
+    MissionAction,
+    MissionCommand,
+    Request,
+    RunCheck,
+    StartRecording,
+    StopRecording,
+)
+from amaze_autonomy.engine.events import (
+    AutopilotStatus,
+    ComponentStatus,
+    Event,
+    Landed,
+    LandedStatus,
+    MissionStatus,
+    Outcome,
+    Reply,
+    VehicleLanded,
+    WatchdogInfo,
+)
+from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.state import EngineState, evolve
+
+from .agenda import Agenda, Rank
+from .answers import Answers
+from .evidence import Evidence, Observed
+from .feeds import Feed
+from .follower import Follower
+from .monitors import Monitors
+from .plan import Plan
+from .script import Planner, Recorder, Vehicle
+from .sources import Recordings
+from .statuses import EVENT_OF
+from .timeline import Source
+
+__all__ = ["World"]
+
+_S = 1_000_000_000
+_LATENCY_NS = 1_000_000
+_TURN_NS = _S // 50
+_PERIOD_NS = _S // 5
+_WATCH_NS = _S // 10
+_LANDED = {VehicleLanded.UNKNOWN: Landed.UNKNOWN, VehicleLanded.ON_GROUND: Landed.ON_GROUND}
+
+Tell = Callable[[Event, Source], None]
+Say = Callable[[int, Source, str, int], None]
+
+
+class World:
+    """Watchdog, landing detection, autopilot, planner and recorder of a replay.
+
+    Args:
+        plan: of the replay.
+        monitors: that the samples go to.
+        agenda: for what is due later.
+        tell: gives an event to the engine.
+        say: writes a line of the timeline: time, source, text, level.
+        recordings: open.
+    """
+
+    def __init__(
+        self, plan: Plan, monitors: Monitors, agenda: Agenda, tell: Tell, say: Say, recordings: Recordings
+    ) -> None:
+        self._plan, self._monitors, self._agenda = plan, monitors, agenda
+        self._tell, self._say, self._recordings = tell, say, recordings
+        self.answers = Answers(plan, monitors)
+        self.evidence = Evidence(plan.rules.limits)
+        self.state = EngineState()
+        self.flown = False
+        self._vehicle, self._planner, self._recorder = Vehicle(), Planner(), Recorder()
+        self._statuses: Dict[str, str] = {topic: name for name, topic in plan.topic_map.statuses.items()}
+        self._heard: Dict[str, Event] = {}
+        self._sessions: Dict[str, str] = {}
+        self._components: Dict[str, ComponentStatus] = {}
+        self._landed: Optional[Landed] = None
+        self._followed = Follower()
+        self._script_until_ns = recordings.start_ns + plan.topic_map.script.sensors_until_ns
+        self._first_ns = self._first_times()
+
+    # --- time and sources ---------------------------------------------------------------------------------------------
+
+    def begin(self, t_ns: int) -> None:
+        """Start every peer at a time."""
+        for rank, topic in enumerate(self._recordings.topics):
+            for feed in self._monitors.feeds:
+                if feed.topic == topic and feed.period_ns:
+                    self._play(feed, t_ns, rank)
+        peers = (
+            ("watchdog_action", _TURN_NS, Rank.WATCHDOG, self._watch),
+            ("landing_detection", _PERIOD_NS, Rank.LANDING, self._tell_landed),
+            ("autopilot", _PERIOD_NS, Rank.AUTOPILOT, self._tell_autopilot),
+            ("mission_planner", _PERIOD_NS, Rank.PLANNER, self._tell_planner),
+            ("data_recorder", _S // 2, Rank.RECORDER, self._tell_recorder),
+        )
+        for _, period_ns, rank, task in peers:
+            self._agenda.every(t_ns + _LATENCY_NS, period_ns, rank, task)
+        if self._monitors.state is not None:
+            self._agenda.every(self._recordings.start_ns + _S, _WATCH_NS, Rank.STATE, self._follow_state)
+
+    def source(self, t_ns: int) -> Source:
+        """Return where what is known of the components comes from at a time."""
+        return self._source_of(self._plan.component_topics or self._recordings.topics, t_ns)
+
+    def _source_of(self, topics: Tuple[str, ...], t_ns: int) -> Source:
+        if t_ns >= self._script_until_ns:
+            return Source.BAG
+        begun = [topic for topic in topics if t_ns >= self._first_ns.get(topic, self._script_until_ns)]
+        if len(begun) == len(topics):
+            return Source.BAG
+        return Source.BAG | Source.SCRIPT if begun else Source.SCRIPT
+
+    def _first_times(self) -> Dict[str, int]:
+        first: Dict[str, int] = {}
+        for sample in self._recordings.samples:
+            first.setdefault(self._recordings.topics[sample.rank], sample.t_ns)
+            if len(first) == len(self._recordings.topics):
+                break
+        return first
+
+    def _play(self, feed: Feed, t_ns: int, rank: int) -> None:
+        """Play a topic as nominal until its first message, for as long as the script says."""
+        end_ns = min(self._script_until_ns, self._first_ns.get(feed.topic, self._script_until_ns))
+
+        def again(at_ns: int) -> None:
+            if at_ns < end_ns:
+                feed.play(at_ns)
+                self._agenda.at(at_ns + feed.period_ns, rank, again)
+
+        if t_ns < end_ns:
+            self._agenda.at(t_ns, rank, again)
+
+    # --- what the recording says --------------------------------------------------------------------------------------
+
+    def decodes(self, topic: str) -> bool:
+        """Return True when a topic carries a recorded status."""
+        return topic in self._statuses
+
+    def take(self, topic: str, t_ns: int, message: Any) -> None:
+        """Take a recorded status: it takes the place of the scripted one."""
+        name = self._statuses.get(topic)
+        if name is None or name not in EVENT_OF:
+            return
+        event = self._ours(EVENT_OF[name](message, t_ns))
+        self._heard[name] = event
+        if isinstance(event, WatchdogInfo):
+            self.answers.recorded_info = event
+            self._note_components(event.components, t_ns, Source.BAG)
+        elif isinstance(event, LandedStatus):
+            self.answers.recorded_landed = event
+            self._note_landed(event.landed, event.reason, t_ns, Source.BAG)
+        self._tell(event, Source.BAG)
+        self._observe(t_ns)
+
+    def _ours(self, event: Event) -> Event:
+        """Put the engine's session in the place of the recorded one."""
+        recorded = getattr(event, "session_id", "")
+        if not recorded or not self.state.session_id:
+            return event
+        return evolve(event, session_id=self._sessions.setdefault(recorded, self.state.session_id))
+
+    def _observe(self, t_ns: int) -> None:
+        told = self._monitors.facts(t_ns, flown=True)
+        autopilot, planner = self._heard.get("autopilot"), self._heard.get("mission_planner")
+        seen = Observed(t_ns, told.get("landed"), told.get("height_m"))
+        if isinstance(autopilot, AutopilotStatus):
+            seen = Observed(t_ns, autopilot.landed, autopilot.height_m, autopilot.mode)
+        phase = planner.phase if isinstance(planner, MissionStatus) else None
+        self.evidence.observe(evolve(seen, phase=phase))
+
+    # --- statuses of the peers ----------------------------------------------------------------------------------------
+
+    def _watch(self, t_ns: int) -> None:
+        if self._has("watchdog_action", t_ns):
+            return
+        action, info = self._monitors.streams.poll(t_ns)
+        source = self.source(t_ns)
+        if info is not None and "watchdog_info" not in self._heard:
+            self._note_components(info.components, t_ns, source)
+        if action is not None:
+            self._tell(action, source)
+        if info is not None:
+            self._tell(info, source)
+
+    def _tell_landed(self, t_ns: int) -> None:
+        if self._has("landing_detection", t_ns):
+            return
+        verdict = self._monitors.judge_landing(t_ns)
+        if verdict is None:
+            facts, source = self._vehicle_facts(t_ns)
+            landed = _LANDED.get(facts["landed"], Landed.AIRBORNE)
+            status = LandedStatus(t_ns=t_ns, landed=landed, distance_m=facts["height_m"], reason="scripted")
+        else:
+            source = self._source_of((self._plan.topic_map.readings["range"].topic,), t_ns)
+            status = LandedStatus(
+                t_ns=t_ns, landed=verdict.landed, distance_m=verdict.distance_m, reason=verdict.reason
+            )
+            self._note_landed(verdict.landed, verdict.reason, t_ns, source)
+        self._tell(status, source)
+
+    def _vehicle_facts(self, t_ns: int) -> Tuple[Dict[str, Any], Source]:
+        """Return the whole of what the vehicle says, and where it comes from."""
+        told = {} if t_ns < self._script_until_ns else self._monitors.facts(t_ns, flown=self.flown)
+        source = (Source.BAG if told else Source.NONE) | Source.SCRIPT
+        if {"armed", "landed", "height_m", "battery_fraction"} <= told.keys():
+            source = Source.BAG
+        return self._vehicle.facts(t_ns, told), source
+
+    def _tell_autopilot(self, t_ns: int) -> None:
+        if self._has("autopilot", t_ns):
+            return
+        facts, source = self._vehicle_facts(t_ns)
+        self._planner.follow(facts, self._plan.rules.limits.takeoff_height_m)
+        status = AutopilotStatus(
+            t_ns=t_ns, mode=self._vehicle.mode, position_x_m=0.0, position_y_m=0.0, battery_age_s=0.0, **facts
+        )
+        self._tell(status, source)
+        self._observe(t_ns)
+
+    def _tell_planner(self, t_ns: int) -> None:
+        if not self._has("mission_planner", t_ns):
+            self._tell(self._planner.status(t_ns), Source.SCRIPT)
+
+    def _tell_recorder(self, t_ns: int) -> None:
+        if not self._has("data_recorder", t_ns):
+            self._tell(self._recorder.status(t_ns), Source.SCRIPT)
+
+    def _has(self, name: str, t_ns: int) -> bool:
+        """Return True when the recording tells a status, so that the script is silent; before it begins it may play."""
+        topic = self._plan.topic_map.statuses.get(name)
+        if topic is None:
+            return False
+        begins_ns = min(self._script_until_ns, self._first_ns.get(topic, self._script_until_ns))
+        return t_ns >= begins_ns
+
+    # --- lines of the timeline ----------------------------------------------------------------------------------------
+
+    def _note_components(self, components: Tuple[ComponentStatus, ...], t_ns: int, source: Source) -> None:
+        for status in components:
+            before = self._components.get(status.name)
+            code = before.code if before is not None else None
+            self._components[status.name] = status
+            if code is not status.code or (before is not None and before.reason != status.reason):
+                reason = f"  {status.reason}" if status.reason else ""
+                move = f"code {status.code}" if code is None or code is status.code else f"code {code} -> {status.code}"
+                level = 0 if status.code is Code.NOMINAL else 1 if status.code is Code.NON_CRITICAL else 2
+                self._say(t_ns, source, f"watchdog: {status.name} {move}{reason}", level)
+
+    def _note_landed(self, landed: Landed, reason: str, t_ns: int, source: Source) -> None:
+        if landed is not self._landed:
+            self._landed = landed
+            self._say(
+                t_ns, source, f"landing detection: {landed.name}  {reason}", 0 if landed is not Landed.UNKNOWN else 1
+            )
+
+    def _follow_state(self, t_ns: int) -> None:
+        """Note when rows of the check of the states begin or cease to pass, whether or not the engine asks."""
+        verdict = self._monitors.check_state(t_ns)
+        if verdict is not None:
+            in_flight = self.state.in_flight
+            for note in self._followed.take(verdict.checks, in_flight=in_flight):
+                self._say(t_ns, self.source(t_ns), note.text, note.level)
+
+    # --- commands -----------------------------------------------------------------------------------------------------
+
+    def carry_out(self, t_ns: int, command: Command) -> None:
+        """Carry out a command of the engine, as far as a replay can, and answer it."""
+        if isinstance(command, RunCheck):
+            self._check(t_ns, command)
+        elif isinstance(command, MissionCommand):
+            self._move(t_ns, command.action)
+            self._planner.command(command.action)
+        elif isinstance(command, AutopilotLand):
+            self._move(t_ns, MissionAction.LAND)
+        elif isinstance(command, LoadMission):
+            self._planner.load(command)
+        elif isinstance(command, StartRecording):
+            self._recorder.start(t_ns, command)
+        elif isinstance(command, StopRecording):
+            self._recorder.stop(t_ns, command)
+        if isinstance(command, Request) and not isinstance(command, RunCheck):
+            reply_to = command.id
+            self._agenda.at(t_ns + _LATENCY_NS, Rank.REPLY, lambda at_ns: self._accept(at_ns, reply_to))
+
+    def _accept(self, t_ns: int, command_id: int) -> None:
+        self._tell(Reply(t_ns=t_ns, command_id=command_id, outcome=Outcome.ACCEPTED), Source.SCRIPT)
+
+    def _move(self, t_ns: int, action: MissionAction) -> None:
+        self._vehicle.command(t_ns, action)
+        self.evidence.command(t_ns, action)
+
+    def _check(self, t_ns: int, command: RunCheck) -> None:
+        until_ns = t_ns
+        if command.check is CheckName.WATCHDOG:
+            mission, watchdog = self._plan.mission, self._monitors.watchdog
+            until_ns = t_ns if watchdog.started else t_ns + command.startup_time_ns
+            startup_ns = command.startup_time_ns or _S
+            watchdog.start(t_ns, mission.severities, command.required, mission.tolerated, startup_ns)
+        self._agenda.at(t_ns + _LATENCY_NS, Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns))
+
+    def _answer(self, t_ns: int, command: RunCheck, until_ns: int) -> None:
+        """Answer a check; the first one of the watchdog waits for components to come up."""
+        waits = command.check is CheckName.WATCHDOG and not self._has("watchdog_action", t_ns)
+        if waits and t_ns < until_ns and self.answers.watchdog_waits(t_ns):
+            self._agenda.at(
+                min(t_ns + _WATCH_NS, until_ns), Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns)
+            )
+            return
+        reply, source = self.answers.answer(t_ns, command, self._check_source(command.check, t_ns))
+        self._tell(reply, source)
+
+    def _check_source(self, check: CheckName, t_ns: int) -> Source:
+        readings = self._plan.topic_map.readings
+        names = {
+            CheckName.BATTERY: ("battery",),
+            CheckName.ON_GROUND: ("range",),
+            CheckName.STATE_ESTIMATION: ("imu", "estimate"),
+        }.get(check, ())
+        topics: List[str] = [readings[name].topic for name in names if name in readings]
+        return self._source_of(tuple(topics), t_ns) if topics else self.source(t_ns)
