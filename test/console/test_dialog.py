@@ -206,7 +206,7 @@ def test_a_mission_by_parameter_is_selected_without_a_question():
 
 def test_a_mission_by_parameter_that_does_not_exist_gives_the_error_and_asks():
     desk, requests = tick(replace(INPUT, wanted=("9",)), NOW_S)
-    assert (desk, requests) == (replace(INPUT, error='There is no mission "9". There are: 1, 2, wall.'), ())
+    assert (desk.error, desk.wanted, requests) == ('There is no mission "9". There are: 1, 2, wall.', (), ())
 
 
 def test_a_mission_by_parameter_is_dropped_when_the_engine_is_busy():
@@ -232,6 +232,13 @@ def test_an_answer_to_nothing_is_dropped():
 def test_a_list_that_does_not_come_is_no_news_for_the_operator():
     desk = replace(INPUT, requests=(Request(RequestKind.LIST, 4),))
     assert answered(desk, 4, Verdict.NO_ANSWER, "no such service", NOW_S) == INPUT
+
+
+def test_an_error_is_shown_for_fifteen_seconds_but_stays_while_a_mission_is_asked_for():
+    for scene, stays in ((HOLD, ""), (INPUT, "wrong")):
+        desk = tick(replace(scene, error="wrong"), NOW_S)[0]
+        assert tick(desk, NOW_S + 14.0)[0].error == "wrong"
+        assert tick(desk, NOW_S + 16.0)[0].error == stays
 
 
 def test_a_request_without_an_answer_is_forgotten_after_a_minute():

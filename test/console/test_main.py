@@ -70,7 +70,10 @@ def test_ctrl_c_ends_the_console_and_nothing_else(tmp_path):
         console.type("\x03")
         assert console.end() == 130
         assert left_in_order(console)
-        assert "Interrupted. Console closed. The engine goes on without it: HOLD, IN FLIGHT." in console.seen
+        assert (
+            "Interrupted. Console closed; that ends nothing else. The engine's last state: HOLD, IN FLIGHT."
+            in console.seen
+        )
         assert console.asked() == []
 
 
@@ -209,7 +212,9 @@ def test_without_input_it_tells_and_never_blocks(tmp_path):
         "ADVICE    Watch the vehicle; be ready to take over.",
     ]
     assert (status, log.read_text()) == (130, "")
-    assert out.endswith("END       Interrupted. Console closed. The engine goes on without it: LAND, IN FLIGHT.\n")
+    assert out.endswith(
+        "END       Interrupted. Console closed; that ends nothing else. The engine's last state: LAND, IN FLIGHT.\n"
+    )
 
 
 def test_lines_of_a_pipe_wait_until_they_mean_something(tmp_path):

@@ -79,6 +79,15 @@ def test_checks_are_told_when_their_verdict_changes():
     ]
 
 
+def test_rows_of_the_same_name_are_told_apart():
+    preflight = SCENES["preflight"]
+    twins = (CHECKS[0], replace(CHECKS[4], name=CHECKS[0].name))
+    before = replace(preflight, snapshot=replace(preflight.snapshot, checks=twins))
+    assert lines(before, replace(before, snapshot=replace(before.snapshot, checks=(*twins[:1], twins[1])))) == []
+    both = replace(before, snapshot=replace(before.snapshot, checks=(twins[0], twins[0])))
+    assert lines(before, both) == ["CHECK     PASS    gps 5 Hz, limit 5 Hz, age 0.20 s"]
+
+
 def test_progress_in_steps_of_ten_percent():
     desk = SCENES["data-cleanup"]
     told = []

@@ -79,12 +79,15 @@ def test_the_command_line_goes_before_the_parameter():
     assert console.session.desk.wanted == ("1",)
 
 
-def test_closing_sends_nothing_to_the_engine_and_says_that_it_goes_on(console):
+def test_closing_sends_nothing_to_the_engine_and_says_so(console):
     console.shows("hold")
     console.session.press("q")
     console.session.press("y")
     assert (console.session.status, console.link.sent) == (0, [])
-    assert console.session.farewell() == "Console closed. The engine goes on without it: HOLD, IN FLIGHT."
+    assert (
+        console.session.farewell()
+        == "Console closed; that ends nothing else. The engine's last state: HOLD, IN FLIGHT."
+    )
 
 
 def test_an_interrupt_keeps_its_status_whatever_comes_after(console):
@@ -92,7 +95,10 @@ def test_an_interrupt_keeps_its_status_whatever_comes_after(console):
     console.session.end(130, "Interrupted.")
     console.happens(LinkClosed("ROS shut this console down."))
     assert console.session.status == 130
-    assert console.session.farewell() == "Interrupted. Console closed. The engine goes on without it: READY."
+    assert (
+        console.session.farewell()
+        == "Interrupted. Console closed; that ends nothing else. The engine's last state: READY."
+    )
 
 
 def test_the_link_says_what_it_waits_for_until_the_engine_speaks(console):

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""An autonomy node that only pretends, for the tests of the console: it shows what it is told and writes down the calls.
+"""An autonomy node that only pretends, for the tests of the console: shows what it is told and writes down the calls.
 
 As a program it shows MISSION_INPUT until it is stopped.
 """

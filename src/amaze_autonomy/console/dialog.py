@@ -83,6 +83,7 @@ def tick(desk: Desk, now_s: float) -> Turn:
         desk = replace(desk, answer=None)
     if desk.question is not None and now_s - desk.question.asked_s > _QUESTION_OPEN_S:
         desk = replace(desk, question=None, error=f"Not sent: {desk.question.request.words} was not confirmed in time.")
+    desk = _fade_error(desk, now_s)
     requests = tuple(each for each in desk.requests if now_s - each.sent_s <= _REQUEST_FORGOTTEN_S)
     desk = replace(desk, requests=requests)
     if desk.snapshot is None or not desk.snapshot.takes_mission:
@@ -90,6 +91,14 @@ def tick(desk: Desk, now_s: float) -> Turn:
     if desk.listed_s is None or (desk.missions is None and now_s - desk.listed_s > _LIST_AGAIN_S):
         return _send(replace(desk, listed_s=now_s), Request(kind=RequestKind.LIST), now_s)
     return _select_wanted(desk, now_s)
+
+
+def _fade_error(desk: Desk, now_s: float) -> Desk:
+    """Forget what was wrong with an input after a while, unless a better one is waited for."""
+    if desk.error != desk.error_since[0]:
+        return replace(desk, error_since=(desk.error, now_s))
+    waiting = desk.snapshot is not None and desk.snapshot.takes_mission
+    return desk if waiting or now_s - desk.error_since[1] <= _ANSWER_SHOWN_S else replace(desk, error="")
 
 
 def _forget_missions(desk: Desk) -> Desk:

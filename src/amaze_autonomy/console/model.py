@@ -181,6 +181,7 @@ class Desk:
         wanted: missions given by parameter, until they are selected.
         entry: what is being typed.
         error: what was wrong with the last input.
+        error_since: that error, and when it was first seen.
         question: that waits for a yes.
         requests: sent and not answered.
         answer: the last one.
@@ -199,6 +200,7 @@ class Desk:
     wanted: Tuple[str, ...] = ()
     entry: str = ""
     error: str = ""
+    error_since: Tuple[str, float] = ("", 0.0)
     question: Optional[Question] = None
     requests: Tuple[Request, ...] = ()
     answer: Optional[Answer] = None

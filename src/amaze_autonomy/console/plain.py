@@ -89,9 +89,12 @@ def _failures(old: Tuple[PendingFailure, ...], new: Tuple[PendingFailure, ...]) 
 
 
 def _checks(old: Tuple[Check, ...], new: Tuple[Check, ...]) -> Iterator[str]:
-    known = {each.name: each.verdict for each in old}
+    known: Dict[str, List[CheckVerdict]] = {}
+    for each in old:
+        known.setdefault(each.name, []).append(each.verdict)
     for check in new:
-        if known.get(check.name) != check.verdict:
+        last = known.get(check.name)
+        if (last.pop(0) if last else None) != check.verdict:
             yield _check_line(check)
 
 

@@ -74,13 +74,13 @@ class Session:
             self.status, self.last_words = status, words
 
     def farewell(self) -> str:
-        """Return what is said at the end: how it ended, and that the engine goes on."""
+        """Return what is said at the end: how it ended, and that nothing else has ended by it."""
         snapshot = self.desk.snapshot
         if snapshot is None:
             return self.last_words or "Console closed."
         flying = ", IN FLIGHT" if snapshot.in_flight else ""
-        goes_on = f"Console closed. The engine goes on without it: {snapshot.state}{flying}."
-        return f"{self.last_words} {goes_on}".strip()
+        nothing_else = f"Console closed; that ends nothing else. The engine's last state: {snapshot.state}{flying}."
+        return f"{self.last_words} {nothing_else}".strip()
 
     def _take(self, turn: dialog.Turn) -> None:
         self.desk, requests = turn

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import ceil, floor
-from typing import Optional, Tuple
+from typing import Tuple
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
@@ -42,8 +42,10 @@ def missions_table(missions: Tuple[MissionRow, ...], style: Style) -> Table:
     table.columns[1].ratio = 1
     for row in missions:
         about = style.text(row.description or "no description")
-        if row.files > 1 or row.repetitions > 1:
-            about.append(f" ({row.files} files, {row.repetitions} times)")
+        files = [f"{row.files} files"] if row.files > 1 else []
+        times = [f"flown {row.repetitions} times"] if row.repetitions > 1 else []
+        if files or times:
+            about.append(f" ({', '.join([*files, *times])})")
         if row.error:
             about = Text.assemble(style.label("CANNOT BE FLOWN", Tone.BAD), " ", style.text(row.error))
         numbers = (style.text(duration(row.duration_s)), style.text(fraction(row.battery_needed)))
@@ -51,13 +53,13 @@ def missions_table(missions: Tuple[MissionRow, ...], style: Style) -> Table:
     return table
 
 
-def checks_table(checks: Tuple[Check, ...], width: int, rows: Optional[int], style: Style) -> RenderableType:
+def checks_table(checks: Tuple[Check, ...], width: int, rows: int, style: Style) -> RenderableType:
     """Return the pre-flight table. With too little room the last of the passed rows are left out, never another.
 
     Args:
         checks: the rows.
         width: of the screen, in cells; below 80 the advice stands under its row, and the age is left out.
-        rows: how many lines there are for them, heading included; None: as many as it takes.
+        rows: how many lines there are for them, heading included.
         style: how it looks.
     """
     wide = width >= _NARROW
@@ -88,9 +90,9 @@ def _judgement(check: Check, style: Style) -> Tuple[RenderableType, ...]:
     return verdict, style.text(quantity(check.value, check.unit)), style.text(quantity(check.limit, check.unit))
 
 
-def _fitting(checks: Tuple[Check, ...], rows: Optional[int], width: int) -> Tuple[Check, ...]:
+def _fitting(checks: Tuple[Check, ...], rows: int, width: int) -> Tuple[Check, ...]:
     """Leave out passed rows, the last ones first, until the others fit."""
-    if rows is None or sum(_lines(each, width) for each in checks) <= rows - 2:
+    if sum(_lines(each, width) for each in checks) <= rows - 2:
         return checks
     shown = list(checks)
     for check in reversed(checks):

@@ -7,7 +7,7 @@ fit is cut from the middle, never from the band or the keys.
 
 from __future__ import annotations
 
-from typing import List, Optional, Tuple
+from typing import Iterator, List, Optional
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.padding import Padding
@@ -23,6 +23,8 @@ from .tables import checks_table, failures_table, missions_table
 
 __all__ = ["Screen"]
 
+_ALL = 10_000
+_LEAST_LOG = 3
 _CHECK_STATES = ("PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION")
 
 
@@ -44,47 +46,54 @@ class Screen:
         width = options.max_width
         top = self._lines(console, options, band(self._desk, self._now_s, width, self._style))
         bottom = self._lines(console, options, footer(self._desk, self._now_s, width, self._style))
-        room = None if self._height is None else max(0, self._height - len(top) - len(bottom))
+        room = _ALL if self._height is None else max(0, self._height - len(top) - len(bottom))
         middle: List[List[Segment]] = []
-        for part in self._body(width, room):
-            middle += self._lines(console, options, part)
-        if room is not None:
+        for part in (self._news, self._checks, self._missions, self._log):
+            for piece in part(width, room - len(middle)):
+                middle += self._lines(console, options, piece)
+        if self._height is not None:
             middle = middle[:room] + [[Segment(" " * width)]] * (room - len(middle))
         return [Segments([*line, Segment.line()]) for line in [*top, *middle, *bottom]]
 
     def _lines(self, console: Console, options: ConsoleOptions, part: RenderableType) -> List[List[Segment]]:
         return console.render_lines(part, options.update(height=None), pad=True)
 
-    def _body(self, width: int, room: Optional[int]) -> Tuple[RenderableType, ...]:
+    def _news(self, width: int, _room: int) -> Iterator[RenderableType]:
+        """Return the message, what is wrong, and how far things are."""
         snapshot = self._desk.snapshot
         if snapshot is None:
-            return ()
-        passed_s = self._desk.age_s(self._now_s)
-        parts: List[RenderableType] = ["", _message(snapshot, self._style)]
+            return
+        yield ""
+        yield _message(snapshot, self._style)
         if snapshot.failures:
-            parts += ["", failures_table(snapshot.failures, passed_s, self._style)]
-        parts += progress(snapshot, width, self._style)
-        if snapshot.checks and snapshot.state in _CHECK_STATES:
-            rows = None if room is None else room - 7
-            parts += ["", checks_table(snapshot.checks, width, rows, self._style)]
-        if snapshot.takes_mission:
-            parts += ["", self._missions()]
-        return (*parts, *self._log(snapshot))
+            yield ""
+            yield failures_table(snapshot.failures, self._desk.age_s(self._now_s), self._style)
+        yield from progress(snapshot, width, self._style)
 
-    def _missions(self) -> RenderableType:
+    def _checks(self, width: int, room: int) -> Iterator[RenderableType]:
+        snapshot = self._desk.snapshot
+        if snapshot is not None and snapshot.checks and snapshot.state in _CHECK_STATES:
+            yield ""
+            yield checks_table(snapshot.checks, width, room - 1, self._style)
+
+    def _missions(self, _width: int, _room: int) -> Iterator[RenderableType]:
+        if self._desk.snapshot is None or not self._desk.snapshot.takes_mission:
+            return
+        yield ""
         if self._desk.missions is None:
-            return self._style.text("Asking the engine for its missions ...")
-        if not self._desk.missions:
-            return self._style.text("The engine has no mission: look at its missions.yaml.", Tone.BAD)
-        return missions_table(self._desk.missions, self._style)
+            yield self._style.text("Asking the engine for its missions ...")
+        elif not self._desk.missions:
+            yield self._style.text("The engine has no mission: look at its missions.yaml.", Tone.BAD)
+        else:
+            yield missions_table(self._desk.missions, self._style)
 
-    def _log(self, snapshot: Snapshot) -> Tuple[RenderableType, ...]:
-        """Return the messages before the one that is shown large, the newest first."""
+    def _log(self, _width: int, room: int) -> Iterator[RenderableType]:
+        """Return the messages before the one that is shown large, the newest first; a heading alone is nothing."""
         notes = self._desk.notes
-        if notes and notes[-1].text == snapshot.message:
+        if notes and self._desk.snapshot is not None and notes[-1].text == self._desk.snapshot.message:
             notes = notes[:-1]
-        if not notes:
-            return ()
+        if not notes or room < _LEAST_LOG:
+            return
         table = Table.grid(padding=(0, 2, 0, 0), expand=True)
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
@@ -93,7 +102,9 @@ class Screen:
             words = ("info", "WARNING", "ERROR")[min(2, max(0, note.level))]
             tone = tone_of_level(note.level) if note.level > 0 else Tone.PLAIN
             table.add_row(self._style.text(note.clock), self._style.label(words, tone), self._style.text(note.text))
-        return ("", self._style.text("earlier messages", Tone.STRONG), table)
+        yield ""
+        yield self._style.text("earlier messages", Tone.STRONG)
+        yield table
 
 
 def _message(snapshot: Snapshot, style: Style) -> RenderableType:

@@ -8,6 +8,7 @@ from typing import Optional
 __all__ = ["age", "clock", "duration", "fraction", "quantity", "seconds"]
 
 _UNKNOWN = "-"
+_THREE_DIGITS = 100.0
 
 
 def fraction(value: Optional[float]) -> str:
@@ -16,14 +17,15 @@ def fraction(value: Optional[float]) -> str:
 
 
 def quantity(value: Optional[float], unit: str) -> str:
-    """Return a value with its unit: fractions in percent, radians in degrees, others with four digits."""
+    """Return a value with its unit: fractions in percent, radians in degrees, others with three digits or more."""
     if value is None:
         return _UNKNOWN
     if unit == "fraction":
         return fraction(value)
     if unit == "rad":
         return f"{value * 180.0 / pi:.1f} deg"
-    return f"{value:.4g} {unit}".strip()
+    digits = f"{value:.0f}" if abs(value) >= _THREE_DIGITS else f"{value:.3g}"
+    return f"{digits} {unit}".strip()
 
 
 def age(value_s: Optional[float]) -> str:
