@@ -22,6 +22,7 @@ from .events import (
     RecordingPhase,
     RecordingStatus,
     Reply,
+    Shutdown,
     WatchdogAction,
     WatchdogInfo,
 )
@@ -68,7 +69,7 @@ def _credible(turn: Turn, age_ns: int) -> bool:
 
 def _engine_started(turn: Turn, event: EngineStarted) -> None:
     state = turn.state
-    turn.set(label=event.label, started_ns=turn.now, armed_at_start=None)
+    turn.set(label=event.label, started_ns=turn.now, armed_at_start=None, shutting_down=False)
     if not event.resumed:
         return
     seen = {
@@ -87,6 +88,10 @@ def _engine_started(turn: Turn, event: EngineStarted) -> None:
     turn.set(**seen)
     if state.in_flight or state.state is not State.MISSION_INPUT:
         turn.notify("resumed", state=state.state.value)
+
+
+def _shutdown(turn: Turn, _: Shutdown) -> None:
+    turn.set(shutting_down=True)
 
 
 def _watchdog_action(turn: Turn, event: WatchdogAction) -> None:
@@ -243,7 +248,9 @@ def _flight(turn: Turn) -> None:
         turn.set(disarm_sent_ns=None)
     if state.in_flight and turn.armed():
         turn.set(was_armed=True)
-    if state.in_flight and turn.airborne():
+    if state.state is State.LAND and turn.armed() and turn.airborne():
+        turn.set(in_flight=True)  # it had said that it was down, and flies: then its flight is not over
+    if turn.state.in_flight and turn.airborne():
         turn.set(was_airborne=True, was_armed=True, flown=True)
 
 
@@ -260,6 +267,7 @@ _ABSORB: Dict[Type[Event], Callable[..., None]] = {
     MissionStatus: _mission_status,
     RecordingStatus: _recording_status,
     Reply: _reply,
+    Shutdown: _shutdown,
     WatchdogAction: _watchdog_action,
     WatchdogInfo: _watchdog_info,
 }

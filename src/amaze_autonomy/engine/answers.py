@@ -107,7 +107,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.PILOT: _PILOT,
     },
     UserCommand.LAND: {
-        State.TAKEOFF: (Case(_DONE, "Landing."),),
+        State.TAKEOFF: (Case(_DONE, "Landing.", "in flight"), Case(_SO, "It has landed.")),
         State.MISSION: (
             Case(_DONE, "On the ground: no further takeoff.", "between files"),
             Case(_DONE, "Landing.", "in flight"),
@@ -119,7 +119,11 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
     },
     UserCommand.ABORT: {
         **dict.fromkeys(_BEFORE, _END),
-        State.TAKEOFF: (Case(_SO, "The takeoff is being cancelled.", "being cancelled"), Case(_DONE, "Aborting.")),
+        State.TAKEOFF: (
+            Case(_SO, "The takeoff is being cancelled.", "being cancelled"),
+            Case(_DONE, "Aborting.", "in flight"),
+            Case(_SO, "It has landed."),
+        ),
         State.MISSION: (
             Case(_DONE, "On the ground: no further takeoff.", "between files"),
             Case(_DONE, "Landing.", "in flight"),

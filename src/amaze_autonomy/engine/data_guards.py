@@ -17,6 +17,7 @@ __all__ = [
     "nothing_recorded",
     "recording_proven",
     "recording_refused",
+    "records",
     "something_recorded",
 ]
 
@@ -24,14 +25,18 @@ _NS = 1e9
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
 
 
+def records(turn: Turn) -> bool:
+    """Return True when the recorder says, freshly, that files grow on every platform."""
+    recorder, heard_ns = turn.state.recorder, turn.state.recorder_ns
+    if recorder is None or heard_ns is None or turn.now - heard_ns > turn.limits.recorder_status_limit_ns:
+        return False
+    return proves_recording(recorder)
+
+
 def recording_proven(turn: Turn) -> Optional[Values]:
     """Files grow on every platform, and the lead time has passed."""
     recorder = turn.state.recorder
-    if (
-        recorder is None
-        or not proves_recording(recorder)
-        or not passed("recording_lead", turn.state, turn.rules, turn.now)
-    ):
+    if recorder is None or not records(turn) or not passed("recording_lead", turn.state, turn.rules, turn.now):
         return None
     return (Value("platforms that record", len(recorder.platforms)),)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Callable, Mapping, Tuple
 
-from .absorb import proves_recording
 from .checks import CheckName
 from .commands import (
     AutopilotDisarm,
@@ -16,7 +15,9 @@ from .commands import (
     StartRecording,
     StopRecording,
 )
+from .data_guards import records
 from .events import Landed, RecordingPhase
+from .failures import flown_without
 from .state import CheckRecord, OutreachKind, Result, State, Step, evolve
 from .timers import check_limit_ns, passed
 from .turn import Turn
@@ -123,8 +124,7 @@ def ready(turn: Turn) -> None:
 
 def start_recording(turn: Turn) -> None:
     """Ask the recorder to start, unless it proves that it records this session already."""
-    recorder = turn.state.recorder
-    if turn.state.recording_asked and recorder is not None and proves_recording(recorder):
+    if turn.state.recording_asked and records(turn):
         turn.set(recording_outcome=None)
         return
     identity = turn.take_id()
@@ -206,7 +206,7 @@ def take_off(turn: Turn) -> None:
         was_airborne=False,
         grounded_ns=None,
         spent=(),
-        flown_without=(),
+        flown_without=flown_without(turn),
         user_hold_ns=None,
         commanded=(),
         confirmed=None,
@@ -318,7 +318,14 @@ def end_mission(turn: Turn) -> None:
         turn.set(result=Result.LANDED_EARLY)  # given up before a further file, after the first ones were flown
     state = turn.state
     turn.set(recording_over=True, in_flight=False)
-    if state.queue and state.result is not Result.COMPLETE:
+    if state.result is not Result.COMPLETE:
+        drop_queue(turn)
+
+
+def drop_queue(turn: Turn) -> None:
+    """Drop the missions that were still to come, and say so."""
+    state = turn.state
+    if state.queue:
         turn.notify("queue_dropped", missions=", ".join(mission.id for mission in state.queue))
         turn.set(queue=())
 

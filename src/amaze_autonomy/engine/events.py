@@ -45,6 +45,10 @@ __all__ = [
 ]
 
 
+_CLOCKS_DIFFER_BY_S = 0.2
+_LONGEST_AGE_S = 1e9
+
+
 class InvalidEventError(ValueError):
     """An event was made of values that cannot be.
 
@@ -159,6 +163,13 @@ class Event:
     def _unknown_is_none(self, *fields: str) -> None:
         for field in fields:
             object.__setattr__(self, field, finite(getattr(self, field)))
+
+    def _age_or_none(self, *fields: str) -> None:
+        """Keep an age in seconds; one from the future (beyond what clocks differ by), or of decades, is unknown."""
+        for field in fields:
+            value = finite(getattr(self, field))
+            known = value is not None and -_CLOCKS_DIFFER_BY_S <= value <= _LONGEST_AGE_S
+            object.__setattr__(self, field, max(0.0, value) if value is not None and known else None)
 
     def _fraction_or_none(self, *fields: str) -> None:
         """Keep a fraction in 0..1; anything else is unknown (batteries say -1 or -0.53 when they do not know)."""
@@ -357,14 +368,13 @@ class AutopilotStatus(Event):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._unknown_is_none(
-            "link_age_s",
             "height_m",
             "position_x_m",
             "position_y_m",
             "vertical_speed_m_s",
             "battery_voltage_v",
-            "battery_age_s",
         )
+        self._age_or_none("link_age_s", "battery_age_s")
         self._fraction_or_none("battery_fraction")
 
 

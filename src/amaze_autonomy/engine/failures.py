@@ -16,7 +16,7 @@ from .severity import SEVERITIES, Code, Restart, Severity, Verb, row_of_code, ve
 from .state import EngineState, Failure, FailureKind, State, Step, evolve
 from .turn import Turn
 
-__all__ = ["Change", "limit_of", "severity_of", "update", "values_of", "waiting", "worst"]
+__all__ = ["Change", "flown_without", "limit_of", "severity_of", "update", "values_of", "waiting", "worst"]
 
 USER_HOLD = "user_hold"
 _NS = 1e9
@@ -65,6 +65,17 @@ def update(turn: Turn) -> Tuple[Change, ...]:
         failures=tuple(new), spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without))
     )
     return _changes(old, turn.state, without) if turn.state.in_flight else ()
+
+
+def flown_without(turn: Turn) -> Tuple[str, ...]:
+    """Return what a takeoff now flies without: it failed, is not required, and would not be landed for."""
+    names = []
+    for status in turn.state.components:
+        severity = severity_of(status.name, status.code, turn.state, turn.rules)
+        waits = verb_of(severity, status.code) is Verb.WAIT
+        if waits and SEVERITIES[severity].then is Verb.CONTINUE:
+            names.append(status.name)
+    return tuple(sorted(names))
 
 
 def _can_wait(state: EngineState) -> bool:
@@ -145,7 +156,8 @@ def _lost(turn: Turn, old: Dict[str, Failure]) -> List[Failure]:
         before = old.get(loss.name)
         reason = f"{loss.words} ({_words(values)})"
         since = before.since_ns if before is not None else turn.now
-        found.append(Failure(loss.name, FailureKind.LOSS, 0, loss.verb, since_ns=since, reason=reason))
+        verb = Verb.PILOT if loss.verb is Verb.LAND and turn.state.state is State.PILOT else loss.verb
+        found.append(Failure(loss.name, FailureKind.LOSS, 0, verb, since_ns=since, reason=reason))
     return found
 
 

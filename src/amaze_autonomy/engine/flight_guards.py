@@ -135,8 +135,8 @@ def must_wait(turn: Turn) -> Optional[Values]:
 
 
 def nothing_waited_for(turn: Turn) -> Optional[Values]:
-    """All that was waited for is back, dropped, or resumed."""
-    return () if must_wait(turn) is None else None
+    """All that was waited for is back, dropped, or resumed; on the ground there is nothing to go on with."""
+    return holds_if(turn.state.in_flight and must_wait(turn) is None)
 
 
 def interrupted(state: State) -> Guard:
@@ -158,7 +158,8 @@ def planner_in(*phases: MissionPhase) -> Guard:
 def touched_down(turn: Turn) -> Optional[Values]:
     """Disarmed and ON_GROUND after a flight, and the landing detection does not contradict, or not for longer."""
     state = turn.state
-    if not state.was_armed or (state.in_flight and not turn.down()):
+    contradicted = turn.vehicle() is not None and not turn.down()
+    if not state.was_armed or contradicted or (state.in_flight and not turn.down()):
         return None
     detection = turn.detection()
     if detection is Landed.AIRBORNE and not passed("confirm_limit", state, turn.rules, turn.now):

@@ -97,7 +97,8 @@ def mission_selected(turn: Turn) -> Optional[Values]:
 def next_in_queue(turn: Turn) -> Optional[Values]:
     """A further mission was selected, and the last one is complete."""
     return holds_if(
-        turn.state.queue and turn.state.result is Result.COMPLETE, Value("missions to come", len(turn.state.queue))
+        turn.state.queue and turn.state.result is Result.COMPLETE and not turn.state.shutting_down,
+        Value("missions to come", len(turn.state.queue)),
     )
 
 

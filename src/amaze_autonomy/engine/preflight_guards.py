@@ -7,6 +7,7 @@ from typing import Optional
 from .checks import CheckName
 from .commands import Value
 from .events import MissionPhase, Outcome
+from .fitness import unfit
 from .guards import Values, both, holds_if, timer
 from .severity import Code
 from .timers import passed
@@ -145,6 +146,7 @@ def next_takeoff_failed(turn: Turn) -> Optional[Values]:
         check_failed,
         taken_back,
         planner_refused,
+        both(planner_confirmed, timer("load_limit"), unfit),
         timer("load_limit"),
         both(all_answered_values, timer("check_max_age")),
     ):

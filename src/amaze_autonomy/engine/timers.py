@@ -189,7 +189,7 @@ TIMERS: Tuple[Timer, ...] = (
     ),
     Timer("descent_time", (State.LAND,), lambda s, r: _after(s.descending_ns, r.limits.descent_time_ns)),
     Timer("land_limit", (State.LAND,), lambda s, r: _after(s.land_ns, r.limits.land_limit_ns), ends_state=True),
-    Timer("ground_disarm_after", (State.LAND,), _disarm),
+    Timer("ground_disarm_after", (State.LAND, (State.MISSION, Step.FLYING)), _disarm),
     Timer("never_armed", (State.LAND,), lambda s, r: None if s.was_armed else _after(s.land_ns, r.limits.arm_limit_ns)),
     Timer(
         "recorder_silent",

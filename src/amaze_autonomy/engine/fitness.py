@@ -1,0 +1,51 @@
+"""Is anything known on the ground that would end a flight as soon as it began? Then there is no takeoff."""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from .commands import Value
+from .data_guards import records
+from .failures import severity_of
+from .guards import Values
+from .losses import PREDICATES
+from .rules import LOSSES
+from .severity import SEVERITIES, Verb, verb_of
+from .state import evolve
+from .turn import Turn
+
+__all__ = ["unfit"]
+
+
+def unfit(turn: Turn) -> Optional[Values]:
+    """Something is known that would end the flight as soon as it began, or forbids to begin it."""
+    if turn.state.shutting_down:
+        return (Value("reason", "the process was told to end"),)
+    if not turn.down():
+        return (Value("reason", "the vehicle does not say, freshly, that it is disarmed and on the ground"),)
+    if not records(turn):
+        return (Value("reason", "the recorder is silent or does not record"),)
+    if turn.state.battery_ns is None:
+        return (Value("reason", "the battery level was never known"),)
+    return _component(turn) or _loss(turn)
+
+
+def _component(turn: Turn) -> Optional[Values]:
+    """Return the first component, required or not, that would be landed for, at once or after a wait."""
+    for status in turn.state.components:
+        severity = severity_of(status.name, status.code, turn.state, turn.rules)
+        verb = verb_of(severity, status.code)
+        if verb is Verb.LAND or (verb is Verb.WAIT and SEVERITIES[severity].then is not Verb.CONTINUE):
+            return (Value("reason", f"{status.name} {status.reason}".strip()), Value("code", int(status.code)))
+    return None
+
+
+def _loss(turn: Turn) -> Optional[Values]:
+    """Return the first loss that would be landed for, as if the flight had just begun."""
+    flight = Turn(evolve(turn.state, in_flight=True, flight_started_ns=turn.now), turn.event, turn.rules)
+    flight.now = turn.now
+    for loss in LOSSES:
+        values = PREDICATES[loss.name](flight) if loss.verb is Verb.LAND else None
+        if values is not None:
+            return (Value("reason", loss.words), *values)
+    return None
