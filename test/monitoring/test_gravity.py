@@ -48,7 +48,7 @@ def pitched(angle_deg: float) -> Vector:
         ((0.2, 0.2, 1.0), "16 deg backward and to the right"),
         ((0.0, 0.0, 1.0), "0 deg"),
         ((0.0, 0.0, -1.0), "180 deg, upside down"),
-        (rolled(90), "90 deg to the right"),
+        (rolled(91), "91 deg to the right"),
         ((nan, 0.0, 1.0), "by an unknown angle"),
     ],
 )

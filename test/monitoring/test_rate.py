@@ -67,6 +67,20 @@ def test_a_topic_that_never_came_is_starting_and_then_failed():
     assert monitor.evaluate(11 * S) == Condition(Level.FAILED, "no message on /t since the start")
 
 
+def test_a_topic_that_comes_too_late_stays_failed_until_its_rate_is_known():
+    monitor = RateMonitor(TopicSpec("/t", 30.0))
+    monitor.start(0, 5 * S)
+    changes = follow(monitor, regular(30.0, 8.0, 10.0), 10 * S)
+    assert levels(changes) == [Level.STARTING, Level.FAILED, Level.GOOD]
+
+
+def test_before_the_watching_has_begun_nothing_has_failed():
+    monitor = RateMonitor(TopicSpec("/t", 30.0))
+    assert monitor.evaluate(100 * S) == Condition(Level.STARTING, "no message on /t yet")
+    monitor.add(100 * S)
+    assert monitor.evaluate(100 * S)[:2] == (Level.STARTING, UNKNOWN_RATE)
+
+
 @pytest.mark.parametrize(
     "fraction,level,reason",
     [

@@ -46,7 +46,7 @@ class Source:
     """Base of everything that is watched: it knows since when, and how long it may take to come up."""
 
     def __init__(self) -> None:
-        self._grace_end_ns = 0
+        self._grace_end_ns: Optional[int] = None
 
     def start(self, t_ns: int, grace_ns: int) -> None:
         """Begin to watch; until `grace_ns` later, what has not come yet is starting, not failed."""
@@ -58,9 +58,14 @@ class Source:
 
     def _absent(self, t_ns: int, missing: str) -> Condition:
         """Return the verdict on a source that has never been heard of."""
-        if t_ns < self._grace_end_ns:
-            return Condition(Level.STARTING, f"{missing} yet", changes_at_ns=self._grace_end_ns)
+        if self._in_time(t_ns):
+            changes_at_ns = FOREVER_NS if self._grace_end_ns is None else self._grace_end_ns
+            return Condition(Level.STARTING, f"{missing} yet", changes_at_ns=changes_at_ns)
         return Condition(Level.FAILED, f"{missing} since the start")
+
+    def _in_time(self, t_ns: int) -> bool:
+        """Return True while something may still come up: the watching has not begun, or not for long."""
+        return self._grace_end_ns is None or t_ns < self._grace_end_ns
 
 
 def seconds(time_ns: int) -> str:

@@ -36,6 +36,7 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 BUCKET_NS = 1_000_000_000 // 20
 _NEAR = 0.2  # a unit is recognised when the magnitude is off by less than this fraction
 _PLAUSIBLE_M2_S4 = 1e12
+_UPSIDE_DOWN_RAD = 3 * pi / 4
 _GAP_NS = 1_000_000_000 // 2
 _SIDE = sin(pi / 8)  # of eight directions each covers 45 degrees
 
@@ -90,7 +91,7 @@ def describe_tilt(up: Vector) -> str:
     tilt_rad = tilt_of(up)
     if not isfinite(tilt_rad):
         return "by an unknown angle"
-    if tilt_rad > pi / 2:
+    if tilt_rad > _UPSIDE_DOWN_RAD:
         return f"{degrees(tilt_rad):.0f} deg, upside down"
     length = hypot(up[0], up[1]) or 1.0
     words: List[str] = []

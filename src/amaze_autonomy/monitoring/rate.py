@@ -91,6 +91,7 @@ class RateMonitor(Source):
         before, never = self._reason, self._last_ns == _NEVER_NS
         step_ns = last_t_ns - self._last_ns
         if self._mark_at_ns == _NEVER_NS or step_ns < -self._late_ns:
+            self._fail_late(last_t_ns)
             self._begin(last_t_ns)
         elif step_ns < 0:
             last_t_ns = self._last_ns  # a little late: it counts, and moves nothing
@@ -162,9 +163,14 @@ class RateMonitor(Source):
             how = "fast" if rate_hz > spec.rate_hz else "slow"
             self._reason = f"{rate_hz:.3g} Hz on {spec.topic}, too {how}, expected {spec.rate_hz:.3g} Hz"
 
+    def _fail_late(self, t_ns: int) -> None:
+        """Give the verdict on a topic that comes for the first time when it had failed already."""
+        if self._last_ns == _NEVER_NS and not self._in_time(t_ns):
+            self._level, self._reason = Level.FAILED, f"no message on {self.spec.topic} since the start"
+
     def _fail_silent(self, t_ns: int) -> None:
         """Give the verdict on silence; while starting, there is still time."""
-        if self._level is Level.STARTING and t_ns < self._grace_end_ns:
+        if self._level is Level.STARTING and self._in_time(t_ns):
             return
         self._level = Level.FAILED
         self._reason = f"no message on {self.spec.topic} for longer than {seconds(self._silence_ns)}"
@@ -173,7 +179,8 @@ class RateMonitor(Source):
         """Return the verdict on a topic that has stopped."""
         self._mark_at_ns = _NEVER_NS
         self._fail_silent(t_ns)
-        changes_at_ns = self._grace_end_ns if self._level is Level.STARTING else FOREVER_NS
+        ends_ns = self._grace_end_ns if self._level is Level.STARTING else None
+        changes_at_ns = FOREVER_NS if ends_ns is None else ends_ns
         limit_s = self._silence_ns / _S
         return Condition(self._level, self._reason, age_ns / _S, limit_s, "s", age_ns, changes_at_ns)
 
