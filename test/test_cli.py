@@ -1,0 +1,152 @@
+"""The command amaze-autonomy as its user runs it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from amaze_autonomy import paths
+from amaze_autonomy.cli import main
+from amaze_autonomy.config import load_configuration
+
+HASH = load_configuration(paths.config_folder()).hash
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return shutil.copytree(paths.config_folder(), tmp_path / "config")
+
+
+def test_a_good_configuration_is_said_to_be_good(capsys):
+    assert main(["check-config"]) == 0
+    out, err = capsys.readouterr()
+    assert out == f"{paths.config_folder()}: good: 9 components, 5 missions, hash {HASH[:12]}\n"
+    assert err == ""
+
+
+def test_a_mistake_is_one_line_and_status_1(capsys, folder):
+    (folder / "autonomy.yaml").write_text("checks:\n  ready_limit_min: 1\n")
+    assert main(["check-config", str(folder)]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == (
+        f"{folder}/autonomy.yaml:2: checks.ready_limit_min: is an unknown key; "
+        "did you mean ready_limit_s (1 min are 60 s)?\n"
+    )
+
+
+def test_a_mistake_as_json_has_its_parts(capsys, folder):
+    (folder / "autonomy.yaml").write_text("require_go: 1\n")
+    assert main(["check-config", str(folder), "--json"]) == 1
+    out, err = capsys.readouterr()
+    assert json.loads(out) == {
+        "valid": False,
+        "file": f"{folder}/autonomy.yaml",
+        "line": 1,
+        "key": "require_go",
+        "wrong": "is 1",
+        "right": "must be true or false",
+    }
+    assert err == ""
+
+
+def test_the_effective_configuration_is_printed_as_json(capsys):
+    assert main(["check-config", "--json", "--set", "autonomy.require_go=true"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    expected = load_configuration(paths.config_folder(), ["autonomy.require_go=true"])
+    assert found == {
+        "valid": True,
+        "folder": str(paths.config_folder()),
+        "hash": expected.hash,
+        "effective": expected.effective,
+    }
+
+
+def test_the_missions_are_listed(capsys):
+    assert main(["missions"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["id", "duration", "length", "battery", "description"]
+    assert [line.split()[0] for line in lines[1:]] == ["1", "2", "3", "4", "5"]
+    assert lines[1].endswith("Short square, less than a minute")
+
+
+def test_the_missions_are_listed_as_json(capsys):
+    assert main(["missions", "--json"]) == 0
+    missions = json.loads(capsys.readouterr().out)["missions"]
+    assert missions[1] == {
+        "id": "2",
+        "description": "Out to two places, a touchdown at each, and back",
+        "files": ["trajectories/out.csv", "trajectories/across.csv", "trajectories/back.csv"],
+        "repetitions": 1,
+        "length_m": 25.657,
+        "estimated_duration_s": 63.657,
+        "battery_needed_fraction": 0.2637,
+    }
+
+
+def test_missions_of_a_mistaken_configuration_are_not_listed(capsys, tmp_path):
+    assert main(["missions", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.startswith(f"{tmp_path}/autonomy.yaml: cannot be read (")
+
+
+def test_documentation_that_differs_is_found_then_written(capsys, tmp_path):
+    markers = ("severities", "losses", "decision-table", "transitions", "state-diagram", "answers", "messages")
+    markers += (
+        "timers",
+        "modes",
+        "autonomy.yaml",
+        "sensors.yaml",
+        "missions.yaml",
+        "recording.yaml",
+        "order-of-limits",
+    )
+    page = tmp_path / "all.md"
+    page.write_text("".join(f"<!-- generated:{name} -->\n<!-- end -->\n" for name in markers))
+    assert main(["docs", "--check", "--folder", str(tmp_path)]) == 1
+    assert capsys.readouterr().err == (
+        f"{page}:2: differs from the code; run `amaze-autonomy docs`\n  is        <!-- end -->\n  should be \n"
+    )
+    assert main(["docs", "--folder", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f"{page}: written\n"
+    assert main(["docs", "--check", "--folder", str(tmp_path)]) == 0
+
+
+def test_what_no_page_shows_is_named(capsys, tmp_path):
+    assert main(["docs", "--check", "--folder", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.startswith(f"{tmp_path}: no page shows decision-table, severities, ")
+
+
+def test_a_folder_of_pages_that_is_not_there_is_wrong_use(capsys, tmp_path):
+    assert main(["docs", "--folder", str(tmp_path / "none")]) == 2
+    assert (
+        capsys.readouterr().err == f"{tmp_path}/none: is not a folder; name the docs of a source tree with --folder\n"
+    )
+
+
+@pytest.mark.parametrize("arguments", [[], ["nonsense"], ["check-config", "a", "b"]])
+def test_wrong_use_is_status_2(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert "usage: amaze-autonomy" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["check-config", "--help"], ["missions", "--help"], ["docs", "--help"]]
+)
+def test_help_has_examples_and_the_exit_status(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 0
+    out = capsys.readouterr().out
+    assert "examples:\n" in out
+    assert "exit status:\n" in out
+
+
+def test_simulate_is_given_its_arguments(monkeypatch):
+    given = []
+    monkeypatch.setattr("amaze_autonomy.simulation.run.main", lambda argv: given.append(argv) or 3)
+    assert main(["simulate", "--mission", "1", "--help"]) == 3
+    assert given == [["--mission", "1", "--help"]]
