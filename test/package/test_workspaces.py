@@ -28,7 +28,7 @@ def workspace(request, build_copy):
     """Build and install, then take the source away."""
     if shutil.which(request.param) is None:
         pytest.skip(f"{request.param} is not installed")
-    folder = ROOT / "build" / f"ws-{request.param}"
+    folder = ROOT / "build" / ".workspaces" / request.param  # hidden: roslaunch looks for files in the source tree
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     build_copy(folder / "src" / "amaze_autonomy", f"{NOETIC}; {BUILD[request.param]}", folder)
