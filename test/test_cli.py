@@ -147,6 +147,6 @@ def test_help_has_examples_and_the_exit_status(capsys, arguments):
 
 def test_simulate_is_given_its_arguments(monkeypatch):
     given = []
-    monkeypatch.setattr("amaze_autonomy.simulation.run.main", lambda argv: given.append(argv) or 3)
+    monkeypatch.setattr("amaze_autonomy.simulation.cli.main", lambda argv: given.append(argv) or 3)
     assert main(["simulate", "--mission", "1", "--help"]) == 3
     assert given == [["--mission", "1", "--help"]]

@@ -21,6 +21,7 @@ exit status:
   1  the configuration has a mistake (one line says where, what is wrong and what would be right), or
      the documentation differs from the code
   2  wrong use of the command
+simulate has its own: see its --help
 """
 _EXAMPLES = """\
 examples:

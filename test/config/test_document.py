@@ -62,6 +62,12 @@ def test_broken_yaml_is_named_with_its_line(mistake):
     assert message.endswith("); must be one YAML document")
 
 
+def test_a_tab_is_named(mistake):
+    message = mistake("autonomy.yaml", "flight:\n\tmax_height_m: 3.0\n")
+    assert message.startswith("autonomy.yaml:2: is not YAML (")
+    assert message.endswith("); must be one YAML document, indented with spaces: there is a tab")
+
+
 def test_an_escape_of_a_character_that_there_is_not_is_no_yaml(mistake):
     assert mistake("autonomy.yaml", 'require_go: "\\UFFFFFFFF"\n').startswith("autonomy.yaml")
 

@@ -16,7 +16,9 @@ from amaze_autonomy.config import ConfigError, document, load_configuration
 from amaze_autonomy.config.document import parse
 
 FOLDER = paths.config_folder()
-FILES = sorted(path.relative_to(FOLDER).as_posix() for path in FOLDER.rglob("*") if path.is_file())
+FILES = sorted(
+    path.relative_to(FOLDER).as_posix() for pattern in ("*.yaml", "trajectories/*") for path in FOLDER.glob(pattern)
+)
 TEXTS = {name: (FOLDER / name).read_text(encoding="utf-8") for name in FILES}
 MANY = settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 

@@ -63,7 +63,8 @@ def test_a_flag_is_true_or_false(mistake):
 def test_a_choice_is_one_of_its_words(mistake, small_file):
     text = small_file("sensors.yaml").replace("severity: low", "severity: lowest")
     assert mistake("sensors.yaml", text) == (
-        "sensors.yaml:4: components.gps.severity: is the text 'lowest'; must be one of low, moderate, high, highest"
+        "sensors.yaml:4: components.gps.severity: is the text 'lowest'; "
+        "must be one of low, moderate, high, highest; did you mean low?"
     )
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
-from amaze_autonomy.config import FILES
+import pytest
+
+from amaze_autonomy import paths
+from amaze_autonomy.config import FILES, ConfigError, load_configuration
 from amaze_autonomy.config.kinds import Number
 from amaze_autonomy.config.reference import file_reference, order_reference
 from amaze_autonomy.config.schema import Group, Key, Named
@@ -17,6 +21,26 @@ def test_every_file_and_the_order_of_limits_stand_in_the_page():
     for name in FILES:
         assert f"<!-- generated:{name}.yaml -->\n\n{file_reference(name).strip()}\n\n<!-- end -->" in page
     assert f"<!-- generated:order-of-limits -->\n\n{order_reference().strip()}\n\n<!-- end -->" in page
+
+
+@pytest.mark.parametrize(
+    "name, old, new",
+    [
+        ("sensors.yaml", "age_limit_s: 1.0, tol", "age_limit_ms: 500, tol"),
+        ("sensors.yaml", "    autopilot: imu", "    autopilot: imu\n    restart: {policy: node}"),
+        ("autonomy.yaml", "watchdog_heartbeat_limit_s: 0.6", "watchdog_heartbeat_limit_s: 0.3"),
+        ("trajectories/square.csv", "yaw_deg", "yaw"),
+    ],
+)
+def test_the_messages_that_the_page_shows_are_what_the_loader_says(tmp_path, name, old, new):
+    folder = Path(shutil.copytree(paths.config_folder(), tmp_path / "config"))
+    text = (folder / name).read_text(encoding="utf-8")
+    assert old in text
+    (folder / name).write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(folder)
+    message = str(caught.value).replace(f"{tmp_path}/", "")
+    assert f"\n{message}\n" in (DOCS / "configuration.md").read_text(encoding="utf-8")
 
 
 def test_every_key_of_the_schema_has_a_row():

@@ -36,6 +36,16 @@ def test_a_link_out_of_the_folder_is_not_followed(small, tmp_path_factory):
         load_configuration(small)
 
 
+def test_a_file_that_is_spelled_otherwise_is_guessed(mistake, small, small_file):
+    (small / "trajectories").mkdir()
+    (small / "trajectories" / "square.csv").write_text(HEADER)
+    text = small_file("missions.yaml").replace("up.csv", "trajectories/sqare.csv")
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:4: missions.1.files.0: trajectories/sqare.csv is missing, empty or cannot be read; "
+        "must be a waypoint file in FOLDER; did you mean trajectories/square.csv?"
+    )
+
+
 def test_a_file_that_is_no_csv_is_refused(mistake, small_file):
     assert mistake("missions.yaml", small_file("missions.yaml").replace("up.csv", "sensors.yaml")) == (
         "missions.yaml:4: missions.1.files.0: is the text 'sensors.yaml'; "

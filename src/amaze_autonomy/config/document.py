@@ -99,7 +99,9 @@ def parse(text: str, source: str, *, lines: bool = True) -> Entry:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = Place(source, mark.line + 1 if mark is not None and lines else 0)
-        raise ConfigError(place, "", f"is not YAML ({error.problem or error.context})", _PLAIN) from None
+        tab = "\t" in "".join(text.split("\n")[mark.line : mark.line + 1]) if mark is not None else False
+        right = _PLAIN + (", indented with spaces: there is a tab" if tab else "")
+        raise ConfigError(place, "", f"is not YAML ({error.problem or error.context})", right) from None
     except yaml.YAMLError as error:
         words = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(Place(source), "", f"is not YAML ({words})", _PLAIN) from None

@@ -6,6 +6,7 @@ says what to write instead.
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from dataclasses import dataclass, field
@@ -215,7 +216,8 @@ class Choice(Kind):
         """Return the word."""
         places[address] = entry.place
         if not isinstance(entry, Scalar) or entry.tag != "str" or entry.text not in self.options:
-            self._refuse(entry, address)
+            close = difflib.get_close_matches(getattr(entry, "text", ""), self.options, n=1)
+            self._refuse(entry, address, hint=f"; did you mean {close[0]}?" if close else "")
         return entry.text
 
 

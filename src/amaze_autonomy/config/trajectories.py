@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple
@@ -60,7 +61,7 @@ def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[Traje
         raise ConfigError(place, dotted(here), f"{name} leaves the folder", right)
     if not content or len(content) > _BYTES:
         wrong = f"{name} is larger than {_BYTES} bytes" if content else f"{name} is missing, empty or cannot be read"
-        raise ConfigError(place, dotted(here), wrong, f"must be a waypoint file in {folder}")
+        raise ConfigError(place, dotted(here), wrong, f"must be a waypoint file in {folder}{_hint(folder, name)}")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -70,6 +71,13 @@ def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[Traje
         return parse_trajectory(text, name), hashlib.sha256(content).hexdigest()
     except WaypointError as error:
         raise _config_error(error, folder) from None
+
+
+def _hint(folder: Path, name: str) -> str:
+    """Return the question for a file that is there and has nearly the same name; empty when there is none."""
+    there = sorted(path.relative_to(folder).as_posix() for path in folder.glob("**/*.csv"))
+    close = [each for each in difflib.get_close_matches(name, there, n=1) if each != name]
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def _config_error(error: WaypointError, folder: Path) -> ConfigError:
