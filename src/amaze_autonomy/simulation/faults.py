@@ -7,7 +7,9 @@ from typing import Dict, List, NamedTuple, Optional, Tuple, Union
 
 from .scenario import Fault, Request, Scenario, Trigger
 
-__all__ = ["Change", "Faults"]
+__all__ = ["Change", "Faults", "flapping_ns"]
+
+_S = 1_000_000_000
 
 _Item = Union[Fault, Request]
 
@@ -35,6 +37,7 @@ class Faults:
         self._waiting: List[Tuple[int, _Item]] = []
         self._seen: Dict[int, int] = {}
         self._pushed = 0
+        self._now_ns = start_ns
         items: Tuple[_Item, ...] = (*scenario.faults, *scenario.requests)
         for serial, item in enumerate(items):
             if item.trigger.at_ns is not None:
@@ -44,8 +47,10 @@ class Faults:
 
     @property
     def next_ns(self) -> Optional[int]:
-        """Time of the next change that is known of; None when there is none."""
-        return self._due[0][0] if self._due else None
+        """Time of the next change that is known of, the turns of what flaps included; None when there is none."""
+        times = [self._due[0][0]] if self._due else []
+        times += [self._toggles(fault, since) for fault, since in self._active.values() if _flaps(fault)]
+        return min(times) if times else None
 
     @property
     def requests_to_come(self) -> bool:
@@ -68,6 +73,7 @@ class Faults:
 
     def advance(self, t_ns: int) -> Tuple[Change, ...]:
         """Return what begins and ends up to a time, in order."""
+        self._now_ns = t_ns
         changes: List[Change] = []
         while self._due and self._due[0][0] <= t_ns:
             _, _, serial, change = heapq.heappop(self._due)
@@ -110,9 +116,24 @@ class Faults:
             return True
         return self._active.pop(serial, None) is not None
 
+    def _toggles(self, fault: Fault, since_ns: int) -> int:
+        """Return when something that flaps falls silent, or sends again, next."""
+        off_ns, on_ns = flapping_ns(fault)
+        place = (self._now_ns - since_ns) % (off_ns + on_ns)
+        return self._now_ns + (off_ns if place < off_ns else off_ns + on_ns) - place
+
     def _push(self, serial: int, change: Change) -> None:
         self._pushed += 1
         heapq.heappush(self._due, (change.t_ns, self._pushed, serial, change))
+
+
+def _flaps(fault: Fault) -> bool:
+    return fault.kind.name == "flapping"
+
+
+def flapping_ns(fault: Fault) -> Tuple[int, int]:
+    """Return how long something that flaps is silent, and how long it sends."""
+    return round(fault.number("off_s") * _S), round(fault.number("on_s") * _S)
 
 
 def _matches(trigger: Trigger, event: str, state: str, number: int) -> bool:

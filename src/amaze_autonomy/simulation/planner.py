@@ -116,6 +116,8 @@ class Planner(Peer):
             vehicle.land()
         if self._is_over(vehicle):
             self._phase = MissionPhase.LANDED
+        elif not self._was_armed:
+            return  # the mode is still that of the flight before
         elif vehicle.pilot:
             self._message = "the pilot has control"
         elif vehicle.mode in LANDING_MODES:

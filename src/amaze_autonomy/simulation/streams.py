@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List, NamedTuple, Optional
 
-from .faults import Faults
+from .faults import Faults, flapping_ns
 from .scenario import Fault, Subject
 
 __all__ = ["Batch", "Content", "SampleKind", "Stream", "StreamSettings"]
@@ -144,10 +144,10 @@ _CONTENTS = (Content.NAN, Content.STUCK, Content.READS)
 
 
 def _silences(fault: Fault, since_ns: int, t_ns: int) -> bool:
-    """Tell whether a fault lets no sample through now."""
+    """Tell whether a fault lets no sample through just before a time; the world's steps end where that changes."""
     if fault.kind.name in ("silent", "killed"):
         return True
     if fault.kind.name != "flapping":
         return False
-    off, on = round(fault.number("off_s") * _S), round(fault.number("on_s") * _S)
-    return (t_ns - since_ns) % (off + on) < off
+    off_ns, on_ns = flapping_ns(fault)
+    return (t_ns - 1 - since_ns) % (off_ns + on_ns) < off_ns

@@ -25,6 +25,7 @@ class Vehicle(Flight):
         self.failsafe = False
         self._arm_at: Optional[int] = None
         self._lift_at: Optional[int] = None
+        self._flew = False
 
     # --- commands -------------------------------------------------------------------------------------------------
 
@@ -148,7 +149,7 @@ class Vehicle(Flight):
         wants_up = self._lift_at is not None and self.mode in (Mode.TAKEOFF, Mode.MISSION)
         if wants_up and self._lift_at is not None and not self.flags.does_not_lift_off:
             if self._lift_at <= self.t_ns:
-                self._lift_at = None
+                self._lift_at, self._flew = None, True
                 self._lift_off()
                 return
             end_ns = min(end_ns, self._lift_at)
@@ -165,7 +166,7 @@ class Vehicle(Flight):
             return due
         if self.flags.does_not_disarm or (self._lift_at is not None and self.mode in (Mode.TAKEOFF, Mode.MISSION)):
             return end_ns
-        never_flew = self._lift_at is not None and self.mode != Mode.LAND
+        never_flew = not self._flew and self.mode != Mode.LAND
         wait = self.settings.idle_disarm_ns if never_flew else self.settings.ground_ns + self.settings.disarm_ns
         due = self._ground_since + wait
         if due <= self.t_ns:
@@ -176,7 +177,7 @@ class Vehicle(Flight):
     def _set_armed(self) -> None:
         self.armed = True
         self._ground_since = self.t_ns
-        self._lift_at = None
+        self._lift_at, self._flew = None, False
         self.happened.append("armed")
 
     def _set_disarmed(self) -> None:
