@@ -80,6 +80,13 @@ def test_until_then_the_reason_says_that_it_is_coming_back():
     assert condition[:2] == (Level.FAILED, "the content of /t is usable again, not yet for long enough")
 
 
+def test_a_failure_that_nobody_asked_about_is_noticed_with_the_next_message():
+    monitor = content(finite=True)
+    monitor.add(0, finite=True, digest=1)
+    monitor.add(2 * S, finite=True, digest=2)
+    assert monitor.evaluate(2 * S).level is Level.FAILED
+
+
 def test_stamps_are_off_after_five_in_a_row_and_right_again_after_five():
     monitor = content(stamp_tolerance_ns=S)
     off = [monitor.add_stamp(index + 20 * S, 0) for index in range(5)]

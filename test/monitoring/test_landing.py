@@ -147,9 +147,10 @@ def test_a_range_that_stops_is_unknown_at_its_age_limit(hovering: Flight):
     assert lost == LandingVerdict(UNKNOWN, None, "nothing seen for longer than 0.5 s", S // 2 + 1, FOREVER_NS)
 
 
-def test_a_gap_that_nobody_asked_about_begins_the_dwell_anew():
+@pytest.mark.parametrize("gap_s", [0.6, 0.7, 10.0])
+def test_a_gap_that_nobody_asked_about_begins_the_dwell_anew(gap_s: float):
     flight = Flight().fly(0.4, level(0.0))
-    flight.t_s += 10.0
+    flight.t_s += gap_s
     flight.fly(0.3, level(0.0))
     assert flight.said == [UNKNOWN]
 

@@ -117,6 +117,12 @@ def test_a_lost_tenth_of_a_second_changes_nothing():
     assert levels(changes) == [Level.GOOD]
 
 
+def test_a_dip_that_is_caught_up_within_half_a_window_changes_nothing():
+    monitor = running(200.0)
+    times = regular(100.0, 20.0, 20.6) + regular(400.0, 20.6, 20.75) + regular(200.0, 20.75, 25.0)
+    assert levels(follow(monitor, times, 25 * S)) == [Level.GOOD]
+
+
 @pytest.mark.parametrize("rate_hz", [5.0, 30.0, 200.0])
 def test_jitter_of_half_a_period_never_flaps(rate_hz: float):
     generator = random.Random(7)
