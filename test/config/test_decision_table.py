@@ -145,6 +145,10 @@ def test_a_row_that_cannot_be_is_refused(mistake, changes, message):
             "landing_detection.airborne_distance_m: is 0.1; must be above ground_distance_m",
         ),
         (
+            "landing_detection: {sentinels: [1.0e+999]}",
+            "landing_detection.sentinels.0: is 1.0e+999; must be a number",
+        ),
+        (
             "state_estimation: {imu_mounting_rpy_deg: [0, 0, 0, 0]}",
             "state_estimation.imu_mounting_rpy_deg: is [0.0, 0.0, 0.0, 0.0]; must be three numbers: roll, pitch, yaw",
         ),
