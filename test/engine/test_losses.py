@@ -1,0 +1,307 @@
+"""What else can be lost: every row of the second part of the decision table, in every phase of flight, at its limit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, nan
+from typing import Callable, Dict, NamedTuple, Tuple
+
+import pytest
+from engine_beginnings import at
+from engine_peers import SHIPPED, S
+from engine_story import Story
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine import rules
+from amaze_autonomy.engine.commands import Level, Notify
+from amaze_autonomy.engine.mission import Mission
+
+AIRBORNE = (
+    "TAKEOFF climbing",
+    "MISSION flying",
+    "HOLD confirming",
+    "HOLD holding",
+    "HOLD holding takeoff",
+    "HOLD resuming",
+)
+LANDING = ("LAND commanding", "LAND descending")
+ONE, BOTH = ("LAND",), ("LAND", "AutopilotLand")
+
+
+class Loss(NamedTuple):
+    """A row by hand: what is lost how, after how long it is noticed at most, and what the vehicle's side is told."""
+
+    happens: Callable[[Story], object]
+    limit_s: float
+    verb: str
+    motions: Tuple[str, ...] = ()
+    alarm: bool = False
+
+
+def silent(stream: str) -> Callable[[Story], object]:
+    return lambda story: story.silent.append(stream)
+
+
+def says(**claims: object) -> Callable[[Story], object]:
+    return lambda story: story.say(**claims)
+
+
+def planner_failed(story: Story) -> None:
+    story.planner.says["phase"] = ev.MissionPhase.FAILED
+
+
+def flight_time(story: Story) -> None:
+    """Let the limit be 0.3 s from now."""
+    so_far = story.now - story.state.flight_started_ns
+    story.rules = replace(story.rules, limits=replace(story.rules.limits, max_flight_time_ns=so_far + 3 * S // 10))
+
+
+def recorder_failed(story: Story) -> None:
+    story.recorder.phase = ev.RecordingPhase.FAILED
+
+
+def recorder_does_not_grow(story: Story) -> None:
+    story.recorder.growing = (True, False)
+
+
+EXPECTED: Dict[str, Loss] = {
+    "watchdog_heartbeat": Loss(silent("watchdog"), 0.6, "LAND", ONE),
+    "planner_status": Loss(silent("planner"), 1.0, "LAND", BOTH),
+    "planner_failed": Loss(planner_failed, 0.2, "LAND", BOTH),
+    "autopilot_status": Loss(silent("autopilot"), 1.0, "LAND", BOTH, alarm=True),
+    "battery_unknown": Loss(says(battery_fraction=nan), 10.0, "LAND", ONE),
+    "battery_critical": Loss(says(battery_fraction=0.15), 0.0, "LAND", ONE),
+    "flight_time": Loss(flight_time, 0.3, "LAND", ONE),
+    "height": Loss(says(height_m=30.1), 0.0, "LAND", ONE),
+    "distance": Loss(says(position_x_m=80.0, position_y_m=-60.1), 0.0, "LAND", ONE),
+    "position_unknown": Loss(says(position_x_m=nan), 10.0, "CONTINUE"),
+    "recorder_dead": Loss(recorder_failed, 0.2, "CONTINUE"),
+    "landing_detection": Loss(silent("landing"), 1.0, "CONTINUE"),
+}
+"""Heartbeat -> land; planner -> land, both routes; autopilot -> both routes and alarm; battery unknown or critical,
+flight time, height, distance -> land; position unknown, recorder dead, landing detection silent -> continue, warned."""
+
+
+def test_the_table_has_these_rows_and_no_others():
+    shipped = {
+        loss.name: (loss.verb.name, ("LAND", "AutopilotLand") if loss.both_routes else ("LAND",), loss.alarm)
+        for loss in rules.LOSSES
+    }
+    assert shipped == {name: (row.verb, row.motions or ONE, row.alarm) for name, row in EXPECTED.items()}
+
+
+def _patient(place: str) -> Story:
+    """Return a story at a place that does not leave it by itself for long enough."""
+    story = at(place)
+    limits = story.rules.limits
+    story.rules = replace(
+        story.rules,
+        limits=replace(limits, hold_confirm_limit_ns=60 * S, resume_confirm_limit_ns=60 * S, takeoff_limit_ns=90 * S),
+    )
+    story.planner.flown_ns = -60 * S
+    if place == "TAKEOFF climbing":
+        story.vehicle.speed = 0.0
+    return story
+
+
+@pytest.mark.parametrize("place", AIRBORNE)
+@pytest.mark.parametrize("name", EXPECTED)
+def test_lost_in_flight(name, place):
+    row = EXPECTED[name]
+    story = _patient(place)
+    row.happens(story)
+    story.after(row.limit_s + 0.25)
+    failure = story.failure(name)
+    assert failure is not None
+    assert failure.verb.name == row.verb
+    if row.verb == "CONTINUE":
+        state, _, step = place.partition(" ")
+        story.expect(state, step.replace(" takeoff", ""))
+        assert (story.motions, story.told[:1]) == ([], ["failure_continue"])
+    else:
+        assert story.place[0] == "LAND"
+        assert story.motions[: len(row.motions)] == list(row.motions)
+        assert ("AutopilotLand" in story.motions) == (row.motions == BOTH)
+        alarms = [c.key for c in story.since if isinstance(c, Notify) and c.level is Level.ALARM]
+        assert alarms == (["autopilot_lost"] if row.alarm else [])
+
+
+@pytest.mark.parametrize("place", LANDING)
+@pytest.mark.parametrize("name", EXPECTED)
+def test_lost_while_landing_goes_on_landing(name, place):
+    row = EXPECTED[name]
+    story = at(place)
+    story.vehicle.speed = 0.0
+    row.happens(story)
+    story.after(row.limit_s + 0.25).expect("LAND")
+    assert not {"HOLD", "RESUME", "TAKEOFF", "ABORT", "AutopilotDisarm"} & set(story.motions)
+    assert ("AutopilotLand" in story.motions) == (
+        row.motions == BOTH or (place == "LAND commanding" and row.limit_s > 2)
+    )
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_lost_while_the_pilot_flies_commands_nothing(name):
+    row = EXPECTED[name]
+    story = at("PILOT")
+    row.happens(story)
+    story.after(row.limit_s + 0.5).expect("PILOT")
+    assert story.motions == []
+    assert "failure_land" not in story.told, "it does not say that it lands"
+
+
+@pytest.mark.parametrize("place", ["READY", "START_RECORDING", "LOAD_MISSION"])
+def test_heartbeat_lost_before_takeoff_takes_ready_back(place):
+    story = at(place)
+    story.silent.append("watchdog")
+    story.check_says["watchdog"] = {"ok": False}
+    story.after(0.9).expect("OUTREACH")
+    assert story.rules_fired[:2] == ["ready_taken_back", "checks_failed"]
+    assert story.motions == []
+
+
+def test_heartbeat_lost_between_two_files_ends_the_mission():
+    story = at("MISSION touchdown")
+    story.silent.append("watchdog")
+    story.after(0.9).expect("DATA_CLEANUP")
+    assert story.motions == []
+
+
+# --- the limits -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "stream, limit_s",
+    [("watchdog", 0.6), ("planner", 1.0), ("autopilot", 1.0)],
+)
+def test_a_stream_may_be_silent_up_to_its_limit(stream, limit_s):
+    story = at("MISSION flying")
+    story.until("MISSION", "flying")
+    story.after_ns(-story.now % (S // 5))  # the statuses of this very moment are the last
+    story.silent.append(stream)
+    story.after(limit_s).expect("MISSION", "flying")
+    story.after_ns(1).expect("LAND")
+
+
+def test_the_heartbeat_counts_from_the_accepted_start():
+    """A watchdog that is not started yet is not missed."""
+    story = Story().start()
+    story.silent.append("watchdog")
+    story.after(20.0).expect("MISSION_INPUT")
+    story.select().after(0.5).expect("START_RECORDING")
+    story.after(0.2)
+    assert "ready_taken_back" in story.rules_fired
+
+
+def test_a_loop_counter_that_stands_still_is_no_heartbeat():
+    story = at("MISSION flying")
+    story.watchdog.stuck = True
+    story.after(0.85).expect("LAND")
+    assert story.failure("watchdog_heartbeat") is not None
+    assert story.motions[0] == "LAND"
+
+
+@pytest.mark.parametrize("link_age_s", [3.1, nan, inf, -inf, None, -5.0, 1e300, -1e300])
+def test_a_link_that_is_old_or_unknown_is_a_lost_autopilot(link_age_s):
+    story = at("MISSION flying")
+    story.say(link_age_s=link_age_s)
+    assert (story.place[0], story.motions[:2]) == ("LAND", ["LAND", "AutopilotLand"])
+    assert "autopilot_lost" in story.told
+
+
+@pytest.mark.parametrize("link_age_s", [0.0, 2.9, -0.1])
+def test_a_link_that_is_young_enough_is_not(link_age_s):
+    story = at("MISSION flying")
+    story.say(link_age_s=link_age_s)
+    story.expect("MISSION", "flying")
+
+
+def test_the_link_gets_old_between_two_statuses():
+    story = at("MISSION flying")
+    story.rules = replace(story.rules, limits=replace(story.rules.limits, autopilot_status_limit_ns=60 * S))
+    story.say(link_age_s=2.5)
+    story.silent.append("autopilot")
+    story.after_ns(S // 2).expect("MISSION", "flying")
+    story.after_ns(1).expect("LAND")
+
+
+@pytest.mark.parametrize("claims", [{"battery_age_s": 100.0}, {"battery_age_s": None}, {"battery_age_s": -5.0}])
+def test_a_battery_level_without_a_credible_age_is_unknown(claims):
+    story = _patient("MISSION flying")
+    story.say(**claims).until("LAND", limit_s=10.3)
+    assert story.rules_fired[:2] == ["failure_land", "land"]
+
+
+@pytest.mark.parametrize("fraction", [-0.53, 1.5, nan, inf, None])
+def test_an_impossible_battery_level_is_unknown_and_not_critical(fraction):
+    story = _patient("MISSION flying")
+    story.say(battery_fraction=fraction)
+    story.after(9.0).expect("MISSION", "flying")
+    story.after(1.5).expect("LAND")
+    assert story.failure("battery_unknown") is not None
+
+
+@pytest.mark.parametrize("fraction, lands", [(0.150001, False), (0.15, True), (0.0, True)])
+def test_critical_is_at_the_limit_and_below(fraction, lands):
+    story = at("MISSION flying")
+    story.say(battery_fraction=fraction)
+    assert story.is_in("LAND") == lands
+
+
+def test_flight_time_counts_from_the_takeoff_command():
+    mission = Mission(id="1", max_flight_time_ns=5 * S)
+    story = Story(SHIPPED, mission).start().after(0.5).select().until("TAKEOFF")
+    story.after_ns(5 * S - 1).expect("MISSION", "flying")
+    story.after_ns(1).expect("LAND")
+    assert story.failure("flight_time") is not None
+
+
+@pytest.mark.parametrize(
+    "mission, claims",
+    [
+        (Mission(id="1", max_height_m=3.0), {"height_m": 3.01}),
+        (Mission(id="1", max_distance_m=4.0), {"position_x_m": 0.0, "position_y_m": -4.01}),
+    ],
+)
+def test_a_mission_has_its_own_limits(mission, claims):
+    story = Story(SHIPPED, mission).start().after(0.5).select().until("MISSION", "flying").look()
+    story.say(**{key: value - 0.02 if value > 0 else value + 0.02 for key, value in claims.items()})
+    story.expect("MISSION", "flying")
+    story.say(**claims).expect("LAND")
+
+
+def test_the_recorder_dead_in_flight_only_warns_and_the_mission_ends():
+    story = at("MISSION flying")
+    story.recorder.phase = ev.RecordingPhase.FAILED
+    story.recorder.fails = True
+    story.until("DATA_CLEANUP")
+    assert story.motions == []
+    assert story.state.result.value == "COMPLETE"
+    story.until("OUTREACH")
+    assert "data_incomplete" in story.told
+
+
+@pytest.mark.parametrize("happens", [recorder_failed, recorder_does_not_grow, silent("recorder")])
+def test_a_recorder_that_does_not_record_only_warns(happens):
+    story = _patient("MISSION flying")
+    happens(story)
+    story.after(5.5).expect("MISSION", "flying")
+    assert (story.motions, story.told) == ([], ["failure_continue"])
+    assert story.failure("recorder_dead").verb.name == "CONTINUE"
+
+
+def test_what_is_lost_and_comes_back_does_not_end_a_landing():
+    story = at("MISSION flying")
+    story.silent.append("planner")
+    story.until("LAND")
+    story.silent.clear()
+    story.until("MISSION_ENDED")
+    assert not {"HOLD", "RESUME"} & set(story.motions)
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+def test_the_land_command_comes_before_every_message():
+    story = at("MISSION flying")
+    story.silent.append("autopilot")
+    story.until("LAND")
+    assert [type(c).__name__ for c in story.since][:2] == ["MissionCommand", "AutopilotLand"]
