@@ -9,8 +9,10 @@ import pytest
 import yaml
 
 from amaze_autonomy import paths
-from amaze_autonomy.config import Streams, load_configuration
+from amaze_autonomy.config import FILES, Streams, load_configuration
 from amaze_autonomy.config.autonomy_schema import LIMIT_GROUPS
+from amaze_autonomy.config.schema import Group
+from amaze_autonomy.config.units import unit_words
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.specs import BatterySpec, LandingSpec, PollingSpec, StateEstimationSpec
 
@@ -117,3 +119,35 @@ def test_loading_takes_less_than_150_ms(shipped):
     begin = time.perf_counter()
     assert load_configuration(FOLDER).hash == shipped.hash
     assert time.perf_counter() - begin < 0.15
+
+
+def _commented(path):
+    """Return the comment above each key of a file, by key, as one line."""
+    comments, block = [], []
+    for line in path.read_text(encoding="utf-8").split("\n"):
+        if line.strip().startswith("# "):
+            block.append(line.strip()[2:])
+        elif ":" in line:
+            comments.append((line.split(":")[0].strip(), " ".join(block)))
+            block = []
+        else:
+            block = []
+    return comments
+
+
+GROUPS = [
+    *(("autonomy", key.name) for key in FILES["autonomy"].keys if isinstance(key.kind, Group)),
+    *(("sensors", name) for name in ("polling", "landing_detection", "state_estimation", "battery")),
+    *(("missions", name) for name in ("flight", "bounds")),
+    ("recording", "storage"),
+]
+
+
+@pytest.mark.parametrize("file, name", GROUPS)
+def test_the_comments_in_the_files_say_what_the_schema_says(file, name):
+    group = next(key.kind for key in FILES[file].keys if key.name == name)
+    comments = _commented(FOLDER / f"{file}.yaml")
+    for key in group.keys:
+        said = [comment for commented, comment in comments if commented == key.name]
+        words = (unit_words(key.name).replace("in ", "", 1).replace("as ", "", 1), key.meaning, key.reason)
+        assert any(all(part in comment for part in words) for comment in said), f"{key.name}: {said}"
