@@ -146,6 +146,17 @@ def test_somebody_who_can_type_is_asked_for_a_mission_and_nobody_else():
     assert asked not in lines(replace(alone, missions=None), alone)
 
 
+def test_who_has_selected_is_not_asked_again_but_who_was_refused_is():
+    asked = "QUESTION  Which mission? Type its id and Enter; several: 1 2 3."
+    waiting = replace(
+        SCENES["mission-input"], requests=(Request(RequestKind.SELECT, 1, missions=("1",), sent_s=NOW_S),)
+    )
+    for verdict, again in ((Verdict.DONE, []), (Verdict.REFUSED, [asked])):
+        answer = Answer("mission 1", verdict, "because", NOW_S)
+        after = replace(SCENES["mission-input"], answer=answer)
+        assert lines(waiting, after) == [f"ANSWER    mission 1: {verdict.value} because", *again]
+
+
 def test_an_engine_without_missions():
     empty = replace(SCENES["mission-input"], missions=())
     assert lines(replace(empty, missions=None), empty) == ["MISSION   none: look at the engine's missions.yaml"]

@@ -41,7 +41,9 @@ BINDINGS: Tuple[Binding, ...] = (
     Binding("c", UserCommand.RESUME, "continue (resume)", "Resume the mission: the vehicle flies on. Sure?"),
     Binding("l", UserCommand.LAND, "LAND", "LAND at the present position?"),
     Binding("a", UserCommand.ABORT, "ABORT", "ABORT: in the air land, on the ground disarm?"),
-    Binding("r", UserCommand.RETRY, "retry", "Retry: when all checks pass the vehicle takes off. Everybody clear?"),
+    Binding(
+        "r", UserCommand.RETRY, "retry", "Retry? Before a flight it takes off as soon as all checks pass: keep clear."
+    ),
     Binding("u", UserCommand.GIVE_UP, "give up", "Give up?"),
     Binding("k", UserCommand.ACKNOWLEDGE, "acknowledge"),
 )

@@ -10,7 +10,7 @@ from amaze_autonomy.engine.checks import Verdict as CheckVerdict
 
 from .dialog import oldest_open
 from .keys import offered
-from .model import Desk, MissionRow, PendingFailure, Snapshot
+from .model import Desk, MissionRow, PendingFailure, Snapshot, Verdict
 from .words import age, duration, fraction, quantity, seconds
 
 __all__ = ["changes", "mission_lines"]
@@ -134,6 +134,9 @@ def _dialog(before: Desk, before_s: float, after: Desk, after_s: float) -> Itera
 
 
 def _asks_for_mission(desk: Desk) -> bool:
+    answer = desk.answer
+    if answer is not None and answer.verdict is Verdict.DONE and answer.request.startswith("mission "):
+        return False  # selected; the engine's next state will say so
     listed = bool(desk.missions) and not desk.requests and not desk.wanted
     return desk.snapshot is not None and desk.snapshot.takes_mission and listed and desk.question is None
 

@@ -13,7 +13,7 @@ from rich.text import Text
 from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.checks import Verdict as CheckVerdict
 
-from .model import MissionRow, PendingFailure
+from .model import MissionRow, PendingFailure, Snapshot
 from .style import Style, Tone, tone_of_check, tone_of_code
 from .words import age, duration, fraction, quantity, seconds
 
@@ -118,17 +118,20 @@ def verb_words(failure: PendingFailure, passed_s: float) -> str:
     return {"continue": "flies on without it", "land": "LAND", "pilot": "PILOT"}.get(failure.verb, failure.verb)
 
 
-def failures_table(failures: Tuple[PendingFailure, ...], passed_s: float, style: Style) -> Table:
-    """Return what is wrong, the worst and most urgent first; `passed_s` since the snapshot came."""
+def failures_table(snapshot: Snapshot, passed_s: float, style: Style) -> Table:
+    """Return what is wrong, the worst and most urgent first; `passed_s` since the snapshot came.
+
+    The verbs are those of a flight: on the ground nothing is done about a failure but to refuse the takeoff.
+    """
     table = _table(style, "wrong now", "code", "what is done", "why")
     table.columns[0].no_wrap = True
     _right(table, 1)
     table.columns[2].ratio, table.columns[3].ratio = 2, 3
-    for failure in sorted(failures, key=_urgency):
+    for failure in sorted(snapshot.failures, key=_urgency):
         table.add_row(
             style.label(failure.name, tone_of_code(failure.code, failure.verb)),
             style.text(str(failure.code) if failure.code else "-"),
-            style.text(verb_words(failure, passed_s), Tone.STRONG),
+            style.text(verb_words(failure, passed_s) if snapshot.in_flight else "-", Tone.STRONG),
             style.text(failure.reason),
         )
     return table

@@ -67,12 +67,16 @@ class Screen:
         yield _message(snapshot, self._style)
         if snapshot.failures:
             yield ""
-            yield failures_table(snapshot.failures, self._desk.age_s(self._now_s), self._style)
+            yield failures_table(snapshot, self._desk.age_s(self._now_s), self._style)
         yield from progress(snapshot, width, self._style)
 
     def _checks(self, width: int, room: int) -> Iterator[RenderableType]:
         snapshot = self._desk.snapshot
-        if snapshot is not None and snapshot.checks and snapshot.state in _CHECK_STATES:
+        if snapshot is None or not snapshot.checks or snapshot.state not in _CHECK_STATES:
+            return
+        if snapshot.state != "OUTREACH" or not all(
+            check.passed for check in snapshot.checks
+        ):  # else it is not about them
             yield ""
             yield checks_table(snapshot.checks, width, room - 1, self._style)
 
