@@ -87,6 +87,10 @@ class Driver:
         """Ask for a check; return the reply."""
         return self.ask(RunCheck, check=name, limit_s=20.0, wait_s=12.0, startup_time_ns=5 * S, **fields)
 
+    def ask_state(self):
+        """Ask for the check of the state; return the reply as soon as it is there."""
+        return self.ask(RunCheck, check=CheckName.STATE_ESTIMATION, wait_s=0.02)
+
     def load(self, file_index=0, mission_id="1", session_id="a"):
         return self.ask(
             LoadMission, wait_s=0.1, session_id=session_id, mission_id=mission_id, file_index=file_index, repetition=0
