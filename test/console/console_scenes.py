@@ -211,6 +211,19 @@ SCENES: Dict[str, Desk] = {
         notes=_NOTES,
         answer=Answer("hold", Verdict.REFUSED, "the vehicle is landing", NOW_S - 2.0),
     ),
+    "alarm": _desk(
+        replace(
+            _FLYING,
+            state="LAND",
+            step="commanding",
+            failures=(CAMERA,),
+            time_left_s=111.0,
+            message="PILOT: THE VEHICLE DOES NOT LAND. TAKE OVER.",
+            message_level=3,
+            advice="Take over by remote control.",
+            user_commands=(),
+        )
+    ),
     "pilot": _desk(
         replace(
             _FLYING,

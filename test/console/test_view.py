@@ -84,7 +84,7 @@ def test_an_unknown_state_and_unknown_words_are_shown_as_they_are():
     text = "\n".join(draw(desk, style=ASCII))
     assert "BARREL ROLL" in text
     assert "pirouette" in text
-    assert "ERROR" in text
+    assert "ALARM" in text
 
 
 class Evil:

@@ -46,3 +46,14 @@ def test_duration_is_rounded_up(value_s, shown):
 @pytest.mark.parametrize("value_s, shown", [(None, "-"), (0.042, "0.04 s"), (2.54, "2.5 s"), (-0.2, "-0.20 s")])
 def test_age(value_s, shown):
     assert words.age(value_s) == shown
+
+
+def test_levels_of_messages():
+    assert [words.level(number) for number in (-1, 0, 1, 2, 3, 99)] == [
+        "INFO",
+        "INFO",
+        "WARNING",
+        "ERROR",
+        "ALARM",
+        "ALARM",
+    ]

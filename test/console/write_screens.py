@@ -23,6 +23,7 @@ PICTURES = {
     "mission": 24,
     "hold": 26,
     "land": 24,
+    "alarm": 24,
     "mission-ended": 22,
     "stale": 28,
 }

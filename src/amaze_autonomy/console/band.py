@@ -15,17 +15,21 @@ from .words import clock, seconds
 
 __all__ = ["band"]
 
+_ALARM = 3
+
 
 def band(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType:
-    """Return the band; lost contact with the engine takes its place, with what was known last below."""
+    """Return the band. Lost contact and an alarm to the pilot come above it, then it is small itself."""
     snapshot = desk.snapshot
     if snapshot is None:
         return _waiting(desk, now_s, width, style)
     passed_s = desk.age_s(now_s)
-    stale = desk.stale(now_s)
-    lines = _headline(_title(snapshot), _time_left(snapshot, passed_s), width, style, large=not stale)
+    above = [_lost(desk, passed_s, width, style)] if desk.stale(now_s) else []
+    if snapshot.message_level >= _ALARM:
+        above.append(_fill([*_headline("TAKE OVER", "", width, style), snapshot.message], Tone.BAD, style))
+    lines = _headline(_title(snapshot), _time_left(snapshot, passed_s), width, style, large=not above)
     state = _fill([*lines, _situation(snapshot)], tone_of_state(snapshot.state, snapshot.result), style)
-    return Group(_lost(desk, passed_s, width, style), state) if stale else state
+    return Group(*above, state)
 
 
 def _title(snapshot: Snapshot) -> str:

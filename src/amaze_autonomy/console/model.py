@@ -159,7 +159,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Note:
-    """One line of the log of messages; `clock` is the wall time as it is shown."""
+    """One line of the log of messages; `clock` is the wall time as it is shown, `level` as in `Snapshot`."""
 
     clock: str
     level: int

@@ -11,12 +11,11 @@ from amaze_autonomy.engine.checks import Verdict as CheckVerdict
 from .dialog import oldest_open
 from .keys import offered
 from .model import Desk, MissionRow, PendingFailure, Snapshot, Verdict
-from .words import age, duration, fraction, quantity, seconds
+from .words import age, duration, fraction, level, quantity, seconds
 
 __all__ = ["changes", "mission_lines"]
 
 _SLOW_S = 3.0
-_LEVELS = ("INFO", "WARNING", "ERROR")
 
 
 def changes(before: Desk, before_s: float, after: Desk, after_s: float) -> List[str]:
@@ -51,7 +50,7 @@ def _engine(before: Optional[Snapshot], desk: Desk) -> Iterator[str]:
         repetition = f"repetition {after.repetition + 1} of {after.repetitions}"
         yield f"PROGRESS  file {after.file_index + 1} of {after.files}, {repetition}"
     if after.message and (after.state, after.message) != (old.state, old.message):
-        yield f"{_LEVELS[min(2, max(0, after.message_level))]:<9} {after.message}"
+        yield f"{level(after.message_level):<9} {after.message}"
     yield from _failures(old.failures, after.failures)
     yield from _checks(old.checks, after.checks)
     yield from _progress(old, after)

@@ -105,7 +105,7 @@ def tone_of_answer(verdict: Verdict) -> Tone:
 
 
 def tone_of_level(level: int) -> Tone:
-    """Return the tone of a message: 0 OK, 1 warning, 2 and above error."""
+    """Return the tone of a message: 0 OK, 1 warning, 2 error, 3 and above alarm."""
     return Tone.INFO if level <= 0 else Tone.WARN if level == 1 else Tone.BAD
 
 

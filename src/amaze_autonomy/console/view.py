@@ -20,6 +20,7 @@ from .model import Desk, Snapshot
 from .progress import progress
 from .style import Style, Tone, tone_of_level
 from .tables import checks_table, failures_table, missions_table
+from .words import level
 
 __all__ = ["Screen"]
 
@@ -103,7 +104,7 @@ class Screen:
         table.add_column(no_wrap=True)
         table.add_column(ratio=1, overflow="fold")
         for note in reversed(notes[-8:]):
-            words = ("info", "WARNING", "ERROR")[min(2, max(0, note.level))]
+            words = level(note.level) if note.level > 0 else "info"
             tone = tone_of_level(note.level) if note.level > 0 else Tone.PLAIN
             table.add_row(self._style.text(note.clock), self._style.label(words, tone), self._style.text(note.text))
         yield ""
@@ -116,7 +117,7 @@ def _message(snapshot: Snapshot, style: Style) -> RenderableType:
     parts: List[RenderableType] = []
     if snapshot.message:
         tone = tone_of_level(snapshot.message_level) if snapshot.message_level > 0 else Tone.STRONG
-        word = ("", "WARNING  ", "ERROR  ")[min(2, max(0, snapshot.message_level))]
+        word = f"{level(snapshot.message_level)}  " if snapshot.message_level > 0 else ""
         parts.append(style.text(f"{word}{snapshot.message}", tone))
     if snapshot.waiting_for:
         parts.append(style.text(f"Waiting for: {snapshot.waiting_for}"))

@@ -5,10 +5,15 @@ from __future__ import annotations
 from math import ceil, floor, pi
 from typing import Optional
 
-__all__ = ["age", "clock", "duration", "fraction", "quantity", "seconds"]
+__all__ = ["age", "clock", "duration", "fraction", "level", "quantity", "seconds"]
 
 _UNKNOWN = "-"
 _THREE_DIGITS = 100.0
+
+
+def level(number: int) -> str:
+    """Return the name of a message's level; one that nobody knows counts as the nearest."""
+    return ("INFO", "WARNING", "ERROR", "ALARM")[min(3, max(0, number))]
 
 
 def fraction(value: Optional[float]) -> str:

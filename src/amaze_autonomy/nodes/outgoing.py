@@ -220,7 +220,7 @@ def check_response(reply: events.CheckReply, now_ns: int) -> Any:
 
 
 #: Levels of DiagnosticStatus.
-_MESSAGE_LEVELS = {Level.INFO: 0, Level.WARNING: 1, Level.ERROR: 2, Level.ALARM: 2}
+_MESSAGE_LEVELS = {Level.INFO: 0, Level.WARNING: 1, Level.ERROR: 2, Level.ALARM: 3}
 
 
 def _pending(failure: Failure, now_ns: int) -> msg.PendingFailure:
