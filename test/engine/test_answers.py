@@ -1,0 +1,147 @@
+"""Every user command in every state: the answer, and its effect; selecting a mission in every state."""
+
+from __future__ import annotations
+
+import pytest
+from engine_beginnings import BEGINNINGS, at
+from engine_peers import MISSION
+from engine_story import Story
+from expected_answers import COMMANDS, EXPECTED, SELECTION
+
+from amaze_autonomy.engine import answers, messages
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.commands import Answer, Level
+from amaze_autonomy.engine.state import State, evolve
+from amaze_autonomy.engine.turn import Turn
+
+WORDS = {"D": "DONE", "R": "REFUSED", "A": "ALREADY"}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("place", EXPECTED)
+def test_every_command_in_every_state(place, command):
+    story, expected = at(place), EXPECTED[place]
+    before = story.state
+    answer, sentence = story.user(command)
+    assert answer == WORDS[expected.letters[COMMANDS.index(command)]]
+    assert sentence.endswith((".", "!"))
+    if answer == "DONE":
+        state, _, step = expected.leads[command].partition(" ")
+        story.expect(state, step)
+        assert story.rules_fired, "what is done leaves a decision"
+    else:
+        assert evolve(story.state, t_ns=0) == evolve(before, t_ns=0), "what is not done changes nothing"
+        assert [type(c).__name__ for c in story.since] == ["Answer"]
+
+
+@pytest.mark.parametrize("place", SELECTION)
+def test_select_in_every_state(place):
+    story = at(place)
+    before = story.state
+    commands = story.feed(ev.MissionSelected, missions=(MISSION,), request_id=77)
+    answer = next(c for c in commands if isinstance(c, Answer))
+    assert (answer.request_id, answer.answer.name) == (77, SELECTION[place])
+    if answer.answer.name == "DONE":
+        story.expect("PREFLIGHT")
+    else:
+        assert evolve(story.state, t_ns=0) == evolve(before, t_ns=0)
+
+
+@pytest.mark.parametrize("place", BEGINNINGS)
+def test_an_invalid_mission_is_refused_with_its_error(place):
+    story = at(place)
+    before = story.place
+    commands = story.feed(ev.MissionRejected, mission_id="9", error="there is no mission 9", request_id=3)
+    answer = next(c for c in commands if isinstance(c, Answer))
+    assert (answer.request_id, answer.answer.name, answer.message) == (3, "REFUSED", "there is no mission 9")
+    assert story.place == before
+    assert story.motions == []
+
+
+def test_the_tables_know_every_place_and_command():
+    assert sorted(EXPECTED) == sorted(BEGINNINGS)
+    assert sorted(COMMANDS) == sorted(command.value for command in ev.UserCommand)
+    assert {place.split(" ")[0] for place in EXPECTED} == {state.value for state in State}
+    assert all(len(row.letters) == len(COMMANDS) for row in EXPECTED.values())
+
+
+def test_a_component_that_is_waited_for_refuses_resume():
+    story = at("MISSION flying")
+    story.fail("lrf", 8).until("HOLD", "holding").look()
+    assert story.user("resume") == ("REFUSED", "A component is waited for.")
+    assert story.requests == []
+
+
+def test_a_hold_of_the_engine_can_be_made_the_users_own():
+    story = at("MISSION flying")
+    story.fail("lrf", 8).until("HOLD", "holding").look()
+    assert story.user("hold")[0] == "DONE"
+    story.back("lrf").after(5.0).expect("HOLD", "holding")
+    assert story.user("resume")[0] == "DONE"
+    story.until("MISSION", "flying")
+    assert story.motions == ["RESUME"]
+
+
+def test_resume_of_a_hold_that_resumes_by_itself_is_already_so():
+    story = at("MISSION flying")
+    story.disobeyed.append("HOLD")
+    story.fail("lrf", 8).back("lrf").expect("HOLD", "confirming")
+    assert story.user("resume") == ("ALREADY", "It resumes by itself.")
+
+
+def test_a_users_hold_does_not_last_for_ever():
+    story = at("HOLD holding")
+    asked_ns = story.state.user_hold_ns
+    story.after_ns(asked_ns + 120_000_000_000 - story.now - 1).expect("HOLD", "holding")
+    story.after_ns(1).expect("LAND")
+    assert story.motions == ["LAND"]
+
+
+def test_asking_for_a_hold_twice_does_not_prolong_it():
+    story = at("HOLD holding")
+    asked_ns = story.state.user_hold_ns
+    story.after(60.0)
+    assert story.user("hold")[0] == "ALREADY"
+    story.after_ns(asked_ns + 120_000_000_000 - story.now).expect("LAND")
+
+
+@pytest.mark.parametrize("place", ["PILOT", "PILOT landed"])
+def test_acknowledge_needs_the_vehicle_to_say_freshly_that_it_is_down(place):
+    story = at(place)
+    story.silent.append("autopilot")
+    story.after(1.5)
+    assert story.user("acknowledge")[0] == "REFUSED"
+    story.expect("PILOT")
+
+
+def test_require_go_waits_for_the_go():
+    story = at("READY").after(30.0).expect("READY")
+    assert story.told == []
+    story.user("go")
+    story.until("MISSION_ENDED")
+    assert story.state.result.value == "COMPLETE"
+
+
+def test_the_answer_is_given_after_the_requests_and_before_the_messages():
+    story = at("MISSION flying")
+    story.user("land")
+    assert [type(c).__name__ for c in story.since] == ["MissionCommand", "Answer", "Notify", "Decision"]
+
+
+def test_two_requests_at_the_same_time_are_both_answered():
+    story = at("MISSION flying")
+    assert [story.user("hold")[0], story.user("land")[0], story.user("abort")[0]] == ["DONE", "DONE", "ALREADY"]
+
+
+def test_commands_that_would_be_done_are_those_that_are():
+    for place, row in EXPECTED.items():
+        story: Story = at(place)
+        turn = Turn(story.state, ev.Tick(t_ns=story.now), story.rules)
+        offered = [command.value for command in answers.available(turn)]
+        assert offered == [c for c, letter in zip(COMMANDS, row.letters) if letter == "D"], place
+
+
+def test_every_message_has_words_and_a_known_level():
+    for key, message in messages.MESSAGES.items():
+        assert message.text, key
+        assert message.level in Level, key
