@@ -1,0 +1,282 @@
+"""Landing: sticky, repeated, by the second route, loudly; over when the autopilot says so; disarm on the ground."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from engine_beginnings import at
+from engine_peers import S
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.commands import AutopilotDisarm, Level, Notify
+
+
+def test_repeated_at_2_hz_until_it_is_shown():
+    story = at("MISSION flying")
+    story.vehicle.obeys = False
+    start = story.now / S
+    story.user("land")
+    story.after(2.9)
+    assert story.times_of("LAND") == [round(start + 0.5 * n, 6) for n in range(6)]
+    assert story.times_of("AutopilotLand") == []
+    story.say(mode="AUTO.LAND").look().after(1.0)
+    assert story.motions == []
+
+
+def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
+    story = at("MISSION flying")
+    story.vehicle.obeys = False
+    start = story.now
+    story.user("land")
+    story.after(125.0).expect("LAND", "commanding")
+    assert story.times_of("AutopilotLand")[0] == round((start + 3 * S) / S, 6)
+    told = [(round((t - start) / S, 6), c.key) for t, c in story.sent if isinstance(c, Notify) and t >= start]
+    assert told == [(0.0, "land_user"), (3.0, "land_second_route"), (6.0, "land_alarm"), (120.0, "land_limit")]
+    alarms = [c.key for c in story.since if isinstance(c, Notify) and c.level is Level.ALARM]
+    assert alarms == ["land_alarm", "land_limit"]
+    assert story.motions[-4:] == ["LAND", "AutopilotLand", "LAND", "AutopilotLand"]
+
+
+@pytest.mark.parametrize(
+    "claims",
+    [
+        {"mode": "AUTO.LAND"},
+        {"mode": "AUTO.PRECLAND"},
+        {"landed": ev.VehicleLanded.LANDING},
+        {"landed": ev.VehicleLanded.ON_GROUND},
+    ],
+)
+def test_what_shows_a_landing(claims):
+    at("LAND commanding").say(**claims).expect("LAND", "descending")
+
+
+def test_a_sustained_descent_shows_it_a_short_one_does_not():
+    story = at("LAND commanding")
+    story.say(vertical_speed_m_s=-0.3).after(0.9).expect("LAND", "commanding")
+    story.after(0.3).expect("LAND", "descending")
+
+
+@pytest.mark.parametrize("speed", [-0.19, 0.0, 0.5, float("nan"), None])
+def test_no_descent_shows_nothing(speed):
+    at("LAND commanding").say(vertical_speed_m_s=speed).after(2.0).expect("LAND", "commanding")
+
+
+def test_what_was_shown_and_stops_is_commanded_again_at_once():
+    story = at("LAND commanding")
+    story.say(landed=ev.VehicleLanded.LANDING).expect("LAND", "descending").look()
+    story.say(landed=ev.VehicleLanded.IN_AIR).expect("LAND", "commanding")
+    assert story.motions == ["LAND"]
+
+
+def test_not_landed_at_the_limit_both_routes_repeat_although_it_shows_a_landing():
+    story = at("LAND descending")
+    story.vehicle.speed, story.vehicle.obeys = 0.0, False
+    story.after(130.0).expect("LAND", "commanding")
+    assert "land_limit" in story.told
+    assert story.motions[-2:] == ["LAND", "AutopilotLand"]
+
+
+def test_landed_is_disarmed_and_on_ground_both():
+    story = at("LAND descending")
+    story.say(landed=ev.VehicleLanded.ON_GROUND).expect("LAND")
+    story.say(landed=ev.VehicleLanded.LANDING, armed=False).expect("LAND")
+    story.landing_says = ev.Landed.ON_GROUND
+    story.report()
+    story.say(landed=ev.VehicleLanded.ON_GROUND, armed=False).expect("DATA_CLEANUP")
+
+
+def test_landed_must_be_fresh():
+    story = at("LAND descending")
+    story.silent.append("autopilot")
+    story.after(10.0).expect("LAND")
+
+
+# --- the landing detection --------------------------------------------------------------------------------------------
+
+
+def test_the_landing_detection_confirms():
+    story = at("LAND descending").until("DATA_CLEANUP")
+    assert "landing_unconfirmed" not in story.told
+
+
+@pytest.mark.parametrize("happens", ["unknown", "silent"])
+def test_an_unknown_landing_detection_is_reported_and_not_waited_for(happens):
+    story = at("LAND descending")
+    if happens == "unknown":
+        story.landing_says = ev.Landed.UNKNOWN
+    else:
+        story.silent.append("landing")
+    story.until("DATA_CLEANUP")
+    down_ns = next(t for t, c in story.sent if getattr(c, "rule", "") == "landed")
+    assert story.now == down_ns
+    assert story.vehicle.armed is False
+    assert "landing_unconfirmed" in story.told
+    assert story.now - story.state.grounded_ns < S
+
+
+def test_a_landing_detection_that_contradicts_is_waited_for_up_to_its_limit():
+    story = at("LAND descending")
+    story.landing_says = ev.Landed.AIRBORNE
+    story.after(2.5).expect("LAND")
+    down_ns = story.state.grounded_ns
+    story.after_ns(down_ns + 10 * S - story.now - 1).expect("LAND")
+    story.after_ns(1).expect("DATA_CLEANUP")
+    assert "landing_unconfirmed" in story.told
+
+
+def test_nothing_is_commanded_while_the_confirmation_is_waited_for():
+    story = at("LAND descending")
+    story.landing_says = ev.Landed.AIRBORNE
+    story.until("DATA_CLEANUP")
+    assert story.motions == []
+
+
+def test_down_and_then_silent_is_landed():
+    """The autopilot said that it is down and is switched off: nothing else can come."""
+    story = at("LAND descending")
+    story.landing_says = ev.Landed.AIRBORNE
+    story.after(3.0).expect("LAND")
+    story.silent.append("autopilot")
+    story.after(20.0)
+    assert story.place[0] in ("DATA_CLEANUP", "MISSION_ENDED")
+
+
+# --- disarm -----------------------------------------------------------------------------------------------------------
+
+
+def _on_ground_armed():
+    story = at("LAND descending")
+    story.vehicle.auto_disarm = False
+    story.disobeyed.append("AutopilotDisarm")
+    return story
+
+
+def test_on_ground_but_armed_is_disarmed_after_a_while_and_again():
+    story = _on_ground_armed()
+    story.after(3.0)
+    grounded_ns = story.state.grounded_ns
+    story.after(8.0)
+    expected = [round((grounded_ns + n * S) / S, 6) for n in (4, 6, 8)]
+    assert story.times_of("AutopilotDisarm") == expected
+
+
+@pytest.mark.parametrize(
+    "claims",
+    [
+        {"landed": ev.VehicleLanded.UNKNOWN},
+        {"landed": ev.VehicleLanded.IN_AIR},
+        {"landed": ev.VehicleLanded.LANDING},
+        {"armed": None},
+        {"link_age_s": None},
+    ],
+)
+def test_never_disarmed_while_airborne_or_unknown(claims):
+    story = _on_ground_armed()
+    story.say(**claims).after(30.0).expect("LAND")
+    assert "AutopilotDisarm" not in story.motions
+
+
+def test_never_disarmed_while_the_landing_detection_says_airborne():
+    story = _on_ground_armed()
+    story.landing_says = ev.Landed.AIRBORNE
+    story.after(30.0).expect("LAND")
+    assert "AutopilotDisarm" not in story.motions
+
+
+def test_a_landing_detection_that_fell_silent_in_the_air_does_not_forbid_to_disarm():
+    story = _on_ground_armed()
+    story.silent.append("landing")
+    story.disobeyed.clear()
+    story.until("DATA_CLEANUP")
+    assert story.motions == ["AutopilotDisarm"]
+
+
+def test_never_disarmed_when_ground_is_a_blink():
+    story = _on_ground_armed()
+    for _ in range(10):
+        story.say(landed=ev.VehicleLanded.ON_GROUND).after(1.9)
+        story.say(landed=ev.VehicleLanded.IN_AIR).after(0.2)
+    assert "AutopilotDisarm" not in story.motions
+
+
+def test_the_disarm_is_never_first_in_front_of_a_landing():
+    story = _on_ground_armed()
+    story.after(6.9)
+    for commands in [story.feed(ev.Tick, t_ns=story.now + n * S) for n in range(20)]:
+        names = [type(c).__name__ for c in commands]
+        if "AutopilotDisarm" in names and "MissionCommand" in names:
+            assert names.index("MissionCommand") < names.index("AutopilotDisarm")
+
+
+def test_on_the_ground_and_armed_at_the_limit_the_pilot_is_alarmed():
+    story = _on_ground_armed()
+    story.after(125.0).expect("LAND")
+    assert "land_limit" in story.told
+
+
+def test_after_the_planners_own_landing_it_is_disarmed_too():
+    story = at("MISSION flying")
+    story.vehicle.auto_disarm = False
+    story.until("DATA_CLEANUP")
+    assert [c for c in story.since if isinstance(c, AutopilotDisarm)]
+    assert story.state.result.value == "COMPLETE"
+
+
+# --- sticky -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("phase", list(ev.MissionPhase))
+def test_whatever_the_planner_says_a_landing_goes_on(phase):
+    story = at("LAND commanding")
+    story.planner.says["phase"] = phase
+    story.after(5.0).expect("LAND")
+    assert set(story.motions) <= {"LAND", "AutopilotLand"}
+
+
+def test_a_landing_before_lift_off_is_repeated_until_it_is_disarmed():
+    story = at("TAKEOFF lifting_off")
+    story.disobeyed.append("LAND")
+    story.vehicle.obeys = False
+    story.user("land")
+    story.after(1.1).expect("LAND", "commanding")
+    assert story.motions == ["LAND", "LAND", "LAND"]
+
+
+def test_a_takeoff_that_comes_late_during_the_landing_is_landed():
+    """LAND came before it was armed; the planner lost it and takes off."""
+    story = at("TAKEOFF arming")
+    story.disobeyed.append("LAND")
+    story.user("land")
+    story.look().say(armed=True).expect("LAND", "commanding")
+    story.say(landed=ev.VehicleLanded.TAKING_OFF, mode="AUTO.TAKEOFF").after(1.0).expect("LAND", "commanding")
+    assert story.motions.count("LAND") >= 2
+
+
+def test_landed_by_itself_in_a_hold_is_not_resumed():
+    story = at("HOLD holding")
+    story.planner.says["phase"] = ev.MissionPhase.HOLDING
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.landing_says = ev.Landed.ON_GROUND
+    story.after(12.0)
+    assert story.motions == []
+    assert story.place[0] in ("DATA_CLEANUP", "MISSION_ENDED")
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+@pytest.mark.parametrize(
+    "place", ["MISSION flying", "HOLD holding", "HOLD confirming", "HOLD resuming", "TAKEOFF climbing"]
+)
+def test_down_and_then_silence_does_not_stay_for_ever(place):
+    story = at(place)
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.silent += ["autopilot", "planner", "landing", "watchdog", "recorder"]
+    story.after(100.0)
+    assert story.place[0] in ("OUTREACH", "MISSION_ENDED")
+
+
+def test_flight_time_does_not_end_on_the_ground():
+    story = at("MISSION touchdown")
+    limits = replace(story.rules.limits, max_flight_time_ns=1 * S)
+    story.rules = replace(story.rules, limits=limits)
+    story.after(2.0).expect("MISSION", "touchdown")

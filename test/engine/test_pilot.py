@@ -1,0 +1,215 @@
+"""Never fight the pilot or the autopilot: takeover by flag, by failsafe, by foreign mode; late effects are ours."""
+
+from __future__ import annotations
+
+import pytest
+from engine_beginnings import at
+from engine_peers import S
+
+from amaze_autonomy.engine import events as ev
+
+IN_FLIGHT = (
+    "TAKEOFF lifting_off",
+    "TAKEOFF cancelling",
+    "TAKEOFF climbing",
+    "MISSION flying",
+    "HOLD confirming",
+    "HOLD holding",
+    "HOLD resuming",
+    "LAND commanding",
+    "LAND descending",
+)
+TAKEOVERS = {
+    "flag": {"pilot_in_control": True},
+    "failsafe": {"failsafe": True, "mode": "AUTO.RTL"},
+    "failsafe in a mode of ours": {"failsafe": True},
+    "foreign mode": {"mode": "POSCTL"},
+    "foreign automatic mode": {"mode": "AUTO.RTL"},
+    "mode that nobody knows": {"mode": "CMODE(7)"},
+}
+
+
+@pytest.mark.parametrize("claims", TAKEOVERS.values(), ids=TAKEOVERS)
+@pytest.mark.parametrize("place", IN_FLIGHT)
+def test_takeover_in_every_phase_stops_commanding(place, claims):
+    story = at(place)
+    story.say(**claims)
+    story.expect("PILOT")
+    assert story.motions == []
+    story.after(30.0).expect("PILOT")
+    assert story.motions == []
+    assert story.requests == [], "it keeps recording"
+
+
+@pytest.mark.parametrize(
+    "place", ["MISSION_INPUT", "PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION", "MISSION touchdown"]
+)
+def test_arming_by_anybody_else_is_the_pilot(place):
+    story = at(place)
+    story.say(armed=True).expect("PILOT")
+    assert story.motions == []
+
+
+@pytest.mark.parametrize("name, code", [("gps", 2), ("realsense_camera", 4), ("lrf", 8), ("imu", 16)])
+def test_whatever_fails_in_the_pilots_hands_is_told_and_not_acted_on(name, code):
+    story = at("PILOT")
+    story.fail(name, code).after(30.0).expect("PILOT")
+    assert story.motions == []
+    assert story.told
+
+
+@pytest.mark.parametrize("command", ["hold", "resume", "land", "abort", "go", "retry", "give_up"])
+def test_no_command_of_the_user_moves_it_either(command):
+    story = at("PILOT")
+    assert story.user(command)[0] == "REFUSED"
+    assert story.requests == []
+
+
+def test_the_pilot_lands_and_acknowledges():
+    story = at("PILOT landed")
+    assert story.user("acknowledge")[0] == "DONE"
+    story.until("MISSION_ENDED")
+    assert story.state.result.value == "PILOT"
+
+
+def test_on_ground_and_disarmed_without_acknowledgement_stays():
+    at("PILOT landed").after(600.0).expect("PILOT")
+
+
+def test_the_pilot_gives_back_without_landing_and_nothing_is_taken():
+    story = at("PILOT")
+    story.vehicle.says.clear()
+    story.vehicle.mode = "AUTO.MISSION"
+    story.after(10.0).expect("PILOT")
+    assert story.motions == []
+
+
+def test_the_flag_while_disarmed_on_the_ground_is_no_takeover():
+    story = at("TAKEOFF arming")
+    story.say(pilot_in_control=True, armed=False).expect("TAKEOFF", "arming")
+
+
+def test_the_flag_before_takeoff_does_not_disturb_the_ground():
+    story = at("READY")
+    story.say(pilot_in_control=True).expect("READY")
+
+
+# --- what is ours -----------------------------------------------------------------------------------------------------
+
+
+def test_modes_of_a_nominal_mission_are_ours():
+    story = at("MISSION_INPUT").select().until("MISSION_ENDED")
+    assert "pilot_took_over" not in story.rules_fired
+    assert story.state.result.value == "COMPLETE"
+
+
+def test_the_mode_of_before_the_takeoff_is_not_foreign_until_it_changes():
+    """The vehicle stood in POSCTL; TAKEOFF was commanded and the mode did not change yet."""
+    story = at("READY")
+    story.say(mode="POSCTL")
+    story.user("go")
+    story.until("TAKEOFF", "arming").after(0.5).expect("TAKEOFF")
+    assert "pilot_took_over" not in story.rules_fired
+
+
+def test_a_late_effect_of_the_last_hold_is_not_the_pilot():
+    """LAND is commanded while the HOLD is still on its way; AUTO.LOITER comes late, and then AUTO.LAND."""
+    story = at("HOLD confirming")
+    story.disobeyed.append("LAND")
+    story.fail("imu", 16).expect("LAND")
+    story.say(mode="AUTO.LOITER").expect("LAND")
+    story.say(mode="AUTO.LAND").expect("LAND", "descending")
+    assert "pilot_took_over" not in story.rules_fired
+
+
+def test_a_late_effect_of_the_resume_is_not_the_pilot():
+    story = at("HOLD resuming")
+    story.disobeyed.append("LAND")
+    story.fail("imu", 16).expect("LAND")
+    story.say(mode="AUTO.MISSION").expect("LAND")
+
+
+def test_the_old_mode_goes_on_until_the_command_takes_effect():
+    story = at("MISSION flying")
+    story.disobeyed.append("LAND")
+    story.user("land")
+    story.after(2.0).expect("LAND", "commanding")
+
+
+def test_back_to_the_old_mode_after_the_command_took_effect_is_the_pilot():
+    story = at("LAND descending")
+    story.say(mode="AUTO.LOITER").expect("PILOT")
+
+
+def test_resume_after_a_hold_is_ours():
+    story = at("HOLD holding")
+    story.user("resume")
+    story.until("MISSION", "flying").after(1.0).expect("MISSION")
+
+
+def test_an_unknown_mode_is_nobodys():
+    story = at("MISSION flying")
+    story.say(mode="").expect("MISSION", "flying")
+
+
+def test_offboard_planners_hold_and_resume_in_one_mode():
+    story = at("TAKEOFF climbing")
+    story.vehicle.says["mode"] = "OFFBOARD"
+    story.until("MISSION", "flying")
+    story.user("hold")
+    story.until("HOLD", "holding")
+    story.user("resume")
+    story.until("MISSION", "flying").after(1.0)
+    assert "pilot_took_over" not in story.rules_fired
+
+
+def test_a_foreign_mode_in_the_status_that_also_brings_the_landing_is_the_pilot():
+    story = at("MISSION flying")
+    story.vehicle.says.update(mode="POSCTL", battery_fraction=0.05)
+    story.report()
+    story.expect("PILOT")
+    assert story.motions == []
+
+
+def test_a_takeover_that_is_not_fresh_is_not_believed_and_the_silence_lands():
+    story = at("MISSION flying")
+    story.silent.append("autopilot")
+    story.feed(
+        ev.AutopilotStatus,
+        armed=True,
+        landed=ev.VehicleLanded.IN_AIR,
+        pilot_in_control=True,
+        link_age_s=0.0,
+        age_ns=2 * S,
+    )
+    story.expect("MISSION", "flying")
+    story.after(1.3).expect("LAND")
+
+
+def test_takeover_after_touchdown_while_still_armed():
+    story = at("LAND descending")
+    story.vehicle.auto_disarm = False
+    story.after(3.0).look()
+    story.say(pilot_in_control=True).expect("PILOT")
+    story.after(10.0)
+    assert story.motions == []
+
+
+def test_armed_again_in_the_air_after_it_had_said_that_it_was_down_is_the_pilot():
+    """Whoever flies now, it is not us."""
+    story = at("HOLD holding")
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).expect("PILOT")
+    assert story.motions == []
+
+
+def test_a_landing_that_only_seemed_over_goes_on():
+    """Landing is sticky: one status said down, the landing detection did not, the next says airborne again."""
+    story = at("LAND commanding")
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.expect("LAND")
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR)
+    story.silent.append("landing")
+    story.after(5.0).expect("LAND", "commanding")
+    assert story.state.in_flight
+    assert story.motions[:1] == ["LAND"]
