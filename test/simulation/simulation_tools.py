@@ -12,9 +12,9 @@ from amaze_autonomy.engine.commands import (
     StopRecording,
 )
 from amaze_autonomy.engine.events import AutopilotStatus, MissionStatus, RecordingStatus
+from amaze_autonomy.engine.severity import Severity
 from amaze_autonomy.missions import Waypoint
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
-from amaze_autonomy.engine.severity import Severity
 from amaze_autonomy.simulation import Settings, World, parse_scenario
 from amaze_autonomy.simulation.power import PowerSettings
 

@@ -1,7 +1,7 @@
 """The simulated autopilot node: what it hears and tells, its checks, the second route of a landing."""
 
 import pytest
-from simulation_tools import S, Driver, changes
+from simulation_tools import Driver, S, changes
 
 from amaze_autonomy.engine.checks import CheckName, Verdict
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand
@@ -19,7 +19,12 @@ def test_tells_what_the_vehicle_does_five_times_a_second_and_at_once_on_a_change
     driver.take_off()
     driver.until(lambda: driver.vehicle.reached == 3 and not driver.vehicle.armed)
     assert changes(driver.events, AutopilotStatus, "armed") == [False, True, False]
-    assert changes(driver.events, AutopilotStatus, "mode") == ["AUTO.LOITER", "AUTO.TAKEOFF", "AUTO.MISSION", "AUTO.LAND"]
+    assert changes(driver.events, AutopilotStatus, "mode") == [
+        "AUTO.LOITER",
+        "AUTO.TAKEOFF",
+        "AUTO.MISSION",
+        "AUTO.LAND",
+    ]
     assert changes(driver.events, AutopilotStatus, "landed") == [
         VehicleLanded.ON_GROUND,
         VehicleLanded.TAKING_OFF,

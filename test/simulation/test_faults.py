@@ -101,7 +101,9 @@ def test_ending_a_fault_that_does_not_act_changes_nothing():
 
 def test_of_changes_at_the_same_time_the_first_in_the_file_comes_first():
     faults = Faults(
-        scenario("component: lrf, fault: silent, at_s: 1\ncomponent: camera, fault: killed, at_s: 1", "request: go, at_s: 1")
+        scenario(
+            "component: lrf, fault: silent, at_s: 1\ncomponent: camera, fault: killed, at_s: 1", "request: go, at_s: 1"
+        )
     )
     assert [str(getattr(change.what, "command", change.what)) for change in faults.advance(S)] == [
         "lrf silent",

@@ -3,7 +3,7 @@
 from math import isnan
 
 import pytest
-from simulation_tools import S, Driver
+from simulation_tools import Driver, S
 
 from amaze_autonomy.simulation.streams import SampleKind
 
@@ -48,7 +48,8 @@ def test_stamps_rise_and_belong_to_the_time_that_has_passed(configuration):
     for samples in sent(settings=configuration, from_s=2.0).values():
         stamps = [sample.stamp_ns for sample in samples]
         assert stamps == sorted(stamps)
-        assert 1.8 * S < stamps[0] and stamps[-1] <= 6 * S
+        assert stamps[0] > 1.8 * S
+        assert stamps[-1] <= 6 * S
 
 
 def test_samples_are_handed_over_once():
@@ -73,7 +74,9 @@ def test_a_picture_is_whole_and_changes_with_each_one():
 
 
 def test_a_stuck_camera_sends_the_same_picture():
-    pictures = {sample.fields["data"] for sample in sent("component: camera, fault: stuck, at_s: 1", from_s=2.0)["/camera"]}
+    pictures = {
+        sample.fields["data"] for sample in sent("component: camera, fault: stuck, at_s: 1", from_s=2.0)["/camera"]
+    }
     assert len(pictures) == 1
 
 

@@ -1,7 +1,7 @@
 """The simulated mission planner, seen through its services and its status."""
 
 import pytest
-from simulation_tools import S, Driver, changes
+from simulation_tools import Driver, S, changes
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, Outcome
@@ -93,7 +93,7 @@ def test_abort_lands_in_the_air_and_disarms_on_the_ground(driver):
     driver.load()
     driver.command(MissionAction.TAKEOFF)
     driver.go_on(1.0)
-    assert driver.vehicle.armed and not driver.vehicle.airborne
+    assert (driver.vehicle.armed, driver.vehicle.airborne) == (True, False)
     driver.command(MissionAction.ABORT)
     assert not driver.vehicle.armed
     driver.take_off()

@@ -51,7 +51,8 @@ def test_tells_its_progress_within_a_phase():
     progress = [e.progress for e in driver.events if isinstance(e, RecordingStatus) and e.phase is PHASE.TRANSFERRING]
     assert len(progress) >= 5
     assert progress == sorted(progress)
-    assert 0.0 <= progress[0] < 0.3 and 0.7 < progress[-1] <= 1.0
+    assert 0.0 <= progress[0] < 0.3
+    assert 0.7 < progress[-1] <= 1.0
 
 
 def test_a_second_start_of_the_same_session_is_already_so_and_another_session_is_refused():

@@ -56,9 +56,7 @@ def test_a_scenario_says_what_goes_wrong_and_what_the_user_does():
                 None,
                 (("to_fraction", 0.2), ("over_s", 0.0)),
             ),
-            Fault(
-                KINDS[Subject.SERVICE, "slow"], "mission_planner/load", Trigger(at_ns=0), None, (("delay_s", 2.5),)
-            ),
+            Fault(KINDS[Subject.SERVICE, "slow"], "mission_planner/load", Trigger(at_ns=0), None, (("delay_s", 2.5),)),
         ),
         requests=(Request(UserCommand.GIVE_UP, Trigger(state="OUTREACH")),),
     )
@@ -133,7 +131,9 @@ def written(kind):
     return f"description: a kind\nfaults:\n  - {{{target}fault: {kind.name}{given}}}\n"
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=[f"{kind.subject or 'world'} {kind.name}" for kind in KINDS.values()])
+@pytest.mark.parametrize(
+    "kind", KINDS.values(), ids=[f"{kind.subject or 'world'} {kind.name}" for kind in KINDS.values()]
+)
 def test_every_kind_of_fault_can_be_written(kind):
     (fault,) = parse_scenario(written(kind)).faults
     assert fault.kind is kind

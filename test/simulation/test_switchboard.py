@@ -1,7 +1,7 @@
 """Services that refuse, hang, vanish, break, answer late or lie; processes that die in mid-call."""
 
 import pytest
-from simulation_tools import S, Driver
+from simulation_tools import Driver, S
 
 from amaze_autonomy.engine.checks import CheckName, Verdict
 from amaze_autonomy.engine.commands import LoadMission, RunCheck

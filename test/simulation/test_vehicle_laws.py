@@ -4,8 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simulation_tools import Driver, scenario
 
-from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, LoadMission, MissionAction, MissionCommand
-from amaze_autonomy.engine.commands import StartRecording, StopRecording
+from amaze_autonomy.engine.commands import (
+    AutopilotDisarm,
+    AutopilotLand,
+    LoadMission,
+    MissionAction,
+    MissionCommand,
+    StartRecording,
+    StopRecording,
+)
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
 
 MOTION = st.sampled_from(MissionAction).map(lambda action: (MissionCommand, {"session_id": "a", "action": action}))

@@ -1,7 +1,7 @@
 """The world as a whole: time, determinism, peers that are left out, what a scenario may name."""
 
 import pytest
-from simulation_tools import COMPONENTS, S, Driver, scenario, small_settings
+from simulation_tools import COMPONENTS, Driver, S, scenario, small_settings
 
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import Level, LoadMission, Notify
@@ -85,7 +85,9 @@ def test_a_peer_that_is_left_out_has_no_status_and_no_services(peer):
     driver = Driver(without=(peer,))
     driver.go_on(3.0)
     assert not [event for event in driver.events if isinstance(event, STATUS[peer])]
-    assert all(any(isinstance(event, kind) for event in driver.events) for kind in STATUS.values() if kind is not STATUS[peer])
+    assert all(
+        any(isinstance(event, kind) for event in driver.events) for kind in STATUS.values() if kind is not STATUS[peer]
+    )
     assert [name for name in SERVICES if name not in driver.world.services()] == [
         name for name in SERVICES if peer_of(name) == peer
     ]

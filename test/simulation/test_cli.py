@@ -1,0 +1,112 @@
+"""`amaze-autonomy simulate` as its user sees it."""
+
+import json
+
+import pytest
+
+from amaze_autonomy.engine import journal
+from amaze_autonomy.simulation.cli import COMPLETE, LIMIT, NOT_COMPLETE, USAGE, WAITING, main
+
+
+def simulated(capsys, *arguments):
+    """Return exit status, output and errors."""
+    status = main(list(arguments))
+    said = capsys.readouterr()
+    return status, said.out, said.err
+
+
+def test_tells_the_story_of_a_mission_and_its_result(capsys):
+    status, out, err = simulated(capsys)
+    assert (status, err) == (COMPLETE, "")
+    lines = out.splitlines()
+    assert lines[0] == "scenario: nothing goes wrong"
+    assert lines[-1] == "mission 1: COMPLETE"
+    assert any("READY -> START_RECORDING" in line for line in lines)
+    times = [float(line.split()[0]) for line in lines[2:-2]]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize(
+    "arguments, status, last",
+    [
+        (("--mission", "1,3"), COMPLETE, "mission 3: COMPLETE"),
+        (("--faults", "mission_camera"), NOT_COMPLETE, "mission 1: LANDED_EARLY"),
+        (("--faults", "battery_low"), WAITING, "MISSION_INPUT: waits for a person"),
+        (("--set", "autonomy.require_go=true"), WAITING, "OUTREACH: waits for a person"),
+        (("--limit", "30"), LIMIT, "MISSION: not finished within the limit of simulated time"),
+    ],
+    ids=["complete", "landed early", "waiting", "nobody gives the go", "limit"],
+)
+def test_the_exit_status_says_how_it_ended(capsys, arguments, status, last):
+    told, out, _ = simulated(capsys, *arguments)
+    assert (told, out.splitlines()[-1]) == (status, last)
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (("--mission", "9"), "simulate: there is no mission '9'; there is 1, 2, 3, 4, 5\n"),
+        (("--faults", "lfr"), "simulate: there is no scenario 'lfr'; did you mean lrf?\n"),
+        (("--faults", "zzz"), "simulate: there is no scenario 'zzz'; --list shows those that ship with the package\n"),
+        (
+            ("--faults", "no/such.yaml"),
+            "simulate: no/such.yaml: cannot be read (No such file or directory); must be a readable file\n",
+        ),
+        (
+            ("--journal", "/no/such/folder/out.jsonl"),
+            "simulate: /no/such/folder/out.jsonl: cannot be written (No such file or directory)\n",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line_and_an_exit_status(capsys, arguments, words):
+    status, out, err = simulated(capsys, *arguments)
+    assert (status, out, err) == (USAGE, "", words)
+
+
+def test_a_mistake_in_a_scenario_is_told_with_its_line(capsys, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("description: mine\nfaults:\n  - component: lidar\n    fault: silent\n")
+    status, _, err = simulated(capsys, "--faults", str(file))
+    assert status == USAGE
+    assert err.startswith(f"simulate: {file}:3: there is no component 'lidar'; there is gps, imu")
+
+
+def test_a_mistake_in_the_configuration_is_told(capsys):
+    status, _, err = simulated(capsys, "--set", "autonomy.requre_go=true")
+    assert status == USAGE
+    assert "did you mean require_go?" in err
+
+
+def test_writes_a_journal_that_can_be_read(capsys, tmp_path):
+    file = tmp_path / "out.jsonl"
+    simulated(capsys, "--faults", "lrf", "--seed", "3", "--journal", str(file))
+    lines = journal.read(file.read_text()).lines
+    assert {line.kind for line in lines} == {"header", "event", "decision"}
+    header = lines[0].payload
+    assert (header["seed"], header["writer"]) == (3, "simulate")
+
+
+def test_prints_json_for_programs(capsys):
+    status, out, _ = simulated(capsys, "--faults", "lrf", "--json")
+    told = json.loads(out)
+    assert told["exit_status"] == status == NOT_COMPLETE
+    assert told["results"] == [{"mission": "1", "result": "LANDED_EARLY"}]
+    assert [each["action"] for each in told["commands"] if each["command"] == "MissionCommand"][:3] == [
+        "TAKEOFF",
+        "HOLD",
+        "LAND",
+    ]
+    assert told["world"][0]["text"] == "fault begins: lrf killed"
+
+
+def test_what_repeats_is_told_once(capsys):
+    _, out, _ = simulated(capsys, "--faults", "autopilot_silent")
+    assert "... land_repeat, " in out
+    assert out.count("by land_repeat") < 6
+
+
+def test_lists_scenarios_kinds_and_events(capsys):
+    status, out, _ = simulated(capsys, "--list")
+    assert status == COMPLETE
+    for words in ("lrf_returns  ", "flapping  ", "component  silent", "airborne "):
+        assert words in out

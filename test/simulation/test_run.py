@@ -1,0 +1,184 @@
+"""The closed loop of world and engine: missions are flown, every shipped scenario ends as it must, always the same."""
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import pytest
+from expected_stories import REACTIONS_S, STORIES
+from simulation_tools import S, scenario
+
+from amaze_autonomy.engine import journal
+from amaze_autonomy.engine.commands import (
+    Answer,
+    AnswerKind,
+    AutopilotDisarm,
+    AutopilotLand,
+    Level,
+    MissionCommand,
+    Notify,
+)
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import Event, WatchdogAction
+from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.simulation import load_scenario
+from amaze_autonomy.simulation.run import run
+
+
+@pytest.fixture(scope="session")
+def flown(configuration, config_folder):
+    """Return the run of a shipped scenario on mission 1; each is flown once."""
+    runs = {}
+
+    def fly(name):
+        if name not in runs:
+            story = load_scenario(config_folder / "faults" / f"{name}.yaml") if name else None
+            runs[name] = run(configuration, (configuration.plan("1").mission,), story, seed=1)
+        return runs[name]
+
+    return fly
+
+
+def states(result):
+    """Return the states after MISSION_INPUT, each once in a row."""
+    return tuple(decision.after for decision in result.decisions if decision.after != decision.before)
+
+
+def motion(result):
+    """Return (time, name) of every request of motion."""
+    return [
+        (t_ns, each.action.name if isinstance(each, MissionCommand) else type(each).__name__)
+        for t_ns, each in result.commands
+        if isinstance(each, (MissionCommand, AutopilotLand, AutopilotDisarm))
+    ]
+
+
+def in_short(names):
+    """Return the names, equal ones in a row once; a landing is repeated by both routes: each of them once."""
+    short = []
+    for name in names:
+        if not short or (short[-1] != name and not (name in ("LAND", "AutopilotLand") and name in short)):
+            short.append(name)
+    return tuple(short)
+
+
+@pytest.mark.parametrize("mission_id", ["1", "2", "3", "4", "5"])
+@pytest.mark.parametrize("seed", [0, 7])
+def test_a_nominal_mission_is_nominal(configuration, mission_id, seed):
+    result = run(configuration, (configuration.plan(mission_id).mission,), seed=seed)
+    assert result.results == ((mission_id, Result.COMPLETE),)
+    assert result.finished
+    assert not [each for _, each in result.commands if isinstance(each, Notify) and each.level > Level.INFO]
+    codes = {event.code for event in events_of(result) if isinstance(event, WatchdogAction)}
+    assert codes == {Code.NOMINAL}
+
+
+def events_of(result):
+    lines = journal.read("".join(line + "\n" for line in result.lines)).lines
+    return [line.payload for line in lines if isinstance(line.payload, Event)]
+
+
+def test_a_mission_takes_as_long_as_its_estimate_says(configuration):
+    plan = configuration.plan("4")
+    result = run(configuration, (plan.mission,))
+    (takeoff,) = [decision.t_ns for decision in result.decisions if decision.rule == "takeoff"]
+    (complete,) = [decision.t_ns for decision in result.decisions if decision.rule == "mission_complete"]
+    assert (complete - takeoff) / S == pytest.approx(plan.mission.estimated_duration_s, rel=0.05)
+
+
+def test_there_is_a_story_for_every_shipped_scenario_and_no_other(config_folder):
+    assert sorted(STORIES) == sorted(file.stem for file in (config_folder / "faults").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_a_shipped_scenario_ends_as_it_must(flown, name):
+    result, expected = flown(name), STORIES[name]
+    assert states(result) == expected.states
+    assert in_short(each for _, each in motion(result)) == expected.motion
+    assert result.results == (() if expected.result is None else (("1", Result(expected.result)),))
+    assert result.finished
+
+
+@pytest.mark.parametrize("name", REACTIONS_S)
+def test_the_reaction_comes_in_time(flown, name):
+    command, limit_s = REACTIONS_S[name]
+    result = flown(name)
+    begun_ns = result.history[0][0]
+    reaction_ns = next(t_ns for t_ns, each in motion(result) if each == command)
+    assert 0 <= reaction_ns - begun_ns <= round(limit_s * S)
+
+
+@pytest.mark.parametrize("name", STORIES)
+def test_every_request_of_the_scenarios_user_is_done(flown, name):
+    answers = [each for _, each in flown(name).commands if isinstance(each, Answer)]
+    assert {answer.answer for answer in answers} == {AnswerKind.DONE}
+
+
+@pytest.mark.parametrize("name", ["", "lrf", "flapping", "pilot_takeover", "land_ignored"])
+def test_the_journal_alone_gives_the_same_decisions(flown, name):
+    result = flown(name)
+    lines = journal.read("".join(line + "\n" for line in result.lines)).lines
+    rules, state = journal.rules_of(lines[0]), EngineState()
+    told, again = [], []
+    for line in lines[1:]:
+        if line.kind == "decision":
+            told.append(line.payload)
+            continue
+        state, commands = decide(state, line.payload, rules)
+        again += [command for command in commands if type(command).__name__ == "Decision"]
+    assert again == told == list(result.decisions)
+    assert state == result.state
+
+
+def test_several_missions_follow_each_other(configuration):
+    missions = tuple(configuration.plan(name).mission for name in ("1", "3", "1"))
+    result = run(configuration, missions)
+    assert result.results == (("1", Result.COMPLETE), ("3", Result.COMPLETE), ("1", Result.COMPLETE))
+    assert result.state.sessions == 3
+
+
+def test_an_outreach_that_nobody_answers_ends_the_run(configuration):
+    result = run(configuration, (configuration.plan("1").mission,), scenario("fault: tilted, tilt_deg: 30"))
+    assert (result.finished, result.state.state, result.results) == (True, State.OUTREACH, ())
+
+
+def test_the_limit_of_simulated_time_ends_the_run(configuration):
+    result = run(configuration, (configuration.plan("4").mission,), limit_ns=60 * S)
+    assert (result.finished, result.state.state) == (False, State.MISSION)
+    assert result.state.t_ns <= 61 * S
+
+
+def test_the_same_seed_gives_the_same_journal_and_another_seed_another(configuration):
+    missions = (configuration.plan("1").mission,)
+    first, again, other = (run(configuration, missions, seed=seed).lines for seed in (3, 3, 4))
+    assert first == again
+    assert first[1:] != other[1:]
+
+
+PROGRAM = """
+import hashlib, sys
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.simulation import load_scenario
+from amaze_autonomy.simulation.run import run
+configuration = load_configuration(sys.argv[1])
+story = load_scenario(sys.argv[1] + "/faults/flapping.yaml")
+lines = run(configuration, (configuration.plan("2").mission,), story, seed=5).lines
+print(hashlib.sha256("\\n".join(lines).encode()).hexdigest())
+"""
+
+
+@pytest.mark.parametrize("hash_seed", ["0", "1", "4711"])
+def test_the_journal_does_not_depend_on_the_hash_seed(configuration, config_folder, hash_seed):
+    story = load_scenario(config_folder / "faults" / "flapping.yaml")
+    lines = run(configuration, (configuration.plan("2").mission,), story, seed=5).lines
+    expected = hashlib.sha256("\n".join(lines).encode()).hexdigest()
+    told = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(config_folder)],
+        env={**os.environ, "PYTHONHASHSEED": hash_seed},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert told.stdout.strip() == expected
