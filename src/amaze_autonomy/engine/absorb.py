@@ -6,7 +6,7 @@ that is too old or claims to come from the future, a heartbeat whose loop counte
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Tuple, Type
+from typing import Callable, Dict, Optional, Tuple, Type
 
 from .checks import CheckName
 from .commands import Value
@@ -26,6 +26,7 @@ from .events import (
     WatchdogAction,
     WatchdogInfo,
 )
+from .mission import Mission
 from .modes import MODES, ours
 from .severity import Code
 from .state import CheckRecord, State, Step, evolve
@@ -134,6 +135,11 @@ def _check_reply(turn: Turn, event: CheckReply) -> None:
     if not current:
         return
     answered = answer_of(current[0], event, turn.now)
+    lacks = lacking(turn.state.mission, event.components) if event.check is CheckName.WATCHDOG else None
+    if answered.ok and lacks is not None:
+        answered = evolve(
+            answered, ok=False, message=f"{lacks.name} is at code {int(lacks.code)}, although it says ready"
+        )
     turn.set(checks=tuple(answered if r is current[0] else r for r in records))
     if (
         event.check is CheckName.WATCHDOG
@@ -161,6 +167,17 @@ def answer_of(record: CheckRecord, event: CheckReply, now_ns: int) -> CheckRecor
         until_ns=event.until_ns,
         message=message,
     )
+
+
+def lacking(mission: Optional[Mission], components: Tuple[ComponentStatus, ...]) -> Optional[ComponentStatus]:
+    """Return the first required component that is neither at code 1 nor, tolerated, at code 2."""
+    required, tolerated = (mission.required, mission.tolerated) if mission is not None else ((), ())
+    for status in components:
+        needed = not required or status.name in required
+        accepted = status.code == Code.NOMINAL or (status.code == Code.NON_CRITICAL and status.name in tolerated)
+        if needed and not accepted:
+            return status
+    return None
 
 
 def _reply(turn: Turn, event: Reply) -> None:

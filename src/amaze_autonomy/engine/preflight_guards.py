@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Optional
 
+from .absorb import lacking
 from .checks import CheckName
 from .commands import Value
 from .events import MissionPhase, Outcome
 from .fitness import unfit
 from .guards import Values, both, holds_if, timer
-from .severity import Code
 from .timers import passed
 from .turn import Turn
 
@@ -103,13 +103,9 @@ def too_many_rounds(turn: Turn) -> Optional[Values]:
 
 def taken_back(turn: Turn) -> Optional[Values]:
     """A required component is not at code 1 (nor tolerated at code 2), or the watchdog is silent."""
-    mission = turn.state.mission
-    required, tolerated = (mission.required, mission.tolerated) if mission is not None else ((), ())
-    for status in turn.state.components:
-        needed = not required or status.name in required
-        accepted = status.code == Code.NOMINAL or (status.code == Code.NON_CRITICAL and status.name in tolerated)
-        if needed and not accepted:
-            return (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
+    status = lacking(turn.state.mission, turn.state.components)
+    if status is not None:
+        return (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
     return holds_if(
         passed("watchdog_heartbeat_limit", turn.state, turn.rules, turn.now),
         Value("reason", "the watchdog's heartbeat is lost"),
