@@ -5,7 +5,7 @@ Each returns what it looked at when the thing is lost, else None. Comparisons ar
 
 from __future__ import annotations
 
-from math import hypot
+from math import sqrt
 from typing import Callable, Mapping, Optional, Tuple
 
 from .absorb import proves_recording
@@ -83,7 +83,8 @@ def _distance(turn: Turn) -> Optional[Values]:
         limit = mission.max_distance_m
     if status is None or status.position_x_m is None or status.position_y_m is None:
         return None
-    distance = hypot(status.position_x_m, status.position_y_m)
+    x_m, y_m = status.position_x_m, status.position_y_m
+    distance = sqrt(x_m * x_m + y_m * y_m)  # hypot rounds differently on Python 3.8 and 3.11
     return None if distance <= limit else (Value("distance", round(distance, 3), limit, "m"),)
 
 

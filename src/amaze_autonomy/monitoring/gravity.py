@@ -9,7 +9,7 @@ Samples are summed in buckets of `BUCKET_NS`: adding one costs a few additions, 
 from __future__ import annotations
 
 from collections import deque
-from math import acos, atan2, cos, degrees, hypot, inf, isfinite, pi, sin, sqrt
+from math import acos, atan2, cos, degrees, inf, isfinite, pi, sin, sqrt
 from typing import Deque, List, NamedTuple, Optional, Tuple
 
 __all__ = [
@@ -74,7 +74,12 @@ def up_of_quaternion(x: float, y: float, z: float, w: float) -> Optional[Vector]
 
 def tilt_of(up: Vector) -> float:
     """Return the angle between the vehicle's z axis and up, 0..pi rad; up need not be a unit vector."""
-    return atan2(hypot(up[0], up[1]), up[2])
+    return atan2(_across(up), up[2])
+
+
+def _across(up: Vector) -> float:
+    """Return the part of a vector across the z axis; `hypot` rounds differently on Python 3.8 and 3.11."""
+    return sqrt(up[0] * up[0] + up[1] * up[1])
 
 
 def angle_between(first: Vector, second: Vector) -> float:
@@ -93,7 +98,7 @@ def describe_tilt(up: Vector) -> str:
         return "by an unknown angle"
     if tilt_rad > _UPSIDE_DOWN_RAD:
         return f"{degrees(tilt_rad):.0f} deg, upside down"
-    length = hypot(up[0], up[1]) or 1.0
+    length = _across(up) or 1.0
     words: List[str] = []
     if abs(up[0]) / length > _SIDE:
         words.append("forward" if up[0] < 0 else "backward")

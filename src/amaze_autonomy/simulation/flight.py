@@ -7,7 +7,7 @@ length ends where many small steps would.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import hypot, inf
+from math import inf, sqrt
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.events import VehicleLanded
@@ -136,7 +136,7 @@ class Flight:
         """Angle between the vehicle's z axis and the vertical: what it stands on, or the lean of its flight."""
         if not self.airborne:
             return self.flags.tilt_rad
-        return _CRUISE_LEAN_RAD * min(1.0, hypot(self.velocity_m_s[0], self.velocity_m_s[1]))
+        return _CRUISE_LEAN_RAD * min(1.0, _across(self.velocity_m_s))
 
     @property
     def pose(self) -> Pose:
@@ -202,8 +202,8 @@ class Flight:
             self._touch()
 
     def _return(self, end_ns: int) -> None:
-        x_m, y_m, height = self.position_m
-        if hypot(x_m, y_m) <= _ARRIVED_M:
+        height = self.height_m
+        if _across(self.position_m) <= _ARRIVED_M:
             self._descend(end_ns)
         else:
             home = Waypoint(0.0, 0.0, height, self.yaw_rad, 0.0)
@@ -244,6 +244,11 @@ class Flight:
         if self.airborne and mode in (Mode.LOITER, Mode.MISSION) and self.landed == VehicleLanded.LANDING:
             self.landed = VehicleLanded.IN_AIR
         self.happened.append(_MODE_EVENTS.get(mode, "mode"))
+
+
+def _across(vector: Vector) -> float:
+    """Return the horizontal part of a vector; `hypot` rounds differently on Python 3.8 and 3.11."""
+    return sqrt(vector[0] * vector[0] + vector[1] * vector[1])
 
 
 _MODE_EVENTS = {
