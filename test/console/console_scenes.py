@@ -24,53 +24,55 @@ from amaze_autonomy.engine.events import UserCommand
 NOW_S = 1000.0
 
 MISSIONS = (
-    MissionRow("1", "Square of 5 m at 3 m height", 1, 1, 118.0, 0.42),
-    MissionRow("2", "Figure eight, cameras down", 2, 3, 412.0, 0.71),
+    MissionRow("1", "Short square, less than a minute", 1, 1, 41.6, 0.24),
+    MissionRow("2", "Survey of 20 m x 10 m", 2, 3, 412.0, 0.71),
     MissionRow(
-        "wall",
-        "Along the north wall",
-        1,
-        1,
-        None,
-        None,
-        "trajectories/wall.csv line 7: height -1.5 m is below the ground",
+        "wall", "Along the north wall", 1, 1, None, None, "wall.csv line 7: z is -1.5 m, must be at least 0.5 m"
     ),
 )
 
 CHECKS = (
-    Check("gps", CheckVerdict.PASS, 5.0, 5.0, "Hz", 0.2),
-    Check("mission_camera", CheckVerdict.PASS, 20.1, 20.0, "Hz", 0.04),
-    Check("realsense", CheckVerdict.WARN, 13.2, 15.0, "Hz", 0.07, "Tolerated by this mission."),
-    Check("lrf", CheckVerdict.PASS, 20.0, 20.0, "Hz", 0.05),
-    Check("battery fraction", CheckVerdict.FAIL, 0.38, 0.42, "fraction", 0.8, "Charge or change the battery."),
-    Check("distance to the ground", CheckVerdict.PASS, 0.02, 0.1, "m", 0.05),
-    Check("tilt", CheckVerdict.UNKNOWN, None, 0.174, "rad", None, "The state estimation does not answer: start it."),
+    Check("watchdog: gps", CheckVerdict.PASS, 5.0, 3.5, "Hz", 0.19),
+    Check("watchdog: mission_camera", CheckVerdict.PASS, 10.0, 8.0, "Hz", 0.06),
+    Check("watchdog: realsense_camera", CheckVerdict.WARN, 7.2, 8.0, "Hz", 0.05, "tolerated by this mission"),
+    Check("watchdog: lrf", CheckVerdict.PASS, 20.0, 16.0, "Hz", 0.03),
+    Check(
+        "battery fraction",
+        CheckVerdict.FAIL,
+        0.25,
+        0.3,
+        "fraction",
+        0.07,
+        "25% is left, no mission starts below 30%: change or charge the battery",
+    ),
+    Check("on ground: distance to ground", CheckVerdict.PASS, 0.002, 0.1, "m", 0.1),
+    Check("state estimation", CheckVerdict.UNKNOWN, advice="asked, no answer yet"),
 )
 
 PASSED = (
     *CHECKS[:2],
-    Check("realsense", CheckVerdict.PASS, 15.1, 15.0, "Hz", 0.03),
+    Check("watchdog: realsense_camera", CheckVerdict.PASS, 10.0, 8.0, "Hz", 0.05),
     CHECKS[3],
-    Check("battery fraction", CheckVerdict.PASS, 0.93, 0.42, "fraction", 0.8),
+    Check("battery fraction", CheckVerdict.PASS, 0.9984, 0.3, "fraction", 0.07),
     CHECKS[5],
-    Check("tilt", CheckVerdict.PASS, 0.021, 0.174, "rad", 0.01),
+    Check("state estimation: tilt", CheckVerdict.PASS, 0.009, 0.1745, "rad", 0.01),
 )
 
-LRF = PendingFailure("lrf", 8, "wait", "land", 12.4, "no message for 1.32 s, limit 0.15 s; restart 1 of 3")
-REALSENSE = PendingFailure("realsense", 4, "wait", "continue", 21.0, "no message for 2.10 s, limit 0.20 s")
-GPS = PendingFailure("gps", 2, "continue", "", None, "3.1 Hz, expected 5.0 Hz")
-CAMERA = PendingFailure("mission_camera", 16, "land", "", None, "no message for 0.31 s, limit 0.15 s")
+LRF = PendingFailure("lrf", 8, "wait", "land", 12.4, "no message on /lrf/range for longer than 0.3 s")
+REALSENSE = PendingFailure("realsense_camera", 4, "wait", "continue", 21.0, "node /realsense: connection refused")
+GPS = PendingFailure("gps", 2, "continue", "", None, "3.1 Hz, expected 5 Hz")
+CAMERA = PendingFailure("mission_camera", 16, "land", "", None, "no message on /camera/image for longer than 0.3 s")
 
 _NOTES = (
     Note("10:14:31", 0, "Pre-flight checks of mission 1 are running."),
     Note("10:14:36", 0, "Ready."),
     Note("10:14:40", 0, "Takeoff."),
-    Note("10:15:02", 1, "gps: 3.1 Hz, expected 5.0 Hz The mission goes on."),
+    Note("10:15:02", 1, "gps: 3.1 Hz, expected 5 Hz. The mission goes on."),
 )
 
 _MISSION = Snapshot(
     state="MISSION",
-    session_id="20261121T101431-1",
+    session_id="20261121T101431-001",
     mission_id="1",
     mission_description=MISSIONS[0].description,
     files=1,
@@ -100,18 +102,19 @@ _HOLD = replace(
     state="HOLD",
     step="holding",
     failures=(GPS, REALSENSE, LRF),
-    waiting_for="lrf to come back",
+    waiting_for="lrf, realsense_camera",
     time_left_s=12.4,
-    message="Holding position: lrf: no message for 1.32 s, limit 0.15 s",
+    message="Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
     message_level=1,
     advice="Wait, or land.",
-    user_commands=("land", "abort"),
+    user_commands=("hold", "land", "abort"),
 )
 _OUTREACH = replace(
     _MISSION,
     state="OUTREACH",
     checks=CHECKS,
-    message="Pre-flight checks failed: battery fraction 0.38, limit 0.42",
+    message="Pre-flight checks failed: battery: 25% is left, no mission starts below 30%.",
+    waiting_for="you: retry or give up",
     message_level=2,
     advice="Follow the advice in the table, then retry, or give up.",
     user_commands=("retry", "give_up"),
@@ -129,7 +132,7 @@ SCENES: Dict[str, Desk] = {
     "mission-input-confirm": _desk(
         _INPUT,
         question=Question(
-            "Fly mission 1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)?",
+            "Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)?",
             Request(RequestKind.SELECT, missions=("1",)),
             NOW_S,
             enter_is_yes=False,
@@ -140,10 +143,10 @@ SCENES: Dict[str, Desk] = {
             _MISSION,
             state="PREFLIGHT",
             checks=CHECKS[:5],
-            waiting_for="the answer of the landing detection",
+            waiting_for="the answers to the pre-flight checks",
             time_left_s=2.6,
             message="Pre-flight checks of mission 1 are running.",
-            user_commands=("give_up",),
+            user_commands=("abort", "give_up"),
         )
     ),
     "outreach": _desk(_OUTREACH, notes=_NOTES[:1]),
@@ -155,7 +158,7 @@ SCENES: Dict[str, Desk] = {
             time_left_s=52.0,
             message="Ready. Waiting for the operator's go.",
             advice="Give the go, or give up.",
-            user_commands=("go", "give_up"),
+            user_commands=("go", "abort", "give_up"),
         )
     ),
     "start-recording": _desk(
@@ -164,9 +167,9 @@ SCENES: Dict[str, Desk] = {
             state="START_RECORDING",
             checks=PASSED,
             time_left_s=13.0,
-            waiting_for="files that grow on main and payload",
+            waiting_for="the recorder to prove that files grow, and the lead time",
             message="Recording is starting.",
-            user_commands=("give_up",),
+            user_commands=("abort", "give_up"),
             recording_phase="STARTING",
         )
     ),
@@ -176,9 +179,9 @@ SCENES: Dict[str, Desk] = {
             state="LOAD_MISSION",
             checks=PASSED,
             time_left_s=9.0,
-            waiting_for="the mission planner to confirm mission 1",
+            waiting_for="the mission planner's confirmation and the checks asked again",
             message="Mission 1 is sent to the mission planner.",
-            user_commands=("give_up",),
+            user_commands=("abort", "give_up"),
             recording_phase="RECORDING",
         )
     ),
@@ -203,13 +206,13 @@ SCENES: Dict[str, Desk] = {
             step="commanding",
             failures=(CAMERA,),
             time_left_s=117.0,
-            message="Landing: mission_camera: no message for 0.31 s, limit 0.15 s",
+            message="Landing: mission_camera: no message on /camera/image for longer than 0.3 s.",
             message_level=2,
             advice="Watch the vehicle; be ready to take over.",
             user_commands=(),
         ),
         notes=_NOTES,
-        answer=Answer("hold", Verdict.REFUSED, "the vehicle is landing", NOW_S - 2.0),
+        answer=Answer("hold", Verdict.REFUSED, "A hold never interrupts a landing.", NOW_S - 2.0),
     ),
     "alarm": _desk(
         replace(
@@ -229,7 +232,7 @@ SCENES: Dict[str, Desk] = {
             _FLYING,
             state="PILOT",
             step="",
-            message="The pilot or the autopilot has control: mode POSCTL",
+            message="The pilot or the autopilot has control: the pilot has control.",
             message_level=1,
             advice="Fly and land; acknowledge when on the ground and disarmed.",
             user_commands=("acknowledge",),
@@ -243,18 +246,18 @@ SCENES: Dict[str, Desk] = {
             message="On the ground: recording is stopped, data is collected.",
             recording_phase="TRANSFERRING",
             recording_progress=0.43,
-            data_location="main:/data/20261121T101431-1",
+            data_location="main:/data/20261121T101431-001",
         )
     ),
     "mission-ended": _desk(
         replace(
             _MISSION,
             state="MISSION_ENDED",
-            message="Mission ended: COMPLETE. /data/20261121T101431-1.bag",
+            message="Mission ended: COMPLETE. The data is at /data/20261121T101431-001.bag.",
             advice="Select the next mission.",
             recording_phase="COMPLETE",
             recording_progress=1.0,
-            data_location="/data/20261121T101431-1.bag",
+            data_location="/data/20261121T101431-001.bag",
             result="COMPLETE",
         ),
         entry="2",
@@ -263,10 +266,10 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="MISSION_ENDED",
-            message="Mission ended: DATA_INCOMPLETE. main:/data/20261121T101431-1 payload:/data/20261121T101431-1",
+            message="Mission ended: DATA_INCOMPLETE. The data is at main:/data/20261121T101431-001.",
             message_level=2,
             recording_phase="FAILED",
-            data_location="main:/data/20261121T101431-1 payload:/data/20261121T101431-1",
+            data_location="main:/data/20261121T101431-001",
             result="DATA_INCOMPLETE",
         )
     ),

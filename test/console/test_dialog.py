@@ -124,7 +124,7 @@ def test_the_end_of_input_closes_even_within_a_question():
 def test_a_mission_is_typed_confirmed_and_selected():
     desk, requests = press_all(INPUT, "1", "enter")
     assert (desk.entry, desk.question.enter_is_yes, requests) == ("", False, ())
-    assert desk.question.text == "Fly mission 1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)?"
+    assert desk.question.text == "Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)?"
     desk, requests = press(desk, "y", NOW_S)
     assert requests == (Request(RequestKind.SELECT, 1, missions=("1",), sent_s=NOW_S),)
     assert desk == replace(INPUT, next_id=2, requests=requests)
@@ -145,9 +145,7 @@ def test_an_invalid_mission_gives_the_error_and_asks_again():
 def test_a_mission_that_cannot_be_flown_gives_the_reason():
     desk, requests = press_all(INPUT, *"wall", "enter")
     assert requests == ()
-    assert desk.error == (
-        "Mission wall cannot be flown: trajectories/wall.csv line 7: height -1.5 m is below the ground"
-    )
+    assert desk.error == ("Mission wall cannot be flown: wall.csv line 7: z is -1.5 m, must be at least 0.5 m")
 
 
 def test_typing_can_be_mended():
@@ -276,7 +274,10 @@ def test_a_whole_word_is_its_own_confirmation_and_a_letter_is_not():
 
 def test_an_unknown_word_gives_what_is_possible():
     desk, requests = typed(HOLD, "hover", NOW_S)
-    assert (desk.error, requests) == ('"hover" is not a command. Possible now: land (l), abort (a), quit.', ())
+    assert (desk.error, requests) == (
+        '"hover" is not a command. Possible now: hold (h), land (l), abort (a), quit.',
+        (),
+    )
 
 
 def test_a_mission_whose_id_is_a_command_is_a_mission():

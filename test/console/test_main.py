@@ -45,7 +45,7 @@ def test_land_is_one_key_and_one_more(tmp_path):
 
 def test_a_mission_is_typed_and_confirmed(tmp_path):
     with ConsoleProcess(tmp_path, "mission-input") as console:
-        console.wait_for("Square of 5 m at 3 m height")
+        console.wait_for("Short square, less than a minute")
         console.type("7\r")
         console.wait_for('There is no mission "7". There are: 1, 2, wall.')
         console.type("1\r")
@@ -57,7 +57,7 @@ def test_a_mission_is_typed_and_confirmed(tmp_path):
 
 def test_pasted_text_does_not_land(tmp_path):
     with ConsoleProcess(tmp_path, "mission") as console:
-        console.wait_for("3 m height")
+        console.wait_for("close console only")
         console.type("\x1b[200~l\ry\x1b[201~")
         console.type("h")
         console.wait_for("as asked")
@@ -204,9 +204,9 @@ def test_without_input_it_tells_and_never_blocks(tmp_path):
     status, out = finish(process)
     assert re.fullmatch(r"START     console of /autonomy, \d{4}-\d\d-\d\d, local time [+-]\d{4}", lines[0])
     assert lines[1:] == [
-        "STATE     LAND (commanding), IN FLIGHT, mission 1 Square of 5 m at 3 m height, 1 min 57 s left",
-        "ERROR     Landing: mission_camera: no message for 0.31 s, limit 0.15 s",
-        "WRONG     mission_camera code 16: land: no message for 0.31 s, limit 0.15 s",
+        "STATE     LAND (commanding), IN FLIGHT, mission 1 Short square, less than a minute, 1 min 57 s left",
+        "ERROR     Landing: mission_camera: no message on /camera/image for longer than 0.3 s.",
+        "WRONG     mission_camera code 16: land: no message on /camera/image for longer than 0.3 s",
         "PROGRESS  waypoint 0 of 8",
         "RECORDING recording",
         "ADVICE    Watch the vehicle; be ready to take over.",
@@ -224,7 +224,7 @@ def test_lines_of_a_pipe_wait_until_they_mean_something(tmp_path):
     lines = lines_until(process, "ANSWER")
     status, _ = finish(process)
     assert lines[-2:] == [
-        "QUESTION  Fly mission 1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)? "
+        "QUESTION  Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)? "
         "Type y and Enter for yes, anything else for no.",
         "ANSWER    mission 1: DONE as asked",
     ]

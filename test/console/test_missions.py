@@ -26,7 +26,7 @@ def test_an_id_with_blanks_is_found_whole():
     [
         ("3", 'There is no mission "3". There are: 1, 2, wall.'),
         ("1 walk", 'There is no mission "walk". Did you mean wall? There are: 1, 2, wall.'),
-        ("wall", "Mission wall cannot be flown: trajectories/wall.csv line 7: height -1.5 m is below the ground"),
+        ("wall", "Mission wall cannot be flown: wall.csv line 7: z is -1.5 m, must be at least 0.5 m"),
         (" , ", "No mission was named."),
         ("-1", 'There is no mission "-1". Did you mean 1? There are: 1, 2, wall.'),
         ("\x1b[31m1x", 'There is no mission "1x". Did you mean 1? There are: 1, 2, wall.'),
@@ -42,9 +42,9 @@ def test_an_engine_without_missions():
 
 def test_the_question_names_what_will_be_flown():
     assert mission_question(("1",), MISSIONS) == (
-        "Fly mission 1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)?"
+        "Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)?"
     )
     assert mission_question(("1", "2", "1"), MISSIONS) == (
-        "Fly missions 1, 2, 1, one after the other (10 min 48 s in the air)?"
+        "Fly missions 1, 2, 1, one after the other (8 min 16 s in the air)?"
     )
     assert mission_question(("1", "wall"), MISSIONS) == "Fly missions 1, wall, one after the other (- in the air)?"

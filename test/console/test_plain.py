@@ -33,20 +33,19 @@ def test_time_that_passes_is_no_line():
 
 def test_the_first_state_is_told_whole():
     assert lines(START, SCENES["hold"]) == [
-        "STATE     HOLD (holding), IN FLIGHT, mission 1 Square of 5 m at 3 m height, 12 s left",
-        "WARNING   Holding position: lrf: no message for 1.32 s, limit 0.15 s",
-        "WRONG     gps code 2: continue: 3.1 Hz, expected 5.0 Hz",
-        "WRONG     realsense code 4: wait, then continue, 21 s left: no message for 2.10 s, limit 0.20 s",
-        "WRONG     lrf code 8: wait, then land, 12 s left: no message for 1.32 s, limit 0.15 s; restart 1 of 3",
+        "STATE     HOLD (holding), IN FLIGHT, mission 1 Short square, less than a minute, 12 s left",
+        "WARNING   Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
+        "WRONG     gps code 2: continue: 3.1 Hz, expected 5 Hz",
+        "WRONG     realsense_camera code 4: wait, then continue, 21 s left: node /realsense: connection refused",
+        "WRONG     lrf code 8: wait, then land, 12 s left: no message on /lrf/range for longer than 0.3 s",
         "PROGRESS  waypoint 3 of 8",
         "RECORDING recording",
-        "WAIT      lrf to come back",
+        "WAIT      lrf, realsense_camera",
         "ADVICE    Wait, or land.",
-        "COMMANDS  land, abort",
-        "MISSION   1: Square of 5 m at 3 m height (1 min 58 s, battery needed 42 %)",
-        "MISSION   2: Figure eight, cameras down (6 min 52 s, battery needed 71 %)",
-        "MISSION   wall: Along the north wall "
-        "(CANNOT BE FLOWN: trajectories/wall.csv line 7: height -1.5 m is below the ground)",
+        "COMMANDS  hold, land, abort",
+        "MISSION   1: Short square, less than a minute (42 s, battery needed 24 %)",
+        "MISSION   2: Survey of 20 m x 10 m (6 min 52 s, battery needed 71 %)",
+        "MISSION   wall: Along the north wall (CANNOT BE FLOWN: wall.csv line 7: z is -1.5 m, must be at least 0.5 m)",
     ]
 
 
@@ -56,12 +55,12 @@ def test_a_failure_that_turns_into_a_landing_and_others_that_clear():
         hold, snapshot=replace(hold.snapshot, state="LAND", failures=(replace(LRF, verb="land", then=""), CAMERA))
     )
     assert lines(hold, land) == [
-        "STATE     LAND (holding), IN FLIGHT, mission 1 Square of 5 m at 3 m height, 12 s left",
-        "WARNING   Holding position: lrf: no message for 1.32 s, limit 0.15 s",
-        "WRONG     lrf code 8: land, 12 s left: no message for 1.32 s, limit 0.15 s; restart 1 of 3",
-        "WRONG     mission_camera code 16: land: no message for 0.31 s, limit 0.15 s",
+        "STATE     LAND (holding), IN FLIGHT, mission 1 Short square, less than a minute, 12 s left",
+        "WARNING   Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
+        "WRONG     lrf code 8: land, 12 s left: no message on /lrf/range for longer than 0.3 s",
+        "WRONG     mission_camera code 16: land: no message on /camera/image for longer than 0.3 s",
         "CLEARED   gps",
-        "CLEARED   realsense",
+        "CLEARED   realsense_camera",
         "ADVICE    Wait, or land.",
     ]
 
@@ -73,9 +72,10 @@ def test_checks_are_told_when_their_verdict_changes():
         preflight, snapshot=replace(preflight.snapshot, checks=(replace(CHECKS[0], value=4.0), *CHECKS[4:]))
     )
     assert lines(before, after) == [
-        "CHECK     FAIL    battery fraction 38 %, limit 42 %, age 0.80 s: Charge or change the battery.",
-        "CHECK     PASS    distance to the ground 0.02 m, limit 0.1 m, age 0.05 s",
-        "CHECK     UNKNOWN tilt -, limit 10.0 deg: The state estimation does not answer: start it.",
+        "CHECK     FAIL    battery fraction 25 %, limit 30 %, age 0.07 s: "
+        "25% is left, no mission starts below 30%: change or charge the battery",
+        "CHECK     PASS    on ground: distance to ground 0.002 m, limit 0.1 m, age 0.10 s",
+        "CHECK     UNKNOWN state estimation -: asked, no answer yet",
     ]
 
 
@@ -85,7 +85,7 @@ def test_rows_of_the_same_name_are_told_apart():
     before = replace(preflight, snapshot=replace(preflight.snapshot, checks=twins))
     assert lines(before, replace(before, snapshot=replace(before.snapshot, checks=(*twins[:1], twins[1])))) == []
     both = replace(before, snapshot=replace(before.snapshot, checks=(twins[0], twins[0])))
-    assert lines(before, both) == ["CHECK     PASS    gps 5 Hz, limit 5 Hz, age 0.20 s"]
+    assert lines(before, both) == ["CHECK     PASS    watchdog: gps 5 Hz, limit 3.5 Hz, age 0.19 s"]
 
 
 def test_progress_in_steps_of_ten_percent():
@@ -100,11 +100,11 @@ def test_progress_in_steps_of_ten_percent():
 
 def test_the_end_names_result_and_data():
     assert lines(SCENES["data-cleanup"], replace(SCENES["mission-ended"], interactive=False)) == [
-        "STATE     MISSION_ENDED, mission 1 Square of 5 m at 3 m height",
-        "INFO      Mission ended: COMPLETE. /data/20261121T101431-1.bag",
+        "STATE     MISSION_ENDED, mission 1 Short square, less than a minute",
+        "INFO      Mission ended: COMPLETE. The data is at /data/20261121T101431-001.bag.",
         "RECORDING complete 100 %",
         "ADVICE    Select the next mission.",
-        "DATA      /data/20261121T101431-1.bag",
+        "DATA      /data/20261121T101431-001.bag",
         "RESULT    COMPLETE",
     ]
 

@@ -66,7 +66,9 @@ def test_what_failed_stays_when_there_is_no_room_for_what_passed():
     many = tuple(replace(CHECKS[0], name=f"sensor {number}") for number in range(40))
     desk = replace(desk, snapshot=replace(desk.snapshot, checks=(*many, *CHECKS)))
     text = "\n".join(draw(desk, 100, 24))
-    assert all(name in text for name in ("battery fraction", "tilt", "realsense", "more that passed"))
+    assert all(
+        name in text for name in ("battery fraction", "state estimation", "realsense_camera", "more that passed")
+    )
 
 
 def test_an_unknown_state_and_unknown_words_are_shown_as_they_are():

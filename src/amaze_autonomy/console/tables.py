@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import ceil, floor
+from math import floor
+from textwrap import wrap
 from typing import Tuple
 
 from rich.console import Group, RenderableType
@@ -19,11 +20,11 @@ from .words import age, duration, fraction, quantity, seconds
 
 __all__ = ["checks_table", "failures_table", "missions_table", "verb_words"]
 
-_NARROW = 80
+_LEAST_ADVICE = 24
 
 
 def _table(style: Style, *headings: str) -> Table:
-    table = Table(box=style.box, expand=True, show_edge=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(box=style.box, expand=True, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in headings:
         table.add_column(style.text(heading, Tone.STRONG), overflow="fold")
     return table
@@ -58,12 +59,12 @@ def checks_table(checks: Tuple[Check, ...], width: int, rows: int, style: Style)
 
     Args:
         checks: the rows.
-        width: of the screen, in cells; below 80 the advice stands under its row, and the age is left out.
+        width: of the screen, in cells; where the advice has no room beside its row it stands under it, without the age.
         rows: how many lines there are for them, heading included.
         style: how it looks.
     """
-    wide = width >= _NARROW
-    shown = _fitting(checks, rows, width)
+    wide = _advice_width(checks, width) >= _LEAST_ADVICE
+    shown = _fitting(checks, rows, _lines(checks, width, wide=wide))
     table = _table(style, "check", "verdict", "value", "limit", *(("age", "advice") if wide else ()))
     _right(table, 2, 3, *((4,) if wide else ()))
     table.columns[5 if wide else 0].ratio = 1
@@ -90,22 +91,41 @@ def _judgement(check: Check, style: Style) -> Tuple[RenderableType, ...]:
     return verdict, style.text(quantity(check.value, check.unit)), style.text(quantity(check.limit, check.unit))
 
 
-def _fitting(checks: Tuple[Check, ...], rows: int, width: int) -> Tuple[Check, ...]:
-    """Leave out passed rows, the last ones first, until the others fit."""
-    if sum(_lines(each, width) for each in checks) <= rows - 2:
+def _fitting(checks: Tuple[Check, ...], rows: int, lines: Tuple[int, ...]) -> Tuple[Check, ...]:
+    """Leave out passed rows, the last ones first, until the others fit; `lines` is what each takes."""
+    needed = sum(lines)
+    if needed <= rows - 2:
         return checks
     shown = list(checks)
-    for check in reversed(checks):
-        if check.verdict is CheckVerdict.PASS and sum(_lines(each, width) for each in shown) > rows - 3:
-            shown.remove(check)
+    for at in reversed(range(len(checks))):
+        if checks[at].verdict is CheckVerdict.PASS and needed > rows - 3:
+            del shown[at]
+            needed -= lines[at]
     return tuple(shown)
 
 
-def _lines(check: Check, width: int) -> int:
-    """Return about how many lines a row takes."""
-    under = 0 if width >= _NARROW else 1
-    beside = max(20, width - 62) if width >= _NARROW else max(20, width - 32)
-    return max(1, under + ceil(len(check.advice) / beside)) if check.advice else 1
+def _lines(checks: Tuple[Check, ...], width: int, *, wide: bool) -> Tuple[int, ...]:
+    """Return how many lines each row takes."""
+    if wide:
+        beside = _advice_width(checks, width)
+        return tuple(max(1, len(wrap(each.advice, beside))) for each in checks)
+    beside = max(3, width - _judgement_width(checks))
+    advice = [len(wrap(f"-> {each.advice}", beside - 2)) if each.advice else 0 for each in checks]
+    return tuple(len(wrap(each.name, beside)) + more for each, more in zip(checks, advice))
+
+
+def _advice_width(checks: Tuple[Check, ...], width: int) -> int:
+    """Return how many cells are left for the advice beside its row."""
+    ages = max(len(age(each.age_s)) for each in checks)
+    return width - max(len(each.name) for each in checks) - _judgement_width(checks) - 2 - max(3, ages) - 2
+
+
+def _judgement_width(checks: Tuple[Check, ...]) -> int:
+    """Return how many cells verdict, value and limit take, with the gaps before them."""
+    values = max(len(quantity(each.value, each.unit)) for each in checks)
+    limits = max(len(quantity(each.limit, each.unit)) for each in checks)
+    verdicts = max(len(each.verdict.value) + 2 for each in checks)
+    return 2 + max(7, verdicts) + 2 + max(5, values) + 2 + max(5, limits)
 
 
 def verb_words(failure: PendingFailure, passed_s: float) -> str:
