@@ -87,6 +87,8 @@ def _engine_started(turn: Turn, event: EngineStarted) -> None:
         if getattr(state, name) is not None
     }
     turn.set(**seen)
+    # The limits of silence run from now on; what was said before is not known any more.
+    turn.set(autopilot=None, planner=None, recorder=None, landing=None, recording_since_ns=None, descending_ns=None)
     if state.in_flight or state.state is not State.MISSION_INPUT:
         turn.notify("resumed", state=state.state.value)
 

@@ -1,0 +1,213 @@
+"""The process is told to end, and starts again: in every state. Nothing is sent twice, nothing takes off by itself."""
+
+from __future__ import annotations
+
+from typing import Dict, NamedTuple, Tuple
+
+import pytest
+from engine_beginnings import BEGINNINGS, at
+from engine_peers import MISSION, SHIPPED, S
+from engine_story import Story
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.state import evolve
+
+BOTH = ("LAND", "AutopilotLand")
+
+
+class End(NamedTuple):
+    """Where the engine is right after it was told to end, and what it sent."""
+
+    place: str
+    requests: Tuple[str, ...] = ()
+
+
+_STOP = ("StopRecording",)
+TOLD_TO_END: Dict[str, End] = {
+    "MISSION_INPUT": End("MISSION_INPUT"),
+    "PREFLIGHT": End("MISSION_INPUT"),
+    "OUTREACH": End("MISSION_INPUT"),
+    "OUTREACH recorded": End("DATA_CLEANUP", _STOP),
+    "OUTREACH data": End("OUTREACH"),
+    "READY": End("MISSION_INPUT"),
+    "START_RECORDING": End("DATA_CLEANUP", _STOP),
+    "LOAD_MISSION": End("DATA_CLEANUP", _STOP),
+    "TAKEOFF arming": End("LAND descending", BOTH),
+    "TAKEOFF lifting_off": End("LAND commanding", BOTH),
+    "TAKEOFF cancelling": End("LAND commanding", BOTH),
+    "TAKEOFF climbing": End("LAND commanding", BOTH),
+    "MISSION flying": End("LAND commanding", BOTH),
+    "MISSION touchdown": End("DATA_CLEANUP", _STOP),
+    "HOLD confirming": End("LAND commanding", BOTH),
+    "HOLD holding": End("LAND commanding", BOTH),
+    "HOLD holding takeoff": End("LAND commanding", BOTH),
+    "HOLD resuming": End("LAND commanding", BOTH),
+    "LAND commanding": End("LAND commanding", BOTH),
+    "LAND descending": End("LAND descending", BOTH),
+    "PILOT": End("PILOT"),
+    "PILOT landed": End("PILOT"),
+    "DATA_CLEANUP": End("DATA_CLEANUP"),
+    "MISSION_ENDED": End("MISSION_ENDED"),
+}
+
+
+@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("place", TOLD_TO_END)
+def test_told_to_end(place, signal):
+    story, expected = at(place), TOLD_TO_END[place]
+    story.feed(ev.Shutdown, signal=signal)
+    state, _, step = expected.place.partition(" ")
+    story.expect(state, step)
+    assert tuple(story.requests) == expected.requests
+    if expected.requests == BOTH:
+        assert any(signal in c.text for c in story.since if getattr(c, "key", "") == "shutdown")
+        assert type(story.since[0]).__name__ == "MissionCommand"
+
+
+def test_every_place_was_told_to_end():
+    assert sorted(TOLD_TO_END) == sorted(BEGINNINGS)
+
+
+@pytest.mark.parametrize("place", BEGINNINGS)
+def test_after_it_was_told_to_end_nothing_takes_off(place):
+    story = at(place)
+    story.disobeyed.clear()
+    story.answers.clear()
+    story.feed(ev.Shutdown)
+    story.look().after(30.0)
+    assert not {"TAKEOFF", "HOLD", "RESUME"} & set(story.motions)
+    assert "StartRecording" not in story.requests
+
+
+def test_the_next_mission_does_not_begin_after_it_was_told_to_end():
+    story = Story(SHIPPED, MISSION, Mission(id="2")).start().after(0.5).select().until("DATA_CLEANUP")
+    story.feed(ev.Shutdown)
+    story.until("MISSION_ENDED").after(5.0).expect("MISSION_ENDED")
+    assert story.requests.count("StartRecording") == 1
+
+
+@pytest.mark.parametrize("place", ["OUTREACH data", "DATA_CLEANUP", "MISSION_ENDED"])
+def test_the_result_of_a_flight_is_not_changed_by_the_end_of_the_process(place):
+    story = at(place)
+    before = story.state.result
+    story.feed(ev.Shutdown)
+    assert story.state.result is before
+
+
+def test_told_twice_lands_on():
+    story = at("MISSION flying")
+    story.feed(ev.Shutdown)
+    story.feed(ev.Shutdown)
+    story.expect("LAND")
+    assert story.motions == [*BOTH, *BOTH]
+
+
+# --- start ------------------------------------------------------------------------------------------------------------
+
+
+def test_started_on_the_ground_waits_for_a_mission():
+    story = Story().start().after(30.0).expect("MISSION_INPUT")
+    assert story.requests == []
+
+
+def test_started_while_armed_lands_by_both_routes():
+    story = Story()
+    story.vehicle.armed, story.vehicle.height = True, 10.0
+    story.vehicle.landed, story.vehicle.mode = ev.VehicleLanded.IN_AIR, "AUTO.MISSION"
+    story.start().after(0.3).expect("LAND")
+    assert story.motions[:2] == [*BOTH]
+    story.until("MISSION_ENDED", limit_s=30.0)
+
+
+def test_started_while_armed_and_the_pilot_flies_commands_nothing():
+    story = Story()
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.IN_AIR, pilot_in_control=True)
+    story.start().after(30.0).expect("PILOT")
+    assert story.motions == []
+
+
+def test_started_without_knowing_whether_it_is_armed_waits_until_it_knows():
+    story = Story()
+    story.vehicle.says.update(armed=None, landed=ev.VehicleLanded.UNKNOWN)
+    story.start().after(5.0).expect("MISSION_INPUT")
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).expect("LAND")
+
+
+def test_armed_after_the_start_is_somebody_else():
+    story = Story().start().after(1.0)
+    story.say(armed=True).expect("PILOT")
+
+
+@pytest.mark.parametrize("gap_s", [0.1, 3.0])
+@pytest.mark.parametrize("place", BEGINNINGS)
+def test_a_restart_resumes_where_it_was_and_sends_nothing_twice(place, gap_s):
+    story = at(place)
+    was = story.place
+    story.ticking = False
+    story.now += round(gap_s * S)
+    story.moved = story.beat = story.now
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    assert story.place[0] == was[0] or gap_s > 1, "a limit may have passed meanwhile"
+    assert story.state.autopilot is None, "what was said before the restart is not known any more"
+    forbidden = {"TAKEOFF", "LoadMission", "StartRecording", "StopRecording", "HOLD", "RESUME"}
+    assert not forbidden & set(story.requests)
+    assert story.state.session_id == at(place).state.session_id
+
+
+@pytest.mark.parametrize("place", ["TAKEOFF climbing", "MISSION flying", "HOLD holding"])
+def test_a_restart_in_flight_flies_on_when_its_peers_speak(place):
+    story = at(place)
+    story.now += 2 * S
+    story.moved = story.beat = story.now
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(0.5)
+    assert story.place[0] == place.split()[0]
+    if place == "HOLD holding":
+        story.user("resume")
+    story.until("MISSION_ENDED")
+    assert story.state.result.value == "COMPLETE"
+
+
+def test_a_restart_in_flight_without_peers_lands():
+    story = at("MISSION flying")
+    story.silent += ["autopilot", "planner", "watchdog", "recorder", "landing"]
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(2.0).expect("LAND")
+
+
+def test_a_restart_before_takeoff_asks_again_and_flies():
+    story = at("LOAD_MISSION")
+    story.disobeyed.clear()
+    story.agenda.clear()
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(12.0)
+    assert story.place[0] in ("OUTREACH", "PREFLIGHT", "TAKEOFF", "MISSION")
+
+
+def test_a_restart_while_landing_goes_on_commanding():
+    story = at("LAND commanding")
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.look().after(1.0).expect("LAND", "commanding")
+    assert "LAND" in story.motions
+
+
+def test_a_restart_while_the_pilot_flies_commands_nothing():
+    story = at("PILOT")
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.after(10.0).expect("PILOT")
+    assert story.motions == []
+
+
+def test_a_restart_after_the_end_of_a_process_takes_missions_again():
+    story = at("MISSION_ENDED")
+    story.feed(ev.Shutdown)
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.select().until("MISSION", "flying")
+
+
+def test_a_restart_says_so():
+    story = at("MISSION flying")
+    story.feed(ev.EngineStarted, label="again", resumed=True)
+    assert story.told == ["resumed"]
+    assert evolve(story.state, label="", started_ns=0).state.value == "MISSION"

@@ -1,0 +1,278 @@
+"""Several files, repetitions, several missions in one run; the data: complete, incomplete, retried, given up."""
+
+from __future__ import annotations
+
+from typing import List, Tuple
+
+import pytest
+from engine_beginnings import at
+from engine_peers import MISSION, SHIPPED, S
+from engine_story import Story
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.commands import LoadMission, StopRecording
+from amaze_autonomy.engine.mission import Mission
+
+CHECKS = 5
+
+
+def legs(story: Story) -> List[Tuple[str, int, int]]:
+    return [(c.mission_id, c.file_index, c.repetition) for c in story.since if isinstance(c, LoadMission)]
+
+
+# --- several legs -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "files, repetitions, expected",
+    [
+        (1, 1, [(0, 0)]),
+        (2, 1, [(0, 0), (1, 0)]),
+        (1, 3, [(0, 0), (0, 1), (0, 2)]),
+        (2, 2, [(0, 0), (1, 0), (0, 1), (1, 1)]),
+    ],
+)
+def test_files_and_repetitions_are_flown_in_their_order(files, repetitions, expected):
+    mission = Mission(id="m", files=files, repetitions=repetitions)
+    story = Story(SHIPPED, mission).start().after(0.5).select().until("MISSION_ENDED", limit_s=120.0)
+    assert [(file, repetition) for _, file, repetition in legs(story)] == expected
+    assert story.motions == ["TAKEOFF"] * len(expected)
+    assert (story.requests.count("StartRecording"), story.requests.count("StopRecording")) == (1, 1)
+    asked = sum(name.startswith("check:") for name in story.requests)
+    assert asked == CHECKS * (1 + len(expected)), "each takeoff passes the checks"
+    assert story.state.result.value == "COMPLETE"
+
+
+def test_touchdown_is_not_in_flight():
+    story = at("MISSION touchdown")
+    assert not story.state.in_flight
+
+
+@pytest.mark.parametrize("check", ["watchdog", "battery", "autopilot", "on_ground", "state_estimation"])
+def test_a_check_that_fails_between_two_files_ends_the_mission(check):
+    story = Story(SHIPPED, Mission(id="2", files=2)).start().after(0.5).select().until("MISSION", "flying").look()
+    story.check_says[check] = {"ok": False, "message": "not good"}
+    story.until("MISSION_ENDED")
+    assert story.motions == []
+    assert "next_takeoff_failed" in story.told
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+def test_a_planner_that_does_not_load_the_next_file_ends_the_mission():
+    story = at("MISSION touchdown")
+    story.after(10.0).expect("DATA_CLEANUP")
+    assert story.motions == []
+
+
+def test_a_planner_that_refuses_the_next_file_ends_the_mission():
+    story = at("MISSION touchdown")
+    story.feed(ev.Reply, command_id=story.state.load_id, outcome=ev.Outcome.REFUSED, message="no file")
+    story.expect("DATA_CLEANUP")
+
+
+def test_a_battery_that_gets_critical_between_two_files_ends_the_mission():
+    story = at("MISSION touchdown")
+    story.say(battery_fraction=0.1)
+    story.disobeyed.clear()
+    story.later(0, "_effect", next(c for _, c in reversed(story.sent) if isinstance(c, LoadMission)))
+    story.after(10.0).expect("DATA_CLEANUP")
+    assert story.motions == []
+
+
+def test_the_landed_of_the_first_file_does_not_end_the_second():
+    story = Story(SHIPPED, Mission(id="2", files=2)).start().after(0.5).select()
+    story.until("MISSION", "touchdown").until("MISSION", "flying").look()
+    story.after(1.0).expect("MISSION", "flying")
+
+
+def test_landed_without_the_last_waypoint_is_not_complete():
+    story = at("MISSION flying")
+    story.planner.says.update(waypoint=2)
+    story.until("DATA_CLEANUP", limit_s=40.0)
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+def test_landed_of_the_planner_alone_is_not_landed():
+    story = at("MISSION flying")
+    story.planner.says.update(phase=ev.MissionPhase.LANDED, waypoint=3)
+    story.after(3.0).expect("MISSION", "flying")
+
+
+def test_a_flight_that_was_flown_without_a_component_does_not_take_off_again_without_it():
+    """Every takeoff passes the checks: what did not come back is found by the next ones."""
+    story = Story(SHIPPED, Mission(id="2", files=2)).start().after(0.5).select().until("MISSION", "flying")
+    story.fail("realsense_camera", 4).look().until("MISSION_ENDED")
+    assert "TAKEOFF" not in story.motions
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+# --- several missions -------------------------------------------------------------------------------------------------
+
+
+def test_several_missions_without_a_restart():
+    story = Story(SHIPPED, MISSION, Mission(id="2"), MISSION).start().after(0.5)
+    story.select().until("MISSION_ENDED", limit_s=120.0)
+    assert [mission for mission, _, _ in legs(story)] == ["1", "2", "1"]
+    assert story.told.count("mission_ended") == 3
+    sessions = [c.session_id for c in story.since if isinstance(c, StopRecording)]
+    assert sessions == ["test-001", "test-002", "test-003"]
+
+
+def test_the_next_mission_can_be_selected_after_the_first():
+    story = at("MISSION_ENDED").select().until("MISSION_ENDED")
+    assert story.state.result.value == "COMPLETE"
+
+
+def test_missions_to_come_are_dropped_when_one_ends_early_and_it_is_said():
+    story = Story(SHIPPED, MISSION, Mission(id="2")).start().after(0.5).select().until("MISSION", "flying").look()
+    story.user("land")
+    story.until("MISSION_ENDED").after(5.0).expect("MISSION_ENDED")
+    assert "queue_dropped" in story.told
+    assert "2" in next(c.text for c in story.since if getattr(c, "key", "") == "queue_dropped")
+
+
+@pytest.mark.parametrize("how", ["give_up", "abort"])
+def test_giving_up_before_a_recording_does_not_start_the_next_mission(how):
+    story = Story(SHIPPED, MISSION, Mission(id="2")).start().after(0.5)
+    story.answers["check:battery"] = None
+    story.select().look()
+    story.user(how)
+    story.expect("MISSION_INPUT").after(5.0).expect("MISSION_INPUT")
+    assert story.requests == []
+    assert "queue_dropped" in story.told
+
+
+def test_giving_up_in_outreach_does_not_start_the_next_mission():
+    story = Story(SHIPPED, MISSION, Mission(id="2")).start().after(0.5)
+    story.check_says["battery"] = {"ok": False}
+    story.select().until("OUTREACH").look()
+    story.user("give_up")
+    story.expect("MISSION_INPUT").after(5.0).expect("MISSION_INPUT")
+
+
+def test_nothing_of_the_last_mission_remains():
+    story = at("MISSION_ENDED")
+    story.select()
+    state = story.state
+    assert (state.result.value, state.recording_asked, state.data_location, state.was_armed) == ("", False, "", False)
+    assert (state.planner, state.recorder, state.in_flight, state.land_ns) == (None, None, False, None)
+
+
+def test_a_vehicle_that_others_arm_between_missions_sends_nothing_to_the_recorder():
+    story = at("MISSION_ENDED")
+    story.select()
+    story.answers["check:battery"] = None
+    story.user("give_up")
+    story.expect("MISSION_INPUT")
+    story.say(armed=True).expect("PILOT")
+    story.say(armed=False).look()
+    story.user("acknowledge")
+    story.expect("MISSION_ENDED")
+    assert story.requests == []
+
+
+# --- the data ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_recording_is_stopped_once_and_followed_to_its_end():
+    story = at("LAND descending").until("MISSION_ENDED")
+    assert story.requests == ["StopRecording"]
+    assert story.state.data_location == "/data/test-001"
+    assert "/data/test-001" in story.state.message
+
+
+@pytest.mark.parametrize("outcome", [ev.Outcome.REFUSED, ev.Outcome.UNAVAILABLE])
+def test_a_recorder_that_refuses_to_stop_calls_for_a_person(outcome):
+    story = at("LAND descending")
+    story.answers["StopRecording"] = outcome
+    story.until("OUTREACH")
+    assert "data_incomplete" in story.told
+
+
+@pytest.mark.parametrize("outcome", [ev.Outcome.TIMED_OUT, ev.Outcome.BROKEN, None])
+def test_a_stop_that_is_not_answered_is_followed_by_the_status(outcome):
+    story = at("LAND descending")
+    story.answers["StopRecording"] = outcome
+    story.until("DATA_CLEANUP")
+    if outcome is not None:
+        story.later(S, "_effect", next(c for c in story.since if isinstance(c, StopRecording)))
+    story.until("MISSION_ENDED")
+
+
+def test_a_recorder_that_falls_silent_calls_for_a_person():
+    story = at("DATA_CLEANUP")
+    story.silent.append("recorder")
+    story.after(5.3).expect("OUTREACH")
+
+
+def test_incomplete_data_retried_and_complete():
+    story = at("OUTREACH data")
+    assert "module2: no space left" in story.state.message
+    story.recorder.fails = False
+    story.user("retry")
+    story.until("MISSION_ENDED")
+    assert story.requests == ["StopRecording"]
+    assert story.state.result.value == "LANDED_EARLY", "the flight's own result"
+
+
+def test_the_failure_of_before_does_not_end_the_retry_at_once():
+    story = at("OUTREACH data")
+    story.user("retry")
+    story.report()
+    story.expect("DATA_CLEANUP")
+
+
+def test_a_retry_that_fails_again_calls_again():
+    story = at("OUTREACH data")
+    story.user("retry")
+    story.until("OUTREACH")
+    story.user("give_up")
+    story.expect("MISSION_ENDED")
+    assert story.state.result.value == "DATA_INCOMPLETE"
+
+
+def test_a_retry_of_a_recorder_that_stays_failed_calls_again():
+    story = at("OUTREACH data")
+    story.disobeyed.append("StopRecording")
+    story.user("retry")
+    story.until("OUTREACH", limit_s=10.0)
+
+
+def test_given_up_data_says_where_it_lies_and_nothing_more_is_sent():
+    story = at("OUTREACH data")
+    story.recorder.says["location"] = "/data/test-001/partial"
+    story.report()
+    story.user("give_up")
+    assert story.requests == []
+    assert "/data/test-001/partial" in story.state.message
+
+
+def test_outreach_waits_for_a_person_for_ever():
+    at("OUTREACH data").after(500.0).expect("OUTREACH")
+
+
+@pytest.mark.parametrize("place", ["OUTREACH recorded", "START_RECORDING", "LOAD_MISSION"])
+def test_given_up_before_takeoff_the_recording_is_stopped_and_merged(place):
+    story = at(place)
+    story.user("give_up")
+    story.until("MISSION_ENDED")
+    assert story.requests == ["StopRecording"]
+    assert story.state.result.value == "NOT_FLOWN"
+
+
+@pytest.mark.parametrize(
+    "place, command, result",
+    [
+        ("MISSION flying", "land", "LANDED_EARLY"),
+        ("MISSION touchdown", "give_up", "LANDED_EARLY"),
+        ("PILOT landed", "acknowledge", "PILOT"),
+        ("TAKEOFF arming", "land", "NOT_FLOWN"),
+        ("LOAD_MISSION", "abort", "NOT_FLOWN"),
+    ],
+)
+def test_every_way_to_the_end_has_its_result(place, command, result):
+    story = at(place)
+    assert story.user(command)[0] == "DONE"
+    story.until("MISSION_ENDED")
+    assert story.state.result.value == result
+    assert result in story.state.message
