@@ -126,8 +126,7 @@ def _run(options: argparse.Namespace) -> int:
     configuration = load_configuration(options.config or config_folder(), options.set)
     mission_id = options.mission or configuration.missions[0].id
     plan = make_plan(configuration, topic_map, mission_id, _topics(options.bags))
-    recordings = Recordings(options.bags, plan.topics, options.mute)
-    try:
+    with Recordings(options.bags, plan.topics, options.mute) as recordings:
         with progress_bar("replaying") as progress:
             outcome = Session(plan, recordings).run(progress)
         _write(options.out, plan, recordings, outcome)
@@ -136,8 +135,6 @@ def _run(options: argparse.Namespace) -> int:
         else:
             show_timeline(outcome)
             show_lines(footer_lines(plan, recordings, outcome))
-    finally:
-        recordings.close()
     _say_speed(outcome, time.monotonic() - began)
     return PARTIAL if recordings.damage else DONE
 

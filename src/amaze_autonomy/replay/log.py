@@ -30,7 +30,7 @@ class FlightLog:
     Args:
         label: of the recorded engine's sessions.
         events: in the bag's time, in order.
-        decisions: that were made in flight, with the times of the clock that decided.
+        decisions: that were made in flight, in the bag's time, in order.
     """
 
     label: str
@@ -65,4 +65,5 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
         return None
     offset_ns = min(ways)
     asked = tuple(evolve(found[key], t_ns=found[key].t_ns + offset_ns) for key in sorted(found))
-    return FlightLog(label, asked, tuple(decided[key] for key in sorted(decided)))
+    made = tuple(evolve(decided[key], t_ns=decided[key].t_ns + offset_ns) for key in sorted(decided))
+    return FlightLog(label, asked, made)

@@ -95,11 +95,12 @@ class Monitors:
 
     def _tell_landed(self, told: Dict[str, Any], t_ns: int, *, flown: bool) -> None:
         verdict = self.judge_landing(t_ns)
+        if verdict is not None:
+            told.setdefault("height_m", verdict.distance_m)
         if "landed" in told:
             told["landed"] = told["landed"] or VehicleLanded.UNKNOWN
         elif verdict is not None:
             told["landed"] = _VEHICLE[verdict.landed]
-            told.setdefault("height_m", verdict.distance_m)
         elif "height_m" in told and flown:
             height = told["height_m"]
             low = height is not None and height <= _TOUCH_M

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import Any, Dict, List, Optional, Tuple
 
 from amaze_autonomy.engine.codec import to_plain
@@ -73,9 +74,13 @@ def _flown_lines(outcome: Outcome) -> List[str]:
 def _parting(outcome: Outcome) -> Optional[Tuple[int, Optional[Decision], Optional[Decision]]]:
     """Return the first decision that is not that of the flight; None: all are, as far as the recording goes.
 
-    The journal may end a little before or after the other topics: what only one of the two has at its end is no parting.
+    In the last second a decision may be missing on either side: the recording's topics do not end at one moment.
     """
-    for number, (flown, decided) in enumerate(zip(outcome.flown or (), outcome.decisions)):
+    until_ns = outcome.end_ns - _S
+    for number, (flown, decided) in enumerate(zip_longest(outcome.flown or (), outcome.decisions)):
+        if flown is None or decided is None:
+            late = min(each.t_ns for each in (flown, decided) if each is not None) >= until_ns
+            return None if late else (number, flown, decided)
         if _step(flown) != _step(decided):
             return number, flown, decided
     return None

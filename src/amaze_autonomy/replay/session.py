@@ -240,12 +240,17 @@ class Session:
             return
         asked = self._user.react(self._state, require_go=self._rules.require_go)
         if asked is not None:
-            when_ns, command = asked
-            self._agenda.at(when_ns, Rank.USER, lambda t_ns: self._request(t_ns, command))
+            self._ask(*asked)
+
+    def _ask(self, when_ns: int, command: UserCommand) -> None:
+        self._agenda.at(when_ns, Rank.USER, lambda t_ns: self._request(t_ns, command))
 
     def _request(self, t_ns: int, command: UserCommand) -> None:
         self._request_id += 1
         self._feed(UserRequest(t_ns=t_ns, command=command, request_id=self._request_id), Source.SCRIPT)
+        again_ns = self._user.again(self._state, command)
+        if again_ns is not None:
+            self._ask(again_ns, command)
 
     def _select(self, t_ns: int) -> None:
         self._request_id += 1

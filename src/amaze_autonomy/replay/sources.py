@@ -86,19 +86,33 @@ class Recordings:
     """
 
     def __init__(self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = ()) -> None:
-        bags = [Recording(path) for path in paths]
-        self.bags = sorted(bags, key=lambda bag: (bag.start_ns or 0, bag.path.name))
-        self.topics = tuple(topics)
+        self.bags: List[Recording] = []
+        self.topics, self.muted = tuple(topics), tuple(muted)
         self.damage: Dict[str, Damage] = {}
-        self.muted = tuple(muted)
+        try:
+            self._open(paths)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, paths: Sequence[Path]) -> None:
+        for path in paths:
+            self.bags.append(Recording(path))
+        self.bags.sort(key=lambda bag: (bag.start_ns or 0, bag.path.name))
         known = tuple(sorted({topic.name for bag in self.bags for topic in bag.topics}))
-        for topic in muted:
+        for topic in self.muted:
             if topic not in known:
                 raise UnknownTopicError(topic, known)
-        self.missing = tuple(topic for topic in topics if topic not in known or topic in muted)
+        self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
         self.samples: List[Sample] = self._ordered()
         if not self.samples:
             raise self._nothing()
+
+    def __enter__(self) -> Recordings:  # noqa: PYI034  (Self is not in 3.8)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close all bags."""

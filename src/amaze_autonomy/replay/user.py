@@ -34,13 +34,16 @@ class User:
         self._asked = asked
         if state.state is State.OUTREACH:
             return self._outreach(state)
+        if state.state is State.PILOT:
+            return state.t_ns + self._script.retry_after_ns, UserCommand.ACKNOWLEDGE
         if state.state is State.READY and require_go:
             return state.t_ns + _THINKS_NS, UserCommand.GO
         return None
 
-    def acknowledge(self, state: EngineState) -> bool:
-        """Return True when the pilot has landed and the engine waits for the acknowledgement."""
-        return state.state is State.PILOT
+    def again(self, state: EngineState, command: UserCommand) -> Optional[int]:
+        """Return when the user asks the same again, because it was refused; None: never."""
+        waits = command is UserCommand.ACKNOWLEDGE and state.state is State.PILOT
+        return state.t_ns + self._script.retry_after_ns if waits else None
 
     def _outreach(self, state: EngineState) -> Tuple[int, UserCommand]:
         if state.outreach is OutreachKind.PREFLIGHT and self._retries > 0:

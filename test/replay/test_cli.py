@@ -1,0 +1,136 @@
+"""The command line: what it prints, what it writes, and its exit status."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+from replay_bags import ROOT, START_NS, break_chunk, flight_rows, number, write_bag, write_empty_bag
+
+from amaze_autonomy.replay import cli
+from amaze_autonomy.replay.cli import main
+
+
+def test_a_replay_prints_timeline_figures_checks_and_verdict(flight_bag, flight_map, capsys):
+    assert main(["run", str(flight_bag), "--map", flight_map]) == 0
+    out = capsys.readouterr().out
+    assert "    +8.800  bag         landing detection: AIRBORNE  in the air\n" in out
+    assert "Recording: 35.980 s, 3672 messages of 6 topics\n" in out
+    assert f"  {'/imu':<40}    1800 messages     50.00 Hz  longest gap 0.020 s at +0.000 s\n" in out
+    assert f"  {'battery':<40} bag\n" in out
+    assert out.endswith("Map flight, mission 1: ends in MISSION_ENDED (COMPLETE) after 10 decisions.\n")
+
+
+def test_the_folder_holds_journal_timeline_and_result(tmp_path, flight_bag, flight_map, capsys):
+    out = tmp_path / "made" / "here"
+    assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == ["journal.jsonl", "result.json", "timeline.txt"]
+    assert (out / "timeline.txt").read_text() == printed
+    result = json.loads((out / "result.json").read_text())
+    assert (result["state"], result["result"], result["mission"], result["damage"]) == (
+        "MISSION_ENDED",
+        "COMPLETE",
+        "1",
+        [],
+    )
+    assert main(["journal", str(out / "journal.jsonl")]) == 0
+
+
+def test_json_is_the_result_file(tmp_path, flight_bag, flight_map, capsys):
+    assert main(["run", str(flight_bag), "--map", flight_map, "--json", "--out", str(tmp_path / "o")]) == 0
+    assert capsys.readouterr().out == (tmp_path / "o" / "result.json").read_text()
+
+
+def test_the_journal_that_is_written_is_replayed_without_difference(tmp_path, flight_bag, flight_map):
+    assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(tmp_path)]) == 0
+    assert main(["journal", str(tmp_path / "journal.jsonl")]) == 0
+
+
+def test_another_rule_decides_otherwise(tmp_path, flight_map, capsys):
+    bag = write_bag(tmp_path / "x.bag", flight_rows(silent={"/imu": (20.0, 20.6)}))
+    main(["run", str(bag), "--map", flight_map])
+    assert "MISSION -> LAND" in capsys.readouterr().out
+    changed = ["--set", "sensors.components.imu.severity=low", "--set", "sensors.components.imu.wait_limit_s=1"]
+    main(["run", str(bag), "--map", flight_map, *changed[:2]])
+    assert "MISSION -> LAND" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments,message",
+    [
+        (["run", "{bag}"], "which topics are what? Name a topic map with --map: a file, or amaze_demo, "),
+        (["run", "{bag}", "--map", "nowhere"], "nowhere: is no topic map; name a file, or one of amaze_demo, "),
+        (["run", "{bag}", "--map", "{map}", "--mission", "99"], "there is no mission '99'; there are 1, "),
+        (["run", "{bag}", "--map", "{map}", "--mute", "/nope"], "/nope: no bag has this topic; there are /armed, "),
+        (["run", "{bag}", "--map", "husky_outdoor_drive"], "x.bag: no message of /imu/data, /fix, /husky_velocity"),
+        (["run", "{bag}", "--map", "{map}", "--config", "{folder}/nope"], "{folder}/nope: is not a folder; must hold"),
+        (["run", "{folder}/nope.bag", "--map", "{map}"], "{folder}/nope.bag: is no file; name a bag"),
+        (["run", "{empty}", "--map", "{map}"], "empty.bag: there is no message in it"),
+        (["run", "{map}", "--map", "{map}"], "{map}: file magic is invalid; name a ROS 1 bag of version 2.0"),
+        (["run", "{bag}", "--map", "{map}", "--out", "{bag}/out"], "{bag}/out: "),
+        (["journal", "{folder}/nope"], "{folder}/nope: cannot be read (No such file or directory)"),
+    ],
+)
+def test_what_cannot_be_replayed_is_one_line_and_exit_status_2(tmp_path, flight_map, capsys, arguments, message):
+    write_empty_bag(tmp_path / "empty.bag")
+    bag = write_bag(tmp_path / "x.bag", flight_rows(4.0))
+    words = {"bag": bag, "map": flight_map, "folder": tmp_path, "empty": tmp_path / "empty.bag"}
+    assert main([argument.format(**words) for argument in arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"amaze-replay: {message.format(**words)}")
+    assert error.count("\n") == 1
+
+
+def test_a_damaged_recording_is_replayed_with_exit_status_3(tmp_path, flight_map, capsys):
+    bag = write_bag(tmp_path / "x.bag", flight_rows(), "bz2")
+    break_chunk(bag, -1, 60, 100)
+    assert main(["run", str(bag), "--map", flight_map]) == 3
+    assert "DAMAGED: " in capsys.readouterr().out
+
+
+def test_an_error_of_the_program_itself_is_told_from_a_difference(flight_bag, flight_map, capsys, monkeypatch):
+    def broken(*_):
+        raise ZeroDivisionError("by the test")
+
+    monkeypatch.setattr(cli, "make_plan", broken)
+    assert main(["run", str(flight_bag), "--map", flight_map]) == 70
+    assert "ZeroDivisionError: by the test" in capsys.readouterr().err
+
+
+def test_a_reader_that_has_enough_is_no_error(flight_bag, flight_map):
+    command = f'"{sys.executable}" -m amaze_autonomy.replay.cli run "{flight_bag}" --map "{flight_map}" | head -1; '
+    command += 'echo "${PIPESTATUS[0]}"'
+    environment = {"PYTHONPATH": str(ROOT / "src"), "PATH": "/usr/bin:/bin"}
+    done = subprocess.run(
+        ["bash", "-c", command], env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.stderr, done.stdout.splitlines()[-1]) == ("", "0")
+
+
+def test_the_maps_are_listed(capsys):
+    assert main(["maps"]) == 0
+    assert "husky_outdoor_drive          Husky rover, outdoors" in capsys.readouterr().out
+
+
+def test_the_map_is_the_one_named_as_the_bag(tmp_path, capsys):
+    bag = write_bag(
+        tmp_path / "example_lz4.bag", [(START_NS + t, "/turtle1/pose", number(t % 250)) for t in range(2000)]
+    )
+    assert main(["run", str(bag)]) == 0
+    assert "Map example_lz4, mission 1" in capsys.readouterr().out
+
+
+def test_no_ros_is_needed():
+    code = "import sys; sys.modules['rospy'] = None; import amaze_autonomy.replay.cli as c; print(c.main(['maps']))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={"PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.stderr, done.stdout.splitlines()[-1]) == ("", "0")

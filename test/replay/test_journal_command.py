@@ -1,0 +1,190 @@
+"""Deciding a journal again: no difference to itself, and a changed rule is found and named."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from replay_bags import START_NS, S, flight_rows, header, make, write_bag
+from replay_runs import CONFIG, replay
+
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.journal import JournalError, read
+from amaze_autonomy.replay.cli import main
+from amaze_autonomy.replay.compare import compare
+from amaze_autonomy.replay.errors import JournalGapError, ReplayError
+from amaze_autonomy.replay.journal_source import read_journals
+from amaze_autonomy.replay.report import comparison_lines
+
+
+@pytest.fixture
+def lines(tmp_path, flight_map):
+    bag = write_bag(tmp_path / "x.bag", flight_rows(silent={"/mag": (20.0, 21.0)}))
+    return replay(bag, flight_map)[0].journal
+
+
+@pytest.fixture
+def journal_file(tmp_path, lines):
+    path = tmp_path / "journal.jsonl"
+    path.write_text("".join(f"{line}\n" for line in lines))
+    return path
+
+
+def entries(lines, start=0, at=None):
+    return [
+        (
+            (at or (START_NS + index * 1_000_000)),
+            "/autonomy/journal",
+            make(
+                "amaze_autonomy/msg/JournalEntry",
+                header=header(START_NS),
+                sequence=index,
+                kind=json.loads(line)["kind"],
+                line=line,
+            ),
+        )
+        for index, line in enumerate(lines)
+        if index >= start
+    ]
+
+
+CHANGED = ("sensors.components.magnetometer.wait_limit_s=0.3",)
+SET = [word for change in CHANGED for word in ("--set", change)]
+
+
+def test_a_journal_decided_again_by_its_own_rules_is_the_same(lines):
+    comparison = compare(read("\n".join(lines) + "\n"))
+    decisions = sum('"kind":"decision"' in line for line in lines)
+    assert (comparison.differences, comparison.first, comparison.truncated) == (0, None, False)
+    assert (comparison.decisions, comparison.events) == (decisions, len(lines) - 1 - decisions)
+
+
+def test_a_changed_rule_is_found_and_named_with_the_first_different_decision(lines):
+    comparison = compare(read("\n".join(lines) + "\n"), load_configuration(CONFIG, CHANGED).rules)
+    assert comparison_lines(comparison) == [
+        f"{comparison.events} events decided again, 16 decisions in the journal: {comparison.differences} differences.",
+        f"First difference at +20.421 s, line {comparison.first.event_line}, WatchdogAction:",
+        "  recorded  decision 8, rule failure_wait",
+        "            state     MISSION -> MISSION/flying",
+        "            value     failure magnetometer",
+        "            value     code 4",
+        "            value     verb wait",
+        "            value     waits at most 10 s",
+        "            value     reason no message on /mag for longer than 0.5 s",
+        "  decided   decision 8, rule failure_wait",
+        "            state     MISSION -> MISSION/flying",
+        "            value     failure magnetometer",
+        "            value     code 4",
+        "            value     verb wait",
+        "            value     waits at most 0.3 s",
+        "            value     reason no message on /mag for longer than 0.5 s",
+        "  differs in: values",
+    ]
+
+
+def test_a_changed_limit_is_found_with_value_and_limit(lines):
+    rules = load_configuration(CONFIG, ["autonomy.takeoff.takeoff_height_m=1.4"]).rules
+    comparison = compare(read("\n".join(lines) + "\n"), rules)
+    first = comparison.first
+    assert (first.recorded.rule, first.recorded.before, first.recorded.after) == (
+        "at_takeoff_height",
+        "TAKEOFF",
+        "MISSION",
+    )
+    assert first.decided is None
+    assert "            value     height" in comparison_lines(comparison)[4]
+    assert comparison_lines(comparison)[4].endswith("m, limit 1 m")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda lines: lines[:20] + [line for line in lines[20:] if '"rule":"hold"' not in line],
+        lambda lines: [line.replace('"rule":"hold"', '"rule":"land"') for line in lines],
+        lambda lines: [line for line in lines for _ in range(2 if '"rule":"hold"' in line else 1)],
+    ],
+    ids=["a decision is missing", "a decision is another", "a decision is there twice"],
+)
+def test_a_journal_that_was_changed_is_found(lines, change):
+    comparison = compare(read("\n".join(change(list(lines))) + "\n"))
+    assert comparison.differences == 1
+
+
+def test_a_journal_whose_last_line_was_cut_off_is_compared_as_far_as_it_goes(lines):
+    comparison = compare(read("\n".join(lines)[:-30]))
+    assert (comparison.differences, comparison.truncated) == (0, True)
+
+
+def test_a_journal_without_rules_is_refused():
+    with pytest.raises(JournalError, match="no rules here"):
+        compare(read('{"kind":"header","version":1}\n'))
+
+
+def test_exit_status_and_words_of_the_command(journal_file, capsys):
+    assert main(["journal", str(journal_file)]) == 0
+    assert capsys.readouterr().out.endswith("no difference.\n")
+    assert main(["journal", str(journal_file), "--config", str(CONFIG)]) == 0
+    assert main(["journal", str(journal_file), *SET]) == 1
+    assert "First difference at +" in capsys.readouterr().out
+    journal_file.write_bytes(journal_file.read_bytes()[:-25])
+    assert main(["journal", str(journal_file)]) == 3
+    assert "The journal is cut off" in capsys.readouterr().out
+    journal_file.write_text("no journal\n")
+    assert main(["journal", str(journal_file)]) == 2
+    assert capsys.readouterr().err == (
+        "amaze-replay: line 1: not JSON: Expecting value: line 1 column 1 (char 0) (truncated or damaged)\n"
+    )
+
+
+def test_the_result_as_json(journal_file, capsys):
+    assert main(["journal", str(journal_file), "--json", *SET]) == 1
+    (result,) = json.loads(capsys.readouterr().out)
+    assert result["differences"] > 0
+    assert result["first_difference"]["event"] == "WatchdogAction"
+
+
+def test_a_journal_in_a_bag_is_the_one_on_disk(tmp_path, lines):
+    bag = write_bag(tmp_path / "b.bag", entries(lines))
+    (journal,) = read_journals(bag)
+    assert journal == read("\n".join(lines) + "\n")
+    assert main(["journal", str(bag)]) == 0
+
+
+def test_lines_that_were_sent_twice_or_late_do_no_harm(tmp_path, lines):
+    rows = entries(lines)
+    again = entries(lines[:40], at=START_NS + 5_000_000)
+    bag = write_bag(tmp_path / "b.bag", sorted(rows + again, key=lambda row: row[0]))
+    assert read_journals(bag) == (read("\n".join(lines) + "\n"),)
+
+
+def test_two_runs_of_the_engine_in_one_bag_are_two_journals(tmp_path, lines):
+    other = [lines[0].replace('"version":1', '"version":1,"x":1'), *lines[1:30]]
+    rows = entries(lines) + [(t + 1000 * S, topic, message) for t, topic, message in entries(other)]
+    journals = read_journals(write_bag(tmp_path / "b.bag", rows))
+    assert [len(journal.lines) for journal in journals] == [len(lines), 30]
+
+
+def test_a_journal_whose_beginning_was_not_recorded_is_refused(tmp_path, lines, capsys):
+    bag = write_bag(tmp_path / "b.bag", entries(lines, start=7))
+    with pytest.raises(
+        JournalGapError, match="lines 1 to 7 are missing in the journal, the recording began after the jour"
+    ):
+        read_journals(bag)
+    assert main(["journal", str(bag)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_line_that_was_lost_is_named(tmp_path, lines):
+    rows = entries(lines)
+    with pytest.raises(JournalGapError, match="line 13 is missing in the journal, messages were lost"):
+        read_journals(write_bag(tmp_path / "b.bag", rows[:12] + rows[13:]))
+
+
+def test_a_bag_without_a_journal_is_refused(flight_bag, capsys):
+    assert main(["journal", str(flight_bag)]) == 2
+    assert "has no topic of type amaze_autonomy/JournalEntry; name a bag with a journal" in capsys.readouterr().err
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ReplayError, match=r"nothing\.jsonl: cannot be read \(No such file or directory\)"):
+        read_journals(tmp_path / "nothing.jsonl")

@@ -1,0 +1,182 @@
+"""A recorded flight through the decision code: what is decided, and what each decision came from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from replay_bags import START_NS, S, break_chunk, flight_rows, write_bag
+from replay_runs import moves, replay, texts
+
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.journal import read
+from amaze_autonomy.engine.state import State
+from amaze_autonomy.replay.errors import FieldError, ReplayError
+from amaze_autonomy.replay.timeline import LineKind
+
+NOMINAL = [
+    ("MISSION_INPUT", "PREFLIGHT", "mission_selected"),
+    ("PREFLIGHT", "READY", "checks_passed"),
+    ("READY", "START_RECORDING", "go_not_required"),
+    ("START_RECORDING", "LOAD_MISSION", "recording_proven"),
+    ("LOAD_MISSION", "TAKEOFF", "takeoff"),
+    ("TAKEOFF", "MISSION", "at_takeoff_height"),
+    ("MISSION", "DATA_CLEANUP", "mission_complete"),
+    ("DATA_CLEANUP", "MISSION_ENDED", "data_complete"),
+]
+
+
+def test_a_good_flight_is_a_whole_mission(flight_bag, flight_map):
+    outcome, recordings = replay(flight_bag, flight_map)
+    assert moves(outcome) == NOMINAL
+    assert (outcome.state.state, outcome.state.result.value) == (State.MISSION_ENDED, "COMPLETE")
+    assert (outcome.counterfactual_ns, outcome.missed, recordings.damage) == (None, None, {})
+
+
+def test_every_line_says_where_its_input_came_from(flight_bag, flight_map):
+    outcome, _ = replay(flight_bag, flight_map)
+    assert {line.source.words for line in outcome.timeline} == {"bag", "script"}
+    assert texts(outcome, LineKind.MONITOR) == [
+        "+0.000 bag landing detection: UNKNOWN 1 good ranges, 3 are needed",
+        "+0.400 bag landing detection: ON_GROUND on the ground",
+        "+1.000 bag state check: IMU age 0 s, limit 0.5 s, passes",
+        "+1.000 bag state check: gravity magnitude 9.81 m/s^2, limit 10.3 m/s^2, passes",
+        "+1.000 bag state check: tilt 0.0 deg, limit 10.0 deg, passes",
+        "+3.020 bag watchdog: imu code 1",
+        "+3.020 bag watchdog: lrf code 1",
+        "+3.020 bag watchdog: magnetometer code 1",
+        "+8.800 bag landing detection: AIRBORNE in the air",
+        "+30.600 bag landing detection: ON_GROUND on the ground",
+    ]
+
+
+def test_armed_landed_height_and_battery_are_those_of_the_bag(flight_bag, flight_map):
+    outcome, _ = replay(flight_bag, flight_map)
+    lines = [line.payload for line in read("\n".join(outcome.journal)).lines]
+    vehicle = [event for event in lines if type(event).__name__ == "AutopilotStatus" and event.t_ns > START_NS + S]
+    at = {round((event.t_ns - START_NS) / S, 1): event for event in vehicle}
+    assert {round(event.battery_fraction, 6) for event in vehicle} == {0.9}
+    assert (at[7.4].armed, at[7.8].armed, at[31.6].armed) == (False, True, False)
+    assert (at[7.8].landed.name, at[20.0].landed.name, at[30.2].landed.name) == ("ON_GROUND", "IN_AIR", "ON_GROUND")
+    assert at[20.0].height_m == pytest.approx(3.0, abs=0.01)
+
+
+def test_a_sensor_that_falls_silent_in_flight_is_decided_by_the_table(tmp_path, flight_map):
+    bag = write_bag(tmp_path / "x.bag", flight_rows(silent={"/imu": (20.0, 20.6)}))
+    outcome, _ = replay(bag, flight_map)
+    assert moves(outcome)[:7] == [*NOMINAL[:6], ("MISSION", "LAND", "land")]
+    lines = texts(outcome, LineKind.MONITOR)
+    assert "+20.300 bag watchdog: imu code 1 -> 16 no message on /imu for longer than 0.3 s" in lines
+    decided = [text for text in texts(outcome, LineKind.DECISION) if "MISSION -> LAND" in text]
+    assert decided == [
+        "+20.300 bag MISSION -> LAND/commanding by land (failure imu; code 16; verb land; reason no message on /imu "
+        "for longer than 0.3 s) => MissionCommand(LAND)#14"
+    ]
+
+
+def test_after_a_command_that_the_vehicle_did_not_get_all_is_counterfactual(tmp_path, flight_map):
+    bag = write_bag(tmp_path / "x.bag", flight_rows(silent={"/imu": (20.0, 20.6)}))
+    outcome, _ = replay(bag, flight_map)
+    assert ((outcome.counterfactual_ns - START_NS) / S, outcome.missed) == (20.3, MissionAction.LAND)
+    for line in outcome.timeline:
+        assert line.counterfactual == (line.t_ns > outcome.counterfactual_ns)
+    assert any(text.startswith(("~ +20.4", "~ +20.5")) for text in texts(outcome))
+
+
+def test_a_landing_that_the_vehicle_does_within_the_time_is_not_counterfactual(tmp_path, flight_map):
+    bag = write_bag(tmp_path / "x.bag", flight_rows(silent={"/imu": (25.0, 25.6)}))  # it lands from 26 s on
+    outcome, _ = replay(bag, flight_map)
+    assert ("MISSION", "LAND", "land") in moves(outcome)
+    assert outcome.counterfactual_ns is None
+    assert outcome.state.result.value == "LANDED_EARLY"
+
+
+def test_a_takeoff_that_never_was_makes_the_rest_counterfactual(tmp_path, range_map):
+    rows = [row for row in flight_rows() if row[1] != "/range"]
+    rows += [row for row in flight_rows(7.5) if row[1] == "/range"]  # it stands for 7.5 s, then nothing tells
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", rows), range_map)
+    assert (outcome.missed, (outcome.counterfactual_ns - START_NS) / S) == (MissionAction.TAKEOFF, 7.001)
+
+
+def test_a_tilted_vehicle_does_not_take_off_and_the_user_retries_then_gives_up(tmp_path, range_map):
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", flight_rows(tilt_deg=20.0)), range_map)
+    assert moves(outcome) == [
+        ("MISSION_INPUT", "PREFLIGHT", "mission_selected"),
+        ("PREFLIGHT", "OUTREACH", "checks_failed"),
+        ("OUTREACH", "PREFLIGHT", "retry"),
+        ("PREFLIGHT", "OUTREACH", "checks_failed"),
+        ("OUTREACH", "MISSION_INPUT", "give_up_unrecorded"),
+    ]
+    tilt = "state check: tilt 20.0 deg, limit 10.0 deg (vehicle is tilted 20 deg backward, limit 10 deg)"
+    assert any(tilt in text for text in texts(outcome, LineKind.MONITOR))
+
+
+def test_a_recorded_vehicle_that_flies_though_the_checks_failed_is_the_pilots(tmp_path, flight_map):
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", flight_rows(tilt_deg=20.0)), flight_map)
+    assert moves(outcome)[3:] == [
+        ("PREFLIGHT", "OUTREACH", "checks_failed"),
+        ("OUTREACH", "PILOT", "armed_by_others"),
+        ("PILOT", "DATA_CLEANUP", "acknowledged"),
+        ("DATA_CLEANUP", "MISSION_ENDED", "nothing_to_collect"),
+    ]
+
+
+def test_an_empty_battery_does_not_take_off(tmp_path, flight_map):
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", flight_rows(fraction=0.2)), flight_map)
+    assert moves(outcome)[1] == ("PREFLIGHT", "OUTREACH", "checks_failed")
+    assert "20% is left" in " ".join(texts(outcome))
+
+
+@pytest.mark.parametrize("fraction", [-1.0, -0.53, float("nan"), 53.0])
+def test_a_battery_that_says_nonsense_is_unknown(tmp_path, flight_map, fraction):
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", flight_rows(fraction=fraction)), flight_map)
+    assert moves(outcome)[1] == ("PREFLIGHT", "OUTREACH", "checks_failed")
+    assert "the level is unknown" in " ".join(texts(outcome))
+
+
+def test_an_orientation_of_zeros_changes_nothing(tmp_path, flight_map):
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", flight_rows(orientation=(0.0, 0.0, 0.0, 0.0))), flight_map)
+    assert moves(outcome) == NOMINAL
+
+
+def test_two_bags_of_one_flight_are_one_recording(tmp_path, flight_map, flight_bag):
+    rows = flight_rows()
+    one = write_bag(tmp_path / "one.bag", [row for row in rows if row[1] in ("/imu", "/mag")])
+    other = write_bag(tmp_path / "other.bag", [row for row in rows if row[1] not in ("/imu", "/mag")])
+    whole, _ = replay(flight_bag, flight_map)
+    for order in ([one, other], [other, one]):
+        assert replay(order, flight_map)[0].journal == whole.journal
+
+
+def test_before_the_recording_begins_the_script_plays(tmp_path, flight_map):
+    text = Path(flight_map).read_text().replace("select_at_s: 3.0", "select_at_s: -2.0, sensors_until_s: 0.5")
+    path = tmp_path / "early.yaml"
+    path.write_text(text)
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", flight_rows()), str(path))
+    first = outcome.decisions[0]
+    assert (first.rule, (first.t_ns - START_NS) / S) == ("mission_selected", -2.0)
+    assert moves(outcome)[:3] == NOMINAL[:3]
+    assert texts(outcome, LineKind.DECISION)[1].startswith("-1.999 script PREFLIGHT -> READY by checks_passed")
+
+
+def test_a_field_that_the_messages_do_not_have_is_one_clear_error(tmp_path, flight_map, flight_bag):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(Path(flight_map).read_text().replace("{topic: /range}", "{topic: /range, distance: 'values[5]'}"))
+    with pytest.raises(
+        FieldError, match=r"^/range: values\[5\]: sensor_msgs/Range has no such field; it has header, rad"
+    ):
+        replay(flight_bag, str(path))
+
+
+def test_a_mission_that_does_not_exist_is_refused_with_those_that_do(flight_bag, flight_map):
+    with pytest.raises(ReplayError, match=r"^there is no mission '99'; there are 1, "):
+        replay(flight_bag, flight_map, mission="99")
+
+
+def test_a_damaged_chunk_gives_a_partial_replay_that_says_so(tmp_path, flight_map):
+    bag = write_bag(tmp_path / "x.bag", flight_rows(), "bz2")
+    break_chunk(bag, 4, 100, 100)
+    outcome, recordings = replay(bag, flight_map)
+    assert set(recordings.damage) == {"/imu", "/range", "/battery", "/armed", "/landed"}
+    assert recordings.damage["/imu"].count > 0
+    assert outcome.state.state is State.MISSION_ENDED or outcome.counterfactual_ns is not None
