@@ -95,6 +95,13 @@ MISTAKES = (
     ("request: give_up", "ask: give_up", 15, "is an unknown key"),
     ("description: The range", "descr: The range", 1, "did you mean description?"),
     ("faults:", "fault:", 2, "did you mean faults?"),
+    (
+        "component: lrf\n    fault: silent",
+        "process: state_estimation\n    fault: silent",
+        3,
+        "must be one of watchdog, landing",
+    ),
+    ("component: lrf\n    fault: silent", "process: autopilot\n    fault: stuck", 3, "must be one of watchdog"),
     ("component: lrf", "component: lrf\n    component: lrf", 4, "is given twice (first in line 3)"),
 )
 

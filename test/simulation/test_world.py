@@ -14,7 +14,7 @@ from amaze_autonomy.engine.events import (
     UserRequest,
     WatchdogAction,
 )
-from amaze_autonomy.simulation import SimulatedTimeError, SimulationError, UnknownTargetError, World
+from amaze_autonomy.simulation import NoEffectError, SimulatedTimeError, SimulationError, UnknownTargetError, World
 from amaze_autonomy.simulation.services import PEERS, SERVICES, peer_of
 
 STATUS = {
@@ -122,6 +122,26 @@ def test_a_scenario_that_names_what_is_not_there_is_an_error(fault, words):
     with pytest.raises(UnknownTargetError) as error:
         Driver(fault)
     assert str(error.value) == words
+
+
+NO_EFFECT = (
+    ("component: camera, fault: unhealthy", "the autopilot says nothing of this component"),
+    ("component: gps, fault: slow, rate_fraction: 0.5", "this component has no topics"),
+    ("component: camera, fault: reads, value_m: 1", "it is not the range sensor (/lrf/range)"),
+)
+
+
+@pytest.mark.parametrize("fault, why", NO_EFFECT, ids=[case[0] for case in NO_EFFECT])
+def test_a_fault_that_would_do_nothing_is_an_error(fault, why):
+    with pytest.raises(NoEffectError) as error:
+        Driver(fault)
+    assert str(error.value).startswith("scenario:3: ")
+    assert str(error.value).endswith(f" would do nothing: {why}")
+
+
+def test_a_platform_that_does_not_record_cannot_lose_its_part():
+    with pytest.raises(UnknownTargetError, match="no platform 'third'; there is main, second"):
+        Driver("fault: data_incomplete, platform: third")
 
 
 def test_a_peer_to_be_left_out_must_be_one():

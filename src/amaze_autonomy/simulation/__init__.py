@@ -35,7 +35,7 @@ Nothing here is safe for threads: one lock around the world, held for microsecon
 
 from __future__ import annotations
 
-from .errors import SimulatedTimeError, SimulationError, UnknownTargetError
+from .errors import NoEffectError, SimulatedTimeError, SimulationError, UnknownTargetError
 from .scenario import EVENTS, KINDS, Fault, FaultKind, Request, Scenario, Subject, Trigger
 from .scenario_file import load_scenario, parse_scenario
 from .settings import Settings
@@ -46,6 +46,7 @@ __all__ = [
     "KINDS",
     "Fault",
     "FaultKind",
+    "NoEffectError",
     "Request",
     "Scenario",
     "Settings",

@@ -3,6 +3,7 @@
     SimulationError          base
     +-- SimulatedTimeError   time went backwards
     +-- UnknownTargetError   a fault names something that this world does not have
+    +-- NoEffectError        a fault cannot do anything to what it names
 
 Mistakes in a scenario file are `amaze_autonomy.config.errors.ConfigError`, with file and line.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 from typing import Tuple
 
-__all__ = ["SimulatedTimeError", "SimulationError", "UnknownTargetError"]
+__all__ = ["NoEffectError", "SimulatedTimeError", "SimulationError", "UnknownTargetError"]
 
 
 class SimulationError(Exception):
@@ -45,3 +46,18 @@ class UnknownTargetError(SimulationError):
         place = f"{where}: " if where else ""
         super().__init__(f"{place}there is no {what} {name!r}; there is {', '.join(known) or 'none'}")
         self.what, self.name, self.known, self.where = what, name, known, where
+
+
+class NoEffectError(SimulationError):
+    """A fault cannot do anything to what it names: it would be a scenario that tests nothing.
+
+    Args:
+        fault: what it is, in words.
+        why: why it would do nothing.
+        where: file and line; empty when it did not come from a file.
+    """
+
+    def __init__(self, fault: str, why: str, where: str = "") -> None:
+        place = f"{where}: " if where else ""
+        super().__init__(f"{place}{fault} would do nothing: {why}")
+        self.fault, self.why, self.where = fault, why, where

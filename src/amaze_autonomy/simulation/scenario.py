@@ -70,18 +70,21 @@ class FaultKind:
         name: as in the file.
         words: what it does to the world.
         parameters: what can be said of it.
+        targets: which processes or services it can be about; empty: any.
     """
 
     subject: str
     name: str
     words: str
     parameters: Tuple[Parameter, ...] = ()
+    targets: Tuple[str, ...] = ()
 
 
 _RESTART = (
     Parameter("restart", "succeeds", "what comes of restarting it", choices=("succeeds", "fails")),
     Parameter("restart_takes_s", 2.0, "from the restart to its outcome"),
 )
+_SPEAKERS = ("watchdog", "landing_detection", "autopilot", "mission_planner", "data_recorder")
 _OVER = Parameter("over_s", 0.0, "how long it takes; 0: at once")
 
 _KINDS: Tuple[FaultKind, ...] = (
@@ -114,13 +117,14 @@ _KINDS: Tuple[FaultKind, ...] = (
     FaultKind(Subject.COMPONENT, "unhealthy", "a sensor of the PX4 that the autopilot says is not healthy"),
     FaultKind(Subject.COMPONENT, "unreported", "a sensor of the PX4 of which the autopilot says nothing"),
     FaultKind(Subject.PROCESS, "killed", "the process ends: no status, no services"),
-    FaultKind(Subject.PROCESS, "silent", "its status stops; its services answer"),
-    FaultKind(Subject.PROCESS, "stuck", "its messages go on, its working loop does not (the watchdog's loop counter)"),
+    FaultKind(Subject.PROCESS, "silent", "its status stops; its services answer", targets=_SPEAKERS),
+    FaultKind(Subject.PROCESS, "stuck", "its messages go on, its working loop does not", targets=("watchdog",)),
     FaultKind(
         Subject.PROCESS,
         "slow",
         "its status comes at a part of its rate",
         (Parameter("rate_fraction", None, "part of its rate that is left", low=0.001, high=1.0),),
+        _SPEAKERS,
     ),
     FaultKind(Subject.SERVICE, "refuses", "answers no"),
     FaultKind(Subject.SERVICE, "hangs", "does not answer, and does nothing"),

@@ -103,7 +103,8 @@ class _FaultEntry(Kind):
         kind = self._kind(entry, address, subject, places)
         keys: List[Key] = []
         if subject:
-            keys.append(Key(subject, *_SUBJECTS[subject]))
+            target, words = _SUBJECTS[subject]
+            keys.append(Key(subject, Choice(kind.targets) if kind.targets else target, words))
         keys += [Key("fault", Choice((kind.name,)), kind.words), *_WHEN]
         keys.append(Key("for_s", _LASTING, "how long it lasts", "", None))
         keys += [Key(each.name, _kind_of(each), each.words, "", _default(each)) for each in kind.parameters]

@@ -9,6 +9,7 @@ from amaze_autonomy.engine.commands import Command, Request
 from amaze_autonomy.engine.events import Event, UserRequest
 
 from .autopilot import SENSORS, Autopilot, sensor_health
+from .casting import check_scenario
 from .effects import begin, end
 from .errors import SimulatedTimeError, UnknownTargetError
 from .faults import Change, Faults
@@ -19,7 +20,7 @@ from .planner import Planner
 from .power import Power
 from .recorder import Recorder
 from .scenario import Fault, Scenario, Subject
-from .services import PEERS, SERVICES, peer_of, service_of
+from .services import PEERS, peer_of, service_of
 from .settings import Settings, settings_of
 from .state_estimation import StateEstimation
 from .streams import Batch, Stream
@@ -46,6 +47,7 @@ class World:
 
     Raises:
         UnknownTargetError: a fault names a component, process or service that is not there.
+        NoEffectError: a fault would do nothing to what it names.
     """
 
     def __init__(
@@ -60,7 +62,8 @@ class World:
     ) -> None:
         settings = settings_of(configuration)
         scenario = faults if faults is not None else Scenario()
-        _check_targets(settings, scenario, without)
+        check_scenario(settings, scenario)
+        _check_peers(without)
         self.now_ns = start_ns
         self._live = live
         self._faults = Faults(scenario, start_ns)
@@ -246,14 +249,7 @@ def _told(change: Change) -> str:
     return f"fault {'begins' if change.begins else 'ends'}: {change.what}"
 
 
-def _check_targets(settings: Settings, scenario: Scenario, without: Tuple[str, ...]) -> None:
-    """Refuse a scenario or a name that means nothing here."""
-    components = tuple(component.name for component in settings.components)
-    known = {Subject.COMPONENT: components, Subject.PROCESS: PEERS, Subject.SERVICE: SERVICES}
-    for fault in scenario.faults:
-        names = known.get(fault.kind.subject)
-        if names is not None and fault.target not in names:
-            raise UnknownTargetError(fault.kind.subject, fault.target, names, fault.where)
-    for name in without:
+def _check_peers(names: Tuple[str, ...]) -> None:
+    for name in names:
         if name not in PEERS:
             raise UnknownTargetError("peer", name, PEERS)
