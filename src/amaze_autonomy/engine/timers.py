@@ -176,7 +176,7 @@ TIMERS: Tuple[Timer, ...] = (
     ),
     Timer(
         "confirm_limit",
-        ((State.MISSION, Step.FLYING), State.HOLD, State.LAND),
+        ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.HOLD, State.LAND),
         lambda s, r: None if s.in_flight else _after(s.grounded_ns, r.limits.confirm_limit_ns),
         ends_state=True,
     ),

@@ -1,0 +1,398 @@
+"""Every wait runs out: not a nanosecond before its limit, and then into its named next state. None is unbounded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Callable, NamedTuple, Optional
+
+import pytest
+from engine_beginnings import BEGINNINGS, at
+from engine_peers import S
+from engine_story import Story
+
+from amaze_autonomy.engine import decide as engine
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine import timers
+from amaze_autonomy.engine.state import EngineState, State, Step
+
+FOR_A_PERSON = ("MISSION_INPUT", "OUTREACH", "PILOT", "MISSION_ENDED")
+
+
+class Wait(NamedTuple):
+    """One wait: where, since when (ns), how long (s), and the rule and the state when it has run out."""
+
+    timer: str
+    place: str
+    since: Callable[[Story], int]
+    limit_s: float
+    rule: str
+    leads: str
+    prepare: Optional[Callable[[Story], object]] = None
+    lost: bool = False  # silence of exactly the limit is not lost yet
+
+
+def entered(story: Story) -> int:
+    return story.state.entered_ns
+
+
+def stepped(story: Story) -> int:
+    return story.state.step_ns
+
+
+def limits(**changes: int) -> Callable[[Story], object]:
+    def prepare(story: Story) -> None:
+        story.rules = replace(story.rules, limits=replace(story.rules.limits, **changes))
+
+    return prepare
+
+
+def silent(*streams: str) -> Callable[[Story], object]:
+    return lambda story: story.silent.extend(streams)
+
+
+def one_platform_only(story: Story) -> None:
+    story.recorder.growing = (True, False)
+    story.report()
+
+
+def on_ground_armed(story: Story) -> None:
+    story.vehicle.auto_disarm = False
+    while story.state.grounded_ns is None:
+        story.after(0.1)
+
+
+def contradicted(story: Story) -> None:
+    story.landing_says = ev.Landed.AIRBORNE
+    while story.state.in_flight:
+        story.after(0.1)
+
+
+def flies_long(story: Story) -> None:
+    story.planner.flown_ns = -2000 * S
+
+
+def fixing(story: Story) -> None:
+    story.check_says["watchdog"] = {"ok": False, "fixable": True}
+    story.answers.clear()
+    story.select().after(0.1).expect("PREFLIGHT")
+
+
+def both(*prepares: Callable[[Story], object]) -> Callable[[Story], object]:
+    return lambda story: [prepare(story) for prepare in prepares]
+
+
+def never_armed(story: Story) -> None:
+    story.answers["LAND"] = ev.Outcome.TIMED_OUT
+    story.disobeyed.append("LAND")
+    story.user("land")
+
+
+WAITS = (
+    Wait("check_reply_limit", "PREFLIGHT", entered, 3.0, "checks_failed", "OUTREACH"),
+    Wait(
+        "preflight_fix_poll",
+        "MISSION_INPUT",
+        lambda s: max(r.replied_ns for r in s.state.checks),
+        1.0,
+        "checks_repeated",
+        "PREFLIGHT",
+        fixing,
+    ),
+    Wait(
+        "preflight_fix_limit",
+        "MISSION_ENDED",
+        lambda s: s.state.entered_ns,
+        60.0,
+        "checks_failed",
+        "OUTREACH",
+        both(limits(preflight_fix_poll_ns=100 * S), fixing),
+    ),
+    Wait(
+        "check_max_age",
+        "LOAD_MISSION",
+        lambda s: min(r.replied_ns for r in s.state.checks),
+        10.0,
+        "checks_expired",
+        "PREFLIGHT",
+        limits(load_limit_ns=60 * S),
+        lost=True,
+    ),
+    Wait("ready_limit", "READY", entered, 60.0, "ready_too_old", "PREFLIGHT"),
+    Wait(
+        "recording_lead",
+        "START_RECORDING",
+        lambda s: s.state.recording_since_ns,
+        3.0,
+        "recording_proven",
+        "LOAD_MISSION",
+    ),
+    Wait(
+        "recording_start_limit", "START_RECORDING", entered, 15.0, "recording_not_proven", "OUTREACH", one_platform_only
+    ),
+    Wait("load_limit", "LOAD_MISSION", entered, 10.0, "planner_silent", "OUTREACH"),
+    Wait("arm_limit", "TAKEOFF arming", stepped, 10.0, "not_armed", "TAKEOFF"),
+    Wait("lift_off_limit", "TAKEOFF lifting_off", stepped, 10.0, "no_lift_off", "TAKEOFF"),
+    Wait(
+        "takeoff_limit",
+        "TAKEOFF climbing",
+        stepped,
+        30.0,
+        "takeoff_height_not_reached",
+        "LAND",
+        lambda s: setattr(s.vehicle, "speed", 0.0),
+    ),
+    Wait("cancel_limit", "TAKEOFF cancelling", stepped, 10.0, "cancel_unconfirmed", "LAND"),
+    Wait("hold_confirm_limit", "HOLD confirming", stepped, 3.0, "hold_unconfirmed", "LAND"),
+    Wait("resume_confirm_limit", "HOLD resuming", stepped, 5.0, "resume_unconfirmed", "LAND"),
+    Wait(
+        "wait_limit",
+        "MISSION flying",
+        lambda s: s.failure("lrf").since_ns,
+        5.0,
+        "land",
+        "LAND",
+        lambda s: s.fail("lrf", 8),
+    ),
+    Wait("user_hold_limit", "HOLD holding", lambda s: s.state.user_hold_ns, 120.0, "land", "LAND"),
+    Wait("flight_time", "MISSION flying", lambda s: s.state.flight_started_ns, 900.0, "land", "LAND", flies_long),
+    Wait(
+        "watchdog_heartbeat_limit",
+        "HOLD holding",
+        lambda s: s.state.heartbeat_ns,
+        0.6,
+        "land",
+        "LAND",
+        silent("watchdog"),
+        lost=True,
+    ),
+    Wait(
+        "planner_status_limit",
+        "TAKEOFF climbing",
+        lambda s: s.state.planner_ns,
+        1.0,
+        "land_by_both_routes",
+        "LAND",
+        silent("planner"),
+        lost=True,
+    ),
+    Wait(
+        "autopilot_status_limit",
+        "MISSION flying",
+        lambda s: s.state.autopilot_ns,
+        1.0,
+        "land_by_both_routes",
+        "LAND",
+        silent("autopilot"),
+        lost=True,
+    ),
+    Wait(
+        "autopilot_link_limit",
+        "MISSION flying",
+        lambda s: s.now,
+        0.5,
+        "land_by_both_routes",
+        "LAND",
+        both(lambda s: s.say(link_age_s=2.5), silent("autopilot")),
+        lost=True,
+    ),
+    Wait(
+        "battery_age_limit",
+        "HOLD holding",
+        lambda s: s.state.battery_ns,
+        10.0,
+        "land",
+        "LAND",
+        lambda s: s.say(battery_fraction=None),
+        lost=True,
+    ),
+    Wait(
+        "position_age_limit",
+        "HOLD holding",
+        lambda s: s.state.position_ns,
+        10.0,
+        "failure_continue",
+        "HOLD",
+        lambda s: s.say(height_m=None),
+        lost=True,
+    ),
+    Wait(
+        "recorder_status_limit",
+        "HOLD holding",
+        lambda s: s.state.recorder_ns,
+        5.0,
+        "failure_continue",
+        "HOLD",
+        silent("recorder"),
+        lost=True,
+    ),
+    Wait(
+        "landing_detection_limit",
+        "HOLD holding",
+        lambda s: s.state.landing_ns,
+        1.0,
+        "failure_continue",
+        "HOLD",
+        silent("landing"),
+        lost=True,
+    ),
+    Wait(
+        "confirm_limit", "LAND descending", lambda s: s.state.grounded_ns, 10.0, "landed", "DATA_CLEANUP", contradicted
+    ),
+    Wait("land_repeat_period", "LAND commanding", lambda s: s.state.land_sent_ns, 0.5, "land_repeat", "LAND"),
+    Wait("land_second_route_after", "LAND commanding", lambda s: s.state.land_ns, 3.0, "land_second_route", "LAND"),
+    Wait("land_alarm_after", "LAND commanding", lambda s: s.state.land_ns, 6.0, "land_alarm", "LAND"),
+    Wait(
+        "descent_time",
+        "LAND commanding",
+        lambda s: s.state.descending_ns,
+        1.0,
+        "landing_shown",
+        "LAND",
+        lambda s: s.say(vertical_speed_m_s=-0.5),
+    ),
+    Wait("land_limit", "LAND commanding", lambda s: s.state.land_ns, 120.0, "land_limit", "LAND"),
+    Wait(
+        "ground_disarm_after",
+        "LAND descending",
+        lambda s: s.state.grounded_ns,
+        4.0,
+        "disarm_on_ground",
+        "LAND",
+        on_ground_armed,
+    ),
+    Wait(
+        "never_armed",
+        "TAKEOFF arming",
+        lambda s: s.state.land_ns,
+        10.0,
+        "cancelled_by_landing",
+        "DATA_CLEANUP",
+        never_armed,
+    ),
+    Wait(
+        "recorder_silent",
+        "DATA_CLEANUP",
+        lambda s: max(s.state.recorder_ns, s.state.entered_ns),
+        5.0,
+        "data_incomplete",
+        "OUTREACH",
+        silent("recorder"),
+        lost=True,
+    ),
+    Wait("data_cleanup_limit", "DATA_CLEANUP", entered, 1800.0, "data_limit", "OUTREACH", lambda s: s.agenda.clear()),
+)
+
+
+@pytest.mark.parametrize("wait", WAITS, ids=[wait.timer for wait in WAITS])
+def test_a_wait_runs_out_at_its_limit_and_not_before(wait):
+    story = at(wait.place)
+    if wait.prepare is not None:
+        wait.prepare(story)
+    story.look()
+    end_ns = wait.since(story) + round(wait.limit_s * S) + (1 if wait.lost else 0)
+    if end_ns - story.now > 600 * S:  # skip the middle: statuses of half an hour say nothing new
+        story.silent += ["autopilot", "recorder"]
+        limits(recorder_status_limit_ns=4000 * S, autopilot_status_limit_ns=4000 * S, autopilot_link_limit_ns=4000 * S)(
+            story
+        )
+        limits(battery_age_limit_ns=4000 * S)(story)
+    story.after_ns(end_ns - story.now - 1)
+    assert wait.rule not in story.rules_fired, f"{story.place}"
+    assert timers.next_deadline(story.state, story.rules) == end_ns, "the shell wakes the engine for it"
+    story.after_ns(1)
+    assert wait.rule in story.rules_fired, f"{story.place}: {story.rules_fired}"
+    assert story.place[0] == wait.leads
+
+
+def test_every_wait_of_the_engine_runs_out_here():
+    assert sorted(wait.timer for wait in WAITS) == sorted(timer.name for timer in timers.TIMERS)
+
+
+# --- nothing waits for ever -------------------------------------------------------------------------------------------
+
+
+def _ticked(state: EngineState, rules, limit: int):
+    """Wake the engine at its own deadlines alone, as when every peer is dead."""
+    for number in range(limit):
+        deadline = timers.next_deadline(state, rules)
+        if deadline is None:
+            return state, number
+        assert deadline > state.t_ns
+        state, _ = engine.decide(state, ev.Tick(t_ns=deadline), rules)
+        assert state.t_ns == deadline
+    return state, limit
+
+
+@pytest.mark.parametrize("place", BEGINNINGS)
+def test_when_nobody_answers_it_ends_with_a_person(place):
+    """In flight that is LAND: it stays, both routes repeat, and the pilot was alarmed."""
+    story = at(place)
+    state, number = _ticked(story.state, story.rules, 400)
+    if number == 400:
+        assert (state.state, state.alarmed, state.overdue_alarmed) == (State.LAND, True, True)
+        assert state.t_ns - story.now > 150 * S, "it does not spin: 2 Hz"
+    else:
+        assert state.state.value in FOR_A_PERSON
+        assert number < 50
+
+
+@pytest.mark.parametrize(
+    "place", [p for p in BEGINNINGS if p.split()[0] in ("TAKEOFF", "MISSION", "HOLD", "LAND") and "touch" not in p]
+)
+def test_when_everybody_falls_silent_and_the_ground_was_reached_it_ends_with_a_person(place):
+    story = at(place)
+    story.say(armed=True)
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    state, number = _ticked(story.state, story.rules, 400)
+    assert state.state.value in FOR_A_PERSON, state.step
+    assert number < 100
+
+
+@pytest.mark.parametrize("place", BEGINNINGS)
+def test_every_state_but_four_shows_a_deadline(place):
+    story = at(place)
+    shown = timers.state_deadline(story.state, story.rules)
+    if story.place[0] in FOR_A_PERSON:
+        assert shown is None
+        assert timers.next_deadline(story.state, story.rules) is None
+    else:
+        assert shown is not None
+        assert shown[1] > story.now
+
+
+@pytest.mark.parametrize(
+    "place",
+    ["TAKEOFF climbing", "MISSION flying", "HOLD holding", "HOLD confirming", "HOLD resuming", "LAND descending"],
+)
+def test_down_but_not_confirmed_still_has_a_deadline(place):
+    story = at(place)
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.expect(place.split()[0])
+    assert timers.state_deadline(story.state, story.rules) is not None
+
+
+def test_a_story_that_only_ticks_late_still_moves():
+    """A shell that was busy for an hour gives one tick."""
+    for place in BEGINNINGS:
+        story = at(place)
+        before = story.place[0]
+        story.feed(ev.Tick, t_ns=story.now + 3600 * S)
+        if before in FOR_A_PERSON:
+            assert story.place[0] == before
+        else:
+            assert story.place[0] != before or before == "LAND", place
+
+
+def test_ticks_that_come_too_often_do_nothing():
+    for place in BEGINNINGS:
+        story = at(place)
+        story.feed(ev.Tick)
+        story.look()
+        for _ in range(5):
+            assert story.feed(ev.Tick) == (), place
+
+
+def test_there_is_a_beginning_for_every_state_and_step():
+    seen = {at(place).place for place in BEGINNINGS}
+    assert {state for state, _ in seen} == {state.value for state in State}
+    assert {step for _, step in seen} == {step.value for step in Step}
