@@ -1,0 +1,109 @@
+"""Runs behaviours as tests: each is a function of a running `Stack`; several fly at the same time.
+
+A behaviour names the rules of the transition table that make it. With `--crippled` the same behaviours fly with an
+engine that lacks these rules, and each of them must fail: a test that cannot fail is none.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import unittest
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Tuple
+
+import rospy
+import rostest
+from stack import Stack, TestConfiguration
+
+AT_ONCE = 5
+_starting = threading.Semaphore(2)
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """One behaviour: what runs, with which stack, and the rules that make it."""
+
+    run: Callable[[Stack], None]
+    rules: Tuple[str, ...]
+    options: Dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        return self.run.__name__
+
+
+class Behaviours:
+    """All behaviours of one test file."""
+
+    def __init__(self) -> None:
+        self._all: List[Behaviour] = []
+
+    def add(self, *rules: str, **options: Any) -> Callable[[Callable[[Stack], None]], Callable[[Stack], None]]:
+        """Register a function; `rules` are taken out of the engine in the self-check."""
+
+        def register(run: Callable[[Stack], None]) -> Callable[[Stack], None]:
+            self._all.append(Behaviour(run, rules, options))
+            return run
+
+        return register
+
+    def main(self, package: str, name: str) -> None:
+        """Run as a rostest node."""
+        crippled = "--crippled" in sys.argv
+        sys.argv = [word for word in sys.argv if word != "--crippled"]
+        rospy.init_node(name)
+        only = [word.split("=", 1)[1] for word in sys.argv if word.startswith("--only=")]
+        sys.argv = [word for word in sys.argv if not word.startswith("--only=")]
+        chosen = [each for each in self._all if (each.rules or not crippled) and (not only or each.name in only)]
+        rostest.rosrun(package, name, _test_case(chosen, crippled=crippled), sys.argv)
+
+
+def _test_case(behaviours: List[Behaviour], *, crippled: bool) -> type:
+    """Make a TestCase that starts all behaviours at first, and has one test for the outcome of each."""
+
+    def set_up_class(cls: Any) -> None:
+        cls.configuration = TestConfiguration()
+        cls.pool = ThreadPoolExecutor(AT_ONCE)
+        folder = cls.configuration.folder
+        cls.outcomes = {each.name: cls.pool.submit(_fly, each, folder, crippled) for each in behaviours}
+
+    def tear_down_class(cls: Any) -> None:
+        cls.pool.shutdown()
+        cls.configuration.remove()
+
+    members: Dict[str, Any] = {
+        "setUpClass": classmethod(set_up_class),
+        "tearDownClass": classmethod(tear_down_class),
+    }
+    for each in behaviours:
+        members[f"test_{each.name}"] = _test(each.name, crippled=crippled)
+    return type("TestBehaviours", (unittest.TestCase,), members)
+
+
+def _test(name: str, *, crippled: bool) -> Callable[[Any], None]:
+    def healthy(self: Any) -> None:
+        self.outcomes[name].result()
+
+    def must_fail(self: Any) -> None:
+        outcome: "Future[None]" = self.outcomes[name]
+        error = outcome.exception()
+        self.assertIsInstance(error, AssertionError, f"{name} passes although the reaction that it tests is disabled")
+
+    return must_fail if crippled else healthy
+
+
+def _fly(behaviour: Behaviour, folder: Any, crippled: bool) -> None:
+    rules = behaviour.rules if crippled else ()
+    stack = Stack(behaviour.name, folder, rules=rules, **behaviour.options)
+    try:
+        with _starting:
+            stack.start()
+            stack.wait(lambda: stack.states, "the first state")
+        behaviour.run(stack)
+    except AssertionError as error:
+        raise AssertionError(f"{error}\n{stack.story()}") from error
+    finally:
+        stack.stop()
+    stack.remove()

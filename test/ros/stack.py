@@ -1,0 +1,278 @@
+"""One engine with its simulated peers in a namespace of its own, and what a test can see and do of it.
+
+The vehicle's side writes down every request that reaches it, with the system's monotonic time, on which the engine
+decides too; so an answer's delay is the difference of two lines of two files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+import roslib.packages
+import rospy
+from amaze_autonomy import msg, srv
+from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.events import Event
+from amaze_autonomy.engine.journal import decode
+from amaze_autonomy.paths import config_folder
+
+HERE = Path(__file__).resolve().parent
+LIMIT_S = 40.0
+
+#: What makes a mission last seconds instead of minutes.
+QUICK = (
+    "autonomy.recording.recording_lead_s=0.2",
+    "autonomy.landing.descent_time_s=0.5",
+    "autonomy.landing.land_second_route_after_s=1.0",
+    "autonomy.landing.land_alarm_after_s=2.0",
+    "sensors.components.realsense_camera.wait_limit_s=3.0",
+    "sensors.components.realsense_camera.restart.attempt_limit_s=3.0",
+    "sensors.components.lrf.wait_limit_s=3.0",
+    "sensors.components.lrf.restart.attempt_limit_s=3.0",
+)
+
+PREFLIGHT = ("watchdog/start", "autopilot/check_battery", "autopilot/check", "landing_detection/check", "state_estimation/check")
+CHECKS = frozenset(PREFLIGHT)
+
+
+class Received(NamedTuple):
+    """A request that reached the vehicle's side: service, command, session, when (monotonic, ns)."""
+
+    service: str
+    command: str
+    session: str
+    t_ns: int
+
+    @property
+    def name(self) -> str:
+        return self.command or self.service
+
+
+class TestConfiguration:
+    """The shipped configuration with the missions of the tests, in a temporary folder."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="amaze_test_"))
+        for name in ("autonomy.yaml", "sensors.yaml", "recording.yaml"):
+            shutil.copy(config_folder() / name, self.folder / name)
+        shutil.copytree(HERE / "config", self.folder, dirs_exist_ok=True)
+
+    def remove(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+class Stack:
+    """Processes of one test.
+
+    Args:
+        name: becomes the namespace.
+        config: folder of the configuration.
+        faults: text of a scenario; empty: nothing goes wrong.
+        overrides: of the configuration, beyond QUICK.
+        mission: flown without asking; empty: none.
+        parameters: private ones of the autonomy node.
+        processes: which peers each simulation process plays; empty text: all.
+        rules: rules of the transition table that are taken out of the engine.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        config: Path,
+        faults: str = "",
+        overrides: Sequence[str] = (),
+        mission: str = "hop",
+        parameters: Optional[Dict[str, Any]] = None,
+        processes: Sequence[str] = ("",),
+        rules: Sequence[str] = (),
+    ) -> None:
+        self.name = name
+        self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
+        self.output = self.folder / "out"
+        self._config, self._faults = config, self.folder / "faults.yaml"
+        self._faults.write_text(faults or "description: nothing goes wrong\n")
+        self.parameters: Dict[str, Any] = {"mission": mission, "output": str(self.output), **(parameters or {})}
+        self._overrides = [*QUICK, *overrides]
+        self._processes, self._rules = processes, rules
+        self.engine: Optional[subprocess.Popen[bytes]] = None
+        self.peers: List[subprocess.Popen[bytes]] = []
+        self._changed = threading.Condition()
+        self.states: List[Any] = []
+        self._subscriber = rospy.Subscriber(f"/{name}/autonomy/state", msg.AutonomyState, self._see)
+
+    # --- processes ------------------------------------------------------------------------------------------------
+
+    def start(self) -> "Stack":
+        for number in range(len(self._processes)):
+            self.start_peers(number)
+        self.start_engine()
+        return self
+
+    def start_engine(self) -> None:
+        self._set("autonomy", {"config": str(self._config), "overrides": self._overrides, **self.parameters})
+        arguments = ["__name:=autonomy", *(f"--without-rule={rule}" for rule in self._rules)]
+        kind = ["amaze_autonomy", "autonomy"] if not self._rules else [str(HERE / "crippled_autonomy.py")]
+        self.engine = self._spawn("autonomy", kind, arguments)
+
+    def start_peers(self, number: int) -> None:
+        name = f"simulation{number}"
+        self._set(
+            name,
+            {
+                "config": str(self._config),
+                "overrides": self._overrides,
+                "faults": str(self._faults),
+                "peers": self._processes[number],
+                "sensors": False,
+                "received": str(self.folder / "received.jsonl"),
+            },
+        )
+        process = self._spawn(name, ["amaze_autonomy", "simulation"], [f"__name:={name}"])
+        if number < len(self.peers):
+            self.peers[number] = process
+        else:
+            self.peers.append(process)
+
+    def _set(self, node: str, parameters: Dict[str, Any]) -> None:
+        for name, value in parameters.items():
+            rospy.set_param(f"/{self.name}/{node}/{name}", value)
+
+    def _spawn(self, name: str, kind: List[str], arguments: List[str]) -> "subprocess.Popen[bytes]":
+        command = kind if len(kind) == 1 else [roslib.packages.find_node(*kind)[0]]
+        environment = {**os.environ, "ROS_NAMESPACE": f"/{self.name}"}
+        with (self.folder / f"{name}.log").open("ab") as log:
+            return subprocess.Popen([*command, *arguments], env=environment, stdout=log, stderr=log, start_new_session=True)
+
+    def stop(self) -> None:
+        """End every process that is left, by its id, and forget the files."""
+        self._subscriber.unregister()
+        processes = [each for each in (self.engine, *self.peers) if each is not None and each.poll() is None]
+        for process in processes:
+            process.send_signal(signal.SIGKILL)
+        for process in processes:
+            process.wait()
+
+    def remove(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    # --- seeing ---------------------------------------------------------------------------------------------------
+
+    def _see(self, message: Any) -> None:
+        with self._changed:
+            self.states.append(message)
+            self._changed.notify_all()
+
+    @property
+    def state(self) -> str:
+        return self.states[-1].state if self.states else ""
+
+    @property
+    def passed(self) -> List[str]:
+        """The states that were seen, in order, without repetitions."""
+        return without_repetitions([message.state for message in self.states])
+
+    @property
+    def engine_lives(self) -> bool:
+        return self.engine is not None and self.engine.poll() is None
+
+    def wait(self, condition: Callable[[], Any], what: str, limit_s: float = LIMIT_S, *, alive: bool = True) -> Any:
+        """Wait for a condition on what is seen; looked at with each message and ten times a second."""
+        deadline_s = time.monotonic() + limit_s
+        while True:
+            found = condition()
+            if found:
+                return found
+            assert time.monotonic() < deadline_s, f"{self.name}: {what} did not come in {limit_s} s"
+            for number, peer in enumerate(self.peers):
+                assert peer.poll() != 2, f"{self.name}: {self.log(f'simulation{number}')}"
+            assert not alive or self.engine_lives, f"{self.name}: the engine ended before {what} came"
+            with self._changed:
+                self._changed.wait(0.1)
+
+    def wait_state(self, *states: str, limit_s: float = LIMIT_S) -> None:
+        self.wait(lambda: self.state in states, " or ".join(states), limit_s)
+
+    def wait_received(self, name: str, count: int = 1, limit_s: float = LIMIT_S) -> Received:
+        def found() -> Optional[Received]:
+            matching = [each for each in self.received() if each.name == name]
+            return matching[count - 1] if len(matching) >= count else None
+
+        return self.wait(found, f"{count} x {name} at the vehicle's side", limit_s)
+
+    def wait_end(self, limit_s: float = LIMIT_S) -> int:
+        assert self.engine is not None
+        self.wait(lambda: not self.engine_lives, "the end of the autonomy node", limit_s, alive=False)
+        return int(self.engine.returncode)
+
+    def received(self) -> List[Received]:
+        """Every request that reached the vehicle's side, in order."""
+        path = self.folder / "received.jsonl"
+        lines = path.read_text().splitlines() if path.exists() else []
+        read = [json.loads(line) for line in lines]
+        return [
+            Received(each["service"], each.get("command", ""), each.get("session_id", ""), each["monotonic_ns"])
+            for each in sorted(read, key=lambda each: each["monotonic_ns"])
+        ]
+
+    def commands(self) -> List[str]:
+        """What reached the vehicle's side besides the checks, in order, without repetitions."""
+        return without_repetitions([each.name for each in self.received() if each.service not in CHECKS])
+
+    def journal(self) -> List[Any]:
+        """Every event and decision that is on the disk."""
+        path = self.output / "journal.jsonl"
+        text = path.read_text() if path.exists() else ""
+        lines = text[: text.rfind("\n") + 1].splitlines()
+        return [decode(line, number).payload for number, line in enumerate(lines, 1)]
+
+    def events(self, kind: type) -> List[Any]:
+        return [each for each in self.journal() if isinstance(each, Event) and isinstance(each, kind)]
+
+    def decisions(self, rule: str = "") -> List[Decision]:
+        return [each for each in self.journal() if isinstance(each, Decision) and rule in ("", each.rule)]
+
+    def result(self) -> Dict[str, Any]:
+        return json.loads((self.output / "result.json").read_text())
+
+    def log(self, name: str = "autonomy") -> str:
+        path = self.folder / f"{name}.log"
+        return path.read_text(errors="replace") if path.exists() else ""
+
+    def story(self) -> str:
+        """Everything a person needs to see why a test failed."""
+        rules = [f"{each.t_ns / 1e9:.3f} {each.rule}: {each.before} -> {each.after} {each.commands}" for each in self.decisions()]
+        came = [f"{each.t_ns / 1e9:.3f} {each.name}" for each in self.received()]
+        return "\n".join(["decisions:", *rules, "received:", *came, "log:", self.log()[-3000:]])
+
+    # --- doing ----------------------------------------------------------------------------------------------------
+
+    def ask(self, command: str) -> Tuple[int, str]:
+        """Be the user; return (answer, message)."""
+        answer = rospy.ServiceProxy(f"/{self.name}/autonomy/{command}", srv.UserCommand)()
+        return answer.answer, answer.message
+
+    def select(self, *missions: str) -> Tuple[bool, str]:
+        service = f"/{self.name}/autonomy/select_mission"
+        rospy.wait_for_service(service, LIMIT_S)
+        answer = rospy.ServiceProxy(service, srv.SelectMission)(list(missions))
+        return answer.accepted, answer.message
+
+    def signal_engine(self, number: int) -> int:
+        """Send a signal to the autonomy node; return when (monotonic, ns)."""
+        assert self.engine is not None
+        now_ns = time.monotonic_ns()
+        self.engine.send_signal(number)
+        return now_ns
+
+
+def without_repetitions(names: Sequence[str]) -> List[str]:
+    return [name for number, name in enumerate(names) if number == 0 or names[number - 1] != name]
