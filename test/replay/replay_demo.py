@@ -152,7 +152,7 @@ def simulated(scenario=None, mission="1"):
     return run(configuration, missions, scenario or Scenario()).lines
 
 
-def demo_bag(path, lines, *, with_journal=True):
+def demo_bag(path, lines, *, with_journal=True, planner_phase=None):
     """Write the bag that a recorder would have made of a journal's flight: from START_RECORDING on, with sensors."""
     payloads = [line.payload for line in read("\n".join(lines) + "\n").lines]
     began = next(p.t_ns for p in payloads if type(p).__name__ == "Decision" and p.after == "START_RECORDING")
@@ -168,7 +168,10 @@ def demo_bag(path, lines, *, with_journal=True):
         if with_journal:
             rows.append((at, "/autonomy/journal", _entry(index, line, at)))
         if type(payload) in MESSAGES and t_ns >= begins_ns:
-            rows.append((t_ns + shift, *MESSAGES[type(payload)](payload, t_ns + shift)))
+            topic, message = MESSAGES[type(payload)](payload, t_ns + shift)
+            if planner_phase is not None and topic == "/mission_planner/status":
+                message.phase = planner_phase
+            rows.append((t_ns + shift, topic, message))
     for step in range(int((ended - begins_ns) / S * 50)):
         at = START_NS + step * S // 50
         rows.append((at, "/px4/imu", imu(at)))

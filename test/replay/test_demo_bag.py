@@ -88,3 +88,11 @@ def test_muting_any_topic_changes_the_journal(bag, topic):
     whole, muted = replay(bag, "amaze_demo")[0], replay(bag, "amaze_demo", muted=[topic])[0]
     assert whole.journal[1:] != muted.journal[1:]
     assert whole.start_ns == muted.start_ns == START_NS
+
+
+def test_a_status_that_holds_what_cannot_be_is_left_out_and_said(tmp_path, flown):
+    path = demo_bag(tmp_path / "x.bag", flown, planner_phase=99)
+    outcome, recordings = replay(path, "amaze_demo")
+    damage = recordings.damage["/mission_planner/status"]
+    assert damage.reason == "phase is 99, must be one of 0, 1, 2, 3, 4, 5, 6, 7"
+    assert moves(outcome)[-1][1] != "MISSION_ENDED"

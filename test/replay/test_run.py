@@ -11,7 +11,7 @@ from replay_runs import moves, replay, texts
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.journal import read
 from amaze_autonomy.engine.state import State
-from amaze_autonomy.replay.errors import FieldError, ReplayError
+from amaze_autonomy.replay.errors import FieldError, MisfitError, ReplayError
 from amaze_autonomy.replay.timeline import LineKind
 
 NOMINAL = [
@@ -180,3 +180,23 @@ def test_a_damaged_chunk_gives_a_partial_replay_that_says_so(tmp_path, flight_ma
     assert set(recordings.damage) == {"/imu", "/range", "/battery", "/armed", "/landed"}
     assert recordings.damage["/imu"].count > 0
     assert outcome.state.state is State.MISSION_ENDED or outcome.counterfactual_ns is not None
+
+
+def test_messages_that_are_not_what_the_map_takes_them_for_are_one_clear_error(tmp_path, flight_map, flight_bag):
+    path = tmp_path / "wrong.yaml"
+    path.write_text(Path(flight_map).read_text().replace("imu: {topic: /imu, turn", "imu: {topic: /range, turn"))
+    with pytest.raises(FieldError, match=r"^/range: orientation: sensor_msgs/Range has no such field; .* range$"):
+        replay(flight_bag, str(path))
+    path.write_text(Path(flight_map).read_text() + "statuses: {autopilot: /battery}\n")
+    with pytest.raises(MisfitError, match=r"^/battery: sensor_msgs/BatteryState is not what the map takes it for: "):
+        replay(flight_bag, str(path))
+    wrong = "  estimate: {topic: /imu}\n  imu: {topic: /imu, turn"
+    path.write_text(Path(flight_map).read_text().replace("  imu: {topic: /imu, turn", wrong))
+    with pytest.raises(MisfitError, match=r"^/imu: sensor_msgs/Imu is not what the map takes it for: "):
+        replay(flight_bag, str(path))
+
+
+def test_a_recording_in_simulated_time_that_begins_at_zero_is_replayed(tmp_path, flight_map):
+    rows = [(t - START_NS, topic, message) for t, topic, message in flight_rows()]
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", rows), flight_map)
+    assert moves(outcome) == NOMINAL

@@ -11,7 +11,15 @@ from __future__ import annotations
 
 from typing import Tuple
 
-__all__ = ["FieldError", "JournalGapError", "NoMessagesError", "ReplayError", "UnknownTopicError"]
+__all__ = [
+    "FieldError",
+    "InvalidStatusError",
+    "JournalGapError",
+    "MisfitError",
+    "NoMessagesError",
+    "ReplayError",
+    "UnknownTopicError",
+]
 
 
 class ReplayError(ValueError):
@@ -30,6 +38,24 @@ class FieldError(ReplayError):
     def __init__(self, path: str, kind: str, known: Tuple[str, ...]) -> None:
         super().__init__(f"{path}: {kind} has no such field; it has {', '.join(known) or 'none'}")
         self.path, self.kind, self.known = path, kind, known
+
+
+class MisfitError(ReplayError):
+    """Messages of a topic are not what the map takes them for.
+
+    Args:
+        topic: its name.
+        kind: type of its messages.
+        reason: what does not fit.
+    """
+
+    def __init__(self, topic: str, kind: str, reason: str) -> None:
+        super().__init__(f"{topic}: {kind} is not what the map takes it for: {reason}")
+        self.topic, self.kind, self.reason = topic, kind, reason
+
+
+class InvalidStatusError(ValueError):
+    """One recorded status holds what cannot be; the others may be good."""
 
 
 class UnknownTopicError(ReplayError):

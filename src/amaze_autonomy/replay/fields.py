@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields, is_dataclass
 from math import isfinite
 from typing import Any, Callable, List, Optional, Tuple, Union
 
 from .errors import FieldError
 
-__all__ = ["FIELD_PATH", "Getter", "getter", "number", "quaternion", "vector"]
+__all__ = ["FIELD_PATH", "Getter", "getter", "kind_of", "number", "quaternion", "vector"]
 
 FIELD_PATH = r"[A-Za-z]\w*(\[\d+\])*(\.[A-Za-z]\w*(\[\d+\])*)*"
 Getter = Callable[[Any], Any]
@@ -29,7 +30,7 @@ def getter(path: str) -> Getter:
             try:
                 value = value[step] if isinstance(step, int) else getattr(value, step)
             except (AttributeError, IndexError, TypeError, KeyError):
-                raise FieldError(path, _kind(value), _fields(value)) from None
+                raise FieldError(path, kind_of(value), _fields(value)) from None
         return value
 
     return get
@@ -56,13 +57,14 @@ def quaternion(value: Any) -> Optional[Tuple[float, float, float, float]]:
     return parts if abs(norm - 1.0) < 0.1 else None  # noqa: PLR2004
 
 
-def _kind(value: Any) -> str:
+def kind_of(value: Any) -> str:
+    """Return the type of a message as ROS 1 names it."""
     kind = getattr(type(value), "__msgtype__", "") or getattr(value, "__msgtype__", "") or type(value).__name__
     return str(kind).replace("/msg/", "/")
 
 
 def _fields(value: Any) -> Tuple[str, ...]:
-    names = getattr(type(value), "__dataclass_fields__", {})
-    if not names and hasattr(value, "__len__"):
-        return (f"{len(value)} elements",)
-    return tuple(name for name in names if not name.startswith("__"))
+    if not is_dataclass(value):
+        return (f"{len(value)} elements",) if hasattr(value, "__len__") else ()
+    names = (each.name for each in fields(value))
+    return tuple(name for name in names if not name.isupper())  # the library makes constants fields, too

@@ -64,6 +64,6 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
     if not ways:
         return None
     offset_ns = min(ways)
-    asked = tuple(evolve(found[key], t_ns=found[key].t_ns + offset_ns) for key in sorted(found))
-    made = tuple(evolve(decided[key], t_ns=decided[key].t_ns + offset_ns) for key in sorted(decided))
+    asked = tuple(evolve(found[key], t_ns=max(0, found[key].t_ns + offset_ns)) for key in sorted(found))
+    made = tuple(evolve(decided[key], t_ns=max(0, decided[key].t_ns + offset_ns)) for key in sorted(decided))
     return FlightLog(label, asked, made)

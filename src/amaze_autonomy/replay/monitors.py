@@ -12,8 +12,9 @@ from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, S
 from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
-from .errors import FieldError
+from .errors import FieldError, MisfitError
 from .feeds import BatteryFeed, ComponentFeed, EstimateFeed, Fact, FactFeed, Feed, ImuFeed, RangeFeed, TiltFeed
+from .fields import kind_of
 from .plan import Plan
 
 __all__ = ["Monitors"]
@@ -54,6 +55,7 @@ class Monitors:
 
         Raises:
             FieldError: The map names a field that the message does not have.
+            MisfitError: The message is not what the map takes it for.
         """
         for feed in self._by_topic.get(topic, ()):
             if message is not None or not feed.decodes:
@@ -61,6 +63,8 @@ class Monitors:
                     feed.take(t_ns, message)
                 except FieldError as error:
                     raise FieldError(f"{topic}: {error.path}", error.kind, error.known) from None
+                except (AttributeError, IndexError, TypeError) as error:
+                    raise MisfitError(topic, kind_of(message), str(error)) from error
 
     def check_ground(self, t_ns: int) -> Optional[Tuple[Check, ...]]:
         """Return the rows of the landing detection; None when the recording has no range."""

@@ -139,7 +139,7 @@ class Recordings:
         try:
             return self.bags[sample.bag].message(entry)
         except MessageError as error:
-            self._note(self.topic(sample), sample.t_ns, str(error))
+            self.note(self.topic(sample), sample.t_ns, str(error))
             return None
 
     def figures(self) -> Tuple[TopicFigures, ...]:
@@ -169,7 +169,8 @@ class Recordings:
             f"{names}: no message of {', '.join(self.topics)}; there are {there}: is it another map?"
         )
 
-    def _note(self, topic: str, t_ns: int, reason: str) -> None:
+    def note(self, topic: str, t_ns: int, reason: str) -> None:
+        """Note that one message could not be read, and why."""
         damage = self.damage.get(topic)
         if damage is None:
             self.damage[topic] = Damage(topic, reason, t_ns, t_ns)

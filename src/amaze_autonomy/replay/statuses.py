@@ -23,7 +23,7 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.severity import Code, Restart
 
-from .errors import ReplayError
+from .errors import InvalidStatusError
 
 __all__ = ["EVENT_OF", "health_of"]
 
@@ -37,7 +37,9 @@ def _enum(kind: Type[E], field: str, value: Any) -> E:
     try:
         return kind(int(value))
     except ValueError:
-        raise ReplayError(f"{field} is {value!r}, must be one of {', '.join(str(m.value) for m in kind)}") from None
+        raise InvalidStatusError(
+            f"{field} is {value!r}, must be one of {', '.join(str(m.value) for m in kind)}"
+        ) from None
 
 
 def _age_ns(message: Any, t_ns: int) -> int:
@@ -49,7 +51,7 @@ def _component(message: Any, t_ns: int) -> ComponentStatus:
     until_s = float(message.until)
     restart = int(message.restart)
     if not 0 <= restart < len(_RESTARTS):
-        raise ReplayError(f"components.restart is {restart}, must be one of 0, 1, 2")
+        raise InvalidStatusError(f"components.restart is {restart}, must be one of 0, 1, 2")
     return ComponentStatus(
         name=str(message.name),
         code=_enum(Code, "components.code", message.code),

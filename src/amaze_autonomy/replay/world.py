@@ -33,8 +33,10 @@ from amaze_autonomy.engine.state import EngineState, evolve
 
 from .agenda import Agenda, Rank
 from .answers import Answers
+from .errors import InvalidStatusError, MisfitError
 from .evidence import Evidence, Observed
 from .feeds import Feed
+from .fields import kind_of
 from .follower import Follower
 from .monitors import Monitors
 from .plan import Plan
@@ -146,11 +148,17 @@ class World:
         return topic in self._statuses
 
     def take(self, topic: str, t_ns: int, message: Any) -> None:
-        """Take a recorded status: it takes the place of the scripted one."""
+        """Take a recorded status: it takes the place of the scripted one.
+
+        Raises:
+            MisfitError: The message is not the one that the map says.
+        """
         name = self._statuses.get(topic)
         if name is None or name not in EVENT_OF:
             return
-        event = self._ours(EVENT_OF[name](message, t_ns))
+        event = self._read(name, topic, t_ns, message)
+        if event is None:
+            return
         self._heard[name] = event
         if isinstance(event, WatchdogInfo):
             self.answers.recorded_info = event
@@ -160,6 +168,16 @@ class World:
             self._note_landed(event.landed, event.reason, t_ns, Source.BAG)
         self._tell(event, Source.BAG)
         self._observe(t_ns)
+
+    def _read(self, name: str, topic: str, t_ns: int, message: Any) -> Optional[Event]:
+        """Return a recorded status as an event; None when it holds what cannot be, which is noted."""
+        try:
+            return self._ours(EVENT_OF[name](message, t_ns))
+        except InvalidStatusError as error:
+            self._recordings.note(topic, t_ns, str(error))
+            return None
+        except (AttributeError, TypeError) as error:
+            raise MisfitError(topic, kind_of(message), str(error)) from error
 
     def _ours(self, event: Event) -> Event:
         """Put the engine's session in the place of the recorded one."""

@@ -1,0 +1,1 @@
+"""Topic maps of known recordings, one YAML file each; a package so that every installation brings them along."""
