@@ -113,6 +113,11 @@ def test_an_end_of_ros_ends_the_console(console):
     assert (console.session.status, console.session.farewell()) == (0, "ROS shut this console down.")
 
 
+def test_a_connection_that_fails_ends_the_console_with_another_status(console):
+    console.happens(LinkClosed("No connection to ROS: the reason.", failed=True))
+    assert (console.session.status, console.session.farewell()) == (2, "No connection to ROS: the reason.")
+
+
 def test_no_engine_in_time():
     console = Console(wait_s=5.0)
     console.now_s = 4.9

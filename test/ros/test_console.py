@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The console as a process, over a real master, against an engine that only pretends."""
 
-# ruff: noqa: PT009 (without pytest only unittest's own asserts show both sides)
+
 
 from __future__ import annotations
 
@@ -235,6 +235,13 @@ class TestConsole(unittest.TestCase):
         rosnode.kill_nodes([name for name in rosnode.get_node_names() if "victim" in name])
         console.wait_for("END       ROS shut this console down.")
         self.assertEqual(console.process.wait(LIMIT_S), 0)
+
+    def test_a_name_that_cannot_be_is_refused(self) -> None:
+        for arguments in (["--engine", "what an engine"], ["_engine:=1engine"]):
+            console = ConsoleProcess(*arguments)
+            self.started.append(console)
+            self.assertIn("cannot be the name of a node, e.g. /autonomy", console.wait_for("END"))
+            self.assertEqual(console.process.wait(LIMIT_S), 2)
 
     def test_a_master_is_waited_for_and_a_new_one_is_found(self) -> None:
         with socket.socket() as free:

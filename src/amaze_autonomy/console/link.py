@@ -66,9 +66,10 @@ class LinkSays:
 
 @dataclass(frozen=True)
 class LinkClosed:
-    """The connection was closed from outside; the console ends."""
+    """The connection was closed from outside, or `failed`; the console ends."""
 
     reason: str
+    failed: bool = False
 
 
 Happening = Union[StateCame, MissionsCame, AnswerCame, MissionWanted, LinkSays, LinkClosed]

@@ -77,20 +77,29 @@ class RosLink(Link):
         self._wait_for_master()
         if self._closed.is_set():
             return
+        try:
+            self._connect()
+        except (rospy.ROSException, OSError, ValueError) as error:
+            self._post(LinkClosed(f"No connection to ROS: {clean(str(error))}.", failed=True))
+            return
+        while not self._closed.wait(_LOOK_S):
+            self._mend()
+
+    def _connect(self) -> None:
         # rospy alone would take over the signals and wait for the master without an end.
         rospy.init_node("console", anonymous=True, disable_signals=True, disable_rosout=True)
         if self._quiet:
             _silence()
         rospy.on_shutdown(lambda: self._post(LinkClosed("ROS shut this console down.")))
         engine = self._engine or str(rospy.get_param("~engine", "") or DEFAULT_ENGINE)
+        if not rosgraph.names.is_legal_name(engine):
+            raise ValueError(f'"{engine}" cannot be the name of a node, e.g. {DEFAULT_ENGINE}')
         self._engine = rospy.resolve_name(engine.rstrip("/"))
         self._post(LinkSays("", engine=clean(self._engine, 80)))
         missions = _names(rospy.get_param("~mission", ""))
         if missions:
             self._post(MissionWanted(missions))
         self._subscribe()
-        while not self._closed.wait(_LOOK_S):
-            self._mend()
 
     def _wait_for_master(self) -> None:
         while not self._closed.is_set() and not rosgraph.is_master_online():
@@ -112,10 +121,9 @@ class RosLink(Link):
         if time.monotonic() - self._heard_s <= STALE_AFTER_S:
             return
         try:
-            rosgraph.Master(rospy.get_name()).lookupNode(rospy.get_name())
-        except rosgraph.MasterError:
-            self._subscribe()
-        except OSError:  # there is no master at present
+            if not _is_known():
+                self._subscribe()
+        except (rospy.ROSException, OSError):  # there is no master at present
             return
 
     def _call(self, request: Request) -> None:
@@ -139,6 +147,15 @@ class RosLink(Link):
         if not rospy.core.is_initialized():
             raise rospy.ROSException("not connected yet")
         return rospy.ServiceProxy(f"{self._engine}/{name}", kind)
+
+
+def _is_known() -> bool:
+    """Return True when the master knows this node."""
+    try:
+        rosgraph.Master(rospy.get_name()).lookupNode(rospy.get_name())
+    except rosgraph.MasterError:
+        return False
+    return True
 
 
 def _names(parameter: Any) -> Tuple[str, ...]:

@@ -10,9 +10,9 @@ from . import dialog
 from .link import AnswerCame, Happening, Link, LinkClosed, LinkSays, Mailbox, MissionsCame, MissionWanted, StateCame
 from .model import Desk, RequestKind, Snapshot
 
-__all__ = ["CLOSED", "INTERRUPTED", "NOT_COMPLETE", "NO_ENGINE", "Session"]
+__all__ = ["CLOSED", "INTERRUPTED", "NOT_COMPLETE", "NO_ENGINE", "NO_ROS", "Session"]
 
-CLOSED, NOT_COMPLETE, NO_ENGINE, INTERRUPTED = 0, 3, 4, 130
+CLOSED, NO_ROS, NOT_COMPLETE, NO_ENGINE, INTERRUPTED = 0, 2, 3, 4, 130
 
 
 def _wall_clock() -> str:
@@ -104,7 +104,7 @@ class Session:
         elif isinstance(happening, LinkSays):
             self.desk = replace(self.desk, link=happening.text, engine=happening.engine or self.desk.engine)
         elif isinstance(happening, LinkClosed):
-            self.end(CLOSED, happening.reason)
+            self.end(NO_ROS if happening.failed else CLOSED, happening.reason)
 
     def _look_for_the_end(self, snapshot: Snapshot) -> None:
         if not self._once:
