@@ -37,6 +37,15 @@ def test_drains_evenly_down_to_a_level_and_is_then_only_used():
     assert power.fraction == pytest.approx(0.5)
 
 
+def test_a_drain_that_is_stopped_leaves_the_rest():
+    power = Power(PowerSettings(flight_endurance_s=1e9, idle_endurance_s=1e9))
+    power.drain_to(0.0, 10.0)
+    power.advance(2 * S, flying=False)
+    power.stop_draining()
+    power.advance(50 * S, flying=False)
+    assert power.fraction == pytest.approx(0.8)
+
+
 def test_its_voltage_follows_the_level_and_sags_in_flight():
     power = Power(PowerSettings(cells=4))
     assert power.voltage_v(flying=False) == pytest.approx(16.8)

@@ -199,6 +199,13 @@ def test_a_failsafe_returns_home_lands_and_ends_with_the_disarming(vehicle):
     assert not vehicle.failsafe
 
 
+def test_a_failsafe_that_ends_in_the_air_leaves_it_loitering(vehicle):
+    in_mission(vehicle).enter_failsafe("AUTO.RTL")
+    vehicle.leave_failsafe()
+    assert (vehicle.failsafe, vehicle.mode) == (False, "AUTO.LOITER")
+    assert vehicle.resume() == ""
+
+
 def test_a_failsafe_on_the_ground_is_none(vehicle):
     vehicle.enter_failsafe("AUTO.RTL")
     assert not vehicle.failsafe

@@ -39,6 +39,10 @@ def _battery_drops(site: Site, fault: Fault) -> None:
         site.power.drain_to(level, over_s)
 
 
+def _battery_holds(site: Site, _: Fault) -> None:
+    site.power.stop_draining()
+
+
 def _battery_unknown(site: Site, _: Fault) -> None:
     site.power.known = False
 
@@ -61,6 +65,10 @@ def _pilot_arms(site: Site, _: Fault) -> None:
 
 def _failsafe(site: Site, fault: Fault) -> None:
     site.vehicle.enter_failsafe(fault.word("mode"))
+
+
+def _failsafe_ends(site: Site, _: Fault) -> None:
+    site.vehicle.leave_failsafe()
 
 
 def _not_ready(site: Site, fault: Fault) -> None:
@@ -126,6 +134,8 @@ _BEGIN: Mapping[str, _Effect] = {
     "does_not_disarm": _flag("does_not_disarm", value=True),
 }
 _END: Mapping[str, _Effect] = {
+    "battery_drops": _battery_holds,
+    "autopilot_failsafe": _failsafe_ends,
     "battery_unknown": _battery_known,
     "pilot_takes_over": _pilot_gives_back,
     "not_ready": _ready,

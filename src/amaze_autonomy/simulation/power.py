@@ -55,6 +55,10 @@ class Power:
         self._drain_to = fraction
         self._drain_per_s = max(0.0, self.fraction - fraction) / over_s
 
+    def stop_draining(self) -> None:
+        """Lose no more than what is used."""
+        self._drain_per_s = 0.0
+
     def voltage_v(self, *, flying: bool) -> Optional[float]:
         """Return the voltage, lower in flight; None when unknown."""
         if not self.known:

@@ -112,6 +112,13 @@ class Vehicle(Flight):
             self.failsafe = True
             self._set_mode(mode)
 
+    def leave_failsafe(self) -> None:
+        """Let the autopilot's failsafe end in the air: it loiters."""
+        if self.failsafe:
+            self.failsafe = False
+            if self.armed and not self.pilot:
+                self._set_mode(Mode.LOITER)
+
     # --- motion ---------------------------------------------------------------------------------------------------
 
     def advance(self, t_ns: int) -> None:

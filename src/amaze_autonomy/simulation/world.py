@@ -150,6 +150,11 @@ class World:
         return self._site.vehicle
 
     @property
+    def power(self) -> Power:
+        """Its battery, to be looked at."""
+        return self._site.power
+
+    @property
     def settings(self) -> Settings:
         """What the world is made of."""
         return self._site.settings

@@ -1,0 +1,76 @@
+"""Faults of the vehicle, its battery and its pilot: each acts when it begins, and is undone when it ends."""
+
+import pytest
+from simulation_tools import Driver
+
+from amaze_autonomy.simulation.scenario import KINDS, Subject
+
+FOR = "at_s: 5, for_s: 5"
+
+
+def state(driver):
+    """Return what a fault of the world may change."""
+    vehicle, flags = driver.vehicle, driver.vehicle.flags
+    return {
+        "battery_unknown": driver.world.power.known,
+        "pilot_takes_over": (vehicle.pilot, vehicle.mode),
+        "pilot_arms": vehicle.armed,
+        "not_ready": dict(flags.not_ready),
+        "tilted": flags.tilt_rad,
+        "raised": flags.raised_m,
+        "does_not_arm": flags.does_not_arm,
+        "does_not_lift_off": flags.does_not_lift_off,
+        "does_not_climb": flags.stops_climbing_at_m,
+        "ignores_mode": flags.ignores,
+        "does_not_disarm": flags.does_not_disarm,
+    }
+
+
+PARAMETERS = {
+    "not_ready": "what: home, ",
+    "tilted": "tilt_deg: 10, ",
+    "raised": "height_m: 0.2, ",
+    "does_not_climb": "above_m: 0.5, ",
+    "ignores_mode": "mode: AUTO.LAND, ",
+}
+UNDONE = ("battery_unknown", "pilot_takes_over", *PARAMETERS, "does_not_arm", "does_not_lift_off", "does_not_disarm")
+
+
+@pytest.mark.parametrize("kind", UNDONE)
+def test_acts_while_it_lasts_and_is_undone_afterwards(kind):
+    driver = Driver(f"fault: {kind}, {PARAMETERS.get(kind, '')}{FOR}")
+    driver.go_on(4.0)
+    before = state(driver)
+    driver.go_on(4.0)
+    during = state(driver)
+    driver.go_on(4.0)
+    assert {name for name in before if before[name] != during[name]} == {kind}
+    assert state(driver) == before
+
+
+def test_a_drain_stops_where_it_is_when_its_fault_ends():
+    driver = Driver("fault: battery_drops, to_fraction: 0.0, over_s: 20, at_s: 5, for_s: 5")
+    driver.go_on(30.0)
+    assert driver.world.power.fraction == pytest.approx(0.75, abs=0.01)
+
+
+def test_a_failsafe_that_ends_gives_the_vehicle_back():
+    driver = Driver("fault: autopilot_failsafe, after: {event: mission, delay_s: 1}, for_s: 2")
+    driver.take_off()
+    driver.go_on(2.0)
+    assert (driver.vehicle.failsafe, driver.vehicle.mode) == (True, "AUTO.RTL")
+    driver.go_on(2.0)
+    assert (driver.vehicle.failsafe, driver.vehicle.mode) == (False, "AUTO.LOITER")
+
+
+def test_somebody_who_arms_arms():
+    driver = Driver("fault: pilot_arms, at_s: 1")
+    driver.go_on(2.0)
+    assert driver.vehicle.armed
+
+
+def test_every_fault_of_the_world_has_its_effect_tested():
+    elsewhere = {"battery_drops", "pilot_arms", "autopilot_failsafe"}  # above
+    elsewhere |= {"autopilot_link_lost"}  # test_autopilot.py
+    elsewhere |= {"data_incomplete", "recording_does_not_grow", "recording_fails"}  # test_recorder.py
+    assert {name for subject, name in KINDS if subject == Subject.WORLD} == {*UNDONE, *elsewhere}
