@@ -61,7 +61,16 @@ def _expire_checks(turn: Turn) -> None:
 
 def _timed_out(record: CheckRecord, now_ns: int) -> CheckRecord:
     message = f"the {record.check.value} check got no answer in time"
-    return evolve(record, replied_ns=now_ns, outcome=Outcome.TIMED_OUT, ok=False, message=message)
+    return evolve(
+        record,
+        replied_ns=now_ns,
+        outcome=Outcome.TIMED_OUT,
+        ok=False,
+        fixable=False,
+        being_fixed=False,
+        until_ns=None,
+        message=message,
+    )
 
 
 def _credible(turn: Turn, age_ns: int) -> bool:

@@ -33,7 +33,9 @@ def _component_waited(turn: Turn) -> bool:
 
 CONDITIONS: Mapping[str, Callable[[Turn], bool]] = {
     "always": lambda _: True,
-    "airborne": lambda turn: turn.state.in_flight and turn.state.step in (Step.CLIMBING, Step.FLYING),
+    "airborne": lambda turn: (
+        turn.state.in_flight and turn.state.step in (Step.CLIMBING, Step.FLYING) and not turn.on_ground()
+    ),
     "in flight": lambda turn: turn.state.in_flight,
     "between files": lambda turn: turn.state.step is Step.TOUCHDOWN,
     "being cancelled": lambda turn: turn.state.step is Step.CANCELLING,

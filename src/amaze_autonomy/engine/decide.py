@@ -67,13 +67,15 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
 
 
 def _rank(command: Command) -> int:
-    if isinstance(command, (AutopilotLand, AutopilotDisarm)):
-        return 1
     if isinstance(command, MissionCommand):
-        return 0 if command.action is MissionAction.LAND else 2
+        return 0 if command.action is MissionAction.LAND else 3
+    if isinstance(command, AutopilotLand):
+        return 1
+    if isinstance(command, AutopilotDisarm):
+        return 2
     if isinstance(command, Request):
-        return 3
-    return 4 if isinstance(command, Answer) else 5
+        return 4
+    return 5 if isinstance(command, Answer) else 6
 
 
 def _answer(turn: Turn) -> None:

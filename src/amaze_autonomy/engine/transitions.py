@@ -138,6 +138,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("takeoff_height_not_reached", (CLIMBING,), both(flight.in_flight, timer("takeoff_limit")), COMMANDING, "land", _EARLY, words="below takeoff height in time, or unknown"),
     T("hold_refused", (CONFIRMING,), both(flight.in_flight, flight.motion_refused), COMMANDING, "land", _EARLY, words="the hold is refused"),
     T("hold_unconfirmed", (CONFIRMING,), both(flight.in_flight, timer("hold_confirm_limit")), COMMANDING, "land", _EARLY, words="the hold is not confirmed in time"),
+    T("grounded_while_holding", (State.HOLD,), both(flight.in_flight, flight.on_the_ground), COMMANDING, "land", _EARLY, words="it stands on the ground: nothing is held or resumed there"),
     T("resume_refused", (RESUMING,), both(flight.in_flight, flight.motion_refused), COMMANDING, "land", _EARLY, words="the resume is refused"),
     T("resume_unconfirmed", (RESUMING,), both(flight.in_flight, timer("resume_confirm_limit")), COMMANDING, "land", _EARLY, words="the resume is not confirmed in time"),
     # while landing
@@ -166,7 +167,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("user_hold", (CLIMBING, FLYING), user(UserCommand.HOLD), CONFIRMING, "user_hold", {}, do.ask_hold, "the user asks for it"),
     T("user_hold_too", (State.HOLD,), user(UserCommand.HOLD), None, "user_hold", {}, do.ask_hold, "the user asks for it while it holds"),
     T("user_resume", (State.HOLD,), user(UserCommand.RESUME), None, "", {}, do.end_hold, "the user asks to go on"),
-    T("hold", (CLIMBING, FLYING), flight.must_wait, CONFIRMING, "hold", words="something is waited for"),
+    T("hold", (CLIMBING, FLYING), both(flight.must_wait, negated(flight.on_the_ground)), CONFIRMING, "hold", words="something is waited for, and it does not stand on the ground"),
     T("hold_again", (RESUMING,), flight.must_wait, CONFIRMING, "hold", words="something is waited for while resuming"),
     T("hold_confirmed", (CONFIRMING,), flight.planner_in(MissionPhase.HOLDING), HOLDING, words="the planner holds"),
     T("hold_not_kept", (HOLDING,), both(flight.in_flight, flight.planner_in(MissionPhase.FLYING, MissionPhase.TAKING_OFF)), CONFIRMING, "hold", words="the planner does not hold any more"),
