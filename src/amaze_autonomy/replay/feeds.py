@@ -9,7 +9,7 @@ from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.gravity import rotation_from_rpy, tilt_of, up_of_quaternion
 from amaze_autonomy.monitoring.landing import LandingDetector
-from amaze_autonomy.monitoring.specs import EstimateSource
+from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
@@ -205,7 +205,7 @@ class EstimateFeed(Feed):
     def __init__(self, monitor: StateEstimationMonitor, reading: Reading) -> None:
         super().__init__(reading.topic, round(_S / monitor.spec.rate_hz))
         self._monitor = monitor
-        self._read = _ESTIMATES[monitor.spec.source]
+        self._read = estimate_reader(monitor.spec.source)
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take an estimate; a header stamp of 0 says nothing about its age."""
@@ -217,36 +217,3 @@ class EstimateFeed(Feed):
         """Take what a good estimator says of a vehicle that stands level and still."""
         good = Estimate((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), _SURE, _SURE, (0.0, 0.0, 0.0))
         self._monitor.add_estimate(t_ns, good)
-
-
-def _odometry(message: Any) -> Estimate:
-    speed = message.twist.twist.linear
-    return _with_covariance(message)._replace(velocity=vector(speed))
-
-
-def _with_covariance(message: Any) -> Estimate:
-    diagonal = [float(message.pose.covariance[7 * axis]) for axis in range(6)]
-    known = any(diagonal)  # all zero: the message has none
-    pose = message.pose.pose
-    return Estimate(
-        vector(pose.position),
-        _orientation(pose),
-        (diagonal[0], diagonal[1], diagonal[2]) if known else None,
-        (diagonal[3], diagonal[4], diagonal[5]) if known else None,
-    )
-
-
-def _pose(message: Any) -> Estimate:
-    return Estimate(vector(message.pose.position), _orientation(message.pose))
-
-
-def _orientation(pose: Any) -> Tuple[float, float, float, float]:
-    q = pose.orientation
-    return float(q.x), float(q.y), float(q.z), float(q.w)
-
-
-_ESTIMATES: Mapping[EstimateSource, Callable[[Any], Estimate]] = {
-    EstimateSource.ODOMETRY: _odometry,
-    EstimateSource.POSE: _pose,
-    EstimateSource.POSE_WITH_COVARIANCE: _with_covariance,
-}

@@ -1,0 +1,58 @@
+"""A subscriber that counts: rospy registers it, finds the publishers and shakes hands; `topic_reader` reads.
+
+rospy has no public way to another transport. This file is the only one that knows rospy's insides: its table of
+subscriptions (`rospy.topics`), and the loop of a connection that is replaced (`TCPROSTransport.receive_loop`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Mapping, Optional
+
+import rospy
+from rospy.impl.registration import Registration
+from rospy.topics import _SubscriberImpl, get_topic_manager
+
+from .errors import StartError
+from .topic_reader import Look, Tally, TopicReader, TopicStream
+
+__all__ = ["LookFor", "subscribe"]
+
+#: Makes the look at the messages of one publisher from the header of its connection; None: they are only counted.
+LookFor = Callable[[Mapping[str, str]], Optional[Look]]
+
+
+class _CountedTopic(_SubscriberImpl):
+    """rospy's side of one topic: connections that are made here are read elsewhere."""
+
+    def __init__(self, name: str, reader: TopicReader, tally: Tally, look_for: LookFor) -> None:
+        super().__init__(name, rospy.AnyMsg)
+        self._reader, self._tally, self._look_for = reader, tally, look_for
+        self.set_tcp_nodelay(True)
+
+    def add_connection(self, connection: Any) -> Any:
+        """Have a connection hand itself over once its handshake is done; on rospy's threads."""
+        connection.receive_loop = lambda _callback: self._take_over(connection)
+        return super().add_connection(connection)
+
+    def _take_over(self, connection: Any) -> None:
+        sock, buffer = connection.socket, connection.read_buff
+        if sock is None or connection.done:
+            return
+        # a duplicate: rospy may close its own at any time, which ends this one by shutdown
+        stream = TopicStream(sock.dup(), self._tally, self._look_for(connection.header), connection.close)
+        self._reader.add(stream, buffer.getvalue()[: buffer.tell()])
+
+
+def subscribe(topic: str, reader: TopicReader, tally: Tally, look_for: LookFor = lambda _header: None) -> None:
+    """Count the messages of a topic from now on.
+
+    Raises:
+        StartError: This process already subscribes to it otherwise.
+    """
+    manager = get_topic_manager()
+    with manager.lock:
+        if manager.get_subscriber_impl(topic) is not None:
+            raise StartError(f"{topic} is read by this node for itself and cannot be watched")
+        counted = _CountedTopic(topic, reader, tally, look_for)
+        counted.ref_count += 1
+        manager._add(counted, manager.subs, Registration.SUB)

@@ -1,0 +1,79 @@
+"""What the nodes beside the engine have in common: their start, their parameters, their end.
+
+~config      folder of the configuration; empty: the one that ships with the package
+~overrides   keys of the configuration that are to be different, with semicolons between
+~nice        niceness of the process, where the system permits it
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from typing import Any, Callable, Protocol
+
+import rospy
+
+from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.monitoring.errors import MonitoringError
+
+from . import parameters, process
+from .clock import Clock, make_clock
+from .errors import NodeError, StartError
+
+__all__ = ["RunningNode", "run_node"]
+
+_START_ERROR = 2
+
+
+class RunningNode(Protocol):
+    """A node that `run_node` starts."""
+
+    def run(self) -> None:
+        """Work until `end` is called."""
+
+    def end(self) -> None:
+        """Have `run` return; called from signal handlers and other threads."""
+
+
+def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> int:
+    """Run a node on this thread until it is told to end; return its exit status."""
+    rospy.init_node(name, disable_signals=True)
+    stopped = threading.Event()
+    node: Any = None
+
+    def end(*_: Any) -> None:
+        stopped.set()
+        if node is not None:
+            node.end()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
+    rospy.core.add_preshutdown_hook(end)
+    try:
+        process.take_precedence(_nice())
+        configuration = load_configuration(parameters.configuration_folder(), parameters.overrides())
+        _wait_for_time(stopped)
+        node = make(configuration, make_clock())
+        process.settle()
+        if not stopped.is_set():
+            node.run()
+    except (ConfigError, NodeError, MonitoringError) as error:
+        print(f"{name}: {error}", file=sys.stderr, flush=True)
+        return _START_ERROR
+    finally:
+        rospy.signal_shutdown("ended")
+    return 0
+
+
+def _nice() -> int:
+    value = rospy.get_param("~nice", -10)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise StartError(f"~nice is {value!r}, must be a whole number")
+    return value
+
+
+def _wait_for_time(stopped: threading.Event) -> None:
+    """Wait for the first message on /clock; without it there is no time to judge by."""
+    while not rospy.rostime.is_wallclock() and not rospy.rostime.get_rostime() and not stopped.wait(0.05):
+        rospy.logwarn_throttle(10, "use_sim_time is set: waiting for /clock")

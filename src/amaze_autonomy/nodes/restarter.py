@@ -1,0 +1,111 @@
+"""Carry out the restarts that the watchdog asks for, off its thread, each within its limit.
+
+A node under roslaunch's `respawn` is restarted by ending it: asked to shut down while it still answers, killed when it
+does not end. One that is gone already, or has just come back, is left to roslaunch. Whether the component is back is
+shown by its samples, not by what is reported here. Nothing of the PX4 is ever touched.
+"""
+
+from __future__ import annotations
+
+from typing import Callable, Mapping, Tuple
+
+import rospy
+
+from amaze_autonomy.monitoring.errors import RestartRefusedError
+from amaze_autonomy.monitoring.restart import RestartRequest
+from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy
+
+from .errors import CallError
+from .local_process import find
+from .node_liveness import NodeLiveness
+from .run_command import Outcome, run_command
+from .workers import Workers
+from .xmlrpc_call import call
+
+__all__ = ["Restarter"]
+
+_POLITE_S = 1.0  # for a node to shut down by itself
+_YOUNG_S = 2.0  # a node that started so recently is just coming back
+
+
+class Restarter:
+    """Restarts components.
+
+    Args:
+        specs: all components.
+        nodes: the nodes that are watched, by name.
+        tell: gets each request when it has been carried out, or could not be; on a worker.
+    """
+
+    def __init__(
+        self,
+        specs: Tuple[ComponentSpec, ...],
+        nodes: Mapping[str, NodeLiveness],
+        tell: Callable[[RestartRequest, bool], None],
+    ) -> None:
+        self._specs = {spec.name: spec for spec in specs}
+        self._nodes, self._tell = nodes, tell
+        self._workers = Workers("restart")
+
+    def begin(self, request: RestartRequest) -> None:
+        """Begin a restart; returns at once.
+
+        Raises:
+            RestartRefusedError: It belongs to the PX4, or to nobody.
+        """
+        spec = self._specs.get(request.component)
+        if spec is None or spec.group == "px4" or spec.restart.policy is RestartPolicy.NEVER:
+            raise RestartRefusedError(request.component)
+        self._workers.submit(lambda: self._carry_out(request))
+
+    def _carry_out(self, request: RestartRequest) -> None:
+        limit_s = request.limit_ns * 1e-9
+        outcome = Outcome(good=False, message="failed by an error of its own")
+        try:
+            if request.policy is RestartPolicy.NODE:
+                outcome = self._restart_node(request.node, limit_s)
+            else:
+                outcome = run_command(request.command, limit_s)
+        finally:
+            words = "carried out" if outcome.good else "NOT carried out"
+            rospy.logwarn(
+                "restart %d of %s %s%s%s",
+                request.attempt,
+                request.component,
+                words,
+                ": " if outcome.message else "",
+                outcome.message,
+            )
+            self._tell(request, outcome.good)
+
+    def _restart_node(self, node: str, limit_s: float) -> Outcome:
+        """End a node, so that roslaunch starts it again."""
+        liveness = self._nodes[node]
+        place = liveness.place
+        if place is None:
+            return Outcome(good=True, message=f"{node} has never answered, roslaunch may bring it")
+        process = find(place.uri, place.pid)
+        if process is not None and process.age_s < _YOUNG_S:
+            return Outcome(good=True, message=f"{node} has just come back, it gets the time to start")
+        try:
+            call(place.uri, "shutdown", (rospy.get_name(), "restarted by the watchdog"), min(_POLITE_S, limit_s / 4))
+            asked = True
+        except CallError as error:
+            asked, problem = False, str(error)
+        if process is None:
+            return _without_process(node, problem if not asked else "")
+        if asked and process.wait(min(_POLITE_S, limit_s / 4)):
+            return Outcome(good=True, message=f"{node} has shut down")
+        process.kill()
+        if process.wait(min(_POLITE_S, limit_s / 4)):
+            return Outcome(good=True, message=f"process {process.pid} of {node} was killed")
+        return Outcome(good=False, message=f"process {process.pid} of {node} does not end, though it was killed")
+
+
+def _without_process(node: str, problem: str) -> Outcome:
+    """Say what came of a node that is gone, or on another computer."""
+    if not problem:
+        return Outcome(good=True, message=f"{node} on another computer was asked to shut down")
+    if problem == "connection refused":
+        return Outcome(good=True, message=f"{node} is gone, roslaunch brings it back")
+    return Outcome(good=False, message=f"{node} is not on this computer and does not answer: {problem}")
