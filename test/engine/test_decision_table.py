@@ -225,3 +225,10 @@ def test_a_mission_may_judge_a_component_otherwise():
     assert story.motions == []
     story.fail("gps", 4)
     assert (story.place[0], story.motions) == ("LAND", ["LAND"])
+
+
+def test_a_mission_that_judges_a_component_highest_lands_at_once():
+    mission = Mission(id="1", severities=(("lrf", Severity.HIGHEST),))
+    story = Story(SHIPPED, mission).start().after(0.5).select().until("MISSION", "flying").look()
+    story.fail("lrf", 8)
+    assert (story.place[0], story.motions) == ("LAND", ["LAND"])

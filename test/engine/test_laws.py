@@ -30,7 +30,7 @@ from amaze_autonomy.engine.state import State
 
 STREAMS = ("watchdog", "autopilot", "planner", "recorder", "landing")
 SEARCH = os.environ.get("HYPOTHESIS_PROFILE") == "search"
-STORIES, STEPS, LISTS = (4000, 40, 8000) if SEARCH else (300, 30, 300)
+STORIES, STEPS, LISTS = (4000, 40, 8000) if SEARCH else (200, 30, 300)
 
 # --- hostile values ---------------------------------------------------------------------------------------------------
 
@@ -297,6 +297,11 @@ class Flight(RuleBasedStateMachine):
         self.story.missions = (MISSION,)
         self.story.select().after(4.0)
 
+    @precondition(lambda self: self.story.state.in_flight and self.story.state.was_armed)
+    @rule(mode=st.sampled_from(["POSCTL", "AUTO.RTL", "AUTO.LAND"]))
+    def the_pilot_takes_over(self, mode):
+        self.story.say(armed=True, mode=mode, pilot_in_control=True, link_age_s=0.0)
+
     @precondition(lambda self: self.story.state.in_flight)
     @rule()
     def the_process_ends(self):
@@ -323,8 +328,8 @@ FLOORS = {
     "takeoff": 10,
     "land": 5,
     "land_by_both_routes": 5,
-    "pilot_took_over": 2,
-    "hold": 4,
+    "pilot_took_over": 8,
+    "hold": 3,
     "resume": 3,
     "landed": 10,
     "mission_complete": 1,

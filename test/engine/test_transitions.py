@@ -267,6 +267,7 @@ ROWS = (
         "land",
     ),
     Row("resume_unconfirmed", "HOLD resuming", waits(5.0), "LAND commanding", ("LAND",), "land"),
+    Row("grounded_while_holding", "HOLD holding", says(landed=GROUND), "LAND commanding", ("LAND",), "land"),
     # while landing
     Row(
         "autopilot_lost_alarm",
