@@ -18,6 +18,7 @@ from .config import load_configuration
 from .config.reference import DOCUMENTS as CONFIGURATION
 from .engine.documents import DOCUMENTS as ENGINE
 from .engine.documents import decision_table
+from .replay.documents import DOCUMENTS as REPLAY
 from .simulation.documents import DOCUMENTS as SIMULATION
 
 __all__ = ["DocumentError", "documents", "filled", "first_difference", "not_shown", "regenerated"]
@@ -40,7 +41,7 @@ def _shipped_decision_table() -> str:
 def documents() -> Mapping[str, Callable[[], str]]:
     """Return every part that can be generated, by the name of its marker."""
     parts: Dict[str, Callable[[], str]] = {"decision-table": _shipped_decision_table}
-    for registered in (ENGINE, CONFIGURATION, SIMULATION):
+    for registered in (ENGINE, CONFIGURATION, SIMULATION, REPLAY):
         parts.update(registered)
     return parts
 

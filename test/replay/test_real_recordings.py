@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from math import degrees
 
 import pytest
 from replay_bags import S, rewrite
-from replay_runs import moves, recording, replay, texts
+from replay_runs import ROOT, moves, recording, replay, texts
 
 from amaze_autonomy.engine.checks import CheckName, Verdict
 from amaze_autonomy.engine.commands import MissionAction
@@ -129,6 +130,29 @@ def test_a_recording_without_a_vehicle_shows_rates_of_custom_types():
     outcome, recordings = replay(recording("example_lz4.bag"))
     assert [(each.messages, round(each.rate_hz, 1)) for each in recordings.figures()] == [(1344, 62.5), (1344, 62.5)]
     assert outcome.state.state is not None
+
+
+def quoted(page):
+    """Return the lines of timelines that a page quotes: continued ones joined, cut ones without their end."""
+    lines = []
+    for line in page.splitlines():
+        if re.match(r"[~ ] +[+-]\d+\.\d{3}  (bag|script|log)", line):
+            lines.append(line)
+        elif lines and line.startswith(" " * 20) and not line.lstrip().startswith(("state ", "value ", "command ")):
+            lines[-1] += " " + line.strip()
+    return [" ".join(line.split(" ...")[0].split()) for line in lines]
+
+
+def test_what_the_documentation_quotes_is_what_the_replay_says():
+    lower = ["autonomy.takeoff.takeoff_height_m=0.3"]
+    said = {
+        text
+        for name, overrides in [*((name, ()) for name in RECORDINGS), ("crazyflie_sine", lower)]
+        for text in texts(replay(recording(f"{name}.bag"), overrides=overrides)[0])
+    }
+    lines = quoted((ROOT / "docs" / "replay.md").read_text())
+    assert len(lines) > 15
+    assert [line for line in lines if not any(text.startswith(line) for text in said)] == []
 
 
 def test_a_recording_without_messages_is_one_clear_error(capsys):

@@ -64,6 +64,16 @@ def test_a_recorded_landing_disarms_the_scripted_motors():
     assert [vehicle.facts((12 + t) * S, each)["armed"] for t, each in enumerate(told)] == [True, True, False]
 
 
+def test_motors_that_were_disarmed_stay_so_until_the_next_takeoff():
+    vehicle = Vehicle()
+    vehicle.command(10 * S, MissionAction.TAKEOFF)
+    story = ["IN_AIR", "ON_GROUND", "ON_GROUND", "UNKNOWN", "IN_AIR"]
+    armed = [vehicle.facts((12 + t) * S, {"landed": VehicleLanded[each]})["armed"] for t, each in enumerate(story)]
+    assert armed == [True, True, False, False, False]
+    vehicle.command(20 * S, MissionAction.TAKEOFF)
+    assert vehicle.facts(21 * S, {})["armed"] is True
+
+
 def planner_phase(planner, landed, height_m, *, armed=True):
     planner.follow({"landed": landed, "height_m": height_m, "armed": armed}, 1.0)
     return planner.phase

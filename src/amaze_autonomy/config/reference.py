@@ -11,12 +11,17 @@ from .order import LOSS_RATES, ORDER
 from .schema import Group, Key, Named, is_required
 from .units import unit_words
 
-__all__ = ["DOCUMENTS", "file_reference", "order_reference"]
+__all__ = ["DOCUMENTS", "file_reference", "group_reference", "order_reference"]
 
 
 def file_reference(name: str) -> str:
     """Return a table for each group of a file, e.g. "sensors": key, what it takes, default, meaning."""
-    return "\n".join(_group("", FILES[name])).strip() + "\n"
+    return group_reference(FILES[name])
+
+
+def group_reference(group: Group) -> str:
+    """Return a table for each group of a schema: key, what it takes, default, meaning."""
+    return "\n".join(_group("", group)).strip() + "\n"
 
 
 def order_reference() -> str:

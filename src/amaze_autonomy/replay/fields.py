@@ -67,4 +67,4 @@ def _fields(value: Any) -> Tuple[str, ...]:
     if not is_dataclass(value):
         return (f"{len(value)} elements",) if hasattr(value, "__len__") else ()
     names = (each.name for each in fields(value))
-    return tuple(name for name in names if not name.isupper())  # the library makes constants fields, too
+    return tuple(name for name in names if name[:2] != "__" and not name.isupper())  # constants are fields, too

@@ -31,11 +31,13 @@ class FlightLog:
         label: of the recorded engine's sessions.
         events: in the bag's time, in order.
         decisions: that were made in flight, in the bag's time, in order.
+        end_ns: time of the last event, whatever it is, in the bag's time.
     """
 
     label: str
     events: Tuple[Event, ...]
     decisions: Tuple[Decision, ...] = ()
+    end_ns: int = 0
 
 
 def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLog]:
@@ -49,6 +51,7 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
     found: Dict[int, Event] = {}
     decided: Dict[int, Decision] = {}
     ways: List[int] = []
+    last_ns = 0
     for recording in recordings:
         for t_ns, sequence, line in lines_of_bag(recording, topic):
             event = decode(line, sequence + 1).payload
@@ -57,6 +60,7 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
             if not isinstance(event, Event):
                 continue
             ways.append(t_ns - event.t_ns)
+            last_ns = max(last_ns, event.t_ns)
             if isinstance(event, EngineStarted) and not label:
                 label = event.label
             elif isinstance(event, _ASKED):
@@ -66,4 +70,4 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
     offset_ns = min(ways)
     asked = tuple(evolve(found[key], t_ns=max(0, found[key].t_ns + offset_ns)) for key in sorted(found))
     made = tuple(evolve(decided[key], t_ns=max(0, decided[key].t_ns + offset_ns)) for key in sorted(decided))
-    return FlightLog(label, asked, made)
+    return FlightLog(label, asked, made, last_ns + offset_ns)

@@ -66,7 +66,9 @@ def _flown_lines(outcome: Outcome) -> List[str]:
         return []
     parting = _parting(outcome)
     if parting is None:
-        return [f"In flight the same {len(outcome.decisions)} decisions were made, in the same order."]
+        same = min(len(outcome.flown), len(outcome.decisions))
+        ends = "" if same == len(outcome.decisions) else "; there its journal ends"
+        return [f"In flight the same {same} decisions were made, in the same order{ends}."]
     number, flown, decided = parting
     return [f"Decision {number} is not that of the flight: there {_short(flown)}, here {_short(decided)}."]
 
@@ -74,9 +76,10 @@ def _flown_lines(outcome: Outcome) -> List[str]:
 def _parting(outcome: Outcome) -> Optional[Tuple[int, Optional[Decision], Optional[Decision]]]:
     """Return the first decision that is not that of the flight; None: all are, as far as the recording goes.
 
-    In the last second a decision may be missing on either side: the recording's topics do not end at one moment.
+    In the last second a decision may be missing on either side: the recording's topics do not end at one moment. Nor is
+    anything known of what the flight would have decided after its journal ends.
     """
-    until_ns = outcome.end_ns - _S
+    until_ns = min(outcome.end_ns - _S, outcome.flown_until_ns)
     for number, (flown, decided) in enumerate(zip_longest(outcome.flown or (), outcome.decisions)):
         if flown is None or decided is None:
             late = min(each.t_ns for each in (flown, decided) if each is not None) >= until_ns

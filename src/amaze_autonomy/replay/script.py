@@ -42,13 +42,14 @@ class Vehicle:
         self._land_ns: Optional[int] = None
         self._land_height_m = 0.0
         self._down_ns: Optional[int] = None
-        self._flew = False
+        self._flew = self._disarmed = False
 
     def command(self, t_ns: int, action: MissionAction) -> None:
         """Do what the planner or the autopilot was told."""
         self.mode = _MODES[action]
         if action is MissionAction.TAKEOFF:
-            self._takeoff_ns, self._land_ns, self._down_ns, self._flew = t_ns, None, None, False
+            self._takeoff_ns, self._land_ns, self._down_ns = t_ns, None, None
+            self._flew = self._disarmed = False
         elif action in (MissionAction.LAND, MissionAction.ABORT) and self._land_ns is None:
             self._land_height_m = self._height_m(t_ns)
             self._land_ns = t_ns
@@ -87,10 +88,13 @@ class Vehicle:
         return VehicleLanded.LANDING if self._land_ns is not None else VehicleLanded.IN_AIR
 
     def _armed(self, t_ns: int) -> bool:
+        """Return True from a moment after the takeoff command until a moment after the landing, and not again."""
         if self._takeoff_ns is None or t_ns < self._takeoff_ns + _ARM_NS:
             return False
-        over = self._land_ns is not None or self._flew
-        return not (over and self._down_ns is not None and t_ns >= self._down_ns + _DISARM_NS)
+        landing = self._land_ns is not None or self._flew
+        if landing and self._down_ns is not None and t_ns >= self._down_ns + _DISARM_NS:
+            self._disarmed = True
+        return not self._disarmed
 
 
 class Planner:

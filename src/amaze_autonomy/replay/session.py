@@ -66,6 +66,7 @@ class Outcome:
         checks: the last answer to each check, and where it came from.
         decisions: that were made.
         flown: those that were made in flight, where its journal is in the recording; None: it is not.
+        flown_until_ns: time of the last event in that journal.
     """
 
     journal: Tuple[str, ...]
@@ -78,6 +79,7 @@ class Outcome:
     checks: Dict[CheckName, Tuple[Source, Tuple[Check, ...]]]
     decisions: Tuple[Decision, ...]
     flown: Optional[Tuple[Decision, ...]] = None
+    flown_until_ns: int = 0
 
 
 class Session:
@@ -128,7 +130,7 @@ class Session:
     def _begin(self) -> None:
         start_ns = self._recordings.start_ns
         self._journal.append(encode_header(self._header()))
-        self._world.begin(self._begin_ns)
+        self._world.begin(self._begin_ns, plays=self._plays())
         self._note(start_ns, "the recording begins")
         for topic in self._recordings.missing:
             self._note(start_ns, f"{topic} is {'muted' if topic in self._recordings.muted else 'not in the recording'}")
@@ -151,8 +153,11 @@ class Session:
         first_ns = min(start_ns, start_ns + self._script.select_at_ns)
         if self._log is not None:
             first_ns = min(start_ns, self._log.events[0].t_ns)
-        plays = first_ns < start_ns or self._script.sensors_until_ns > 0
-        return max(0, first_ns - (_WARM_UP_NS if plays else _STEP_NS))
+        return max(0, first_ns - (_WARM_UP_NS if self._plays() else _STEP_NS))
+
+    def _plays(self) -> bool:
+        """Return True when the script plays topics before their recording begins."""
+        return self._log is not None or self._script.select_at_ns < 0 or self._script.sensors_until_ns > 0
 
     def _read_log(self) -> Optional[FlightLog]:
         topic = self._plan.topic_map.statuses.get("journal", "")
@@ -279,6 +284,7 @@ class Session:
             checks=dict(self._world.answers.last),
             decisions=tuple(self._decisions),
             flown=None if self._log is None else self._log.decisions,
+            flown_until_ns=0 if self._log is None else self._log.end_ns,
         )
 
 

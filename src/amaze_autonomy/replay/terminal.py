@@ -55,7 +55,8 @@ def _rows(outcome: Outcome) -> List[Sequence[str]]:
 def _styled(line: Line, start_ns: int) -> Text:
     time, source, text = written(line, start_ns)
     base = "dim" if line.counterfactual else ""
-    style = " ".join(part for part in (base, _KINDS[line.kind], _LEVELS[line.level]) if part)
+    moves = line.kind is LineKind.DECISION and " -> " in text.partition("  by ")[0]
+    style = " ".join(part for part in (base, "bold" if moves else _KINDS[line.kind], _LEVELS[line.level]) if part)
     return Text.assemble((f"{time}  ", base or "bold"), (f"{source:<10}  ", "dim"), (text, style))
 
 

@@ -1,6 +1,6 @@
 """Topic maps: which topic of a recording is which component, and where each reading comes from. Strict YAML.
 
-A map says nothing about what is decided: that is the configuration. It says what the recording is. `schema` is the
+A map says nothing about what is decided: that is the configuration. It says what the recording is. `SCHEMA` is the
 whole of it; docs/replay.md explains it with examples. A unit is part of each key.
 """
 
@@ -16,12 +16,12 @@ from amaze_autonomy.config.checks_schema import LANDING_DETECTION, STATE_ESTIMAT
 from amaze_autonomy.config.components_schema import COMPONENT_NAME, SEVERITY, TOPIC_NAME
 from amaze_autonomy.config.document import read
 from amaze_autonomy.config.kinds import Choice, Flag, ListOf, Number, Places, Text, Whole
-from amaze_autonomy.config.schema import Group, Key, Named
+from amaze_autonomy.config.schema import REQUIRED, Group, Key, Named
 from amaze_autonomy.monitoring.specs import GROUPS, EstimateSource, LandingSpec, StateEstimationSpec, TopicSpec
 
 from .fields import FIELD_PATH
 
-__all__ = ["ComponentMap", "Reading", "Script", "TopicMap", "load_map", "map_names"]
+__all__ = ["SCHEMA", "ComponentMap", "Reading", "Script", "TopicMap", "load_map", "map_names"]
 
 MAPS = Path(__file__).parent / "maps"
 STATUSES = (
@@ -125,7 +125,7 @@ _OFFSET = Key("offset_m", Number(minimum=-1e5, maximum=1e5), "added after scalin
 
 
 def _field(name: str, default: Any = None) -> Key:
-    return Key(name, _PATH, f"field with the {name}", "", default)
+    return Key(name, _PATH, f"field with the {name.replace('_', ' ')}", "", default)
 
 
 def _reading(name: str, said: str, *keys: Key) -> Key:
@@ -181,8 +181,8 @@ _READINGS = Group(
             Key("source", Choice(tuple(s.value for s in EstimateSource)), "kind of message", "", "odometry"),
         ),
         _reading("range", "a distance to the ground", _field("distance", "range"), _SCALE),
-        _reading("height", "the height above the takeoff position", _field("height"), _SCALE, _OFFSET),
-        _reading("battery", "the battery", _field("fraction"), _field("voltage"), _SCALE),
+        _reading("height", "the height above the takeoff position", _field("height", REQUIRED), _SCALE, _OFFSET),
+        _reading("battery", "the battery", _field("fraction", "percentage"), _field("voltage"), _SCALE),
         _reading("armed", "whether the motors are armed", _field("armed", "data")),
         _reading(
             "landed",
@@ -199,7 +199,7 @@ _READINGS = Group(
 _STATUS_KEYS = tuple(
     Key(name, Text("the name of a topic", TOPIC_NAME), f"topic with the recorded {name}", "", None) for name in STATUSES
 )
-_MAP = Group(
+SCHEMA = Group(
     "a topic map",
     (
         Key("about", Text("one line about the recording", longest=400), "what the recording is"),
@@ -248,7 +248,7 @@ def load_map(name: str) -> TopicMap:
         right = f"name a file, or one of {', '.join(map_names())}"
         raise ConfigError(Place(name), "", "is no topic map", right)
     places: Places = {}
-    values = _MAP.read(read(path), (), places)
+    values = SCHEMA.read(read(path), (), places)
     return TopicMap(
         name=path.stem,
         about=values["about"],

@@ -91,9 +91,9 @@ class World:
 
     # --- time and sources ---------------------------------------------------------------------------------------------
 
-    def begin(self, t_ns: int) -> None:
-        """Start every peer at a time."""
-        for rank, topic in enumerate(self._recordings.topics):
+    def begin(self, t_ns: int, *, plays: bool) -> None:
+        """Start every peer at a time; `plays`: the script plays topics that have not begun."""
+        for rank, topic in enumerate(self._recordings.topics if plays else ()):
             for feed in self._monitors.feeds:
                 if feed.topic == topic and feed.period_ns:
                     self._play(feed, t_ns, rank)
