@@ -17,7 +17,7 @@ import rospy
 import rostest
 from stack import Stack, TestConfiguration
 
-AT_ONCE = 5
+AT_ONCE = 9  # most of the time each waits
 _starting = threading.Semaphore(2)
 
 
@@ -28,6 +28,7 @@ class Behaviour:
     run: Callable[[Stack], None]
     rules: Tuple[str, ...]
     options: Dict[str, Any]
+    start: bool = True
 
     @property
     def name(self) -> str:
@@ -40,32 +41,33 @@ class Behaviours:
     def __init__(self) -> None:
         self._all: List[Behaviour] = []
 
-    def add(self, *rules: str, **options: Any) -> Callable[[Callable[[Stack], None]], Callable[[Stack], None]]:
+    def add(self, *rules: str, start: bool = True, **options: Any) -> Callable[[Callable[[Stack], None]], Callable[[Stack], None]]:
         """Register a function; `rules` are taken out of the engine in the self-check."""
 
         def register(run: Callable[[Stack], None]) -> Callable[[Stack], None]:
-            self._all.append(Behaviour(run, rules, options))
+            self._all.append(Behaviour(run, rules, options, start))
             return run
 
         return register
 
-    def main(self, package: str, name: str) -> None:
-        """Run as a rostest node."""
+    def main(self, package: str, name: str, at_start: Callable[[], None] = lambda: None, at_once: int = AT_ONCE) -> None:
+        """Run as a rostest node; `at_start` is called once it is one."""
         crippled = "--crippled" in sys.argv
         sys.argv = [word for word in sys.argv if word != "--crippled"]
         rospy.init_node(name)
+        at_start()
         only = [word.split("=", 1)[1] for word in sys.argv if word.startswith("--only=")]
         sys.argv = [word for word in sys.argv if not word.startswith("--only=")]
         chosen = [each for each in self._all if (each.rules or not crippled) and (not only or each.name in only)]
-        rostest.rosrun(package, name, _test_case(chosen, crippled=crippled), sys.argv)
+        rostest.rosrun(package, name, _test_case(chosen, at_once, crippled=crippled), sys.argv)
 
 
-def _test_case(behaviours: List[Behaviour], *, crippled: bool) -> type:
+def _test_case(behaviours: List[Behaviour], at_once: int, *, crippled: bool) -> type:
     """Make a TestCase that starts all behaviours at first, and has one test for the outcome of each."""
 
     def set_up_class(cls: Any) -> None:
         cls.configuration = TestConfiguration()
-        cls.pool = ThreadPoolExecutor(AT_ONCE)
+        cls.pool = ThreadPoolExecutor(at_once)
         folder = cls.configuration.folder
         cls.outcomes = {each.name: cls.pool.submit(_fly, each, folder, crippled) for each in behaviours}
 
@@ -98,9 +100,10 @@ def _fly(behaviour: Behaviour, folder: Any, crippled: bool) -> None:
     rules = behaviour.rules if crippled else ()
     stack = Stack(behaviour.name, folder, rules=rules, **behaviour.options)
     try:
-        with _starting:
-            stack.start()
-            stack.wait(lambda: stack.states, "the first state")
+        if behaviour.start:
+            with _starting:
+                stack.start()
+                stack.wait(lambda: stack.states, "the first state")
         behaviour.run(stack)
     except AssertionError as error:
         raise AssertionError(f"{error}\n{stack.story()}") from error

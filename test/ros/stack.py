@@ -6,6 +6,7 @@ decides too; so an answer's delay is the difference of two lines of two files.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -17,12 +18,14 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
+import rosgraph
 import roslib.packages
 import rospy
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.journal import decode
+from amaze_autonomy.nodes.interface import SERVICES
 from amaze_autonomy.paths import config_folder
 
 HERE = Path(__file__).resolve().parent
@@ -98,12 +101,13 @@ class Stack:
         self.name = name
         self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
         self.output = self.folder / "out"
-        self._config, self._faults = config, self.folder / "faults.yaml"
+        self.config, self._faults = config, self.folder / "faults.yaml"
         self._faults.write_text(faults or "description: nothing goes wrong\n")
         self.parameters: Dict[str, Any] = {"mission": mission, "output": str(self.output), **(parameters or {})}
         self._overrides = [*QUICK, *overrides]
         self._processes, self._rules = processes, rules
         self.engine: Optional[subprocess.Popen[bytes]] = None
+        self.launched = False
         self.peers: List[subprocess.Popen[bytes]] = []
         self._changed = threading.Condition()
         self.states: List[Any] = []
@@ -118,7 +122,7 @@ class Stack:
         return self
 
     def start_engine(self) -> None:
-        self._set("autonomy", {"config": str(self._config), "overrides": self._overrides, **self.parameters})
+        self._set("autonomy", {"config": str(self.config), "overrides": self._overrides, **self.parameters})
         arguments = ["__name:=autonomy", *(f"--without-rule={rule}" for rule in self._rules)]
         kind = ["amaze_autonomy", "autonomy"] if not self._rules else [str(HERE / "crippled_autonomy.py")]
         self.engine = self._spawn("autonomy", kind, arguments)
@@ -128,7 +132,7 @@ class Stack:
         self._set(
             name,
             {
-                "config": str(self._config),
+                "config": str(self.config),
                 "overrides": self._overrides,
                 "faults": str(self._faults),
                 "peers": self._processes[number],
@@ -156,8 +160,13 @@ class Stack:
         """End every process that is left, by its id, and forget the files."""
         self._subscriber.unregister()
         processes = [each for each in (self.engine, *self.peers) if each is not None and each.poll() is None]
+        if self.launched and processes:  # the children of roslaunch have groups of their own: it has to end them
+            processes[0].send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                processes[0].wait(30.0)
         for process in processes:
-            process.send_signal(signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # each is the leader of its own group
         for process in processes:
             process.wait()
 
@@ -212,6 +221,17 @@ class Stack:
         assert self.engine is not None
         self.wait(lambda: not self.engine_lives, "the end of the autonomy node", limit_s, alive=False)
         return int(self.engine.returncode)
+
+    def wait_peers(self) -> None:
+        """Wait until the master knows every service of the peers."""
+        master = rosgraph.Master("/test")
+        wanted = [f"/{self.name}/{service}" for service in SERVICES]
+
+        def all_there() -> bool:
+            offered = {name for name, _ in master.getSystemState()[2]}
+            return offered.issuperset(wanted)
+
+        self.wait(all_there, "every service of the peers")
 
     def received(self) -> List[Received]:
         """Every request that reached the vehicle's side, in order."""

@@ -34,12 +34,14 @@ class Turn:
         services: that are there now.
         samples: of the sensors since the last turn.
         health: of the PX4's sensors, by name.
+        troubles: kinds of the faults that act on each component and process.
     """
 
     events: Tuple[Event, ...]
     services: Tuple[str, ...]
     samples: Tuple[Sample, ...]
     health: Mapping[str, Optional[bool]]
+    troubles: Mapping[str, Tuple[str, ...]]
 
 
 class Received:
@@ -113,6 +115,16 @@ class LiveWorld:
             self._world.observe_state(self._now_ns(), state)
         self._wake.set()
 
+    def restart(self, component: str) -> None:
+        """Restart a sensor: its driver was restarted."""
+        with self._lock:
+            self._world.restart(component)
+
+    def note(self, event: str) -> None:
+        """Take notice of something that happened outside of this world."""
+        with self._lock:
+            self._world.note(event)
+
     def ask(self, service: str, make: Callable[[int], Request]) -> Optional[Event]:
         """Hand a request to the world and wait for its answer, for ever if need be; None when the node ends."""
         slot: SimpleQueue[Event] = SimpleQueue()
@@ -149,12 +161,12 @@ class LiveWorld:
         with self._lock:
             events = self._world.advance(self._now_ns())
             services, samples = self._world.services(), tuple(self._world.samples())
-            health = self._world.sensor_health()
+            health, troubles = self._world.sensor_health(), self._world.troubles()
             slots = [(self._waiting.pop(_number(event), None), event) for event in events]
         for slot, event in slots:
             if slot is not None:
                 slot.put(event)
-        return Turn(tuple(event for event in events if not _number(event)), services, samples, health)
+        return Turn(tuple(event for event in events if not _number(event)), services, samples, health, troubles)
 
 
 def _number(event: Event) -> int:

@@ -12,7 +12,7 @@ from amaze_autonomy.simulation.messages import Sample
 from .clock import Clock
 from .outgoing import ros_time
 
-__all__ = ["SensorPublisher", "fill"]
+__all__ = ["SensorPublisher", "fill", "message_of"]
 
 _QUEUE = 50
 
@@ -24,6 +24,15 @@ def fill(message: Any, fields: Mapping[str, Any]) -> Any:
             fill(getattr(message, name), value)
         else:
             setattr(message, name, value)
+    return message
+
+
+def message_of(sample: Sample, shift_ns: int) -> Any:
+    """Return the message of a sample; `shift_ns` is ROS time less the clock of its stamp."""
+    message = fill(roslib.message.get_message_class(sample.type_name)(), sample.fields)
+    if hasattr(message, "header"):
+        message.header.stamp = ros_time(max(0, sample.stamp_ns + shift_ns))
+        message.header.frame_id = sample.frame_id
     return message
 
 
@@ -44,11 +53,7 @@ class SensorPublisher:
         for sample in samples:
             publisher = self._publisher(sample)
             if publisher.get_num_connections():
-                message = fill(publisher.data_class(), sample.fields)
-                if hasattr(message, "header"):
-                    message.header.stamp = ros_time(max(0, sample.stamp_ns + shift_ns))
-                    message.header.frame_id = sample.frame_id
-                publisher.publish(message)
+                publisher.publish(message_of(sample, shift_ns))
 
     def _publisher(self, sample: Sample) -> Any:
         publisher = self._publishers.get(sample.topic)

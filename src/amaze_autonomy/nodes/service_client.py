@@ -147,9 +147,14 @@ class ServiceClient:
             BrokenCallError: It holds none.
         """
         try:
-            return self.service._response_class().deserialize(body)
+            response = self.service._response_class().deserialize(body)
+            again = io.BytesIO()
+            response.serialize(again)
         except Exception as error:  # genpy raises whatever struct, codecs and its own code raise
             raise BrokenCallError(f"answered nonsense: {error}") from error
+        if again.getvalue() != body:  # genpy takes a text that is cut off for a whole one, and any byte for a bool
+            raise BrokenCallError(f"answered nonsense: {len(body)} bytes are no {response._type}")
+        return response
 
     def send_now(self, data: Serialized) -> Optional[Connection]:
         """Send a request on an idle connection without waiting for anything; None when there is no live one."""

@@ -4,6 +4,8 @@ Offers the services and publishes the status topics of `interface.py` for the pe
 
     ~peers      which peers it plays: a mapping of name to true or false, or names with commas; default all
     ~sensors    publish the sensors' samples (default: true)
+    ~drivers    publish those of components with a node by processes of that name (default: false)
+    ~real       peers that are real nodes, as ~peers; faults of their processes are signals
     ~faults     file with a scenario; empty: nothing goes wrong
     ~seed       of noise and latencies (default: 0)
     ~record     really record with rosbag record (default: false)
@@ -41,8 +43,10 @@ from .clock import Clock, make_clock
 from .errors import NodeError, StartError
 from .interface import SERVICES, STATUS_TOPICS
 from .live_world import LiveWorld, Received, Turn
+from .real_peers import RealPeers
 from .request_reader import command_of, response_of
 from .sensor_publisher import SensorPublisher
+from .simulated_drivers import SimulatedDrivers
 
 __all__ = ["PEERS", "SimulationNode", "main"]
 
@@ -78,6 +82,8 @@ class SimulationNode:
         recorder: records really; None: the recording is simulated.
         received: writes down what came.
         sensors: publish the sensors' samples.
+        drivers: publish those of components with a node by processes of that name.
+        real: peers that are real nodes on this computer.
     """
 
     def __init__(
@@ -89,12 +95,20 @@ class SimulationNode:
         received: Received,
         *,
         sensors: bool,
+        drivers: bool = False,
+        real: Tuple[str, ...] = (),
     ) -> None:
         self._clock, self._peers, self._recorder = clock, peers, recorder
         self._jobs: List[Callable[[], None]] = []
         self._jobs_lock = threading.Lock()
         self._live = LiveWorld(world, clock, self._take, received)
-        self._sensors = SensorPublisher(clock) if sensors else None
+        self._drivers: Optional[SimulatedDrivers] = None
+        if sensors and drivers:
+            settings = world.settings
+            self._drivers = SimulatedDrivers(settings.components, settings.streams(), clock, self._live.restart)
+        self._sensors = self._drivers or (SensorPublisher(clock) if sensors else None)
+        self._real = RealPeers(real)
+        self._is_watched = False
         self._services: Dict[str, Any] = {}
         self._status = {
             topic.name: rospy.Publisher(topic.name, topic.message, queue_size=100, tcp_nodelay=True)
@@ -106,7 +120,16 @@ class SimulationNode:
     def start(self) -> None:
         """Let the world begin."""
         rospy.Subscriber("autonomy/state", msg.AutonomyState, self._observe, queue_size=10)
+        if "watchdog" not in self._peers:
+            rospy.Subscriber("watchdog/action", msg.WatchdogAction, self._see_watchdog, queue_size=10)
+        if self._drivers is not None:
+            self._jobs.append(self._drivers.start)
         self._live.start()
+
+    def _see_watchdog(self, _message: Any) -> None:
+        if not self._is_watched:
+            self._is_watched = True
+            self._live.note("watched")
 
     def _observe(self, message: Any) -> None:
         if message.state != self._engine_state:
@@ -122,6 +145,9 @@ class SimulationNode:
         self._offer(turn.services)
         if self._sensors is not None:
             self._sensors.publish(turn.samples)
+        if self._drivers is not None:
+            self._drivers.look_after(turn.troubles)
+        self._real.look_after(turn.troubles)
         with self._jobs_lock:
             jobs, self._jobs = self._jobs, []
         for job in jobs:
@@ -195,6 +221,8 @@ class SimulationNode:
             self._recorder.stop()
             self._recorder.wait(_BAG_LIMIT_S)
         self._live.stop()
+        if self._drivers is not None:
+            self._drivers.end()
 
 
 def _ask_engine(command: str) -> None:
@@ -208,15 +236,16 @@ def _say_nothing(_error: Exception, _kind: Any, _value: Any, _trace: Any) -> Non
     """A service that breaks by the scenario is no error of this node."""
 
 
-def _peers() -> Tuple[str, ...]:
-    value = rospy.get_param("~peers", "")
+def _names(parameter: str, default: Tuple[str, ...]) -> Tuple[str, ...]:
+    """Return the peers that a parameter names: a mapping of name to true or false, or names with commas."""
+    value = rospy.get_param(parameter, "")
     if isinstance(value, dict):
-        names = [name for name, plays in value.items() if plays]
+        names = [name for name, chosen in value.items() if chosen]
     else:
-        names = [name.strip() for name in str(value).split(",") if name.strip()] or list(PEERS)
+        names = [name.strip() for name in str(value).split(",") if name.strip()] or list(default)
     for name in names:
         if name not in PEERS:
-            raise StartError(f"~peers names {name!r}, there are {', '.join(PEERS)}")
+            raise StartError(f"{parameter} names {name!r}, there are {', '.join(PEERS)}")
     return tuple(name for name in PEERS if name in names)
 
 
@@ -242,7 +271,7 @@ def _recorder(configuration: Configuration) -> Optional[BagRecorder]:
 
 def _make() -> SimulationNode:
     configuration = load_configuration(parameters.configuration_folder(), parameters.overrides())
-    peers = _peers()
+    peers, real = _names("~peers", PEERS), _names("~real", ())
     faults = str(rospy.get_param("~faults", ""))
     scenario = load_scenario(faults) if faults else None
     clock = make_clock()
@@ -250,7 +279,10 @@ def _make() -> SimulationNode:
     world = World(configuration, int(rospy.get_param("~seed", 0)), scenario, start_ns=start_ns, live=True)
     received = Received(str(rospy.get_param("~received", "")))
     sensors = bool(rospy.get_param("~sensors", True)) and "mission_planner" in peers
-    return SimulationNode(world, clock, peers, _recorder(configuration), received, sensors=sensors)
+    drivers = bool(rospy.get_param("~drivers", False))
+    return SimulationNode(
+        world, clock, peers, _recorder(configuration), received, sensors=sensors, drivers=drivers, real=real
+    )
 
 
 def main() -> int:

@@ -1,0 +1,75 @@
+"""Faults of processes that are real nodes here: killed by SIGKILL; silent or stuck by SIGSTOP, until the fault ends."""
+
+from __future__ import annotations
+
+import os
+import signal
+from contextlib import suppress
+from functools import partial
+from typing import Dict, Mapping, Optional, Tuple
+
+import rosgraph
+import rospy
+
+from .local_process import LocalProcess, find
+from .node_liveness import NodeLiveness
+from .workers import Workers
+
+__all__ = ["RealPeers"]
+
+_LIMIT_S = 1.0
+_STOPS = ("silent", "stuck")
+
+
+class RealPeers:
+    """The peers of the engine that real nodes are, and the simulated world does not play.
+
+    Args:
+        names: of the peers; each is a node of that name.
+    """
+
+    def __init__(self, names: Tuple[str, ...]) -> None:
+        self._names = names
+        self._acting: Dict[str, Tuple[str, ...]] = {}
+        self._stopped: Dict[str, LocalProcess] = {}
+        self._workers = Workers("real peer")
+
+    def look_after(self, troubles: Mapping[str, Tuple[str, ...]]) -> None:
+        """Do to each what its faults say, once; returns at once.
+
+        Args:
+            troubles: kinds of the faults that act on each process.
+        """
+        for name in self._names:
+            before, now = self._acting.get(name, ()), troubles.get(name, ())
+            if before != now:
+                self._acting[name] = now
+                self._workers.submit(partial(self._act, name, now))
+
+    def _act(self, name: str, kinds: Tuple[str, ...]) -> None:
+        if "killed" in kinds:
+            _send(name, _find(name), signal.SIGKILL)
+        elif any(kind in _STOPS for kind in kinds):
+            process = _find(name)
+            if process is not None:
+                self._stopped[name] = process
+            _send(name, process, signal.SIGSTOP)
+        elif kinds:
+            rospy.logwarn("%s is a real node: its fault %s does nothing", name, ", ".join(kinds))
+        if not kinds and name in self._stopped:
+            _send(name, self._stopped.pop(name), signal.SIGCONT)
+
+
+def _send(name: str, process: Optional[LocalProcess], number: signal.Signals) -> None:
+    if process is None or not process.alive:
+        rospy.logwarn("%s is no node of this computer: its fault does nothing", name)
+        return
+    rospy.logwarn("%s, process %d, gets %s", name, process.pid, number.name)
+    with suppress(ProcessLookupError):
+        os.kill(process.pid, number)
+
+
+def _find(name: str) -> Optional[LocalProcess]:
+    node = NodeLiveness(rospy.resolve_name(name), rosgraph.get_master_uri(), rospy.get_name(), _LIMIT_S)
+    node.ask()
+    return find(node.place.uri, node.place.pid) if node.place is not None else None

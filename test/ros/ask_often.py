@@ -1,0 +1,38 @@
+#!/usr/bin/env python3
+"""Ask a UserCommand service again and again: ask_often.py SERVICE SECONDS. Prints how often, and the slowest answer.
+
+Says "ready" once it is connected, and begins when it gets a line.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+
+import rospy
+
+from amaze_autonomy import srv
+from amaze_autonomy.nodes.process import take_precedence
+
+
+def main(name: str, seconds: float) -> None:
+    take_precedence(-10)  # as the autonomy node does: the other tests' processes shall not be measured
+    rospy.wait_for_service(name)
+    ask = rospy.ServiceProxy(name, srv.UserCommand, persistent=True)
+    ask()
+    print("ready", flush=True)  # noqa: T201
+    sys.stdin.readline()
+    times = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        before = time.monotonic()
+        answer = ask()
+        times.append(time.monotonic() - before)
+        if answer.answer != srv.UserCommandResponse.REFUSED:
+            raise SystemExit(f"answered {answer}")
+    print(json.dumps({"count": len(times), "slowest_s": max(times)}))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], float(sys.argv[2]))

@@ -1,0 +1,74 @@
+#!/usr/bin/env python3
+"""With use_sim_time the engine decides on /clock: it runs at another speed here, and jumps back in flight."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import rospy
+from behaviours import Behaviours
+from rosgraph_msgs.msg import Clock
+from stack import Stack
+
+from amaze_autonomy.engine.events import EngineStarted
+
+SPEED = 1.5
+START_S = 1000.0
+JUMP_S = 400.0
+clocks = Behaviours()
+
+
+class FastClock:
+    """Publishes /clock, faster than real time; can be set back."""
+
+    def __init__(self) -> None:
+        self._began_s = time.monotonic()
+        self._back_s = 0.0
+
+    def start(self) -> None:
+        self._publisher = rospy.Publisher("/clock", Clock, queue_size=1)
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def now_s(self) -> float:
+        return START_S + SPEED * (time.monotonic() - self._began_s) - self._back_s
+
+    def jump_back(self) -> None:
+        self._back_s += JUMP_S
+
+    def _run(self) -> None:
+        tick = threading.Event()
+        while not tick.wait(0.005):
+            self._publisher.publish(Clock(clock=rospy.Time.from_sec(self.now_s())))
+
+
+FAST = FastClock()
+
+
+@clocks.add(mission="hop", overrides=("autonomy.recording.recording_lead_s=3.0",))
+def mission_flies_in_simulated_time(stack: Stack) -> None:
+    stack.wait_state("MISSION_ENDED")
+    assert stack.states[-1].result == "COMPLETE"
+    started = stack.events(EngineStarted)[0].t_ns / 1e9
+    assert START_S <= started <= START_S + 120.0, "the engine does not decide on /clock"
+    times = {each.name: each.t_ns / 1e9 for each in stack.received()}
+    lead_s = times["TAKEOFF"] - times["data_recorder/start"]
+    assert 3.0 / SPEED <= lead_s < 3.0, f"the lead of 3 s took {lead_s:.2f} s of real time at {SPEED} times its speed"
+
+
+@clocks.add(mission="long")
+def clock_that_jumps_back_in_flight_is_survived(stack: Stack) -> None:
+    stack.wait_state("MISSION")
+    FAST.jump_back()
+    seen = stack.states[-1].waypoint
+    stack.wait(lambda: stack.states[-1].waypoint > seen, "the next waypoint")
+    assert stack.state == "MISSION"
+    assert stack.ask("land")[0] == 1
+    stack.wait_state("MISSION_ENDED")
+    journal = [event.t_ns for event in stack.journal() if hasattr(event, "t_ns")]
+    assert journal == sorted(journal), "time runs back in the journal"
+    assert stack.states[-1].result == "LANDED_EARLY"
+
+
+if __name__ == "__main__":
+    clocks.main("amaze_autonomy", "clock", FAST.start)

@@ -1,0 +1,175 @@
+#!/usr/bin/env python3
+"""How the node ends and comes back: signals in flight, exit status, the whole roslaunch, a killed engine that resumes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+
+from behaviours import Behaviours
+from stack import HERE, Stack
+
+from amaze_autonomy.engine.events import EngineStarted, Shutdown
+from amaze_autonomy.engine.journal import read
+
+BEFORE = ["data_recorder/start", "mission_planner/load"]
+ends = Behaviours()
+
+
+def routes_after(stack: Stack, told_ns: int) -> dict[str, float]:
+    """How many seconds after something each route of a landing was asked for the first time."""
+    first: dict[str, float] = {}
+    for each in stack.received():
+        if each.name in ("LAND", "autopilot/land"):
+            first.setdefault(each.name, (each.t_ns - told_ns) / 1e9)
+    return first
+
+
+def lands_when_told_to_end(stack: Stack, number: int) -> None:
+    stack.wait_state("MISSION")
+    told_ns = stack.signal_engine(number)
+    status = stack.wait_end(10.0)
+    delays = routes_after(stack, told_ns)
+    assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
+    assert all(0.0 <= delay < 0.1 for delay in delays.values()), f"landing was sent after {delays}"
+    assert status == 8
+    name = signal.Signals(number).name
+    assert f"ended by {name} IN FLIGHT" in stack.log()
+    assert "LAND was sent (mission planner: accepted, autopilot: accepted)" in stack.log()
+    result = stack.result()
+    assert (result["exit_status"], result["result"], result["in_flight"]) == (8, "INTERRUPTED_IN_FLIGHT", True)
+    journal = read((stack.output / "journal.jsonl").read_text())
+    assert not journal.truncated
+    assert [event.signal for event in stack.events(Shutdown)] == [name]
+
+
+@ends.add("shutdown_in_flight", mission="long")
+def sigint_in_flight_lands_by_both_routes(stack: Stack) -> None:
+    lands_when_told_to_end(stack, signal.SIGINT)
+
+
+@ends.add("shutdown_in_flight", mission="long")
+def sigterm_in_flight_lands_by_both_routes(stack: Stack) -> None:
+    lands_when_told_to_end(stack, signal.SIGTERM)
+
+
+@ends.add(mission="")
+def signal_before_any_mission_ends_well(stack: Stack) -> None:
+    stack.wait_state("MISSION_INPUT")
+    stack.signal_engine(signal.SIGINT)
+    assert stack.wait_end(10.0) == 0
+    assert stack.received() == []
+    assert stack.result()["state"] == "MISSION_INPUT"
+
+
+@ends.add("shutdown_before_takeoff", overrides=("autonomy.recording.recording_lead_s=10.0",))
+def signal_while_recording_stops_the_recording(stack: Stack) -> None:
+    stack.wait_received("data_recorder/start")
+    stack.wait(lambda: stack.states[-1].recording_phase == "RECORDING", "the recording")
+    stack.signal_engine(signal.SIGTERM)
+    assert stack.wait_end(10.0) == 7
+    assert stack.commands() == ["data_recorder/start", "data_recorder/stop"]
+
+
+def roslaunch(stack: Stack, *arguments: str) -> "subprocess.Popen[bytes]":
+    """Start the launch file of the package in the namespace of a stack."""
+    command = ["roslaunch", "--screen", str(HERE.parents[1] / "launch" / "autonomy.launch"), "simulation:=true", "console:=false"]
+    command += ["record:=false", f"output:={stack.output}", f"config:={stack.config}", *arguments]
+    environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
+    with (stack.folder / "autonomy.log").open("ab") as log:
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
+    stack.engine, stack.launched = process, True
+    return process
+
+
+def whole_launch_lands(stack: Stack, number: int) -> None:
+    process = roslaunch(stack, "mission:=long", f"received:={stack.folder / 'received.jsonl'}")
+    stack.wait_state("MISSION")
+    told_ns = time.monotonic_ns()
+    process.send_signal(number)
+    stack.wait_end(30.0)
+    delays = routes_after(stack, told_ns)
+    assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
+    assert all(delay < 1.0 for delay in delays.values()), f"landing was sent after {delays}"
+    assert stack.result()["exit_status"] == 8
+    assert "LAND was sent" in stack.log()
+
+
+@ends.add(processes=(), start=False)
+def sigint_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
+    whole_launch_lands(stack, signal.SIGINT)
+
+
+@ends.add(processes=(), start=False)
+def sigterm_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
+    whole_launch_lands(stack, signal.SIGTERM)
+
+
+@ends.add(processes=(), start=False)
+def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
+    roslaunch(stack, "mission:=hop", "exit_when_ended:=true")
+    stack.wait_end()
+    result = stack.result()
+    assert (result["exit_status"], result["result"], result["state"]) == (0, "COMPLETE", "MISSION_ENDED")
+    assert result["data"]
+    assert "MISSION_ENDED" in (stack.output / "report.txt").read_text()
+    for name in ("bag", "journal", "report"):
+        assert f"autonomy: {name}" in stack.log()
+
+
+@ends.add(
+    faults="description: tilted\nfaults:\n  - {fault: tilted, tilt_deg: 25}\n",
+    parameters={"exit_when_ended": True, "unattended": True},
+)
+def nobody_there_to_answer_ends_at_outreach(stack: Stack) -> None:
+    assert stack.wait_end() == 5
+    assert stack.result()["result"] == "NOT_FLOWN"
+    assert stack.commands() == []
+
+
+@ends.add(mission="nothing", parameters={"exit_when_ended": True}, start=False)
+def unknown_mission_ends_with_one_line(stack: Stack) -> None:
+    stack.start_engine()
+    assert stack.wait_end() == 2
+    assert "there is no such mission; there are hop, long, two" in stack.log()
+    assert "Traceback" not in stack.log()
+
+
+@ends.add(mission="long")
+def killed_engine_goes_on_where_it_was(stack: Stack) -> None:
+    stack.wait_state("MISSION")
+    stack.wait(lambda: stack.states[-1].waypoint >= 1, "the first waypoint")
+    assert stack.engine is not None
+    stack.engine.kill()
+    stack.engine.wait()
+    with (stack.output / "journal.jsonl").open("a") as journal:
+        journal.write('{"half a li')
+    seen = len(stack.states)
+    stack.start_engine()
+    stack.wait(lambda: len(stack.states) > seen, "the engine to be back")
+    stack.wait_state("MISSION")
+    assert stack.ask("land")[0] == 1
+    stack.wait_state("MISSION_ENDED")
+    assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"], "something was sent twice, or not at all"
+    started = stack.events(EngineStarted)
+    assert [event.resumed for event in started] == [False, True]
+    assert stack.states[-1].session_id == stack.states[seen - 1].session_id
+
+
+@ends.add(mission="hop", parameters={"exit_when_ended": True})
+def second_run_in_a_folder_keeps_the_first(stack: Stack) -> None:
+    stack.wait_end()
+    first = (stack.output / "journal.jsonl").read_text()
+    stack.parameters["mission"] = ""
+    stack.parameters["exit_when_ended"] = False
+    stack.start_engine()
+    stack.wait(lambda: (stack.output / "journal.jsonl").exists() and stack.state == "MISSION_INPUT", "the second run")
+    assert (stack.output / "earlier" / "journal.jsonl").read_text() == first
+    assert json.loads((stack.output / "earlier" / "result.json").read_text())["result"] == "COMPLETE"
+
+
+if __name__ == "__main__":
+    ends.main("amaze_autonomy", "ends")
