@@ -152,7 +152,8 @@ def _recording(before: EngineState, after: EngineState, commands: Tuple[Any, ...
     if left and before.recording_asked:
         complete = after.recorder is not None and after.recorder.phase is RecordingPhase.COMPLETE
         new_session = after.session_id != before.session_id
-        assert complete or new_session or after.state is State.OUTREACH, "merged, or a person is asked"
+        asked = after.state in (State.OUTREACH, State.PILOT)
+        assert complete or new_session or asked, "merged, or a person is asked"
     if before.recording_asked and before.state not in (State.MISSION_ENDED, State.MISSION_INPUT, State.PILOT):
         same = after.session_id == before.session_id
         by_data = before.state in (State.DATA_CLEANUP, State.OUTREACH)

@@ -38,6 +38,8 @@ from amaze_autonomy.engine.state import EngineState
 BEAT = S // 5
 REPLY_AFTER = S // 50
 EFFECT_AFTER = S // 10
+ALWAYS: List[Callable[..., None]] = []
+"""Observers of every story: conftest puts the laws here, so that each story is also a test of them."""
 
 
 class Story:
@@ -89,7 +91,7 @@ class Story:
     def _decide(self, event: ev.Event) -> Tuple[Any, ...]:
         before = self.state
         self.state, commands = engine.decide(before, event, self.rules)
-        for observer in self.watch:
+        for observer in (*ALWAYS, *self.watch):
             observer(self, before, event, commands)
         for command in commands:
             if isinstance(command, Decision):
