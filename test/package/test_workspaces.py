@@ -20,7 +20,7 @@ BUILD = {
     "catkin": f"catkin config --init --install --cmake-args {PYTHON} && catkin build --no-status --no-notify",
     "colcon": f"colcon build --cmake-args {PYTHON}",
 }
-EXECUTABLES = ["amaze-autonomy", "amaze-replay", "autonomy", "console", "simulation"]
+EXECUTABLES = sorted(path.name for path in (ROOT / "scripts").iterdir())
 
 
 @pytest.fixture(scope="module", params=[pytest.param(tool, marks=pytest.mark.xdist_group(tool)) for tool in BUILD])
