@@ -159,7 +159,7 @@ def _recording(before: EngineState, after: EngineState, commands: Tuple[Any, ...
         by_data = before.state in (State.DATA_CLEANUP, State.OUTREACH)
         assert same or by_data, "a session with a recording ends with its data"
     if before.state is State.OUTREACH and after.state is State.MISSION_ENDED and before.recording_asked:
-        assert after.result is Result.DATA_INCOMPLETE
+        assert stopped or after.result is Result.DATA_INCOMPLETE, "retried and complete, or given up"
 
 
 def _states(before: EngineState, after: EngineState) -> None:

@@ -287,6 +287,20 @@ def test_a_list_that_says_more_than_the_code_is_not_ignored():
     story.expect("LAND")
 
 
+def test_a_code_that_is_milder_than_the_list_does_not_make_the_list_milder():
+    story = at("MISSION flying")
+    listed = (ev.ComponentStatus("magnetometer", Code.ABORT),)
+    story.feed(
+        ev.WatchdogAction,
+        sequence=1,
+        loop_counter=9999,
+        code=Code.INCONVENIENT,
+        latest_component="magnetometer",
+        components=listed,
+    )
+    story.expect("LAND")
+
+
 def test_one_lost_message_loses_nothing():
     """Level-based: the next heartbeat says the same."""
     story = at("MISSION flying")

@@ -120,7 +120,7 @@ def _watchdog_action(turn: Turn, event: WatchdogAction) -> None:
 
 def _listed(event: WatchdogAction) -> Tuple[ComponentStatus, ...]:
     """Return the components at 4 or above; a legacy watchdog may say only a code and the latest component."""
-    if event.code < Code.INCONVENIENT or any(status.code == event.code for status in event.components):
+    if event.code < Code.INCONVENIENT or any(status.code >= event.code for status in event.components):
         return event.components
     name = event.latest_component or "unnamed component"
     others = tuple(status for status in event.components if status.name != name)
