@@ -21,9 +21,10 @@ from . import parameters, process
 from .clock import Clock, make_clock
 from .errors import NodeError, StartError
 
-__all__ = ["RunningNode", "run_node"]
+__all__ = ["RunningNode", "run_node", "startup_ns"]
 
 _START_ERROR = 2
+_LONGEST_S = 3600.0
 
 
 class RunningNode(Protocol):
@@ -64,6 +65,18 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     finally:
         rospy.signal_shutdown("ended")
     return 0
+
+
+def startup_ns() -> int:
+    """Return ~startup_time.
+
+    Raises:
+        StartError: It is no time.
+    """
+    value = rospy.get_param("~startup_time", 10.0)
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value < _LONGEST_S:
+        raise StartError(f"~startup_time is {value!r}, must be seconds, not negative")
+    return round(value * 1e9)
 
 
 def _nice() -> int:

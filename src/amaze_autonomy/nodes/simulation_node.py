@@ -108,7 +108,7 @@ class SimulationNode:
             self._drivers = SimulatedDrivers(settings.components, settings.streams(), clock, self._live.restart)
         self._sensors = self._drivers or (SensorPublisher(clock) if sensors else None)
         self._real = RealPeers(real)
-        self._is_watched = False
+        self._is_watched = self._history_told = False
         self._services: Dict[str, Any] = {}
         self._status = {
             topic.name: rospy.Publisher(topic.name, topic.message, queue_size=100, tcp_nodelay=True)
@@ -143,8 +143,9 @@ class SimulationNode:
         for event in turn.events:
             self._publish(event, turn)
         self._offer(turn.services)
-        if self._sensors is not None:
+        if self._sensors is not None and self._history_told:
             self._sensors.publish(turn.samples)
+        self._history_told = True  # what the world sensed before the node was there comes in its first turn
         if self._drivers is not None:
             self._drivers.look_after(turn.troubles)
         self._real.look_after(turn.troubles)

@@ -1,6 +1,6 @@
 """The state estimation node: are the states valid, does gravity point down? A check, not an estimator.
 
-    state_estimation/check          CheckState
+    state_estimation/check          CheckState; offered once it can be answered, see `node_main.py`
     /diagnostics                    diagnostic_msgs/DiagnosticArray, 1 Hz
     (state_estimation.topic)        the estimate: Odometry, PoseStamped or PoseWithCovarianceStamped (subscribed)
     (state_estimation.imu_topic)    sensor_msgs/Imu (subscribed)
@@ -19,6 +19,7 @@ from sensor_msgs.msg import Imu
 
 from amaze_autonomy import srv
 from amaze_autonomy.config import Configuration
+from amaze_autonomy.engine.checks import Verdict
 from amaze_autonomy.monitoring.readings import estimate_reader, vector
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
 
@@ -26,13 +27,14 @@ from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .estimate_topics import ESTIMATE_MESSAGES
-from .node_main import run_node
+from .node_main import run_node, startup_ns
 
 __all__ = ["StateEstimationNode", "main"]
 
 _NOTHING = float("nan")
 _QUEUE = 50
 _PERIOD_S = 1.0
+_LOOK_AGAIN_S = 0.1
 
 
 class StateEstimationNode:
@@ -86,9 +88,17 @@ class StateEstimationNode:
             rospy.Subscriber(spec.topic, kind, self._take_estimate, queue_size=_QUEUE, tcp_nodelay=True)
         if spec.imu_topic:
             rospy.Subscriber(spec.imu_topic, Imu, self._take_imu, queue_size=_QUEUE, tcp_nodelay=True)
+        self._wait_for_evidence()
         rospy.Service("state_estimation/check", srv.CheckState, self._check)
         while not self._ended.wait(_PERIOD_S):
             self._diagnostics.publish(self._clock.now_ns(), self._verdict().checks)
+
+    def _wait_for_evidence(self) -> None:
+        """Wait until every row says something, or has had the time to."""
+        until_ns = self._clock.now_ns() + startup_ns()
+        while self._clock.now_ns() < until_ns and not self._ended.wait(_LOOK_AGAIN_S):
+            if all(row.verdict is not Verdict.UNKNOWN for row in self._verdict().checks):
+                return
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""

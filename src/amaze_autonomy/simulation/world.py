@@ -142,6 +142,10 @@ class World:
         """Take notice of a state of the engine, for triggers that wait for it."""
         self._faults.observe(t_ns, state=state)
 
+    def note(self, event: str) -> None:
+        """Take notice of something that a real node did in the place of a peer, for triggers that wait for it."""
+        self._site.note(event)
+
     # --- what the live shell looks at -----------------------------------------------------------------------------
 
     @property
@@ -179,6 +183,13 @@ class World:
         for component in self._site.settings.components:
             alive[component.name] = not self._faults.active(Subject.COMPONENT, "killed", component.name)
         return alive
+
+    def troubles(self) -> Mapping[str, Tuple[str, ...]]:
+        """Return the kinds of the faults that act now on each component and process; those without are left out."""
+        names = [(Subject.PROCESS, name) for name in PEERS]
+        names += [(Subject.COMPONENT, component.name) for component in self._site.settings.components]
+        kinds = {name: tuple(fault.kind.name for fault, _ in self._faults.on(subject, name)) for subject, name in names}
+        return {name: acting for name, acting in kinds.items() if acting}
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
