@@ -213,3 +213,26 @@ def test_a_landing_that_only_seemed_over_goes_on():
     story.after(5.0).expect("LAND", "commanding")
     assert story.state.in_flight
     assert story.motions[:1] == ["LAND"]
+
+
+@pytest.mark.parametrize("place", ["DATA_CLEANUP", "OUTREACH data"])
+def test_arming_after_the_flight_keeps_its_result_and_the_data_is_followed_to_its_end(place):
+    story = at(place)
+    story.recorder.fails = False
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).expect("PILOT")
+    story.fail("imu", 16).after(2.0).expect("PILOT")
+    story.vehicle.says.clear()
+    story.after(0.3)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.until("MISSION_ENDED")
+    assert story.motions == []
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+def test_a_takeoff_that_comes_after_it_was_cancelled_is_not_overlooked():
+    """LAND was accepted before it was armed, the data is collected, and then it takes off all the same."""
+    story = at("TAKEOFF arming")
+    story.user("land")
+    story.after(0.3).expect("DATA_CLEANUP")
+    story.say(armed=True, landed=ev.VehicleLanded.TAKING_OFF).expect("PILOT")
+    assert "pilot" in story.told

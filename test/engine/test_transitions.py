@@ -189,6 +189,8 @@ ROWS = (
     Row("pilot_had_control_at_start", "nowhere", started_armed(pilot_in_control=True), "PILOT", (), "pilot"),
     Row("started_armed", "nowhere", started_armed(), "LAND commanding", BOTH, "land"),
     Row("armed_by_others", "READY", says(armed=True), "PILOT", (), "pilot"),
+    Row("armed_after_flight", "DATA_CLEANUP", says(armed=True), "PILOT", (), "pilot"),
+    Row("armed_before_data_is_complete", "OUTREACH data", says(armed=True), "PILOT", (), "pilot"),
     # the end of the process
     Row("shutdown_in_flight", "HOLD holding", told_to_end, "LAND commanding", BOTH, "shutdown"),
     Row("shutdown_while_landing", "LAND descending", told_to_end, "LAND descending", BOTH, "shutdown"),

@@ -112,6 +112,8 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("pilot_took_over", (*_FLIGHT, State.LAND), flight.taken_over, PILOT, "pilot", _BY_PILOT, words="the pilot, or a failsafe of the autopilot, has control"),
     T("pilot_had_control_at_start", (INPUT,), both(flight.started_armed, flight.taken_over), PILOT, "pilot", _BY_PILOT, do.adopt_flight, "started while armed, pilot in control"),
     T("started_armed", (INPUT,), flight.started_armed, COMMANDING, "land", _EARLY, do.adopt_flight, "started while armed, no flight to resume"),
+    T("armed_after_flight", (CLEANUP,), flight.armed_by_others, PILOT, "pilot", words="armed while the data is collected, and not by us; the flight keeps its result"),
+    T("armed_before_data_is_complete", (OUTREACH,), both(flight.armed_by_others, outreach_for(OutreachKind.DATA)), PILOT, "pilot", words="armed while the data waits for a person; the flight keeps its result"),
     T("armed_by_others", (INPUT, OUTREACH, *_BEFORE, CLIMBING, State.MISSION, State.HOLD), flight.armed_by_others, PILOT, "pilot", _BY_PILOT, words="armed, and not by us"),
     # the end of the process
     T("shutdown_in_flight", _FLIGHT, both(shutdown, flight.in_flight), COMMANDING, "shutdown", {**_EARLY, "both_routes": True, "shutting_down": True}, words="told to end in flight"),
