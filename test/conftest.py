@@ -1,10 +1,11 @@
-"""What all tests share: how hypothesis searches."""
+"""What all tests share: how hypothesis searches, and what happens on a system without pseudo terminals."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
 from hypothesis.configuration import set_hypothesis_home_dir
 
@@ -13,3 +14,23 @@ set_hypothesis_home_dir(Path(__file__).parents[1] / "build" / "hypothesis")
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.register_profile("search", max_examples=2000, deadline=None, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup():
+    return (yield from skipped_without_terminals())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call():
+    return (yield from skipped_without_terminals())
+
+
+def skipped_without_terminals():
+    """A root folder that somebody made by hand often has no /dev/pts."""
+    try:
+        return (yield)
+    except OSError as error:
+        if str(error) != "out of pty devices":
+            raise
+        pytest.skip("this system has no pseudo terminals (/dev/pts)")
