@@ -106,6 +106,30 @@ def test_a_flight_that_was_flown_without_a_component_does_not_take_off_again_wit
     assert story.state.result.value == "LANDED_EARLY"
 
 
+def _second_takeoff_refused() -> Story:
+    story = at("MISSION touchdown")
+    story.disobeyed = ["TAKEOFF"]
+    story.answers["TAKEOFF"] = ev.Outcome.REFUSED
+    story.later(0, "_effect", next(c for _, c in reversed(story.sent) if isinstance(c, LoadMission)))
+    return story.until("OUTREACH").look()
+
+
+def test_given_up_after_the_first_file_is_not_unflown():
+    story = _second_takeoff_refused()
+    story.user("give_up")
+    story.until("MISSION_ENDED")
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+def test_retried_after_the_first_file_goes_on_with_the_second():
+    story = _second_takeoff_refused()
+    story.disobeyed, story.answers = [], {}
+    story.user("retry")
+    story.until("MISSION_ENDED", limit_s=120.0)
+    assert [(file, repetition) for _, file, repetition in legs(story)] == [(1, 0), (0, 1), (1, 1)]
+    assert story.state.result.value == "COMPLETE"
+
+
 # --- several missions -------------------------------------------------------------------------------------------------
 
 
