@@ -301,6 +301,15 @@ def test_a_code_that_is_milder_than_the_list_does_not_make_the_list_milder():
     story.expect("LAND")
 
 
+@pytest.mark.parametrize("codes", [(16, 1), (1, 16), (16, 2), (4, 16)])
+def test_of_a_component_that_is_listed_twice_the_worst_counts(codes):
+    story = at("MISSION flying")
+    listed = tuple(ev.ComponentStatus("lrf", Code(code)) for code in codes)
+    story.feed(ev.WatchdogAction, sequence=1, loop_counter=9999, code=Code.ABORT, components=listed)
+    story.expect("LAND")
+    assert [f.name for f in story.state.failures] == ["lrf"]
+
+
 def test_one_lost_message_loses_nothing():
     """Level-based: the next heartbeat says the same."""
     story = at("MISSION flying")

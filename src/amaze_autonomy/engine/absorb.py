@@ -6,7 +6,7 @@ that is too old or claims to come from the future, a heartbeat whose loop counte
 
 from __future__ import annotations
 
-from typing import Callable, Dict, Optional, Tuple, Type
+from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
 from .checks import CheckName
 from .commands import Value
@@ -113,7 +113,7 @@ def _watchdog_action(turn: Turn, event: WatchdogAction) -> None:
     turn.set(action=event)
     if previous is None or previous.loop_counter != event.loop_counter:
         turn.set(heartbeat_ns=turn.now)
-    listed = {status.name: status for status in _listed(event)}
+    listed = _worst_by_name(_listed(event))
     kept = [s for s in turn.state.components if s.name not in listed and s.code < Code.INCONVENIENT]
     turn.set(components=tuple(sorted([*kept, *listed.values()], key=_by_name)))
 
@@ -132,8 +132,19 @@ def _watchdog_info(turn: Turn, event: WatchdogInfo) -> None:
     if not _credible(turn, event.age_ns):
         return
     acted = {s.name: s for s in turn.state.components if s.code >= Code.INCONVENIENT}
-    informed = [s for s in event.components if s.code < Code.INCONVENIENT and s.name not in acted]
+    informed = _worst_by_name(
+        s for s in event.components if s.code < Code.INCONVENIENT and s.name not in acted
+    ).values()
     turn.set(components=tuple(sorted([*acted.values(), *informed], key=_by_name)))
+
+
+def _worst_by_name(statuses: Iterable[ComponentStatus]) -> Dict[str, ComponentStatus]:
+    """Return one status for each name: of those that are listed twice the worst."""
+    found: Dict[str, ComponentStatus] = {}
+    for status in statuses:
+        if status.name not in found or status.code > found[status.name].code:
+            found[status.name] = status
+    return found
 
 
 def _by_name(status: ComponentStatus) -> str:
