@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from replay_bags import START_NS, S, break_chunk, number, write_bag
 
-from amaze_autonomy.replay.errors import NoMessagesError, UnknownTopicError
+from amaze_autonomy.replay.errors import NoMessagesError, TimeJumpError, UnknownTopicError
 from amaze_autonomy.replay.sources import Recordings, TopicFigures
 
 
@@ -71,3 +71,14 @@ def test_a_message_that_cannot_be_read_is_noted_once_per_topic(tmp_path):
         damage = recordings.damage["/a"]
     assert (damage.topic, damage.count, damage.first_ns, damage.last_ns) == ("/a", 3, START_NS, START_NS + 2)
     assert damage.reason.startswith("chunk at byte ")
+
+
+@pytest.mark.parametrize("topics", [("/a",), ("/a", "/b")])
+def test_a_recording_in_which_a_clock_was_set_is_refused_with_the_times(tmp_path, topics):
+    rows = [(5 * S, "/b", number(1)), (START_NS, "/a", number(2)), (START_NS + S, "/a", number(3))]
+    with pytest.raises(TimeJumpError) as caught:
+        Recordings([write_bag(tmp_path / "x.bag", rows)], topics)
+    assert str(caught.value) == (
+        "x.bag: no message for 444,444.4 h between 5.000 s and 1600000000.000 s: a clock was set, or the index is "
+        "damaged; cut it there with `rosbag filter`"
+    )

@@ -18,6 +18,7 @@ __all__ = [
     "MisfitError",
     "NoMessagesError",
     "ReplayError",
+    "TimeJumpError",
     "UnknownTopicError",
 ]
 
@@ -73,6 +74,21 @@ class UnknownTopicError(ReplayError):
 
 class NoMessagesError(ReplayError):
     """The bags hold no message that the map needs."""
+
+
+class TimeJumpError(ReplayError):
+    """There is nothing for hours between two messages.
+
+    Args:
+        before_ns: time of the message before.
+        after_ns: time of the message after.
+    """
+
+    def __init__(self, names: str, before_ns: int, after_ns: int) -> None:
+        gap = f"{(after_ns - before_ns) / 3.6e12:,.1f} h"
+        words = f"between {before_ns / 1e9:.3f} s and {after_ns / 1e9:.3f} s: a clock was set, or the index is damaged"
+        super().__init__(f"{names}: no message for {gap} {words}; cut it there with `rosbag filter`")
+        self.before_ns, self.after_ns = before_ns, after_ns
 
 
 class JournalGapError(ReplayError):

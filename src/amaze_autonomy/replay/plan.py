@@ -15,6 +15,7 @@ from amaze_autonomy.monitoring.specs import (
     ComponentSpec,
     EstimateSource,
     LandingSpec,
+    RestartPolicy,
     RestartSpec,
     StateEstimationSpec,
 )
@@ -108,6 +109,7 @@ def _component(given: ComponentMap, known: Mapping[str, ComponentSpec], rules: R
         topics=(given.topic,),
         wait_limit_ns=given.wait_limit_ns if given.wait_limit_ns is not None else wait_ns,
         required=given.required,
+        restart=_scripted(base.restart) if base is not None else RestartSpec(),
     )
 
 
@@ -116,14 +118,21 @@ def _has(spec: ComponentSpec, recorded: Tuple[str, ...]) -> bool:
 
 
 def _as_recorded(spec: ComponentSpec) -> ComponentSpec:
-    """Return a component by its topics alone: no node and no driver can be asked, and nothing be restarted."""
-    return replace(spec, node=None, driver=(), autopilot=None, restart=RestartSpec())
+    """Return a component by its topics alone: no node, no driver and no autopilot can be asked."""
+    return replace(spec, node=None, driver=(), autopilot=None, restart=_scripted(spec.restart))
+
+
+def _scripted(restart: RestartSpec) -> RestartSpec:
+    """Return a restart with the same limits that the script carries out; what comes of it is in the recording."""
+    if restart.policy is RestartPolicy.NEVER:
+        return restart
+    return replace(restart, policy=RestartPolicy.COMMAND, command=("script",))
 
 
 def _rules(rules: Rules, components: Tuple[ComponentSpec, ...]) -> Rules:
     rows: Dict[str, ComponentRule] = {row.name: row for row in rules.components}
     for spec in components:
-        restart = spec.name in rows and rows[spec.name].restart and spec.group != "px4"
+        restart = spec.restart.policy is not RestartPolicy.NEVER
         rows[spec.name] = ComponentRule(spec.name, spec.group, restart, spec.severity, spec.wait_limit_ns)
     return replace(rules, components=tuple(rows.values()))
 

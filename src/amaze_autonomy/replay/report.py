@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
 from typing import Any, Dict, List, Optional, Tuple
 
 from amaze_autonomy.engine.codec import to_plain
@@ -24,10 +23,12 @@ def verdict(outcome: Outcome) -> str:
     """Return what came of a replay in one sentence."""
     state, result = outcome.state.state.value, outcome.state.result.value
     ends = f"ends in {state}" + (f" ({result})" if result else "") + f" after {len(outcome.decisions)} decisions"
-    if outcome.counterfactual_ns is None or outcome.missed is None:
+    if outcome.counterfactual_ns is None:
         return f"{ends}."
     time_s = (outcome.counterfactual_ns - outcome.start_ns) / _S
-    words = f"the recorded vehicle did not do what was commanded then ({outcome.missed.name})"
+    words = "the flight decided otherwise then"
+    if outcome.missed is not None:
+        words = f"the recorded vehicle did not do what was commanded then ({outcome.missed.name})"
     return f"{ends}; counterfactual after {time_s:+.3f} s: {words}."
 
 
@@ -64,33 +65,13 @@ def _flown_lines(outcome: Outcome) -> List[str]:
     """Return whether the decisions are those of the flight: states and rules in their order, not times and values."""
     if outcome.flown is None:
         return []
-    parting = _parting(outcome)
+    parting = outcome.parting
     if parting is None:
         same = min(len(outcome.flown), len(outcome.decisions))
         ends = "" if same == len(outcome.decisions) else "; there its journal ends"
         return [f"In flight the same {same} decisions were made, in the same order{ends}."]
-    number, flown, decided = parting
-    return [f"Decision {number} is not that of the flight: there {_short(flown)}, here {_short(decided)}."]
-
-
-def _parting(outcome: Outcome) -> Optional[Tuple[int, Optional[Decision], Optional[Decision]]]:
-    """Return the first decision that is not that of the flight; None: all are, as far as the recording goes.
-
-    In the last second a decision may be missing on either side: the recording's topics do not end at one moment. Nor is
-    anything known of what the flight would have decided after its journal ends.
-    """
-    until_ns = min(outcome.end_ns - _S, outcome.flown_until_ns)
-    for number, (flown, decided) in enumerate(zip_longest(outcome.flown or (), outcome.decisions)):
-        if flown is None or decided is None:
-            late = min(each.t_ns for each in (flown, decided) if each is not None) >= until_ns
-            return None if late else (number, flown, decided)
-        if _step(flown) != _step(decided):
-            return number, flown, decided
-    return None
-
-
-def _step(decision: Decision) -> Tuple[str, str, str, str]:
-    return decision.before, decision.after, decision.step, decision.rule
+    sides = f"there {_short(parting.flown)}, here {_short(parting.decided)}"
+    return [f"Decision {parting.number} is not that of the flight: {sides}."]
 
 
 def _short(decision: Optional[Decision]) -> str:
@@ -126,7 +107,7 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "state": outcome.state.state.value,
         "result": outcome.state.result.value,
         "decisions": len(outcome.decisions),
-        "as_flown": None if outcome.flown is None else _parting(outcome) is None,
+        "as_flown": None if outcome.flown is None else outcome.parting is None,
         "start_ns": outcome.start_ns,
         "end_ns": outcome.end_ns,
         "counterfactual_from_s": _seconds(outcome.counterfactual_ns, outcome),

@@ -37,6 +37,7 @@ from amaze_autonomy.engine.timers import next_deadline
 from .agenda import Agenda, Rank
 from .log import FlightLog, read_log
 from .monitors import Monitors
+from .parting import Parting, part
 from .plan import Plan
 from .sources import Recordings, Sample
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
@@ -61,12 +62,13 @@ class Outcome:
         state: of the engine at the end.
         start_ns: time of the recording's first message.
         end_ns: of its last.
-        counterfactual_ns: time of the first command that the recorded vehicle did not get; None: there is none.
-        missed: that command.
+        counterfactual_ns: after it the recorded vehicle is another one: the time of the first command that it did not
+            get, or of the first decision that is not that of the flight; None: there is none.
+        missed: that command; None: it was a decision.
         checks: the last answer to each check, and where it came from.
         decisions: that were made.
         flown: those that were made in flight, where its journal is in the recording; None: it is not.
-        flown_until_ns: time of the last event in that journal.
+        parting: the first decision that is not one of those; None: all are.
     """
 
     journal: Tuple[str, ...]
@@ -79,7 +81,7 @@ class Outcome:
     checks: Dict[CheckName, Tuple[Source, Tuple[Check, ...]]]
     decisions: Tuple[Decision, ...]
     flown: Optional[Tuple[Decision, ...]] = None
-    flown_until_ns: int = 0
+    parting: Optional[Parting] = None
 
 
 class Session:
@@ -271,20 +273,26 @@ class Session:
     def _outcome(self) -> Outcome:
         end_ns, evidence = self._recordings.end_ns, self._world.evidence
         evidence.end()
+        parting = None
+        if self._log is not None:
+            parting = part(self._log.decisions, tuple(self._decisions), min(end_ns - _S, self._log.end_ns))
+        missed, since_ns = evidence.action, evidence.counterfactual_ns
+        if parting is not None and (since_ns is None or parting.t_ns < since_ns):
+            missed, since_ns = None, parting.t_ns
         words = f"the recording ends in {self._state.state.value}"
         self._lines.append(Line(end_ns, Source.BAG, LineKind.NOTE, words))
         return Outcome(
             journal=tuple(self._journal),
-            timeline=tuple(marked(joined(self._lines), evidence.counterfactual_ns)),
+            timeline=tuple(marked(joined(self._lines), since_ns)),
             state=self._state,
             start_ns=self._recordings.start_ns,
             end_ns=end_ns,
-            counterfactual_ns=evidence.counterfactual_ns,
-            missed=evidence.action,
+            counterfactual_ns=since_ns,
+            missed=missed,
             checks=dict(self._world.answers.last),
             decisions=tuple(self._decisions),
             flown=None if self._log is None else self._log.decisions,
-            flown_until_ns=0 if self._log is None else self._log.end_ns,
+            parting=parting,
         )
 
 

@@ -14,11 +14,12 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 from amaze_autonomy.bags import Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
 
-from .errors import NoMessagesError, UnknownTopicError
+from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
 
 __all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
 
 _S = 1_000_000_000
+_JUMP_NS = 3600 * _S
 
 
 class Sample(NamedTuple):
@@ -83,6 +84,7 @@ class Recordings:
         BagError: A bag cannot be read.
         UnknownTopicError: A muted topic is in none of them.
         NoMessagesError: There is no message of any wanted topic.
+        TimeJumpError: There is nothing for an hour between two messages.
     """
 
     def __init__(self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = ()) -> None:
@@ -107,6 +109,7 @@ class Recordings:
         self.samples: List[Sample] = self._ordered()
         if not self.samples:
             raise self._nothing()
+        self._check_times()
 
     def __enter__(self) -> Recordings:  # noqa: PYI034  (Self is not in 3.8)
         return self
@@ -160,8 +163,18 @@ class Recordings:
         samples.sort()
         return samples
 
+    def _check_times(self) -> None:
+        """Refuse a recording in which a clock was set: virtual time would go through all the years between."""
+        times = [self.start_ns, *(sample.t_ns for sample in self.samples), self.end_ns]
+        for before_ns, after_ns in zip(times, times[1:]):
+            if after_ns - before_ns > _JUMP_NS:
+                raise TimeJumpError(self._names(), before_ns, after_ns)
+
+    def _names(self) -> str:
+        return ", ".join(bag.path.name for bag in self.bags)
+
     def _nothing(self) -> NoMessagesError:
-        names = ", ".join(bag.path.name for bag in self.bags)
+        names = self._names()
         if all(bag.start_ns is None for bag in self.bags):
             return NoMessagesError(f"{names}: there is no message in it")
         there = ", ".join(topic.name for bag in self.bags for topic in bag.topics)

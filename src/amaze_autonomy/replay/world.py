@@ -202,6 +202,10 @@ class World:
             return
         action, info = self._monitors.streams.poll(t_ns)
         source = self.source(t_ns)
+        for request in self._monitors.watchdog.restart_requests():
+            self._monitors.watchdog.restart_outcome(request, t_ns, good=True)
+            words = f"watchdog: restart of {request.component}, attempt {request.attempt}"
+            self._say(t_ns, Source.SCRIPT, words, 1)
         if info is not None and "watchdog_info" not in self._heard:
             self._note_components(info.components, t_ns, source)
         if action is not None:
