@@ -287,8 +287,8 @@ def _flight(turn: Turn) -> None:
         turn.set(disarm_sent_ns=None)
     if state.in_flight and turn.armed():
         turn.set(was_armed=True)
-    if state.state is State.LAND and turn.armed() and turn.airborne():
-        turn.set(in_flight=True)  # it had said that it was down, and flies: then its flight is not over
+    if state.state is State.LAND and state.was_armed and turn.vehicle() is not None:
+        turn.set(in_flight=True)  # it had said that it was down, and does not any more: then its flight is not over
     if turn.state.in_flight and turn.airborne():
         turn.set(was_airborne=True, was_armed=True, flown=True)
 

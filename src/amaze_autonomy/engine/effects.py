@@ -248,16 +248,19 @@ def land(turn: Turn) -> None:
     """Command the landing; by the second route too when both are due."""
     state = turn.state
     if state.land_ns is None:
-        turn.set(land_ns=turn.now, second_route_ns=None, user_hold_ns=None, disarm_sent_ns=None)
+        turn.set(land_ns=turn.now, second_route_ns=None, user_hold_ns=None)
     late = passed("land_second_route_after", turn.state, turn.rules, turn.now)
     overdue = passed("land_limit", turn.state, turn.rules, turn.now)
-    _motion(turn, MissionAction.LAND)
+    if not any(isinstance(c, MissionCommand) and c.action is MissionAction.LAND for c in turn.commands):
+        _motion(turn, MissionAction.LAND)
     if turn.state.both_routes or late or overdue:
         _second_route(turn)
     turn.set(land_sent_ns=turn.now)
 
 
 def _second_route(turn: Turn) -> None:
+    if any(isinstance(command, AutopilotLand) for command in turn.commands):
+        return
     turn.send(AutopilotLand(id=turn.take_id(), limit_ns=turn.limits.command_reply_limit_ns))
     if turn.state.second_route_ns is None:
         turn.set(second_route_ns=turn.now)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Optional
 
 from .commands import Value
-from .data_guards import records
+from .data_guards import recording_proven
 from .failures import severity_of
 from .guards import Values
 from .losses import PREDICATES
@@ -23,8 +23,8 @@ def unfit(turn: Turn) -> Optional[Values]:
         return (Value("reason", "the process was told to end"),)
     if not turn.down():
         return (Value("reason", "the vehicle does not say, freshly, that it is disarmed and on the ground"),)
-    if not records(turn):
-        return (Value("reason", "the recorder is silent or does not record"),)
+    if recording_proven(turn) is None:
+        return (Value("reason", "the recorder is silent, does not record, or not for long enough yet"),)
     if turn.state.battery_ns is None:
         return (Value("reason", "the battery level was never known"),)
     return _component(turn) or _loss(turn)

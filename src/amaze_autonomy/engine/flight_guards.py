@@ -42,6 +42,7 @@ __all__ = [
     "started_armed",
     "taken_over",
     "touched_down",
+    "vehicle_known",
 ]
 
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
@@ -137,6 +138,11 @@ def must_wait(turn: Turn) -> Optional[Values]:
 def nothing_waited_for(turn: Turn) -> Optional[Values]:
     """All that was waited for is back, dropped, or resumed; on the ground there is nothing to go on with."""
     return holds_if(turn.state.in_flight and must_wait(turn) is None)
+
+
+def vehicle_known(turn: Turn) -> Optional[Values]:
+    """The vehicle is heard freshly; after a restart of the engine nothing is known of it at first."""
+    return holds_if(turn.vehicle() is not None)
 
 
 def interrupted(state: State) -> Guard:

@@ -124,7 +124,7 @@ TIMERS: Tuple[Timer, ...] = (
     Timer("ready_limit", (State.READY,), _entered("ready_limit_ns"), ends_state=True),
     Timer(
         "recording_lead",
-        (State.START_RECORDING,),
+        (State.START_RECORDING, State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)),
         lambda s, r: _after(s.recording_since_ns, r.limits.recording_lead_ns),
     ),
     Timer("recording_start_limit", (State.START_RECORDING,), _entered("recording_start_limit_ns"), ends_state=True),

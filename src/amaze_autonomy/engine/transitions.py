@@ -173,7 +173,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("hold_again", (RESUMING,), flight.must_wait, CONFIRMING, "hold", words="something is waited for while resuming"),
     T("hold_confirmed", (CONFIRMING,), flight.planner_in(MissionPhase.HOLDING), HOLDING, words="the planner holds"),
     T("hold_not_kept", (HOLDING,), both(flight.in_flight, flight.planner_in(MissionPhase.FLYING, MissionPhase.TAKING_OFF)), CONFIRMING, "hold", words="the planner does not hold any more"),
-    T("resume", (HOLDING,), flight.nothing_waited_for, RESUMING, "resuming", words="nothing is waited for any more"),
+    T("resume", (HOLDING,), both(flight.nothing_waited_for, flight.vehicle_known), RESUMING, "resuming", words="nothing is waited for any more, and the vehicle is heard"),
     T("takeoff_resumed", (RESUMING,), both(flight.interrupted(State.TAKEOFF), _PLANNER_GOES_ON), CLIMBING, "resumed_flight", words="the planner goes on; a takeoff was interrupted"),
     T("mission_resumed", (RESUMING,), both(flight.interrupted(State.MISSION), _PLANNER_GOES_ON), FLYING, "resumed_flight", words="the planner goes on; the mission was interrupted"),
     # the way of a nominal mission
