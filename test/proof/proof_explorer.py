@@ -1,0 +1,186 @@
+"""The explorer: breadth first over every state that the moves of a world can reach, every law checked at each event."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Set, Tuple
+
+from proof_key import Key, make_key
+from proof_moves import BOOT, BrokenLaw, Move, Node, Observer, World, lawful, moves_of, perform
+
+from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.state import State
+
+__all__ = ["Broken", "Exploration", "Stats", "explore"]
+
+_SAMPLE = 101
+"""Of so many states one is kept, and compared with another one of the same key."""
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A law that does not hold, and the shortest way there from boot."""
+
+    law: str
+    why: str
+    path: Tuple[Move, ...]
+
+
+@dataclass
+class Stats:
+    """What an exploration counted."""
+
+    states: int = 0
+    transitions: int = 0
+    events: int = 0
+    depth: int = 0
+    seconds: float = 0.0
+    stopped: int = 0
+    cut: int = 0
+    compared: int = 0
+    applied: Dict[str, int] = field(default_factory=dict)
+    rules: Dict[str, int] = field(default_factory=dict)
+    failures: Set[Tuple[str, str]] = field(default_factory=set)
+    places: Set[Tuple[str, str]] = field(default_factory=set)
+
+
+class Exploration:
+    """One world, explored."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.key = make_key(world.rules)
+        self.stats = Stats()
+        self.index: Dict[Key, int] = {}
+        self.origin: List[Tuple[int, Move]] = []
+        self.seeds: List[Tuple[Move, ...]] = []
+        self.fair: List[List[int]] = []
+        self.where: List[Tuple[State, bool]] = []
+        self.kept: Dict[int, Optional[Node]] = {}
+        self.broken: Optional[Broken] = None
+        self._observe = self._observer()
+
+    def run(self, limit: Optional[int] = None) -> Exploration:
+        """Explore until nothing is new, the depth is reached, a law is broken, or `limit` transitions are done."""
+        begin = time.process_time()
+        try:
+            self._run(limit)
+        finally:
+            self.stats.seconds = time.process_time() - begin
+            self.stats.states = len(self.index)
+        return self
+
+    def _run(self, limit: Optional[int]) -> None:
+        layer = self._first_layer()
+        stats, world = self.stats, self.world
+        while layer and self.broken is None:
+            if world.depth is not None and stats.depth >= world.depth:
+                stats.cut = len(layer)
+                break
+            stats.depth += 1
+            following: List[Tuple[int, Node]] = []
+            for number, node in layer:
+                if node.state.state in world.stop:
+                    stats.stopped += 1
+                    continue
+                self._expand(number, node, following)
+                if self.broken is not None or (limit is not None and stats.transitions >= limit):
+                    stats.cut = len(layer) + len(following)
+                    return
+            layer = following
+
+    def _first_layer(self) -> List[Tuple[int, Node]]:
+        layer: List[Tuple[int, Node]] = []
+        for seed in self.world.seeds:
+            node = BOOT
+            for number, move in enumerate(seed):
+                try:
+                    node = perform(node, move, self.world.rules, self._observe)
+                except BrokenLaw as broken:
+                    self.broken = Broken(broken.law, broken.why, seed[: number + 1])
+                    return []
+            self.seeds.append(seed)
+            self._add(node, (-len(self.seeds), ()), layer)
+        return layer
+
+    def _expand(self, number: int, node: Node, following: List[Tuple[int, Node]]) -> None:
+        fair, stats = self.fair[number], self.stats
+        for move, is_fair in moves_of(node, self.world):
+            stats.transitions += 1
+            try:
+                reached = perform(node, move, self.world.rules, self._observe)
+            except BrokenLaw as broken:
+                self.broken = Broken(broken.law, broken.why, (*self.path(number), move))
+                return
+            found = self._add(reached, (number, move), following)
+            if is_fair:
+                fair.append(found)
+
+    def _add(self, node: Node, origin: Tuple[int, Move], layer: List[Tuple[int, Node]]) -> int:
+        key = self.key(node.state, node.peers, node.witness, node.old)
+        known = self.index.get(key)
+        if known is not None:
+            if known in self.kept:
+                self._compare(known, node, origin)
+            return known
+        number = len(self.index)
+        self.index[key] = number
+        self.origin.append(origin)
+        self.fair.append([])
+        state = node.state
+        self.where.append((state.state, node.peers.vehicle == "ground" and "autopilot" not in node.peers.silent))
+        self.stats.places.add((state.state.value, state.step.value))
+        for failure in state.failures:
+            self.stats.failures.add((failure.name, failure.verb.name.lower()))
+        if number % _SAMPLE == 0:
+            self.kept[number] = node
+        layer.append((number, node))
+        return number
+
+    def _compare(self, number: int, node: Node, origin: Tuple[int, Move]) -> None:
+        """Check that two states of one key have the same future: the same moves lead to the same keys."""
+        twin = self.kept[number]
+        if twin is None or twin.state is node.state:
+            return
+        self.kept[number] = None
+        self.stats.compared += 1
+        ours, theirs = self._futures(node), self._futures(twin)
+        if ours != theirs:
+            different = sorted(move for move in {**ours, **theirs} if ours.get(move) != theirs.get(move))
+            path = (*self.path(origin[0]), origin[1]) if origin[0] >= 0 else ()
+            words = f"two states of one key differ after {different[0]}; the other way: {self.path(number)}"
+            self.broken = Broken("same_key_same_future", words, path)
+
+    def _futures(self, node: Node) -> Dict[Move, Key]:
+        found = {}
+        for move, _ in moves_of(node, self.world):
+            state, peers, witness, old = perform(node, move, self.world.rules)
+            found[move] = self.key(state, peers, witness, old)
+        return found
+
+    def path(self, number: int) -> Tuple[Move, ...]:
+        """Return the shortest way from boot to a state."""
+        moves: List[Move] = []
+        while number >= 0:
+            number, move = self.origin[number]
+            moves.append(move)
+        seed = self.seeds[-number - 1]
+        return (*seed, *reversed(moves[:-1]))
+
+    def _observer(self) -> Observer:
+        check, stats = lawful(self.stats.applied), self.stats
+
+        def observe(moment: Any) -> None:
+            stats.events += 1
+            for command in moment.commands:
+                if type(command) is Decision:
+                    stats.rules[command.rule] = stats.rules.get(command.rule, 0) + 1
+            check(moment)
+
+        return observe
+
+
+def explore(world: World, limit: Optional[int] = None) -> Exploration:
+    """Return a world, explored."""
+    return Exploration(world).run(limit)

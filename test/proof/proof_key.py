@@ -1,0 +1,241 @@
+"""When are two states the same? When no future can tell them apart: times become ages, ids and counters are dropped.
+
+A time counts as its age in units of the clock, and only up to the longest limit that is ever compared with it, and only
+where something still asks for it. What is left out (texts, counters, the number of a request) is read by no guard; the
+explorer checks this by expanding a sample of states that count as known and comparing what follows.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, Optional, Tuple
+
+from proof_peers import NEVER, UNIT, Peers
+from proof_witness import Witness
+
+from amaze_autonomy.engine.rules import Limits, Rules
+from amaze_autonomy.engine.state import EngineState, State, Step
+
+__all__ = ["Key", "make_key"]
+
+Key = Tuple[Any, ...]
+
+_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND)
+_STEPPED = (State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD)
+_ENTERED = (State.READY, State.START_RECORDING, State.DATA_CLEANUP)
+_CHECKED = (State.PREFLIGHT, State.LOAD_MISSION)
+
+
+def _caps(limits: Limits) -> Dict[str, int]:
+    """Return for each time of the state how old it can become before its age no longer matters, in units."""
+
+    def units(*values: int) -> int:
+        return max([value // UNIT for value in values if value < NEVER], default=0) + 1
+
+    at = limits
+    return {
+        "entered_ns": units(at.ready_limit_ns, at.recording_start_limit_ns, at.data_cleanup_limit_ns),
+        "step_ns": units(
+            at.load_limit_ns,
+            at.arm_limit_ns,
+            at.lift_off_limit_ns,
+            at.takeoff_limit_ns,
+            at.cancel_limit_ns,
+            at.hold_confirm_limit_ns,
+            at.resume_confirm_limit_ns,
+        ),
+        "flight_started_ns": units(
+            at.max_flight_time_ns, at.battery_age_limit_ns, at.position_age_limit_ns, at.planner_status_limit_ns
+        ),
+        "grounded_ns": units(at.ground_disarm_after_ns, at.confirm_limit_ns),
+        "user_hold_ns": units(at.user_hold_limit_ns),
+        "land_ns": units(at.land_limit_ns, at.land_second_route_after_ns, at.land_alarm_after_ns, at.arm_limit_ns),
+        "land_sent_ns": units(at.land_repeat_period_ns),
+        "disarm_sent_ns": units(at.ground_disarm_period_ns),
+        "recording_since_ns": units(at.recording_lead_ns),
+        "heartbeat_ns": units(at.watchdog_heartbeat_limit_ns),
+        "watchdog_started_ns": units(at.watchdog_heartbeat_limit_ns),
+        "planner_ns": units(at.planner_status_limit_ns),
+        "recorder_ns": units(at.recorder_status_limit_ns),
+        "autopilot_ns": units(at.autopilot_status_limit_ns, at.autopilot_link_limit_ns),
+        "battery_ns": units(at.battery_age_limit_ns),
+        "position_ns": units(at.position_age_limit_ns),
+        "descending_ns": units(at.descent_time_ns),
+        "landing_ns": units(at.landing_detection_limit_ns),
+        "flown": int(at.max_flight_time_ns < NEVER),
+        "check": units(at.check_max_age_ns, at.check_reply_limit_ns + at.watchdog_startup_time_ns),
+    }
+
+
+def make_key(rules: Rules) -> Callable[[EngineState, Peers, Witness, Tuple[int, ...]], Key]:
+    """Return the function that gives the key of a state."""
+    caps = _caps(rules.limits)
+
+    def key(state: EngineState, peers: Peers, witness: Witness, old: Tuple[int, ...]) -> Key:
+        return (_engine(state, caps), peers, _witness(witness, state, caps), tuple(map(bool, old)))
+
+    return key
+
+
+def _age(state: EngineState, caps: Dict[str, int], field: str) -> Optional[int]:
+    since = getattr(state, field)
+    if since is None:
+        return None
+    age, cap = (state.t_ns - since) // UNIT, caps[field]
+    return min(cap, age)
+
+
+def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
+    place, now = state.state, state.t_ns
+    base = (
+        place,
+        state.step,
+        state.in_flight,
+        _age(state, caps, "entered_ns") if place in _ENTERED else 0,
+        _age(state, caps, "step_ns") if place in _STEPPED else 0,
+        state.sessions > 0,
+        state.started_ns is None,
+        state.mission.id if state.mission is not None else "",
+        state.session_id != "",
+        len(state.queue),
+        state.result,
+        state.outreach,
+        state.rounds,
+        state.shutting_down,
+        state.armed_at_start,
+        state.recording_asked,
+        state.watchdog_started_ns is None or _age(state, caps, "watchdog_started_ns"),
+        _age(state, caps, "heartbeat_ns"),
+        _age(state, caps, "autopilot_ns"),
+        _age(state, caps, "battery_ns"),
+        tuple([(c.name, c.code, c.restart) for c in state.components]),
+        tuple(
+            [
+                (f.name, f.verb, f.then, None if f.deadline_ns is None else max(-1, (f.deadline_ns - now) // UNIT))
+                for f in state.failures
+            ]
+        ),
+        _vehicle(state),
+        state.landing.landed if state.landing is not None else None,
+        state.file_index,
+        state.repetition,
+    )
+    return (
+        base
+        + (_checks(state, caps) if place in _CHECKED or state.step is Step.TOUCHDOWN else ())
+        + (_recording(state, caps) if state.recording_asked else ())
+        + (_flight(state, caps) if place in _FLIGHT or state.in_flight else (state.was_airborne, state.flown))
+    )
+
+
+def _vehicle(state: EngineState) -> Key:
+    status = state.autopilot
+    if status is None:
+        return ()
+    return (
+        status.armed,
+        status.landed,
+        status.mode,
+        status.pilot_in_control,
+        status.failsafe,
+        status.link_age_s,
+        status.height_m,
+        status.position_x_m,
+        status.vertical_speed_m_s,
+        status.battery_fraction,
+    )
+
+
+def _checks(state: EngineState, caps: Dict[str, int]) -> Key:
+    now, cap = state.t_ns, caps["check"]
+    records = tuple(
+        [
+            (
+                r.outcome is None,
+                min(cap, (now - (r.asked_ns if r.replied_ns is None else r.replied_ns)) // UNIT),
+                r.ok,
+                r.outcome is not None and (r.fixable or r.being_fixed),
+            )
+            for r in state.checks
+        ]
+    )
+    planner = state.planner
+    loaded = planner is not None and (planner.phase, planner.mission_id, planner.file_index, planner.repetition)
+    fix = None if state.fix_deadline_ns is None else max(-1, (state.fix_deadline_ns - now) // UNIT)
+    return (records, fix, state.load_outcome, loaded, _age(state, caps, "planner_ns"))
+
+
+def _recording(state: EngineState, caps: Dict[str, int]) -> Key:
+    recorder = state.recorder
+    return (
+        state.recording_outcome,
+        state.recording_progressed,
+        _age(state, caps, "recording_since_ns"),
+        _age(state, caps, "recorder_ns"),
+        recorder is not None and (recorder.phase, tuple([p.growing for p in recorder.platforms])),
+        state.state is State.DATA_CLEANUP
+        and state.recorder_ns is not None
+        and min(caps["recorder_ns"], max(-1, (state.recorder_ns - state.entered_ns) // UNIT)),
+    )
+
+
+def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
+    planner = state.planner
+    return (
+        state.was_armed,
+        state.was_airborne,
+        state.flown,
+        state.interrupted if state.state is State.HOLD else None,
+        state.spent,
+        state.flown_without,
+        state.motion_outcome,
+        state.commanded[-1:],
+        frozenset(state.commanded),
+        state.confirmed,
+        state.both_routes,
+        state.alarmed,
+        state.overdue_alarmed,
+        state.second_route_ns is None,
+        planner is not None
+        and (planner.phase, planner.waypoint >= planner.waypoints, planner.t_ns > state.motion_ns, planner.file_index),
+        _age(state, caps, "planner_ns"),
+        _age(state, caps, "flight_started_ns") if caps["flown"] or _unheard(state) else 0,
+        _age(state, caps, "grounded_ns") if state.state is not State.PILOT else 0,
+        _age(state, caps, "user_hold_ns"),
+        _age(state, caps, "land_ns"),
+        _age(state, caps, "land_sent_ns") if state.state is State.LAND else 0,
+        _age(state, caps, "disarm_sent_ns"),
+        _age(state, caps, "position_ns"),
+        _age(state, caps, "descending_ns"),
+        _age(state, caps, "landing_ns"),
+    )
+
+
+def _unheard(state: EngineState) -> bool:
+    """Return True when the silence of somebody is counted from the takeoff, because nothing was heard of him."""
+    heard = (state.battery_ns, state.position_ns, state.planner_ns, state.landing_ns, state.recorder_ns)
+    return None in heard or state.autopilot_ns is None
+
+
+def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
+    """Return what the witness knows beyond what the engine's own state says already."""
+    now = witness.now
+    return (
+        witness.vehicle is state.autopilot,
+        witness.planner is state.planner or state.planner is None,
+        witness.recorder is state.recorder or state.recorder is None,
+        witness.beat_ns == state.heartbeat_ns,
+        witness.watching,
+        witness.codes,
+        witness.flight,
+        witness.airborne,
+        witness.landing,
+        witness.landing and min(caps["land_ns"], (now - witness.land_ns) // UNIT),
+        witness.landing and min(caps["land_sent_ns"], (now - witness.sent_ns) // UNIT),
+        witness.second,
+        witness.alarmed,
+        witness.motion,
+        witness.motion_outcome,
+        witness.recording,
+        witness.waited,
+        witness.load is not None and (witness.load.used, witness.load.outcome, witness.load.leg),
+    )

@@ -1,0 +1,250 @@
+"""The peers as the explorer plays them: what each says now, and the events in which it says so.
+
+Time goes in units. Every limit is a small number of units, so that the order of any two deadlines, and whether a peer
+spoke before or after one, is what is explored; how long a unit is does not matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Dict, NamedTuple, Tuple
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.rules import Limits, Rules
+from amaze_autonomy.engine.severity import Code, ComponentRule, Restart, Severity
+from amaze_autonomy.engine.state import EngineState, evolve
+
+__all__ = ["LIMITS", "MISSIONS", "NEVER", "ROWS", "RULES", "SCENES", "UNIT", "Peers", "beat", "limited", "say"]
+
+UNIT = 1_000_000_000
+NEVER = 1_000_000 * UNIT
+
+LIMITS = Limits(
+    check_reply_limit_ns=2 * UNIT,
+    watchdog_startup_time_ns=UNIT,
+    preflight_fix_limit_ns=2 * UNIT,
+    preflight_fix_poll_ns=UNIT,
+    preflight_rounds_limit=2,
+    check_max_age_ns=2 * UNIT,
+    ready_limit_ns=2 * UNIT,
+    recording_lead_ns=UNIT,
+    recording_start_limit_ns=2 * UNIT,
+    load_limit_ns=2 * UNIT,
+    arm_limit_ns=2 * UNIT,
+    lift_off_limit_ns=2 * UNIT,
+    takeoff_limit_ns=3 * UNIT,
+    cancel_limit_ns=2 * UNIT,
+    command_reply_limit_ns=UNIT,
+    hold_confirm_limit_ns=2 * UNIT,
+    resume_confirm_limit_ns=2 * UNIT,
+    user_hold_limit_ns=3 * UNIT,
+    unlisted_wait_limit_ns=2 * UNIT,
+    land_repeat_period_ns=UNIT,
+    land_second_route_after_ns=2 * UNIT,
+    land_alarm_after_ns=3 * UNIT,
+    land_limit_ns=4 * UNIT,
+    descent_time_ns=UNIT,
+    ground_disarm_after_ns=2 * UNIT,
+    ground_disarm_period_ns=UNIT,
+    confirm_limit_ns=2 * UNIT,
+    data_cleanup_limit_ns=4 * UNIT,
+    watchdog_heartbeat_limit_ns=UNIT,
+    planner_status_limit_ns=UNIT,
+    autopilot_status_limit_ns=UNIT,
+    autopilot_link_limit_ns=UNIT,
+    position_age_limit_ns=2 * UNIT,
+    recorder_status_limit_ns=UNIT,
+    landing_detection_limit_ns=UNIT,
+    status_max_age_ns=UNIT,
+    clock_tolerance_ns=UNIT // 5,
+    battery_age_limit_ns=2 * UNIT,
+    max_flight_time_ns=NEVER,
+)
+
+ROWS: Dict[str, ComponentRule] = {
+    "gps": ComponentRule("gps", "px4", restart=False, severity=Severity.LOW, wait_limit_ns=0),
+    "barometer": ComponentRule("barometer", "px4", restart=False, severity=Severity.MODERATE, wait_limit_ns=2 * UNIT),
+    "lrf": ComponentRule("lrf", "other", restart=True, severity=Severity.HIGH, wait_limit_ns=3 * UNIT),
+    "imu": ComponentRule("imu", "px4", restart=False, severity=Severity.HIGHEST, wait_limit_ns=0),
+}
+"""One component of each row of the decision table; the others of the row are the same but for their names."""
+
+RULES = Rules(components=tuple(ROWS.values()), limits=LIMITS)
+
+MISSIONS: Dict[str, Mission] = {
+    "one": Mission(id="one", battery_needed_fraction=0.4),
+    "two": Mission(id="two", files=2, battery_needed_fraction=0.4),
+    "some": Mission(id="some", battery_needed_fraction=0.4, required=("imu", "lrf"), tolerated=("gps",)),
+}
+
+
+def limited(rules: Rules = RULES, *, require_go: bool = False, **limits: Any) -> Rules:
+    """Return the rules with other limits."""
+    return replace(rules, limits=replace(rules.limits, **limits), require_go=require_go)
+
+
+_L = ev.VehicleLanded
+SCENES: Dict[str, Dict[str, Any]] = {
+    # what a vehicle does
+    "ground": {"armed": False, "landed": _L.ON_GROUND, "mode": "AUTO.LOITER"},
+    "armed": {"armed": True, "landed": _L.ON_GROUND, "mode": "AUTO.TAKEOFF"},
+    "lifting": {"armed": True, "landed": _L.TAKING_OFF, "mode": "AUTO.TAKEOFF", "height_m": 0.5},
+    "flying": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0},
+    "loitering": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.LOITER", "height_m": 2.0},
+    "landing": {
+        "armed": True,
+        "landed": _L.LANDING,
+        "mode": "AUTO.LAND",
+        "height_m": 1.0,
+        "vertical_speed_m_s": -0.5,
+    },
+    "touched": {"armed": True, "landed": _L.ON_GROUND, "mode": "AUTO.LAND"},
+    # what it should not do, or cannot know
+    "sinking": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "AUTO.MISSION",
+        "height_m": 2.0,
+        "vertical_speed_m_s": -0.5,
+    },
+    "pilot": {"armed": True, "landed": _L.IN_AIR, "mode": "POSCTL", "height_m": 2.0, "pilot_in_control": True},
+    "failsafe": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.RTL", "height_m": 2.0, "failsafe": True},
+    "failsafe_landing": {"armed": True, "landed": _L.LANDING, "mode": "AUTO.LAND", "height_m": 1.0, "failsafe": True},
+    "foreign": {"armed": True, "landed": _L.IN_AIR, "mode": "POSCTL", "height_m": 2.0},
+    "unknown": {"armed": None, "landed": _L.UNKNOWN, "mode": "", "height_m": None, "position_x_m": None},
+    "armed?": {"armed": None, "landed": _L.ON_GROUND, "mode": "AUTO.LAND"},
+    "landed?": {"armed": False, "landed": _L.UNKNOWN, "mode": "AUTO.LAND"},
+    "armed_landed?": {"armed": True, "landed": _L.UNKNOWN, "mode": "AUTO.LAND"},
+    "disarmed_flying": {"armed": False, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0},
+    "link_lost": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "link_age_s": 9.0},
+    "link_unknown": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "link_age_s": None},
+    "too_high": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 99.0},
+    "too_far": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "position_x_m": 999.0},
+    "height_nan": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": float("nan")},
+}
+BATTERIES: Dict[str, Dict[str, Any]] = {
+    "good": {"battery_fraction": 0.9},
+    "critical": {"battery_fraction": 0.1},
+    "unknown": {"battery_fraction": float("nan")},
+    "negative": {"battery_fraction": -0.53},
+}
+
+
+class Peers(NamedTuple):
+    """What each peer says now. `silent` are those that say nothing; `stuck`: the watchdog's loop stands still."""
+
+    vehicle: str = "ground"
+    battery: str = "good"
+    detection: str = "ON_GROUND"
+    planner: str = ""
+    leg: Tuple[int, int] = (0, 0)
+    done: bool = False
+    recorder: str = ""
+    components: Tuple[Tuple[str, int, str], ...] = ()
+    silent: Tuple[str, ...] = ()
+
+
+_BASE: Dict[str, Any] = {
+    "height_m": 0.0,
+    "position_x_m": 0.0,
+    "position_y_m": 0.0,
+    "vertical_speed_m_s": 0.0,
+    "battery_voltage_v": 15.0,
+    "battery_age_s": 0.0,
+}
+_KEPT: Dict[Any, Any] = {}
+"""Events that were made before: the same but for their time."""
+
+
+def _vehicle(peers: Peers, state: EngineState) -> ev.Event:
+    key = (peers.vehicle, peers.battery)
+    if key not in _KEPT:
+        said = {**_BASE, **SCENES[peers.vehicle], **BATTERIES[peers.battery]}
+        _KEPT[key] = ev.AutopilotStatus(t_ns=0, **said)
+    return evolve(_KEPT[key], t_ns=state.t_ns)
+
+
+def _statuses(peers: Peers) -> Tuple[ev.ComponentStatus, ...]:
+    if peers.components not in _KEPT:
+        _KEPT[peers.components] = tuple(
+            ev.ComponentStatus(name, Code(code), Restart(restart), None, f"{name} at {code}")
+            for name, code, restart in peers.components
+        )
+    found: Tuple[ev.ComponentStatus, ...] = _KEPT[peers.components]
+    return found
+
+
+def _action(peers: Peers, state: EngineState) -> ev.Event:
+    listed = tuple(s for s in _statuses(peers) if s.code >= Code.INCONVENIENT)
+    code = max((s.code for s in listed), default=Code.NOMINAL)
+    counter = state.action.loop_counter if state.action is not None else 0
+    counter += "loop" not in peers.silent or state.action is None
+    latest = listed[0].name if listed else ""
+    return ev.WatchdogAction(
+        t_ns=state.t_ns, sequence=0, loop_counter=counter, code=code, latest_component=latest, components=listed
+    )
+
+
+def _info(peers: Peers, state: EngineState) -> ev.Event:
+    return ev.WatchdogInfo(t_ns=state.t_ns, sequence=0, changed=(), components=_statuses(peers))
+
+
+def _planner(peers: Peers, state: EngineState) -> ev.Event:
+    mission = state.mission.id if state.mission is not None else ""
+    key = ("planner", peers.planner, peers.leg, peers.done, state.session_id, mission)
+    if key not in _KEPT:
+        _KEPT[key] = ev.MissionStatus(
+            t_ns=0,
+            session_id=state.session_id,
+            mission_id=mission,
+            phase=ev.MissionPhase[peers.planner],
+            waypoint=3 if peers.done else 1,
+            waypoints=3,
+            repetition=peers.leg[0],
+            file_index=peers.leg[1],
+        )
+    return evolve(_KEPT[key], t_ns=state.t_ns)
+
+
+def _recorder(peers: Peers, state: EngineState) -> ev.Event:
+    key = ("recorder", peers.recorder, state.session_id)
+    if key not in _KEPT:
+        stalled = peers.recorder == "STALLED"
+        phase = ev.RecordingPhase["RECORDING" if stalled else peers.recorder]
+        grows = phase is ev.RecordingPhase.RECORDING
+        platforms = (ev.PlatformRecording("a", growing=grows), ev.PlatformRecording("b", growing=grows and not stalled))
+        _KEPT[key] = ev.RecordingStatus(t_ns=0, session_id=state.session_id, phase=phase, platforms=platforms)
+    return evolve(_KEPT[key], t_ns=state.t_ns)
+
+
+def _detection(peers: Peers, state: EngineState) -> ev.Event:
+    if ("detection", peers.detection) not in _KEPT:
+        _KEPT["detection", peers.detection] = ev.LandedStatus(t_ns=0, landed=ev.Landed[peers.detection])
+    return evolve(_KEPT["detection", peers.detection], t_ns=state.t_ns)
+
+
+_SAYS = {
+    "autopilot": _vehicle,
+    "watchdog": _action,
+    "info": _info,
+    "planner": _planner,
+    "recorder": _recorder,
+    "landing": _detection,
+}
+
+
+def say(peer: str, peers: Peers, state: EngineState) -> ev.Event:
+    """Return the event in which a peer says now what it says; `info` is the watchdog's second stream."""
+    return _SAYS[peer](peers, state)
+
+
+def beat(peers: Peers, state: EngineState) -> Tuple[str, ...]:
+    """Return the peers whose status comes with every unit of time."""
+    speaks = ["autopilot", "watchdog"]
+    if peers.planner and state.session_id:
+        speaks.append("planner")
+    if peers.recorder and state.session_id:
+        speaks.append("recorder")
+    speaks.append("landing")
+    return tuple(peer for peer in speaks if peer not in peers.silent)

@@ -1,0 +1,347 @@
+"""The witness: what an outsider knows who sees every event and every command, and nothing of the engine's inside.
+
+The laws judge by it. It is written from DESIGN.md alone and shares no code with the engine but the types of events and
+commands: a stale reply that the engine believes, the witness does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Dict, NamedTuple, Optional, Tuple
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.commands import (
+    AutopilotDisarm,
+    AutopilotLand,
+    LoadMission,
+    MissionAction,
+    MissionCommand,
+    Notify,
+    RunCheck,
+    StartRecording,
+    StopRecording,
+)
+from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.engine.state import EngineState, State, evolve
+
+__all__ = ["CHECKS", "Asked", "Load", "Witness", "hear", "see"]
+
+CHECKS = 5
+_SECOND = 1_000_000_000
+_FLIES = (ev.VehicleLanded.TAKING_OFF, ev.VehicleLanded.IN_AIR, ev.VehicleLanded.LANDING)
+_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND, State.PILOT)
+
+
+class Asked(NamedTuple):
+    """The last request of one check, and its answer."""
+
+    id: int
+    asked_ns: int
+    answered_ns: Optional[int] = None
+    ok: bool = False
+
+
+class Load(NamedTuple):
+    """The last LoadMission and its answer; `used`: a TAKEOFF was commanded on it."""
+
+    id: int
+    session: str
+    mission: str
+    leg: Tuple[int, int]
+    outcome: Optional[ev.Outcome] = None
+    used: bool = False
+
+
+@dataclass(frozen=True)
+class Witness:
+    """What was seen. Times are those of the events; None: never."""
+
+    now: int = 0
+    vehicle: Optional[ev.AutopilotStatus] = None
+    vehicle_ns: int = 0
+    battery_ns: Optional[int] = None
+    descending_ns: Optional[int] = None
+    down_ns: Optional[int] = None
+    foreign: bool = False
+    detection: ev.Landed = ev.Landed.UNKNOWN
+    detection_ns: int = 0
+    beat_ns: Optional[int] = None
+    counter: Optional[int] = None
+    watching: bool = False
+    planner: Optional[ev.MissionStatus] = None
+    planner_ns: int = 0
+    recorder: Optional[ev.RecordingStatus] = None
+    recorder_ns: int = 0
+    growing_ns: Optional[int] = None
+    codes: Tuple[Tuple[str, int], ...] = ()
+    given_up: Tuple[str, ...] = ()
+    checks: Tuple[Tuple[str, Asked], ...] = ()
+    load: Optional[Load] = None
+    session: str = ""
+    flight: str = "none"
+    flight_ns: int = 0
+    airborne: bool = False
+    landing: bool = False
+    land_ns: int = 0
+    sent_ns: int = 0
+    second: bool = False
+    second_ns: int = 0
+    alarmed: bool = False
+    motion: Optional[MissionAction] = None
+    motion_id: int = 0
+    motion_ns: int = 0
+    motion_outcome: Optional[ev.Outcome] = None
+    disarmed_ns: Optional[int] = None
+    recording: str = "none"
+    user_hold: bool = False
+    waited: Tuple[Tuple[str, int], ...] = ()
+    shutting_down: bool = False
+
+    # --- what it says of the vehicle ----------------------------------------------------------------------------------
+
+    def fresh(self, limits: Limits) -> Optional[ev.AutopilotStatus]:
+        """Return the vehicle's status when both stream and link are fresh, else None."""
+        status = self.vehicle
+        if status is None or status.link_age_s is None:
+            return None
+        age = self.now - self.vehicle_ns
+        link = age + int(status.link_age_s * _SECOND)
+        return status if age <= limits.autopilot_status_limit_ns and link <= limits.autopilot_link_limit_ns else None
+
+    def is_down(self, limits: Limits) -> bool:
+        """Return True when it says, freshly, disarmed and on the ground."""
+        status = self.fresh(limits)
+        return status is not None and status.armed is False and status.landed is ev.VehicleLanded.ON_GROUND
+
+    def on_ground(self, limits: Limits) -> bool:
+        """Return True when it says, freshly, that it stands on the ground."""
+        status = self.fresh(limits)
+        return status is not None and status.landed is ev.VehicleLanded.ON_GROUND
+
+    def flies(self, limits: Limits) -> bool:
+        """Return True when it says, freshly, that it has left the ground."""
+        status = self.fresh(limits)
+        return status is not None and status.landed in _FLIES
+
+    def detected(self, limits: Limits) -> ev.Landed:
+        """Return what the landing detection says, freshly."""
+        return (
+            self.detection if self.now - self.detection_ns <= limits.landing_detection_limit_ns else ev.Landed.UNKNOWN
+        )
+
+
+def see(witness: Witness, event: ev.Event, state: EngineState, limits: Limits) -> Witness:
+    """Return what is known after an event, before the engine has answered; `state` is what the engine shows."""
+    now = max(witness.now, event.t_ns)
+    changes: Dict[str, Any] = {"now": now, "foreign": False}
+    age = getattr(event, "age_ns", 0)
+    if -limits.clock_tolerance_ns <= age <= limits.status_max_age_ns:
+        reader = _READ.get(type(event))
+        if reader is not None:
+            reader(witness, event, now, changes, state, limits)
+    if now > witness.now:
+        _count_waits(witness, now, changes, state)
+    return evolve(witness, **changes)
+
+
+def _count_waits(witness: Witness, now: int, changes: Dict[str, Any], state: EngineState) -> None:
+    """Count how long each component was waited for in this flight: while the engine says HOLD and it is at 4 or 8."""
+    if state.state is not State.HOLD:
+        return
+    waited = dict(witness.waited)
+    for name, code in witness.codes:
+        if code in (4, 8):
+            waited[name] = waited.get(name, 0) + now - witness.now
+    changes["waited"] = tuple(sorted(waited.items()))
+
+
+def _autopilot(
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, limits: Limits
+) -> None:
+    previous = witness.vehicle
+    changes.update(vehicle=event, vehicle_ns=now)
+    if event.battery_fraction is not None and event.battery_age_s is not None:
+        changes["battery_ns"] = now - int(event.battery_age_s * _SECOND)
+    sinks = event.vertical_speed_m_s is not None and event.vertical_speed_m_s <= -limits.descent_speed_m_s
+    changes["descending_ns"] = (now if witness.descending_ns is None else witness.descending_ns) if sinks else None
+    changed = previous is not None and previous.mode not in ("", event.mode) and event.mode != ""
+    changes["foreign"] = changed and event.mode in _NEVER_OURS
+    link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
+    if not link_good:
+        return
+    ground = event.landed is ev.VehicleLanded.ON_GROUND
+    down = ground and event.armed is False
+    changes["down_ns"] = (now if witness.down_ns is None else witness.down_ns) if down else None
+    if down and witness.flight == "armed":
+        changes["flight"] = "none"
+    if witness.flight == "commanded" and event.armed is True:
+        changes["flight"] = "armed"
+    if event.landed in _FLIES and (witness.flight != "none" or (event.armed is True and state.state is State.LAND)):
+        changes.update(flight="armed", airborne=True)
+
+
+_NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
+
+
+def _action(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+    if witness.counter != event.loop_counter:
+        changes.update(counter=event.loop_counter, beat_ns=now)
+    listed = {status.name: int(status.code) for status in event.components}
+    if event.code >= 4 and event.code not in listed.values():
+        listed[event.latest_component or "unnamed component"] = int(event.code)
+    kept = {name: code for name, code in witness.codes if code < 4 and name not in listed}
+    changes["codes"] = tuple(sorted({**kept, **listed}.items()))
+    changes["given_up"] = tuple(s.name for s in event.components if s.restart.value == "given_up")
+
+
+def _info(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
+    acted = {name: code for name, code in witness.codes if code >= 4}
+    told = {s.name: int(s.code) for s in event.components if s.code < 4 and s.name not in acted}
+    changes["codes"] = tuple(sorted({**told, **acted}.items()))
+
+
+def _planner(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+    if event.session_id and event.session_id == witness.session:
+        changes.update(planner=event, planner_ns=now)
+
+
+def _recorder(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+    if not event.session_id or event.session_id != witness.session:
+        return
+    grows = event.phase is ev.RecordingPhase.RECORDING and bool(event.platforms)
+    grows = grows and all(platform.growing for platform in event.platforms)
+    changes.update(recorder=event, recorder_ns=now)
+    changes["growing_ns"] = (now if witness.growing_ns is None else witness.growing_ns) if grows else None
+    if event.phase is ev.RecordingPhase.COMPLETE and witness.recording in ("stopped", "named"):
+        changes["recording"] = "complete"
+
+
+def _landed(_witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+    changes.update(detection=event.landed, detection_ns=now)
+
+
+def _check_reply(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+    checks = dict(witness.checks)
+    asked = checks.get(event.check.value)
+    if asked is None or asked.id != event.command_id or asked.answered_ns is not None:
+        return
+    answered = event.outcome is ev.Outcome.ACCEPTED
+    rows = all(row.verdict.value in ("pass", "warn") for row in event.checks)
+    checks[event.check.value] = asked._replace(answered_ns=now, ok=answered and event.ok and rows)
+    changes["checks"] = tuple(checks.items())
+    if event.check.value == "watchdog" and answered and not witness.watching:
+        changes.update(watching=True, beat_ns=now if witness.beat_ns is None else max(now, witness.beat_ns))
+
+
+def _reply(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
+    if witness.load is not None and event.command_id == witness.load.id:
+        changes["load"] = witness.load._replace(outcome=event.outcome)
+    if event.command_id == witness.motion_id:
+        changes["motion_outcome"] = event.outcome
+
+
+def _started(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+    """A new process has heard nobody yet: silence is counted from its start, and what was said before is not known."""
+    changes["shutting_down"] = False
+    if event.resumed:
+        changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
+        changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
+        changes.update(growing_ns=None, descending_ns=None)
+        for field in ("beat_ns", "battery_ns"):
+            if getattr(witness, field) is not None:
+                changes[field] = now
+
+
+def _shutdown(_witness: Witness, _event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
+    changes["shutting_down"] = True
+
+
+_READ: Dict[type, Any] = {
+    ev.AutopilotStatus: _autopilot,
+    ev.CheckReply: _check_reply,
+    ev.EngineStarted: _started,
+    ev.LandedStatus: _landed,
+    ev.MissionStatus: _planner,
+    ev.RecordingStatus: _recorder,
+    ev.Reply: _reply,
+    ev.Shutdown: _shutdown,
+    ev.WatchdogAction: _action,
+    ev.WatchdogInfo: _info,
+}
+
+
+def hear(witness: Witness, commands: Tuple[Any, ...], after: EngineState) -> Witness:
+    """Return what is known once the engine's commands are heard and its new place is seen."""
+    changes: Dict[str, Any] = {}
+    for command in commands:
+        reader = _HEARD.get(type(command))
+        if reader is not None:
+            reader(witness, command, changes)
+    if after.state not in _FLIGHT and witness.flight != "none":
+        changes["flight"] = "none"
+    if after.state not in _FLIGHT and witness.landing:
+        changes["landing"] = False
+    if after.session_id != witness.session:
+        changes["session"] = after.session_id
+        changes.update(planner=None, recorder=None, growing_ns=None, load=None)
+        if after.session_id:
+            changes["recording"] = "none"
+    if after.state is State.HOLD and after.user_hold_ns is not None:
+        if not witness.user_hold:
+            changes["user_hold"] = True
+    elif witness.user_hold:
+        changes["user_hold"] = False
+    return evolve(witness, **changes) if changes else witness
+
+
+def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
+    action = command.action
+    changes.update(motion=action, motion_id=command.id, motion_ns=witness.now, motion_outcome=None)
+    if action is MissionAction.TAKEOFF:
+        changes.update(flight="commanded", flight_ns=witness.now, airborne=False, landing=False, second=False)
+        changes.update(alarmed=False, waited=(), disarmed_ns=None)
+        if witness.load is not None:
+            changes["load"] = witness.load._replace(used=True)
+    elif action is MissionAction.LAND:
+        if not witness.landing:
+            changes.update(landing=True, land_ns=witness.now, second=False)
+            changes["flight"] = "armed" if witness.flight == "none" else witness.flight
+        changes["sent_ns"] = witness.now
+
+
+def _check(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
+    checks = dict(changes.get("checks", witness.checks))
+    checks[command.check.value] = Asked(command.id, witness.now)
+    changes["checks"] = tuple(checks.items())
+
+
+def _loading(_witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
+    leg = (command.repetition, command.file_index)
+    changes["load"] = Load(command.id, command.session_id, command.mission_id, leg)
+
+
+def _heard_land(witness: Witness, _command: Any, changes: Dict[str, Any]) -> None:
+    changes.update(second=True, second_ns=witness.now)
+
+
+def _stopped(witness: Witness, changes: Dict[str, Any]) -> None:
+    changes["recording"] = "complete" if witness.recording == "complete" else "stopped"
+
+
+def _told(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
+    if command.level.name == "ALARM":
+        changes["alarmed"] = True
+    if command.key == "data_incomplete" and witness.recording not in ("none", "complete"):
+        changes["recording"] = "named"
+
+
+_HEARD: Dict[type, Any] = {
+    AutopilotDisarm: lambda witness, _, changes: changes.update(disarmed_ns=witness.now),
+    AutopilotLand: _heard_land,
+    LoadMission: _loading,
+    MissionCommand: _motion,
+    Notify: _told,
+    RunCheck: _check,
+    StartRecording: lambda _, __, changes: changes.update(recording="asked"),
+    StopRecording: lambda witness, _, changes: _stopped(witness, changes),
+}

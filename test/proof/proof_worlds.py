@@ -1,0 +1,349 @@
+"""The worlds: what is explored, where each begins, what it abstracts and where it hands over to another."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Dict, Tuple
+
+from proof_moves import Move, World
+from proof_peers import UNIT, limited
+
+from amaze_autonomy.engine.state import State
+
+__all__ = ["SEEDS", "WORLDS"]
+
+Script = Tuple[Move, ...]
+
+
+def _script(text: str) -> Script:
+    return tuple(tuple(part.split(":")) for part in text.split())
+
+
+_BOOT = "start vehicle:ground beat"
+_SELECTED = f"{_BOOT} select:one"
+_CHECKED = f"{_SELECTED} checks:ok"
+_RECORDING = f"{_CHECKED} reply:recording:ACCEPTED recorder:RECORDING"
+_LOADING = f"{_RECORDING} beat"
+_LOADED = f"{_LOADING} checks:ok reply:load:ACCEPTED"
+_ARMING = f"{_LOADED} planner:LOADED"
+_CLIMBING = f"{_ARMING} reply:motion:ACCEPTED beat planner:TAKING_OFF vehicle:armed detection:AIRBORNE vehicle:lifting"
+_FLYING = f"{_CLIMBING} planner:FLYING vehicle:flying"
+_TWO = _FLYING.replace("select:one", "select:two")
+_TOUCHDOWN = f"{_TWO} planner:LANDING vehicle:landing detection:ON_GROUND vehicle:ground planner:LANDED!"
+_LANDING = f"{_FLYING} user:land"
+_MISSION_OF_TWO = (
+    f"{_FLYING} planner:LANDING vehicle:landing detection:ON_GROUND vehicle:ground planner:LANDED!".replace(
+        "select:one", "select:one:some"
+    )
+)
+_CLEANING = f"{_LANDING} vehicle:landing detection:ON_GROUND vehicle:ground"
+
+SEEDS: Dict[str, Script] = {
+    "boot": _script(_BOOT),
+    "selected": _script(_SELECTED),
+    "checked": _script(_CHECKED),
+    "loading": _script(_LOADING),
+    "loaded": _script(_LOADED),
+    "arming": _script(_ARMING),
+    "climbing": _script(_CLIMBING),
+    "flying": _script(_FLYING),
+    "touchdown": _script(_TOUCHDOWN),
+    "landing": _script(_LANDING),
+    "cleaning": _script(_CLEANING),
+}
+
+_GROUNDED = (State.DATA_CLEANUP, State.OUTREACH, State.PREFLIGHT, State.MISSION_INPUT)
+_STANDS = {"ground": ()}
+_FLIES = {"flying": ("landing",), "landing": ("ground",), "ground": ()}
+_ROWS: Dict[str, Tuple[Tuple[int, str], ...]] = {
+    "gps": ((2, "none"),),
+    "barometer": ((4, "none"),),
+    "lrf": ((8, "trying"), (16, "given_up")),
+    "imu": ((16, "none"),),
+}
+"""Each row of the decision table, and the codes that its components have when they fail."""
+
+
+def _pair(one: str, other: str) -> World:
+    return World(
+        name=f"{one} and {other}",
+        words="in flight, two components of different rows fail, come back and fail again in any order",
+        seeds=(SEEDS["flying"],),
+        scenes=_FLIES,
+        planner=("FLYING", "HOLDING"),
+        codes={one: _ROWS[one], other: _ROWS[other]},
+        failing=2,
+        motion=(),
+        stop=_GROUNDED,
+    )
+
+
+_ALL: Tuple[World, ...] = (
+    World(
+        name="start",
+        words="the engine starts, or is started anew, with a vehicle in any state; missions are selected",
+        seeds=(_script("start"), _script("vehicle:ground start"), _script("vehicle:flying start")),
+        missions=(("one",), ("one", "two")),
+        scenes={
+            "ground": ("armed",),
+            "armed": ("flying",),
+            "flying": ("landing",),
+            "landing": ("touched",),
+            "touched": ("ground",),
+        },
+        anytime=("pilot", "failsafe", "unknown", "armed_landed?"),
+        users=("acknowledge", "land", "go"),
+        restart=True,
+        shutdown=True,
+        noise=True,
+        stop=(State.PREFLIGHT, State.DATA_CLEANUP, State.MISSION_ENDED),
+    ),
+    World(
+        name="checks",
+        words="selection to Ready: answers, silence, fixes and rounds of two checks (the other three pass)",
+        seeds=(SEEDS["selected"],),
+        missions=(("one",),),
+        scenes=_STANDS,
+        checks={"watchdog": ("ok", "fixable", "fail", "timed_out"), "battery": ("ok", "unknown", "refused")},
+        users=("retry", "give_up"),
+        restart=True,
+        late=True,
+        noise=True,
+        stop=(State.START_RECORDING,),
+    ),
+    World(
+        name="ready",
+        words="Ready with the operator's go: failures, silence, arming by others, the end of the process",
+        seeds=(SEEDS["checked"],),
+        rules=limited(require_go=True),
+        missions=(("some",),),
+        scenes={"ground": ("armed",), "armed": ("ground",)},
+        codes={"lrf": ((8, "trying"),), "gps": ((2, "none"),)},
+        silences=("watchdog", "loop"),
+        users=("go", "retry", "give_up", "abort"),
+        restart=True,
+        shutdown=True,
+        stop=(State.START_RECORDING, State.PILOT),
+    ),
+    World(
+        name="recording",
+        words="the recording starts, stalls, fails, is refused or is silent; the user gives up or tries again",
+        seeds=(SEEDS["checked"],),
+        missions=(("one",),),
+        scenes=_STANDS,
+        recorder=("STARTING", "RECORDING", "STALLED", "FAILED"),
+        recording=("ACCEPTED", "REFUSED", "TIMED_OUT"),
+        silences=("recorder",),
+        users=("retry", "give_up"),
+        restart=True,
+        late=True,
+        stop=(State.LOAD_MISSION, State.DATA_CLEANUP),
+    ),
+    World(
+        name="loading",
+        words="the last checks before takeoff, the planner's word, and whatever may be wrong by then",
+        seeds=(SEEDS["loading"],),
+        scenes={"ground": ("armed",), "armed": ("ground",)},
+        anytime=("unknown",),
+        batteries=("good", "unknown", "critical"),
+        checks={"watchdog": ("ok", "fail"), "battery": ("ok", "broken")},
+        planner=("LOADED", "IDLE"),
+        load=("ACCEPTED", "REFUSED"),
+        recorder=("RECORDING", "STALLED"),
+        codes={"lrf": ((8, "trying"),)},
+        silences=("watchdog", "autopilot", "recorder"),
+        users=("give_up",),
+        restart=True,
+        shutdown=True,
+        late=True,
+        noise=True,
+        stop=(State.TAKEOFF, State.PREFLIGHT, State.OUTREACH, State.DATA_CLEANUP, State.PILOT),
+        depth=9,
+    ),
+    World(
+        name="takeoff",
+        words="from the takeoff command to takeoff height, with a vehicle that arms, lifts off, drops back or does not say",
+        seeds=(SEEDS["arming"],),
+        scenes={
+            "ground": ("armed",),
+            "armed": ("ground", "lifting"),
+            "lifting": ("flying", "touched"),
+            "touched": ("ground",),
+            "flying": (),
+        },
+        anytime=("unknown", "landed?", "pilot"),
+        codes={"lrf": ((8, "trying"),), "imu": ((16, "none"),)},
+        motion=("ACCEPTED", "REFUSED", "TIMED_OUT"),
+        users=("abort",),
+        restart=True,
+        late=True,
+        stop=(State.MISSION, State.HOLD, *_GROUNDED, State.PILOT),
+    ),
+    *(
+        World(
+            name=f"flight with {name}",
+            words=f"in flight, a component like {name} fails, comes back and fails again; the planner obeys or not",
+            seeds=(SEEDS["climbing"], SEEDS["flying"]),
+            scenes={
+                "lifting": ("flying",),
+                "flying": ("loitering", "landing"),
+                "loitering": ("flying", "landing"),
+                "landing": ("ground",),
+                "ground": (),
+            },
+            planner=("FLYING", "HOLDING"),
+            codes={name: codes},
+            motion=("ACCEPTED", "REFUSED"),
+            users=("hold", "resume") if name == "barometer" else (),
+            restart=True,
+            stop=_GROUNDED,
+        )
+        for name, codes in _ROWS.items()
+    ),
+    *(_pair(one, other) for one, other in combinations(_ROWS, 2)),
+    World(
+        name="users",
+        words="in flight, every command of the user at any moment, with a planner in any phase",
+        seeds=(SEEDS["climbing"],),
+        scenes={
+            "lifting": ("flying",),
+            "flying": ("landing",),
+            "landing": ("touched",),
+            "touched": ("ground",),
+            "ground": (),
+        },
+        planner=("FLYING", "HOLDING", "LANDING", "LANDED!", "LANDED"),
+        motion=("REFUSED",),
+        users=("go", "retry", "give_up", "hold", "resume", "land", "abort", "acknowledge"),
+        late=True,
+        noise=True,
+        stop=_GROUNDED,
+    ),
+    World(
+        name="landing",
+        words="landing, with a vehicle that contradicts itself in every way, and a landing detection that disagrees",
+        seeds=(SEEDS["landing"],),
+        scenes=dict.fromkeys(("flying", "loitering", "sinking", "landing", "touched", "ground", "armed?", "landed?", "armed_landed?", "unknown", "disarmed_flying", "armed"), ()),
+        anytime=(
+            "flying",
+            "landing",
+            "touched",
+            "ground",
+            "armed?",
+            "landed?",
+            "armed_landed?",
+            "unknown",
+            "disarmed_flying",
+            "sinking",
+        ),
+        detections=("ON_GROUND", "AIRBORNE"),
+        motion=("REFUSED",),
+        restart=True,
+        stop=_GROUNDED,
+        depth=7,
+    ),
+    World(
+        name="silence",
+        words="in flight, any two peers fall silent and return, the battery is low or unknown",
+        seeds=(SEEDS["flying"],),
+        scenes=_FLIES,
+        batteries=("good", "unknown", "critical"),
+        planner=("FAILED",),
+        silences=("watchdog", "loop", "planner", "autopilot", "recorder", "landing"),
+        quiet=2,
+        motion=(),
+        stop=_GROUNDED,
+        depth=8,
+    ),
+    World(
+        name="limits",
+        words="in flight, the limits of flight time, height and distance, and a link or a position that is lost",
+        seeds=(SEEDS["climbing"],),
+        rules=limited(max_flight_time_ns=5 * UNIT),
+        scenes={"lifting": ("flying",), "flying": ("landing",), "landing": ("ground",), "ground": ()},
+        anytime=("too_high", "too_far", "height_nan", "link_lost", "link_unknown", "flying"),
+        motion=(),
+        planner=("FLYING",),
+        restart=True,
+        stop=_GROUNDED,
+    ),
+    World(
+        name="pilot",
+        words="the pilot, a failsafe or a foreign flight mode takes over at any moment, and gives back",
+        seeds=(SEEDS["arming"],),
+        scenes={
+            "ground": ("armed",),
+            "armed": ("lifting",),
+            "lifting": ("flying",),
+            "flying": ("landing",),
+            "landing": ("ground",),
+        },
+        anytime=("pilot", "failsafe", "foreign", "failsafe_landing"),
+        planner=("FLYING",),
+        codes={"lrf": ((8, "trying"), (16, "given_up"))},
+        users=("land", "acknowledge", "hold"),
+        motion=(),
+        restart=True,
+        stop=_GROUNDED,
+    ),
+    World(
+        name="touchdown",
+        words="on the ground between two files: checks, loading, failures, the next takeoff",
+        seeds=(SEEDS["touchdown"],),
+        scenes={"ground": ("armed",), "armed": ("ground",)},
+        checks={"watchdog": ("ok", "fail")},
+        planner=("LOADED", "IDLE"),
+        load=("ACCEPTED", "REFUSED"),
+        codes={"lrf": ((8, "trying"),)},
+        recorder=("RECORDING", "STALLED"),
+        users=("land", "give_up"),
+        restart=True,
+        shutdown=True,
+        stop=(State.TAKEOFF, State.DATA_CLEANUP, State.PILOT),
+    ),
+    World(
+        name="last file",
+        words="the end of a mission: the planner lands and says so, or not; armed or not; it may lift off again",
+        seeds=(SEEDS["flying"],),
+        scenes={
+            "flying": ("landing",),
+            "landing": ("touched", "ground"),
+            "touched": ("ground", "flying"),
+            "ground": ("armed",),
+            "armed": ("ground",),
+        },
+        detections=("ON_GROUND", "AIRBORNE"),
+        planner=("LANDING", "LANDED", "LANDED!"),
+        codes={"lrf": ((8, "trying"),)},
+        motion=(),
+        restart=True,
+        stop=_GROUNDED,
+    ),
+    World(
+        name="data",
+        words="the recording is stopped, collected, fails, is silent, is retried or given up; the next mission follows",
+        seeds=(SEEDS["cleaning"], _script(f"{_CLEANING} recorder:FAILED wait wait")),
+        missions=(("one",),),
+        scenes={"ground": ("armed",), "armed": ("ground",)},
+        recorder=("RECORDING", "STOPPING", "COMPLETE", "FAILED"),
+        recording=("ACCEPTED", "REFUSED"),
+        silences=("recorder",),
+        users=("retry", "give_up", "acknowledge"),
+        restart=True,
+        shutdown=True,
+        noise=True,
+        stop=(State.PREFLIGHT,),
+    ),
+    World(
+        name="queue",
+        words="several missions one after the other: complete goes on, anything else drops the rest",
+        seeds=(_script(_MISSION_OF_TWO),),
+        scenes=_STANDS,
+        recorder=("STOPPING", "COMPLETE", "FAILED"),
+        users=("give_up", "retry"),
+        shutdown=True,
+        restart=True,
+        stop=(State.START_RECORDING,),
+    ),
+)
+WORLDS: Dict[str, World] = {world.name: world for world in _ALL}
