@@ -1,12 +1,13 @@
 """What can be wrong with a bag.
 
-BagError           the bag as a whole cannot be read
+BagError           the bag as a whole cannot be read, or a new one not be made of it
 MessageError       one message cannot be read; the rest can
+RecordError        bytes are not what the format says they are; turned into one of the others, or into damage
 """
 
 from __future__ import annotations
 
-__all__ = ["BagError", "MessageError"]
+__all__ = ["BagError", "MessageError", "RecordError"]
 
 
 class BagError(ValueError):
@@ -25,3 +26,7 @@ class BagError(ValueError):
 
 class MessageError(ValueError):
     """One message cannot be read: its chunk is damaged, or its bytes are not what its definition says."""
+
+
+class RecordError(ValueError):
+    """Bytes are no record, or not the one that they should be."""

@@ -1,0 +1,172 @@
+"""`amaze-bag`: look into bags, find damage, recover, merge, verify; on any machine, without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any, List, Optional, Sequence, Tuple
+
+from . import commands
+from .compression import COMPRESSIONS
+from .errors import BagError
+
+__all__ = ["main"]
+
+DONE, IMPOSSIBLE, USAGE, LOST = 0, 1, 2, 3
+_STATUSES = """\
+exit status:
+  0  done, nothing is wrong
+  1  cannot be done (one line says why and what to do)
+  2  wrong use of the command
+  3  done, but data was lost, or is damaged, or differs
+"""
+_EXAMPLES = {
+    None: """\
+examples:
+  amaze-bag info flight.bag
+  amaze-bag recover flight.bag.active
+  amaze-bag merge main.bag camera.bag -o flight.bag --verify
+""",
+    "info": """\
+examples:
+  amaze-bag info flight.bag
+  amaze-bag info --json *.bag | python3 -m json.tool
+""",
+    "doctor": """\
+examples:
+  amaze-bag doctor flight.bag           reads all of it
+  amaze-bag doctor --quick flight.bag   headers and index only: finds what is cut, not what is damaged inside
+""",
+    "recover": """\
+examples:
+  amaze-bag recover flight.bag.active                 writes flight.bag
+  amaze-bag recover broken.bag -o good.bag --check-data
+""",
+    "merge": """\
+examples:
+  amaze-bag merge main.bag camera.bag -o flight.bag
+  amaze-bag merge main_*.bag camera_*.bag -o flight.bag --compression lz4 --verify
+  amaze-bag merge main.bag camera.bag -o flight.bag --offsets-s 0,-3.02     the camera's clock was 3.02 s ahead
+  amaze-bag merge main.bag camera.bag -o flight.bag --duplicates drop       both recorded /rosout
+""",
+    "verify": """\
+examples:
+  amaze-bag verify flight.bag                         its inputs are in the manifest beside it
+  amaze-bag verify flight.bag main.bag camera.bag --readers read
+""",
+}
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command line; return the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        lost: bool = options.command(options)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader of our output has enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except KeyboardInterrupt:
+        return 130
+    except BagError as error:
+        return _fail(str(error))
+    except OSError as error:
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    return LOST if lost else DONE
+
+
+def _fail(text: str) -> int:
+    sys.stderr.write(f"amaze-bag: {text.encode('utf-8', 'backslashreplace').decode()}\n")
+    return IMPOSSIBLE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _with_help(argparse.ArgumentParser(prog="amaze-bag", description=__doc__.split("`: ", 1)[1]), None)
+    adder = parser.add_subparsers(metavar="COMMAND", dest="name", required=True)
+
+    info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", commands.info)
+    info.add_argument("bags", nargs="+", type=Path, metavar="BAG")
+
+    doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", commands.doctor)
+    doctor.add_argument("bags", nargs="+", type=Path, metavar="BAG")
+    doctor.add_argument("--quick", action="store_true", help="do not read the data of whole chunks")
+
+    recover = _command(adder, "recover", "write what is good into a new bag", commands.recover_bag)
+    recover.add_argument("bag", type=Path, metavar="BAG", help="is only read")
+    recover.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
+    recover.add_argument("--check-data", action="store_true", help="check the data of whole chunks, too (reads it all)")
+    recover.add_argument("--force", action="store_true", help="replace an existing output")
+
+    _add_merge(adder)
+    verify = _command(
+        adder, "verify", "compare a merged bag with its inputs, and readers with each other", commands.verify_bag
+    )
+    verify.add_argument("bag", type=Path, metavar="BAG")
+    verify.add_argument("inputs", nargs="*", type=Path, metavar="INPUT", help="default: those of the manifest")
+    verify.add_argument("--offsets-s", type=_seconds, default=(), metavar="S,S,...", help="that the merge applied")
+    _add_readers(verify)
+    return parser
+
+
+def _add_merge(adder: Any) -> None:
+    merge = _command(adder, "merge", "several bags into one, in order of time", commands.merge_bags)
+    merge.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="is only read")
+    merge.add_argument("-o", "--output", type=Path, required=True)
+    merge.add_argument(
+        "--compression",
+        choices=("auto", *COMPRESSIONS),
+        default="auto",
+        help="of the output; auto (default): copied chunks as they are, all others none",
+    )
+    merge.add_argument("--offsets-s", type=_seconds, default=(), metavar="S,S,...", help="added to each input's times")
+    merge.add_argument(
+        "--duplicates", choices=("count", "drop", "ignore"), default="count", help="messages that several inputs have"
+    )
+    merge.add_argument(
+        "--window-s", type=_second, default=1_000_000_000, metavar="S", help="in which duplicates are (default 1)"
+    )
+    merge.add_argument("--unify-publishers", action="store_true", help="one connection for all publishers of a topic")
+    merge.add_argument("--force", action="store_true", help="replace an existing output")
+    merge.add_argument("--verify", action="store_true", help="then verify, as the command verify does")
+    _add_readers(merge)
+
+
+def _add_readers(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--readers",
+        choices=("none", "open", "read"),
+        default="open",
+        help="what other readers are asked, where installed: nothing, the index (default), every message",
+    )
+
+
+def _command(adder: Any, name: str, text: str, function: Any) -> argparse.ArgumentParser:
+    parser = _with_help(adder.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."), name)
+    parser.set_defaults(command=function)
+    parser.add_argument("--json", action="store_true", help="for programs")
+    return parser
+
+
+def _with_help(parser: argparse.ArgumentParser, name: Optional[str]) -> argparse.ArgumentParser:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = f"{_EXAMPLES[name]}\n{_STATUSES}"
+    return parser
+
+
+def _second(text: str) -> int:
+    try:
+        return int(Decimal(text) * 1_000_000_000)
+    except (InvalidOperation, ValueError, OverflowError):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds") from None
+
+
+def _seconds(text: str) -> Tuple[int, ...]:
+    parts: List[str] = text.split(",")
+    return tuple(_second(part) for part in parts)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,281 @@
+"""The index of a bag: topics, times and places of all messages, without reading the messages."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+from typing import Any, Dict, List, NamedTuple, Tuple
+
+import numpy as np
+
+from .connections import Connection, connection_of
+from .errors import BagError, RecordError
+from .layout import BAG, CHUNK, CHUNK_INFO, CONNECTION, INDEX, MAGIC, Buffer, Record, record_at
+
+__all__ = [
+    "ChunkHead",
+    "ChunkInfo",
+    "Index",
+    "Messages",
+    "chunk_head",
+    "index_entries",
+    "read_head",
+    "require",
+    "unusable",
+]
+
+_HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
+_REMEDY = "make a new one with `amaze-bag recover`"
+
+
+class ChunkInfo(NamedTuple):
+    """What the index says of a chunk: bytes of the file from `position` to `end`, times, messages by connection."""
+
+    position: int
+    end: int
+    start_ns: int
+    end_ns: int
+    counts: Tuple[Tuple[int, int], ...]
+
+    @property
+    def messages(self) -> int:
+        """Count all of them."""
+        return sum(count for _, count in self.counts)
+
+
+class ChunkHead(NamedTuple):
+    """What a chunk says of itself; `data` is where its data starts: `stored` bytes that decompress to `size`."""
+
+    compression: str
+    data: int
+    stored: int
+    size: int
+
+
+class Messages(NamedTuple):
+    """Messages as arrays of one length: record time, connection, number of the chunk, offset in it."""
+
+    t_ns: Any
+    connection: Any
+    chunk: Any
+    offset: Any
+
+
+class Index:
+    """A closed bag that is open for reading at the level of chunks.
+
+    Args:
+        path: of the bag.
+
+    Raises:
+        BagError: It cannot be read, was not closed, or its index is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.file, self.size, header = read_head(path)
+        try:
+            self._read(header)
+        except (RecordError, struct.error, MemoryError, OverflowError) as error:
+            os.close(self.file)
+            raise BagError(str(path), f"the index is damaged ({error})", _REMEDY) from error
+        except BagError:
+            os.close(self.file)
+            raise
+
+    def __enter__(self) -> Index:  # noqa: PYI034  (Self is not in 3.8)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self.file)
+
+    def _read(self, header: Record) -> None:
+        self.position = header.number(b"index_pos")
+        if self.position == 0:
+            raise BagError(str(self.path), "was not closed, so it has no index", _REMEDY)
+        if not header.end <= self.position <= self.size:
+            raise RecordError(f"it should be at byte {self.position} of {self.size}")
+        tail = os.pread(self.file, self.size - self.position, self.position)
+        self.connections: Dict[int, Connection] = {}
+        place = self._read_connections(tail, header.number(b"conn_count"))
+        self.chunks = self._read_chunks(tail, place, header.number(b"chunk_count"))
+
+    def _read_connections(self, tail: bytes, count: int) -> int:
+        place = 0
+        for _ in range(count):
+            record = _expected(tail, place, CONNECTION)
+            connection = connection_of(record, tail[record.data : record.end])
+            self.connections[connection.number] = connection
+            place = record.end
+        return place
+
+    def _read_chunks(self, tail: bytes, place: int, count: int) -> List[ChunkInfo]:
+        found = []
+        for _ in range(count):
+            record = _expected(tail, place, CHUNK_INFO)
+            counts = np.frombuffer(tail, "<u4", 2 * record.number(b"count"), record.data).reshape(-1, 2).tolist()
+            found.append((record, tuple((int(each[0]), int(each[1])) for each in counts if each[1])))
+            place = record.end
+        if any(connection not in self.connections for _, counts in found for connection, _ in counts):
+            raise RecordError("it counts messages of a connection that it does not describe")
+        return self._placed(found)
+
+    def _placed(self, found: List[Tuple[Record, Tuple[Tuple[int, int], ...]]]) -> List[ChunkInfo]:
+        positions = sorted(record.number(b"chunk_pos") for record, _ in found)
+        if positions and positions[-1] >= self.position:
+            raise RecordError("it names a chunk behind itself")
+        ends = dict(zip(positions, [*positions[1:], self.position]))
+        return sorted(
+            ChunkInfo(
+                record.number(b"chunk_pos"),
+                ends[record.number(b"chunk_pos")],
+                record.time_ns(b"start_time"),
+                record.time_ns(b"end_time"),
+                counts,
+            )
+            for record, counts in found
+        )
+
+    def head(self, number: int) -> ChunkHead:
+        """Return the header of a chunk.
+
+        Raises:
+            BagError: There is none where the index says.
+        """
+        chunk = self.chunks[number]
+        begin = os.pread(self.file, _HEAD_BYTES, chunk.position)
+        try:
+            head = chunk_head(record_at(begin, 0, len(begin)))
+            head = head._replace(data=chunk.position + head.data)
+            require(head.data + head.stored <= chunk.end, "it overlaps the next one")
+        except (RecordError, struct.error) as error:
+            raise unusable(self.path, chunk.position, error) from error
+        return head
+
+    def messages(self) -> Messages:
+        """Return all messages in the order of chunks, connections and times; reads no chunk's data.
+
+        Raises:
+            BagError: The index behind a chunk is damaged.
+        """
+        parts: List[Tuple[Any, Any, Any]] = []
+        chunks: List[int] = []
+        for number, chunk in enumerate(self.chunks):
+            if chunk.counts:
+                entries = self.entries(number)
+                parts.append(entries)
+                chunks.append(len(entries[0]))
+        if not parts:
+            empty: Any = np.zeros(0, np.int64)
+            return Messages(empty, empty, empty, empty)
+        t_ns, connection, offset = (np.concatenate(each) for each in zip(*parts))
+        filled = [number for number, chunk in enumerate(self.chunks) if chunk.counts]
+        return Messages(t_ns, connection, np.repeat(filled, chunks), offset)
+
+    def entries(self, number: int) -> Tuple[Any, Any, Any]:
+        """Return times, connections and offsets of the messages of a chunk.
+
+        Raises:
+            BagError: The index behind the chunk is damaged.
+        """
+        chunk, head = self.chunks[number], self.head(number)
+        begin = head.data + head.stored
+        raw = os.pread(self.file, chunk.end - begin, begin)
+        try:
+            return index_entries(raw, 0, len(raw), dict(chunk.counts))[:3]
+        except (RecordError, struct.error, ValueError) as error:
+            raise unusable(self.path, chunk.position, error) from error
+
+
+def read_head(path: Path) -> Tuple[int, int, Record]:
+    """Open a bag; return its file descriptor, its size, and its header.
+
+    Raises:
+        BagError: It is no bag of version 2.0 that can be read.
+    """
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        raise BagError(str(path), f"cannot be read ({error.strerror})", "name a bag that you may read") from error
+    try:
+        size = os.fstat(file).st_size
+        return file, size, _bag_record(os.pread(file, 2 * _HEAD_BYTES, 0))
+    except (RecordError, struct.error) as error:
+        os.close(file)
+        raise BagError(str(path), str(error), "name a ROS 1 bag of version 2.0") from error
+    except OSError as error:
+        os.close(file)
+        raise BagError(str(path), f"cannot be read ({error.strerror})", "name a bag that you may read") from error
+
+
+def _bag_record(begin: bytes) -> Record:
+    if begin.startswith(b"#ROS") and not begin.startswith(MAGIC):
+        line = begin.split(b"\n", 1)[0][:40].decode("ascii", "replace")
+        raise RecordError(f"its version is not 2.0 ({line}); older ones are converted with `rosbag fix`")
+    if not begin.startswith(MAGIC):
+        raise RecordError("is no bag" if begin else "is empty")
+    record = record_at(begin, len(MAGIC), len(begin))
+    if record.op != BAG:
+        raise RecordError("has no header of a bag")
+    if record.fields.get(b"encryptor"):
+        raise RecordError("is encrypted; decrypt it with `rosbag decompress` and its key")
+    return record
+
+
+def _expected(buffer: Buffer, place: int, op: int) -> Record:
+    record = record_at(buffer, place, len(buffer))
+    if record.op != op or record.end > len(buffer):
+        raise RecordError("it ends too early")
+    return record
+
+
+def chunk_head(record: Record) -> ChunkHead:
+    """Return what the record of a chunk says.
+
+    Raises:
+        RecordError: It is no chunk.
+    """
+    if record.op != CHUNK or b"compression" not in record.fields:
+        raise RecordError("there is no chunk")
+    compression = record.fields[b"compression"].decode("ascii", "replace")
+    return ChunkHead(compression, record.data, record.size, record.number(b"size"))
+
+
+def index_entries(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) -> Tuple[Any, Any, Any, int]:
+    """Return times, connections and offsets from the index records behind a chunk, and where these end.
+
+    Raises:
+        RecordError: They do not have these numbers of messages by connection.
+    """
+    parts, numbers, lengths = [], [], []
+    missing = dict(counts)
+    while missing:
+        record = record_at(buffer, place, limit)
+        if record.op != INDEX or record.end > limit:
+            raise RecordError("the index behind it ends too early")
+        connection, count = record.number(b"conn"), record.size // 12
+        if count and missing.pop(connection, None) != count:
+            raise RecordError("the index behind it is not what the bag's index says")
+        parts.append(np.frombuffer(buffer, "<u4", 3 * count, record.data))
+        numbers.append(connection)
+        lengths.append(count)
+        place = record.end
+    entries: Any = (np.concatenate(parts) if parts else np.zeros(0, "<u4")).reshape(-1, 3).astype(np.int64)
+    return entries[:, 0] * 1_000_000_000 + entries[:, 1], np.repeat(numbers, lengths), entries[:, 2], place
+
+
+def require(good: bool, otherwise: str) -> None:  # noqa: FBT001
+    """Raise a RecordError unless something is as it should be."""
+    if not good:
+        raise RecordError(otherwise)
+
+
+def unusable(path: Path, position: int, error: Exception) -> BagError:
+    """Return the error for a damaged chunk."""
+    wrong = f"the chunk at byte {position} is damaged: {error}"
+    return BagError(str(path), wrong, "keep what is good with `amaze-bag recover --check-data`")

@@ -1,0 +1,225 @@
+"""The bytes of the ROS bag format, version 2.0 (wiki.ros.org/Bags/Format/2.0): how records are read and written.
+
+A bag is a line of magic and then records. A record is a header and data, each behind its length; a header is fields
+`name=value`, each behind its length, in any order. Numbers are little-endian. In the file lie, one after another:
+
+    BAG          where the index is (0 while the bag is being recorded), padded so that it can be written again
+    CHUNK        records CONNECTION and MESSAGE, compressed together
+    INDEX ...    behind each chunk, for each connection in it: times and offsets of its messages in the chunk
+    CONNECTION   all of them once more  } this is
+    CHUNK_INFO   one for each chunk     } the index
+
+The format has no checksums. We write fields in the order of the C++ library.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Dict, Iterable, List, NamedTuple, Tuple, Union
+
+import numpy as np
+
+from .errors import RecordError
+
+__all__ = [
+    "BAG",
+    "CHUNK",
+    "CHUNK_INFO",
+    "CONNECTION",
+    "FIRST_RECORD",
+    "INDEX",
+    "INDEX_FIELDS",
+    "LARGEST_HEADER",
+    "MAGIC",
+    "MESSAGE",
+    "SECOND",
+    "Record",
+    "bag_header",
+    "chunk_header",
+    "chunk_info",
+    "connection_record",
+    "fields_of",
+    "index_data",
+    "index_records",
+    "nanoseconds",
+    "pack_time",
+    "record_at",
+    "u32",
+    "words",
+]
+
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+FIRST_RECORD = 4117  # where rosbag puts it
+LARGEST_HEADER = 1 << 22  # what is larger is no header
+INDEX_FIELDS = (b"conn", b"count", b"op", b"ver")  # of an index record, in our order
+SECOND = 1_000_000_000
+
+Buffer = Union[bytes, bytearray, memoryview]
+
+_U32, _U64, _TIME = struct.Struct("<L"), struct.Struct("<Q"), struct.Struct("<LL")
+
+
+class Record(NamedTuple):
+    """One record: its fields, where its data starts, and the length of the data."""
+
+    fields: Dict[bytes, bytes]
+    data: int
+    size: int
+
+    @property
+    def op(self) -> int:
+        """Say what kind of record it is."""
+        return self.fields[b"op"][0]
+
+    @property
+    def end(self) -> int:
+        """Say where it ends."""
+        return self.data + self.size
+
+    def number(self, name: bytes) -> int:
+        """Return a field of four or eight bytes."""
+        value = self.fields.get(name, b"")
+        if len(value) not in (4, 8):
+            raise RecordError(f"the field {name.decode()} is missing or no number")
+        return int.from_bytes(value, "little")
+
+    def time_ns(self, name: bytes) -> int:
+        """Return a field that is a time."""
+        value = self.fields.get(name, b"")
+        if len(value) != _TIME.size:
+            raise RecordError(f"the field {name.decode()} is missing or no time")
+        return nanoseconds(*_TIME.unpack(value))
+
+
+def u32(buffer: Buffer, position: int) -> int:
+    """Return the number at a position."""
+    value: int = _U32.unpack_from(buffer, position)[0]
+    return value
+
+
+def nanoseconds(seconds: int, fraction: int) -> int:
+    """Return a time of the bag as one number."""
+    return seconds * SECOND + fraction
+
+
+def pack_time(t_ns: int) -> bytes:
+    """Return a time as the bag has it."""
+    return _TIME.pack(*divmod(t_ns, SECOND))
+
+
+def words(buffer: Any) -> Any:
+    """Return the four-byte numbers that start at *every* byte of a buffer, writable if the buffer is."""
+    return np.ndarray((max(len(buffer) - 3, 0),), "<u4", buffer, 0, (1,))
+
+
+def fields_of(buffer: Buffer, start: int, end: int) -> Dict[bytes, bytes]:
+    """Return the fields of a header.
+
+    Raises:
+        RecordError: These bytes are no header.
+    """
+    fields = {}
+    while start < end:
+        if start + 4 > end:
+            raise RecordError("a header ends within a field")
+        size = u32(buffer, start)
+        start += 4
+        name, equals, value = bytes(buffer[start : start + size]).partition(b"=")
+        if not equals or start + size > end:
+            raise RecordError("a header has a field that is none")
+        fields[name] = value
+        start += size
+    return fields
+
+
+def record_at(buffer: Buffer, position: int, limit: int) -> Record:
+    """Read the header of a record and the length of its data, which may end beyond the limit.
+
+    Raises:
+        RecordError: There is no record, or its header ends beyond the limit.
+    """
+    if position + 4 > limit:
+        raise RecordError("the file ends within a record")
+    size = u32(buffer, position)
+    data = position + size + 8
+    if not 0 < size <= LARGEST_HEADER:
+        raise RecordError(f"a header of {size} bytes is none")
+    if data > limit:
+        raise RecordError("the file ends within a header")
+    fields = fields_of(buffer, position + 4, data - 4)
+    if len(fields.get(b"op", b"")) != 1:
+        raise RecordError("a header does not say of what")
+    return Record(fields, data, u32(buffer, data - 4))
+
+
+def _packed(fields: Iterable[Tuple[bytes, bytes]]) -> bytes:
+    parts = b"".join(_U32.pack(len(name) + 1 + len(value)) + name + b"=" + value for name, value in fields)
+    return _U32.pack(len(parts)) + parts
+
+
+def bag_header(index: int, connections: int, chunks: int) -> bytes:
+    """Return everything before the first chunk; `index` is where the index starts."""
+    header = MAGIC + _packed(
+        (
+            (b"chunk_count", _U32.pack(chunks)),
+            (b"conn_count", _U32.pack(connections)),
+            (b"index_pos", _U64.pack(index)),
+            (b"op", bytes([BAG])),
+        )
+    )
+    padding = FIRST_RECORD - len(header) - 4
+    return header + _U32.pack(padding) + b" " * padding
+
+
+def connection_record(number: int, topic: bytes, header: bytes) -> bytes:
+    """Return a connection; `header` is its data, as it was recorded."""
+    fields = ((b"conn", _U32.pack(number)), (b"op", bytes([CONNECTION])), (b"topic", topic))
+    return _packed(fields) + _U32.pack(len(header)) + header
+
+
+def chunk_header(compression: str, size: int, stored: int) -> bytes:
+    """Return what stands before the data of a chunk: `size` bytes, `stored` when compressed."""
+    fields = ((b"compression", compression.encode()), (b"op", bytes([CHUNK])), (b"size", _U32.pack(size)))
+    return _packed(fields) + _U32.pack(stored)
+
+
+def index_data(connection: int, t_ns: Any, offsets: Any) -> bytes:
+    """Return the index of one connection's messages in one chunk."""
+    count = len(t_ns)
+    fields = (
+        (b"conn", _U32.pack(connection)),
+        (b"count", _U32.pack(count)),
+        (b"op", bytes([INDEX])),
+        (b"ver", _U32.pack(1)),
+    )
+    entries: Any = np.empty((count, 3), "<u4")
+    entries[:, 0], entries[:, 1] = np.divmod(t_ns, SECOND)
+    entries[:, 2] = offsets
+    return bytes(_packed(fields) + _U32.pack(12 * count) + entries.tobytes())
+
+
+def index_records(t_ns: Any, connection: Any, offsets: Any) -> bytes:
+    """Return the index of all messages of one chunk, given as arrays in any order.
+
+    The rosbags library reads all index records of a bag by the layout of the first: they must not be mixed.
+    """
+    order = np.lexsort((offsets, t_ns, connection))
+    numbers, firsts = np.unique(connection[order], return_index=True)
+    parts = np.split(order, firsts[1:])
+    parts_of = zip(numbers.tolist(), parts)
+    return b"".join([index_data(number, t_ns[each], offsets[each]) for number, each in parts_of])
+
+
+def chunk_info(position: int, start_ns: int, end_ns: int, counts: List[Tuple[int, int]]) -> bytes:
+    """Return what the index says of a chunk; `counts` are messages by connection."""
+    fields = (
+        (b"chunk_pos", _U64.pack(position)),
+        (b"count", _U32.pack(len(counts))),
+        (b"end_time", pack_time(end_ns)),
+        (b"op", bytes([CHUNK_INFO])),
+        (b"start_time", pack_time(start_ns)),
+        (b"ver", _U32.pack(1)),
+    )
+    data = b"".join(_TIME.pack(*each) for each in counts)
+    return _packed(fields) + _U32.pack(len(data)) + data

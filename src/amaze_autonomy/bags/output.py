@@ -1,0 +1,190 @@
+"""A new bag: written under a temporary name, put on the disk, then renamed; whole or not there."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import shutil
+from pathlib import Path
+from typing import Any, Dict, Iterable, List, Optional, Tuple
+
+from .connections import Connection
+from .errors import BagError
+from .layout import FIRST_RECORD, bag_header, chunk_header, chunk_info, connection_record
+
+__all__ = ["Output", "temporary_name"]
+
+_PIECE = 128 << 10  # larger writes make the page cache slower, not faster
+_SEGMENTS = 1000  # the system takes 1024 in one call
+_RANGE = 1 << 24
+
+
+def temporary_name(path: Path) -> Path:
+    """Return the name under which a bag is written before it is whole."""
+    return path.with_name(f".{path.name}.part")
+
+
+class Output:
+    """A bag being written, chunk by chunk. Left by an exception, nothing remains of it.
+
+    Args:
+        path: of the bag.
+        replace: whether an existing one may be replaced.
+        needed: bytes that it is going to have, about; refused at once when the disk has less.
+
+    Raises:
+        BagError: It exists, is being written by somebody else, or cannot be written.
+    """
+
+    def __init__(self, path: Path, *, replace: bool = False, needed: int = 0) -> None:
+        self.path, self._replace = path, replace
+        if path.exists() and not replace:
+            raise _exists(path)
+        self._part = temporary_name(path)
+        self.position = FIRST_RECORD
+        self._infos: List[bytes] = []
+        try:
+            self._file = os.open(self._part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise BagError(str(path), f"cannot be written ({error.strerror})", "choose another folder") from error
+        self._claim(needed)
+
+    def _claim(self, needed: int) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(self._file)
+            raise _busy(self.path) from error
+        if not _same(self._file, self._part):  # another process has just finished it
+            os.close(self._file)
+            raise _busy(self.path)
+        os.ftruncate(self._file, 0)
+        os.lseek(self._file, FIRST_RECORD, os.SEEK_SET)
+        free = shutil.disk_usage(self._part).free
+        if free < needed:
+            self._drop()
+            wrong = f"there is no space for it: about {needed:,} bytes are needed, {free:,} are free"
+            raise BagError(str(self.path), wrong, "make space and try again, nothing was changed")
+
+    def __enter__(self) -> Output:  # noqa: PYI034  (Self is not in 3.8)
+        return self
+
+    def __exit__(self, _kind: object, error: Optional[BaseException], _trace: object) -> None:
+        if self._file < 0:
+            return
+        self._drop()
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            wrong = f"there is no space for it ({error.strerror} after {self.position:,} bytes)"
+            raise BagError(str(self.path), wrong, "make space and try again, nothing was changed") from error
+
+    def _drop(self) -> None:
+        self._part.unlink()
+        os.close(self._file)
+        self._file = -1
+
+    def chunk(
+        self,
+        compression: str,
+        size: int,
+        parts: List[Any],
+        index: Any,
+        *,
+        times: Tuple[int, int],
+        counts: Iterable[Tuple[int, int]],
+    ) -> None:
+        """Write a chunk: its data in parts, as stored; its index; what the bag's index says of it."""
+        stored = size if compression == "none" else sum(len(part) for part in parts)
+        pieces = [chunk_header(compression, size, stored), *parts, index]
+        if len(parts) > _SEGMENTS // 2:
+            pieces = [b"".join(pieces)]
+        self._infos.append(chunk_info(self.position, *times, list(counts)))
+        self.position += self._write(pieces)
+
+    def copy_chunk(
+        self, file: int, start: int, end: int, *, times: Tuple[int, int], counts: Any, index: bytes = b""
+    ) -> None:
+        """Copy a chunk from another bag; `index` follows it where the bytes copied have none."""
+        self._infos.append(chunk_info(self.position, *times, list(counts)))
+        while start < end:
+            start += self._copy(file, start, end - start)
+        self.position += self._write([index])
+
+    def _copy(self, file: int, start: int, count: int) -> int:
+        count = min(count, _RANGE)
+        try:
+            done = os.copy_file_range(file, self._file, count, start)  # type: ignore[attr-defined,unused-ignore]
+        except OSError as error:
+            if error.errno not in (errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM):
+                raise
+            done = 0
+        if not done:
+            done = self._write([os.pread(file, count, start)])
+            if not done:
+                raise BagError(str(self.path), "an input became shorter while it was read", "try again")
+        self.position += done
+        return int(done)
+
+    def _write(self, parts: List[Any]) -> int:
+        total, batch, size = 0, [], 0
+        for part in parts:
+            view = memoryview(part).cast("B")
+            while len(view):
+                piece = view[: _PIECE - size]
+                batch.append(piece)
+                size += len(piece)
+                view = view[len(piece) :]
+                if size == _PIECE or len(batch) == _SEGMENTS:
+                    total += self._flush(batch, size)
+                    batch, size = [], 0
+        return total + self._flush(batch, size)
+
+    def _flush(self, batch: List[Any], size: int) -> int:
+        done = os.writev(self._file, batch) if batch else 0
+        while done < size:  # the disk is nearly full, or a signal came
+            more = os.write(self._file, b"".join(batch)[done:])
+            done += more
+        return size
+
+    def close(self, connections: Dict[int, Connection]) -> int:
+        """Write the index, wait until all is on the disk, give the bag its name; return its size."""
+        begin = self.position
+        records = [
+            connection_record(number, each.topic.encode("utf-8", "surrogateescape"), each.header)
+            for number, each in sorted(connections.items())
+        ]
+        self.position += self._write([b"".join(records), b"".join(self._infos)])
+        header = bag_header(begin, len(connections), len(self._infos))
+        if os.pwrite(self._file, header, 0) != len(header):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.fsync(self._file)
+        if self.path.exists() and not self._replace:
+            raise _exists(self.path)
+        self._part.replace(self.path)
+        os.close(self._file)
+        self._file = -1
+        _sync_folder(self.path.parent)
+        return self.position
+
+
+def _sync_folder(folder: Path) -> None:
+    file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def _same(file: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _busy(path: Path) -> BagError:
+    return BagError(str(path), "is being written by another process", "wait for it")
+
+
+def _exists(path: Path) -> BagError:
+    return BagError(str(path), "exists", "choose another name, or say that it may be replaced")

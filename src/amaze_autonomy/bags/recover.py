@@ -1,0 +1,104 @@
+"""A new bag of all that is good in a damaged one, or in one that was not closed. The original is never written to."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Callable, NamedTuple, Optional
+
+from .compression import decompressed
+from .errors import BagError
+from .index import chunk_head
+from .layout import record_at
+from .output import Output
+from .salvage import kept_by_walk, rewritten
+from .scan import Found, Scan, scan
+
+__all__ = ["Recovered", "recover", "recovered_name"]
+
+_HEAD = 4096
+Progress = Callable[[int, int], None]
+
+
+class Recovered(NamedTuple):
+    """What was recovered: the new bag, its size, and what was found in the old one."""
+
+    path: Path
+    size: int
+    scan: Scan
+
+    @property
+    def complete(self) -> bool:
+        """Return whether no message was lost."""
+        return self.scan.lost == 0
+
+
+def recovered_name(path: Path) -> Path:
+    """Return the usual name of what is recovered: x.bag from x.bag.active, x.recovered.bag from x.bag."""
+    plain = re.sub(r"\.active$", "", path.name)
+    if plain == path.name:
+        plain = re.sub(r"(\.bag)?$", ".recovered.bag", plain, count=1)
+    return path.with_name(plain)
+
+
+def recover(
+    path: Path,
+    output: Path,
+    *,
+    check_data: bool = False,
+    replace: bool = False,
+    progress: Optional[Progress] = None,
+) -> Recovered:
+    """Write what is good into a new bag: every whole chunk, and every whole message of the others that can be found.
+
+    Args:
+        path: of the bag; only read.
+        output: path of the new bag.
+        check_data: whether to check the data of whole chunks, too; reads all of the file.
+        replace: whether an existing output may be replaced.
+        progress: called with bytes passed and all bytes.
+
+    Raises:
+        BagError: It is no bag, or the output cannot be written.
+    """
+    if output.exists() and output.samefile(path):
+        raise BagError(str(output), "is the bag to be recovered, which is never changed", "choose another name")
+    found = scan(path, check_data=check_data, progress=progress)
+    file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        with Output(output, replace=replace, needed=_needed(found)) as out:
+            _write(out, file, found)
+            size = out.close(found.connections)
+    finally:
+        os.close(file)
+    return Recovered(output, size, found)
+
+
+def _needed(found: Scan) -> int:
+    return sum(len(each.data) if each.data is not None else each.data_end - each.position for each in found.chunks)
+
+
+def _write(out: Output, file: int, found: Scan) -> None:
+    for chunk in found.chunks:
+        times = (chunk.start_ns, chunk.end_ns)
+        if chunk.drop:
+            _write_rest(out, file, chunk)
+        elif chunk.data is not None:
+            out.chunk("none", len(chunk.data), [chunk.data], chunk.index_bytes or b"", times=times, counts=chunk.counts)
+        else:
+            end = chunk.end if chunk.index_bytes is None else chunk.data_end
+            out.copy_chunk(file, chunk.position, end, times=times, counts=chunk.counts, index=chunk.index_bytes or b"")
+
+
+def _write_rest(out: Output, file: int, chunk: Found) -> None:
+    """Write a chunk without the messages that are to be dropped."""
+    data = chunk.data
+    if data is None:
+        raw = os.pread(file, chunk.data_end - chunk.position, chunk.position)
+        head = chunk_head(record_at(raw[:_HEAD], 0, min(len(raw), _HEAD)))
+        data = bytes(decompressed(head.compression, raw[head.data :], head.size))
+    kept = kept_by_walk(data).without(chunk.drop)
+    if kept.rows:
+        data, kept = rewritten(data, kept)
+        out.chunk("none", len(data), [data], kept.index_bytes(), times=kept.times(), counts=kept.counts())

@@ -1,0 +1,106 @@
+"""What can be kept of one chunk whose index or data cannot be trusted."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Dict, Iterable, List, NamedTuple, Tuple
+
+import numpy as np
+
+from .connections import Connection
+from .errors import RecordError
+from .layout import MESSAGE, Buffer, connection_record, index_records, record_at
+from .table import walk
+
+__all__ = ["Kept", "kept_by_index", "kept_by_walk", "rewritten"]
+
+_ZEROS = 16  # that many at the end of a message before a run of zeros: it may not be whole
+_RUN = 4096
+
+_Row = Tuple[int, int, int]  # time, connection, offset
+
+
+class Kept(NamedTuple):
+    """Messages that are good, in the order of the chunk, and connections that the chunk describes.
+
+    Args:
+        rows: (time, connection, offset).
+        connections: by number.
+        end: of the last whole record; all of the chunk's size when nothing is missing.
+    """
+
+    rows: List[_Row]
+    connections: Dict[int, Connection]
+    end: int
+
+    def counts(self) -> Tuple[Tuple[int, int], ...]:
+        """Count messages by connection."""
+        counts: Dict[int, int] = {}
+        for _, connection, _ in self.rows:
+            counts[connection] = counts.get(connection, 0) + 1
+        return tuple(sorted(counts.items()))
+
+    def times(self) -> Tuple[int, int]:
+        """Return the earliest and the latest time."""
+        times = [row[0] for row in self.rows]
+        return min(times), max(times)
+
+    def index_bytes(self) -> bytes:
+        """Return the index records of the chunk."""
+        columns: Any = np.array(self.rows, np.int64)
+        return index_records(columns[:, 0], columns[:, 1], columns[:, 2])
+
+    def without(self, unknown: Iterable[int]) -> Kept:
+        """Return this without the messages of some connections."""
+        numbers = set(unknown)
+        return self._replace(rows=[row for row in self.rows if row[1] not in numbers])
+
+
+def kept_by_walk(data: Buffer) -> Kept:
+    """Return what lies at the beginning of a chunk, up to the first record that is cut or none."""
+    found = walk(data)
+    kept = Kept(found.messages, found.connections, found.end)
+    return _without_suspect(kept, data)
+
+
+def _without_suspect(kept: Kept, data: Buffer) -> Kept:
+    """Drop a last message that ends in zeros before zeros: it may not have been written before a power loss."""
+    rest = bytes(data[kept.end : kept.end + _RUN])
+    if not kept.rows or len(rest) < 4 or any(rest) or any(bytes(data[kept.end - _ZEROS : kept.end])):  # noqa: PLR2004
+        return kept
+    return kept._replace(rows=kept.rows[:-1], end=kept.rows[-1][2])
+
+
+def kept_by_index(data: Buffer, t_ns: Any, connection: Any, offset: Any) -> Kept:
+    """Return the messages of an index that are really there, each judged by itself."""
+    order = np.argsort(offset, kind="stable")
+    rows = list(zip(t_ns[order].tolist(), connection[order].tolist(), offset[order].tolist()))
+    limits = [*(row[2] for row in rows[1:]), len(data)]
+    good = [row for row, limit in zip(rows, limits) if _is_good(data, row, limit)]
+    return Kept(good, walk(data).connections, len(data))
+
+
+def _is_good(data: Buffer, row: _Row, limit: int) -> bool:
+    t_ns, connection, offset = row
+    try:
+        record = record_at(data, offset, min(limit, len(data)))
+        said = record.op, record.number(b"conn"), record.time_ns(b"time")
+    except (RecordError, struct.error):
+        return False
+    return said == (MESSAGE, connection, t_ns) and record.end <= limit
+
+
+def rewritten(data: Buffer, kept: Kept) -> Tuple[bytes, Kept]:
+    """Return the data of a new chunk with these messages alone, and what is where in it."""
+    parts = [
+        connection_record(number, each.topic.encode("utf-8", "surrogateescape"), each.header)
+        for number, each in sorted(kept.connections.items())
+    ]
+    size = sum(len(part) for part in parts)
+    rows = []
+    for t_ns, connection, offset in kept.rows:
+        part = bytes(data[offset : record_at(data, offset, len(data)).end])
+        rows.append((t_ns, connection, size))
+        parts.append(part)
+        size += len(part)
+    return b"".join(parts), Kept(rows, kept.connections, size)

@@ -1,0 +1,195 @@
+"""Message records of whole chunks as arrays, checked against the index; and chunks walked record by record without one.
+
+Messages are never decoded and, in a good chunk, never touched one by one: where a record starts is in the index, its
+lengths are gathered from all places at once. Every byte of the chunk must then belong to a message of the index or to a
+connection, and each message must say the connection and time that the index says.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Dict, List, NamedTuple, Tuple
+
+import numpy as np
+
+from .connections import Connection, connection_of
+from .errors import RecordError
+from .layout import CONNECTION, LARGEST_HEADER, MESSAGE, Buffer, Record, record_at, words
+
+__all__ = ["Span", "Table", "Walk", "columns", "relabel", "tabulate", "walk"]
+
+_CONN, _TIME = 0x6E6E6F63, 0x656D6974  # "conn" and "time" as numbers
+
+
+class Table(NamedTuple):
+    """Messages in the order of a buffer, as arrays of one length.
+
+    Args:
+        t_ns: record times.
+        connection: numbers.
+        start: of the record in the buffer.
+        payload: where its data starts.
+        end: of the record.
+        fields: where in the header the values of connection and time are, the same for all; or -1, -1.
+    """
+
+    t_ns: Any
+    connection: Any
+    start: Any
+    payload: Any
+    end: Any
+    fields: Tuple[int, int]
+
+
+class Span(NamedTuple):
+    """The data of a chunk in a buffer."""
+
+    start: int
+    end: int
+
+
+class Walk(NamedTuple):
+    """What was found in a chunk without its index.
+
+    Args:
+        messages: (time, connection, offset) in the order of the chunk.
+        connections: by number.
+        end: of the last whole record.
+    """
+
+    messages: List[Tuple[int, int, int]]
+    connections: Dict[int, Connection]
+    end: int
+
+
+def tabulate(buffer: Buffer, spans: List[Span], t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the messages of chunks in a buffer; `start` are their places in the buffer.
+
+    Raises:
+        RecordError: Index and data contradict each other.
+    """
+    order = np.argsort(start, kind="stable")
+    table = columns(buffer, t_ns[order], connection[order], start[order])
+    _check_tiling(buffer, spans, table)
+    return table
+
+
+def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the table of messages that start at these places.
+
+    Raises:
+        RecordError: One does not, or is another one than the index says.
+    """
+    if not len(start):
+        return Table(t_ns, connection, start, start, start, (-1, -1))
+    numbers = words(buffer)
+    try:
+        header = numbers[start].astype(np.int64)
+        payload = start + 8 + header
+        end = payload + numbers[payload - 4]
+    except IndexError:
+        raise RecordError("the index points behind its end") from None
+    fields = _places(buffer, int(start[0]))
+    uniform = fields[0] >= 0 and bool(
+        (numbers[start + fields[0] - 5] == _CONN).all()
+        and (numbers[start + fields[1] - 5] == _TIME).all()
+        and (header == header[0]).all()
+    )
+    if uniform:
+        said = numbers[start + fields[0]], numbers[start + fields[1]], numbers[start + fields[1] + 4]
+    else:  # several writers in one chunk
+        fields = (-1, -1)
+        said = _said_one_by_one(buffer, start.tolist())
+    if not ((said[0] == connection).all() and (said[1] * np.int64(1_000_000_000) + said[2] == t_ns).all()):
+        raise RecordError("a message is another one than the index says")
+    return Table(t_ns, connection, start, payload, end, fields)
+
+
+def _places(buffer: Buffer, start: int) -> Tuple[int, int]:
+    """Return where connection and time are in the header of a message."""
+    record = record_at(buffer, start, len(buffer))
+    header = bytes(buffer[start : record.data - 4])
+    connection, time = header.find(b"\x09\0\0\0conn="), header.find(b"\x0d\0\0\0time=")
+    return (connection + 9, time + 9) if connection >= 0 and time >= 0 else (-1, -1)
+
+
+def _said_one_by_one(buffer: Buffer, starts: List[int]) -> Tuple[Any, Any, Any]:
+    rows = []
+    for start in starts:
+        record = record_at(buffer, start, len(buffer))
+        if record.op != MESSAGE:
+            raise RecordError("the index points at a record that is no message")
+        seconds, fraction = divmod(record.time_ns(b"time"), 1_000_000_000)
+        rows.append((record.number(b"conn"), seconds, fraction))
+    said = np.array(rows, np.int64)
+    return said[:, 0], said[:, 1], said[:, 2]
+
+
+def _check_tiling(buffer: Buffer, spans: List[Span], table: Table) -> None:
+    """Check that messages and connections fill the chunks, and that no message is missing from the index."""
+    begins: Any = np.array([span.start for span in spans])
+    ends: Any = np.array([span.end for span in spans])
+    place: Any = np.append(np.searchsorted(table.start, begins), len(table.start))  # of each chunk's first message
+    filled = np.flatnonzero(place[1:] > place[:-1])
+    follows: Any = np.append(table.start[1:], 0)  # a message ends where the next begins, or with its chunk
+    follows[place[1:][filled] - 1] = ends[filled]
+    for gap in np.flatnonzero(table.end != follows).tolist():
+        _check_connections(buffer, int(table.end[gap]), int(follows[gap]))
+    begun = ends.copy()
+    begun[filled] = table.start[place[:-1][filled]]
+    for each in np.flatnonzero(begun != begins).tolist():
+        _check_connections(buffer, int(begins[each]), int(begun[each]))
+
+
+def _check_connections(buffer: Buffer, start: int, end: int) -> None:
+    while start < end:
+        record = record_at(buffer, start, end)
+        if record.op != CONNECTION:
+            raise RecordError("a message in it is missing from the index")
+        start = record.end
+    if start != end:
+        raise RecordError("its records overlap")
+
+
+def relabel(buffer: Any, table: Table, connection: Any, shift_ns: int) -> Table:
+    """Write other connection numbers, and times shifted, into the messages of a writable buffer; return their table."""
+    t_ns = table.t_ns + shift_ns
+    if table.fields[0] >= 0:
+        numbers = words(buffer)
+        numbers[table.start + table.fields[0]] = connection
+        if shift_ns:
+            numbers[table.start + table.fields[1]], numbers[table.start + table.fields[1] + 4] = np.divmod(
+                t_ns, 1_000_000_000
+            )
+    else:
+        for start, number, time in zip(table.start.tolist(), connection.tolist(), t_ns.tolist()):
+            at = _places(buffer, start)
+            struct.pack_into("<L", buffer, start + at[0], number)
+            struct.pack_into("<LL", buffer, start + at[1], *divmod(time, 1_000_000_000))
+    return table._replace(t_ns=t_ns, connection=connection)
+
+
+def walk(buffer: Buffer) -> Walk:
+    """Return the records at the beginning of a chunk, up to the first that is cut or none."""
+    found = Walk([], {}, 0)
+    position, limit = 0, len(buffer)
+    while position < limit:
+        try:
+            record = record_at(buffer, position, limit)
+            if record.end > limit or not _taken(found, record, position, buffer):
+                break
+        except RecordError:
+            break
+        position = record.end
+    return found._replace(end=position)
+
+
+def _taken(found: Walk, record: Record, position: int, buffer: Buffer) -> bool:
+    if record.op == MESSAGE:
+        found.messages.append((record.time_ns(b"time"), record.number(b"conn"), position))
+    elif record.op == CONNECTION and record.size <= LARGEST_HEADER:
+        connection = connection_of(record, bytes(buffer[record.data : record.end]))
+        found.connections.setdefault(connection.number, connection)
+    else:
+        return False
+    return True
