@@ -280,3 +280,36 @@ def test_flight_time_does_not_end_on_the_ground():
     limits = replace(story.rules.limits, max_flight_time_ns=1 * S)
     story.rules = replace(story.rules, limits=limits)
     story.after(2.0).expect("MISSION", "touchdown")
+
+
+UNKNOWN = {
+    "armed": {"armed": None},
+    "landed": {"landed": ev.VehicleLanded.UNKNOWN},
+    "link": {"link_age_s": None},
+    "everything": {"armed": None, "landed": ev.VehicleLanded.UNKNOWN, "link_age_s": None},
+    "in the air but disarmed": {"landed": ev.VehicleLanded.IN_AIR},
+}
+
+
+@pytest.mark.parametrize("claims", UNKNOWN.values(), ids=UNKNOWN)
+@pytest.mark.parametrize(
+    "place", ["TAKEOFF climbing", "MISSION flying", "HOLD holding", "HOLD confirming", "HOLD resuming"]
+)
+def test_down_and_then_unknown_still_has_an_end(place, claims):
+    """Found by trying every three things in a row: the end of the confirmation was forgotten."""
+    story = at(place)
+    story.planner.flown_ns = -60 * S
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).expect(place.split()[0])
+    story.say(**claims)
+    story.after(100.0)
+    assert story.place[0] in ("LAND", "DATA_CLEANUP", "MISSION_ENDED")
+
+
+@pytest.mark.parametrize("place", ["TAKEOFF climbing", "MISSION flying", "HOLD holding"])
+def test_down_and_then_in_the_air_without_knowing_whether_it_is_armed_is_in_flight(place):
+    story = at(place)
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    assert not story.state.in_flight
+    story.say(armed=None, landed=ev.VehicleLanded.IN_AIR)
+    assert story.state.in_flight
+    story.fail("imu", 16).expect("LAND")

@@ -281,16 +281,26 @@ def _flight(turn: Turn) -> None:
         if state.in_flight and state.was_armed and not arming:
             turn.set(in_flight=False)
         return
-    ground = turn.on_ground()
-    turn.set(grounded_ns=(turn.now if state.grounded_ns is None else state.grounded_ns) if ground else None)
-    if not ground:
-        turn.set(disarm_sent_ns=None)
+    over = not state.in_flight and not turn.flies_again()  # unknown says nothing of a flight that is over
+    if turn.on_ground():
+        turn.set(grounded_ns=turn.now if state.grounded_ns is None else state.grounded_ns)
+    else:
+        turn.set(grounded_ns=state.grounded_ns if over else None, disarm_sent_ns=None)
     if state.in_flight and turn.armed():
         turn.set(was_armed=True)
-    if state.state is State.LAND and state.was_armed and turn.vehicle() is not None:
+    if turn.vehicle() is not None and _goes_on(turn):
         turn.set(in_flight=True)  # it had said that it was down, and does not any more: then its flight is not over
     if turn.state.in_flight and turn.airborne():
         turn.set(was_airborne=True, was_armed=True, flown=True)
+
+
+def _goes_on(turn: Turn) -> bool:
+    """Return True where a flight that seemed over goes on as ours; elsewhere, who is armed is in other hands."""
+    state = turn.state
+    if state.state is State.LAND:
+        return state.was_armed
+    flies = state.state in (State.TAKEOFF, State.HOLD) or (state.state, state.step) == (State.MISSION, Step.FLYING)
+    return flies and turn.airborne() and turn.flies_again() and not turn.armed()
 
 
 def _landed_status(turn: Turn, event: LandedStatus) -> None:

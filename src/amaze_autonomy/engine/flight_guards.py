@@ -164,8 +164,7 @@ def planner_in(*phases: MissionPhase) -> Guard:
 def touched_down(turn: Turn) -> Optional[Values]:
     """Disarmed and ON_GROUND after a flight, and the landing detection does not contradict, or not for longer."""
     state = turn.state
-    contradicted = turn.vehicle() is not None and not turn.down()
-    if not state.was_armed or contradicted or (state.in_flight and not turn.down()):
+    if not state.was_armed or turn.flies_again() or (state.in_flight and not turn.down()):
         return None
     detection = turn.detection()
     if detection is Landed.AIRBORNE and not passed("confirm_limit", state, turn.rules, turn.now):

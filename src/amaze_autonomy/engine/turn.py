@@ -102,3 +102,8 @@ class Turn:
         """Return True when the vehicle says, freshly, that it has left the ground."""
         status = self.vehicle()
         return status is not None and status.landed not in (VehicleLanded.ON_GROUND, VehicleLanded.UNKNOWN)
+
+    def flies_again(self) -> bool:
+        """Return True when the vehicle says, freshly, what contradicts that its flight is over."""
+        status = self.vehicle()
+        return status is not None and (status.armed is True or (self.airborne() and status.armed is not False))
