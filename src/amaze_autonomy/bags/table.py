@@ -14,11 +14,11 @@ import numpy as np
 
 from .connections import Connection, connection_of
 from .errors import RecordError
-from .layout import CONNECTION, LARGEST_HEADER, MESSAGE, Buffer, Record, record_at, words
+from .layout import CONNECTION, LARGEST_HEADER, MESSAGE, Buffer, Record, record_at, u32, words
 
 __all__ = ["Span", "Table", "Walk", "columns", "relabel", "tabulate", "walk"]
 
-_CONN, _TIME = 0x6E6E6F63, 0x656D6974  # "conn" and "time" as numbers
+_WORD = 4
 
 
 class Table(NamedTuple):
@@ -89,12 +89,8 @@ def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
         end = payload + numbers[payload - 4]
     except IndexError:
         raise RecordError("the index points behind its end") from None
-    fields = _places(buffer, int(start[0]))
-    uniform = fields[0] >= 0 and bool(
-        (numbers[start + fields[0] - 5] == _CONN).all()
-        and (numbers[start + fields[1] - 5] == _TIME).all()
-        and (header == header[0]).all()
-    )
+    fields, fixed = _layout(buffer, int(start[0]))
+    uniform = all((numbers[start + at] == value).all() for at, value in fixed)
     if uniform:
         said = numbers[start + fields[0]], numbers[start + fields[1]], numbers[start + fields[1] + 4]
     else:  # several writers in one chunk
@@ -105,12 +101,20 @@ def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
     return Table(t_ns, connection, start, payload, end, fields)
 
 
-def _places(buffer: Buffer, start: int) -> Tuple[int, int]:
-    """Return where connection and time are in the header of a message."""
+def _layout(buffer: Buffer, start: int) -> Tuple[Tuple[int, int], List[Tuple[int, int]]]:
+    """Return where connection and time are in a message, and all four-byte numbers of the rest of its header."""
     record = record_at(buffer, start, len(buffer))
     header = bytes(buffer[start : record.data - 4])
-    connection, time = header.find(b"\x09\0\0\0conn="), header.find(b"\x0d\0\0\0time=")
-    return (connection + 9, time + 9) if connection >= 0 and time >= 0 else (-1, -1)
+    fields = header.find(b"\x09\0\0\0conn=") + 9, header.find(b"\x0d\0\0\0time=") + 9
+    if record.op != MESSAGE or min(fields) < 9:  # noqa: PLR2004  (not found)
+        raise RecordError("the index points at a record that is no message")
+    connection, time = fields
+    first, second = sorted(((connection, connection + 4), (time, time + 8)))
+    places: List[int] = []
+    for begin, end in ((0, first[0]), (first[1], second[0]), (second[1], len(header))):
+        if end - begin >= _WORD:
+            places += [*range(begin, end - 3, 4), end - 4]
+    return fields, [(place, u32(header, place)) for place in places]
 
 
 def _said_one_by_one(buffer: Buffer, starts: List[int]) -> Tuple[Any, Any, Any]:
@@ -163,7 +167,7 @@ def relabel(buffer: Any, table: Table, connection: Any, shift_ns: int) -> Table:
             )
     else:
         for start, number, time in zip(table.start.tolist(), connection.tolist(), t_ns.tolist()):
-            at = _places(buffer, start)
+            at = _layout(buffer, start)[0]
             struct.pack_into("<L", buffer, start + at[0], number)
             struct.pack_into("<LL", buffer, start + at[1], *divmod(time, 1_000_000_000))
     return table._replace(t_ns=t_ns, connection=connection)

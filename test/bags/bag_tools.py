@@ -1,0 +1,94 @@
+"""Small bags with known contents, and what is in a bag as the rosbags library reads it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import struct
+from collections import Counter
+from pathlib import Path
+
+from replay_bags import START_NS, make, write_bag
+from rosbags.rosbag1 import Reader
+
+from amaze_autonomy.bags.index import Index
+
+MS = 1_000_000
+COMPRESSIONS = ("none", "lz4", "bz2")
+DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
+
+
+def text(value):
+    return make("std_msgs/msg/String", data=value)
+
+
+def rows(topic, count, period_ms=10, first_ms=0, tag="", caller=None):
+    """Return messages that are all different: number, topic and a filling of changing length."""
+    found = []
+    for each in range(count):
+        t_ns = START_NS + (first_ms + each * period_ms) * MS
+        row = (t_ns, topic, text(f"{tag}{topic} {each} " + "x" * (each * 7 % 90)))
+        found.append(row if caller is None else (*row, caller))
+    return found
+
+
+def bag(path, *streams, compression="none", chunk_bytes=2000, callers=None):
+    """Write a bag of several streams in order of time; return its path."""
+    everything = sorted((row for stream in streams for row in stream), key=lambda row: row[0])
+    return write_bag(path, everything, compression, callers=callers, chunk_bytes=chunk_bytes)
+
+
+def contents(path):
+    """Return (time, topic, bytes) of all messages, in the order of the rosbags library."""
+    with Reader(path) as reader:
+        return [(t_ns, connection.topic, bytes(raw)) for connection, t_ns, raw in reader.messages()]
+
+
+def multiset(*paths):
+    return Counter(message for path in paths for message in contents(path))
+
+
+def digest(path):
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def left_over(folder):
+    """Return the hidden files of a folder: temporary ones that nobody removed."""
+    return sorted(path.name for path in Path(folder).iterdir() if path.name.startswith("."))
+
+
+def message_ends(path):
+    """Return where each message of an uncompressed bag ends in the file, in the order of the file."""
+    with Index(path) as index:
+        messages, ends = index.messages(), []
+        raw = Path(path).read_bytes()
+        for chunk, offset in zip(messages.chunk.tolist(), messages.offset.tolist()):
+            start = index.head(chunk).data + offset
+            data = start + 4 + struct.unpack_from("<L", raw, start)[0]
+            ends.append(data + 4 + struct.unpack_from("<L", raw, data)[0])
+    return sorted(ends)
+
+
+def chunk_ends(path):
+    """Return (end of the data, messages) of each chunk."""
+    with Index(path) as index:
+        heads = [index.head(each) for each in range(len(index.chunks))]
+        return [(head.data + head.stored, chunk.messages) for head, chunk in zip(heads, index.chunks)]
+
+
+def unclosed(path, output, cut=None):
+    """Write what is on the disk when a recorder is killed in its last chunk: no index, and no sizes in that chunk."""
+    raw = bytearray(path.read_bytes())
+    with Index(path) as index:
+        last = index.chunks[-1]
+        head = index.head(len(index.chunks) - 1)
+    del raw[head.data + head.stored :]
+    begin = bytes(raw[last.position : head.data])
+    at = last.position + begin.index(b"size=") + 5
+    raw[at : at + 4] = raw[head.data - 4 : head.data] = bytes(4)
+    raw = bytearray(re.sub(rb"index_pos=.{8}", b"index_pos=" + bytes(8), bytes(raw), count=1, flags=re.DOTALL))
+    output.write_bytes(raw[: len(raw) - cut] if cut else raw)
+    return output
+
+

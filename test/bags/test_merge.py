@@ -1,0 +1,316 @@
+"""Merging: every message once, byte for byte, in order of time, whatever the inputs look like."""
+
+from __future__ import annotations
+
+import itertools
+import os
+
+import pytest
+from bag_tools import COMPRESSIONS, MS, bag, contents, digest, left_over, multiset, rows, text
+from hypothesis import given
+from hypothesis import strategies as st
+from replay_bags import START_NS, write_bag, write_empty_bag
+from rosbags.rosbag1 import Reader, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from amaze_autonomy.bags.connections import Connection
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.merge import MergeOptions, merge
+from amaze_autonomy.bags.tally import Tally
+from amaze_autonomy.bags.verify import verify
+
+
+def merged(tmp_path, inputs, **options):
+    """Merge, check all that holds for every merge, return the result."""
+    before = [digest(path) for path in inputs]
+    result = merge(inputs, tmp_path / "merged.bag", MergeOptions(**options))
+    assert [digest(path) for path in inputs] == before
+    assert left_over(tmp_path) == []
+    times = [t_ns for t_ns, _, _ in contents(result.path)]
+    assert times == sorted(times)
+    assert len(times) == result.messages
+    assert result.size == result.path.stat().st_size
+    return result
+
+
+@pytest.mark.parametrize("kinds", itertools.product(COMPRESSIONS, COMPRESSIONS), ids="-".join)
+@pytest.mark.parametrize("output", ["auto", *COMPRESSIONS])
+def test_messages_of_both_come_in_order_of_time(tmp_path, kinds, output):
+    one = bag(tmp_path / "1.bag", rows("/a", 90), rows("/b", 40, 23), compression=kinds[0])
+    two = bag(tmp_path / "2.bag", rows("/c", 60, 14, 3), rows("/a", 50, 17, 4000, tag="2"), compression=kinds[1])
+    result = merged(tmp_path, [one, two], compression=output)
+    assert multiset(result.path) == multiset(one, two)
+    assert verify(result.path, [one, two], readers="none").problems == ()
+    if output != "auto":
+        with Index(result.path) as index:
+            assert {index.head(each).compression for each in range(len(index.chunks))} == {output}
+
+
+def test_more_than_two_split_disjoint_and_nested_recordings(tmp_path):
+    inputs = [
+        bag(tmp_path / "1_0.bag", rows("/a", 100)),
+        bag(tmp_path / "1_1.bag", rows("/a", 100, first_ms=1000), compression="lz4"),
+        bag(tmp_path / "2.bag", rows("/b", 10, 300), compression="bz2"),
+        bag(tmp_path / "3.bag", rows("/c", 5, 1, first_ms=500)),
+        bag(tmp_path / "4.bag", rows("/d", 1, first_ms=-9000)),
+    ]
+    result = merged(tmp_path, inputs)
+    assert multiset(result.path) == multiset(*inputs)
+    with Index(result.path) as index:
+        assert [each.topic for each in index.connections.values()] == ["/a", "/b", "/c", "/d"]
+
+
+def test_one_input_is_put_in_order(tmp_path):
+    disorder = [(START_NS + t * MS, "/a", text(str(t))) for t in (5, 900, 1, 700, 4, 2, 800, 3)]
+    source = write_bag(tmp_path / "1.bag", disorder, chunk_bytes=60)
+    assert multiset(merged(tmp_path, [source]).path) == multiset(source)
+
+
+def test_the_same_bag_twice_has_everything_twice(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 50))
+    result = merged(tmp_path, [source, source])
+    assert result.messages == 100
+    assert {count for count in multiset(result.path).values()} == {2}
+    assert result.warnings == ("/a: 50 messages are in several inputs, kept (--duplicates drop drops them)",)
+
+
+def test_messages_of_one_time_come_in_the_order_of_inputs_and_then_of_their_file(tmp_path):
+    one = write_bag(tmp_path / "1.bag", [(START_NS, "/a", text(f"1 {each}")) for each in range(9)])
+    two = write_bag(tmp_path / "2.bag", [(START_NS, "/a", text(f"2 {each}")) for each in range(9)])
+    for inputs, order in (([one, two], "12"), ([two, one], "21")):
+        result = merge(inputs, tmp_path / "merged.bag", MergeOptions(replace=True))
+        found = [raw[4:].decode() for _, _, raw in contents(result.path)]
+        assert found == [f"{source} {each}" for source in order for each in range(9)]
+
+
+def test_a_merge_gives_the_same_bytes_each_time(tmp_path):
+    inputs = [bag(tmp_path / "1.bag", rows("/a", 300)), bag(tmp_path / "2.bag", rows("/b", 300, 9))]
+    results = [merge(inputs, tmp_path / f"{each}.merged.bag", MergeOptions()).path for each in range(2)]
+    assert digest(results[0]) == digest(results[1])
+
+
+@pytest.mark.parametrize("make_empty", ["no topics", "no messages"])
+def test_bags_without_messages(tmp_path, make_empty):
+    empty = tmp_path / "empty.bag"
+    if make_empty == "no topics":
+        write_empty_bag(empty)
+    else:
+        write_bag(empty, [], callers={})
+    full = bag(tmp_path / "1.bag", rows("/a", 5))
+    assert multiset(merged(tmp_path, [empty, full, empty]).path) == multiset(full)
+    result = merge([empty, empty], tmp_path / "nothing.bag")
+    assert (result.messages, contents(result.path)) == (0, [])
+
+
+def connections(path):
+    with Index(path) as index:
+        return [(each.topic, each.kind, each.caller, each.latching) for each in index.connections.values()]
+
+
+def test_a_publisher_in_several_bags_is_one_connection(tmp_path):
+    one = bag(tmp_path / "1.bag", rows("/a", 9, caller="/x"), rows("/b", 9, caller="/y"))
+    two = bag(tmp_path / "2.bag", rows("/b", 9, caller="/y", tag="2"), rows("/a", 9, caller="/x", tag="2"))
+    kind = "std_msgs/String"
+    assert connections(merged(tmp_path, [one, two]).path) == [("/a", kind, "/x", False), ("/b", kind, "/y", False)]
+
+
+def test_publishers_of_one_topic_stay_apart_unless_asked(tmp_path):
+    one = bag(tmp_path / "1.bag", rows("/tf", 9, caller="/x"))
+    two = bag(tmp_path / "2.bag", rows("/tf", 9, caller="/y", tag="2"))
+    kind = "std_msgs/String"
+    assert connections(merged(tmp_path, [one, two]).path) == [("/tf", kind, "/x", False), ("/tf", kind, "/y", False)]
+    unified = merged(tmp_path, [one, two], publishers_apart=False, replace=True)
+    assert connections(unified.path) == [("/tf", kind, "/x", False)]
+    assert multiset(unified.path) == multiset(one, two)
+
+
+def test_latching_and_callers_are_kept(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    raw = store.serialize_ros1(text("map"), "std_msgs/msg/String")
+    for name, latching in (("1", 1), ("2", 0)):
+        with Writer(tmp_path / f"{name}.bag") as writer:
+            connection = writer.add_connection(
+                "/map", "std_msgs/msg/String", typestore=store, callerid="/server", latching=latching
+            )
+            writer.write(connection, START_NS, raw)
+    result = merged(tmp_path, [tmp_path / "1.bag", tmp_path / "2.bag"])
+    kind = "std_msgs/String"
+    assert connections(result.path) == [("/map", kind, "/server", True), ("/map", kind, "/server", False)]
+
+
+def packet_bag(path, definition):
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition, "radio/msg/Packet"))
+    fields = {field: 7 for field in store.types["radio/msg/Packet"].__dataclass_fields__ if field != "__msgtype__"}
+    with Writer(path) as writer:
+        connection = writer.add_connection("/radio", "radio/msg/Packet", typestore=store, callerid="/r", latching=0)
+        packet = store.types["radio/msg/Packet"](**fields)
+        writer.write(connection, START_NS, store.serialize_ros1(packet, "radio/msg/Packet"))
+    return path
+
+
+def test_different_definitions_of_a_topic_stay_apart_with_a_warning(tmp_path):
+    old = packet_bag(tmp_path / "old.bag", "uint8 size")
+    new = packet_bag(tmp_path / "new.bag", "uint8 size\nuint8 port")
+    result = merged(tmp_path, [old, new])
+    with Reader(result.path) as reader:
+        digests = [each.digest for each in reader.connections]
+        assert [bytes(raw) for _, _, raw in reader.messages()] == [b"\x07", b"\x07\x07"]
+    assert result.warnings == (
+        "/radio has 2 definitions, which stay apart: "
+        + ", ".join(f"radio/Packet ({digest})" for digest in sorted(digests)),
+    )
+
+
+@pytest.mark.parametrize("compression", ["lz4", "bz2"])
+def test_compressed_chunks_that_overlap_nothing_are_copied_as_they_are(tmp_path, compression):
+    inputs = [
+        bag(tmp_path / f"{each}.bag", rows("/a", 90, first_ms=each * 1000), compression=compression)
+        for each in range(3)
+    ]
+    result = merged(tmp_path, inputs, compression=compression)
+    with Index(inputs[0]) as index:
+        expected = 3 * len(index.chunks)
+    assert result.chunks_copied == expected
+    assert multiset(result.path) == multiset(*inputs)
+    assert merged(tmp_path, inputs, compression="none", replace=True).chunks_copied == 0
+
+
+def test_a_clock_that_was_wrong_is_corrected(tmp_path):
+    one = bag(tmp_path / "1.bag", rows("/a", 100, 30))
+    two = bag(tmp_path / "2.bag", rows("/b", 100, 30, first_ms=3001))
+    result = merged(tmp_path, [one, two], offsets_ns=(0, -3_000_000_000))
+    expected = contents(one) + [(t_ns - 3_000_000_000, topic, raw) for t_ns, topic, raw in contents(two)]
+    assert sorted(contents(result.path)) == sorted(expected)
+    assert [topic for _, topic, _ in contents(result.path)] == ["/a", "/b"] * 100
+    assert verify(result.path, [one, two], offsets_ns=(0, -3_000_000_000), readers="none").problems == ()
+    assert verify(result.path, [one, two], readers="none").problems != ()
+
+
+def test_a_shift_out_of_the_time_of_bags_is_refused(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 3))
+    with pytest.raises(BagError, match=r"1\.bag: shifted by -2000000000\.0 s it leaves the time of bags"):
+        merge([source], tmp_path / "m.bag", MergeOptions(offsets_ns=(-2_000_000_000_000_000_000,)))
+
+
+def test_what_both_computers_recorded_is_dropped_when_asked(tmp_path):
+    shared, late = rows("/rosout", 80, caller="/n"), rows("/rosout", 80, first_ms=4, caller="/n")
+    one = bag(tmp_path / "1.bag", shared, rows("/a", 30))
+    two = bag(tmp_path / "2.bag", late[10:], rows("/b", 30))
+    result = merged(tmp_path, [one, two], duplicates="drop")
+    ((key, tally),) = result.duplicates.items()
+    assert (key[0], tally.messages) == ("/rosout", 70)
+    assert result.warnings == ("/rosout: 70 messages are in several inputs, dropped",)
+    assert multiset(result.path) == multiset(one) + multiset(bag(tmp_path / "b.bag", rows("/b", 30)))
+    assert verify(result.path, [one, two], duplicates=result.duplicates, readers="none").problems == ()
+    assert verify(result.path, [one, two], readers="none").problems == (
+        "/rosout (std_msgs/String) has 80 messages instead of 150",
+    )
+
+
+def test_a_publisher_that_repeats_itself_keeps_all_its_messages(tmp_path):
+    same = [(START_NS + each * MS, "/armed", text("yes"), "/n") for each in range(10)]
+    one = write_bag(tmp_path / "1.bag", same)
+    two = write_bag(tmp_path / "2.bag", [(t_ns + 1, *rest) for t_ns, *rest in same[:7]])
+    result = merged(tmp_path, [one, two], duplicates="drop")
+    assert multiset(result.path) == multiset(one)
+
+
+def test_duplicates_are_counted_unless_ignored_and_only_within_the_window(tmp_path):
+    one = bag(tmp_path / "1.bag", rows("/a", 20, caller="/n"))
+    two = bag(tmp_path / "2.bag", [(t_ns + 2000 * MS, *rest) for t_ns, *rest in rows("/a", 20, caller="/n")])
+    assert merged(tmp_path, [one, two], duplicates="drop").duplicates == {}
+    result = merged(tmp_path, [one, two], window_ns=2_000_000_000, replace=True)
+    assert [tally.messages for tally in result.duplicates.values()] == [20]
+    assert result.messages == 40
+    assert merged(tmp_path, [one, two], window_ns=2_000_000_000, duplicates="ignore", replace=True).duplicates == {}
+
+
+def test_two_publishers_that_say_the_same_are_no_duplicates(tmp_path):
+    one = bag(tmp_path / "1.bag", rows("/a", 20, caller="/left"))
+    two = bag(tmp_path / "2.bag", rows("/a", 20, caller="/right"))
+    assert merged(tmp_path, [one, two], duplicates="drop").messages == 40
+
+
+def test_dropping_agrees_with_three_inputs(tmp_path):
+    inputs = [bag(tmp_path / f"{each}.bag", rows("/a", 40, caller="/n")) for each in range(3)]
+    result = merged(tmp_path, inputs, duplicates="drop")
+    assert multiset(result.path) == multiset(inputs[0])
+    assert sum(tally.messages for tally in result.duplicates.values()) == 80
+
+
+@given(
+    streams=st.lists(
+        st.lists(st.tuples(st.integers(0, 400), st.sampled_from("abc")), max_size=40), min_size=1, max_size=4
+    ),
+    compressions=st.lists(st.sampled_from(COMPRESSIONS), min_size=4, max_size=4),
+    output=st.sampled_from(["auto", *COMPRESSIONS]),
+)
+def test_any_recordings(tmp_path_factory, streams, compressions, output):
+    folder = tmp_path_factory.mktemp("any")
+    inputs = []
+    for place, (stream, compression) in enumerate(zip(streams, compressions)):
+        found = [(START_NS + t, f"/{topic}", text(f"{place} {n}" * 9)) for n, (t, topic) in enumerate(stream)]
+        inputs.append(write_bag(folder / f"{place}.bag", found, compression, chunk_bytes=300))
+    result = merged(folder, inputs, compression=output)
+    assert multiset(result.path) == multiset(*inputs)
+    assert verify(result.path, inputs, readers="none").problems == ()
+
+
+def test_an_existing_output_and_an_input_as_output_are_refused(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 3))
+    other = bag(tmp_path / "2.bag", rows("/b", 3))
+    before = digest(other)
+    with pytest.raises(BagError, match=r"2\.bag: exists; choose another name, or say that it may be replaced"):
+        merge([source], other)
+    with pytest.raises(BagError, match=r"1\.bag: is one of the inputs; choose another name"):
+        merge([source], source, MergeOptions(replace=True))
+    os.link(source, tmp_path / "link.bag")
+    with pytest.raises(BagError, match=r"link\.bag: is one of the inputs"):
+        merge([source], tmp_path / "link.bag", MergeOptions(replace=True))
+    assert digest(other) == before
+    assert left_over(tmp_path) == []
+
+
+def test_a_damaged_input_is_refused_with_the_place_and_the_remedy(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 200))
+    with Index(source) as index:
+        position, data = index.chunks[1].position, index.head(1).data
+    raw = bytearray(source.read_bytes())
+    raw[data + 4 : data + 8] = b"\xff\xff\xff\xff"
+    source.write_bytes(raw)
+    with pytest.raises(BagError) as caught:
+        merge([source], tmp_path / "m.bag")
+    assert str(caught.value).startswith(f"{source}: the chunk at byte {position} is damaged: ")
+    assert str(caught.value).endswith("; keep what is good with `amaze-bag recover --check-data`")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["1.bag"]
+
+
+def test_a_message_that_the_index_does_not_know_is_not_lost_silently(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 4), rows("/b", 1))
+    raw = source.read_bytes()
+    with Index(source) as index:
+        number = next(each.number for each in index.connections.values() if each.topic == "/b")
+        head = index.head(0)
+        behind = raw[head.data + head.stored : index.position]
+    hidden = behind.replace(b"conn=" + number.to_bytes(4, "little"), b"conn=" + b"\x63\0\0\0")
+    assert hidden != behind
+    source.write_bytes(raw.replace(behind, hidden))
+    with pytest.raises(BagError, match="the index behind it is not what the bag's index says"):
+        merge([source], tmp_path / "m.bag")
+
+
+def test_progress_goes_from_nothing_to_all(tmp_path):
+    inputs = [bag(tmp_path / f"{each}.bag", rows(f"/{each}", 3000), compression="lz4") for each in range(2)]
+    calls = []
+    merge(inputs, tmp_path / "m.bag", progress=lambda done, total: calls.append((done, total)))
+    assert [done for done, _ in calls] == sorted(done for done, _ in calls)
+    assert calls[-1][0] == calls[-1][1] > 0
+
+
+def test_tallies_and_connections_have_values():
+    assert Tally(3, 5).plus(Tally(1, 2**64 - 1)).minus(Tally(2, 4)) == Tally(2, 0)
+    one = Connection(1, "/a", "k", "m", "/x", latching=False, header=b"")
+    assert one.identity() != one._replace(caller="/y").identity()
+    assert one.identity(publishers_apart=False) == one._replace(caller="/y").identity(publishers_apart=False)
