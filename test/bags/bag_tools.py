@@ -90,5 +90,3 @@ def unclosed(path, output, cut=None):
     raw = bytearray(re.sub(rb"index_pos=.{8}", b"index_pos=" + bytes(8), bytes(raw), count=1, flags=re.DOTALL))
     output.write_bytes(raw[: len(raw) - cut] if cut else raw)
     return output
-
-

@@ -329,7 +329,8 @@ class _Scanner:
         except _BROKEN as error:
             kept = kept_by_index(data, *entries)
             walked = kept_by_walk(data)
-            kept = walked if len(walked.rows) >= len(kept.rows) else kept._replace(connections=walked.connections)
+            if 2 * len(kept.rows) < len(walked.rows):  # the index is damaged, not the messages
+                kept = walked
             self._add(position, end, index_end, kept, data, head)
             self._damage(position, end, f"in a chunk, {error}", max(0, len(t_ns) - len(kept.rows)))
             return
@@ -356,8 +357,8 @@ class _Scanner:
         self._learn(kept)
         if not kept.rows:
             return
-        whole = kept.end == len(data) and len(data) == head.size and sum(count for _, count in kept.counts()) > 0
-        complete = whole and kept_by_walk(data).rows == kept.rows
+        walked = kept_by_walk(data)
+        complete = walked.end == len(data) == head.size and walked.rows == kept.rows
         new = None
         if not complete:
             new, kept = rewritten(data, kept)
