@@ -105,13 +105,20 @@ def test_asking_for_a_hold_twice_does_not_prolong_it():
     story.after_ns(asked_ns + 120_000_000_000 - story.now).expect("LAND")
 
 
-@pytest.mark.parametrize("place", ["PILOT", "PILOT landed"])
-def test_acknowledge_needs_the_vehicle_to_say_freshly_that_it_is_down(place):
-    story = at(place)
+def test_acknowledge_is_refused_while_the_last_word_of_the_vehicle_was_that_it_flies():
+    story = at("PILOT")
     story.silent.append("autopilot")
     story.after(1.5)
     assert story.user("acknowledge")[0] == "REFUSED"
     story.expect("PILOT")
+
+
+def test_a_vehicle_that_was_switched_off_after_landing_can_be_acknowledged():
+    story = at("PILOT landed")
+    story.silent.append("autopilot")
+    story.after(60.0)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.expect("DATA_CLEANUP")
 
 
 def test_require_go_waits_for_the_go():

@@ -42,7 +42,7 @@ CONDITIONS: Mapping[str, Callable[[Turn], bool]] = {
     "a component is waited for": _component_waited,
     "the user holds": lambda turn: turn.state.user_hold_ns is not None,
     "resuming": lambda turn: turn.state.step is Step.RESUMING,
-    "on the ground and disarmed": lambda turn: turn.down(),
+    "last heard on the ground and disarmed": lambda turn: turn.last_heard_down(),
 }
 
 _DONE, _NO, _SO = AnswerKind.DONE, AnswerKind.REFUSED, AnswerKind.ALREADY
@@ -138,7 +138,7 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
     },
     UserCommand.ACKNOWLEDGE: {
         State.PILOT: (
-            Case(_DONE, "Acknowledged.", "on the ground and disarmed"),
+            Case(_DONE, "Acknowledged.", "last heard on the ground and disarmed"),
             Case(_NO, "Not on the ground and disarmed yet, or not known to be."),
         ),
     },

@@ -274,7 +274,15 @@ def land_both(turn: Turn) -> None:
 
 def adopt_flight(turn: Turn) -> None:
     """A flight that is not ours is landed: it counts as a flight from here on."""
-    turn.set(in_flight=True, flight_started_ns=turn.now, was_armed=True, both_routes=True, commanded=(), confirmed=None)
+    turn.set(
+        in_flight=True,
+        flight_started_ns=turn.now,
+        was_armed=True,
+        flown=True,
+        both_routes=True,
+        commanded=(),
+        confirmed=None,
+    )
 
 
 def alarm(turn: Turn) -> None:
@@ -316,9 +324,9 @@ def clean_up(turn: Turn) -> None:
 
 
 def end_mission(turn: Turn) -> None:
-    """Drop the missions that were still to come, unless this one is complete."""
-    if turn.state.result is Result.NOT_FLOWN and turn.state.flown:
-        turn.set(result=Result.LANDED_EARLY)  # given up before a further file, after the first ones were flown
+    """Say whether it was flown at all; drop the missions that were still to come, unless this one is complete."""
+    if turn.state.result in (Result.NOT_FLOWN, Result.LANDED_EARLY):
+        turn.set(result=Result.LANDED_EARLY if turn.state.flown else Result.NOT_FLOWN)
     state = turn.state
     turn.set(recording_over=True, in_flight=False)
     if state.result is not Result.COMPLETE:

@@ -86,6 +86,14 @@ class Turn:
         status = self.vehicle()
         return status is not None and status.armed is False and status.landed is VehicleLanded.ON_GROUND
 
+    def last_heard_down(self) -> bool:
+        """Return True when the last word of the vehicle was disarmed and ON_GROUND, however old.
+
+        Enough for a person who stands beside a vehicle that was switched off and acknowledges that it has landed.
+        """
+        status = self.state.autopilot
+        return status is not None and status.armed is False and status.landed is VehicleLanded.ON_GROUND
+
     def on_ground(self) -> bool:
         """Return True when the vehicle says, freshly, ON_GROUND."""
         status = self.vehicle()
