@@ -15,9 +15,9 @@ from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy
 
-from .errors import CallError
+from .errors import BrokenCallError, CallError, UnavailableError
 from .local_process import find
-from .node_liveness import NodeLiveness
+from .node_liveness import NodeLiveness, Place
 from .run_command import Outcome, run_command
 from .workers import Workers
 from .xmlrpc_call import call
@@ -25,6 +25,7 @@ from .xmlrpc_call import call
 __all__ = ["Restarter"]
 
 _POLITE_S = 1.0  # for a node to shut down by itself
+_GONE = "it is gone"
 _YOUNG_S = 2.0  # a node that started so recently is just coming back
 
 
@@ -87,14 +88,10 @@ class Restarter:
         process = find(place.uri, place.pid)
         if process is not None and process.age_s < _YOUNG_S:
             return Outcome(good=True, message=f"{node} has just come back, it gets the time to start")
-        try:
-            call(place.uri, "shutdown", (rospy.get_name(), "restarted by the watchdog"), min(_POLITE_S, limit_s / 4))
-            asked = True
-        except CallError as error:
-            asked, problem = False, str(error)
+        problem = _ask_to_shut_down(place, min(_POLITE_S, limit_s / 4))
         if process is None:
-            return _without_process(node, problem if not asked else "")
-        if asked and process.wait(min(_POLITE_S, limit_s / 4)):
+            return _without_process(node, problem)
+        if not problem and process.wait(min(_POLITE_S, limit_s / 4)):
             return Outcome(good=True, message=f"{node} has shut down")
         process.kill()
         if process.wait(min(_POLITE_S, limit_s / 4)):
@@ -102,10 +99,25 @@ class Restarter:
         return Outcome(good=False, message=f"process {process.pid} of {node} does not end, though it was killed")
 
 
+def _ask_to_shut_down(place: Place, limit_s: float) -> str:
+    """Ask a node to shut down; return why it will not, or an empty text. Nobody else who got its port is asked."""
+    try:
+        if int(call(place.uri, "getPid", (rospy.get_name(),), limit_s)) != place.pid:
+            return _GONE
+        call(place.uri, "shutdown", (rospy.get_name(), "restarted by the watchdog"), limit_s)
+    except BrokenCallError:
+        return ""  # it has shut down before it answered
+    except UnavailableError:
+        return _GONE
+    except CallError as error:
+        return str(error)
+    return ""
+
+
 def _without_process(node: str, problem: str) -> Outcome:
     """Say what came of a node that is gone, or on another computer."""
     if not problem:
         return Outcome(good=True, message=f"{node} on another computer was asked to shut down")
-    if problem == "connection refused":
+    if problem == _GONE:
         return Outcome(good=True, message=f"{node} is gone, roslaunch brings it back")
     return Outcome(good=False, message=f"{node} is not on this computer and does not answer: {problem}")

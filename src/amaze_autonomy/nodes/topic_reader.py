@@ -196,7 +196,8 @@ class TopicReader:
         pause_s = min(self._slice_s, limit_s)
         if pause_s > 0:
             time.sleep(pause_s)
-        for fd, _ in self._epoll.poll(max(0.0, limit_s - pause_s)):
+        # a second look: when the process was stopped meanwhile, the first one ends by its limit and sees nothing
+        for fd, _ in self._epoll.poll(max(0.0, limit_s - pause_s)) or self._epoll.poll(0.0):
             if fd == self._bell:
                 self._silence_bell()
                 self._admit()

@@ -23,7 +23,9 @@ from .topic_watch import TopicWatch
 __all__ = ["Job", "WatchLoop"]
 
 _log = logging.getLogger(__name__)
+_S = 1_000_000_000
 _IDLE_S = 1.0
+_STALL_NS = _S // 10
 
 #: Something for the watchdog's thread; gets the present time.
 Job = Callable[[int], None]
@@ -42,6 +44,7 @@ class WatchLoop:
         clock: the node's.
         tell: publishes what is due.
         restart: begins a restart.
+        stalled: gets how long this thread did not run though it should have, and the time, before anything is judged.
     """
 
     def __init__(
@@ -54,9 +57,11 @@ class WatchLoop:
         clock: Clock,
         tell: Tell,
         restart: Callable[[RestartRequest], None],
+        stalled: Callable[[int, int], None],
     ) -> None:
         self._watchdog, self._streams, self._reader, self._watches = watchdog, streams, reader, watches
-        self._desk, self._clock, self._tell, self._restart = desk, clock, tell, restart
+        self._desk, self._clock, self._tell = desk, clock, tell
+        self._restart, self._stalled = restart, stalled
         self._jobs: SimpleQueue[Job] = SimpleQueue()
         self._stopped = False
 
@@ -73,8 +78,13 @@ class WatchLoop:
     def run(self) -> None:
         """Turn until it is stopped."""
         while not self._stopped:
-            self._reader.wait(self._limit_s())
-            self._turn(self._clock.now_ns())
+            limit_s = self._limit_s()
+            due_ns = self._clock.now_ns() + round(limit_s * _S)
+            self._reader.wait(limit_s)
+            now_ns = self._clock.now_ns()
+            if now_ns - due_ns > _STALL_NS:
+                self._stalled(now_ns - due_ns, now_ns)
+            self._turn(now_ns)
 
     def _limit_s(self) -> float:
         """Return how long nothing has to be done unless something comes."""

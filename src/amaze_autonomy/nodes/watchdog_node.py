@@ -77,7 +77,9 @@ class WatchdogNode:
             clock,
             self._tell,
             self._restart,
+            self._excuse,
         )
+        self._answers: Dict[Tuple[str, bool], Tuple[int, Optional[bool], str]] = {}
         self._action = rospy.Publisher("watchdog/action", msg.WatchdogAction, queue_size=_QUEUE, tcp_nodelay=True)
         self._info = rospy.Publisher("watchdog/info", msg.WatchdogInfo, queue_size=_QUEUE, tcp_nodelay=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=_QUEUE)
@@ -127,7 +129,7 @@ class WatchdogNode:
 
             def tell(now_ns: int) -> None:
                 for name in names:
-                    self._watchdog.add_process(name, answer.alive, now_ns, answer.message)
+                    self._answer(name, False, now_ns, answer.alive, answer.message)
 
             self._loop.put(tell)
 
@@ -146,9 +148,25 @@ class WatchdogNode:
         def check() -> None:
             outcome = run_command(spec.driver, limit_s)
             message = "" if outcome.good else outcome.message
-            self._loop.put(lambda now_ns: self._watchdog.add_driver(spec.name, outcome.good, now_ns, message))
+            self._loop.put(lambda now_ns: self._answer(spec.name, True, now_ns, outcome.good, message))
 
         return check
+
+    def _answer(self, name: str, driver: bool, t_ns: int, good: Optional[bool], message: str) -> None:  # noqa: FBT001
+        """Hand over the answer of a node, or the outcome of a look at a driver."""
+        if good is None:
+            return
+        self._answers[name, driver] = (t_ns, good, message)
+        if driver:
+            self._watchdog.add_driver(name, good, t_ns, message)
+        else:
+            self._watchdog.add_process(name, good, t_ns, message)
+
+    def _excuse(self, stall_ns: int, now_ns: int) -> None:
+        """Make the last answers younger by a time in which nobody was asked, because this process did not run."""
+        rospy.logwarn("the watchdog did not run for %.3f s", stall_ns / _S)
+        for (name, driver), (t_ns, good, message) in list(self._answers.items()):
+            self._answer(name, driver, min(now_ns, t_ns + stall_ns), good, message)
 
     def _take_autopilot(self, data: memoryview) -> None:
         """Take what the autopilot says of its sensors; when its link is old, it says nothing."""

@@ -1,0 +1,80 @@
+"""One node of the package as a process of a test, with a configuration of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, Sequence
+
+import roslib.packages
+import rospy
+
+from amaze_autonomy.paths import config_folder
+
+
+class OneNode:
+    """A process.
+
+    Args:
+        kind: executable, and name of the node.
+        namespace: it is started in.
+        overrides: of the configuration.
+        sensors: text of sensors.yaml; empty: the one that ships.
+        missions: likewise.
+        parameters: private ones.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        namespace: str = "",
+        overrides: Sequence[str] = (),
+        sensors: str = "",
+        missions: str = "",
+        parameters: Dict[str, Any] = {},  # noqa: B006
+    ) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{kind}_"))
+        shutil.copytree(config_folder(), self.folder, dirs_exist_ok=True)
+        for name, text in (("sensors", sensors), ("missions", missions)):
+            if text:
+                (self.folder / f"{name}.yaml").write_text(text)
+        path = f"{namespace}/{kind}"
+        for name, value in {"config": str(self.folder), "overrides": list(overrides), **parameters}.items():
+            rospy.set_param(f"{path}/{name}", value)
+        self._log = (self.folder / "log").open("wb")
+        command = [roslib.packages.find_node("amaze_autonomy", kind)[0]]
+        environment = {**os.environ, "ROS_NAMESPACE": namespace or "/"}
+        self.process = subprocess.Popen(command, env=environment, stdout=self._log, stderr=self._log)
+
+    @property
+    def log(self) -> str:
+        return (self.folder / "log").read_text(errors="replace")
+
+    def end(self) -> int:
+        """End it as roslaunch does; return its exit status."""
+        self.process.send_signal(signal.SIGINT)
+        try:
+            return self.process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            raise
+        finally:
+            self._log.close()
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def wait_for(condition: Callable[[], Any], what: str, limit_s: float = 20.0) -> Any:
+    """Wait for something that becomes true; return it."""
+    deadline_s = time.monotonic() + limit_s
+    while True:
+        found = condition()
+        if found:
+            return found
+        assert time.monotonic() < deadline_s, f"{what} did not come within {limit_s} s"
+        time.sleep(0.005)

@@ -1,0 +1,154 @@
+#!/usr/bin/env python3
+"""The state estimation node over each kind of estimate: valid at rest; every way of not being so has its row."""
+
+from __future__ import annotations
+
+import math
+import threading
+import unittest
+
+import rospy
+import rostest
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from one_node import OneNode, wait_for
+from sensor_msgs.msg import Imu
+
+from amaze_autonomy import msg, srv
+
+G = 9.80665
+KINDS = {"odometry": Odometry, "pose": PoseStamped, "pose_with_covariance": PoseWithCovarianceStamped}
+
+
+class World:
+    """The vehicle as estimator and IMU tell it."""
+
+    def __init__(self):
+        self.reset()
+        self.estimates = {
+            kind: rospy.Publisher(f"/{kind}/data", message, queue_size=5) for kind, message in KINDS.items()
+        }
+        self.imu = rospy.Publisher("/imu", Imu, queue_size=5)
+        self.ended = threading.Event()
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def reset(self):
+        self.roll_rad = self.imu_roll_rad = self.x = self.drift = 0.0
+        self.g, self.talks, self.norm, self.age_s = G, True, 1.0, 0.0
+
+    def run(self):
+        number = 0
+        while not self.ended.wait(1 / 30):
+            number += 1
+            self.x += self.drift / 30
+            for kind, publisher in self.estimates.items() if self.talks else ():
+                publisher.publish(self.estimate(kind))
+            for _ in range(2):
+                imu = Imu()
+                imu.linear_acceleration.y = self.g * math.sin(self.imu_roll_rad)
+                imu.linear_acceleration.z = self.g * math.cos(self.imu_roll_rad)
+                self.imu.publish(imu)
+
+    def estimate(self, kind):
+        message = KINDS[kind]()
+        message.header.stamp = rospy.Time.now() - rospy.Duration(self.age_s)
+        pose = message.pose if kind == "pose" else message.pose.pose
+        pose.position.x = self.x
+        pose.orientation.x = self.norm * math.sin(self.roll_rad / 2)
+        pose.orientation.w = self.norm * math.cos(self.roll_rad / 2)
+        if kind != "pose":
+            message.pose.covariance = [0.0025 if row == column else 0.0 for row in range(6) for column in range(6)]
+        return message
+
+
+class TestStateEstimation(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.world, cls.nodes, cls.checks = World(), [], {}
+        for kind in KINDS:
+            overrides = [
+                f"sensors.state_estimation.source={kind}",
+                f"sensors.state_estimation.topic=/{kind}/data",
+                "sensors.state_estimation.imu_topic=/imu",
+            ]
+            cls.nodes.append(OneNode("state_estimation", f"/{kind}", overrides))
+        for kind in KINDS:
+            rospy.wait_for_service(f"/{kind}/state_estimation/check", 20.0)
+            cls.checks[kind] = rospy.ServiceProxy(f"/{kind}/state_estimation/check", srv.CheckState)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.world.ended.set()
+        assert [node.end() for node in cls.nodes] == [0] * len(KINDS)
+
+    def setUp(self):
+        self.world.reset()
+        try:
+            wait_for(lambda: all(check().valid for check in self.checks.values()), "valid by all")
+        except AssertionError as error:
+            raise AssertionError(f"{error}: {[check() for check in self.checks.values()]}") from None
+
+    def failed(self, row, words=""):
+        """Wait until all nodes have a row that did not pass, with these words; return the row of each."""
+
+        def bad(each):
+            return each is not None and each.verdict in (msg.Check.FAIL, msg.Check.UNKNOWN) and words in each.advice
+
+        def rows():
+            found = [
+                next((each for each in check().checks if each.name == row), None) for check in self.checks.values()
+            ]
+            return found if all(bad(each) for each in found) else None
+
+        found = wait_for(rows, f"{row} fails: {words}")
+        self.assertEqual([check().valid for check in self.checks.values()], [False] * len(KINDS))
+        return found
+
+    def test_at_rest_the_states_are_valid_and_gravity_points_down(self):
+        for kind, check in self.checks.items():
+            answer = check()
+            self.assertAlmostEqual(answer.gravity.z, -G, places=3)
+            self.assertAlmostEqual(answer.tilt, 0.0, places=3)
+            bad = [row.name for row in answer.checks if row.verdict not in (msg.Check.PASS, msg.Check.WARN)]
+            warned = [row.name for row in answer.checks if row.verdict == msg.Check.WARN]
+            self.assertEqual(bad, [])
+            self.assertEqual(warned, ["position deviation", "orientation deviation"] if kind == "pose" else [])
+
+    def test_a_tilted_vehicle_is_told_where_to(self):
+        self.world.roll_rad, self.world.imu_roll_rad = -math.radians(14.0), -math.radians(14.0)
+        for row in self.failed("tilt", "vehicle is tilted 14 deg to the left, limit 10 deg"):
+            self.assertAlmostEqual(math.degrees(row.value), 14.0, delta=0.6)
+        self.failed("estimated tilt")
+
+    def test_an_imu_in_units_of_g_is_recognised(self):
+        self.world.g = 1.0
+        self.failed("gravity magnitude", "it looks like g: the driver must publish m/s^2")
+
+    def test_estimate_and_imu_must_agree(self):
+        self.world.roll_rad = math.radians(8.0)
+        self.failed("tilt agreement")
+
+    def test_numbers_that_are_none_fail(self):
+        self.world.x = math.nan
+        self.failed("estimate finite")
+
+    def test_a_quaternion_that_is_none_fails(self):
+        self.world.norm = 0.9
+        self.failed("quaternion norm")
+
+    def test_a_drifting_estimate_fails(self):
+        self.world.drift = 0.2
+        self.failed("estimate drift")
+
+    def test_silence_fails(self):
+        self.world.talks = False
+        self.failed("estimate age")
+
+    def test_an_old_stamp_fails_though_messages_come(self):
+        self.world.age_s = 2.0
+        self.failed("estimate age")
+
+
+if __name__ == "__main__":
+    rospy.init_node("test_state_estimation")
+    rostest.rosrun("amaze_autonomy", "state_estimation", TestStateEstimation)
