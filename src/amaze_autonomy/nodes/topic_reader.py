@@ -75,7 +75,7 @@ class TopicStream:
         self._wanted = tally.wanted if look is not None else 0
         self._pending = b""
         self._skip = 0
-        self._whole = False
+        self._least = 1  # bytes that wake the reader
         sock.setblocking(False)
         self.fd, self.whole = sock.fileno(), self._wanted == ALL
 
@@ -85,15 +85,14 @@ class TopicStream:
             while True:
                 if self._skip:
                     count = self._discard()
+                    self._wake_for(self._skip)
                     if self._skip:
                         return count > 0
                     continue
                 count = self._sock.recv_into(buffer)
                 if not self._parse(buffer[:count]) or count == 0:
                     return False
-                if self._skip:
-                    self._wait_for_rest()
-                elif count < len(buffer):
+                if not self._skip and count < len(buffer):
                     return True
         except BlockingIOError:
             return True
@@ -117,16 +116,14 @@ class TopicStream:
         self._skip -= count
         if self._skip == 0:
             self._count()
-            if self._whole:
-                self._whole = False
-                self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, 1)
         return count
 
-    def _wait_for_rest(self) -> None:
+    def _wake_for(self, rest: int) -> None:
         """Be woken once for the rest of a large message, not for each part; the kernel makes room for it as well."""
-        if self._skip >= _WHOLE_BYTES:
-            self._whole = True
-            self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, self._skip)
+        least = rest if rest >= _WHOLE_BYTES else 1
+        if least != self._least:
+            self._least = least
+            self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, least)
 
     def _parse(self, data: memoryview) -> bool:
         """Count the messages in what has come; False when it is not TCPROS."""

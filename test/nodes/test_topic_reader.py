@@ -1,0 +1,121 @@
+"""Counting over real sockets: however messages are cut, each is counted once, and seen as far as it is wanted."""
+
+from __future__ import annotations
+
+import random
+import socket
+import struct
+
+import pytest
+
+from amaze_autonomy.nodes.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream
+
+
+def framed(messages):
+    return b"".join(struct.pack("<I", len(message)) + message for message in messages)
+
+
+class Wire:
+    """A publisher and a reader with one connection between them."""
+
+    def __init__(self, wanted=0):
+        with socket.socket() as server:
+            server.bind(("127.0.0.1", 0))
+            server.listen(1)
+            self.publisher = socket.create_connection(server.getsockname())
+            sock, _ = server.accept()
+        self.seen, self.closed = [], []
+        self.tally = Tally("/topic", wanted)
+        self.stream = TopicStream(
+            sock, self.tally, lambda data: self.seen.append(bytes(data)), lambda: self.closed.append(True)
+        )
+        self.reader = TopicReader(slice_s=0.0)
+
+    def begin(self, data=b""):
+        self.reader.add(self.stream, data)
+        self.reader.wait(0.0)
+
+    def send(self, data):
+        """Send everything, while the other side reads."""
+        self.publisher.setblocking(False)
+        while data:
+            try:
+                data = data[self.publisher.send(data) :]
+            except BlockingIOError:
+                self.reader.wait(0.01)
+
+    def wait_for(self, condition):
+        for _ in range(500):
+            if condition():
+                return
+            self.reader.wait(0.01)
+        raise AssertionError((self.tally.total, self.tally.streams))
+
+
+MESSAGES = [
+    bytes([number % 251]) * size for number, size in enumerate((0, 1, 12, 4091, 4092, 4093, 5000, 70000, 1 << 21, 3))
+]
+
+
+@pytest.mark.parametrize("wanted", [0, STAMP_BYTES, ALL])
+@pytest.mark.parametrize("seed", range(4))
+def test_every_message_is_counted_once_however_it_is_cut(wanted, seed):
+    wire, rng = Wire(wanted), random.Random(seed)
+    data = framed(MESSAGES)
+    first = rng.choice((0, 2, 4, 9))
+    wire.begin(data[:first])
+    place = first
+    while place < len(data):
+        size = rng.choice((1, 3, 100, 4096, 100_000, 1_000_000))
+        wire.send(data[place : place + size])
+        place += size
+        wire.reader.wait(0.0)
+    wire.wait_for(lambda: wire.tally.total == len(MESSAGES))
+    assert wire.tally.take() == len(MESSAGES)
+    assert wire.tally.take() == 0
+    expected = {0: [], STAMP_BYTES: [message[:STAMP_BYTES] for message in MESSAGES], ALL: MESSAGES}[wanted]
+    assert wire.seen == expected
+
+
+def test_a_message_counts_when_it_is_complete():
+    wire = Wire()
+    wire.begin()
+    wire.send(framed([b"x" * 100_000])[:-1])
+    for _ in range(5):
+        wire.reader.wait(0.01)
+    assert wire.tally.total == 0
+    wire.send(b"x")
+    wire.wait_for(lambda: wire.tally.total == 1)
+
+
+@pytest.mark.parametrize("rest", [b"", b"\x05\x00\x00\x00ab"])
+def test_a_publisher_that_dies_ends_its_connection(rest):
+    wire = Wire()
+    wire.begin()
+    wire.send(framed([b"abc"]) + rest)
+    wire.publisher.close()
+    wire.wait_for(lambda: wire.closed)
+    assert (wire.tally.total, wire.tally.streams, wire.closed) == (1, 0, [True])
+
+
+def test_a_publisher_that_dies_within_a_picture_ends_its_connection():
+    wire = Wire()
+    wire.begin()
+    wire.send(struct.pack("<I", 300_000) + b"x" * 100_000)
+    wire.publisher.close()
+    wire.wait_for(lambda: wire.closed)
+    assert (wire.tally.total, wire.tally.streams) == (0, 0)
+
+
+def test_what_is_no_tcpros_ends_the_connection():
+    wire = Wire()
+    wire.begin()
+    wire.send(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+    wire.wait_for(lambda: wire.closed)
+    assert wire.tally.total == 0
+
+
+def test_waking_ends_the_wait_at_once():
+    reader = TopicReader(slice_s=0.0)
+    reader.wake()
+    reader.wait(60.0)
