@@ -96,7 +96,7 @@ def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
     else:  # several writers in one chunk
         fields = (-1, -1)
         said = _said_one_by_one(buffer, start.tolist())
-    if not ((said[0] == connection).all() and (said[1] * np.int64(1_000_000_000) + said[2] == t_ns).all()):
+    if not ((said[0] == connection).all() and (said[1].astype(np.int64) * 1_000_000_000 + said[2] == t_ns).all()):
         raise RecordError("a message is another one than the index says")
     return Table(t_ns, connection, start, payload, end, fields)
 

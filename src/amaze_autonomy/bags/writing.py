@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Dict, List, Optional, Tuple
+from zlib import crc32
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .layout import connection_record, index_records
 from .output import Output
 from .pending import Pending, Rows, joined, nothing
 from .source import Block, Pool
-from .tally import Tallies, Tally, checksums, payload_checksums
+from .tally import Tallies, Tally, checksums
 from .unify import Unified
 
 __all__ = ["Writing"]
@@ -113,7 +114,9 @@ class Writing:
         if not places:
             return rows
         found = rows.where(np.array(places))
-        crc = np.array([self._crc(found, place) for place in range(len(places))], np.uint64)
+        pieces = zip(found.block.tolist(), found.payload.tolist(), found.end.tolist())
+        buffers = self._pending.buffers
+        crc = np.array([crc32(memoryview(buffers[block])[begin:end]) for block, begin, end in pieces], np.uint64)
         sums = checksums(crc, found.end - found.payload, found.t_ns)
         for number, checksum in zip(found.connection.tolist(), sums.tolist()):
             each = self._connections[number]
@@ -136,10 +139,6 @@ class Writing:
             for place, t_ns, connection, _, payload, end, block, source in zip(*columns)
             if finder.known(t_ns, connection, source, memoryview(buffers[block])[payload:end])
         ]
-
-    def _crc(self, rows: Rows, place: int) -> int:
-        buffer = self._pending.buffers[int(rows.block[place])]
-        return int(payload_checksums(buffer, [int(rows.payload[place])], [int(rows.end[place])])[0])
 
 
 def _connection_records(connections: Dict[int, Connection]) -> bytes:

@@ -1,0 +1,318 @@
+"""How fast bags are merged, recovered and looked into, against other tools on the same files in the same run.
+
+    python test/bench/bags_speed.py [--seconds 20] [--folder FOLDER] [--copies 1]
+
+Writes camera recordings (25 MB/s) and recordings of small messages of two computers into a folder below FOLDER
+(default: memory), measures, prints a table in Markdown, and removes all of it. Each tool runs in a process of its own,
+its start included; the best of three rounds counts, the rounds are interleaved. Tools that are not installed are left
+out and named. The C++ programs are compiled here, with librosbag-dev.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "src"))
+
+from rosbags.rosbag1 import Writer  # noqa: E402
+from rosbags.typesys import Stores, get_typestore  # noqa: E402
+
+STORE = get_typestore(Stores.ROS1_NOETIC)
+START_NS = 1_600_000_000_000_000_000
+SECOND = 1_000_000_000
+ROUNDS = 3
+IMAGE = 1_000_000
+HEADER = struct.Struct("<IIII")
+
+CPP_MERGE = r"""
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+int main(int argc, char** argv) {
+  rosbag::Bag out(argv[1], rosbag::bagmode::Write);
+  if (argc > 2 && argv[2][0] == '-') out.setCompression(rosbag::compression::LZ4);
+  std::vector<std::shared_ptr<rosbag::Bag>> in;
+  rosbag::View view;
+  for (int i = argv[2][0] == '-' ? 3 : 2; i < argc; ++i) {
+    in.push_back(std::make_shared<rosbag::Bag>(argv[i], rosbag::bagmode::Read));
+    view.addQuery(*in.back());
+  }
+  for (const rosbag::MessageInstance& m : view) out.write(m.getTopic(), m.getTime(), m, m.getConnectionHeader());
+  out.close();
+}
+"""
+CPP_RECORD = r"""
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+#include <signal.h>
+int main(int argc, char** argv) {  // writes a bag again, and is killed when it has written a given number of messages
+  rosbag::Bag in(argv[2], rosbag::bagmode::Read), out(argv[1], rosbag::bagmode::Write);
+  std::string kind = argv[3];
+  if (kind == "lz4") out.setCompression(rosbag::compression::LZ4);
+  if (kind == "bz2") out.setCompression(rosbag::compression::BZ2);
+  out.setChunkThreshold(atoi(argv[4]) * 1024);
+  long left = atol(argv[5]);
+  rosbag::View view(in);
+  for (const rosbag::MessageInstance& m : view) {
+    out.write(m.getTopic(), m.getTime(), m, m.getConnectionHeader());
+    if (--left == 0) raise(SIGKILL);
+  }
+}
+"""
+# bag.h wants a header of another package for one member, its last but one; only the library itself ever uses that.
+SHIM = """
+#pragma once
+#include <string>
+namespace pluginlib {
+template <class T> struct ClassLoader { char opaque[4096]; ClassLoader(const std::string&, const std::string&) {} };
+}
+"""
+PY_MERGE = """
+import sys, rosbag
+bags = [rosbag.Bag(path) for path in sys.argv[2:]]
+out = rosbag.Bag(sys.argv[1], "w")
+rows = [bag.read_messages() for bag in bags]
+import heapq
+for topic, message, t in heapq.merge(*rows, key=lambda row: row[2]):
+    out.write(topic, message, t)
+out.close()
+"""
+
+
+def stamp(t_ns: int, seq: int) -> bytes:
+    return HEADER.pack(seq, t_ns // SECOND, t_ns % SECOND, 0)
+
+
+def write_small(path: Path, computer: str, seconds: int) -> None:
+    """Write IMU and range messages of one computer, 430 a second."""
+    chance = np.random.default_rng(len(computer))
+    with Writer(path) as writer:
+        streams = [(_connection(writer, f"/{computer}/imu{each}", "sensor_msgs/msg/Imu"), 200, 296) for each in (0, 1)]
+        streams.append((_connection(writer, f"/{computer}/range", "sensor_msgs/msg/Range"), 30, 17))
+        shift = int(chance.integers(0, 400_000))
+        events = sorted(
+            (START_NS + shift + each * SECOND // rate_hz + place * 999, each, connection, size)
+            for place, (connection, rate_hz, size) in enumerate(streams)
+            for each in range(seconds * rate_hz)
+        )
+        for t_ns, each, connection, size in events:
+            writer.write(connection, t_ns, stamp(t_ns, each) + chance.bytes(size))
+
+
+def write_camera(path: Path, computer: str, seconds: int, compression: str) -> None:
+    """Write 25 images of a megabyte, and 200 IMU messages, a second."""
+    chance = np.random.default_rng(len(computer))
+    half = chance.bytes(IMAGE // 8)
+    image = (half + bytes(IMAGE // 8)) * 4
+    body = struct.pack("<III", 1000, 1000, 5) + b"mono8" + struct.pack("<BII", 0, 1000, IMAGE) + image
+    writer = Writer(path)
+    if compression != "none":
+        writer.set_compression(getattr(Writer.CompressionFormat, compression.upper()))
+    with writer:
+        camera = _connection(writer, f"/{computer}/image", "sensor_msgs/msg/Image")
+        imu = _connection(writer, f"/{computer}/imu", "sensor_msgs/msg/Imu")
+        shift = int(chance.integers(0, 4_000_000))
+        for each in range(seconds * 25):
+            t_ns = START_NS + shift + each * SECOND // 25
+            writer.write(camera, t_ns, stamp(t_ns, each) + body)
+            for step in range(8):
+                at_ns = t_ns + 1000 + step * SECOND // 200
+                writer.write(imu, at_ns, stamp(at_ns, each * 8 + step) + bytes(296))
+
+
+def _connection(writer: Writer, topic: str, kind: str) -> object:
+    return writer.add_connection(topic, kind, typestore=STORE, callerid=topic, latching=0)
+
+
+def timed(command: list, synced: Path | None = None) -> tuple[float, float]:
+    """Return seconds and megabytes of memory of a process; with a file, until that is on the disk."""
+    before = time.perf_counter()
+    process = subprocess.Popen(
+        [str(part) for part in command],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    error = process.stderr.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    if status:
+        sys.exit(f"{command[0]} failed: {error.decode()[-400:]}")
+    if synced:
+        file = os.open(synced, os.O_RDONLY)
+        os.fsync(file)
+        os.close(file)
+    return time.perf_counter() - before, usage.ru_maxrss / 1024
+
+
+def compare(tools: dict, output: Path) -> dict:
+    """Return the best seconds, and the memory, of each tool; a tool is a list of commands that do one job."""
+    best = {}
+    for _ in range(ROUNDS):
+        for name, commands in tools.items():
+            seconds, memory = 0.0, 0.0
+            for command in commands:
+                took_s, used = timed(command, output if output.exists() else None)
+                seconds, memory = seconds + took_s, max(memory, used)
+            best[name] = min(best.get(name, (9e9, 0)), (seconds, memory))
+            for path in output.parent.glob(f"{output.stem}*"):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+    return best
+
+
+def table(title: str, best: dict, base: str) -> None:
+    print(f"\n{title}\n\n| Tool | Time | Memory | Times {base} |\n|---|---|---|---|")
+    for name, (seconds, memory) in best.items():
+        print(f"| {name} | {seconds:.2f} s | {memory:.0f} MB | {seconds / best[base][0]:.2f} |")
+
+
+def merge_tools(inputs: list, output: Path, programs: dict, compression: str = "auto") -> dict:
+    ours = [sys.executable, "-m", "amaze_autonomy.bags.cli", "merge", *inputs, "-o", output, "--force"]
+    copies = [output.with_name(f"{output.stem}{each}.copy") for each in range(len(inputs))]
+    tools = {
+        "cp": [["cp", source, copy] for source, copy in zip(inputs, copies)],
+        "amaze-bag merge": [[*ours, "--compression", compression]],
+    }
+    if "merge" in programs:
+        packed = ["-lz4"] if compression == "lz4" else []
+        tools["librosbag (C++)"] = [[programs["merge"], output, *packed, *inputs]]
+    converter = Path(sys.executable).with_name("rosbags-convert")
+    if converter.exists() and compression == "auto":
+        tools["rosbags-convert"] = [[converter, "--src", *inputs, "--dst", output]]
+    if programs.get("python"):
+        tools["rosbag in Python"] = [[programs["python"], "-c", PY_MERGE, output, *inputs]]
+    return tools
+
+
+def compiled(folder: Path) -> dict:
+    programs = {}
+    (folder / "shim" / "pluginlib").mkdir(parents=True)
+    (folder / "shim" / "pluginlib" / "class_loader.hpp").write_text(SHIM)
+    for name, text in (("merge", CPP_MERGE), ("record", CPP_RECORD)):
+        source, program = folder / f"{name}.cpp", folder / name
+        source.write_text(text)
+        libraries = [
+            f"-l{each}" for each in ("rosbag_storage", "roscpp_serialization", "rostime", "cpp_common", "roscpp")
+        ]
+        command = ["g++", "-O2", "-w", "-idirafter", folder / "shim", source, "-o", program, *libraries]
+        if (
+            shutil.which("g++")
+            and subprocess.run(list(map(str, command)), check=False, capture_output=True).returncode == 0
+        ):
+            programs[name] = program
+        else:
+            print(f"not compiled, so left out: {name}.cpp with librosbag")
+    if shutil.which("rosbag"):
+        programs["python"] = "/usr/bin/python3"
+    return programs
+
+
+def recovery(folder: Path, source: Path, programs: dict, kind: str, chunk_kb: int, messages: int) -> None:
+    """Kill a recorder in C++ and compare what is recovered."""
+    active = folder / "killed.bag.active"
+    command = [programs["record"], active, source, kind, chunk_kb, messages]
+    assert subprocess.run(list(map(str, command)), check=False).returncode == -signal.SIGKILL
+    began = time.perf_counter()
+    ours = folder / "killed.bag"
+    subprocess.run(
+        [sys.executable, "-m", "amaze_autonomy.bags.cli", "recover", str(active), "--force"],
+        check=False,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stdout=subprocess.DEVNULL,
+    )
+    ours_s = time.perf_counter() - began
+    work = folder / "reindexed.bag"
+    shutil.copy(active, work)
+    began = time.perf_counter()
+    subprocess.run(["rosbag", "reindex", "-q", str(work)], check=False, capture_output=True)
+    theirs_s = time.perf_counter() - began
+    kept = [sum(count for _, count in counts(path)) for path in (ours, work)]
+    print(
+        f"| {source.stem}, {kind}, {chunk_kb} kB chunks | {active.stat().st_size / 1e6:.0f} MB | "
+        f"{messages - kept[0]} | {messages - kept[1]} | {ours_s:.2f} s | {scan_s(active):.3f} s | {theirs_s:.2f} s |"
+    )
+    for path in folder.glob("killed*"):
+        path.unlink()
+    for path in folder.glob("reindexed*"):
+        path.unlink()
+
+
+def counts(path: Path) -> list:
+    from amaze_autonomy.bags.index import Index  # noqa: PLC0415
+
+    with Index(path) as index:
+        return [pair for chunk in index.chunks for pair in chunk.counts]
+
+
+def scan_s(path: Path) -> float:
+    from amaze_autonomy.bags.scan import scan  # noqa: PLC0415
+
+    began = time.perf_counter()
+    scan(path, check_data=False)
+    return time.perf_counter() - began
+
+
+def index_s(path: Path) -> tuple:
+    from amaze_autonomy.bags.index import Index  # noqa: PLC0415
+
+    best, found = 9e9, 0
+    for _ in range(ROUNDS):
+        began = time.perf_counter()
+        with Index(path) as index:
+            found = len(index.messages().t_ns)
+        best = min(best, time.perf_counter() - began)
+    return best, found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--seconds", type=int, default=20, help="of camera recording; small messages last 15 times that"
+    )
+    parser.add_argument("--folder", type=Path, default=Path("/dev/shm"), help="where; memory by default")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.folder, prefix="bags_speed-") as name:
+        run(Path(name), options.seconds)
+
+
+def run(folder: Path, seconds: int) -> None:
+    programs = compiled(folder)
+    output = folder / "out.bag"
+    small = [folder / f"small{each}.bag" for each in "12"]
+    for each, path in enumerate(small):
+        write_small(path, f"computer_{'x' * each}", 15 * seconds)
+    size = sum(path.stat().st_size for path in small) / 1e6
+    best = compare(merge_tools(small, output, programs), output)
+    table(f"Small messages, {size:.0f} MB, {2 * 15 * seconds * 430:,} messages", best, "cp")
+    took_s, found = index_s(small[0])
+    print(f"\nIndex of {small[0].stat().st_size / 1e6:.0f} MB with {found:,} messages, in process: {took_s:.3f} s")
+    for kind in ("none", "lz4"):
+        camera = [folder / f"camera{each}.bag" for each in "12"]
+        for each, path in enumerate(camera):
+            write_camera(path, f"computer_{'x' * each}", seconds, kind)
+        size = sum(path.stat().st_size for path in camera) / 1e6
+        tools = merge_tools(camera, output, {key: programs[key] for key in programs if key != "python"})
+        table(f"Camera recordings, {kind}, {size:.0f} MB", compare(tools, output), "cp")
+        if kind == "none" and "record" in programs:
+            print("\n| Killed recorder | Size | Lost | Lost by reindex | recover | its scan alone | rosbag reindex |")
+            print("|---|---|---|---|---|---|---|")
+            for chunks in (("none", 768), ("lz4", 768), ("lz4", 64), ("bz2", 768)):
+                recovery(folder, small[0], programs, *chunks, 15 * seconds * 430 - 1234)
+            for chunks in (("none", 768), ("lz4", 64)):
+                recovery(folder, camera[0], programs, *chunks, seconds * 225 - 123)
+        for path in camera:
+            path.unlink()
+
+
+if __name__ == "__main__":
+    main()
