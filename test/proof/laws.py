@@ -2,8 +2,8 @@
 
 A law returns None where it does not apply, True where it is kept, and a sentence where it is broken. It may look at the
 event, the commands, the place that the engine shows, and the witness (`proof_witness.py`); hardly ever at the engine's
-inside. `source` is the rule of DESIGN.md that it is written from: "4.3" is rule 3 of section 4, "5 HOLD" the row HOLD of
-section 5.
+inside. `source` is the rule of DESIGN.md that it is written from: "4.3" is rule 3 of section 4, "5 HOLD" the row HOLD
+of section 5.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Optional, Tuple, Union
 
-from proof_witness import CHECKS, Witness
+from proof_witness import CHECKS, NEVER_OURS, OURS, Witness
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import (
@@ -53,7 +53,7 @@ _LANDING_MODES = ("AUTO.LAND", "AUTO.PRECLAND")
 
 
 class Moment:
-    """One event and its answer: `was` and `saw` are the witness before the event and after it, `seen` after the commands."""
+    """One event and its answer: the witness as it `was`, as it `saw` the event, and as it has `seen` the commands."""
 
     __slots__ = ("after", "before", "commands", "event", "motions", "requests", "rules", "saw", "seen", "was")
 
@@ -167,6 +167,18 @@ def takeoff_only_when_fit(m: Moment) -> Verdict:
     return True
 
 
+@law("4.7, 5 PREFLIGHT", "Ready is said when every check has passed, by all its rows, and none is too old.")
+def ready_needs_every_check(m: Moment) -> Verdict:
+    if not any(isinstance(c, Decision) and c.after == "READY" for c in m.commands) or m.before.state is State.READY:
+        return None
+    for name, asked in m.saw.checks:
+        if not asked.ok or asked.answered_ns is None:
+            return f"the {name} check has not passed"
+        if m.saw.now - asked.answered_ns > m.rules.limits.check_max_age_ns:
+            return f"the {name} check is too old"
+    return True if len(m.saw.checks) == CHECKS else "not every check was asked"
+
+
 @law("5 READY, LOAD_MISSION", "Ready is taken back when a required component is not at code 1, or tolerated at 2.")
 def ready_is_taken_back(m: Moment) -> Verdict:
     if m.before.state not in (State.READY, State.START_RECORDING, State.LOAD_MISSION):
@@ -213,9 +225,6 @@ def abort_is_landed(m: Moment) -> Verdict:
     return _is_landed_for(m, f"{bad[0]} is at 16") if bad and m.saw.flight == "armed" else None
 
 
-_LAND_SEVERITIES = ("highest",)
-
-
 @law("4 decision table", "A component of the row `highest` is landed for at 4, 8 and 16.", always=True)
 def highest_is_landed_for(m: Moment) -> Verdict:
     if m.saw.flight != "armed":
@@ -251,9 +260,9 @@ def _lost(m: Moment) -> str:
         return "the autopilot is silent"
     if now - (started if saw.battery_ns is None else saw.battery_ns) > limits.battery_age_limit_ns:
         return "the battery level is unknown"
-    if status is not None and status.battery_fraction is not None:
-        if not status.battery_fraction > limits.battery_critical_fraction:
-            return "the battery is critical"
+    level = status.battery_fraction if status is not None else None
+    if level is not None and not level > limits.battery_critical_fraction:
+        return "the battery is critical"
     if now - started >= limits.max_flight_time_ns:
         return "the flight time is over"
     return _out_of_bounds(m)
@@ -261,12 +270,13 @@ def _lost(m: Moment) -> str:
 
 def _out_of_bounds(m: Moment) -> str:
     status, limits = m.saw.fresh(m.rules.limits), m.rules.limits
-    if status is not None and status.height_m is not None and status.height_m > limits.max_height_m:
+    if status is None:
+        return ""
+    if status.height_m is not None and status.height_m > limits.max_height_m:
         return "it is too high"
-    if status is not None and status.position_x_m is not None and status.position_y_m is not None:
-        if (status.position_x_m**2 + status.position_y_m**2) ** 0.5 > limits.max_distance_m:
-            return "it is too far"
-    return ""
+    x, y = status.position_x_m, status.position_y_m
+    far = x is not None and y is not None and (x**2 + y**2) ** 0.5 > limits.max_distance_m
+    return "it is too far" if far else ""
 
 
 @law("4 losses", "When planner or autopilot is lost, the landing goes out by both routes.", always=True)
@@ -309,9 +319,10 @@ def a_wait_holds(m: Moment) -> Verdict:
     if m.saw.flight != "armed" or not m.saw.airborne or _waits(m) is None or m.saw.on_ground(m.rules.limits):
         return None
     if m.after.state not in (State.TAKEOFF, State.MISSION) or m.after.step is Step.CANCELLING:
+        return True
+    if _waits(m) in m.after.flown_without:
         return None
-    without = _waits(m) in m.after.flown_without
-    return None if without else f"{_waits(m)} has failed, and it neither holds nor lands"
+    return f"{_waits(m)} has failed, and it neither holds nor lands"
 
 
 @law(
@@ -342,6 +353,26 @@ def high_lands_in_the_end(m: Moment) -> Verdict:
         if name in rows and code in (4, 8) and over:
             return _is_landed_for(m, f"{name} is not coming back")
     return None
+
+
+@law("4 table", "It lands by itself only for something that is landed for: never for what is flown on without.")
+def a_landing_has_a_cause(m: Moment) -> Verdict:
+    rules = [c.rule for c in m.commands if isinstance(c, Decision)]
+    if "land" not in rules and "land_by_both_routes" not in rules:
+        return None
+    rows = {rule.name: rule.severity.value for rule in m.rules.components}
+    for name, code in m.saw.codes:
+        if code == 16 or (code >= 4 and rows.get(name) in ("high", "highest")) or (code == 8 and name not in rows):
+            return True
+    return True if m.was.user_hold or _lost(m) else f"landing, and only {dict(m.saw.codes)} is wrong"
+
+
+@law("4 table", "It holds by itself only for a component at 4 or 8.")
+def a_hold_has_a_cause(m: Moment) -> Verdict:
+    if not any(isinstance(c, Decision) and c.rule == "hold" for c in m.commands):
+        return None
+    held = [name for name, code in m.saw.codes if code in (4, 8)]
+    return True if held else f"holding, and {dict(m.saw.codes)} is no reason"
 
 
 # --- landing ----------------------------------------------------------------------------------------------------------
@@ -441,6 +472,28 @@ def complete_is_complete(m: Moment) -> Verdict:
     return True if last else "it was not the last file"
 
 
+@law("5 TAKEOFF", "The mission begins at takeoff height, known freshly.")
+def the_mission_begins_at_height(m: Moment) -> Verdict:
+    if m.before.step is not Step.CLIMBING or m.after.step is not Step.FLYING:
+        return None
+    status, limit = m.saw.fresh(m.rules.limits), m.rules.limits.takeoff_height_m
+    high = status is not None and status.height_m is not None and status.height_m >= limit
+    return True if high else "the mission begins below takeoff height, or at an unknown one"
+
+
+@law("4.8", "It holds, or goes on, when the planner shows it; an accepted request is no sign of it.")
+def holding_is_what_the_planner_shows(m: Moment) -> Verdict:
+    if m.after.step is Step.HOLDING and m.before.step is not Step.HOLDING:
+        expected: Tuple[str, ...] = ("HOLDING",)
+    elif m.before.step is Step.RESUMING and m.after.step in (Step.FLYING, Step.CLIMBING):
+        expected = ("FLYING", "TAKING_OFF", "LANDING", "LANDED")
+    else:
+        return None
+    phase = m.saw.planner.phase.name if m.saw.planner is not None else "nothing"
+    new = m.saw.planner is not None and m.saw.planner_ns > m.saw.motion_ns
+    return True if new and phase in expected else f"the planner says {phase}"
+
+
 # --- who has control --------------------------------------------------------------------------------------------------
 
 
@@ -476,17 +529,12 @@ def pilot_has_a_cause(m: Moment) -> Verdict:
 
 
 def _not_ours(m: Moment) -> bool:
-    status = m.saw.vehicle
-    return status is not None and status.mode not in _OURS.get(m.was.motion, ())
-
-
-_OURS = {
-    A.TAKEOFF: ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD", *_LANDING_MODES, "AUTO.LOITER"),
-    A.RESUME: ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD", *_LANDING_MODES),
-    A.HOLD: ("AUTO.LOITER", "OFFBOARD"),
-    A.LAND: _LANDING_MODES,
-    A.ABORT: _LANDING_MODES,
-}
+    """Return True when the mode is foreign: never ours, left after it had answered a command, or just changed."""
+    status, before = m.saw.vehicle, m.was.vehicle
+    if status is None or status.mode in OURS.get(m.was.motion, ()):
+        return False
+    changed = before is None or before.mode != status.mode
+    return status.mode in NEVER_OURS or m.was.answered or changed
 
 
 @law("5 PILOT", "PILOT ends only on the ground, disarmed and acknowledged.")
@@ -716,7 +764,7 @@ def recordings_are_stopped(m: Moment) -> Verdict:
     return True if stopped else "not stopped"
 
 
-@law("5 resume, 7", "A restart resumes: it takes off, loads, arms, checks and records nothing anew.")
+@law("5 resume, 7", "A restart resumes: it takes off, loads, arms, checks and records nothing anew.", always=True)
 def a_restart_starts_nothing(m: Moment) -> Verdict:
     if not isinstance(m.event, ev.EngineStarted) or not m.event.resumed:
         return None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Set, Tuple
 
 from proof_key import Key, make_key
-from proof_moves import BOOT, BrokenLaw, Move, Node, Observer, World, lawful, moves_of, perform
+from proof_moves import BOOT, BrokenLawError, Move, Node, Observer, World, lawful, moves_of, perform
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.state import State
@@ -16,6 +16,8 @@ __all__ = ["Broken", "Exploration", "Stats", "explore"]
 
 _SAMPLE = 101
 """Of so many states one is kept, and compared with another one of the same key."""
+_PATIENCE = 10
+"""Units of time in which a landing ends once the vehicle is down; more than any limit of the worlds."""
 
 
 @dataclass(frozen=True)
@@ -48,21 +50,22 @@ class Stats:
 class Exploration:
     """One world, explored."""
 
-    def __init__(self, world: World) -> None:
-        self.world = world
+    def __init__(self, world: World, *, compare: bool = True) -> None:
+        self.world, self.compare = world, compare
         self.key = make_key(world.rules)
         self.stats = Stats()
         self.index: Dict[Key, int] = {}
         self.origin: List[Tuple[int, Move]] = []
         self.seeds: List[Tuple[Move, ...]] = []
         self.fair: List[List[int]] = []
-        self.where: List[Tuple[State, bool]] = []
+        self.where: List[Tuple[State, bool, bool]] = []
         self.kept: Dict[int, Optional[Node]] = {}
         self.broken: Optional[Broken] = None
+        self._settles: Set[Key] = set()
         self._observe = self._observer()
 
     def run(self, limit: Optional[int] = None) -> Exploration:
-        """Explore until nothing is new, the depth is reached, a law is broken, or `limit` transitions are done."""
+        """Explore layer by layer until nothing is new, a law is broken, or `limit` transitions are done."""
         begin = time.process_time()
         try:
             self._run(limit)
@@ -75,7 +78,7 @@ class Exploration:
         layer = self._first_layer()
         stats, world = self.stats, self.world
         while layer and self.broken is None:
-            if world.depth is not None and stats.depth >= world.depth:
+            if limit is not None and stats.transitions >= limit:
                 stats.cut = len(layer)
                 break
             stats.depth += 1
@@ -85,8 +88,9 @@ class Exploration:
                     stats.stopped += 1
                     continue
                 self._expand(number, node, following)
-                if self.broken is not None or (limit is not None and stats.transitions >= limit):
-                    stats.cut = len(layer) + len(following)
+                if self.broken is None and node.state.state in (State.LAND, State.PILOT):
+                    self._settle(number, node)
+                if self.broken is not None:
                     return
             layer = following
 
@@ -97,7 +101,7 @@ class Exploration:
             for number, move in enumerate(seed):
                 try:
                     node = perform(node, move, self.world.rules, self._observe)
-                except BrokenLaw as broken:
+                except BrokenLawError as broken:
                     self.broken = Broken(broken.law, broken.why, seed[: number + 1])
                     return []
             self.seeds.append(seed)
@@ -110,18 +114,43 @@ class Exploration:
             stats.transitions += 1
             try:
                 reached = perform(node, move, self.world.rules, self._observe)
-            except BrokenLaw as broken:
+            except BrokenLawError as broken:
                 self.broken = Broken(broken.law, broken.why, (*self.path(number), move))
+                return
+            except Exception as error:  # noqa: BLE001 - whatever it is, it came out of `decide`
+                self.broken = Broken("decide_never_fails", repr(error), (*self.path(number), move))
                 return
             found = self._add(reached, (number, move), following)
             if is_fair:
                 fair.append(found)
 
+    def _settle(self, number: int, node: Node) -> None:
+        """Check that LAND and PILOT end when the vehicle comes down, is heard, and the pilot acknowledges."""
+        silent = tuple(peer for peer in node.peers.silent if peer != "autopilot")
+        node = node._replace(peers=node.peers._replace(vehicle="flying", silent=silent, detection="ON_GROUND"))
+        way: List[Move] = [("vehicle", "ground"), *[("wait",)] * _PATIENCE]
+        passed: List[Key] = []
+        for move in way:
+            key = self.key(node.state, node.peers, node.witness, node.old)
+            if key in self._settles:
+                self._settles.update(passed)
+                return
+            passed.append(key)
+            node = perform(node, move, self.world.rules)
+            if node.state.state is State.PILOT:
+                node = perform(node, ("user", "acknowledge"), self.world.rules)
+            if node.state.state not in (State.LAND, State.PILOT):
+                self._settles.update(passed)
+                return
+        self.broken = Broken(
+            "a_landed_vehicle_is_let_go", f"still {node.state.state.value}", (*self.path(number), *way)
+        )
+
     def _add(self, node: Node, origin: Tuple[int, Move], layer: List[Tuple[int, Node]]) -> int:
         key = self.key(node.state, node.peers, node.witness, node.old)
         known = self.index.get(key)
         if known is not None:
-            if known in self.kept:
+            if self.compare and known in self.kept:
                 self._compare(known, node, origin)
             return known
         number = len(self.index)
@@ -129,11 +158,12 @@ class Exploration:
         self.origin.append(origin)
         self.fair.append([])
         state = node.state
-        self.where.append((state.state, node.peers.vehicle == "ground" and "autopilot" not in node.peers.silent))
+        down = node.peers.vehicle == "ground" and "autopilot" not in node.peers.silent
+        self.where.append((state.state, state.in_flight, down))
         self.stats.places.add((state.state.value, state.step.value))
         for failure in state.failures:
             self.stats.failures.add((failure.name, failure.verb.name.lower()))
-        if number % _SAMPLE == 0:
+        if self.compare and number % _SAMPLE == 0:
             self.kept[number] = node
         layer.append((number, node))
         return number
@@ -181,6 +211,6 @@ class Exploration:
         return observe
 
 
-def explore(world: World, limit: Optional[int] = None) -> Exploration:
-    """Return a world, explored."""
-    return Exploration(world).run(limit)
+def explore(world: World, limit: Optional[int] = None, *, compare: bool = True) -> Exploration:
+    """Return a world, explored; `compare`: check by samples that states of one key have one future."""
+    return Exploration(world, compare=compare).run(limit)

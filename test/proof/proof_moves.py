@@ -16,7 +16,7 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 
-__all__ = ["BOOT", "BrokenLaw", "Move", "Node", "World", "moves_of", "perform"]
+__all__ = ["BOOT", "BrokenLawError", "Move", "Node", "World", "moves_of", "perform"]
 
 Move = Tuple[str, ...]
 _PHYSICS = {
@@ -42,7 +42,7 @@ class Node(NamedTuple):
 BOOT = Node(EngineState(), Peers(), Witness())
 
 
-class BrokenLaw(Exception):
+class BrokenLawError(Exception):
     """A law does not hold."""
 
     def __init__(self, law: str, why: str, event: ev.Event) -> None:
@@ -64,7 +64,6 @@ class World:
         failing: how many components may fail at the same time.
         checks: check -> answers; all others are answered well by one move.
         stop: places that are not gone on from; another world begins there.
-        depth: most moves after the seed; None: until nothing is new.
     """
 
     name: str
@@ -93,7 +92,6 @@ class World:
     restart: bool = False
     order: Tuple[str, ...] = ("wait",)
     stop: Tuple[State, ...] = ()
-    depth: Optional[int] = None
 
 
 # --- which moves there are --------------------------------------------------------------------------------------------
@@ -133,9 +131,9 @@ def _replies(node: Node, world: World) -> Iterator[Move]:
         yield from (("reply", "motion", outcome) for outcome in world.motion)
     if state.load_id and state.load_outcome is None and _loads(state):
         yield from (("reply", "load", outcome) for outcome in world.load)
-    if state.recording_id and state.recording_outcome is None:
-        if state.state in (State.START_RECORDING, State.DATA_CLEANUP):
-            yield from (("reply", "recording", outcome) for outcome in world.recording)
+    recorded = state.recording_id and state.recording_outcome is None
+    if recorded and state.state in (State.START_RECORDING, State.DATA_CLEANUP):
+        yield from (("reply", "recording", outcome) for outcome in world.recording)
 
 
 def _asks(state: EngineState) -> bool:
@@ -197,7 +195,7 @@ Events = Iterator[Tuple[ev.Event, Optional[Peers]]]
 
 
 def perform(node: Node, move: Move, rules: Rules, observe: Optional[Observer] = None) -> Node:
-    """Return what a move leads to; `observe` sees every moment of it, and may raise `BrokenLaw`."""
+    """Return what a move leads to; `observe` sees every moment of it, and may raise `BrokenLawError`."""
     state, peers, witness, old = node
     for make in _SCRIPTS[move[0]](node, move):
         if isinstance(make, Peers):
@@ -404,8 +402,7 @@ def _start(_node: Node, _move: Move) -> Iterator[Any]:
 
 def _noise(_node: Node, _move: Move) -> Iterator[Any]:
     """Everything that must not count: too old, from the future, of another session, to nobody."""
-    for make in _NOISE:
-        yield make
+    yield from _NOISE
 
 
 def _noisy(kind: type, **fields: Any) -> Make:
@@ -462,7 +459,7 @@ def lawful(applied: Dict[str, int]) -> Observer:
             if verdict is None:
                 continue
             if verdict is not True:
-                raise BrokenLaw(each.name, str(verdict), moment.event)
+                raise BrokenLawError(each.name, str(verdict), moment.event)
             applied[each.name] = applied.get(each.name, 0) + 1
 
     return observe

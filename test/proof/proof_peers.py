@@ -63,10 +63,10 @@ LIMITS = Limits(
 )
 
 ROWS: Dict[str, ComponentRule] = {
-    "gps": ComponentRule("gps", "px4", restart=False, severity=Severity.LOW, wait_limit_ns=0),
+    "gps": ComponentRule("gps", "px4", restart=False, severity=Severity.LOW, wait_limit_ns=2 * UNIT),
     "barometer": ComponentRule("barometer", "px4", restart=False, severity=Severity.MODERATE, wait_limit_ns=2 * UNIT),
     "lrf": ComponentRule("lrf", "other", restart=True, severity=Severity.HIGH, wait_limit_ns=3 * UNIT),
-    "imu": ComponentRule("imu", "px4", restart=False, severity=Severity.HIGHEST, wait_limit_ns=0),
+    "imu": ComponentRule("imu", "px4", restart=False, severity=Severity.HIGHEST, wait_limit_ns=2 * UNIT),
 }
 """One component of each row of the decision table; the others of the row are the same but for their names."""
 

@@ -24,7 +24,7 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import EngineState, State, evolve
 
-__all__ = ["CHECKS", "Asked", "Load", "Witness", "hear", "see"]
+__all__ = ["CHECKS", "NEVER_OURS", "OURS", "Asked", "Load", "Witness", "hear", "see"]
 
 CHECKS = 5
 _SECOND = 1_000_000_000
@@ -91,6 +91,7 @@ class Witness:
     motion_id: int = 0
     motion_ns: int = 0
     motion_outcome: Optional[ev.Outcome] = None
+    answered: bool = False
     disarmed_ns: Optional[int] = None
     recording: str = "none"
     user_hold: bool = False
@@ -165,7 +166,9 @@ def _autopilot(
     sinks = event.vertical_speed_m_s is not None and event.vertical_speed_m_s <= -limits.descent_speed_m_s
     changes["descending_ns"] = (now if witness.descending_ns is None else witness.descending_ns) if sinks else None
     changed = previous is not None and previous.mode not in ("", event.mode) and event.mode != ""
-    changes["foreign"] = changed and event.mode in _NEVER_OURS
+    changes["foreign"] = changed and event.mode in NEVER_OURS
+    if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
+        changes["answered"] = True
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
     if not link_good:
         return
@@ -180,7 +183,17 @@ def _autopilot(
         changes.update(flight="armed", airborne=True)
 
 
-_NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
+_LANDING_MODES = ("AUTO.LAND", "AUTO.PRECLAND")
+_MOVING = ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD", *_LANDING_MODES)
+OURS: Dict[Optional[MissionAction], Tuple[str, ...]] = {
+    MissionAction.TAKEOFF: (*_MOVING, "AUTO.LOITER"),
+    MissionAction.RESUME: _MOVING,
+    MissionAction.HOLD: ("AUTO.LOITER", "OFFBOARD"),
+    MissionAction.LAND: _LANDING_MODES,
+    MissionAction.ABORT: _LANDING_MODES,
+}
+"""The flight modes of the PX4 that answer a command, written by hand."""
+NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
 
 
 def _action(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
@@ -297,6 +310,8 @@ def hear(witness: Witness, commands: Tuple[Any, ...], after: EngineState) -> Wit
 def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     action = command.action
     changes.update(motion=action, motion_id=command.id, motion_ns=witness.now, motion_outcome=None)
+    if action is not witness.motion or action is MissionAction.TAKEOFF:
+        changes["answered"] = False
     if action is MissionAction.TAKEOFF:
         changes.update(flight="commanded", flight_ns=witness.now, airborne=False, landing=False, second=False)
         changes.update(alarmed=False, waited=(), disarmed_ns=None)

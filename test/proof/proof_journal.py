@@ -1,0 +1,71 @@
+"""A way to a broken law as a file: a journal that `amaze-replay journal` decides again, with its events in order.
+
+The header names the law and the way. Written into `test/proof/found/`, it is a regression test from then on: every law
+must hold at every event of it (`test_found.py`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+from proof_explorer import Broken
+from proof_moves import BOOT, Moment, Move, lawful, perform
+from proof_witness import Witness, hear, see
+
+from amaze_autonomy.engine import decide as engine
+from amaze_autonomy.engine import journal
+from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.events import Event
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState
+
+__all__ = ["check_journal", "journal_of", "write"]
+
+
+def journal_of(path: Tuple[Move, ...], rules: Rules, **about: Any) -> str:
+    """Return the journal of a way from boot."""
+    header = journal.make_header(rules, {}, "", way=[":".join(move) for move in path], **about)
+    lines = [journal.encode_header(header)]
+
+    def observe(moment: Moment) -> None:
+        lines.append(journal.encode_event(moment.event))
+        lines.extend(journal.encode_decision(c) for c in moment.commands if isinstance(c, Decision))
+
+    node = BOOT
+    for move in path:
+        node = perform(node, move, rules, observe)
+    return "".join(f"{line}\n" for line in lines)
+
+
+def write(broken: Broken, rules: Rules, folder: Path) -> Path:
+    """Write the way to a broken law into a folder, named after the law; return the file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while (folder / f"{broken.law}-{number}.jsonl").exists():
+        number += 1
+    path = folder / f"{broken.law}-{number}.jsonl"
+    path.write_text(journal_of(broken.path, rules, law=broken.law, why=broken.why), encoding="ascii")
+    return path
+
+
+def check_journal(text: str) -> Dict[str, int]:
+    """Decide the events of a journal again under all laws; return how often each applied.
+
+    Raises:
+        BrokenLawError: A law does not hold.
+        JournalError: The text is no journal.
+    """
+    found = journal.read(text)
+    rules = journal.rules_of(found.lines[0])
+    events: List[Event] = [line.payload for line in found.lines if isinstance(line.payload, Event)]
+    applied: Dict[str, int] = {}
+    observe = lawful(applied)
+    state, witness = EngineState(), Witness()
+    for event in events:
+        saw = see(witness, event, state, rules.limits)
+        after, commands = engine.decide(state, event, rules)
+        seen = hear(saw, commands, after)
+        observe(Moment(state, event, commands, after, (witness, saw, seen), rules))
+        state, witness = after, seen
+    return applied

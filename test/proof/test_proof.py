@@ -1,0 +1,63 @@
+"""The bounded proof: no law is broken, everything is reached, every defect is caught, and the page says so."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from laws import LAWS
+from proof_defects import DEFECTS
+from proof_pages import page
+from proof_run import BOUND, prove, self_test
+from proof_worlds import WORLDS
+
+pytestmark = [
+    pytest.mark.xdist_group("proof"),  # one process explores; the other one goes on with the other tests
+    pytest.mark.skipif(
+        sys.version_info < (3, 9), reason="explored once, on the newer Python; test/engine runs on both"
+    ),
+]
+PAGE = Path(__file__).parents[2] / "docs" / "safety.md"
+
+
+@pytest.fixture(scope="module")
+def proof():
+    return prove(BOUND)
+
+
+@pytest.fixture(scope="module")
+def caught():
+    return self_test()
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_no_law_is_broken(world, proof):
+    assert proof.broken.get(world) is None
+
+
+def test_every_row_every_failure_and_every_place_is_reached(proof):
+    assert proof.missing == []
+
+
+def test_every_law_has_something_to_say(proof):
+    assert [name for name, count in proof.applied.items() if count == 0] == []
+
+
+def test_every_pair_of_rows_with_different_verbs_is_explored():
+    rows = ("gps", "barometer", "lrf", "imu")
+    pairs = {f"{one} and {other}" for number, one in enumerate(rows) for other in rows[number + 1 :]}
+    assert pairs <= set(WORLDS)
+
+
+def test_every_deliberate_defect_is_caught(caught):
+    assert [words for words, by in caught.items() if by is None] == []
+    assert len(caught) == len(DEFECTS) >= 40
+
+
+def test_the_page_is_what_was_proven(proof, caught):
+    assert page(proof, caught) == PAGE.read_text(encoding="utf-8"), "run: ./run proof"
+
+
+def test_every_law_names_its_rule():
+    assert [law.name for law in LAWS.values() if not law.source or not law.words.endswith(".")] == []

@@ -1,0 +1,90 @@
+"""Killed after any event of a flight and started again: the journal decided again is the state; it goes on from there."""
+
+from __future__ import annotations
+
+from typing import List, Tuple
+
+import pytest
+from laws import Moment
+from proof_moves import BOOT, Node, lawful, perform
+from proof_witness import Witness, hear, see
+from proof_worlds import SEEDS, WORLDS
+
+from amaze_autonomy.engine import decide as engine
+from amaze_autonomy.engine import journal
+from amaze_autonomy.engine.commands import AutopilotDisarm, LoadMission, MissionAction, MissionCommand, StartRecording
+from amaze_autonomy.engine.events import EngineStarted, Event
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState, State
+
+WAYS = {
+    **SEEDS,
+    **{f"{name} {number}": seed for name, world in WORLDS.items() for number, seed in enumerate(world.seeds)},
+}
+
+
+def told(way, rules: Rules) -> Tuple[List[Event], List[EngineState]]:
+    """Return every event of a way, and the state after each."""
+    events, states = [], []
+
+    def observe(moment: Moment) -> None:
+        events.append(moment.event)
+        states.append(moment.after)
+
+    node = BOOT
+    for move in way:
+        node = perform(node, move, rules, observe)
+    return events, states
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_the_journal_decided_again_is_the_state_after_every_event(way):
+    rules = WORLDS["start"].rules
+    events, states = told(way, rules)
+    state = EngineState()
+    for event, expected in zip(events, states):
+        again = journal.decode(journal.encode_event(event)).payload
+        state, _ = engine.decide(state, again, rules)
+        assert state == expected
+
+
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+def test_killed_after_every_event_it_resumes_and_starts_nothing_anew(way):
+    rules = WORLDS["start"].rules
+    for number, state in enumerate(told(way, rules)[1]):
+        for later in (0, 1, 500_000_000, 2_000_000_000):
+            event = EngineStarted(t_ns=state.t_ns + later, label="again", resumed=True)
+            after, commands = engine.decide(state, event, rules)
+            anew = [c for c in commands if isinstance(c, (LoadMission, StartRecording, AutopilotDisarm))]
+            motions = [c.action for c in commands if isinstance(c, MissionCommand)]
+            assert (number, anew) == (number, [])
+            assert MissionAction.TAKEOFF not in motions
+            assert MissionAction.RESUME not in motions
+            if state.in_flight:
+                assert after.state in (state.state, State.LAND, State.PILOT, State.HOLD)
+                assert after.session_id == state.session_id
+
+
+def test_a_restart_in_the_middle_of_a_moment_that_was_not_written_is_that_moment_again():
+    """The last line of the journal is lost with the process: the world goes on, the engine decides on what it hears."""
+    rules, way = WORLDS["start"].rules, SEEDS["cleaning"]
+    events, states = told(way, rules)
+    applied = {}
+    for number in range(3, len(events)):
+        node = _lost_the_last(events, number, rules)
+        node = perform(node, ("restart",), rules, lawful(applied))
+        for move in (("vehicle", "flying"), ("wait",), ("wait",), ("wait",)):
+            node = perform(node, move, rules, lawful(applied))
+        flew = states[number - 1].in_flight
+        assert not flew or node.state.state in (State.TAKEOFF, State.MISSION, State.LAND, State.PILOT, State.HOLD)
+    assert applied["a_restart_starts_nothing"] == len(events) - 3
+
+
+def _lost_the_last(events: List[Event], number: int, rules: Rules) -> Node:
+    """Return what is known when all but one of the first events were written down; the witness saw the same."""
+    state, witness = EngineState(), Witness()
+    for event in events[:number]:
+        saw = see(witness, event, state, rules.limits)
+        state, commands = engine.decide(state, event, rules)
+        witness = hear(saw, commands, state)
+    return Node(state, BOOT.peers._replace(vehicle="ground"), witness)
