@@ -1,4 +1,4 @@
-"""Killed after any event of a flight and started again: the journal decided again is the state; it goes on from there."""
+"""Killed after any event of a flight and started again: its journal decided again is its state; it goes on."""
 
 from __future__ import annotations
 
