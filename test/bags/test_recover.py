@@ -212,6 +212,15 @@ def chunk_ends_first(tmp_path):
     return chunk_ends(recording(tmp_path / "again.bag", "lz4"))[0][1]
 
 
+def test_of_the_two_descriptions_of_a_connection_the_good_one_is_kept(tmp_path):
+    source = recording(tmp_path / "whole.bag")
+    everything, raw = contents(source), source.read_bytes()
+    source.write_bytes(raw.replace(b"md5sum=", b"md5\xff\xfe\xfd=", 1))
+    assert contents(recovered(tmp_path, source, check_data=True).path) == everything
+    source.write_bytes(raw.replace(b"callerid=/", b"callerid=\xff", 1))
+    assert contents(recovered(tmp_path, source, check_data=True).path) == everything
+
+
 def test_random_damage_never_stops_it_and_what_it_writes_is_good(tmp_path):
     chance = random.Random(7)
     for compression in COMPRESSIONS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import NamedTuple, Tuple
 
 from .errors import RecordError
@@ -32,6 +33,14 @@ class Connection(NamedTuple):
     caller: str
     latching: bool
     header: bytes
+
+    @property
+    def plausible(self) -> bool:
+        """Return whether nothing in it looks damaged."""
+        texts = (self.topic, self.kind, self.caller)
+        damaged = any(not text.isprintable() for text in texts)  # surrogates, bytes that are no UTF-8, are not
+        complete = b"message_definition=" in self.header and "/" in self.kind
+        return complete and not damaged and re.fullmatch("[0-9a-f]{32}", self.md5) is not None
 
     def identity(self, *, publishers_apart: bool = True) -> Identity:
         """Return what two connections have in common when they are the same one."""

@@ -241,8 +241,7 @@ class _Scanner:
             counts = np.frombuffer(self._data_of(record), "<u4", 2 * (record.size // 8))
             self._indexed[record.number(b"chunk_pos")] = int(counts[1::2].sum())
         if record.op == CONNECTION:
-            connection = connection_of(record, self._read(record.data, record.size))
-            self._connections.setdefault(connection.number, connection)
+            self._meet(connection_of(record, self._read(record.data, record.size)))
         return record.end
 
     def _chunk(self, position: int, head: ChunkHead) -> int:
@@ -340,8 +339,14 @@ class _Scanner:
         return all(number in self._connections for number in np.unique(connection).tolist())
 
     def _learn(self, kept: Optional[Kept]) -> None:
-        for number, each in (kept.connections if kept else {}).items():
-            self._connections.setdefault(number, each)
+        for each in (kept.connections if kept else {}).values():
+            self._meet(each)
+
+    def _meet(self, connection: Connection) -> None:
+        """Remember a connection; of its two descriptions, in a chunk and in the index, the one that looks good."""
+        known = self._connections.get(connection.number)
+        if known is None or (connection.plausible and not known.plausible):
+            self._connections[connection.number] = connection
 
     def _keep_cut(self, position: int, head: ChunkHead) -> int:
         """Keep what is there of a chunk that was not finished, that is cut, or whose length is damaged."""
