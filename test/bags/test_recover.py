@@ -114,6 +114,21 @@ def test_a_good_bag_is_recovered_to_an_equal_one(tmp_path, compression):
         assert contents(done.path) == contents(source)
 
 
+def test_chunks_where_the_recorder_puts_them_keep_their_places(tmp_path):
+    source = merge([recording(tmp_path / "whole.bag")], tmp_path / "as_recorded.bag").path
+    active = unclosed(source, tmp_path / "x.bag.active", 40)
+    done = recovered(tmp_path, active)
+    assert contents(done.path) == contents(source)[: done.scan.messages]
+    long = bag(tmp_path / "long.bag", rows("/a", 30_000, 1))
+    source = merge([long], tmp_path / "long_recorded.bag").path
+    with Index(source) as index:
+        assert len(index.chunks) > 2
+    done = recovered(tmp_path, unclosed(source, tmp_path / "x.bag.active", 40))
+    assert contents(done.path) == contents(source)[: done.scan.messages]
+    with Index(source) as before, Index(done.path) as after:
+        assert [each.position for each in after.chunks] == [each.position for each in before.chunks]
+
+
 def test_an_empty_recording_is_recovered_to_an_empty_bag(tmp_path):
     done = recovered(tmp_path, write_empty_bag(tmp_path / "x.bag"))
     assert (done.complete, done.scan.messages, contents(done.path)) == (True, 0, [])

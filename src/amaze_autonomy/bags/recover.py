@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Callable, NamedTuple, Optional
+from typing import Callable, List, NamedTuple, Optional
 
 from .compression import decompressed
 from .errors import BagError
 from .index import chunk_head
-from .layout import record_at
+from .layout import FIRST_RECORD, record_at
 from .output import Output
 from .salvage import kept_by_walk, rewritten
 from .scan import Found, Scan, scan
@@ -80,15 +80,34 @@ def _needed(found: Scan) -> int:
 
 
 def _write(out: Output, file: int, found: Scan) -> None:
-    for chunk in found.chunks:
+    beginning = _beginning(found)
+    if beginning:
+        out.copy_beginning(file, beginning[-1].end)
+    for chunk in beginning:
+        out.note_chunk(chunk.position, times=(chunk.start_ns, chunk.end_ns), counts=chunk.counts)
+    for chunk in found.chunks[len(beginning) :]:
         times = (chunk.start_ns, chunk.end_ns)
         if chunk.drop:
             _write_rest(out, file, chunk)
         elif chunk.data is not None:
-            out.chunk("none", len(chunk.data), [chunk.data], chunk.index_bytes or b"", times=times, counts=chunk.counts)
+            records = chunk.index_bytes or b""
+            out.chunk("none", len(chunk.data), [chunk.data], records, times=times, counts=chunk.counts)
         else:
             end = chunk.end if chunk.index_bytes is None else chunk.data_end
-            out.copy_chunk(file, chunk.position, end, times=times, counts=chunk.counts, index=chunk.index_bytes or b"")
+            records = chunk.index_bytes or b""
+            out.copy_chunk(file, chunk.position, end, times=times, counts=chunk.counts, index=records)
+
+
+def _beginning(found: Scan) -> List[Found]:
+    """Return the chunks that can stay where they are: good ones from the first place on, without anything between."""
+    chunks: List[Found] = []
+    place = FIRST_RECORD
+    for chunk in found.chunks:
+        if chunk.position != place or chunk.drop or chunk.index_bytes is not None or chunk.data is not None:
+            break
+        chunks.append(chunk)
+        place = chunk.end
+    return chunks
 
 
 def _write_rest(out: Output, file: int, chunk: Found) -> None:
