@@ -9,7 +9,7 @@ from proof_defects import Caught
 from proof_run import BOUND, LARGE, Proof, expected_coverage
 from proof_worlds import WORLDS
 
-__all__ = ["page"]
+__all__ = ["defects", "explored", "page"]
 
 _HEAD = """\
 # Is there an order of events that leads to an unsafe decision?
@@ -71,7 +71,12 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def page(proof: Proof, caught: Dict[str, Optional[Caught]]) -> str:
     """Return the whole page."""
-    return "\n".join([_HEAD, _laws(proof), _worlds(proof), _ABSTRACTS, _defects(caught), _ASSUMES]).rstrip() + "\n"
+    return "\n".join([*explored(proof), defects(caught), _ASSUMES]).rstrip() + "\n"
+
+
+def explored(proof: Proof) -> Sequence[str]:
+    """Return the parts of the page before the defects."""
+    return (_HEAD, _laws(proof), _worlds(proof), _ABSTRACTS)
 
 
 def _laws(proof: Proof) -> str:
@@ -116,7 +121,8 @@ Together they reach all {len(expected.rules)} rules (every row of the transition
     return f"## What was explored\n\n{words}\n\n" + _table(head, rows)
 
 
-def _defects(caught: Dict[str, Optional[Caught]]) -> str:
+def defects(caught: Dict[str, Optional[Caught]]) -> str:
+    """Return the part of the page about the self-test."""
     rows = [(words, f"`{c.law}`", c.world, c.moves) for words, c in caught.items() if c is not None]
     words = f"Would it notice? {len(rows)} deliberate defects are put into the engine, one at a time; each is caught."
     head = ("Defect", "Caught by", "In the world", "Moves")

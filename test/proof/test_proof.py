@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from laws import LAWS
 from proof_defects import DEFECTS
-from proof_pages import page
+from proof_pages import defects, explored
 from proof_run import BOUND, prove, self_test
 from proof_worlds import WORLDS
 
-pytestmark = [
-    pytest.mark.xdist_group("proof"),  # one process explores; the other one goes on with the other tests
-    pytest.mark.skipif(
-        sys.version_info < (3, 9), reason="explored once, on the newer Python; test/engine runs on both"
-    ),
-]
+# One process explores, another one tests the test; both are done once, on the newer Python.
+explored_once = pytest.mark.skipif(
+    sys.version_info < (3, 9), reason="explored once, on the newer Python; test/engine runs on both"
+)
+explores = [explored_once, pytest.mark.xdist_group("proof")]
+breaks = [explored_once, pytest.mark.xdist_group("defects")]
 PAGE = Path(__file__).parents[2] / "docs" / "safety.md"
 
 
@@ -31,32 +31,38 @@ def caught():
     return self_test()
 
 
-@pytest.mark.parametrize("world", WORLDS)
-def test_no_law_is_broken(world, proof):
-    assert proof.broken.get(world) is None
+class TestProof:
+    pytestmark = explores
+
+    @pytest.mark.parametrize("world", WORLDS)
+    def test_no_law_is_broken(self, world, proof):
+        assert proof.broken.get(world) is None
+
+    def test_every_row_every_failure_and_every_place_is_reached(self, proof):
+        assert proof.missing == []
+
+    def test_every_law_has_something_to_say(self, proof):
+        assert [name for name, count in proof.applied.items() if count == 0] == []
+
+    def test_the_page_begins_with_what_was_proven(self, proof):
+        assert PAGE.read_text(encoding="utf-8").startswith("\n".join(explored(proof))), "run: ./run proof"
 
 
-def test_every_row_every_failure_and_every_place_is_reached(proof):
-    assert proof.missing == []
+class TestDefects:
+    pytestmark = breaks
 
+    def test_every_deliberate_defect_is_caught(self, caught):
+        assert [words for words, by in caught.items() if by is None] == []
+        assert len(caught) == len(DEFECTS) >= 40
 
-def test_every_law_has_something_to_say(proof):
-    assert [name for name, count in proof.applied.items() if count == 0] == []
+    def test_the_page_goes_on_with_the_defects(self, caught):
+        assert defects(caught) in PAGE.read_text(encoding="utf-8"), "run: ./run proof"
 
 
 def test_every_pair_of_rows_with_different_verbs_is_explored():
     rows = ("gps", "barometer", "lrf", "imu")
     pairs = {f"{one} and {other}" for number, one in enumerate(rows) for other in rows[number + 1 :]}
     assert pairs <= set(WORLDS)
-
-
-def test_every_deliberate_defect_is_caught(caught):
-    assert [words for words, by in caught.items() if by is None] == []
-    assert len(caught) == len(DEFECTS) >= 40
-
-
-def test_the_page_is_what_was_proven(proof, caught):
-    assert page(proof, caught) == PAGE.read_text(encoding="utf-8"), "run: ./run proof"
 
 
 def test_every_law_names_its_rule():

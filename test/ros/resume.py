@@ -1,0 +1,96 @@
+#!/usr/bin/env python3
+"""The engine is killed (SIGKILL) at 20 random moments of five missions; it resumes it and repeats nothing.
+
+Each flight has a fixed seed: a failure comes again. The time to resume is measured inside the new process, from
+its birth to the first moment it decides; how long the machine takes to start Python is not the engine's.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from pathlib import Path
+from typing import List
+
+from behaviours import Behaviours
+from stack import Stack
+
+from amaze_autonomy.engine.events import EngineStarted
+
+KILLS, RESUMED_WITHIN_S = 4, 2.0
+IN_FLIGHT = ("TAKEOFF", "MISSION", "HOLD", "LAND")
+AFTER_FLIGHT = (*IN_FLIGHT, "PILOT", "DATA_CLEANUP", "OUTREACH", "MISSION_ENDED")
+ONCE = ("data_recorder/start", "mission_planner/load", "TAKEOFF")
+resume = Behaviours()
+
+
+def killed_at_random(stack: Stack, seed: int) -> None:
+    chance = random.Random(seed)
+    for number in range(KILLS):
+        time.sleep(chance.uniform(0.05, 2.5))  # the moment is the point of the test
+        kill_and_start(stack, number)
+    finish(stack)
+    names = [each.name for each in stack.received()]
+    legs = names.count("mission_planner/load")
+    assert names.count("TAKEOFF") <= legs, f"more takeoffs than loaded files: {names}"
+    assert len(stack.events(EngineStarted)) == KILLS + 1
+
+
+def kill_and_start(stack: Stack, number: int) -> None:
+    assert stack.engine is not None
+    stack.engine.kill()
+    stack.engine.wait()
+    known, before = stack.states[-1], once(stack)
+    seen = len(stack.states)
+    stack.start_engine()
+    stack.wait(lambda: len(stack.events(EngineStarted)) == number + 2, f"start {number + 2}")
+    started = stack.events(EngineStarted)[-1]
+    stack.wait(lambda: len(stack.states) > seen, "its state")
+    first = stack.states[seen]
+    assert started.resumed, "it did not find its journal"
+    assert first.session_id == known.session_id or not known.session_id
+    if known.state in IN_FLIGHT:
+        assert first.state in AFTER_FLIGHT, f"{known.state} became {first.state}"
+        assert once(stack) == before, f"sent again: {before} became {once(stack)}"
+    took_s = birth_to_decision(stack, started)
+    print(f"{stack.name}: killed in {known.state}, in {first.state} again {took_s:.2f} s after its birth", flush=True)
+    assert took_s <= RESUMED_WITHIN_S, f"resumed after {took_s:.2f} s"
+
+
+def once(stack: Stack) -> List[int]:
+    names = [each.name for each in stack.received()]
+    return [names.count(name) for name in ONCE]
+
+
+def birth_to_decision(stack: Stack, started: EngineStarted) -> float:
+    """Return the seconds from the birth of the running engine to its first decision (both on the monotonic clock)."""
+    assert stack.engine is not None
+    fields = Path(f"/proc/{stack.engine.pid}/stat").read_text().rpartition(")")[2].split()
+    return started.t_ns / 1e9 - int(fields[19]) / os.sysconf("SC_CLK_TCK")  # starttime, proc(5)
+
+
+def finish(stack: Stack) -> None:
+    """Land what flies, give up what waits for a person, and wait for the end."""
+    stack.wait_state("MISSION", "HOLD", "LAND", "OUTREACH", "MISSION_ENDED", "MISSION_INPUT")
+    if stack.state in ("MISSION", "HOLD"):
+        assert stack.ask("land")[0] in (1, 3)
+    stack.wait_state("OUTREACH", "MISSION_ENDED", "MISSION_INPUT")
+    if stack.state == "OUTREACH":
+        stack.ask("give_up")
+        stack.wait_state("MISSION_ENDED", "MISSION_INPUT")
+
+
+def _add(mission: str, seed: int) -> None:
+    def killed(stack: Stack) -> None:
+        killed_at_random(stack, seed)
+
+    killed.__name__ = f"killed_four_times_{mission}_{seed}"
+    resume.add(mission=mission)(killed)
+
+
+for _mission, _seed in (("long", 1), ("long", 2), ("hop", 3), ("hop", 4), ("two", 5)):
+    _add(_mission, _seed)
+
+if __name__ == "__main__":
+    resume.main("amaze_autonomy", "resume", at_once=2)
