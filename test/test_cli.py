@@ -10,6 +10,7 @@ import pytest
 from amaze_autonomy import paths
 from amaze_autonomy.cli import main
 from amaze_autonomy.config import load_configuration
+from amaze_autonomy.documents import documents
 
 HASH = load_configuration(paths.config_folder()).hash
 
@@ -92,16 +93,7 @@ def test_missions_of_a_mistaken_configuration_are_not_listed(capsys, tmp_path):
 
 
 def test_documentation_that_differs_is_found_then_written(capsys, tmp_path):
-    markers = ("severities", "losses", "decision-table", "transitions", "state-diagram", "answers", "messages")
-    markers += (
-        "timers",
-        "modes",
-        "autonomy.yaml",
-        "sensors.yaml",
-        "missions.yaml",
-        "recording.yaml",
-        "order-of-limits",
-    )
+    markers = ["severities", *(name for name in documents() if name != "severities")]
     page = tmp_path / "all.md"
     page.write_text("".join(f"<!-- generated:{name} -->\n<!-- end -->\n" for name in markers))
     assert main(["docs", "--check", "--folder", str(tmp_path)]) == 1
