@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Optional, Tuple, Union
 
-from proof_witness import CHECKS, NEVER_OURS, OURS, Witness
+from proof_witness import CHECKS, OURS, Witness
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import (
@@ -275,7 +275,7 @@ def _out_of_bounds(m: Moment) -> str:
     if status.height_m is not None and status.height_m > limits.max_height_m:
         return "it is too high"
     x, y = status.position_x_m, status.position_y_m
-    far = x is not None and y is not None and (x**2 + y**2) ** 0.5 > limits.max_distance_m
+    far = x is not None and y is not None and (x * x + y * y) ** 0.5 > limits.max_distance_m
     return "it is too far" if far else ""
 
 
@@ -534,7 +534,10 @@ def _not_ours(m: Moment) -> bool:
     if status is None or status.mode in OURS.get(m.was.motion, ()):
         return False
     changed = before is None or before.mode != status.mode
-    return status.mode in NEVER_OURS or m.was.answered or changed
+    return status.mode not in _ANY_OF_OURS or m.was.answered or changed
+
+
+_ANY_OF_OURS = frozenset(mode for modes in OURS.values() for mode in modes)
 
 
 @law("5 PILOT", "PILOT ends only on the ground, disarmed and acknowledged.")

@@ -23,7 +23,7 @@ proof of the vehicle.
 
 ```
 ./run proof                 # this page: the bounded proof and its self-test (about a minute)
-./run proof large           # the same worlds, more than a hundred times larger (an hour)
+./run proof large           # the same worlds, some 60 times larger (about 20 minutes)
 ./run proof large takeoff   # one world
 ```
 

@@ -17,7 +17,7 @@ from amaze_autonomy.engine.transitions import STEPS, TRANSITIONS
 
 __all__ = ["BOUND", "LARGE", "Coverage", "Proof", "expected_coverage", "prove", "self_test"]
 
-BOUND, LARGE = 6_000, 1_500_000
+BOUND, LARGE = 6_000, 400_000
 """Transitions after which a world begins no further layer: in CI, and on demand."""
 
 _OF_FAILURES = (

@@ -199,8 +199,10 @@ NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
 def _action(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
     if witness.counter != event.loop_counter:
         changes.update(counter=event.loop_counter, beat_ns=now)
-    listed = {status.name: int(status.code) for status in event.components}
-    if event.code >= 4 and event.code not in listed.values():
+    listed: Dict[str, int] = {}
+    for status in event.components:
+        listed[status.name] = max(listed.get(status.name, 0), int(status.code))
+    if event.code >= 4 and all(code < event.code for code in listed.values()):
         listed[event.latest_component or "unnamed component"] = int(event.code)
     kept = {name: code for name, code in witness.codes if code < 4 and name not in listed}
     changes["codes"] = tuple(sorted({**kept, **listed}.items()))
@@ -209,7 +211,10 @@ def _action(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_:
 
 def _info(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
     acted = {name: code for name, code in witness.codes if code >= 4}
-    told = {s.name: int(s.code) for s in event.components if s.code < 4 and s.name not in acted}
+    told: Dict[str, int] = {}
+    for status in event.components:
+        if status.code < 4 and status.name not in acted:
+            told[status.name] = max(told.get(status.name, 0), int(status.code))
     changes["codes"] = tuple(sorted({**told, **acted}.items()))
 
 

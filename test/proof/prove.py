@@ -1,7 +1,7 @@
 """`./run proof [large] [WORLD...]`: prove, print what was explored and what the bounds cut off, write docs/safety.md.
 
 Without arguments: the bounded proof and its self-test, as in CI, and the page with their numbers. `large`: every world
-to a bound that is more than a hundred times higher; names of worlds: only those. A broken law is printed with the
+to a bound that is some 60 times higher; names of worlds: only those. A broken law is printed with the
 shortest way to it, and written as a journal into test/proof/found/.
 """
 
