@@ -181,7 +181,12 @@ beginnings = st.sampled_from([*BEGINNINGS, *(p for p in BEGINNINGS if p.split()[
 class Flight(RuleBasedStateMachine):
     """A story that goes on at random."""
 
-    @initialize(place=beginnings)
+    first = "MISSION_INPUT"
+
+    @initialize()
+    def the_first_story_begins(self):
+        self.begin(self.first)
+
     def begin(self, place):
         self.story = at(place)
         self.story.watch = [count, pure]
@@ -339,15 +344,16 @@ FLOORS = {
 
 def test_the_laws_hold_in_random_stories():
     SEEN.clear()
-    run_state_machine_as_test(
-        Flight,
-        settings=settings(
-            max_examples=STORIES,
-            stateful_step_count=STEPS,
-            deadline=None,
-            suppress_health_check=list(HealthCheck),
-        ),
-    )
+    for number, place in enumerate(BEGINNINGS):  # from each one: what is drawn depends on which modules are loaded
+        run_state_machine_as_test(
+            type(f"Flight{number}", (Flight,), {"first": place}),
+            settings=settings(
+                max_examples=max(2, STORIES // len(BEGINNINGS)),
+                stateful_step_count=STEPS,
+                deadline=None,
+                suppress_health_check=list(HealthCheck),
+            ),
+        )
     rare = {name: (SEEN[name], floor) for name, floor in FLOORS.items() if SEEN[name] < floor}
     assert not rare, "seen too rarely for the laws to mean anything"
 
