@@ -17,7 +17,7 @@ import rospy
 import rostest
 from stack import Stack, TestConfiguration
 
-AT_ONCE = 9  # most of the time each waits
+AT_ONCE = 12  # most of the time each waits
 _starting = threading.Semaphore(2)
 
 
@@ -41,7 +41,9 @@ class Behaviours:
     def __init__(self) -> None:
         self._all: List[Behaviour] = []
 
-    def add(self, *rules: str, start: bool = True, **options: Any) -> Callable[[Callable[[Stack], None]], Callable[[Stack], None]]:
+    def add(
+        self, *rules: str, start: bool = True, **options: Any
+    ) -> Callable[[Callable[[Stack], None]], Callable[[Stack], None]]:
         """Register a function; `rules` are taken out of the engine in the self-check."""
 
         def register(run: Callable[[Stack], None]) -> Callable[[Stack], None]:
@@ -50,7 +52,9 @@ class Behaviours:
 
         return register
 
-    def main(self, package: str, name: str, at_start: Callable[[], None] = lambda: None, at_once: int = AT_ONCE) -> None:
+    def main(
+        self, package: str, name: str, at_start: Callable[[], None] = lambda: None, at_once: int = AT_ONCE
+    ) -> None:
         """Run as a rostest node; `at_start` is called once it is one."""
         crippled = "--crippled" in sys.argv
         sys.argv = [word for word in sys.argv if word != "--crippled"]
@@ -69,7 +73,7 @@ def _test_case(behaviours: List[Behaviour], at_once: int, *, crippled: bool) -> 
         cls.configuration = TestConfiguration()
         cls.pool = ThreadPoolExecutor(at_once)
         folder = cls.configuration.folder
-        cls.outcomes = {each.name: cls.pool.submit(_fly, each, folder, crippled) for each in behaviours}
+        cls.outcomes = {each.name: cls.pool.submit(_fly, each, folder, crippled=crippled) for each in behaviours}
 
     def tear_down_class(cls: Any) -> None:
         cls.pool.shutdown()
@@ -89,16 +93,17 @@ def _test(name: str, *, crippled: bool) -> Callable[[Any], None]:
         self.outcomes[name].result()
 
     def must_fail(self: Any) -> None:
-        outcome: "Future[None]" = self.outcomes[name]
+        outcome: Future[None] = self.outcomes[name]
         error = outcome.exception()
         self.assertIsInstance(error, AssertionError, f"{name} passes although the reaction that it tests is disabled")
 
     return must_fail if crippled else healthy
 
 
-def _fly(behaviour: Behaviour, folder: Any, crippled: bool) -> None:
+def _fly(behaviour: Behaviour, folder: Any, *, crippled: bool) -> None:
     rules = behaviour.rules if crippled else ()
-    stack = Stack(behaviour.name, folder, rules=rules, **behaviour.options)
+    patience_s = 20.0 if crippled else 40.0
+    stack = Stack(behaviour.name, folder, rules=rules, patience_s=patience_s, **behaviour.options)
     try:
         if behaviour.start:
             with _starting:
@@ -106,6 +111,8 @@ def _fly(behaviour: Behaviour, folder: Any, crippled: bool) -> None:
                 stack.wait(lambda: stack.states, "the first state")
         behaviour.run(stack)
     except AssertionError as error:
+        if crippled:
+            stack.remove()
         raise AssertionError(f"{error}\n{stack.story()}") from error
     finally:
         stack.stop()

@@ -1,16 +1,13 @@
 #!/usr/bin/env python3
-"""How the node ends and comes back: signals in flight, exit status, the whole roslaunch, a killed engine that resumes."""
+"""How the node ends and comes back: signals in flight, exit status, a killed engine that resumes."""
 
 from __future__ import annotations
 
 import json
-import os
 import signal
-import subprocess
-import time
 
 from behaviours import Behaviours
-from stack import HERE, Stack
+from stack import Stack
 
 from amaze_autonomy.engine.events import EngineStarted, Shutdown
 from amaze_autonomy.engine.journal import read
@@ -19,20 +16,11 @@ BEFORE = ["data_recorder/start", "mission_planner/load"]
 ends = Behaviours()
 
 
-def routes_after(stack: Stack, told_ns: int) -> dict[str, float]:
-    """How many seconds after something each route of a landing was asked for the first time."""
-    first: dict[str, float] = {}
-    for each in stack.received():
-        if each.name in ("LAND", "autopilot/land"):
-            first.setdefault(each.name, (each.t_ns - told_ns) / 1e9)
-    return first
-
-
 def lands_when_told_to_end(stack: Stack, number: int) -> None:
     stack.wait_state("MISSION")
     told_ns = stack.signal_engine(number)
     status = stack.wait_end(10.0)
-    delays = routes_after(stack, told_ns)
+    delays = stack.routes_after(told_ns)
     assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
     assert all(0.0 <= delay < 0.1 for delay in delays.values()), f"landing was sent after {delays}"
     assert status == 8
@@ -74,52 +62,6 @@ def signal_while_recording_stops_the_recording(stack: Stack) -> None:
     assert stack.commands() == ["data_recorder/start", "data_recorder/stop"]
 
 
-def roslaunch(stack: Stack, *arguments: str) -> "subprocess.Popen[bytes]":
-    """Start the launch file of the package in the namespace of a stack."""
-    command = ["roslaunch", "--screen", str(HERE.parents[1] / "launch" / "autonomy.launch"), "simulation:=true", "console:=false"]
-    command += ["record:=false", f"output:={stack.output}", f"config:={stack.config}", *arguments]
-    environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
-    with (stack.folder / "autonomy.log").open("ab") as log:
-        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
-    stack.engine, stack.launched = process, True
-    return process
-
-
-def whole_launch_lands(stack: Stack, number: int) -> None:
-    process = roslaunch(stack, "mission:=long", f"received:={stack.folder / 'received.jsonl'}")
-    stack.wait_state("MISSION")
-    told_ns = time.monotonic_ns()
-    process.send_signal(number)
-    stack.wait_end(30.0)
-    delays = routes_after(stack, told_ns)
-    assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
-    assert all(delay < 1.0 for delay in delays.values()), f"landing was sent after {delays}"
-    assert stack.result()["exit_status"] == 8
-    assert "LAND was sent" in stack.log()
-
-
-@ends.add(processes=(), start=False)
-def sigint_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
-    whole_launch_lands(stack, signal.SIGINT)
-
-
-@ends.add(processes=(), start=False)
-def sigterm_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
-    whole_launch_lands(stack, signal.SIGTERM)
-
-
-@ends.add(processes=(), start=False)
-def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
-    roslaunch(stack, "mission:=hop", "exit_when_ended:=true")
-    stack.wait_end()
-    result = stack.result()
-    assert (result["exit_status"], result["result"], result["state"]) == (0, "COMPLETE", "MISSION_ENDED")
-    assert result["data"]
-    assert "MISSION_ENDED" in (stack.output / "report.txt").read_text()
-    for name in ("bag", "journal", "report"):
-        assert f"autonomy: {name}" in stack.log()
-
-
 @ends.add(
     faults="description: tilted\nfaults:\n  - {fault: tilted, tilt_deg: 25}\n",
     parameters={"exit_when_ended": True, "unattended": True},
@@ -153,7 +95,9 @@ def killed_engine_goes_on_where_it_was(stack: Stack) -> None:
     stack.wait_state("MISSION")
     assert stack.ask("land")[0] == 1
     stack.wait_state("MISSION_ENDED")
-    assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"], "something was sent twice, or not at all"
+    assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"], (
+        "something was sent twice, or not at all"
+    )
     started = stack.events(EngineStarted)
     assert [event.resumed for event in started] == [False, True]
     assert stack.states[-1].session_id == stack.states[seen - 1].session_id

@@ -35,7 +35,7 @@ class Prober:
         """Ask for a second; return the longest time to an answer."""
         output, _ = self._process.communicate("go\n", timeout=30.0)
         answered = json.loads(output)
-        assert answered["count"] >= 50, f"{answered} within a second"
+        assert answered["count"] >= 30, f"{answered} within a second"
         return float(answered["slowest_s"])
 
 
@@ -103,7 +103,8 @@ def recorder_answers_late(stack: Stack) -> None:
 
 
 @peers.add(
-    faults="description: hung\nfaults:\n  - {service: mission_planner/command, fault: hangs, after: {event: airborne}}\n",
+    faults="description: hung\nfaults:\n"
+    "  - {service: mission_planner/command, fault: hangs, after: {event: airborne}}\n",
     mission="long",
 )
 def hung_planner_in_flight_delays_nothing(stack: Stack) -> None:
@@ -117,4 +118,4 @@ def hung_planner_in_flight_delays_nothing(stack: Stack) -> None:
 
 
 if __name__ == "__main__":
-    peers.main("amaze_autonomy", "peers", at_once=4)  # it measures milliseconds
+    peers.main("amaze_autonomy", "peers", at_once=5)  # it measures milliseconds

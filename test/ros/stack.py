@@ -21,6 +21,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tu
 import rosgraph
 import roslib.packages
 import rospy
+
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event
@@ -43,7 +44,13 @@ QUICK = (
     "sensors.components.lrf.restart.attempt_limit_s=3.0",
 )
 
-PREFLIGHT = ("watchdog/start", "autopilot/check_battery", "autopilot/check", "landing_detection/check", "state_estimation/check")
+PREFLIGHT = (
+    "watchdog/start",
+    "autopilot/check_battery",
+    "autopilot/check",
+    "landing_detection/check",
+    "state_estimation/check",
+)
 CHECKS = frozenset(PREFLIGHT)
 
 
@@ -85,6 +92,7 @@ class Stack:
         parameters: private ones of the autonomy node.
         processes: which peers each simulation process plays; empty text: all.
         rules: rules of the transition table that are taken out of the engine.
+        patience_s: how long anything is waited for.
     """
 
     def __init__(
@@ -97,8 +105,9 @@ class Stack:
         parameters: Optional[Dict[str, Any]] = None,
         processes: Sequence[str] = ("",),
         rules: Sequence[str] = (),
+        patience_s: float = LIMIT_S,
     ) -> None:
-        self.name = name
+        self.name, self.patience_s = name, patience_s
         self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
         self.output = self.folder / "out"
         self.config, self._faults = config, self.folder / "faults.yaml"
@@ -115,7 +124,7 @@ class Stack:
 
     # --- processes ------------------------------------------------------------------------------------------------
 
-    def start(self) -> "Stack":
+    def start(self) -> Stack:
         for number in range(len(self._processes)):
             self.start_peers(number)
         self.start_engine()
@@ -150,11 +159,13 @@ class Stack:
         for name, value in parameters.items():
             rospy.set_param(f"/{self.name}/{node}/{name}", value)
 
-    def _spawn(self, name: str, kind: List[str], arguments: List[str]) -> "subprocess.Popen[bytes]":
+    def _spawn(self, name: str, kind: List[str], arguments: List[str]) -> subprocess.Popen[bytes]:
         command = kind if len(kind) == 1 else [roslib.packages.find_node(*kind)[0]]
         environment = {**os.environ, "ROS_NAMESPACE": f"/{self.name}"}
         with (self.folder / f"{name}.log").open("ab") as log:
-            return subprocess.Popen([*command, *arguments], env=environment, stdout=log, stderr=log, start_new_session=True)
+            return subprocess.Popen(
+                [*command, *arguments], env=environment, stdout=log, stderr=log, start_new_session=True
+            )
 
     def stop(self) -> None:
         """End every process that is left, by its id, and forget the files."""
@@ -193,8 +204,11 @@ class Stack:
     def engine_lives(self) -> bool:
         return self.engine is not None and self.engine.poll() is None
 
-    def wait(self, condition: Callable[[], Any], what: str, limit_s: float = LIMIT_S, *, alive: bool = True) -> Any:
+    def wait(
+        self, condition: Callable[[], Any], what: str, limit_s: Optional[float] = None, *, alive: bool = True
+    ) -> Any:
         """Wait for a condition on what is seen; looked at with each message and ten times a second."""
+        limit_s = self.patience_s if limit_s is None else limit_s
         deadline_s = time.monotonic() + limit_s
         while True:
             found = condition()
@@ -207,17 +221,22 @@ class Stack:
             with self._changed:
                 self._changed.wait(0.1)
 
-    def wait_state(self, *states: str, limit_s: float = LIMIT_S) -> None:
+    def wait_state(self, *states: str, limit_s: Optional[float] = None) -> None:
         self.wait(lambda: self.state in states, " or ".join(states), limit_s)
 
-    def wait_received(self, name: str, count: int = 1, limit_s: float = LIMIT_S) -> Received:
+    def wait_over(self) -> None:
+        """Wait for the end of a flight: its recording is stopped. Collecting the data takes seconds more."""
+        self.wait_received("data_recorder/stop")
+        self.wait_state("DATA_CLEANUP", "MISSION_ENDED")
+
+    def wait_received(self, name: str, count: int = 1, limit_s: Optional[float] = None) -> Received:
         def found() -> Optional[Received]:
             matching = [each for each in self.received() if each.name == name]
             return matching[count - 1] if len(matching) >= count else None
 
         return self.wait(found, f"{count} x {name} at the vehicle's side", limit_s)
 
-    def wait_end(self, limit_s: float = LIMIT_S) -> int:
+    def wait_end(self, limit_s: Optional[float] = None) -> int:
         assert self.engine is not None
         self.wait(lambda: not self.engine_lives, "the end of the autonomy node", limit_s, alive=False)
         return int(self.engine.returncode)
@@ -242,6 +261,14 @@ class Stack:
             Received(each["service"], each.get("command", ""), each.get("session_id", ""), each["monotonic_ns"])
             for each in sorted(read, key=lambda each: each["monotonic_ns"])
         ]
+
+    def routes_after(self, told_ns: int) -> Dict[str, float]:
+        """How many seconds after something each route of a landing was asked for the first time."""
+        first: Dict[str, float] = {}
+        for each in self.received():
+            if each.name in ("LAND", "autopilot/land"):
+                first.setdefault(each.name, (each.t_ns - told_ns) / 1e9)
+        return first
 
     def commands(self) -> List[str]:
         """What reached the vehicle's side besides the checks, in order, without repetitions."""
@@ -269,7 +296,10 @@ class Stack:
 
     def story(self) -> str:
         """Everything a person needs to see why a test failed."""
-        rules = [f"{each.t_ns / 1e9:.3f} {each.rule}: {each.before} -> {each.after} {each.commands}" for each in self.decisions()]
+        rules = [
+            f"{each.t_ns / 1e9:.3f} {each.rule}: {each.before} -> {each.after} {each.commands}"
+            for each in self.decisions()
+        ]
         came = [f"{each.t_ns / 1e9:.3f} {each.name}" for each in self.received()]
         return "\n".join(["decisions:", *rules, "received:", *came, "log:", self.log()[-3000:]])
 
@@ -277,7 +307,9 @@ class Stack:
 
     def ask(self, command: str) -> Tuple[int, str]:
         """Be the user; return (answer, message)."""
-        answer = rospy.ServiceProxy(f"/{self.name}/autonomy/{command}", srv.UserCommand)()
+        service = f"/{self.name}/autonomy/{command}"
+        rospy.wait_for_service(service, LIMIT_S)
+        answer = rospy.ServiceProxy(service, srv.UserCommand)()
         return answer.answer, answer.message
 
     def select(self, *missions: str) -> Tuple[bool, str]:

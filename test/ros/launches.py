@@ -1,0 +1,73 @@
+#!/usr/bin/env python3
+"""The whole launch file: ends by itself after a mission, and lands when roslaunch is told to end in flight.
+
+One at a time: the simulated sensors are nodes and topics without a namespace, as real ones are.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+
+from behaviours import Behaviours
+from stack import HERE, Stack
+
+launches = Behaviours()
+
+
+def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
+    """Start the launch file of the package in the namespace of a stack."""
+    command = [
+        "roslaunch",
+        "--screen",
+        str(HERE.parents[1] / "launch" / "autonomy.launch"),
+        "simulation:=true",
+        "console:=false",
+    ]
+    command += ["record:=false", f"output:={stack.output}", f"config:={stack.config}", *arguments]
+    environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
+    with (stack.folder / "autonomy.log").open("ab") as log:
+        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
+    stack.engine, stack.launched = process, True
+    return process
+
+
+def whole_launch_lands(stack: Stack, number: int) -> None:
+    process = roslaunch(stack, "mission:=long", f"received:={stack.folder / 'received.jsonl'}")
+    stack.wait_state("MISSION")
+    told_ns = time.monotonic_ns()
+    process.send_signal(number)
+    stack.wait_end(30.0)
+    delays = stack.routes_after(told_ns)
+    assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
+    assert all(delay < 1.0 for delay in delays.values()), f"landing was sent after {delays}"
+    assert stack.result()["exit_status"] == 8
+    assert "LAND was sent" in stack.log()
+
+
+@launches.add(processes=(), start=False)
+def sigint_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
+    whole_launch_lands(stack, signal.SIGINT)
+
+
+@launches.add(processes=(), start=False)
+def sigterm_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
+    whole_launch_lands(stack, signal.SIGTERM)
+
+
+@launches.add(processes=(), start=False)
+def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
+    roslaunch(stack, "mission:=hop", "exit_when_ended:=true")
+    stack.wait_end()
+    result = stack.result()
+    assert (result["exit_status"], result["result"], result["state"]) == (0, "COMPLETE", "MISSION_ENDED")
+    assert result["data"]
+    assert "MISSION_ENDED" in (stack.output / "report.txt").read_text()
+    for name in ("bag", "journal", "report"):
+        assert f"autonomy: {name}" in stack.log()
+
+
+if __name__ == "__main__":
+    launches.main("amaze_autonomy", "launches", at_once=1)
