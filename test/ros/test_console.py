@@ -1,8 +1,6 @@
 #!/usr/bin/env python3
 """The console as a process, over a real master, against an engine that only pretends."""
 
-
-
 from __future__ import annotations
 
 import os
