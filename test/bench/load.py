@@ -67,6 +67,7 @@ def main() -> int:
         for name, kind in (("state", msg.AutonomyState), ("journal", msg.JournalEntry)):
             rospy.Subscriber(f"{NODE}/autonomy/{name}", kind, lambda _: None)
         try:
+            node.peers.wait_for_listeners(2)
             node.take_off()
             found = measure({"autonomy": node.process.pid, "bare": bare.pid}, options.seconds)
             node.land()

@@ -82,7 +82,7 @@ class Peers:
         self._number = 0
         self.code = 1
         self.landing: Optional[int] = None
-        self.state = ""
+        self.state = self._said = ""
         self._mission = msg.MissionStatus(distance_left=nan, time_left=nan, waypoints=2)
         self._recording = msg.RecordingStatus(progress=nan)
         self._autopilot = msg.AutopilotStatus(
@@ -103,14 +103,19 @@ class Peers:
 
     def _see(self, message: Any) -> None:
         with self._changed:
-            self.state = message.state
+            self.state, self._said = message.state, message.message
             self._changed.notify_all()
 
     def wait(self, condition: Callable[[], bool], what: str, limit_s: float = 20.0) -> None:
         """Wait until something is so."""
         with self._changed:
             if not self._changed.wait_for(condition, limit_s):
-                raise SystemExit(f"latency: {what} did not come, the engine is in {self.state}")
+                raise SystemExit(f"latency: {what} did not come, the engine is in {self.state}: {self._said}")
+
+    def wait_for_listeners(self, count: int) -> None:
+        """Wait until so many nodes listen to every status."""
+        publishers = self._publishers.values()
+        self.wait(lambda: all(each.get_num_connections() >= count for each in publishers), f"{count} listeners")
 
     def _stream(self) -> None:
         pause = threading.Event()
