@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, Optional, Tuple
 from proof_peers import NEVER, UNIT, Peers
 from proof_witness import Witness
 
-from amaze_autonomy.engine.rules import Limits, Rules
+from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State, Step
 
 __all__ = ["Key", "make_key"]
@@ -25,14 +25,15 @@ _ENTERED = (State.READY, State.START_RECORDING, State.DATA_CLEANUP)
 _CHECKED = (State.PREFLIGHT, State.LOAD_MISSION)
 
 
-def _caps(limits: Limits) -> Dict[str, int]:
+def _caps(rules: Rules) -> Dict[str, int]:
     """Return for each time of the state how old it can become before its age no longer matters, in units."""
 
     def units(*values: int) -> int:
         return max([value // UNIT for value in values if value < NEVER], default=0) + 1
 
-    at = limits
+    at = rules.limits
     return {
+        "waited": units(at.unlisted_wait_limit_ns, *(rule.wait_limit_ns for rule in rules.components)),
         "entered_ns": units(at.ready_limit_ns, at.recording_start_limit_ns, at.data_cleanup_limit_ns),
         "step_ns": units(
             at.load_limit_ns,
@@ -68,7 +69,7 @@ def _caps(limits: Limits) -> Dict[str, int]:
 
 def make_key(rules: Rules) -> Callable[[EngineState, Peers, Witness, Tuple[int, ...]], Key]:
     """Return the function that gives the key of a state."""
-    caps = _caps(rules.limits)
+    caps = _caps(rules)
 
     def key(state: EngineState, peers: Peers, witness: Witness, old: Tuple[int, ...]) -> Key:
         return (_engine(state, caps), peers, _witness(witness, state, caps), tuple(map(bool, old)))
@@ -239,6 +240,6 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.answered,
         witness.disarmed_ns is None,
         witness.recording,
-        witness.waited,
+        tuple([(name, min(caps["waited"], waited // UNIT)) for name, waited in witness.waited]),
         witness.load is not None and (witness.load.used, witness.load.outcome, witness.load.leg),
     )
