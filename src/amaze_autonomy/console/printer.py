@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from dataclasses import replace
@@ -61,6 +62,8 @@ class _Printer:
             self._out.flush()
         except OSError:
             self._session.end(CLOSED)
+            if self._out is sys.stdout:  # what is left in it would make the exit status 120
+                os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def run_plain(session: Session, wake: Wake, source: Optional[int], out: Optional[TextIO] = None) -> None:
