@@ -36,6 +36,7 @@ class NastyPeer:
         """Unregister and close everything."""
         self._ended.set()
         self._master.unregisterService(self._name, self._uri)
+        self._listener.shutdown(socket.SHUT_RDWR)  # closing alone does not wake the thread that accepts
         self._listener.close()
         for connection in self._open:
             connection.close()

@@ -14,31 +14,19 @@ import socket
 import struct
 import threading
 import time
-import xmlrpc.client
-from http.client import HTTPConnection, HTTPException
 from typing import Any, List, Optional, Type
 from urllib.parse import urlparse
 
 from rosgraph.network import ROSHandshakeException, decode_ros_handshake_header, encode_ros_handshake_header
 
 from .errors import BrokenCallError, CallTimeoutError, UnavailableError
+from .xmlrpc_call import call
 
 __all__ = ["Connection", "Serialized", "ServiceClient"]
 
 Serialized = bytes
 _LONGEST = 16 * 1024 * 1024  # bytes; a longer answer is nonsense
 _MOST_IDLE = 4  # connections to one service that wait for a request
-
-
-class _Transport(xmlrpc.client.Transport):
-    """XML-RPC over a connection with a time limit."""
-
-    def __init__(self, limit_s: float) -> None:
-        super().__init__()
-        self._limit_s = limit_s
-
-    def make_connection(self, host: Any) -> HTTPConnection:
-        return HTTPConnection(host, timeout=self._limit_s)
 
 
 class Connection:
@@ -241,19 +229,20 @@ class ServiceClient:
         return Connection(sock)
 
     def _look_up(self, deadline_s: float) -> Any:
-        proxy = xmlrpc.client.ServerProxy(self._master_uri, transport=_Transport(_left_s(deadline_s)))
         try:
-            code, text, uri = proxy.lookupService(self._caller_id, self.name)
-        except socket.timeout as error:
-            raise CallTimeoutError("the ROS master did not answer within the limit") from error
-        except (OSError, xmlrpc.client.Error, HTTPException, ValueError, TypeError) as error:
-            raise UnavailableError(f"the ROS master cannot be asked: {error}") from error
-        if code != 1:
-            raise UnavailableError(f"no such service: {text}")
-        place = urlparse(uri)
-        if not place.hostname or not place.port:
+            uri = call(self._master_uri, "lookupService", (self._caller_id, self.name), _left_s(deadline_s))
+        except BrokenCallError as error:
+            raise UnavailableError(f"no such service: {error}") from error
+        except (CallTimeoutError, UnavailableError) as error:
+            raise type(error)(f"the ROS master: {error}") from error
+        try:
+            place = urlparse(str(uri))
+            host, port = place.hostname, place.port
+        except ValueError:
+            host = port = None
+        if not host or not port:
             raise UnavailableError(f"the ROS master names a place that is none: {uri!r}")
-        return place.hostname, place.port
+        return host, port
 
     def _shake_hands(self, sock: socket.socket, deadline_s: float) -> None:
         header = {

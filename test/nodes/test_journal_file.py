@@ -1,0 +1,123 @@
+"""The journal on disk: whole, in order, and without a gap even when the disk was full for a while."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("rospy")
+
+from amaze_autonomy.nodes import journal_file
+from amaze_autonomy.nodes.errors import StartError
+from amaze_autonomy.nodes.journal_file import create, reopen
+
+HEADER = '{"kind":"header"}'
+
+
+@pytest.fixture
+def journal(tmp_path):
+    made = create(tmp_path, HEADER)
+    yield made
+    made.close()
+
+
+def lines(folder):
+    return (folder / "journal.jsonl").read_text().split("\n")
+
+
+@pytest.mark.usefixtures("journal")
+def test_it_appears_with_its_header(tmp_path):
+    assert lines(tmp_path) == [HEADER, ""]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["journal.jsonl"]
+
+
+def test_lines_are_numbered_from_the_header_on(tmp_path, journal):
+    assert [journal.append(text) for text in ("a", "b")] == [1, 2]
+    journal.flush()
+    assert lines(tmp_path) == [HEADER, "a", "b", ""]
+
+
+def test_it_goes_on_after_the_last_whole_line(tmp_path, journal):
+    journal.append("a")
+    journal.close()
+    with (tmp_path / "journal.jsonl").open("a") as file:
+        file.write('{"half')
+    again = reopen(tmp_path / "journal.jsonl")
+    assert again.append("b") == 2
+    again.close()
+    assert lines(tmp_path) == [HEADER, "a", "b", ""]
+    journal._descriptor = os.dup(1)
+
+
+@pytest.mark.usefixtures("journal")
+def test_two_nodes_do_not_write_one_journal(tmp_path):
+    program = "import sys; from pathlib import Path; from amaze_autonomy.nodes import journal_file as j\n"
+    program += "j._lock.__defaults__ = (0.1,)\n"
+    program += "from amaze_autonomy.nodes.errors import StartError\n"
+    program += "try: j.reopen(Path(sys.argv[1]))\nexcept StartError as error: print(error)\n"
+    command = [sys.executable, "-c", program, str(tmp_path / "journal.jsonl")]
+    assert "is written by another node" in subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
+    with pytest.raises(StartError, match="name another folder with ~output"):
+        create(tmp_path / "missing", HEADER)
+
+
+class FullDisk:
+    """Takes so many bytes more, then none: as write() does it, a part of the last ones may still be written."""
+
+    def __init__(self, monkeypatch, free):
+        self.free = free
+        self._write = os.write
+        monkeypatch.setattr(journal_file.os, "write", self.write)
+
+    def write(self, descriptor, data):
+        if self.free <= 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken = self._write(descriptor, data[: self.free])
+        self.free -= taken
+        return taken
+
+
+def test_a_full_disk_costs_no_line(tmp_path, journal, monkeypatch):
+    disk = FullDisk(monkeypatch, 10)
+    journal.append("a" * 8)
+    journal.flush()
+    journal.append("b" * 8)
+    journal.flush()
+    assert "No space left" in journal.problem
+    assert lines(tmp_path) == [HEADER, "a" * 8, ""], "half a line was left in the file"
+    journal.append("c")
+    journal.flush()
+    disk.free = 1000
+    journal.flush(force=True)
+    assert (journal.problem, journal.gap) == ("", False)
+    assert lines(tmp_path) == [HEADER, "a" * 8, "b" * 8, "c", ""]
+
+
+def test_it_does_not_try_a_full_disk_at_every_line(tmp_path, journal, monkeypatch):
+    disk = FullDisk(monkeypatch, 0)
+    journal.append("a")
+    journal.flush()
+    disk.free = 1000
+    journal.append("b")
+    journal.flush()
+    assert lines(tmp_path) == [HEADER, ""]
+    journal._retry_s = 0.0
+    journal.flush()
+    assert lines(tmp_path) == [HEADER, "a", "b", ""]
+
+
+def test_what_is_kept_for_a_disk_has_a_limit_and_the_gap_is_said(journal, monkeypatch):
+    FullDisk(monkeypatch, 0)
+    monkeypatch.setattr(journal_file, "_MOST_KEPT", 100)
+    for _ in range(20):
+        journal.append("x" * 9)
+        journal.flush()
+    assert journal.gap
+    assert journal._kept_bytes <= 100

@@ -1,0 +1,193 @@
+"""What goes out as a message comes in as the same event; what cannot be is refused by the name of its field."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import isnan, nan
+
+import pytest
+
+pytest.importorskip("rospy")
+msg = pytest.importorskip("amaze_autonomy.msg")
+
+from amaze_autonomy.engine import events  # noqa: E402
+from amaze_autonomy.engine.checks import Check, CheckName, Verdict  # noqa: E402
+from amaze_autonomy.engine.events import ComponentStatus, Outcome  # noqa: E402
+from amaze_autonomy.engine.report import report  # noqa: E402
+from amaze_autonomy.engine.rules import Rules  # noqa: E402
+from amaze_autonomy.engine.severity import Code, Restart, Verb  # noqa: E402
+from amaze_autonomy.engine.state import EngineState, Failure, FailureKind  # noqa: E402
+from amaze_autonomy.nodes import incoming, outgoing  # noqa: E402
+from amaze_autonomy.nodes.errors import InvalidMessageError  # noqa: E402
+
+T, ROS, AGE = 7_000_000_000, 1_700_000_000_000_000_000, 30_000_000
+LRF = ComponentStatus(name="lrf", code=Code.HOLD, restart=Restart.TRYING, until_ns=T + 2_000_000_000, reason="silent")
+GPS = ComponentStatus(name="gps", code=Code.NON_CRITICAL, restart=Restart.GIVEN_UP)
+
+EVENTS = (
+    events.WatchdogAction(
+        t_ns=T, sequence=3, loop_counter=9, code=Code.HOLD, latest_component="lrf", components=(LRF,), age_ns=0
+    ),
+    events.WatchdogInfo(t_ns=T, sequence=4, changed=("gps",), components=(GPS, LRF), age_ns=0),
+    events.MissionStatus(
+        t_ns=T,
+        session_id="s-1",
+        mission_id="1",
+        phase=events.MissionPhase.FLYING,
+        waypoint=2,
+        waypoints=5,
+        file_index=1,
+        repetition=2,
+        distance_left_m=12.5,
+        time_left_s=None,
+        message="on its way",
+        age_ns=AGE,
+    ),
+    events.RecordingStatus(
+        t_ns=T,
+        session_id="s-1",
+        phase=events.RecordingPhase.MERGING,
+        progress=0.25,
+        platforms=(
+            events.PlatformRecording(
+                platform="main", growing=True, written_bytes=10, byte_rate=2.0, free_fraction=None, location="here"
+            ),
+        ),
+        location="there",
+        message="",
+        age_ns=AGE,
+    ),
+    events.AutopilotStatus(
+        t_ns=T,
+        armed=True,
+        landed=events.VehicleLanded.IN_AIR,
+        mode="AUTO.MISSION",
+        link_age_s=0.1,
+        height_m=2.0,
+        position_x_m=1.0,
+        position_y_m=-1.0,
+        vertical_speed_m_s=0.5,
+        battery_fraction=0.75,
+        battery_voltage_v=15.5,
+        battery_age_s=0.5,
+        age_ns=AGE,
+    ),
+    events.AutopilotStatus(t_ns=T, armed=None, landed=events.VehicleLanded.UNKNOWN, link_age_s=None, age_ns=AGE),
+    events.LandedStatus(t_ns=T, landed=events.Landed.AIRBORNE, distance_m=1.5, reason="far", age_ns=AGE),
+    events.LandedStatus(t_ns=T, landed=events.Landed.UNKNOWN, distance_m=None, age_ns=AGE),
+)
+WAYS = {
+    events.WatchdogAction: (outgoing.watchdog_action, incoming.watchdog_action),
+    events.WatchdogInfo: (outgoing.watchdog_info, incoming.watchdog_info),
+    events.MissionStatus: (outgoing.mission_status, incoming.mission_status),
+    events.RecordingStatus: (outgoing.recording_status, incoming.recording_status),
+    events.AutopilotStatus: (outgoing.autopilot_status, incoming.autopilot_status),
+    events.LandedStatus: (outgoing.landed_status, incoming.landed_status),
+}
+
+
+@pytest.mark.parametrize("event", EVENTS, ids=lambda event: type(event).__name__)
+def test_an_event_survives_the_wire(event):
+    write, read = WAYS[type(event)]
+    message = write(event, ROS)
+    assert read(message, T, ROS) == event
+
+
+def test_the_age_is_what_the_stamp_says_on_arrival():
+    message = outgoing.landed_status(EVENTS[-1], ROS)
+    assert incoming.landed_status(message, T, ROS + 1_000).age_ns == AGE + 1_000
+    assert incoming.landed_status(message, T, ROS - 40_000_000).age_ns == -10_000_000
+
+
+def test_a_message_without_a_stamp_is_as_old_as_ros_time():
+    assert incoming.landed_status(msg.Landed(landed=1), T, ROS).age_ns == ROS
+
+
+def test_until_counts_from_the_stamp_of_the_message():
+    event = replace(EVENTS[0], age_ns=0)
+    message = outgoing.watchdog_action(event, ROS)
+    late = incoming.watchdog_action(message, T + AGE, ROS + AGE)
+    assert late.components[0].until_ns == LRF.until_ns
+
+
+@pytest.mark.parametrize("value", [nan, float("inf"), -float("inf"), 1e300])
+def test_an_until_that_is_no_time_is_none(value):
+    bad = msg.WatchdogAction(code=8, components=[msg.ComponentState(name="lrf", code=8, until=value)])
+    assert incoming.watchdog_action(bad, T, ROS).components[0].until_ns is None
+
+
+def test_what_the_flags_call_invalid_is_unknown():
+    message = msg.AutopilotStatus(armed=True, height=3.0, position_x=1.0, position_y=1.0, battery_fraction=-1.0)
+    event = incoming.autopilot_status(message, T, ROS)
+    assert (event.armed, event.height_m, event.position_x_m, event.position_y_m) == (None, None, None, None)
+    assert event.battery_fraction is None
+
+
+BAD = (
+    (incoming.watchdog_action, msg.WatchdogAction(code=3), "code is 3, must be one of 1, 2, 4, 8, 16"),
+    (
+        incoming.watchdog_action,
+        msg.WatchdogAction(code=4, components=[msg.ComponentState(name="", code=4)]),
+        "components.name is '', must be the name of a component",
+    ),
+    (
+        incoming.watchdog_info,
+        msg.WatchdogInfo(components=[msg.ComponentState(name="lrf", code=4, restart=9)]),
+        "components.restart is 9, must be one of 0, 1, 2",
+    ),
+    (incoming.mission_status, msg.MissionStatus(phase=8), "phase is 8, must be one of 0, 1, 2, 3, 4, 5, 6, 7"),
+    (incoming.recording_status, msg.RecordingStatus(phase=10), "phase is 10, must be"),
+    (incoming.autopilot_status, msg.AutopilotStatus(landed=5), "landed is 5, must be one of 0, 1, 2, 3, 4"),
+    (incoming.landed_status, msg.Landed(landed=3), "landed is 3, must be one of 0, 1, 2"),
+)
+
+
+@pytest.mark.parametrize("read, message, words", BAD)
+def test_what_cannot_be_is_refused_by_the_name_of_its_field(read, message, words):
+    with pytest.raises(InvalidMessageError) as refused:
+        read(message, T, ROS)
+    assert str(refused.value).startswith(words)
+
+
+ROWS = (
+    Check("level", Verdict.PASS, 0.75, 0.5, "fraction", 0.25),
+    Check("cells", Verdict.WARN, 3.5, 3.25, "V", None, "charge it"),
+    Check("age", Verdict.UNKNOWN, advice="wait"),
+    Check("tilt", Verdict.FAIL, 0.5, 0.25, "rad", 0.0, "level it"),
+    Check("distance", Verdict.PASS, 0.125, 0.25, "m"),
+)
+COMPONENTS = {"fixable": True, "being_fixed": True, "until_ns": T + 5_000_000_000, "components": (LRF, GPS)}
+
+
+@pytest.mark.parametrize("check", list(CheckName))
+def test_the_answer_of_a_check_survives_the_wire(check):
+    more = {**COMPONENTS, "message": "wait for it"} if check is CheckName.WATCHDOG else {}
+    reply = events.CheckReply(t_ns=T, command_id=5, check=check, outcome=Outcome.ACCEPTED, ok=True, checks=ROWS, **more)
+    response = outgoing.check_response(reply, T)
+    assert incoming.check_answer(response, check, 5, T) == reply
+
+
+def test_numbers_of_an_answer_are_found_by_their_unit():
+    reply = events.CheckReply(t_ns=T, command_id=5, check=CheckName.BATTERY, outcome=Outcome.ACCEPTED, checks=ROWS)
+    battery = outgoing.check_response(reply, T)
+    assert (battery.fraction, battery.voltage) == (0.75, 3.5)
+    tilt = outgoing.check_response(replace(reply, check=CheckName.STATE_ESTIMATION), T)
+    assert tilt.tilt == 0.5
+    assert isnan(tilt.gravity.z)
+
+
+def test_a_verdict_that_does_not_exist_is_refused():
+    with pytest.raises(InvalidMessageError, match=r"checks\.verdict is 0, must be one of 1, 2, 3, 4"):
+        incoming.check_row(msg.Check(name="x", verdict=0))
+
+
+def test_the_report_becomes_a_message():
+    failure = Failure("lrf", FailureKind.COMPONENT, 8, Verb.WAIT, Verb.LAND, T, T + 3_000_000_000, "silent")
+    state = replace(EngineState(), failures=(failure,), message="hello")
+    message = outgoing.autonomy_state(report(state, Rules()), T + 1_000_000_000, ROS)
+    assert (message.state, message.message, message.message_level) == ("MISSION_INPUT", "hello", 0)
+    assert message.header.stamp.to_nsec() == ROS
+    assert isnan(message.time_left)
+    assert isnan(message.recording_progress)
+    [shown] = message.failures
+    assert (shown.name, shown.code, shown.verb, shown.then, shown.time_left) == ("lrf", 8, "wait", "land", 2.0)
