@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import signal
+import subprocess
+import time
 
 from behaviours import Behaviours
 from stack import Stack
@@ -101,6 +103,34 @@ def killed_engine_goes_on_where_it_was(stack: Stack) -> None:
     started = stack.events(EngineStarted)
     assert [event.resumed for event in started] == [False, True]
     assert stack.states[-1].session_id == stack.states[seen - 1].session_id
+
+
+@ends.add("started_armed", mission="long")
+def engine_whose_journal_is_damaged_lands_what_flies(stack: Stack) -> None:
+    stack.wait_state("MISSION")
+    assert stack.engine is not None
+    stack.engine.kill()
+    stack.engine.wait()
+    with (stack.output / "journal.jsonl").open("a") as journal:
+        journal.write("damaged\n")
+    stack.parameters["mission"] = ""
+    stack.start_engine()
+    stack.wait_received("autopilot/land")
+    assert stack.commands()[:3] == [*BEFORE, "TAKEOFF"]
+    assert {"LAND", "autopilot/land"} >= set(stack.commands()[3:5])
+    assert "It is kept, and a new one begins." in stack.log()
+    assert (stack.output / "earlier" / "journal.jsonl").read_text().endswith("damaged\n")
+
+
+@ends.add("shutdown_in_flight", mission="long")
+def node_that_is_killed_by_name_in_flight_lands(stack: Stack) -> None:
+    stack.wait_state("MISSION")
+    told_ns = time.monotonic_ns()
+    subprocess.run(["rosnode", "kill", f"/{stack.name}/autonomy"], check=True, stdout=subprocess.DEVNULL)
+    assert stack.wait_end(10.0) == 8
+    assert set(stack.routes_after(told_ns)) == {"LAND", "autopilot/land"}
+    assert stack.result()["result"] == "INTERRUPTED_IN_FLIGHT"
+    assert read((stack.output / "journal.jsonl").read_text()).truncated is False
 
 
 @ends.add(mission="hop", parameters={"exit_when_ended": True})

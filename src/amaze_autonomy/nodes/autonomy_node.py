@@ -281,8 +281,15 @@ def _check_missions(parameters: Parameters, configuration: Configuration) -> Non
 
 
 def _unfinished(parameters: Parameters, configuration: Configuration) -> Optional[output.Unfinished]:
-    """Return the journal to go on with, unless it was decided by other rules than ours."""
-    found = output.find_unfinished(parameters.output) if parameters.resume else None
+    """Return the journal to go on with, unless it cannot be read or was decided by other rules than ours.
+
+    Neither is a reason not to start: the vehicle may be in the air, and an engine that finds it armed lands it.
+    """
+    try:
+        found = output.find_unfinished(parameters.output) if parameters.resume else None
+    except StartError as error:
+        rospy.logerr("%s. It is kept, and a new one begins.", error)
+        return None
     if found is not None and found.header.get("hash") != configuration.hash:
         rospy.logwarn("%s has not ended, but was decided by another configuration: a new one begins", found.path)
         return None
