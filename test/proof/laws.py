@@ -540,12 +540,14 @@ def _not_ours(m: Moment) -> bool:
 _ANY_OF_OURS = frozenset(mode for modes in OURS.values() for mode in modes)
 
 
-@law("5 PILOT", "PILOT ends only on the ground, disarmed and acknowledged.")
+@law("5 PILOT", "PILOT ends only acknowledged by a person, when the last word of the vehicle was that it is down.")
 def pilot_ends_acknowledged(m: Moment) -> Verdict:
     if m.before.state is not State.PILOT or not m.moved:
         return None
     asked = isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
-    return True if asked and m.saw.is_down(m.rules.limits) else "left without an acknowledgement on the ground"
+    last = m.saw.vehicle
+    down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
+    return True if asked and down else "left without an acknowledgement, or its last word was not that it is down"
 
 
 @law("4, 5", "On the ground no motion but the one TAKEOFF, and what cancels it before lift-off.")

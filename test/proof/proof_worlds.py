@@ -345,6 +345,7 @@ _ALL: Tuple[World, ...] = (
         anytime=("pilot", "failsafe", "foreign", "failsafe_landing"),
         planner=("FLYING",),
         codes={"lrf": ((8, "trying"), (16, "given_up"))},
+        silences=("autopilot",),
         users=("land", "acknowledge", "hold"),
         motion=(),
         restart=True,
