@@ -16,11 +16,12 @@ from amaze_autonomy.engine.events import EngineStarted
 SPEED = 1.5
 START_S = 1000.0
 JUMP_S = 400.0
+NODES = 3  # this one, autonomy and simulation: both must wait for their first word of time
 clocks = Behaviours()
 
 
 class FastClock:
-    """Publishes /clock, faster than real time; can be set back."""
+    """Publishes /clock, from when the nodes are there on, faster than real time; can be set back."""
 
     def __init__(self) -> None:
         self._began_s = time.monotonic()
@@ -38,6 +39,9 @@ class FastClock:
 
     def _run(self) -> None:
         tick = threading.Event()
+        while self._publisher.get_num_connections() < NODES and not rospy.is_shutdown():
+            tick.wait(0.05)
+        self._began_s = time.monotonic()
         while not tick.wait(0.005) and not rospy.is_shutdown():
             self._publisher.publish(Clock(clock=rospy.Time.from_sec(self.now_s())))
 

@@ -43,7 +43,7 @@ from amaze_autonomy.engine.state import EngineState, State
 from amaze_autonomy.engine.timers import next_deadline
 
 from . import output, process, results
-from .clock import Clock, make_clock
+from .clock import Clock, make_clock, wait_for_time
 from .diagnostics import Diagnostics
 from .ending import Ending, Farewell
 from .engine_thread import EngineThread
@@ -267,12 +267,6 @@ class AutonomyNode:
         print("\n".join(lines), flush=True)
 
 
-def _wait_for_time(stopped: threading.Event) -> None:
-    """Wait for the first message on /clock; without it there is no time to decide on."""
-    while not rospy.rostime.is_wallclock() and not rospy.rostime.get_rostime() and not stopped.wait(0.05):
-        rospy.logwarn_throttle(10, "use_sim_time is set: waiting for /clock")
-
-
 def _check_missions(parameters: Parameters, configuration: Configuration) -> None:
     """Refuse to start a run that would wait for a mission for ever."""
     event = choose(configuration.missions, parameters.missions, 0)
@@ -301,7 +295,7 @@ def _make(stopped: threading.Event) -> AutonomyNode:
     process.take_precedence(parameters.nice)
     configuration = load_configuration(parameters.config, parameters.overrides)
     _check_missions(parameters, configuration)
-    _wait_for_time(stopped)
+    wait_for_time(stopped)
     unfinished = _unfinished(parameters, configuration)
     clock = make_clock(unfinished.last_ns if unfinished is not None else 0)
     label = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S")

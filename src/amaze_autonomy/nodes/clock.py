@@ -12,7 +12,7 @@ from typing import Callable, Optional
 
 import rospy
 
-__all__ = ["Clock", "MonotonicClock", "SimulatedClock", "make_clock"]
+__all__ = ["Clock", "MonotonicClock", "SimulatedClock", "make_clock", "wait_for_time"]
 
 
 class Clock:
@@ -85,3 +85,9 @@ def make_clock(start_ns: int = 0) -> Clock:
     if rospy.rostime.is_wallclock():
         return MonotonicClock()
     return SimulatedClock(lambda: int(rospy.rostime.get_rostime().to_nsec()), start_ns=start_ns)
+
+
+def wait_for_time(stopped: threading.Event) -> None:
+    """Wait for the first message on `/clock`, without which there is no time to decide by, or until `stopped`."""
+    while not rospy.rostime.is_wallclock() and not rospy.rostime.get_rostime() and not stopped.wait(0.05):
+        rospy.logwarn_throttle(10, "use_sim_time is set: waiting for /clock")

@@ -18,7 +18,7 @@ from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.monitoring.errors import MonitoringError
 
 from . import parameters, process
-from .clock import Clock, make_clock
+from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 
 __all__ = ["RunningNode", "run_node", "startup_ns"]
@@ -54,7 +54,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     try:
         process.take_precedence(_nice())
         configuration = load_configuration(parameters.configuration_folder(), parameters.overrides())
-        _wait_for_time(stopped)
+        wait_for_time(stopped)
         node = make(configuration, make_clock())
         process.settle()
         if not stopped.is_set():
@@ -84,9 +84,3 @@ def _nice() -> int:
     if not isinstance(value, int) or isinstance(value, bool):
         raise StartError(f"~nice is {value!r}, must be a whole number")
     return value
-
-
-def _wait_for_time(stopped: threading.Event) -> None:
-    """Wait for the first message on /clock; without it there is no time to judge by."""
-    while not rospy.rostime.is_wallclock() and not rospy.rostime.get_rostime() and not stopped.wait(0.05):
-        rospy.logwarn_throttle(10, "use_sim_time is set: waiting for /clock")

@@ -39,7 +39,7 @@ from amaze_autonomy.simulation.scenario_file import load_scenario
 
 from . import outgoing, parameters
 from .bag_recorder import BagRecorder
-from .clock import Clock, make_clock
+from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 from .interface import SERVICES, STATUS_TOPICS
 from .live_world import LiveWorld, Received, Turn
@@ -270,11 +270,12 @@ def _recorder(configuration: Configuration) -> Optional[BagRecorder]:
     return BagRecorder(folder.expanduser(), _topics(configuration), options)
 
 
-def _make() -> SimulationNode:
+def _make(stopped: threading.Event) -> SimulationNode:
     configuration = load_configuration(parameters.configuration_folder(), parameters.overrides())
     peers, real = _names("~peers", PEERS), _names("~real", ())
     faults = str(rospy.get_param("~faults", ""))
     scenario = load_scenario(faults) if faults else None
+    wait_for_time(stopped)
     clock = make_clock()
     start_ns = max(0, clock.now_ns() - _HISTORY_NS)
     world = World(configuration, int(rospy.get_param("~seed", 0)), scenario, start_ns=start_ns, live=True)
@@ -294,7 +295,7 @@ def main() -> int:
         signal.signal(number, lambda *_: stopped.set())
     rospy.core.add_preshutdown_hook(lambda _: stopped.set())
     try:
-        node = _make()
+        node = _make(stopped)
     except (ConfigError, NodeError, SimulationError, OSError) as error:
         print(f"simulation: {error}", file=sys.stderr, flush=True)
         return 2
