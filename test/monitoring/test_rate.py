@@ -111,6 +111,14 @@ def test_half_rate_is_seen_within_one_and_a_half_windows():
     assert changes[1][0] - 20 * S <= 1.5 * S
 
 
+@pytest.mark.parametrize("rate_hz", [30.0, 200.0])
+def test_a_topic_that_goes_from_too_slow_to_too_fast_says_so(rate_hz: float):
+    monitor = running(rate_hz, 10.0)
+    times = regular(rate_hz / 2, 10.0, 20.0) + regular(2 * rate_hz, 20.0, 30.0)
+    reasons = [reason for _, _, reason in follow(monitor, times, times[-1])]
+    assert ["slow" in reasons[-2], "fast" in reasons[-1]] == [True, True]
+
+
 def test_a_lost_tenth_of_a_second_changes_nothing():
     monitor = running(200.0)
     changes = follow(monitor, regular(200.0, 20.1, 25.0) + regular(200.0, 25.1, 30.0), 30 * S)

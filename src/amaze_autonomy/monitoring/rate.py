@@ -56,7 +56,8 @@ class RateMonitor(Source):
         self._marks: Deque[Tuple[int, int]] = deque()
         self._first: Tuple[int, int] = (0, 0)
         self._settled = False
-        self._candidate: Optional[Level] = None
+        self._is_fast = False
+        self._candidate: Optional[Tuple[Level, bool]] = None  # and whether off means too fast
         self._candidate_since_ns = 0
         self._rate_hz: Optional[float] = None
 
@@ -133,10 +134,11 @@ class RateMonitor(Source):
                 self._give(self._classify(rate_hz, Level.GOOD), rate_hz)
             return
         level = self._classify(rate_hz, self._level)
-        if level is self._level:
+        verdict = level, level is Level.OFF and rate_hz > self.spec.rate_hz
+        if verdict == (self._level, self._is_fast):
             self._candidate = None
-        elif level is not self._candidate:
-            self._candidate, self._candidate_since_ns = level, at
+        elif verdict != self._candidate:
+            self._candidate, self._candidate_since_ns = verdict, at
         elif at - self._candidate_since_ns >= self._window_ns // 2:
             self._candidate = None
             self._give(level, rate_hz)
@@ -153,26 +155,30 @@ class RateMonitor(Source):
 
     def _give(self, level: Level, rate_hz: float) -> None:
         spec = self.spec
-        self._level = level
+        self._level, self._is_fast = level, level is Level.OFF and rate_hz > spec.rate_hz
         if level is Level.GOOD:
             self._reason = ""
         elif level is Level.FAILED:
             least = spec.rate_failed_fraction * spec.rate_hz
             self._reason = f"{rate_hz:.3g} Hz on {spec.topic}, below {least:.3g} Hz it has failed"
         else:
-            how = "fast" if rate_hz > spec.rate_hz else "slow"
+            how = "fast" if self._is_fast else "slow"
             self._reason = f"{rate_hz:.3g} Hz on {spec.topic}, too {how}, expected {spec.rate_hz:.3g} Hz"
 
     def _fail_late(self, t_ns: int) -> None:
         """Give the verdict on a topic that comes for the first time when it had failed already."""
         if self._last_ns == _NEVER_NS and not self._in_time(t_ns):
-            self._level, self._reason = Level.FAILED, f"no message on {self.spec.topic} since the start"
+            self._level, self._is_fast, self._reason = (
+                Level.FAILED,
+                False,
+                f"no message on {self.spec.topic} since the start",
+            )
 
     def _fail_silent(self, t_ns: int) -> None:
         """Give the verdict on silence; while starting, there is still time."""
         if self._level is Level.STARTING and self._in_time(t_ns):
             return
-        self._level = Level.FAILED
+        self._level, self._is_fast = Level.FAILED, False
         self._reason = f"no message on {self.spec.topic} for longer than {seconds(self._silence_ns)}"
 
     def _silent(self, t_ns: int, age_ns: int) -> Condition:
