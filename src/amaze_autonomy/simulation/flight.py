@@ -98,6 +98,8 @@ class Flags:
 class Flight:
     """Where the vehicle is, what it is told to do, and how it moves through the air."""
 
+    after_takeoff = Mode.MISSION
+
     def __init__(self, settings: VehicleSettings, t_ns: int = 0) -> None:
         self.settings = settings
         self.flags = Flags()
@@ -111,6 +113,7 @@ class Flight:
         self.waypoints: Tuple[Waypoint, ...] = ()
         self.reached = 0
         self.happened: List[str] = []
+        self._top_m = settings.takeoff_height_m
         self._leg: Optional[Leg] = None
         self._leave_at: Optional[int] = None
         self._pilot_lands_at: Optional[int] = None
@@ -163,13 +166,13 @@ class Flight:
             self._stay(end_ns)
 
     def _climb(self, end_ns: int) -> None:
-        top = self.settings.takeoff_height_m
+        top = self._top_m
         if self.height_m < min(top, self.flags.stops_climbing_at_m) - _ARRIVED_M:
             height = min(top, self.flags.stops_climbing_at_m)
             self._go(self._leg or climb(self.position_m, height, self.settings.model, self.t_ns), end_ns)
         elif self.height_m >= top - _ARRIVED_M:
             self.landed = VehicleLanded.IN_AIR
-            self._set_mode(Mode.MISSION)
+            self._set_mode(self.after_takeoff)
         else:
             self._stay(end_ns)
 

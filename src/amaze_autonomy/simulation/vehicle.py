@@ -153,8 +153,7 @@ class Vehicle(Flight):
     def _stand(self, end_ns: int) -> None:
         """Stand on the ground, armed: wait for lift-off, or for the automatic disarming."""
         self._stop()
-        wants_up = self._lift_at is not None and self.mode in (Mode.TAKEOFF, Mode.MISSION)
-        if wants_up and self._lift_at is not None and not self.flags.does_not_lift_off:
+        if self._lift_at is not None and self._wants_up() and not self.flags.does_not_lift_off:
             if self._lift_at <= self.t_ns:
                 self._lift_at, self._flew = None, True
                 self._lift_off()
@@ -171,15 +170,22 @@ class Vehicle(Flight):
                 self.happened.append("landed")
                 return self.t_ns
             return due
-        if self.flags.does_not_disarm or (self._lift_at is not None and self.mode in (Mode.TAKEOFF, Mode.MISSION)):
+        if self.flags.does_not_disarm or (self._lift_at is not None and self._wants_up()):
             return end_ns
-        never_flew = not self._flew and self.mode != Mode.LAND
-        wait = self.settings.idle_disarm_ns if never_flew else self.settings.ground_ns + self.settings.disarm_ns
-        due = self._ground_since + wait
+        due = self._ground_since + self._disarm_wait_ns()
         if due <= self.t_ns:
             self._set_disarmed()
             return self.t_ns
         return due
+
+    def _wants_up(self) -> bool:
+        return self.mode in (Mode.TAKEOFF, Mode.MISSION)
+
+    def _disarm_wait_ns(self) -> int:
+        """Return how long after touching the ground it disarms by itself."""
+        if not self._flew and self.mode != Mode.LAND:
+            return self.settings.idle_disarm_ns
+        return self.settings.ground_ns + self.settings.disarm_ns
 
     def _set_armed(self) -> None:
         self.armed = True
