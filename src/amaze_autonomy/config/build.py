@@ -24,7 +24,7 @@ from amaze_autonomy.monitoring.specs import (
 from .autonomy_schema import LIMIT_GROUPS
 from .binding import field_value, key_name, make
 from .kinds import Places
-from .recording_schema import Platform, Recording, Storage, TopicGroup
+from .recording_schema import Platform, Recording, Storage, TopicGroup, Transfer
 
 __all__ = ["components_of", "landing_of", "limits_of", "mission_of", "recording_of", "rules_of", "state_estimation_of"]
 
@@ -128,7 +128,17 @@ def recording_of(recording: _Values, places: Places) -> Recording:
         recording,
         (),
         places,
-        platforms=tuple(Platform(name, tuple(values["groups"])) for name, values in recording["platforms"].items()),
-        groups=tuple(TopicGroup(name, tuple(values["topics"])) for name, values in recording["groups"].items()),
+        platforms=tuple(
+            Platform(
+                name,
+                tuple(values["groups"]),
+                make(Transfer, values["transfer"], ("platforms", name, "transfer"), places),
+            )
+            for name, values in recording["platforms"].items()
+        ),
+        groups=tuple(
+            make(TopicGroup, values, ("groups", name), places, name=name)
+            for name, values in recording["groups"].items()
+        ),
         storage=make(Storage, recording["storage"], ("storage",), places),
     )

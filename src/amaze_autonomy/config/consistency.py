@@ -75,6 +75,9 @@ def check_recording(values: Mapping[str, Any], places: Places) -> None:
     check_known([values["collector"]], values["platforms"], "platform", ("collector",), places)
     recorded: Dict[str, str] = {}
     for platform, content in values["platforms"].items():
+        if content["transfer"]["by"] == "rsync" and not content["transfer"]["host"]:
+            at = ("platforms", platform, "transfer", "host")
+            refuse_at(at, places, "is missing", "must be given for rsync: the other computer, as ssh knows it")
         here = ("platforms", platform, "groups")
         check_known(content["groups"], values["groups"], "group", here, places)
         for group in content["groups"]:

@@ -36,6 +36,7 @@ UNITS: Mapping[str, Tuple[str, float, str]] = {
     "kb": ("size", 1e3, "in kilobytes"),
     "mb": ("size", 1e6, "in megabytes"),
     "gb": ("size", 1e9, "in gigabytes"),
+    "mb_s": ("rate of data", 1e6, "in megabytes per second"),
 }
 
 
