@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, Mapping, Sequence, Tuple, Union
 
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.missions import Bounds, FlightModel
+from amaze_autonomy.missions import Bounds, FlightModel, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 from .autonomy_schema import AUTONOMY, Streams
@@ -130,6 +130,7 @@ def _configuration(
         battery=make(BatterySpec, sensors["battery"], ("battery",), places["sensors"]),
         flight=make(FlightModel, missions["flight"], ("flight",), places["missions"]),
         bounds=make(Bounds, missions["bounds"], ("bounds",), places["missions"]),
+        planner=make(PlannerSpec, missions["planner"], ("planner",), places["missions"]),
         plans=plans_of(folder, missions, files, rules.limits, names, places["missions"]),
         recording=recording_of(values["recording"], places["recording"]),
         effective=effective,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Tuple
 
-from amaze_autonomy.missions import Bounds, FlightModel
+from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
 
 from .binding import Row, group_of
 from .components_schema import COMPONENT_NAME, NAME, SEVERITY
-from .kinds import ListOf, Number, Text, Whole
+from .kinds import Choice, ListOf, Number, Text, Whole
 from .schema import Group, Key, Named
 
 __all__ = ["MISSIONS", "MISSION_ID"]
@@ -34,10 +34,25 @@ _BOUNDS_ROWS: Tuple[Row, ...] = (
     ("max_hold_s", Number(above=0.0, maximum=3600.0), "longest hold at a waypoint", "milliseconds for seconds show here"),
     ("max_waypoints", Whole(1, 100000), "most waypoints of a file", "what the autopilot takes"),
 )
+_PLANNER_ROWS: Tuple[Row, ...] = (
+    ("acceptance_radius_m", Number(above=0.0, maximum=100.0), "nearer than this a waypoint is reached", "half a metre is what a GPS is good for"),
+    ("heading_tolerance_rad", Number(above=0.0, maximum=180.0), "nearer than this a yaw is reached, with set-points", "a magnetometer wanders by some degrees"),
+    ("home_tolerance_m", Number(above=0.0, maximum=1000.0), "how far the first takeoff may be from the mission's home", "the whole mission is flown that much beside its fence"),
+    ("transfer_limit_ns", Number(above=0.0, maximum=600.0), "time in which a waypoint file must be sent, read back and compared", "below the engine's load_limit_s; 500 waypoints on a slow radio take longer"),
+    ("message_retry_ns", Number(above=0.0, maximum=60.0), "time without an answer after which a message of the mission protocol is sent again", "longer than a turn of the slowest link"),
+    ("command_retry_ns", Number(above=0.0, maximum=60.0), "time without an effect after which a command is sent again", "PX4 shows a change of mode with its next heartbeat, within a second"),
+    ("command_limit_ns", Number(above=0.0, maximum=60.0), "time in which a command must show its effect", "then it has failed, with the autopilot's reason"),
+    ("vehicle_age_limit_ns", Number(above=0.0, maximum=60.0), "how old the vehicle's last word may be to be believed", "three heartbeats"),
+    ("setpoint_rate_hz", Number(minimum=5.0, maximum=100.0), "rate of the stream of set-points", "PX4 needs more than 2 Hz; its position controller runs at 50 Hz"),
+    ("setpoint_lead_ns", Number(above=0.0, maximum=60.0), "how long set-points are sent before the autopilot is told to follow them", "PX4 refuses OFFBOARD without a stream of half a second"),
+    ("pose_age_limit_ns", Number(above=0.0, maximum=60.0), "how old the local position may be to be flown by", "older: stop and stand still; still older: land"),
+)
 # fmt: on
 
 
-_FILE = Text('a file inside the folder of the configuration, e.g. "trajectories/square.csv"', r"[^\\\x00-\x1f]+\.csv")
+_FILE = Text(
+    'a file inside the folder of the configuration, e.g. "trajectories/square.csv"', r"[^\\\x00-\x1f]+\.(csv|plan)"
+)
 
 _LIMITS = Group(
     "limits of this mission",
@@ -66,6 +81,17 @@ _LIMITS = Group(
     ),
 )
 
+_HOME = Group(
+    "a place on the earth",
+    (
+        Key("latitude_deg", Number(minimum=-80.0, maximum=80.0), "north"),
+        Key("longitude_deg", Number(minimum=-180.0, maximum=180.0), "east"),
+    ),
+)
+_CORNER = ListOf(
+    Number(minimum=-100000.0, maximum=100000.0), "two numbers, metres east and north", 2, example="[20, -5]"
+)
+
 _MISSION = Group(
     "a mission",
     (
@@ -73,7 +99,7 @@ _MISSION = Group(
         Key(
             "files",
             ListOf(_FILE, "waypoint files", 1, example="[trajectories/square.csv]"),
-            "flown one after the other, with a touchdown in between",
+            "CSV in metres, CSV in latitude and longitude, or .plan of QGroundControl; flown one after the other, with a touchdown in between",
         ),
         Key("repetitions", Whole(1, 1000), "how often all files are flown", "with a touchdown in between", 1),
         Key(
@@ -105,6 +131,31 @@ _MISSION = Group(
             [],
         ),
         Key("limits", _LIMITS, "limits of its own", "a small field", {}),
+        Key(
+            "controller",
+            Choice(tuple(each.value for each in Controller)),
+            "who steers: the autopilot by an uploaded mission, or the planner by set-points (offboard)",
+            "offboard needs no GPS, only a local position (vision, motion capture)",
+            Controller.MISSION.value,
+        ),
+        Key(
+            "home",
+            _HOME,
+            "place of its first takeoff; left out: the home of its .plan, or wherever the vehicle stands",
+            "needed for waypoints in latitude and longitude",
+            None,
+        ),
+        Key(
+            "fence_m",
+            ListOf(
+                _CORNER,
+                "corners of a polygon that it stays inside, metres east and north of its first takeoff",
+                example="[[-5, -5], [25, -5], [25, 15], [-5, 15]]",
+            ),
+            "geofence: every leg is checked against it, and against the fence of its .plan",
+            "walls, a road, the neighbour's field",
+            [],
+        ),
     ),
 )
 
@@ -122,6 +173,13 @@ MISSIONS = Group(
             "bounds",
             group_of(Bounds, "bounds of waypoint files", _BOUNDS_ROWS),
             "what a waypoint file may hold",
+            "",
+            {},
+        ),
+        Key(
+            "planner",
+            group_of(PlannerSpec, "limits of the mission planner", _PLANNER_ROWS),
+            "how the mission planner flies them through the autopilot",
             "",
             {},
         ),

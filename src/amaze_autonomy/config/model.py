@@ -8,7 +8,7 @@ from typing import Any, Mapping, Tuple
 
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.missions import Bounds, FlightModel, MissionPlan
+from amaze_autonomy.missions import Bounds, FlightModel, MissionPlan, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec, ComponentSpec, LandingSpec, StateEstimationSpec
 
 from .autonomy_schema import Streams
@@ -31,6 +31,7 @@ class Configuration:
         battery: for the check before takeoff.
         flight: how the vehicle flies, for estimates and for the simulated vehicle.
         bounds: of waypoint files.
+        planner: how the mission planner flies through the autopilot.
         plans: every mission with its waypoints and estimates, in the order of the file.
         recording: what is recorded.
         effective: all of it as plain values, defaults and overrides included; waypoint files by their content's hash.
@@ -46,6 +47,7 @@ class Configuration:
     battery: BatterySpec
     flight: FlightModel
     bounds: Bounds
+    planner: PlannerSpec
     plans: Tuple[MissionPlan, ...]
     recording: Recording
     effective: Mapping[str, Any]

@@ -5,19 +5,22 @@ from __future__ import annotations
 import difflib
 import hashlib
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, List, Mapping, Optional, Tuple
 
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import (
+    SUFFIXES,
     Bounds,
+    Controller,
     FlightModel,
+    Home,
     MissionPlan,
     Trajectory,
     WaypointError,
     battery_needed_fraction,
     check_files,
     estimate_rounds,
-    parse_trajectory,
+    parse_file,
     total,
 )
 
@@ -26,11 +29,11 @@ from .build import mission_of
 from .consistency import check_known
 from .errors import ConfigError, Place
 from .kinds import Address, Places, dotted
+from .mission_places import File, Files, fences_of, home_of, trajectories_of
 
 __all__ = ["Files", "plans_of", "read_files"]
 
 _BYTES = 1_000_000
-Files = Dict[str, Tuple[Trajectory, str]]
 
 
 def read_files(folder: Path, missions: Mapping[str, Any], places: Places) -> Files:
@@ -48,7 +51,7 @@ def read_files(folder: Path, missions: Mapping[str, Any], places: Places) -> Fil
     return files
 
 
-def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[Trajectory, str]:
+def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[File, str]:
     place, path = place_of(here, places), folder / name
     inside = folder.resolve()
     try:
@@ -68,14 +71,14 @@ def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[Traje
         line = content.count(b"\n", 0, error.start) + 1
         raise ConfigError(Place(str(path), line), "", "is not UTF-8", "must be saved as UTF-8 text") from None
     try:
-        return parse_trajectory(text, name), hashlib.sha256(content).hexdigest()
+        return parse_file(text, name), hashlib.sha256(content).hexdigest()
     except WaypointError as error:
         raise _config_error(error, folder) from None
 
 
 def _hint(folder: Path, name: str) -> str:
     """Return the question for a file that is there and has nearly the same name; empty when there is none."""
-    there = sorted(path.relative_to(folder).as_posix() for path in folder.glob("**/*.csv"))
+    there = sorted(path.relative_to(folder).as_posix() for path in folder.glob("**/*") if path.suffix in SUFFIXES)
     close = [each for each in difflib.get_close_matches(name, there, n=1) if each != name]
     return f"; did you mean {close[0]}?" if close else ""
 
@@ -98,14 +101,16 @@ def plans_of(
     for mission_id, values in missions["missions"].items():
         here = ("missions", mission_id)
         _check_names(values, components, here, places)
-        trajectories = tuple(files[name][0] for name in values["files"])
+        home = home_of(values, files)
         own = values["limits"]
         reach = (own["max_height_m"] or limits.max_height_m, own["max_distance_m"] or limits.max_distance_m)
         try:
-            check_files(trajectories, values["repetitions"], limits.takeoff_height_m, bounds, reach)
+            trajectories = trajectories_of(values, files, home, here, places)
+            fences = fences_of(values, files, home, here, places)
+            check_files(trajectories, values["repetitions"], limits.takeoff_height_m, bounds, reach, fences)
         except WaypointError as error:
             raise _config_error(error, folder) from None
-        plans.append(_plan(mission_id, values, trajectories, model, limits, places))
+        plans.append(_plan(mission_id, values, trajectories, home, model, limits, places))
     return tuple(plans)
 
 
@@ -123,6 +128,7 @@ def _plan(
     mission_id: str,
     values: Mapping[str, Any],
     trajectories: Tuple[Trajectory, ...],
+    home: Optional[Home],
     model: FlightModel,
     limits: Limits,
     places: Places,
@@ -146,7 +152,7 @@ def _plan(
         right = f"must be above the reserve, which it includes ({limits.battery_reserve_fraction:g})"
         raise ConfigError(place_of(at, places), dotted(at), f"is {needed:g}", right)
     mission = mission_of(mission_id, values, round(needed, 6), round(whole.duration_s, 6))
-    return MissionPlan(mission, trajectories, first, again)
+    return MissionPlan(mission, trajectories, first, again, home, Controller(values["controller"]))
 
 
 def _check_flight_time(

@@ -3,27 +3,49 @@
 from __future__ import annotations
 
 from .errors import WaypointError
+from .fence import Circle, Fence, Polygon, check_fence, polygon_problem
+from .files import SUFFIXES, parse_file
 from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, distance_m, estimate_flight, leg_s
+from .geodesy import Home, Place
 from .plan import MissionPlan, Round, battery_needed_fraction, check_files, estimate_rounds, total
+from .planner_spec import Controller, PlannerSpec
+from .routes import GLOBAL_COLUMNS, Area, Route, RoutePoint, localize, localize_fence
 from .waypoints import COLUMNS, Trajectory, Waypoint, parse_trajectory
 
 __all__ = [
     "COLUMNS",
+    "GLOBAL_COLUMNS",
+    "SUFFIXES",
+    "Area",
     "Bounds",
+    "Circle",
+    "Controller",
+    "Fence",
     "FlightEstimate",
     "FlightModel",
+    "Home",
     "MissionPlan",
+    "Place",
+    "PlannerSpec",
+    "Polygon",
     "Round",
+    "Route",
+    "RoutePoint",
     "Trajectory",
     "Waypoint",
     "WaypointError",
     "battery_needed_fraction",
+    "check_fence",
     "check_files",
     "check_trajectory",
     "distance_m",
     "estimate_flight",
     "estimate_rounds",
     "leg_s",
+    "localize",
+    "localize_fence",
+    "parse_file",
     "parse_trajectory",
+    "polygon_problem",
     "total",
 ]

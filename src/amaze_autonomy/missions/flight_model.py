@@ -136,34 +136,33 @@ def check_trajectory(
         wrong = f"has {len(trajectory.waypoints)} waypoints"
         raise WaypointError(trajectory.file, line, "", wrong, f"must have at most {bounds.max_waypoints} (bounds)")
     for waypoint in trajectory.waypoints:
-        _check_waypoint(trajectory.file, waypoint, bounds, limits)
+        _check_waypoint(trajectory, waypoint, bounds, limits)
     first = trajectory.waypoints[0]
     if first.z_m < takeoff_height_m:
         right = f"the first waypoint must be at the takeoff height ({takeoff_height_m:g} m) or above"
-        raise WaypointError(trajectory.file, first.line, "z", f"is {first.z_m:g}", right)
-    _check_leg(
-        trajectory.file, _start(trajectory, start, takeoff_height_m), first, bounds.max_first_leg_m, "the takeoff"
-    )
+        raise WaypointError(trajectory.file, first.line, trajectory.names.height, f"is {first.z_m:g}", right)
+    _check_leg(trajectory, _start(trajectory, start, takeoff_height_m), first, bounds.max_first_leg_m, "the takeoff")
     for one, other in zip(trajectory.waypoints, trajectory.waypoints[1:]):
-        _check_leg(trajectory.file, one, other, bounds.max_leg_m, "the waypoint before")
+        _check_leg(trajectory, one, other, bounds.max_leg_m, "the waypoint before")
 
 
-def _check_waypoint(file: str, waypoint: Waypoint, bounds: Bounds, limits: Tuple[float, float]) -> None:
-    height, distance = limits
+def _check_waypoint(trajectory: Trajectory, waypoint: Waypoint, bounds: Bounds, limits: Tuple[float, float]) -> None:
+    (height, distance), file, names = limits, trajectory.file, trajectory.names
     way = math.sqrt(waypoint.x_m * waypoint.x_m + waypoint.y_m * waypoint.y_m)
     if not bounds.min_height_m <= waypoint.z_m < height:
         right = f"must be at least {bounds.min_height_m:g} and below the height limit {height:g}, in metres"
-        raise WaypointError(file, waypoint.line, "z", f"is {waypoint.z_m:g}", right)
+        raise WaypointError(file, waypoint.line, names.height, f"is {waypoint.z_m:g}", right)
     if not way < distance:
         right = f"must be below the distance limit {distance:g}, in metres"
-        raise WaypointError(file, waypoint.line, "x,y", f"is {way:.6g} m from the takeoff position", right)
+        raise WaypointError(file, waypoint.line, names.place, f"is {way:.6g} m from the takeoff position", right)
     if not 0.0 <= waypoint.hold_s <= bounds.max_hold_s:
         right = f"must be 0 to {bounds.max_hold_s:g}, in seconds"
-        raise WaypointError(file, waypoint.line, "holdtime", f"is {waypoint.hold_s:g}", right)
+        raise WaypointError(file, waypoint.line, names.hold, f"is {waypoint.hold_s:g}", right)
 
 
-def _check_leg(file: str, one: Waypoint, other: Waypoint, longest_m: float, what: str) -> None:
+def _check_leg(trajectory: Trajectory, one: Waypoint, other: Waypoint, longest_m: float, what: str) -> None:
     way = distance_m(one, other)
     if not way <= longest_m:
         wrong = f"is {way:.6g} m from {what}"
-        raise WaypointError(file, other.line, "x,y,z", wrong, f"must be at most {longest_m:g} m away (bounds)")
+        right = f"must be at most {longest_m:g} m away (bounds)"
+        raise WaypointError(trajectory.file, other.line, trajectory.names.whole, wrong, right)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.mission import Mission
 
+from .fence import Fence, check_fence
 from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, estimate_flight
+from .geodesy import Home
+from .planner_spec import Controller
 from .waypoints import Trajectory
 
 __all__ = ["MissionPlan", "Round", "battery_needed_fraction", "check_files", "estimate_rounds", "total"]
@@ -32,12 +35,16 @@ class MissionPlan:
         trajectories: one per waypoint file.
         first: estimate of the first repetition, which takes off at the origin.
         again: estimate of any further one, which takes off where the last file landed.
+        home: where the first takeoff must be; None: wherever the vehicle stands.
+        controller: who steers along the waypoints.
     """
 
     mission: Mission
     trajectories: Tuple[Trajectory, ...]
     first: Round
     again: Round
+    home: Optional[Home] = None
+    controller: Controller = Controller.MISSION
 
     def flight(self, file_index: int, repetition: int) -> FlightEstimate:
         """Return the estimate of one flight, both counted from 0."""
@@ -59,17 +66,20 @@ def check_files(
     takeoff_height_m: float,
     bounds: Bounds,
     limits: Tuple[float, float],
+    fences: Sequence[Fence] = (),
 ) -> None:
-    """Check all files of a mission, each from where it takes off.
+    """Check all files of a mission, each from where it takes off; every leg must be good for every fence.
 
     Raises:
         WaypointError: a file cannot be flown.
     """
     ends = _ends(trajectories)
-    for trajectory, start in zip(trajectories, (_HOME, *ends)):
-        check_trajectory(trajectory, start, takeoff_height_m, bounds, limits)
+    flights = list(zip(trajectories, (_HOME, *ends)))
     if repetitions > 1:
-        check_trajectory(trajectories[0], ends[-1], takeoff_height_m, bounds, limits)
+        flights.append((trajectories[0], ends[-1]))
+    for trajectory, start in flights:
+        check_trajectory(trajectory, start, takeoff_height_m, bounds, limits)
+        check_fence(trajectory, start, fences)
 
 
 def estimate_rounds(

@@ -4,26 +4,38 @@
     2.0,0.0,1.5,0.0,1.0         yaw in radians counter-clockwise from east, seconds to hold there
 
 The header chooses the unit of the yaw: `yaw` or `yaw_rad` is in radians, `yaw_deg` in degrees. The columns may stand in
-any order; `holdtime` may be left out and is then 0. Empty lines and lines that begin with # are not looked at.
+any order; `holdtime` may be left out and is then 0. Empty lines and lines that begin with # are not looked at. Files in
+latitude and longitude: `routes.py`.
 """
 
 from __future__ import annotations
 
-import math
-import re
 from dataclasses import dataclass
-from typing import Dict, List, Tuple
+from typing import NamedTuple, Tuple
 
-from .errors import WaypointError
+from .csv_table import YAW_COLUMNS, Layout, lines_of, read_table, yaw_of
+from .geodesy import Place
 
-__all__ = ["COLUMNS", "Trajectory", "Waypoint", "parse_trajectory"]
+__all__ = ["COLUMNS", "Names", "Trajectory", "Waypoint", "parse_trajectory"]
 
 COLUMNS = ("x", "y", "z", "yaw", "holdtime")
-_YAWS = ("yaw", "yaw_rad", "yaw_deg")
-_OPTIONAL = ("holdtime",)
-_HEADER = "must be the columns x,y,z,yaw,holdtime, separated by commas (yaw in radians, or yaw_deg in degrees)"
-_NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
-_TURN = {"yaw": 2 * math.pi, "yaw_rad": 2 * math.pi, "yaw_deg": 360.0}
+_LAYOUT = Layout(
+    COLUMNS,
+    ("holdtime",),
+    "must be the columns x,y,z,yaw,holdtime, separated by commas (yaw in radians, or yaw_deg in degrees)",
+)
+
+
+class Names(NamedTuple):
+    """What a file calls the parts of a waypoint, for errors."""
+
+    place: str = "x,y"
+    height: str = "z"
+    whole: str = "x,y,z"
+    hold: str = "holdtime"
+
+
+LOCAL_NAMES = Names()
 
 
 @dataclass(frozen=True)
@@ -55,73 +67,33 @@ class Trajectory:
         file: its name, relative to the configuration's folder.
         waypoints: at least one.
         yaw_column: name of its yaw column, for errors.
+        names: of its other columns.
+        places: of the waypoints on the earth, as the file says them; empty when the file is in local metres.
     """
 
     file: str
     waypoints: Tuple[Waypoint, ...]
     yaw_column: str = "yaw"
+    names: Names = LOCAL_NAMES
+    places: Tuple[Place, ...] = ()
 
 
 def parse_trajectory(text: str, file: str) -> Trajectory:
-    """Read a whole waypoint file.
+    """Read a whole waypoint file in local metres.
 
     Raises:
         WaypointError: the first mistake in it, with line and column.
     """
-    lines = [
-        (number, line.strip())
-        for number, line in enumerate(text.replace("\r\n", "\n").split("\n"), start=1)
-        if line.strip() and not line.strip().startswith("#")
-    ]
-    if not lines:
-        raise WaypointError(file, 0, "", "is empty", _HEADER)
-    columns = _columns(file, *lines[0])
-    if len(lines) == 1:
-        raise WaypointError(file, lines[0][0], "", "has no waypoints", "must have at least one line below the header")
-    waypoints = tuple(_waypoint(file, number, line, columns) for number, line in lines[1:])
-    return Trajectory(file, waypoints, next(column for column in columns if column in _YAWS))
-
-
-def _columns(file: str, number: int, line: str) -> List[str]:
-    columns = [column.strip() for column in line.lstrip("\ufeff").split(",")]
-    for column in columns:
-        if column not in (*COLUMNS, *_YAWS):
-            raise WaypointError(file, number, "", f"the header has the column {column[:40]!r}", _HEADER)
-    kinds = ["yaw" if column in _YAWS else column for column in columns]
-    for kind in COLUMNS:
-        if kinds.count(kind) > 1:
-            raise WaypointError(file, number, "", f"the header has the column {kind} twice", _HEADER)
-        if kind not in kinds and kind not in _OPTIONAL:
-            raise WaypointError(file, number, "", f"the header lacks the column {kind}", _HEADER)
-    return columns
-
-
-def _waypoint(file: str, number: int, line: str, columns: List[str]) -> Waypoint:
-    cells = [cell.strip() for cell in line.split(",")]
-    if len(cells) != len(columns):
-        right = f"must have {len(columns)}: {','.join(columns)}"
-        raise WaypointError(file, number, "", f"has {len(cells)} columns", right)
-    values: Dict[str, float] = {}
-    for column, cell in zip(columns, cells):
-        values[column] = _number(file, number, column, cell)
-    return Waypoint(
-        values["x"], values["y"], values["z"], _yaw(file, number, values), values.get("holdtime", 0.0), number
+    columns, rows = read_table(file, lines_of(text), _LAYOUT)
+    waypoints = tuple(
+        Waypoint(
+            row.values["x"],
+            row.values["y"],
+            row.values["z"],
+            yaw_of(file, row),
+            row.values.get("holdtime", 0.0),
+            row.line,
+        )
+        for row in rows
     )
-
-
-def _number(file: str, number: int, column: str, cell: str) -> float:
-    if _NUMBER.fullmatch(cell) is None or not math.isfinite(float(cell)):
-        wrong = f"is {cell[:40]!r}" if cell else "has no value"
-        raise WaypointError(file, number, column, wrong, "must be a finite number")
-    return float(cell) + 0.0
-
-
-def _yaw(file: str, number: int, values: Dict[str, float]) -> float:
-    column = next(column for column in _YAWS if column in values)
-    value = values[column]
-    if abs(value) > _TURN[column] + 1e-9:
-        right = "must be within a turn, 360 degrees"
-        if column != "yaw_deg":
-            right = f"must be within a turn, {_TURN[column]:.4f} rad; are these degrees? Then call the column yaw_deg"
-        raise WaypointError(file, number, column, f"is {value:g}", right)
-    return math.radians(value) if column == "yaw_deg" else value
+    return Trajectory(file, waypoints, next(column for column in columns if column in YAW_COLUMNS))

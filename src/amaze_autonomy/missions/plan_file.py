@@ -1,0 +1,231 @@
+"""Plans of QGroundControl (`.plan`, JSON): mission items and the fence that was drawn with them.
+
+Source: the file format of QGroundControl's documentation, fileType Plan, version 1. Taken are a takeoff as the first
+item, waypoints and timed loiters, and a landing as the last item, all relative to home. Anything else (surveys, camera
+commands, jumps, speeds, terrain) is refused: a plan is flown as it was drawn or not at all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
+
+from .errors import WaypointError
+from .geodesy import Home, Place
+from .located_json import Object, read_json
+from .routes import Area, Route, RoutePoint
+from .waypoints import Names
+
+__all__ = ["parse_plan"]
+
+_NAMES = Names("params 5,6", "params 7", "params 5,6,7", "params 1")
+_FRAMES = (3, 6)  # MAV_FRAME_GLOBAL_RELATIVE_ALT and the same in integers
+_PARAMS = 7
+_SAME_M = 0.5
+
+
+class _Item(NamedTuple):
+    number: int  # from 1
+    line: int
+    command: int
+    params: Sequence[Optional[float]]
+
+
+class _File:
+    """A file whose mistakes are named."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def refuse(self, line: int, column: str, wrong: str, right: str) -> NoReturn:
+        raise WaypointError(self.name, line, column, wrong, right)
+
+    def part(self, parent: Object, key: str, kind: type, said: str) -> Any:
+        """Return a part of an object, which must be there and of a kind."""
+        found = parent.get(key)
+        if not isinstance(found, kind):
+            wrong = "is missing" if key not in parent else f"is {str(found)[:40]}"
+            self.refuse(parent.line, key, wrong, f"must be {said}")
+        return found
+
+    def number(self, parent: Object, column: str, value: Any) -> float:
+        """Return a finite number."""
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(_float(value)):
+            self.refuse(parent.line, column, f"is {str(value)[:40]}", "must be a finite number")
+        return float(value)
+
+    def place(self, parent: Object, column: str, latitude: Any, longitude: Any) -> Place:
+        """Return a place on the earth."""
+        place = Place(self.number(parent, column, latitude), self.number(parent, column, longitude))
+        if abs(place.latitude_deg) > 90.0 or abs(place.longitude_deg) > 180.0:  # noqa: PLR2004
+            wrong = f"is {place.latitude_deg:g}, {place.longitude_deg:g}"
+            self.refuse(parent.line, column, wrong, "must be a latitude and a longitude in degrees")
+        return place
+
+
+def _float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def parse_plan(text: str, name: str) -> Route:
+    """Read a whole plan.
+
+    Raises:
+        WaypointError: the first mistake in it, with line and column.
+    """
+    file = _File(name)
+    plan = read_json(text, name)
+    if plan.get("fileType") != "Plan" or plan.get("version") != 1:
+        file.refuse(plan.line, "fileType", f"is {str(plan.get('fileType'))[:40]}", "must be Plan, of version 1")
+    mission = file.part(plan, "mission", Object, "the mission")
+    home = _home(file, mission)
+    items = [
+        _item(file, number, each, mission)
+        for number, each in enumerate(file.part(mission, "items", list, "a list of items"), start=1)
+    ]
+    points = _points(file, items, Place(home.latitude_deg, home.longitude_deg))
+    if not points:
+        file.refuse(mission.line, "items", "has no waypoints", "must have at least one item of command 16")
+    return Route(name, tuple(points), _NAMES, home, tuple(_fence(file, plan)))
+
+
+def _home(file: _File, mission: Object) -> Home:
+    values = file.part(mission, "plannedHomePosition", list, "latitude, longitude and altitude of home")
+    if len(values) < 2:  # noqa: PLR2004
+        file.refuse(mission.line, "plannedHomePosition", "is too short", "must be latitude, longitude, altitude")
+    return Home(*file.place(mission, "plannedHomePosition", values[0], values[1]))
+
+
+def _item(file: _File, number: int, item: Any, mission: Object) -> _Item:
+    if not isinstance(item, Object):
+        file.refuse(mission.line, f"item {number}", "is no object", "must be a mission item")
+    kind, command = item.get("type"), item.get("command")
+    if kind != "SimpleItem" or not isinstance(command, int):
+        what = str(item.get("complexItemType", kind))[:40]
+        file.refuse(item.line, f"item {number}", f"is of the type {what}", "must be a simple item, e.g. a waypoint")
+    if item.get("frame") not in _FRAMES:
+        right = "must be 3, metres above the takeoff (AltitudeMode: relative)"
+        file.refuse(item.line, f"item {number}: frame", f"is {str(item.get('frame'))[:40]}", right)
+    params = file.part(item, "params", list, "a list of seven numbers")
+    if len(params) != _PARAMS:
+        file.refuse(item.line, f"item {number}: params", f"has {len(params)} values", "must have seven")
+    values = [None if value is None else file.number(item, f"item {number}: params", value) for value in params]
+    return _Item(number, item.line, command, values)
+
+
+def _points(file: _File, items: Sequence[_Item], home: Place) -> List[RoutePoint]:
+    points: List[RoutePoint] = []
+    for item in items:
+        if item.command not in _COMMANDS:
+            right = f"must be one of {', '.join(f'{each} ({_SAID[each]})' for each in _COMMANDS)}"
+            file.refuse(item.line, f"item {item.number}", f"is command {item.command}", right)
+        if item.command == _TAKEOFF and item.number != 1:
+            file.refuse(item.line, f"item {item.number}", "takes off in flight", "must be the first item")
+        if item.command == _LAND and item.number != len(items):
+            file.refuse(item.line, f"item {item.number}", "lands before the end", "must be the last item")
+        points.extend(_COMMANDS[item.command](file, item, home, points))
+    return points
+
+
+def _given(file: _File, item: _Item) -> Tuple[Place, float]:
+    """Return place and height of an item."""
+    latitude, longitude, height = (_value(file, item, index) for index in (4, 5, 6))
+    parent = Object()
+    parent.line = item.line
+    return file.place(parent, f"item {item.number}: params 5,6", latitude, longitude), height
+
+
+def _value(file: _File, item: _Item, index: int) -> float:
+    """Return a parameter that must be given; `index` from 0."""
+    value = item.params[index]
+    if value is None:
+        file.refuse(item.line, f"item {item.number}: params {index + 1}", "is null", "must be a number")
+    return value
+
+
+def _takeoff(file: _File, item: _Item, home: Place, _: Sequence[RoutePoint]) -> List[RoutePoint]:
+    """Return the end of the climb: above home, or above a place of its own."""
+    somewhere = bool(item.params[4]) and bool(item.params[5])
+    place, height = _given(file, item) if somewhere else (home, _value(file, item, 6))
+    return [RoutePoint(place, height, _yaw(item), 0.0, item.line)]
+
+
+def _waypoint(file: _File, item: _Item, _: Place, __: Sequence[RoutePoint]) -> List[RoutePoint]:
+    place, height = _given(file, item)
+    if item.command == _WAYPOINT and item.params[2]:
+        right = "must be 0: every waypoint is flown to"
+        file.refuse(item.line, f"item {item.number}: params 3", f"is {item.params[2]:g} (pass by)", right)
+    return [RoutePoint(place, height, _yaw(item), item.params[0] or 0.0, item.line)]
+
+
+def _land(file: _File, item: _Item, _: Place, points: Sequence[RoutePoint]) -> List[RoutePoint]:
+    """Return the place above the landing, at the height of the last waypoint; none when it is there already."""
+    if not points:
+        file.refuse(item.line, f"item {item.number}", "lands before anything was flown", "must follow a waypoint")
+    latitude, longitude = item.params[4], item.params[5]
+    if not latitude and not longitude:
+        return []  # here
+    parent = Object()
+    parent.line = item.line
+    place = file.place(parent, f"item {item.number}: params 5,6", latitude, longitude)
+    before = points[-1]
+    if math.hypot(*Home(*before.place).to_local(place)) <= _SAME_M:
+        return []
+    return [RoutePoint(place, before.height_m, _yaw(item), 0.0, item.line)]
+
+
+def _yaw(item: _Item) -> Optional[float]:
+    """Return a heading in degrees clockwise from north as radians counter-clockwise from east."""
+    heading = item.params[3]
+    if heading is None:
+        return None
+    turned = math.fmod(math.pi / 2 - math.radians(heading), 2 * math.pi)
+    return math.atan2(math.sin(turned), math.cos(turned))
+
+
+_WAYPOINT, _LOITER_TIME, _LAND, _TAKEOFF = 16, 19, 21, 22  # MAV_CMD
+_SAID = {_TAKEOFF: "takeoff", _WAYPOINT: "waypoint", _LOITER_TIME: "loiter for a time", _LAND: "land"}
+_COMMANDS: Mapping[int, Callable[[_File, _Item, Place, Sequence[RoutePoint]], List[RoutePoint]]] = {
+    _TAKEOFF: _takeoff,
+    _WAYPOINT: _waypoint,
+    _LOITER_TIME: _waypoint,
+    _LAND: _land,
+}
+
+
+def _fence(file: _File, plan: Object) -> List[Area]:
+    fence = plan.get("geoFence")
+    if not isinstance(fence, Object):
+        return []
+    readers: Dict[str, Callable[[_File, Object], Area]] = {"polygons": _polygon, "circles": _circle}
+    areas: List[Area] = []
+    for key, read in readers.items():
+        for each in file.part(fence, key, list, "a list of areas") if key in fence else ():
+            if not isinstance(each, Object):
+                file.refuse(fence.line, f"geoFence: {key}", "holds no object", "must be areas of a fence")
+            areas.append(read(file, each))
+    return areas
+
+
+def _polygon(file: _File, area: Object) -> Area:
+    corners: List[Place] = []
+    for corner in file.part(area, "polygon", list, "a list of corners"):
+        if not isinstance(corner, list) or len(corner) < 2:  # noqa: PLR2004
+            file.refuse(area.line, "polygon", "has a corner that is no place", "must be latitude and longitude")
+        corners.append(file.place(area, "polygon", corner[0], corner[1]))
+    return Area(tuple(corners), None, file.part(area, "inclusion", bool, "true or false"), area.line)
+
+
+def _circle(file: _File, area: Object) -> Area:
+    circle = file.part(area, "circle", Object, "centre and radius")
+    centre = file.part(circle, "center", list, "latitude and longitude")
+    if len(centre) < 2:  # noqa: PLR2004
+        file.refuse(circle.line, "center", "is too short", "must be latitude and longitude")
+    radius = file.number(circle, "radius", circle.get("radius"))
+    if not radius > 0.0:
+        file.refuse(circle.line, "radius", f"is {radius:g}", "must be above 0, in metres")
+    place = file.place(circle, "center", centre[0], centre[1])
+    return Area((place,), radius, file.part(area, "inclusion", bool, "true or false"), area.line)

@@ -1,0 +1,154 @@
+"""Waypoint files whose places are on the earth, and how they become local ones.
+
+    latitude,longitude,relative_altitude,yaw,holdtime      degrees, metres above the takeoff position,
+    47.3977418,8.5455939,5.0,0.0,1.0                       yaw and seconds as in `waypoints.py`
+
+A route is what such a file or a plan (`plan_file.py`) says. It can be checked and flown once its home is known: the
+place of the mission's first takeoff.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
+
+from .csv_table import Layout, Line, Row, lines_of, read_table, yaw_of
+from .errors import WaypointError
+from .fence import Circle, Fence, Point, Polygon, polygon_problem
+from .geodesy import Home, Place
+from .waypoints import Names, Trajectory, Waypoint
+
+__all__ = ["GLOBAL_COLUMNS", "Area", "Route", "RoutePoint", "is_global", "localize", "localize_fence", "parse_route"]
+
+GLOBAL_COLUMNS = ("latitude", "longitude", "relative_altitude", "yaw", "holdtime")
+_NAMES = Names("latitude,longitude", "relative_altitude", "latitude,longitude,relative_altitude", "holdtime")
+_LAYOUT = Layout(
+    GLOBAL_COLUMNS,
+    ("holdtime",),
+    "must be the columns latitude,longitude,relative_altitude,yaw,holdtime, separated by commas (degrees, metres above "
+    "the takeoff, yaw in radians, or yaw_deg in degrees)",
+)
+_REACH = {"latitude": 90.0, "longitude": 180.0}
+_STILL_M = 0.1
+
+
+@dataclass(frozen=True)
+class RoutePoint:
+    """A place to fly to; `yaw_rad` None: along the way there."""
+
+    place: Place
+    height_m: float
+    yaw_rad: Optional[float]
+    hold_s: float
+    line: int
+
+
+@dataclass(frozen=True)
+class Area:
+    """A part of a fence on the earth: a polygon, or a circle around its only corner.
+
+    Args:
+        corners: three or more, or the centre.
+        radius_m: of a circle, else None.
+        stay_in: else it must not be entered.
+        line: of the file.
+    """
+
+    corners: Tuple[Place, ...]
+    radius_m: Optional[float]
+    stay_in: bool
+    line: int
+
+
+@dataclass(frozen=True)
+class Route:
+    """What a file in latitude and longitude says.
+
+    Args:
+        file: its name.
+        points: at least one.
+        names: of its columns.
+        home: that it was planned from, where it says one.
+        fence: its areas.
+    """
+
+    file: str
+    points: Tuple[RoutePoint, ...]
+    names: Names = _NAMES
+    home: Optional[Home] = None
+    fence: Tuple[Area, ...] = ()
+
+
+def is_global(lines: Sequence[Line]) -> bool:
+    """Return whether the header of a table speaks of latitude and longitude."""
+    header = [column.strip() for column in lines[0][1].lstrip("\ufeff").split(",")] if lines else []
+    return any(column in GLOBAL_COLUMNS[:3] for column in header)
+
+
+def parse_route(text: str, file: str) -> Route:
+    """Read a whole waypoint file in latitude and longitude.
+
+    Raises:
+        WaypointError: the first mistake in it, with line and column.
+    """
+    _, rows = read_table(file, lines_of(text), _LAYOUT)
+    return Route(file, tuple(_point(file, row) for row in rows))
+
+
+def _point(file: str, row: Row) -> RoutePoint:
+    for column, reach in _REACH.items():
+        if abs(row.values[column]) > reach:
+            right = f"must be within {reach:g} degrees"
+            raise WaypointError(file, row.line, column, f"is {row.values[column]:g}", right)
+    place = Place(row.values["latitude"], row.values["longitude"])
+    hold_s = row.values.get("holdtime", 0.0)
+    return RoutePoint(place, row.values["relative_altitude"], yaw_of(file, row), hold_s, row.line)
+
+
+def localize(route: Route, home: Home) -> Trajectory:
+    """Return the waypoints of a route in metres around home."""
+    waypoints: List[Waypoint] = []
+    before: Point = (0.0, 0.0)
+    yaw = 0.0
+    for point in route.points:
+        here = home.to_local(point.place)
+        yaw = _yaw(point, before, here, yaw)
+        waypoints.append(Waypoint(*here, point.height_m, yaw, point.hold_s, point.line))
+        before = here
+    places = tuple(point.place for point in route.points)
+    return Trajectory(route.file, tuple(waypoints), "yaw", route.names, places)
+
+
+def _yaw(point: RoutePoint, before: Point, here: Point, last: float) -> float:
+    """Return the yaw at a point: its own, else along the way there, else the last one."""
+    if point.yaw_rad is not None:
+        return point.yaw_rad
+    return last if math.dist(before, here) < _STILL_M else math.atan2(here[1] - before[1], here[0] - before[0])
+
+
+def localize_fence(route: Route, home: Home) -> Fence:
+    """Return the fence of a route in metres around home.
+
+    Raises:
+        WaypointError: a polygon is none.
+    """
+    polygons = [
+        _polygon(route.file, area, tuple(home.to_local(corner) for corner in area.corners))
+        for area in route.fence
+        if area.radius_m is None
+    ]
+    circles = [
+        Circle(home.to_local(area.corners[0]), area.radius_m, area.stay_in)
+        for area in route.fence
+        if area.radius_m is not None
+    ]
+    return Fence(tuple(polygons), tuple(circles))
+
+
+def _polygon(file: str, area: Area, corners: Tuple[Point, ...]) -> Polygon:
+    problem = polygon_problem(corners)
+    if problem:
+        wrong, right = problem.split("; ")
+        raise WaypointError(file, area.line, "polygon", wrong, right)
+    return Polygon(corners, area.stay_in)

@@ -1,0 +1,103 @@
+"""Missions on the earth: homes, plans, fences, and who steers."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.missions import Controller, Home
+
+GLOBAL = "latitude,longitude,relative_altitude,yaw,holdtime\n47.00005,8.0,2,0,1\n"
+RIGHT = "must stay inside the fence, and out of excluded areas, also between two waypoints"
+
+
+@pytest.fixture
+def mission(small, small_file):
+    """Write the mission's own keys; return the folder."""
+
+    def write(keys: str, name: str = "up.csv", text: str = ""):
+        (small / "missions.yaml").write_text(small_file("missions.yaml").replace("up.csv", name) + keys)
+        if text:
+            (small / name).write_text(text)
+        return small
+
+    return write
+
+
+def test_waypoints_in_latitude_and_longitude_lie_around_the_home_of_their_mission(mission):
+    folder = mission("    home: {latitude_deg: 47.0, longitude_deg: 8.0}\n", text=GLOBAL)
+    (plan,) = load_configuration(folder).plans
+    assert plan.home == Home(47.0, 8.0)
+    assert [(round(each.x_m, 2), round(each.y_m, 2)) for each in plan.trajectories[0].waypoints] == [(0.0, 5.56)]
+
+
+def test_a_plan_brings_its_home_along(mission):
+    document = {
+        "fileType": "Plan",
+        "version": 1,
+        "geoFence": {
+            "polygons": [{"polygon": [[46.9, 7.9], [46.9, 8.1], [47.1, 8.1], [47.1, 7.9]], "inclusion": True}],
+            "circles": [],
+        },
+        "mission": {
+            "plannedHomePosition": [47.0, 8.0, 400.0],
+            "items": [
+                {"type": "SimpleItem", "command": 16, "frame": 3, "params": [1, 0, 0, None, 47.00005, 8.0, 2]},
+            ],
+        },
+    }
+    (plan,) = load_configuration(mission("", "up.plan", json.dumps(document))).plans
+    assert (plan.home, plan.trajectories[0].file) == (Home(47.0, 8.0), "up.plan")
+    assert plan.total.length_m == pytest.approx(1.0 + (1.0 + 5.56**2) ** 0.5 + 2.0, abs=0.01)
+
+
+def test_without_a_home_there_are_no_places(mistake, mission):
+    mission("", text=GLOBAL)
+    assert mistake("up.csv", GLOBAL) == (
+        "missions.yaml:4: missions.1.files.0: up.csv is in latitude and longitude; "
+        "must have a home in its mission: the latitude_deg and longitude_deg of the first takeoff"
+    )
+
+
+def test_without_gps_there_are_no_places(mistake, mission):
+    mission("    home: {latitude_deg: 47.0, longitude_deg: 8.0}\n    controller: offboard\n", text=GLOBAL)
+    assert mistake("up.csv", GLOBAL) == (
+        "missions.yaml:4: missions.1.files.0: up.csv is in latitude and longitude; "
+        "must be in metres where the controller is offboard, which knows no place on the earth"
+    )
+
+
+def test_who_steers_is_the_autopilot_unless_said_otherwise(mission):
+    assert load_configuration(mission("")).plans[0].controller is Controller.MISSION
+    assert load_configuration(mission("    controller: offboard\n")).plans[0].controller is Controller.OFFBOARD
+
+
+def test_a_leg_that_leaves_the_fence_is_named(mistake, mission):
+    mission("    fence_m: [[-5, -5], [5, -5], [5, 5], [-5, 5]]\n")
+    text = "x,y,z,yaw,holdtime\n0,0,2,0,1\n0,6,2,0,1\n"
+    assert mistake("up.csv", text) == f"up.csv:3: x,y: leaves the fence on the way there; {RIGHT}"
+
+
+@pytest.mark.parametrize(
+    "fence, message",
+    [
+        ("[[0, 0], [5, 0]]", "fence_m: has 2 corners; must have at least 3"),
+        ("[[0, 0], [5, 0], [5, 5, 5]]", "fence_m.2: has 3 numbers; must be two numbers, metres east and north"),
+        (
+            "[[0, 0], [9, 9], [9, 0], [0, 9]]",
+            "fence_m: crosses itself between corners 1 and 3; must go around one area",
+        ),
+    ],
+)
+def test_a_fence_that_is_none_is_named(mistake, small_file, fence, message):
+    text = small_file("missions.yaml") + f"    fence_m: {fence}\n"
+    assert mistake("missions.yaml", text) == f"missions.yaml:5: missions.1.{message}"
+
+
+def test_the_planner_has_limits_of_its_own(small, small_file):
+    (small / "missions.yaml").write_text("planner: {heading_tolerance_deg: 90}\n" + small_file("missions.yaml"))
+    spec = load_configuration(small).planner
+    assert spec.heading_tolerance_rad == pytest.approx(1.5707963)
+    assert spec.transfer_limit_ns == 8_000_000_000

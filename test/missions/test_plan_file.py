@@ -1,0 +1,189 @@
+"""Plans of QGroundControl: what is taken, and the one mistake that is named."""
+
+from __future__ import annotations
+
+import copy
+import json
+from math import pi
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from amaze_autonomy.missions import (
+    Area,
+    Home,
+    Place,
+    RoutePoint,
+    WaypointError,
+    localize_fence,
+    parse_file,
+)
+
+HOME = [47.0, 8.0, 400.0]
+
+
+def item(command: int, latitude: object, longitude: object, height: float, hold: float = 0.0, heading=None, **more):
+    params = [hold, 0, 0, heading, latitude, longitude, height]
+    return {"type": "SimpleItem", "command": command, "frame": 3, "params": params, "autoContinue": True, **more}
+
+
+def plan(*items: object, fence: object = None) -> dict:
+    return {
+        "fileType": "Plan",
+        "geoFence": fence or {"circles": [], "polygons": [], "version": 2},
+        "groundStation": "QGroundControl",
+        "mission": {"items": list(items), "plannedHomePosition": HOME, "version": 2, "firmwareType": 12},
+        "rallyPoints": {"points": [], "version": 2},
+        "version": 1,
+    }
+
+
+GOOD = plan(
+    item(22, 47.0, 8.0, 3.0),
+    item(16, 47.0001, 8.0, 5.0, hold=2.0, heading=90.0),
+    item(19, 47.0001, 8.0001, 5.0, hold=4.0),
+    item(21, 47.0, 8.0001, 0.0),
+)
+
+
+def read(document: object):
+    return parse_file(json.dumps(document, indent=4), "a.plan")
+
+
+def test_takeoff_waypoints_and_landing_are_places_to_fly_to():
+    route = read(GOOD)
+    assert route.home == Home(47.0, 8.0)
+    assert [each._replace() if hasattr(each, "_replace") else each for each in route.points] == [
+        RoutePoint(Place(47.0, 8.0), 3.0, None, 0.0, route.points[0].line),
+        RoutePoint(Place(47.0001, 8.0), 5.0, 0.0, 2.0, route.points[1].line),
+        RoutePoint(Place(47.0001, 8.0001), 5.0, None, 4.0, route.points[2].line),
+        RoutePoint(Place(47.0, 8.0001), 5.0, None, 0.0, route.points[3].line),  # above where it lands
+    ]
+
+
+def test_every_point_knows_its_line():
+    lines = json.dumps(GOOD, indent=4).split("\n")
+    for point in read(GOOD).points:
+        assert lines[point.line - 1].strip() == "{"
+        assert any("SimpleItem" in line for line in lines[point.line : point.line + 3])
+
+
+@pytest.mark.parametrize("heading, yaw", [(0.0, pi / 2), (90.0, 0.0), (180.0, -pi / 2), (270.0, pi), (720.0, pi / 2)])
+def test_headings_are_clockwise_from_north(heading, yaw):
+    (point,) = read(plan(item(16, 47.0, 8.0, 5.0, heading=heading))).points
+    assert abs(point.yaw_rad) == pytest.approx(abs(yaw), abs=1e-12)
+    assert point.yaw_rad == pytest.approx(yaw) or abs(yaw) == pi
+
+
+def test_a_takeoff_without_a_place_is_above_home_and_a_landing_without_one_is_here():
+    route = read(plan(item(22, None, None, 3.0), item(16, 47.0001, 8.0, 5.0), item(21, 0, 0, 0.0)))
+    assert [point.place for point in route.points] == [Place(47.0, 8.0), Place(47.0001, 8.0)]
+
+
+def test_the_fence_that_was_drawn_counts():
+    fence = {
+        "circles": [{"circle": {"center": [47.0, 8.0], "radius": 20.0}, "inclusion": False, "version": 1}],
+        "polygons": [{"polygon": [[46.9, 7.9], [46.9, 8.1], [47.1, 8.0]], "inclusion": True, "version": 1}],
+        "version": 2,
+    }
+    route = read({**GOOD, "geoFence": fence})
+    assert [each.stay_in for each in route.fence] == [True, False]
+    assert route.fence[1] == Area((Place(47.0, 8.0),), 20.0, stay_in=False, line=route.fence[1].line)
+    local = localize_fence(route, Home(47.0, 8.0))
+    assert local.problem((100.0, 0.0), (200.0, 0.0)) == ""
+    assert local.problem((0.0, 0.0), (200.0, 0.0)) == "enters an excluded area on the way there"
+
+
+def _with(change):
+    document = copy.deepcopy(GOOD)
+    change(document)
+    return document
+
+
+EARLY = "item 4: lands before the end; must be the last item"
+COMMANDS = "must be one of 22 (takeoff), 16 (waypoint), 19 (loiter for a time), 21 (land)"
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda d: d.update(fileType="Mission"), "fileType: is Mission; must be Plan, of version 1"),
+        (lambda d: d.pop("mission"), "mission: is missing; must be the mission"),
+        (lambda d: d["mission"].update(items={}), "items: is {}; must be a list of items"),
+        (lambda d: d["mission"].update(items=[]), "items: has no waypoints; must have at least one item of command 16"),
+        (lambda d: d["mission"].pop("plannedHomePosition"),
+         "plannedHomePosition: is missing; must be latitude, longitude and altitude of home"),
+        (lambda d: d["mission"]["items"].insert(1, item(178, None, None, 0.0)), f"item 2: is command 178; {COMMANDS}"),
+        (lambda d: d["mission"]["items"].append(item(20, 0, 0, 0.0)), EARLY),
+        (lambda d: d["mission"]["items"].append(item(22, 0, 0, 0.0)), EARLY),
+        (lambda d: d["mission"]["items"].reverse(), EARLY.replace("4", "1")),
+        (lambda d: d["mission"]["items"].insert(1, d["mission"]["items"][0]),
+         "item 2: takes off in flight; must be the first item"),
+        (lambda d: d["mission"]["items"][1].update(frame=0),
+         "item 2: frame: is 0; must be 3, metres above the takeoff (AltitudeMode: relative)"),
+        (lambda d: d["mission"]["items"][1].update(type="ComplexItem", complexItemType="survey"),
+         "item 2: is of the type survey; must be a simple item, e.g. a waypoint"),
+        (lambda d: d["mission"]["items"][1].update(params=[0, 0]), "item 2: params: has 2 values; must have seven"),
+        (lambda d: d["mission"]["items"][1]["params"].__setitem__(4, "47"),
+         "item 2: params: is 47; must be a finite number"),
+        (lambda d: d["mission"]["items"][1]["params"].__setitem__(4, None),
+         "item 2: params 5: is null; must be a number"),
+        (lambda d: d["mission"]["items"][1]["params"].__setitem__(4, 147.0),
+         "item 2: params 5,6: is 147, 8; must be a latitude and a longitude in degrees"),
+        (lambda d: d["mission"]["items"][1]["params"].__setitem__(2, 5.0),
+         "item 2: params 3: is 5 (pass by); must be 0: every waypoint is flown to"),
+        (lambda d: d["mission"]["items"].__setitem__(1, 5), "item 2: is no object; must be a mission item"),
+        (lambda d: d["geoFence"].update(polygons=[{"polygon": [[47.0]], "inclusion": True}]),
+         "polygon: has a corner that is no place; must be latitude and longitude"),
+        (lambda d: d["geoFence"].update(circles=[{"circle": {"center": [47.0, 8.0], "radius": 0}, "inclusion": True}]),
+         "radius: is 0; must be above 0, in metres"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_named(change, message):
+    with pytest.raises(WaypointError) as caught:
+        read(_with(change))
+    error = caught.value
+    assert ": ".join(part for part in (error.column, f"{error.wrong}; {error.right}") if part) == message
+    assert error.line > 0
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "a.plan:1: is not JSON: Expecting value; must be a whole plan"),
+        ('{"fileType": "Plan",\n\n "a": }', "a.plan:3: is not JSON: Expecting value; must be a whole plan"),
+        ("[]", "a.plan:1: is no JSON object; must be a plan as QGroundControl saves it"),
+        ('{"a": 1, "a": 2}', "a.plan: has the key 'a' twice; must be a plan as QGroundControl saves it"),
+        ('{"a": NaN}', "a.plan: holds NaN, which is no number; must be a plan as QGroundControl saves it"),
+        ("[" * 100000, "a.plan: is nested too deeply; must be a plan as QGroundControl saves it"),
+    ],
+)
+def test_what_is_no_json_is_named_with_its_line(text, message):
+    with pytest.raises(WaypointError) as caught:
+        parse_file(text, "a.plan")
+    assert str(caught.value) == message
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@settings(max_examples=150)
+@given(st.data())
+def test_any_change_of_a_plan_is_a_route_or_one_mistake(data):
+    document = copy.deepcopy(GOOD)
+    where = data.draw(st.sampled_from(["mission", "geoFence"]))
+    part = document[where]
+    key = data.draw(st.sampled_from(sorted(part)))
+    while isinstance(part[key], (dict, list)) and part[key] and data.draw(st.booleans()):
+        part = part[key]
+        key = data.draw(st.sampled_from(sorted(part) if isinstance(part, dict) else range(len(part))))
+    part[key] = data.draw(ANYTHING)
+    try:
+        assert read(document).points
+    except WaypointError as error:
+        assert error.right  # noqa: PT017 (either is good)

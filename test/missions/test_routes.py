@@ -1,0 +1,81 @@
+"""Waypoint files in latitude and longitude."""
+
+from __future__ import annotations
+
+from math import pi
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from amaze_autonomy.missions import (
+    Home,
+    Place,
+    Route,
+    RoutePoint,
+    Trajectory,
+    WaypointError,
+    localize,
+    parse_file,
+)
+
+HEADER = "latitude,longitude,relative_altitude,yaw,holdtime\n"
+COLUMNS = (
+    "must be the columns latitude,longitude,relative_altitude,yaw,holdtime, separated by commas (degrees, metres above "
+    "the takeoff, yaw in radians, or yaw_deg in degrees)"
+)
+HOME = Home(47.0, 8.0)
+
+
+def test_a_file_in_latitude_and_longitude_is_read_with_its_lines():
+    route = parse_file("# home\n" + HEADER + "47.0001,8.0002,5,0.5,2\n", "a.csv")
+    assert route == Route("a.csv", (RoutePoint(Place(47.0001, 8.0002), 5.0, 0.5, 2.0, 3),))
+
+
+def test_the_header_says_of_which_kind_a_file_is():
+    assert isinstance(parse_file("x,y,z,yaw\n0,0,1,0\n", "a.csv"), Trajectory)
+    assert isinstance(parse_file("yaw,longitude,latitude,relative_altitude\n0,8,47,1\n", "a.csv"), Route)
+
+
+def test_around_its_home_a_route_is_in_metres_and_keeps_its_places():
+    route = parse_file(HEADER + "47.0001,8.0002,5,0.5,2\n", "a.csv")
+    trajectory = localize(route, HOME)
+    (waypoint,) = trajectory.waypoints
+    assert (round(waypoint.x_m, 2), round(waypoint.y_m, 2), waypoint.z_m) == (15.21, 11.12, 5.0)
+    assert (waypoint.yaw_rad, waypoint.hold_s, waypoint.line) == (0.5, 2.0, 2)
+    assert trajectory.places == (Place(47.0001, 8.0002),)
+
+
+def test_without_a_yaw_it_looks_along_its_way():
+    points = [
+        RoutePoint(Place(47.0001, 8.0), 5.0, None, 0.0, 1),  # north
+        RoutePoint(Place(47.0001, 8.0), 9.0, None, 0.0, 2),  # up: as before
+        RoutePoint(Place(47.0001, 7.9999), 9.0, None, 0.0, 3),  # west
+    ]
+    yaws = [waypoint.yaw_rad for waypoint in localize(Route("a.plan", tuple(points)), HOME).waypoints]
+    assert yaws == pytest.approx([pi / 2, pi / 2, pi])
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (HEADER, "a.csv:1: has no waypoints; must have at least one line below the header"),
+        (HEADER + "91,8,5,0,0\n", "a.csv:2: latitude: is 91; must be within 90 degrees"),
+        (HEADER + "47,-181,5,0,0\n", "a.csv:2: longitude: is -181; must be within 180 degrees"),
+        (HEADER + "47,8,nan,0,0\n", "a.csv:2: relative_altitude: is 'nan'; must be a finite number"),
+        ("latitude,longitude,yaw\n47,8,0\n", f"a.csv:1: the header lacks the column relative_altitude; {COLUMNS}"),
+        ("latitude,longitude,z,yaw\n47,8,5,0\n", f"a.csv:1: the header has the column 'z'; {COLUMNS}"),
+    ],
+)
+def test_a_mistake_is_named_with_line_and_column(text, message):
+    with pytest.raises(WaypointError) as caught:
+        parse_file(text, "a.csv")
+    assert str(caught.value) == message
+
+
+@given(st.text(max_size=100))
+def test_any_text_is_a_route_or_one_mistake(text):
+    try:
+        assert parse_file(HEADER + text, "a.csv").points
+    except WaypointError as error:
+        assert error.right  # noqa: PT017 (either is good)
