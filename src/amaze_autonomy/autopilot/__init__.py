@@ -1,0 +1,22 @@
+"""The link to an autopilot over MAVLink: a connection that keeps itself up, and pure clients that live on it.
+
+No ROS. `connection.py` has the one thread; all else takes times and messages and returns state or messages to send.
+"""
+
+from __future__ import annotations
+
+from .connection import Client, Connection, LinkState
+from .errors import AutopilotError, EndpointError, KeyFileError
+from .peers import Identity
+from .signing import read_key
+
+__all__ = [
+    "AutopilotError",
+    "Client",
+    "Connection",
+    "EndpointError",
+    "Identity",
+    "KeyFileError",
+    "LinkState",
+    "read_key",
+]

@@ -1,0 +1,32 @@
+"""What can be wrong with a link.
+
+AutopilotError
+  EndpointError    a connection URL is none, or names what cannot be opened
+  KeyFileError     a file with the signing key cannot be used
+"""
+
+from __future__ import annotations
+
+__all__ = ["AutopilotError", "EndpointError", "KeyFileError"]
+
+
+class AutopilotError(ValueError):
+    """The link cannot be made. Its text is one line: `what: what is wrong; what would be right`.
+
+    Args:
+        what: the URL or the file.
+        wrong: what is wrong.
+        right: what would be right.
+    """
+
+    def __init__(self, what: str, wrong: str, right: str) -> None:
+        super().__init__(f"{what}: {wrong}; {right}")
+        self.what, self.wrong, self.right = what, wrong, right
+
+
+class EndpointError(AutopilotError):
+    """A connection URL is none, or names what cannot be opened."""
+
+
+class KeyFileError(AutopilotError):
+    """A file with the signing key cannot be used."""

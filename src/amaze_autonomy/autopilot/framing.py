@@ -1,0 +1,138 @@
+"""Finds MAVLink frames in bytes, of version 1 and 2, however they are cut and whatever lies between them.
+
+A frame whose checksum fits is one. A frame of an id that the dialect does not know cannot be checked: it is believed to
+be one when the next frame, or the end of the bytes, follows it directly. Anything else is stepped over byte by byte, so
+that a damaged length costs no good frame. What is kept is never longer than a frame.
+"""
+
+from __future__ import annotations
+
+from typing import List, Mapping, NamedTuple, Optional, Tuple
+
+from .crc import crc16
+from .dialect import mavlink
+
+__all__ = ["LONGEST", "Frame", "FrameReader", "FrameTally"]
+
+V1, V2 = 0xFE, 0xFD
+_HEADER = {V1: 6, V2: 10}
+_MAGICS = (V1, V2)
+_SIGNED = 0x01
+_SIGNATURE = 13
+_CHECKSUM = 2
+LONGEST = 10 + 255 + _CHECKSUM + _SIGNATURE
+_CRC_EXTRA: Mapping[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
+
+
+class Frame(NamedTuple):
+    """One frame whose checksum fits.
+
+    Args:
+        number: id of the message.
+        sequence: of its sender, 0..255.
+        system: that sent it.
+        component: that sent it.
+        payload: without trailing zeros (version 2).
+        raw: the whole frame.
+        signed: a signature is its end.
+    """
+
+    number: int
+    sequence: int
+    system: int
+    component: int
+    payload: bytes
+    raw: bytes
+    signed: bool
+
+
+class FrameTally:
+    """What became of the bytes: frames, bytes that were in none, frames of unknown ids."""
+
+    def __init__(self) -> None:
+        self.good = self.damaged_bytes = self.unknown = 0
+
+
+class FrameReader:
+    """Takes bytes as they come, gives frames.
+
+    Args:
+        tally: to count in; shared by the readers of one link.
+    """
+
+    def __init__(self, tally: Optional[FrameTally] = None) -> None:
+        self.tally = tally or FrameTally()
+        self._rest = b""
+
+    @property
+    def kept(self) -> int:
+        """How many bytes wait for the rest of their frame."""
+        return len(self._rest)
+
+    def feed(self, data: bytes) -> List[Frame]:
+        """Return the frames that these bytes complete."""
+        buffer = self._rest + data if self._rest else data
+        frames: List[Frame] = []
+        at, end = 0, len(buffer)
+        while at < end:
+            if buffer[at] not in _MAGICS:
+                at = self._skip(buffer, at)
+                continue
+            length = _length(buffer, at)
+            if length is None or at + length > end:
+                break
+            frame, known = _frame(buffer, at, length)
+            if frame is not None:
+                frames.append(frame)
+            elif known or not _plausible(buffer, at, length):
+                self.tally.damaged_bytes += 1
+                at += 1
+                continue
+            else:
+                self.tally.unknown += 1
+            at += length
+        self.tally.good += len(frames)
+        self._rest = buffer[at:]
+        return frames
+
+    def _skip(self, buffer: bytes, at: int) -> int:
+        """Return where the next frame may begin."""
+        starts = [found for found in (buffer.find(magic, at) for magic in _MAGICS) if found >= 0]
+        start = min(starts) if starts else len(buffer)
+        self.tally.damaged_bytes += start - at
+        return start
+
+
+def _length(buffer: bytes, at: int) -> Optional[int]:
+    """Return the length of the frame that would begin here; None: its header is not complete."""
+    magic = buffer[at]
+    if len(buffer) - at < _HEADER[magic]:
+        return None
+    signature = _SIGNATURE if magic == V2 and buffer[at + 2] & _SIGNED else 0
+    return _HEADER[magic] + buffer[at + 1] + _CHECKSUM + signature
+
+
+def _frame(buffer: bytes, at: int, length: int) -> Tuple[Optional[Frame], bool]:
+    """Return the frame, or None, and whether its id is known."""
+    head = _HEADER[buffer[at]]
+    end = at + head + buffer[at + 1]
+    raw = buffer[at : at + length]
+    number, sequence, system, component, flags = _header(raw)
+    extra = _CRC_EXTRA.get(number)
+    if extra is None:
+        return None, False
+    body = raw[1 : end - at]
+    if flags & ~_SIGNED or crc16(body + bytes((extra,))) != buffer[end] | buffer[end + 1] << 8:
+        return None, True
+    return Frame(number, sequence, system, component, raw[head : end - at], raw, bool(flags & _SIGNED)), True
+
+
+def _header(raw: bytes) -> Tuple[int, int, int, int, int]:
+    if raw[0] == V1:
+        return raw[5], raw[2], raw[3], raw[4], 0
+    return raw[7] | raw[8] << 8 | raw[9] << 16, raw[4], raw[5], raw[6], raw[2]
+
+
+def _plausible(buffer: bytes, at: int, length: int) -> bool:
+    """Tell whether a frame that cannot be checked ends where the next begins."""
+    return at + length == len(buffer) or buffer[at + length] in _MAGICS
