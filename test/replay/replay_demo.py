@@ -127,11 +127,14 @@ def _recorder(event, at):
                 free_fraction=_nan(each.free_fraction),
                 location=each.location,
                 message=each.message,
+                dropped=0,
             )
             for each in event.platforms
         ],
         location=event.location,
         message=event.message,
+        remaining=NAN,
+        dropped=0,
     )
 
 

@@ -105,6 +105,7 @@ def recording_status(event: events.RecordingStatus, ros_ns: int) -> msg.Recordin
         platforms=[_platform(each) for each in event.platforms],
         location=event.location,
         message=event.message,
+        remaining=nan,
     )
     return _stamped(message, event, ros_ns)
 

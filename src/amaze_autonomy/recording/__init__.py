@@ -1,0 +1,30 @@
+"""The recorder without ROS: what each platform does, what the collector does, and the jobs that make one bag of it.
+
+`PlatformRecorder` and `Collector` decide: times and sights in, commands and statuses out, no clock, file or thread. The
+node (`nodes/data_recorder_node.py`) carries their commands out; `job.py` is the process that recovers, merges and
+verifies, so that the node answers at once whatever the size of the bags.
+"""
+
+from __future__ import annotations
+
+from .collector import Collector, CollectorSetup
+from .commands import Answer, Command
+from .errors import RecordingError
+from .platform_recorder import GroupSetup, PlatformRecorder, PlatformSetup
+from .sight import GroupSight, Sight
+from .status import PlatformStatus, Status
+
+__all__ = [
+    "Answer",
+    "Collector",
+    "CollectorSetup",
+    "Command",
+    "GroupSetup",
+    "GroupSight",
+    "PlatformRecorder",
+    "PlatformSetup",
+    "PlatformStatus",
+    "RecordingError",
+    "Sight",
+    "Status",
+]

@@ -1,0 +1,408 @@
+r"""The collector: it has every platform record, and makes one verified recording of what they recorded.
+
+    IDLE -> STARTING -> RECORDING -> STOPPING -> RECOVERING -> TRANSFERRING -> MERGING -> VERIFYING -> COMPLETE
+               \                        \            \              \           \           \-> FAILED
+
+It asks each platform's recorder, its own among them, over the same two requests, and believes only their statuses.
+Every wait has a limit. FAILED names what is missing and where the parts lie; asked to stop again, it goes on with the
+first thing that is not done: parts that are here are not fetched again, and a file that is whole is not made again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+
+from amaze_autonomy.engine.events import RecordingPhase as Phase
+
+from .clock_offset import Offset
+from .commands import Answer, Ask, Collect, Command, CopyJournal, MeasureClock, Transfer
+from .platform_view import PlatformView
+from .status import WRITING, PlatformStatus, Status
+
+__all__ = ["Collector", "CollectorSetup"]
+
+_S = 1_000_000_000
+_ASK_AGAIN_NS = 1 * _S
+_TRANSFER_AGAIN_NS = 2 * _S
+_JOB_TRIES = 25
+_CLOSING = (Phase.STOPPING, Phase.RECOVERING)
+_COLLECTING = (Phase.TRANSFERRING, Phase.MERGING, Phase.VERIFYING)
+
+
+@dataclass(frozen=True)
+class CollectorSetup:
+    """The collector.
+
+    Args:
+        own: name of its own platform.
+        platforms: all, its own among them.
+        fetched: those whose parts must be fetched.
+        start_limit_ns: time in which all must prove that they record.
+        silent_ns: a status that is older is none.
+        stop_limit_ns: time in which a platform must have heard that it shall stop.
+        transfer_limit_ns: time in which everything must be here.
+        keep_parts: whether parts are kept in the end.
+    """
+
+    own: str
+    platforms: Tuple[str, ...]
+    fetched: Tuple[str, ...] = ()
+    start_limit_ns: int = 12 * _S
+    silent_ns: int = 5 * _S
+    stop_limit_ns: int = 30 * _S
+    transfer_limit_ns: int = 900 * _S
+    keep_parts: bool = True
+
+
+class Collector:
+    """The machine. Requests are answered at once; `step` returns what is to be done.
+
+    Args:
+        setup: of the collector.
+    """
+
+    def __init__(self, setup: CollectorSetup) -> None:
+        self.setup = setup
+        self.phase = Phase.IDLE
+        self.session_id = self.mission_id = self.location = ""
+        self.views: Dict[str, PlatformView] = {name: PlatformView(name) for name in setup.platforms}
+        self._since_ns = self._t_ns = 0
+        self._message = ""
+        self._progress: Optional[float] = None
+        self._progress_ns = 0
+        self._job = False
+        self._tries = 0
+        self._copied = False
+        self._summary: Mapping[str, Any] = {}
+
+    # --- requests -------------------------------------------------------------------------------------------------
+
+    def start(self, t_ns: int, session_id: str, mission_id: str) -> Answer:
+        """Begin a session, or go on with it."""
+        if not session_id:
+            return Answer(accepted=False, message="a recording needs a session")
+        if session_id == self.session_id and self.phase in WRITING:
+            return Answer(accepted=True, message="already so")
+        if self.phase in (*_CLOSING, *_COLLECTING):
+            return Answer(accepted=False, message=f"busy with session {self.session_id} ({self.phase.name})")
+        if session_id != self.session_id:
+            self.views = {name: view.fresh() for name, view in self.views.items()}
+            self.location, self._copied, self._summary = "", False, {}
+        self.session_id, self.mission_id = session_id, mission_id
+        for view in self.views.values():
+            view.refusal = ""
+        self._enter(Phase.STARTING, t_ns)
+        return Answer(accepted=True)
+
+    def stop(self, t_ns: int, session_id: str) -> Answer:
+        """End the session and collect it; after FAILED go on where it stopped."""
+        if not session_id or session_id != self.session_id:
+            return Answer(accepted=False, message=f"session {session_id!r} was not recorded here")
+        if self.phase in (*WRITING, Phase.FAILED):
+            for view in self.views.values():
+                view.refusal, view.asked_ns = "", None
+            self._enter(Phase.STOPPING, t_ns)
+        return Answer(accepted=True)
+
+    # --- what happens ---------------------------------------------------------------------------------------------
+
+    def heard(self, t_ns: int, platform: str, status: Status) -> None:
+        """Take a platform's status."""
+        view = self.views[platform]
+        view.status, view.heard_ns = status, t_ns
+        if status.session_id == self.session_id and status.session_id:
+            view.began = view.began or status.phase is not Phase.IDLE
+            view.part = next((each for each in status.platforms if each.platform == platform), view.part)
+
+    def answered(self, platform: str, verb: str, session_id: str, answer: Answer) -> None:
+        """Take the answer of a platform to what it was asked."""
+        view = self.views[platform]
+        view.asking = False
+        if session_id != self.session_id:
+            return
+        if verb == "start" and answer.accepted:
+            view.began = True
+        view.refusal = "" if answer.accepted else f"{platform}: {answer.message}"
+
+    def unanswered(self, platform: str, problem: str) -> None:
+        """Take notice that a platform could not be asked."""
+        self.views[platform].asking = False
+        self.views[platform].problem = problem
+
+    def clock_measured(self, platform: str, when: str, offset: Optional[Offset]) -> None:
+        """Take the offset of a platform's clock."""
+        self.views[platform].measuring = False
+        if offset is not None:
+            self.views[platform].offsets[when] = offset
+
+    def transfer_progress(self, platform: str, fraction: float) -> None:
+        """Take the progress of a transfer."""
+        self.views[platform].fetched_fraction = fraction
+
+    def transfer_ended(self, t_ns: int, platform: str, problem: str) -> None:
+        """Take the end of a transfer; an empty text when all is here."""
+        view = self.views[platform]
+        view.fetching, view.fetched, view.problem = False, not problem, problem
+        view.fetch_again_ns = t_ns + _TRANSFER_AGAIN_NS
+
+    def job_progress(self, t_ns: int, phase: Phase, fraction: float) -> None:
+        """Take the progress of the job that merges and verifies."""
+        if phase is not self.phase and self.phase in _COLLECTING and phase in _COLLECTING:
+            self.phase, self._since_ns = phase, t_ns
+        self._progress, self._progress_ns = fraction, t_ns
+
+    def job_ended(self, t_ns: int, problem: str, summary: Mapping[str, Any], *, killed: bool = False) -> None:
+        """Take the end of that job: its summary, or why it failed; one that was killed is started again."""
+        self._job = False
+        if self.phase not in _COLLECTING:
+            return
+        if problem and killed and self._tries < _JOB_TRIES:
+            self._progress = None
+            return
+        if problem:
+            self._fail(t_ns, problem)
+            return
+        self._summary = dict(summary)
+        self._enter(Phase.COMPLETE, t_ns)
+        self.location, self._message = str(summary.get("location", "")), str(summary.get("message", ""))
+
+    def step(self, t_ns: int) -> Tuple[Command, ...]:
+        """Go on; return what is to be done."""
+        self._t_ns = t_ns
+        turn = _TURNS.get(self.phase)
+        return tuple(turn(self, t_ns)) if turn is not None else ()
+
+    # --- phases ---------------------------------------------------------------------------------------------------
+
+    def _enter(self, phase: Phase, t_ns: int) -> None:
+        self.phase, self._since_ns, self._progress = phase, t_ns, None
+        self._message = ""
+        if phase is Phase.TRANSFERRING:
+            self._tries = 0
+
+    def _fail(self, t_ns: int, problem: str) -> None:
+        self._enter(Phase.FAILED, t_ns)
+        self._message = problem
+        self.location = ", ".join(
+            f"{view.name}:{view.part.location}" for view in self.views.values() if view.part.location
+        )
+
+    def _start(self, t_ns: int) -> List[Command]:
+        """Have all platforms record; all must prove it within the limit."""
+        commands = self._ask_to_record(t_ns)
+        refused = [view.refusal for view in self.views.values() if view.refusal]
+        if all(self._records(view, t_ns) for view in self.views.values()):
+            self._enter(Phase.RECORDING, t_ns)
+        elif refused:
+            self._fail(t_ns, "; ".join(refused))
+        elif t_ns - self._since_ns >= self.setup.start_limit_ns:
+            late = [view for view in self.views.values() if not self._records(view, t_ns)]
+            self._fail(t_ns, "; ".join(self._why_not(view, t_ns) for view in late))
+        return commands
+
+    def _record(self, t_ns: int) -> List[Command]:
+        """Keep all platforms recording: one that was started anew is asked again."""
+        return self._ask_to_record(t_ns)
+
+    def _ask_to_record(self, t_ns: int) -> List[Command]:
+        commands: List[Command] = []
+        for view in self.views.values():
+            works = view.session(self.session_id) and view.status.phase in WRITING
+            if not works and view.may_ask(t_ns, _ASK_AGAIN_NS):
+                commands.append(self._ask(view, "start", t_ns))
+            if works:
+                commands += self._measure(view, "start")
+        return commands
+
+    def _stop(self, t_ns: int) -> List[Command]:
+        """Have all platforms close their parts."""
+        commands: List[Command] = []
+        for view in self.views.values():
+            again = view.asked_ns is None or not self._failed(view)
+            if not self._closing(view) and again and view.may_ask(t_ns, _ASK_AGAIN_NS):
+                commands.append(self._ask(view, "stop", t_ns))
+            if self._closing(view):
+                commands += self._measure(view, "stop")
+        waiting = [view for view in self.views.values() if not self._closed(view)]
+        if not waiting:
+            self._enter(Phase.TRANSFERRING, t_ns)
+            return [*commands, *self._transfer(t_ns)]
+        if all(self._lost(view, t_ns) or self._failed_again(view, t_ns) for view in waiting):
+            self._fail(t_ns, self._missing(waiting, t_ns))
+        elif all(self._closing(view) and view.status.phase is not Phase.STOPPING for view in waiting):
+            self.phase = Phase.RECOVERING
+        return commands
+
+    def _failed(self, view: PlatformView) -> bool:
+        return view.session(self.session_id) and view.status.phase is Phase.FAILED
+
+    def _failed_again(self, view: PlatformView, t_ns: int) -> bool:
+        """Return whether a platform failed after it was asked: its last word may be older than that."""
+        answered = view.asked_ns is not None and not view.asking and t_ns - view.asked_ns >= _ASK_AGAIN_NS
+        return self._failed(view) and answered and (view.heard_ns or 0) > (view.asked_ns or 0)
+
+    def _lost(self, view: PlatformView, t_ns: int) -> bool:
+        """Return whether a platform is not to be waited for any longer."""
+        if t_ns - self._since_ns < self.setup.silent_ns:
+            return False
+        silent = view.heard_ns is None or t_ns - view.heard_ns > self.setup.silent_ns
+        forgot = not silent and not view.session(self.session_id)
+        return (silent or forgot) and t_ns - self._since_ns >= self.setup.stop_limit_ns
+
+    def _closing(self, view: PlatformView) -> bool:
+        return self._closed(view) or (view.session(self.session_id) and view.status.phase in _CLOSING)
+
+    def _closed(self, view: PlatformView) -> bool:
+        """Return whether a platform's part is closed, or it never had one."""
+        if view.session(self.session_id) and view.status.phase is Phase.COMPLETE:
+            return True
+        return not view.began and bool(view.refusal)
+
+    def _transfer(self, t_ns: int) -> List[Command]:
+        """Fetch the parts, all at the same time; what fails is tried again within the limit."""
+        parts = [self.views[name] for name in self.setup.fetched if self.views[name].began]
+        waiting = [view for view in parts if not view.fetched]
+        if not waiting:
+            self._enter(Phase.MERGING, t_ns)
+            return self._collect(t_ns)
+        if t_ns - self._since_ns >= self.setup.transfer_limit_ns and not any(view.fetching for view in waiting):
+            self._fail(t_ns, self._missing(waiting, t_ns))
+            return []
+        commands: List[Command] = []
+        for view in waiting:
+            if not view.fetching and t_ns >= view.fetch_again_ns:
+                view.fetching = True
+                commands.append(Transfer(view.name, view.part.location))
+        self._progress = sum(1.0 if view.fetched else view.fetched_fraction for view in parts) / len(parts)
+        return commands
+
+    def _collect(self, _t_ns: int) -> List[Command]:
+        """Have the job done; again when it was killed."""
+        commands: List[Command] = []
+        if not self._copied:
+            self._copied = True
+            commands.append(CopyJournal())
+        if not self._job:
+            self._job = True
+            self._tries += 1
+            commands.append(Collect())
+        return commands
+
+    def _end(self, t_ns: int) -> List[Command]:
+        """Have parts removed that are in the verified recording, if that is wanted."""
+        if self.setup.keep_parts or not self._summary.get("verified"):
+            return []
+        return [
+            self._ask(view, "remove", t_ns)
+            for view in self.views.values()
+            if view.began and not view.removed and view.may_ask(t_ns, _ASK_AGAIN_NS) and view.note_removal()
+        ]
+
+    def _ask(self, view: PlatformView, verb: str, t_ns: int) -> Ask:
+        view.asking, view.asked_ns = True, t_ns
+        return Ask(view.name, verb)
+
+    def _measure(self, view: PlatformView, when: str) -> List[Command]:
+        if view.name == self.setup.own or when in view.measured:
+            return []
+        view.measured.append(when)
+        view.measuring = True
+        return [MeasureClock(view.name, when)]
+
+    # --- words ----------------------------------------------------------------------------------------------------
+
+    def _fresh(self, view: PlatformView, t_ns: int) -> bool:
+        return view.heard_ns is not None and t_ns - view.heard_ns <= self.setup.silent_ns
+
+    def _records(self, view: PlatformView, t_ns: int) -> bool:
+        good = self._fresh(view, t_ns) and view.session(self.session_id)
+        return good and view.status.phase is Phase.RECORDING and view.part.growing
+
+    def _why_not(self, view: PlatformView, t_ns: int) -> str:
+        if view.heard_ns is None or not self._fresh(view, t_ns):
+            problem = f" ({view.problem})" if view.problem else ""
+            return f"{view.name} does not answer{problem}: is its data_recorder running, and its network up?"
+        if not view.session(self.session_id):
+            return view.refusal or f"{view.name} has not begun the session"
+        return f"{view.name}: {view.part.message or view.status.message or 'it does not record'}"
+
+    def _missing(self, views: List[PlatformView], t_ns: int) -> str:
+        """Return what is missing, and where everything lies."""
+        missing = "; ".join(f"the part of {view.name} is missing: {self._why_missing(view, t_ns)}" for view in views)
+        lies = "; ".join(f"{view.name}: {view.part.location}" for view in self.views.values() if view.part.location)
+        return f"{missing}. Nothing was removed{'; the parts lie at ' + lies if lies else ''}"
+
+    def _why_missing(self, view: PlatformView, t_ns: int) -> str:
+        if self.phase is Phase.TRANSFERRING:
+            return view.problem or "it was not transferred in time"
+        if not self._fresh(view, t_ns):
+            return f"{view.name} does not answer" + (f" ({view.problem})" if view.problem else "")
+        if not view.session(self.session_id):
+            return view.refusal or f"{view.name} knows nothing of session {self.session_id}"
+        return view.status.message or "its recorder failed"
+
+    # --- status ---------------------------------------------------------------------------------------------------
+
+    def status(self, t_ns: int) -> Status:
+        """Return the status of all platforms."""
+        return Status(
+            session_id=self.session_id,
+            phase=self.phase,
+            progress=1.0 if self.phase is Phase.COMPLETE else self._progress,
+            remaining_s=self._remaining_s(t_ns),
+            platforms=tuple(self._part(view, t_ns) for view in self.views.values()),
+            location=self.location,
+            message=self._message,
+        )
+
+    def _remaining_s(self, t_ns: int) -> Optional[float]:
+        if self.phase not in _COLLECTING or self._progress is None or not 0.0 < self._progress <= 1.0:
+            return None
+        return (t_ns - self._since_ns) / _S * (1.0 - self._progress) / self._progress
+
+    def _part(self, view: PlatformView, t_ns: int) -> PlatformStatus:
+        if self.phase not in WRITING or self._records(view, t_ns):
+            return replace(view.part, growing=view.part.growing and self.phase in WRITING)
+        return replace(view.part, growing=False, message=self._why_not(view, t_ns))
+
+    # --- memory ---------------------------------------------------------------------------------------------------
+
+    def memory(self) -> Dict[str, Any]:
+        """Return what must outlive the process."""
+        return {
+            "session_id": self.session_id,
+            "mission_id": self.mission_id,
+            "phase": self.phase.name,
+            "location": self.location,
+            "message": self._message,
+            "summary": dict(self._summary),
+            "platforms": {view.name: view.memory() for view in self.views.values()},
+        }
+
+    def remember(self, t_ns: int, memory: Mapping[str, Any]) -> None:
+        """Go on where another process ended; what was being fetched or merged is taken up again."""
+        self.session_id, self.mission_id = str(memory["session_id"]), str(memory["mission_id"])
+        for name, value in memory["platforms"].items():
+            if name in self.views:
+                self.views[name] = PlatformView.of_memory(name, value)
+        phase = Phase[memory["phase"]]
+        if phase is Phase.RECOVERING:
+            phase = Phase.STOPPING
+        elif phase in _COLLECTING:
+            phase = Phase.TRANSFERRING
+        self._enter(phase, t_ns)
+        self.location, self._message = str(memory["location"]), str(memory["message"])
+        self._summary = dict(memory["summary"])
+
+
+_TURNS: Mapping[Phase, Callable[[Collector, int], List[Command]]] = {
+    Phase.STARTING: Collector._start,  # noqa: SLF001  (the table of this machine)
+    Phase.RECORDING: Collector._record,  # noqa: SLF001
+    Phase.STOPPING: Collector._stop,  # noqa: SLF001
+    Phase.RECOVERING: Collector._stop,  # noqa: SLF001
+    Phase.TRANSFERRING: Collector._transfer,  # noqa: SLF001
+    Phase.MERGING: Collector._collect,  # noqa: SLF001
+    Phase.VERIFYING: Collector._collect,  # noqa: SLF001
+    Phase.COMPLETE: Collector._end,  # noqa: SLF001
+}

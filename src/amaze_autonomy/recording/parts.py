@@ -1,0 +1,181 @@
+"""What a platform recorded, made whole: open and damaged bags are recovered, and all are listed with their checksums.
+
+The original of what was recovered stays beside it. Where the storage has no space for a recovered bag, the open one is
+listed as it is: the collector makes it whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional
+
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.recover import recover
+
+from .errors import TransferError
+from .folders import PARTS, read_json, write_json
+
+__all__ = ["Part", "check_arrived", "close_parts", "losses", "open_bags", "whole_bags"]
+
+_PIECE = 1 << 20
+_RECOVERED = ".recovered.bag"
+Progress = Callable[[int, int], None]
+
+
+class Part(NamedTuple):
+    """A bag that is whole: where it lies, and how many messages were lost by damage (None: nobody knows)."""
+
+    path: Path
+    lost: Optional[int]
+
+
+def open_bags(folder: Path) -> List[Path]:
+    """Return what recorders wrote, in order of name; not what was recovered from it."""
+    found = [*folder.glob("*.bag"), *folder.glob("*.bag.active")]
+    return sorted(path for path in found if not path.name.endswith(_RECOVERED) and not path.name.startswith("."))
+
+
+def whole_bags(folder: Path, target: Path, progress: Optional[Progress] = None) -> List[Part]:
+    """Return a whole bag for each that was recorded, recovering into `target` what was not closed or is damaged.
+
+    Raises:
+        BagError: One cannot be recovered.
+    """
+    found = []
+    for path in open_bags(folder):
+        part = _whole(path, target, progress)
+        if part is not None:
+            found.append(part)
+    return found
+
+
+def _whole(path: Path, target: Path, progress: Optional[Progress]) -> Optional[Part]:
+    if path.stat().st_size == 0:
+        return None  # not a byte was written
+    if path.name.endswith(".bag") and _is_good(path):
+        return Part(path, 0)
+    output = target / f"{path.name.split('.bag')[0]}{_RECOVERED}"
+    if output.exists() and _is_good(output):
+        return Part(output, _lost_before(target, output))
+    target.mkdir(parents=True, exist_ok=True)
+    done = recover(path, output, check_data=path.name.endswith(".bag"), replace=True, progress=progress)
+    return Part(output, done.scan.lost)
+
+
+def _lost_before(folder: Path, bag: Path) -> Optional[int]:
+    """Return what an earlier recovery lost, as far as it is written down."""
+    listed = (read_json(folder / PARTS) or {}).get("files", [])
+    return next((each.get("lost") for each in listed if each.get("file") == bag.name), None)
+
+
+def _is_good(path: Path) -> bool:
+    try:
+        Index(path).close()
+    except BagError:
+        return False
+    return True
+
+
+def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progress] = None) -> Dict[str, Any]:
+    """Make a platform's part whole and write its list; return the list.
+
+    Args:
+        folder: of the part.
+        facts: of the recording, for the list: session, platform, gaps, dropped.
+        progress: called with bytes done and all bytes.
+
+    Raises:
+        BagError: A bag is damaged beyond recovery.
+        FolderError: The list cannot be written.
+    """
+    paths = open_bags(folder)
+    meter = _Meter(sum(path.stat().st_size for path in paths), progress)
+    entries = []
+    for path in paths:
+        entries += _listed(folder, path)
+        meter.add(path.stat().st_size)
+    logs = sorted(path.name for path in folder.glob("*.log"))
+    content = {"parts": 1, **facts, "files": entries, "logs": logs}
+    write_json(folder / PARTS, content)
+    return content
+
+
+def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
+    """Return the entries of one recorded bag: itself, or what was recovered from it."""
+    try:
+        part = _whole(path, folder, None)
+    except BagError as error:
+        return [{**_entry(path), "open": True, "lost": None, "problem": str(error)}]
+    if part is None:
+        return []
+    entry = {**_entry(part.path), "lost": part.lost}
+    return [entry] if part.path == path else [{**entry, "recovered_from": path.name}]
+
+
+def _entry(path: Path) -> Dict[str, Any]:
+    messages, size = 0, path.stat().st_size
+    if path.name.endswith(".bag"):
+        with Index(path) as index:
+            messages = sum(chunk.messages for chunk in index.chunks)
+    return {"file": path.name, "bytes": size, "messages": messages, "sha256": _sha256(path)}
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        for piece in iter(lambda: file.read(_PIECE), b""):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def check_arrived(folder: Path, *, checksums: bool = True) -> Dict[str, Any]:
+    """Return the list of a part whose files are all there, as they were sent.
+
+    Raises:
+        TransferError: One is missing or different, or there is no list.
+    """
+    content = read_json(folder / PARTS)
+    if content is None:
+        raise TransferError(
+            f"{folder / PARTS}: is missing, so nobody knows whether the part is whole; transfer it again"
+        )
+    for entry in content["files"]:
+        path = folder / str(entry["file"])
+        if not path.is_file():
+            raise TransferError(f"{path}: did not arrive; retry, and it is transferred again")
+        if path.stat().st_size != entry["bytes"] or (checksums and _sha256(path) != entry["sha256"]):
+            path.replace(path.with_name(f".{path.name}.bad"))
+            raise TransferError(f"{path}: is not what was sent, and was put aside; retry, and it is transferred again")
+    return content
+
+
+class _Meter:
+    """Bytes done of all bytes, for a progress function."""
+
+    def __init__(self, total: int, report: Optional[Progress]) -> None:
+        self._done, self._total, self._report = 0, total, report
+
+    def add(self, size: int) -> None:
+        self._done += size
+        if self._report is not None:
+            self._report(self._done, self._total)
+
+
+def losses(content: Mapping[str, Any]) -> List[str]:
+    """Return what a part has lost, in words."""
+    words = []
+    for entry in content["files"]:
+        lost = entry.get("lost", 0)
+        if lost is None:
+            words.append(f"{entry['file']}: an unknown number of messages")
+        elif lost:
+            words.append(f"{entry['file']}: {lost:,} messages")
+    words += [
+        f"{gap['group']}: {gap['seconds']:.1f} s, until its recorder was started again ({gap['ending']})"
+        for gap in content.get("gaps", [])
+    ]
+    if content.get("dropped"):
+        words.append(f"{content['dropped']} warnings of dropped messages")
+    return words
