@@ -152,7 +152,7 @@ def test_files_may_not_grow_further(tmp_path, inputs):
 
 
 def test_an_input_that_is_cut_while_it_is_merged_is_an_error(tmp_path, inputs, monkeypatch):
-    monkeypatch.setattr(source_module, "_GROUP_BYTES", 100_000)
+    monkeypatch.setattr(source_module, "GROUP_BYTES", 100_000)
     source = tmp_path / "1.bag"
     shutil.copy(inputs[0], source)
 

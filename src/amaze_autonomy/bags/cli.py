@@ -9,13 +9,12 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, List, Optional, Sequence, Tuple
 
-from . import commands
-from .compression import COMPRESSIONS
 from .errors import BagError
 
 __all__ = ["main"]
 
 DONE, IMPOSSIBLE, USAGE, LOST = 0, 1, 2, 3
+_COMPRESSIONS = ("auto", "none", "lz4", "bz2")
 _STATUSES = """\
 exit status:
   0  done, nothing is wrong
@@ -63,8 +62,11 @@ examples:
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command line; return the exit status."""
     options = _parser().parse_args(arguments)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # starting its threads takes longer than many a command
+    from . import commands  # noqa: PLC0415  (numpy has to come after that)
+
     try:
-        lost: bool = options.command(options)
+        lost: bool = getattr(commands, options.command)(options)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader of our output has enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -87,14 +89,14 @@ def _parser() -> argparse.ArgumentParser:
     parser = _with_help(argparse.ArgumentParser(prog="amaze-bag", description=__doc__.split("`: ", 1)[1]), None)
     adder = parser.add_subparsers(metavar="COMMAND", dest="name", required=True)
 
-    info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", commands.info)
+    info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", "info")
     info.add_argument("bags", nargs="+", type=Path, metavar="BAG")
 
-    doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", commands.doctor)
+    doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", "doctor")
     doctor.add_argument("bags", nargs="+", type=Path, metavar="BAG")
     doctor.add_argument("--quick", action="store_true", help="do not read the data of whole chunks")
 
-    recover = _command(adder, "recover", "write what is good into a new bag", commands.recover_bag)
+    recover = _command(adder, "recover", "write what is good into a new bag", "recover_bag")
     recover.add_argument("bag", type=Path, metavar="BAG", help="is only read")
     recover.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
     recover.add_argument("--check-data", action="store_true", help="check the data of whole chunks, too (reads it all)")
@@ -102,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_merge(adder)
     verify = _command(
-        adder, "verify", "compare a merged bag with its inputs, and readers with each other", commands.verify_bag
+        adder, "verify", "compare a merged bag with its inputs, and readers with each other", "verify_bag"
     )
     verify.add_argument("bag", type=Path, metavar="BAG")
     verify.add_argument("inputs", nargs="*", type=Path, metavar="INPUT", help="default: those of the manifest")
@@ -112,12 +114,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_merge(adder: Any) -> None:
-    merge = _command(adder, "merge", "several bags into one, in order of time", commands.merge_bags)
+    merge = _command(adder, "merge", "several bags into one, in order of time", "merge_bags")
     merge.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="is only read")
     merge.add_argument("-o", "--output", type=Path, required=True)
     merge.add_argument(
         "--compression",
-        choices=("auto", *COMPRESSIONS),
+        choices=_COMPRESSIONS,
         default="auto",
         help="of the output; auto (default): copied chunks as they are, all others none",
     )
@@ -143,7 +145,7 @@ def _add_readers(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _command(adder: Any, name: str, text: str, function: Any) -> argparse.ArgumentParser:
+def _command(adder: Any, name: str, text: str, function: str) -> argparse.ArgumentParser:
     parser = _with_help(adder.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."), name)
     parser.set_defaults(command=function)
     parser.add_argument("--json", action="store_true", help="for programs")

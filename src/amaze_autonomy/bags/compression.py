@@ -9,7 +9,7 @@ import lz4.frame
 
 from .errors import RecordError
 
-__all__ = ["COMPRESSIONS", "compressed", "decompressed", "salvaged"]
+__all__ = ["COMPRESSIONS", "compressed", "decompress_into", "decompressed", "salvaged"]
 
 COMPRESSIONS = ("none", "lz4", "bz2")
 _STEP = 1 << 14
@@ -51,6 +51,20 @@ def decompressed(kind: str, data: Buffer, size: int) -> Buffer:
     if len(plain) != size:
         raise RecordError(f"it has {len(plain)} bytes instead of {size}")
     return plain  # type: ignore[no-any-return]
+
+
+def decompress_into(target: bytearray, place: int, kind: str, data: bytes, size: int) -> None:
+    """Decompress the data of a chunk to a place in a buffer that has room for it.
+
+    Raises:
+        RecordError: It is damaged, or not of this size.
+    """
+    if kind == "lz4":
+        from .frames import decompress_frame  # noqa: PLC0415  (ctypes is slow to load and seldom wanted)
+
+        if decompress_frame(data, size, target, place):
+            return  # else the usual way, which says what is wrong
+    target[place : place + size] = decompressed(kind, data, size)
 
 
 def _decompress(kind: str, data: Buffer) -> Any:

@@ -8,7 +8,9 @@ from typing import Any, Callable, Dict, NamedTuple, Optional
 import numpy as np
 
 from .index import Index
-from .source import Block, Pool, Source
+from .layout import distinct
+from .loading import Block, Pool
+from .source import Source
 from .tally import Tallies, Tally, TopicKey, checksums, payload_checksums
 
 __all__ = ["Counted", "count"]
@@ -55,7 +57,7 @@ class _Counter:
             return
         crc = payload_checksums(block.buffer, table.payload.tolist(), table.end.tolist())
         sums = checksums(crc, table.end - table.payload, table.t_ns)
-        for number in np.unique(table.connection).tolist():
+        for number in distinct(table.connection):
             which = table.connection == number
             self._add(number, int(which.sum()), int(sums[which].sum(dtype=np.uint64)), int(crc[which].sum()))
         self._follow(table.t_ns)
@@ -79,18 +81,17 @@ def count(path: Path, shift_ns: int = 0, progress: Optional[Progress] = None) ->
     Raises:
         BagError: It is damaged.
     """
-    with Index(path) as index:
-        counter, pool = _Counter(index), Pool()
+    with Index(path) as index, Pool() as pool:
+        counter = _Counter(index)
         target = np.arange(max(index.connections, default=0) + 1)
-        source = Source(index, 0, target, shift_ns, set())
+        source = Source(index, 0, target, shift_ns, set(), np.zeros(len(target), bool))
         total, done = sum(chunk.end - chunk.position for chunk in index.chunks), 0
         counter.ordered = _chunks_in_order(index)
         while source.more:
             group = source.take()
             for block in group.load(pool):
                 counter.add(block)
-                if block.poolable:
-                    pool.put(block.buffer)
+                pool.put(block.buffer)
             done += group.size
             if progress:
                 progress(done, total)

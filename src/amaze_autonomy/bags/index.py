@@ -104,6 +104,7 @@ class Index:
         self.connections: Dict[int, Connection] = {}
         place = self._read_connections(tail, header.number(b"conn_count"))
         self.chunks = self._read_chunks(tail, place, header.number(b"chunk_count"))
+        self._heads: Dict[int, ChunkHead] = {}
 
     def _read_connections(self, tail: bytes, count: int) -> int:
         place = 0
@@ -118,8 +119,8 @@ class Index:
         found = []
         for _ in range(count):
             record = _expected(tail, place, CHUNK_INFO)
-            counts = np.frombuffer(tail, "<u4", 2 * record.number(b"count"), record.data).reshape(-1, 2).tolist()
-            found.append((record, tuple((int(each[0]), int(each[1])) for each in counts if each[1])))
+            flat = struct.unpack_from(f"<{2 * record.number(b'count')}L", tail, record.data)
+            found.append((record, tuple((number, count) for number, count in zip(flat[::2], flat[1::2]) if count)))
             place = record.end
         if any(connection not in self.connections for _, counts in found for connection, _ in counts):
             raise RecordError("it counts messages of a connection that it does not describe")
@@ -147,6 +148,8 @@ class Index:
         Raises:
             BagError: There is none where the index says.
         """
+        if number in self._heads:
+            return self._heads[number]
         chunk = self.chunks[number]
         begin = os.pread(self.file, _HEAD_BYTES, chunk.position)
         try:
@@ -155,6 +158,7 @@ class Index:
             require(head.data + head.stored <= chunk.end, "it overlaps the next one")
         except (RecordError, struct.error) as error:
             raise unusable(self.path, chunk.position, error) from error
+        self._heads[number] = head
         return head
 
     def messages(self) -> Messages:

@@ -38,6 +38,7 @@ __all__ = [
     "chunk_header",
     "chunk_info",
     "connection_record",
+    "distinct",
     "fields_of",
     "index_data",
     "index_records",
@@ -113,6 +114,13 @@ def words(buffer: Any) -> Any:
     return np.ndarray((max(len(buffer) - 3, 0),), "<u4", buffer, 0, (1,))
 
 
+def distinct(numbers: Any) -> List[int]:
+    """Return the different ones of an array, in order; np.unique would load numpy.ma, a fifth of a short run."""
+    ordered = np.sort(numbers)
+    found: List[int] = ordered[:1].tolist() + ordered[1:][ordered[1:] != ordered[:-1]].tolist()
+    return found
+
+
 def fields_of(buffer: Buffer, start: int, end: int) -> Dict[bytes, bytes]:
     """Return the fields of a header.
 
@@ -147,10 +155,37 @@ def record_at(buffer: Buffer, position: int, limit: int) -> Record:
         raise RecordError(f"a header of {size} bytes is none")
     if data > limit:
         raise RecordError("the file ends within a header")
+    shape = _shapes.get(size)
+    if shape is not None:
+        values = shape.packed.unpack_from(buffer, position + 4)
+        if values[:-1:2] == shape.fixed:
+            return Record(dict(zip(shape.names, values[1::2])), data, values[-1])
     fields = fields_of(buffer, position + 4, data - 4)
     if len(fields.get(b"op", b"")) != 1:
         raise RecordError("a header does not say of what")
+    if size <= _LARGEST_SHAPE:
+        _shapes[size] = _shape(fields, bytes(buffer[position + 4 : data - 4]))
     return Record(fields, data, u32(buffer, data - 4))
+
+
+class _Shape(NamedTuple):
+    """How headers of one size looked last, most of a bag do: five times faster than field by field."""
+
+    packed: struct.Struct
+    fixed: Tuple[bytes, ...]  # all but values, which lie between
+    names: Tuple[bytes, ...]
+
+
+_LARGEST_SHAPE = 128  # longer ones have names of topics
+_shapes: Dict[int, _Shape] = {}
+
+
+def _shape(fields: Dict[bytes, bytes], header: bytes) -> _Shape:
+    fixed = tuple(_U32.pack(len(name) + 1 + len(value)) + name + b"=" for name, value in fields.items())
+    parts = "".join(f"{len(name)}s{len(value)}s" for name, value in zip(fixed, fields.values()))
+    if b"".join(name + value for name, value in zip(fixed, fields.values())) != header:  # one name twice
+        return _Shape(struct.Struct(f"<{len(header)}sL"), (b"",), ())
+    return _Shape(struct.Struct(f"<{parts}L"), fixed, tuple(fields))
 
 
 def _packed(fields: Iterable[Tuple[bytes, bytes]]) -> bytes:
@@ -205,21 +240,43 @@ def index_records(t_ns: Any, connection: Any, offsets: Any) -> bytes:
     The rosbags library reads all index records of a bag by the layout of the first: they must not be mixed.
     """
     order = np.lexsort((offsets, t_ns, connection))
-    numbers, firsts = np.unique(connection[order], return_index=True)
-    parts = np.split(order, firsts[1:])
-    parts_of = zip(numbers.tolist(), parts)
+    numbers: Any = connection[order]
+    firsts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+    parts = np.split(order, firsts) if len(order) else []
+    parts_of = zip(distinct(numbers), parts)
     return b"".join([index_data(number, t_ns[each], offsets[each]) for number, each in parts_of])
 
 
 def chunk_info(position: int, start_ns: int, end_ns: int, counts: List[Tuple[int, int]]) -> bytes:
     """Return what the index says of a chunk; `counts` are messages by connection."""
+    flat = [number for each in counts for number in each]
+    return b"".join(
+        (
+            _INFO[0] + _U64.pack(position),
+            _INFO[1] + _U32.pack(len(counts)),
+            _INFO[2] + pack_time(end_ns),
+            _INFO[3] + pack_time(start_ns),
+            _INFO[4] + struct.pack(f"<L{len(flat)}L", 4 * len(flat), *flat),
+        )
+    )
+
+
+def _info_parts() -> List[bytes]:
+    """Return what stands before each value of a chunk's record in the index, which is always the same."""
+    values = (b"<<<0>>>>", b"<<1>", b"<<<2>>>>", b"<<<3>>>>")
     fields = (
-        (b"chunk_pos", _U64.pack(position)),
-        (b"count", _U32.pack(len(counts))),
-        (b"end_time", pack_time(end_ns)),
+        (b"chunk_pos", values[0]),
+        (b"count", values[1]),
+        (b"end_time", values[2]),
         (b"op", bytes([CHUNK_INFO])),
-        (b"start_time", pack_time(start_ns)),
+        (b"start_time", values[3]),
         (b"ver", _U32.pack(1)),
     )
-    data = b"".join(_TIME.pack(*each) for each in counts)
-    return _packed(fields) + _U32.pack(len(data)) + data
+    parts, rest = [], _packed(fields)
+    for value in values:
+        part, _, rest = rest.partition(value)
+        parts.append(part)
+    return [*parts, rest]
+
+
+_INFO = _info_parts()

@@ -17,8 +17,9 @@ import numpy as np
 
 from .errors import BagError
 from .index import Index
+from .loading import Block, Pool
 from .output import Output
-from .source import Block, Group, Pool, Source
+from .source import Group, Source
 from .tally import Tally
 from .unify import Unified, unify
 from .writing import Writing
@@ -98,9 +99,10 @@ def merge(
             Output(output, replace=options.replace, needed=needed if options.compression in ("none", "auto") else 0)
         )
         compression = "none" if options.compression == "auto" else options.compression
-        writing = Writing(out, unified, compression, options.duplicates, options.window_ns)
+        files = [index.file for index in indexes]
+        writing = Writing(out, files, unified, compression, options.duplicates, options.window_ns)
         stack.callback(writing.stop)
-        _run(sources, writing, progress)
+        _run(sources, writing, stack.enter_context(Pool()), progress)
         size = out.close(unified.connections)
     warnings = (*unified.warnings, *_duplicate_warnings(writing.duplicates, options.duplicates))
     return Merged(output, size, writing.messages, writing.copied, writing.duplicates, warnings)
@@ -117,6 +119,7 @@ def _check(indexes: Sequence[Index], offsets: Sequence[int], output: Path) -> No
 
 def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified, options: MergeOptions) -> List[Source]:
     isolated = _isolated(indexes, offsets)
+    watched = [] if options.duplicates == "ignore" else list(unified.comparable)
     sources = []
     for number, (index, offset) in enumerate(zip(indexes, offsets)):
         target = unified.targets[number]
@@ -128,7 +131,8 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
             and index.head(each).compression in _kept(options.compression)
             and _in_order(index, each)
         }
-        sources.append(Source(index, number, target, offset, verbatim))
+        unseen = np.isin(target, watched, invert=True) & (options.compression in ("auto", "none"))
+        sources.append(Source(index, number, target, offset, verbatim, unseen))
     return sources
 
 
@@ -161,10 +165,10 @@ def _isolated(indexes: Sequence[Index], offsets: Sequence[int]) -> List[Set[int]
     return found
 
 
-def _run(sources: List[Source], writing: Writing, progress: Optional[Progress]) -> None:
+def _run(sources: List[Source], writing: Writing, pool: Pool, progress: Optional[Progress]) -> None:
     """Read and write until nothing is left; the next chunks are read while the last ones are written."""
     total = sum(chunk.end - chunk.position for source in sources for chunk in source.index.chunks)
-    done, pool = 0, Pool()
+    done = 0
     with ThreadPoolExecutor(1) as reader:
         group = _next(sources)
         loading = _start(reader, group, pool)

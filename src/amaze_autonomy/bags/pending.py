@@ -6,13 +6,17 @@ from typing import Any, Dict, List, NamedTuple, Optional, Set
 
 import numpy as np
 
-from .source import Block, Pool
+from .layout import distinct
+from .loading import Block, Pool
 
 __all__ = ["Pending", "Rows"]
 
 
 class Rows(NamedTuple):
-    """Messages as arrays of one length: time, connection, record and payload in the buffer of a block, input."""
+    """Messages as arrays of one length: time, connection, record and payload in the buffer of a block, input.
+
+    `origin` is where a record begins in the file of its input, when only its beginning is in the buffer; else -1.
+    """
 
     t_ns: Any
     connection: Any
@@ -21,6 +25,7 @@ class Rows(NamedTuple):
     end: Any
     block: Any
     source: Any
+    origin: Any
 
     def where(self, which: Any) -> Rows:
         """Return some of them."""
@@ -60,6 +65,7 @@ class Pending:
             table.end,
             np.full(count, number),
             np.full(count, block.source),
+            block.origin,
         )
         self._waiting.setdefault(block.source, []).append(rows)
 
@@ -78,13 +84,12 @@ class Pending:
         """Give back the buffers of which no message is waiting or held."""
         for parts in self._waiting.values():
             for rows in parts:
-                held.update(np.unique(rows.block).tolist())
+                held.update(distinct(rows.block))
         for number in [number for number in self.buffers if number not in held]:
             del self.buffers[number]
             block = self._blocks.pop(number)
-            if block.poolable:
-                pool.put(block.buffer)
+            pool.put(block.buffer)
 
 
 def _by_source(rows: Rows) -> Dict[int, List[Rows]]:
-    return {int(source): [rows.where(rows.source == source)] for source in np.unique(rows.source)}
+    return {source: [rows.where(rows.source == source)] for source in distinct(rows.source)}

@@ -30,6 +30,7 @@ from .layout import (
     MAGIC,
     MESSAGE,
     Record,
+    distinct,
     index_records,
     record_at,
 )
@@ -252,7 +253,7 @@ class _Scanner:
             return self._keep_cut(position, head)
         self._foreign = False
         entries, index_end, trusted = self._entries(end)
-        known = all(number in self._connections for number in np.unique(entries[1]).tolist())
+        known = all(number in self._connections for number in distinct(entries[1]))
         if trusted and known and not self._check_data:
             self._keep_whole(position, end, index_end, entries, head)
         else:
@@ -290,9 +291,11 @@ class _Scanner:
         t_ns, connection, _ = entries
         if not len(t_ns):
             return
-        numbers, counts = np.unique(connection, return_counts=True)
+        ordered = np.sort(connection)
+        numbers = distinct(ordered)
+        counts = np.searchsorted(ordered, numbers, "right") - np.searchsorted(ordered, numbers, "left")
         times = int(t_ns.min()), int(t_ns.max())
-        pairs = tuple(zip(numbers.tolist(), counts.tolist()))
+        pairs = tuple(zip(numbers, counts.tolist()))
         index = index_records(*entries) if self._foreign else None  # see there: they must not be mixed with ours
         self._chunks.append(Found(position, end, index_end, *times, pairs, index, None, head.compression))
 
@@ -336,7 +339,7 @@ class _Scanner:
         self._keep_whole(position, end, index_end, entries, head)
 
     def _all_known(self, connection: Any) -> bool:
-        return all(number in self._connections for number in np.unique(connection).tolist())
+        return all(number in self._connections for number in distinct(connection))
 
     def _learn(self, kept: Optional[Kept]) -> None:
         for each in (kept.connections if kept else {}).values():

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Dict, List, Optional, Tuple
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Deque, Dict, List, Optional, Tuple
 from zlib import crc32
 
 import numpy as np
@@ -13,10 +14,10 @@ from .compression import compressed
 from .connections import Connection
 from .duplicates import Duplicates
 from .index import Index
-from .layout import connection_record, index_records
-from .output import Output
+from .layout import connection_record, distinct, index_records
+from .loading import BEGINNING, Block, Pool
+from .output import Output, Stretch
 from .pending import Pending, Rows, joined, nothing
-from .source import Block, Pool
 from .tally import Tallies, Tally, checksums
 from .unify import Unified
 
@@ -24,20 +25,32 @@ __all__ = ["Writing"]
 
 _COMPRESSORS = 2
 
+_Chunk = Tuple[Cut, int, List[Any]]  # with its size, and its records in pieces
+
 
 class Writing:
     """Puts blocks of messages in order and writes them.
 
     Args:
         out: the new bag.
+        files: descriptors of the inputs.
         unified: its connections.
         compression: of its chunks.
         duplicates: count, drop or ignore.
         window_ns: in which duplicates lie.
     """
 
-    def __init__(self, out: Output, unified: Unified, compression: str, duplicates: str, window_ns: int) -> None:
-        self._out, self._connections, self._compression = out, unified.connections, compression
+    def __init__(
+        self,
+        out: Output,
+        files: List[int],
+        unified: Unified,
+        compression: str,
+        duplicates: str,
+        window_ns: int,
+    ) -> None:
+        self._out, self._files = out, files
+        self._connections, self._compression = unified.connections, compression
         self._drop = duplicates == "drop"
         self._finder = None
         if duplicates != "ignore" and unified.comparable:
@@ -45,7 +58,8 @@ class Writing:
         self._pending, self._rows = Pending(), nothing()
         self._found = Tallies()
         self._prefix = _connection_records(unified.connections)  # once in a chunk, for those who rebuild an index
-        self._compressors = ThreadPoolExecutor(_COMPRESSORS)
+        self._compressors, self._writer = ThreadPoolExecutor(_COMPRESSORS), ThreadPoolExecutor(1)
+        self._job: Optional[Future[None]] = None
         self.messages = self.copied = 0
 
     @property
@@ -55,18 +69,20 @@ class Writing:
 
     def stop(self) -> None:
         """End the threads."""
+        self._writer.shutdown()
         self._compressors.shutdown()
 
     def add(self, blocks: List[Block], limit_ns: Optional[int], pool: Pool) -> None:
-        """Take messages; write those before which nothing more will come."""
+        """Take messages; write those before which nothing more will come, while the next ones are taken."""
         for block in blocks:
             self._pending.add(block)
-        self._write(limit_ns, final=limit_ns is None)
-        self._pending.release(set(np.unique(self._rows.block).tolist()), pool)
+        written = self._write(limit_ns, final=limit_ns is None)
+        self._pending.release({*distinct(self._rows.block), *written}, pool)
 
     def copy(self, index: Index, number: int) -> None:
         """Copy a chunk behind everything that was added."""
         self._write(None, final=True)
+        self._wait()
         chunk = index.chunks[number]
         head, times = index.head(number), (chunk.start_ns, chunk.end_ns)
         records = index_records(*index.entries(number))
@@ -78,36 +94,53 @@ class Writing:
     def finish(self, pool: Pool) -> None:
         """Write what is left."""
         self.add([], None, pool)
+        self._wait()
 
-    def _write(self, limit_ns: Optional[int], *, final: bool) -> None:
+    def _wait(self) -> None:
+        job, self._job = self._job, None
+        if job is not None:
+            job.result()
+
+    def _write(self, limit_ns: Optional[int], *, final: bool) -> List[int]:
+        """Begin to write what can be; return the blocks that are needed for it."""
         rows = self._pending.ready(limit_ns)
         if self._finder and len(rows.t_ns):
             rows = self._without_duplicates(rows)
         self._rows = joined([self._rows, rows]) if len(rows.t_ns) else self._rows
-        rows, done = self._rows, 0
-        waiting: List[Tuple[Cut, int, Any]] = []
-        prefix = self._prefix
-        for cut in cuts(rows.t_ns, rows.connection, rows.end - rows.start, before=len(prefix), final=final):
-            parts = [*([prefix] if prefix else []), *_slices(rows, cut, self._pending.buffers)]
-            self._write_chunk(cut, cut.size + len(prefix), parts, waiting)
-            prefix, self._prefix = b"", b""
-            done = cut.last
-        self._drain(waiting, 0)
-        self.messages += done
-        self._rows = rows.where(slice(done, None))
+        rows, length = self._rows, self._rows.end - self._rows.start
+        chunks = list(cuts(rows.t_ns, rows.connection, length, before=len(self._prefix), final=final))
+        self._wait()
+        if not chunks:
+            return []
+        bounds = [0, *(cut.last for cut in chunks)]
+        pieces = _pieces(rows, bounds, self._pending.buffers, self._files)
+        sizes = [cut.size for cut in chunks]
+        if self._prefix:
+            pieces[0].insert(0, self._prefix)
+            sizes[0], self._prefix = sizes[0] + len(self._prefix), b""
+        self._job = self._writer.submit(self._put, list(zip(chunks, sizes, pieces)))
+        self.messages += bounds[-1]
+        self._rows = rows.where(slice(bounds[-1], None))
+        return distinct(rows.block[: bounds[-1]])
 
-    def _write_chunk(self, cut: Cut, size: int, parts: List[Any], waiting: List[Tuple[Cut, int, Any]]) -> None:
-        if self._compression == "none":
-            self._out.chunk("none", size, parts, cut.records, times=(cut.start_ns, cut.end_ns), counts=cut.counts)
-            return
-        waiting.append((cut, size, self._compressors.submit(compressed, self._compression, b"".join(parts))))
-        self._drain(waiting, 2 * _COMPRESSORS)
+    def _put(self, chunks: List[_Chunk]) -> None:
+        waiting: Deque[Tuple[Cut, int, Any]] = deque()
+        for cut, size, parts in chunks:
+            if self._compression == "none":
+                self._put_chunk(cut, size, parts)
+                continue
+            waiting.append((cut, size, self._compressors.submit(compressed, self._compression, b"".join(parts))))
+            if len(waiting) > 2 * _COMPRESSORS:
+                self._put_compressed(*waiting.popleft())
+        while waiting:
+            self._put_compressed(*waiting.popleft())
 
-    def _drain(self, waiting: List[Tuple[Cut, int, Any]], left: int) -> None:
-        while len(waiting) > left:
-            cut, size, data = waiting.pop(0)
-            times = (cut.start_ns, cut.end_ns)
-            self._out.chunk(self._compression, size, [data.result()], cut.records, times=times, counts=cut.counts)
+    def _put_compressed(self, cut: Cut, size: int, data: Any) -> None:
+        self._put_chunk(cut, size, [data.result()])
+
+    def _put_chunk(self, cut: Cut, size: int, parts: List[Any]) -> None:
+        times = (cut.start_ns, cut.end_ns)
+        self._out.chunk(self._compression, size, parts, cut.records, times=times, counts=cut.counts)
 
     def _without_duplicates(self, rows: Rows) -> Rows:
         places = self._duplicates_in(rows)
@@ -136,7 +169,7 @@ class Writing:
         columns = (column.tolist() for column in (candidates, *picked))
         return [
             place
-            for place, t_ns, connection, _, payload, end, block, source in zip(*columns)
+            for place, t_ns, connection, _, payload, end, block, source, _ in zip(*columns)
             if finder.known(t_ns, connection, source, memoryview(buffers[block])[payload:end])
         ]
 
@@ -148,13 +181,34 @@ def _connection_records(connections: Dict[int, Connection]) -> bytes:
     )
 
 
-def _slices(rows: Rows, cut: Cut, buffers: Dict[int, Any]) -> List[memoryview]:
-    """Return the records of a chunk, neighbours in a buffer in one piece."""
-    chosen = slice(cut.first, cut.last)
-    start, end, block = rows.start[chosen], rows.end[chosen], rows.block[chosen]
-    breaks = np.flatnonzero((start[1:] != end[:-1]) | (block[1:] != block[:-1])) + 1
-    first = np.concatenate(([0], breaks))
-    last = np.append(breaks, len(start)) - 1
-    views = {number: memoryview(buffers[number]) for number in np.unique(block).tolist()}
-    pieces = zip(start[first].tolist(), end[last].tolist(), block[first].tolist())
-    return [views[number][begin:stop] for begin, stop, number in pieces]
+def _pieces(rows: Rows, bounds: List[int], buffers: Dict[int, Any], files: List[int]) -> List[List[Any]]:
+    """Return the records of each chunk, neighbours in a buffer in one piece; large ones end with bytes of their file.
+
+    Args:
+        rows: messages.
+        bounds: where chunks begin, and where the last ends.
+        buffers: by block.
+        files: descriptors of the inputs.
+    """
+    some = rows.where(slice(bounds[0], bounds[-1]))
+    start, end, block, origin = some.start, some.end, some.block, some.origin
+    apart: Any = (start[1:] != end[:-1]) | (block[1:] != block[:-1]) | (origin[:-1] >= 0)
+    apart[np.array(bounds[1:-1], np.int64) - 1] = True
+    first: Any = np.concatenate(([0], np.flatnonzero(apart) + 1))
+    last: Any = np.append(first[1:], len(start)) - 1
+    stop: Any = np.where(origin[last] >= 0, start[last] + BEGINNING, end[last])
+    views = {number: memoryview(buffers[number]) for number in distinct(block)}
+    pieces: List[Any] = [
+        views[number][begin:until]
+        for begin, until, number in zip(start[first].tolist(), stop.tolist(), block[first].tolist())
+    ]
+    found: Any = np.searchsorted(first, np.array(bounds))
+    places: List[int] = found.tolist()
+    cut: List[List[Any]] = [pieces[place:following] for place, following in zip(places, places[1:])]
+    short = np.flatnonzero(origin[last] >= 0)
+    chunk_of: Any = np.searchsorted(places, short, "right") - 1
+    large: Any = last[short]
+    columns = (short, chunk_of, some.source[large], origin[large], end[large] - stop[short])
+    for piece, chunk, source, at, size in reversed(list(zip(*(column.tolist() for column in columns)))):
+        cut[chunk].insert(piece - places[chunk] + 1, Stretch(files[source], at + BEGINNING, size))
+    return cut
