@@ -55,6 +55,8 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments[:1] == ["simulate"]:  # has its own options and its own --help
         return _simulate(arguments[1:])
+    if arguments[:1] == ["vehicle"]:
+        return _vehicle(arguments[1:])
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
     try:
@@ -87,6 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     docs.set_defaults(command=_docs)
 
     commands.add_parser("simulate", help="fly missions in the simulated world, in virtual time", add_help=False)
+    commands.add_parser("vehicle", help="a simulated PX4 that speaks MAVLink on UDP, in real time", add_help=False)
     return parser
 
 
@@ -198,3 +201,9 @@ def _simulate(arguments: List[str]) -> int:
     from .simulation.cli import main as simulate  # noqa: PLC0415 (it is large)
 
     return int(simulate(arguments))
+
+
+def _vehicle(arguments: List[str]) -> int:
+    from .simulation.px4_udp.cli import main as vehicle  # noqa: PLC0415 (it is large)
+
+    return int(vehicle(arguments))

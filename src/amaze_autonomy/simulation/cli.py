@@ -21,7 +21,7 @@ from .scenario import EVENTS, KINDS, Scenario
 from .scenario_file import load_scenario
 from .story import story, summary
 
-__all__ = ["COMPLETE", "LIMIT", "NOT_COMPLETE", "USAGE", "WAITING", "main"]
+__all__ = ["COMPLETE", "LIMIT", "NOT_COMPLETE", "USAGE", "WAITING", "main", "scenario_file"]
 
 _NS = 1e9
 COMPLETE, NOT_COMPLETE, USAGE, WAITING, LIMIT = 0, 1, 2, 3, 4
@@ -61,7 +61,7 @@ def _run(options: argparse.Namespace) -> int:
     try:
         configuration = load_configuration(folder, options.overrides)
         missions = tuple(_mission(configuration.missions, name) for name in options.mission.split(","))
-        scenario = load_scenario(_scenario_file(folder, options.faults)) if options.faults else Scenario()
+        scenario = load_scenario(scenario_file(folder, options.faults)) if options.faults else Scenario()
         result = run(configuration, missions, scenario, seed=options.seed, limit_ns=round(options.limit_s * _NS))
     except (ConfigError, SimulationError, ValueError) as error:
         print(f"simulate: {error}", file=sys.stderr)
@@ -108,7 +108,7 @@ def _mission(missions: Tuple[Mission, ...], name: str) -> Mission:
     raise ValueError(f"there is no mission {name.strip()!r}; there is {', '.join(each.id for each in missions)}")
 
 
-def _scenario_file(folder: Path, name: str) -> Path:
+def scenario_file(folder: Path, name: str) -> Path:
     """Return the file that is meant: a path, or a name of a shipped scenario."""
     if Path(name).exists() or "/" in name or name.endswith(".yaml"):
         return Path(name)

@@ -38,6 +38,11 @@ class Power:
         self._drain_per_s = 0.0
         self._drain_to = 0.0
 
+    @property
+    def cells(self) -> int:
+        """How many cells are in series."""
+        return self._settings.cells
+
     def advance(self, elapsed_ns: int, *, flying: bool) -> None:
         """Use up what a time of flight, or of standing, needs."""
         endurance = self._settings.flight_endurance_s if flying else self._settings.idle_endurance_s

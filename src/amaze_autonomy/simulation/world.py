@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Dict, List, Mapping, Optional, Tuple, Type, Union
+from typing import Callable, Dict, List, Mapping, Optional, Tuple, Type, Union
 
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Request
@@ -25,7 +25,7 @@ from .settings import Settings, settings_of
 from .state_estimation import StateEstimation
 from .streams import Batch, Stream
 from .switchboard import Switchboard
-from .vehicle import Vehicle
+from .vehicle import Vehicle, VehicleSettings
 from .watchdog import SimulatedWatchdog
 
 __all__ = ["World"]
@@ -44,6 +44,7 @@ class World:
         start_ns: time at which it begins; `at_s` of a scenario counts from here.
         without: peers that are left out, because real nodes take their place.
         live: it stands behind real services and topics (see the package's docstring).
+        make_vehicle: makes the vehicle; `px4.Craft` for one that is flown over MAVLink.
 
     Raises:
         UnknownTargetError: a fault names a component, process or service that is not there.
@@ -59,6 +60,7 @@ class World:
         start_ns: int = 0,
         without: Tuple[str, ...] = (),
         live: bool = False,
+        make_vehicle: Callable[[VehicleSettings, int], Vehicle] = Vehicle,
     ) -> None:
         settings = settings_of(configuration)
         scenario = faults if faults is not None else Scenario()
@@ -70,7 +72,7 @@ class World:
         streams = {each.topic: Stream(each, start_ns, seed) for each in settings.streams()}
         self._site = Site(
             settings=settings,
-            vehicle=Vehicle(settings.vehicle, start_ns),
+            vehicle=make_vehicle(settings.vehicle, start_ns),
             power=Power(settings.power),
             faults=self._faults,
             seed=seed,
@@ -117,6 +119,10 @@ class World:
         if t_ns > self.now_ns:
             self._move(t_ns)
         return tuple(events)
+
+    def catch_up(self, t_ns: int) -> None:
+        """Go on to a time; what happened until then is among the events of the next `advance`."""
+        self._backlog = list(self.advance(max(t_ns, self.now_ns)))
 
     def handle(self, t_ns: int, command: Command) -> None:
         """Take a command of the engine; what comes of it is among the events of `advance`.
@@ -176,6 +182,10 @@ class World:
         """Return sensor -> healthy as the autopilot says it now; None: it says nothing of it."""
         health = sensor_health(self._site)
         return {name: health.get(name) for name in SENSORS}
+
+    def link_lost(self) -> bool:
+        """Tell whether the autopilot node's link to the vehicle is cut."""
+        return self._site.world_fault("autopilot_link_lost") is not None
 
     def processes(self) -> Mapping[str, bool]:
         """Return process -> alive for the peers of this world and for the node of every component."""

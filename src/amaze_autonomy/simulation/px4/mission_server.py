@@ -1,0 +1,203 @@
+"""The vehicle's side of the MAVLink mission protocol, as PX4 speaks it.
+
+The first item of an upload is asked for with MISSION_REQUEST, and once it came as MISSION_ITEM_INT the others with
+MISSION_REQUEST_INT. An item is asked for again every 250 ms, for five seconds. A last item that comes again, because
+its sender did not get the MISSION_ACK, is acknowledged again.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from .items import Item, problem_of
+
+__all__ = ["MissionServer", "Upload"]
+
+_RETRY_NS = 250_000_000
+_LIMIT_NS = 5_000_000_000
+_MISSION = mavlink.MAV_MISSION_TYPE_MISSION
+_KINDS = (_MISSION, mavlink.MAV_MISSION_TYPE_FENCE, mavlink.MAV_MISSION_TYPE_RALLY)
+_DEG7 = 1e7
+
+Partner = Tuple[str, int, int]
+
+
+class Upload(NamedTuple):
+    """A mission that has come.
+
+    Args:
+        items: of it.
+        current: item that was marked as the current one; None: none was.
+    """
+
+    items: Tuple[Item, ...]
+    current: Optional[int]
+
+
+class MissionServer:
+    """Takes, keeps and hands out missions; one transfer at a time.
+
+    Args:
+        capacity: items that can be kept.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._stores: Dict[int, Tuple[Item, ...]] = dict.fromkeys(_KINDS, ())
+        self._partner: Optional[Partner] = None
+        self._kind, self._count, self._seq = _MISSION, 0, 0
+        self._items: List[Item] = []
+        self._current: Optional[int] = None
+        self._done: Optional[Tuple[Partner, int, int]] = None
+        self._in_ints = False
+        self._asked_ns = self._heard_ns = 0
+        self.uploaded: Optional[Upload] = None
+
+    @property
+    def items(self) -> Tuple[Item, ...]:
+        """The mission that is kept."""
+        return self._stores[_MISSION]
+
+    def take(self, t_ns: int, link: str, message: Any) -> List[Any]:
+        """Answer a message of the protocol; one that is none of it gets no answer. `uploaded` holds what has come."""
+        partner = (link, message.get_srcSystem(), message.get_srcComponent())
+        handler = _HANDLERS.get(message.get_type())
+        return handler(self, t_ns, partner, message) if handler is not None else []
+
+    def advance(self, t_ns: int) -> List[Tuple[str, Any]]:
+        """Ask again for an item that does not come; give up after five seconds. Returns (link, message)."""
+        if self._partner is None:
+            return []
+        if t_ns - self._heard_ns >= _LIMIT_NS:
+            self._partner = None
+            return []
+        if t_ns - self._asked_ns < _RETRY_NS:
+            return []
+        return [(self._partner[0], self._ask(t_ns))]
+
+    # --- upload ---------------------------------------------------------------------------------------------------
+
+    def _begin(self, t_ns: int, partner: Partner, message: Any) -> List[Any]:
+        kind = message.mission_type
+        if self._partner is not None and self._partner != partner:
+            return [_ack(partner, mavlink.MAV_MISSION_ERROR, kind)]
+        if kind not in _KINDS:
+            return [_ack(partner, mavlink.MAV_MISSION_UNSUPPORTED, kind)]
+        if message.count > self._capacity:
+            return [_ack(partner, mavlink.MAV_MISSION_NO_SPACE, kind)]
+        if message.count == 0:
+            self._store(kind, (), 0)
+            return [_ack(partner, mavlink.MAV_MISSION_ACCEPTED, kind)]
+        self._partner, self._kind, self._count, self._seq = partner, kind, message.count, 0
+        self._items, self._current, self._in_ints, self._done = [], None, False, None
+        self._heard_ns = t_ns
+        return [self._ask(t_ns)]
+
+    def _ask(self, t_ns: int) -> Any:
+        self._asked_ns = t_ns
+        _, system, component = self._partner or ("", 0, 0)
+        make = mavlink.MAVLink_mission_request_int_message if self._in_ints else mavlink.MAVLink_mission_request_message
+        return make(system, component, self._seq, self._kind)
+
+    def _item(self, t_ns: int, partner: Partner, message: Any) -> List[Any]:
+        kind = message.mission_type
+        if self._partner is None:
+            again = self._done == (partner, kind, message.seq)
+            return [_ack(partner, mavlink.MAV_MISSION_ACCEPTED if again else mavlink.MAV_MISSION_ERROR, kind)]
+        if partner != self._partner or kind != self._kind:
+            return []
+        self._heard_ns = t_ns
+        if message.seq != self._seq:
+            return [self._ask(t_ns)] if message.seq > self._seq else []
+        self._in_ints = message.get_type() == "MISSION_ITEM_INT"
+        item = _item_of(message)
+        problem = problem_of(item) if kind == _MISSION else 0
+        if problem:
+            self._partner = None
+            return [_ack(partner, problem, kind)]
+        self._items.append(item)
+        if message.current:
+            self._current = message.seq
+        self._seq += 1
+        return [self._ask(t_ns)] if self._seq < self._count else self._end(partner)
+
+    def _end(self, partner: Partner) -> List[Any]:
+        self._store(self._kind, tuple(self._items), self._current)
+        self._partner, self._done = None, (partner, self._kind, self._count - 1)
+        return [_ack(partner, mavlink.MAV_MISSION_ACCEPTED, self._kind)]
+
+    def _store(self, kind: int, items: Tuple[Item, ...], current: Optional[int]) -> None:
+        self._stores[kind] = items
+        if kind == _MISSION:
+            self.uploaded = Upload(items, current)
+
+    # --- download, clear ------------------------------------------------------------------------------------------
+
+    def _list(self, _t_ns: int, partner: Partner, message: Any) -> List[Any]:
+        kind = message.mission_type
+        count = len(self._stores.get(kind, ()))
+        return [mavlink.MAVLink_mission_count_message(partner[1], partner[2], count, kind)]
+
+    def _hand_out(self, _t_ns: int, partner: Partner, message: Any) -> List[Any]:
+        kind = message.mission_type
+        items = self._stores.get(kind, ())
+        if message.seq >= len(items):
+            return [_ack(partner, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)]
+        in_ints = message.get_type() == "MISSION_REQUEST_INT"
+        return [_message_of(items[message.seq], partner, message.seq, in_ints=in_ints)]
+
+    def _clear(self, _t_ns: int, partner: Partner, message: Any) -> List[Any]:
+        kinds = _KINDS if message.mission_type == mavlink.MAV_MISSION_TYPE_ALL else (message.mission_type,)
+        for kind in kinds:
+            if kind in _KINDS:
+                self._store(kind, (), 0)
+        return [_ack(partner, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)]
+
+    def _end_of_partner(self, _t_ns: int, partner: Partner, _message: Any) -> List[Any]:
+        """Give up the upload of a partner that cancels it; the end of a download needs nothing."""
+        if partner == self._partner:
+            self._partner = None
+        return []
+
+
+_HANDLERS = {
+    "MISSION_COUNT": MissionServer._begin,  # noqa: SLF001 - a table of its own methods
+    "MISSION_ITEM": MissionServer._item,  # noqa: SLF001
+    "MISSION_ITEM_INT": MissionServer._item,  # noqa: SLF001
+    "MISSION_REQUEST_LIST": MissionServer._list,  # noqa: SLF001
+    "MISSION_REQUEST": MissionServer._hand_out,  # noqa: SLF001
+    "MISSION_REQUEST_INT": MissionServer._hand_out,  # noqa: SLF001
+    "MISSION_CLEAR_ALL": MissionServer._clear,  # noqa: SLF001
+    "MISSION_ACK": MissionServer._end_of_partner,  # noqa: SLF001
+}
+
+
+def _ack(partner: Partner, result: int, kind: int) -> Any:
+    return mavlink.MAVLink_mission_ack_message(partner[1], partner[2], result, kind)
+
+
+def _item_of(message: Any) -> Item:
+    """Read an item; PX4 keeps places as integers, however they came."""
+    x, y = message.x, message.y
+    if message.get_type() == "MISSION_ITEM":
+        x, y = round(x * _DEG7), round(y * _DEG7)
+    return Item(
+        frame=message.frame,
+        command=message.command,
+        autocontinue=message.autocontinue,
+        params=(message.param1, message.param2, message.param3, message.param4),
+        x=x,
+        y=y,
+        z=message.z,
+        kind=message.mission_type,
+    )
+
+
+def _message_of(item: Item, partner: Partner, seq: int, *, in_ints: bool) -> Any:
+    """Make the message for an item; PX4 marks the first one as the current one."""
+    head = (partner[1], partner[2], seq, item.frame, item.command, int(seq == 0), item.autocontinue, *item.params)
+    if in_ints:
+        return mavlink.MAVLink_mission_item_int_message(*head, item.x, item.y, item.z, item.kind)
+    return mavlink.MAVLink_mission_item_message(*head, item.x / _DEG7, item.y / _DEG7, item.z, item.kind)
