@@ -32,6 +32,7 @@ missions:
     description: Up and down
     files: [up.csv]
 """,
+    "autopilot.yaml": "backend: mavlink\n",
     "recording.yaml": """\
 folder: ~/recordings
 collector: main

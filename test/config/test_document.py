@@ -100,7 +100,7 @@ def test_a_missing_file_is_named(small):
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_configuration(tmp_path / "none")
-    right = "must hold autonomy.yaml, sensors.yaml, missions.yaml, recording.yaml"
+    right = "must hold autonomy.yaml, sensors.yaml, missions.yaml, recording.yaml, autopilot.yaml"
     assert str(caught.value) == f"{tmp_path}/none: is not a folder; {right}"
 
 

@@ -110,7 +110,7 @@ def test_a_mission_that_is_not_there_is_a_key_error(small):
 
 def test_the_effective_configuration_has_every_default_and_the_hash_of_each_waypoint_file(small):
     effective = load_configuration(small).effective
-    assert sorted(effective) == ["autonomy", "missions", "recording", "sensors", "trajectories"]
+    assert sorted(effective) == ["autonomy", "autopilot", "missions", "recording", "sensors", "trajectories"]
     assert effective["autonomy"]["landing"]["land_limit_s"] == 120.0
     digest = hashlib.sha256(b"x,y,z,yaw,holdtime\n0,0,2,0,1\n").hexdigest()
     assert effective["trajectories"] == {"up.csv": digest}

@@ -72,7 +72,7 @@ class TestConfiguration:
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="amaze_test_"))
-        for name in ("autonomy.yaml", "sensors.yaml", "recording.yaml"):
+        for name in ("autonomy.yaml", "sensors.yaml", "recording.yaml", "autopilot.yaml"):
             shutil.copy(config_folder() / name, self.folder / name)
         shutil.copytree(HERE / "config", self.folder, dirs_exist_ok=True)
 

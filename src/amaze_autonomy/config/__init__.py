@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from .autonomy_schema import Streams
+from .autopilot_schema import AutopilotSettings, LinkSettings
 from .errors import ConfigError, Place
 from .loader import FILES, hash_of, load_configuration, rules_of_effective
 from .model import Configuration
@@ -14,8 +15,10 @@ from .recording_schema import Platform, Recording, Storage, TopicGroup
 
 __all__ = [
     "FILES",
+    "AutopilotSettings",
     "ConfigError",
     "Configuration",
+    "LinkSettings",
     "Overrides",
     "Place",
     "Platform",

@@ -12,6 +12,7 @@ from amaze_autonomy.missions import Bounds, FlightModel, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 from .autonomy_schema import AUTONOMY, Streams
+from .autopilot_schema import AUTOPILOT, autopilot_of
 from .binding import make
 from .build import components_of, landing_of, recording_of, rules_of, state_estimation_of
 from .consistency import check_autonomy_with_sensors, check_heights, check_recording
@@ -35,6 +36,7 @@ FILES: Mapping[str, Group] = {
     "sensors": SENSORS,
     "missions": MISSIONS,
     "recording": RECORDING,
+    "autopilot": AUTOPILOT,
 }
 _Read = Tuple[Dict[str, Any], Dict[str, Places]]
 
@@ -43,7 +45,7 @@ def load_configuration(folder: Union[str, Path], overrides: Overrides = ()) -> C
     """Load and check every file of a folder.
 
     Args:
-        folder: with autonomy.yaml, sensors.yaml, missions.yaml, recording.yaml and the waypoint files.
+        folder: with autonomy.yaml, sensors.yaml, missions.yaml, recording.yaml, autopilot.yaml and the waypoint files.
         overrides: "file.key.key=value" texts, or a mapping from "file.key.key" to plain values; they replace what the
             files say and are checked in the same way.
 
@@ -133,6 +135,7 @@ def _configuration(
         planner=make(PlannerSpec, missions["planner"], ("planner",), places["missions"]),
         plans=plans_of(folder, missions, files, rules.limits, names, places["missions"]),
         recording=recording_of(values["recording"], places["recording"]),
+        autopilot=autopilot_of(values["autopilot"], places["autopilot"]),
         effective=effective,
         hash=hash_of(effective),
     )

@@ -12,6 +12,7 @@ from amaze_autonomy.missions import Bounds, FlightModel, MissionPlan, PlannerSpe
 from amaze_autonomy.monitoring.specs import BatterySpec, ComponentSpec, LandingSpec, StateEstimationSpec
 
 from .autonomy_schema import Streams
+from .autopilot_schema import AutopilotSettings
 from .recording_schema import Recording
 
 __all__ = ["Configuration"]
@@ -34,6 +35,7 @@ class Configuration:
         planner: how the mission planner flies through the autopilot.
         plans: every mission with its waypoints and estimates, in the order of the file.
         recording: what is recorded.
+        autopilot: the links to the vehicle, and what is made of what it says.
         effective: all of it as plain values, defaults and overrides included; waypoint files by their content's hash.
         hash: SHA-256 of `effective` as canonical JSON, in hexadecimal.
     """
@@ -50,6 +52,7 @@ class Configuration:
     planner: PlannerSpec
     plans: Tuple[MissionPlan, ...]
     recording: Recording
+    autopilot: AutopilotSettings
     effective: Mapping[str, Any]
     hash: str
 

@@ -1,0 +1,71 @@
+"""Asks for the messages that we need, and again for what does not come: ArduPilot streams nothing unasked.
+
+No acknowledgement is looked at. A message that comes at less than a third of its rate is asked for again every 3 s.
+"""
+
+from __future__ import annotations
+
+from typing import Dict, List, Mapping
+
+from .dialect import Message, mavlink, message_id
+
+__all__ = ["Rates"]
+
+_S = 1_000_000_000
+_AGAIN_NS = 3 * _S
+_PERIODS = 3
+_AT_ONCE = 4
+
+
+class _Wanted:
+    def __init__(self, number: int, rate_hz: float) -> None:
+        self.number, self.interval_ns = number, round(_S / rate_hz)
+        self.heard_ns = self.due_ns = 0
+
+
+class Rates:
+    """The messages that are wanted.
+
+    Args:
+        rates_hz: rate by name of the message.
+    """
+
+    def __init__(self, rates_hz: Mapping[str, float]) -> None:
+        self._wanted: Dict[str, _Wanted] = {name: _Wanted(message_id(name), rate) for name, rate in rates_hz.items()}
+
+    def heard(self, t_ns: int, name: str) -> None:
+        """Note that a message came."""
+        wanted = self._wanted.get(name)
+        if wanted is not None:
+            wanted.heard_ns = t_ns
+
+    def wake(self, t_ns: int, system: int, component: int) -> List[Message]:
+        """Return the requests that are due."""
+        due = [one for one in self._wanted.values() if t_ns >= one.due_ns and not self._comes(t_ns, one)]
+        for one in due[:_AT_ONCE]:
+            one.due_ns = t_ns + _AGAIN_NS
+        return [
+            mavlink.MAVLink_command_long_message(
+                system,
+                component,
+                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+                0,
+                one.number,
+                one.interval_ns / 1000,
+                0,
+                0,
+                0,
+                0,
+                0,
+            )
+            for one in due[:_AT_ONCE]
+        ]
+
+    def forget(self) -> None:
+        """Ask for all of them again: the autopilot has started again."""
+        for one in self._wanted.values():
+            one.due_ns = one.heard_ns = 0
+
+    @staticmethod
+    def _comes(t_ns: int, one: _Wanted) -> bool:
+        return one.heard_ns > 0 and t_ns - one.heard_ns <= _PERIODS * one.interval_ns

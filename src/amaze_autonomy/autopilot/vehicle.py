@@ -1,0 +1,179 @@
+"""What the vehicle says of itself: messages in, state out. Pure: time comes with each message, nothing is sent.
+
+One table says which message goes where; `WANTED` are its names. What is older than its limit is unknown.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
+
+from .battery import Battery
+from .control import Control, Heartbeat
+from .dialect import Message, mavlink
+from .offset import ClockOffset
+from .position import Position
+from .sensors import SENSORS, Gps, GpsLimits, SystemStatus, gps_health
+from .texts import Texts
+
+__all__ = ["WANTED", "VehicleState"]
+
+_S = 1_000_000_000
+_LANDED: Mapping[int, VehicleLanded] = {
+    mavlink.MAV_LANDED_STATE_ON_GROUND: VehicleLanded.ON_GROUND,
+    mavlink.MAV_LANDED_STATE_IN_AIR: VehicleLanded.IN_AIR,
+    mavlink.MAV_LANDED_STATE_TAKEOFF: VehicleLanded.TAKING_OFF,
+    mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
+}
+_RESTART_MS = 1000
+
+
+class VehicleState:
+    """The state of one vehicle.
+
+    Args:
+        settings: limits and caps.
+        cells: of its battery in series; 0: unknown.
+    """
+
+    def __init__(self, settings: AutopilotSettings, cells: int = 0) -> None:
+        self._settings = settings
+        self.control, self.texts, self.offset = Control(), Texts(), ClockOffset()
+        self.battery = Battery(_caps(settings), cells)
+        self.system = SystemStatus(settings.limits.system_age_limit_ns)
+        self.gps = Gps(GpsLimits(settings.gps.min_fix_type, settings.gps.age_limit_ns, settings.gps.frozen_limit_ns))
+        self.position = Position(settings.limits.state_age_limit_ns)
+        self.restarts = 0
+        self._landed: Optional[Tuple[int, int]] = None
+        self._boot_ms: Optional[int] = None
+        self._takers: Dict[str, Callable[[int, Any], None]] = {
+            "HEARTBEAT": self._heartbeat,
+            "EXTENDED_SYS_STATE": self._extended,
+            "SYS_STATUS": self._system,
+            "BATTERY_STATUS": self.battery.add_pack,
+            "GPS_RAW_INT": self.gps.add,
+            "LOCAL_POSITION_NED": self._local,
+            "ESTIMATOR_STATUS": self.position.add_px4_flags,
+            "EKF_STATUS_REPORT": self.position.add_ardupilot_flags,
+            "HOME_POSITION": self.position.add_home,
+            "STATUSTEXT": self.texts.add,
+            "TIMESYNC": self.offset.add,
+        }
+
+    def receive(self, t_ns: int, message: Message) -> None:
+        """Take a message; others than `WANTED` are left alone."""
+        taker = self._takers.get(message.get_type())
+        if taker is not None:
+            taker(t_ns, message)
+
+    # --- what it is -----------------------------------------------------------------------------------------------
+
+    @property
+    def beat(self) -> Optional[Heartbeat]:
+        """The last heartbeat."""
+        return self.control.beat
+
+    def link_age_ns(self, t_ns: int) -> Optional[int]:
+        """Return the time since the last heartbeat; None: there was none."""
+        return None if self.beat is None else t_ns - self.beat.t_ns
+
+    def connected(self, t_ns: int) -> bool:
+        """Return whether the vehicle was heard lately."""
+        age_ns = self.link_age_ns(t_ns)
+        return age_ns is not None and age_ns <= self._settings.limits.link_age_limit_ns
+
+    def landed(self, t_ns: int) -> VehicleLanded:
+        """Return the landed state; ArduPilot's heartbeat tells it where EXTENDED_SYS_STATE never came."""
+        if self._landed is not None:
+            told_ns, state = self._landed
+            fresh = t_ns - told_ns <= self._settings.limits.state_age_limit_ns
+            return _LANDED.get(state, VehicleLanded.UNKNOWN) if fresh else VehicleLanded.UNKNOWN
+        beat = self.beat
+        if beat is None or beat.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or not self.connected(t_ns):
+            return VehicleLanded.UNKNOWN
+        at_rest = not beat.armed and beat.status == mavlink.MAV_STATE_STANDBY
+        return VehicleLanded.ON_GROUND if at_rest else VehicleLanded.UNKNOWN
+
+    def in_flight(self, t_ns: int) -> bool:
+        """Return whether the vehicle may be in flight: it was seen armed, and not freshly disarmed or on the ground."""
+        if self.beat is None:
+            return False
+        return self.beat.armed and self.landed(t_ns) is not VehicleLanded.ON_GROUND
+
+    def health(self, t_ns: int) -> Dict[str, Optional[bool]]:
+        """Return the health of each sensor for the watchdog; None: unknown."""
+        health = {name: self.system.healthy(t_ns, bits) for name, bits in SENSORS.items()}
+        health["gps"] = gps_health(system=health["gps"], problem=self.gps.problem(t_ns))
+        return health
+
+    def status(self, t_ns: int) -> AutopilotStatus:
+        """Return all of it as the engine takes it."""
+        beat, battery, place = self.beat, self.battery.reading(t_ns), self.position.place(t_ns)
+        return AutopilotStatus(
+            t_ns=t_ns,
+            armed=None if beat is None else beat.armed,
+            landed=self.landed(t_ns),
+            mode="" if beat is None else beat.mode,
+            pilot_in_control=self.control.pilot,
+            failsafe=self.control.failsafe,
+            link_age_s=_seconds(self.link_age_ns(t_ns)),
+            height_m=place.up_m,
+            position_x_m=place.east_m,
+            position_y_m=place.north_m,
+            vertical_speed_m_s=place.climb_m_s,
+            battery_fraction=None if battery is None else battery.fraction,
+            battery_voltage_v=None if battery is None else battery.voltage_v,
+            battery_age_s=None if battery is None else _seconds(t_ns - battery.t_ns),
+        )
+
+    # --- takers ---------------------------------------------------------------------------------------------------
+
+    def _heartbeat(self, t_ns: int, message: Any) -> None:
+        self.control.add(Heartbeat.of(t_ns, message))
+        self.texts.wake(t_ns)
+
+    def _extended(self, t_ns: int, message: Any) -> None:
+        self._landed = (t_ns, int(message.landed_state))
+
+    def _system(self, t_ns: int, message: Any) -> None:
+        self.system.add(t_ns, message)
+        self.battery.add_system(t_ns, message)
+
+    def _local(self, t_ns: int, message: Any) -> None:
+        if self._boot_ms is not None and message.time_boot_ms + _RESTART_MS < self._boot_ms:
+            self.restarts += 1
+            self.position.forget_takeoff()
+        self._boot_ms = message.time_boot_ms
+        self.position.add_local(t_ns, message, on_ground=self.landed(t_ns) is VehicleLanded.ON_GROUND)
+
+
+WANTED: Tuple[str, ...] = (
+    "HEARTBEAT",
+    "EXTENDED_SYS_STATE",
+    "SYS_STATUS",
+    "BATTERY_STATUS",
+    "GPS_RAW_INT",
+    "LOCAL_POSITION_NED",
+    "ESTIMATOR_STATUS",
+    "EKF_STATUS_REPORT",
+    "HOME_POSITION",
+    "STATUSTEXT",
+    "TIMESYNC",
+)
+
+
+def _caps(settings: AutopilotSettings) -> Mapping[int, float]:
+    caps = settings.battery
+    return {
+        mavlink.MAV_BATTERY_CHARGE_STATE_LOW: caps.low_fraction,
+        mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL: caps.critical_fraction,
+        mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY: caps.emergency_fraction,
+        mavlink.MAV_BATTERY_CHARGE_STATE_FAILED: 0.0,
+        mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY: caps.critical_fraction,
+    }
+
+
+def _seconds(ns: Optional[int]) -> Optional[float]:
+    return None if ns is None else round(ns / _S, 3)

@@ -1,0 +1,283 @@
+"""Schema of autopilot.yaml: links, limits of what the vehicle says, commands, what must be so before a takeoff."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Mapping, Tuple
+
+from .binding import Row, bind, group_of, make
+from .kinds import Choice, Flag, Number, Places, Text, Whole
+from .schema import Group, Key, Named
+
+__all__ = [
+    "AUTOPILOT",
+    "AutopilotSettings",
+    "BatteryCaps",
+    "CommandSettings",
+    "GpsSettings",
+    "LinkSettings",
+    "StateLimits",
+    "TakeoffNeeds",
+    "autopilot_of",
+]
+
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class LinkSettings:
+    """Where a node finds the vehicle, and who it is on the link.
+
+    Args:
+        url: connection URL.
+        system_id: own system id.
+        component_id: own component id.
+        vehicle_id: system id of the vehicle; 0: the first that is heard.
+        key_file: with the signing key; empty: unsigned.
+        ground_station: whether it announces itself as a ground station.
+    """
+
+    url: str = "udpin:127.0.0.1:14540"
+    system_id: int = 1
+    component_id: int = 191
+    vehicle_id: int = 1
+    key_file: str = ""
+    ground_station: bool = False
+
+
+@dataclass(frozen=True)
+class PlannerLinkSettings(LinkSettings):
+    """The link of the mission planner: another endpoint, another component."""
+
+    url: str = "udpin:127.0.0.1:14541"
+    component_id: int = 192
+
+
+@dataclass(frozen=True)
+class StateLimits:
+    """How old what the vehicle said may be to count.
+
+    Args:
+        link_age_limit_ns: heartbeat.
+        state_age_limit_ns: landed state, position, estimator flags.
+        system_age_limit_ns: SYS_STATUS.
+    """
+
+    link_age_limit_ns: int = 2_500_000_000
+    state_age_limit_ns: int = 2 * _S
+    system_age_limit_ns: int = 3 * _S
+
+
+@dataclass(frozen=True)
+class GpsSettings:
+    """When the GPS has failed.
+
+    Args:
+        min_fix_type: GPS_FIX_TYPE that is needed.
+        age_limit_ns: longest silence.
+        frozen_limit_ns: longest time with the same values.
+    """
+
+    min_fix_type: int = 3
+    age_limit_ns: int = 2 * _S
+    frozen_limit_ns: int = 3 * _S
+
+
+@dataclass(frozen=True)
+class BatteryCaps:
+    """The most that is believed to be left in each charge state of the autopilot.
+
+    Args:
+        low_fraction: LOW.
+        critical_fraction: CRITICAL and UNHEALTHY.
+        emergency_fraction: EMERGENCY.
+    """
+
+    low_fraction: float = 0.15
+    critical_fraction: float = 0.07
+    emergency_fraction: float = 0.05
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """Land and disarm.
+
+    Args:
+        repeat_ns: time between two sendings.
+        limit_ns: time in which the vehicle must show the effect.
+        reply_ns: time after which a service answers that it was sent, though nothing is confirmed.
+        exit_limit_ns: time that the node stays for a landing mode to be confirmed when it is told to end in flight.
+    """
+
+    repeat_ns: int = 300_000_000
+    limit_ns: int = 5 * _S
+    reply_ns: int = 800_000_000
+    exit_limit_ns: int = 3 * _S
+
+
+@dataclass(frozen=True)
+class TakeoffNeeds:
+    """What must be so before a takeoff.
+
+    Args:
+        rc: a transmitter is heard; otherwise that it is not is a warning.
+        home: the home position is set.
+        clock_difference_limit_ns: of the vehicle's and this computer's time of day.
+    """
+
+    rc: bool = True
+    home: bool = True
+    clock_difference_limit_ns: int = _S
+
+
+_RATES = {
+    "EXTENDED_SYS_STATE": 5.0,
+    "SYS_STATUS": 2.0,
+    "BATTERY_STATUS": 2.0,
+    "GPS_RAW_INT": 5.0,
+    "LOCAL_POSITION_NED": 10.0,
+    "ESTIMATOR_STATUS": 5.0,
+    "HOME_POSITION": 0.5,
+    "HEARTBEAT": 5.0,
+}
+
+
+@dataclass(frozen=True)
+class AutopilotSettings:
+    """Everything that autopilot.yaml says.
+
+    Args:
+        backend: mavlink or mavros.
+        mavros: namespace of mavros.
+        link: of the autopilot node.
+        planner_link: of the mission planner.
+        limits: how old what the vehicle said may be.
+        gps: when it has failed.
+        battery: the most that is believed in each charge state.
+        commands: land and disarm.
+        needs: before a takeoff.
+        rates_hz: messages that are asked for.
+        parameters: of the autopilot, by name, and their values.
+    """
+
+    backend: str = "mavlink"
+    mavros: str = "/mavros"
+    link: LinkSettings = field(default_factory=LinkSettings)
+    planner_link: LinkSettings = field(default_factory=PlannerLinkSettings)
+    limits: StateLimits = field(default_factory=StateLimits)
+    gps: GpsSettings = field(default_factory=GpsSettings)
+    battery: BatteryCaps = field(default_factory=BatteryCaps)
+    commands: CommandSettings = field(default_factory=CommandSettings)
+    needs: TakeoffNeeds = field(default_factory=TakeoffNeeds)
+    rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(_RATES))
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+_FRACTION = Number(minimum=0.0, maximum=1.0)
+
+
+def _time(most: float = 60.0) -> Number:
+    return Number(above=0.0, maximum=most)
+
+
+# fmt: off
+_LINK_ROWS: Tuple[Row, ...] = (
+    ("url", Text('a connection URL, e.g. "udpin:127.0.0.1:14540" or "serial:/dev/ttyACM0:921600"', r"(serial|udp|udpin|udpout|tcp|tcpin):[^\x00-\x20\x7f]+"), "where the vehicle is", "as MAVLink people write it; docs/autopilot.md"),
+    ("system_id", Whole(1, 255), "own system id", "by convention that of the vehicle"),
+    ("component_id", Whole(1, 255), "own component id", "another for each node that speaks on a link"),
+    ("vehicle_id", Whole(0, 255), "system id of the vehicle; 0: the first that is heard", "several vehicles may share a radio"),
+    ("key_file", Text("a file", r"[^\x00-\x1f\x7f]*"), "with the key for signing; empty: nothing is signed or verified", "chmod 600"),
+    ("ground_station", Flag(), "announce itself as a ground station", "PX4 withholds its texts on a link where it hears none, but then also misses no lost ground station"),
+)
+_LIMIT_ROWS: Tuple[Row, ...] = (
+    ("link_age_limit_ns", _time(), "heartbeat older than this: no link, for the checks", "two missed at 1 Hz"),
+    ("state_age_limit_ns", _time(), "landed state, position and flags of the estimator older than this are unknown", "position messages stay fresh while the estimate is lost"),
+    ("system_age_limit_ns", _time(), "health of the sensors older than this is unknown", "sent twice a second"),
+)
+_GPS_ROWS: Tuple[Row, ...] = (
+    ("min_fix_type", Whole(0, 8), "least GPS_FIX_TYPE: 3 is three-dimensional, 6 RTK", "SYS_STATUS tells a loss 8 s late, or never"),
+    ("age_limit_ns", _time(), "longest silence of GPS_RAW_INT", ""),
+    ("frozen_limit_ns", _time(), "longest time with the same values or time stamp", "a hung receiver repeats itself"),
+)
+_BATTERY_ROWS: Tuple[Row, ...] = (
+    ("low_fraction", _FRACTION, "the most that is believed to be left when the autopilot says LOW", "ArduPilot's fraction ignores the voltage, its charge state does not"),
+    ("critical_fraction", _FRACTION, "CRITICAL or UNHEALTHY", ""),
+    ("emergency_fraction", _FRACTION, "EMERGENCY", ""),
+)
+_COMMAND_ROWS: Tuple[Row, ...] = (
+    ("repeat_ns", _time(10), "pause between two sendings of a command", "a lost packet costs this"),
+    ("limit_ns", _time(), "time in which the vehicle must show the effect", "confirmed by its heartbeat, never by an acknowledgement"),
+    ("reply_ns", _time(10), "time after which a service answers that it was sent, though nothing is confirmed yet", "below command_reply_limit_s of the engine"),
+    ("exit_limit_ns", _time(), "how long the node stays for the landing mode when it is told to end in flight", "roslaunch waits 15 s before it kills"),
+)
+_NEED_ROWS: Tuple[Row, ...] = (
+    ("rc", Flag(), "a transmitter must be heard; off: it is a warning", "the pilot is the last route"),
+    ("home", Flag(), "the home position must be set; off: it is a warning", "returning and global waypoints need it, indoor flights do not"),
+    ("clock_difference_limit_ns", _time(3600), "time of day of the vehicle and of this computer that differs more is a warning", "recordings of both are compared"),
+)
+# fmt: on
+_PARAMETER = Number(minimum=-1e9, maximum=1e9)
+
+AUTOPILOT = Group(
+    "the autopilot",
+    (
+        bind(
+            AutopilotSettings,
+            "backend",
+            Choice(("mavlink", "mavros")),
+            "how the vehicle is reached",
+            "mavros for stacks that have it running and cannot share its port",
+        ),
+        bind(AutopilotSettings, "mavros", Text("a namespace", r"/[A-Za-z0-9_/]+"), "of mavros, for the backend mavros"),
+        Key("link", group_of(LinkSettings, "a link", _LINK_ROWS), "of the autopilot node", "", {}),
+        Key(
+            "planner_link",
+            group_of(PlannerLinkSettings, "a link", _LINK_ROWS),
+            "of the mission planner: an endpoint of its own",
+            "with the planner hung, the autopilot node still lands",
+            {},
+        ),
+        Key("limits", group_of(StateLimits, "ages", _LIMIT_ROWS), "how old what the vehicle said may be", "", {}),
+        Key("gps", group_of(GpsSettings, "limits of the GPS", _GPS_ROWS), "when the GPS has failed", "", {}),
+        Key("battery", group_of(BatteryCaps, "caps", _BATTERY_ROWS), "what the charge state makes of a level", "", {}),
+        Key("commands", group_of(CommandSettings, "limits", _COMMAND_ROWS), "land and disarm", "", {}),
+        Key("needs", group_of(TakeoffNeeds, "needs", _NEED_ROWS), "what must be so before a takeoff", "", {}),
+        Key(
+            "rates_hz",
+            Named("messages of MAVLink", r"[A-Z][A-Z0-9_]{1,49}", Number(minimum=0.1, maximum=50.0)),
+            "messages that are asked for, and how often; what is left out is not asked for",
+            "ArduPilot streams nothing until asked",
+            _RATES,
+        ),
+        Key(
+            "parameters",
+            Named("parameters of the autopilot", r"[A-Z][A-Z0-9_]{0,15}", _PARAMETER),
+            "parameters that are read and compared before a takeoff; one that differs is a warning",
+            "failsafes that somebody changed",
+            {},
+        ),
+    ),
+)
+
+
+def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings:
+    """Return the settings of the values of autopilot.yaml."""
+
+    def group(name: str, cls: Any) -> Any:
+        return make(cls, values[name], (name,), places)
+
+    return make(
+        AutopilotSettings,
+        values,
+        (),
+        places,
+        link=group("link", LinkSettings),
+        planner_link=group("planner_link", PlannerLinkSettings),
+        limits=group("limits", StateLimits),
+        gps=group("gps", GpsSettings),
+        battery=group("battery", BatteryCaps),
+        commands=group("commands", CommandSettings),
+        needs=group("needs", TakeoffNeeds),
+        rates_hz=dict(values["rates_hz"]),
+        parameters=dict(values["parameters"]),
+    )
