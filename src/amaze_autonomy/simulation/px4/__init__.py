@@ -8,6 +8,7 @@ from __future__ import annotations
 from .craft import Craft, SetPoint
 from .errors import VehicleAddressError
 from .geography import Geography, Place
+from .line import BadLine, Quality
 from .modes import DESCEND, OFFBOARD
 from .px4 import Px4
 from .settings import Px4Settings
@@ -16,12 +17,14 @@ from .wire import Framing
 __all__ = [
     "DESCEND",
     "OFFBOARD",
+    "BadLine",
     "Craft",
     "Framing",
     "Geography",
     "Place",
     "Px4",
     "Px4Settings",
+    "Quality",
     "SetPoint",
     "VehicleAddressError",
 ]

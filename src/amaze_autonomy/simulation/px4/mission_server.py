@@ -1,8 +1,9 @@
 """The vehicle's side of the MAVLink mission protocol, as PX4 speaks it.
 
 The first item of an upload is asked for with MISSION_REQUEST, and once it came as MISSION_ITEM_INT the others with
-MISSION_REQUEST_INT. An item is asked for again every 250 ms, for five seconds. A last item that comes again, because
-its sender did not get the MISSION_ACK, is acknowledged again.
+MISSION_REQUEST_INT; a sender that acknowledges a request as unsupported is asked the other way. An item is asked for
+again every 250 ms, for five seconds. A last item that comes again, because its sender did not get the MISSION_ACK, is
+acknowledged again.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Upload(NamedTuple):
 
 
 class MissionServer:
-    """Takes, keeps and hands out missions; one transfer at a time.
+    """Takes, keeps and hands out missions; one transfer at a time. `current` is the item that the vehicle is at.
 
     Args:
         capacity: items that can be kept.
@@ -54,6 +55,7 @@ class MissionServer:
         self._in_ints = False
         self._asked_ns = self._heard_ns = 0
         self.uploaded: Optional[Upload] = None
+        self.current = 0
 
     @property
     def items(self) -> Tuple[Item, ...]:
@@ -146,7 +148,8 @@ class MissionServer:
         if message.seq >= len(items):
             return [_ack(partner, mavlink.MAV_MISSION_INVALID_SEQUENCE, kind)]
         in_ints = message.get_type() == "MISSION_REQUEST_INT"
-        return [_message_of(items[message.seq], partner, message.seq, in_ints=in_ints)]
+        is_current = kind == _MISSION and message.seq == self.current
+        return [_message_of(items[message.seq], partner, message.seq, is_current=is_current, in_ints=in_ints)]
 
     def _clear(self, _t_ns: int, partner: Partner, message: Any) -> List[Any]:
         kinds = _KINDS if message.mission_type == mavlink.MAV_MISSION_TYPE_ALL else (message.mission_type,)
@@ -155,9 +158,14 @@ class MissionServer:
                 self._store(kind, (), 0)
         return [_ack(partner, mavlink.MAV_MISSION_ACCEPTED, message.mission_type)]
 
-    def _end_of_partner(self, _t_ns: int, partner: Partner, _message: Any) -> List[Any]:
-        """Give up the upload of a partner that cancels it; the end of a download needs nothing."""
-        if partner == self._partner:
+    def _partner_acks(self, t_ns: int, partner: Partner, message: Any) -> List[Any]:
+        """Ask in the other way when the sender of an upload cannot do it in this one; end it when it cancels."""
+        if partner != self._partner:
+            return []  # the end of a download
+        if message.type == mavlink.MAV_MISSION_UNSUPPORTED:
+            self._in_ints = not self._in_ints
+            return [self._ask(t_ns)]
+        if message.type == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self._partner = None
         return []
 
@@ -170,7 +178,7 @@ _HANDLERS = {
     "MISSION_REQUEST": MissionServer._hand_out,  # noqa: SLF001
     "MISSION_REQUEST_INT": MissionServer._hand_out,  # noqa: SLF001
     "MISSION_CLEAR_ALL": MissionServer._clear,  # noqa: SLF001
-    "MISSION_ACK": MissionServer._end_of_partner,  # noqa: SLF001
+    "MISSION_ACK": MissionServer._partner_acks,  # noqa: SLF001
 }
 
 
@@ -195,9 +203,8 @@ def _item_of(message: Any) -> Item:
     )
 
 
-def _message_of(item: Item, partner: Partner, seq: int, *, in_ints: bool) -> Any:
-    """Make the message for an item; PX4 marks the first one as the current one."""
-    head = (partner[1], partner[2], seq, item.frame, item.command, int(seq == 0), item.autocontinue, *item.params)
+def _message_of(item: Item, partner: Partner, seq: int, *, is_current: bool, in_ints: bool) -> Any:
+    head = (partner[1], partner[2], seq, item.frame, item.command, int(is_current), item.autocontinue, *item.params)
     if in_ints:
         return mavlink.MAVLink_mission_item_int_message(*head, item.x, item.y, item.z, item.kind)
     return mavlink.MAVLink_mission_item_message(*head, item.x / _DEG7, item.y / _DEG7, item.z, item.kind)

@@ -123,6 +123,7 @@ class Px4:
         elif kind in _TAKERS:
             _TAKERS[kind](self, t_ns, link, message)
         elif kind.startswith("MISSION_"):
+            self.missions.current = self.craft.current
             self._out.extend((name, answer) for answer in self.missions.take(t_ns, name, message))
             self._take_mission()
         elif kind.startswith("PARAM_"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .relay import BadRelay
 from .server import VehicleServer, VehicleTime
 
-__all__ = ["VehicleServer", "VehicleTime"]
+__all__ = ["BadRelay", "VehicleServer", "VehicleTime"]
