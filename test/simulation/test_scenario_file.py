@@ -126,7 +126,7 @@ def written(kind):
     """Return a fault of a kind as it is written, with everything it must be given."""
     target = {
         Subject.COMPONENT: "component: lrf, ",
-        Subject.PROCESS: f"process: {PEERS[0]}, ",
+        Subject.PROCESS: f"process: {(kind.targets or PEERS)[0]}, ",
         Subject.SERVICE: f"service: {SERVICES[0]}, ",
         Subject.WORLD: "",
     }[kind.subject]

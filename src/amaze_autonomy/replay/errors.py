@@ -5,6 +5,8 @@ ReplayError          base
   UnknownTopicError  a topic that the map needs is not in any of the bags
   NoMessagesError    the bags hold no message that the map needs
   JournalGapError    lines are missing in a journal from a bag
+  DamagedInputError  a recording is not the one that a scenario names
+  GoldenError        a golden cannot be read, or may not be accepted
 """
 
 from __future__ import annotations
@@ -12,7 +14,9 @@ from __future__ import annotations
 from typing import Tuple
 
 __all__ = [
+    "DamagedInputError",
     "FieldError",
+    "GoldenError",
     "InvalidStatusError",
     "JournalGapError",
     "MisfitError",
@@ -93,3 +97,11 @@ class TimeJumpError(ReplayError):
 
 class JournalGapError(ReplayError):
     """Lines are missing in a journal from a bag."""
+
+
+class DamagedInputError(ReplayError):
+    """A recording is not the one that a scenario was written for: its content has another hash."""
+
+
+class GoldenError(ReplayError):
+    """A golden cannot be read, or may not be accepted now."""

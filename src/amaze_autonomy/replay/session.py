@@ -35,6 +35,7 @@ from amaze_autonomy.engine.state import EngineState, State
 from amaze_autonomy.engine.timers import next_deadline
 
 from .agenda import Agenda, Rank
+from .faults.story import Story
 from .log import FlightLog, read_log
 from .monitors import Monitors
 from .parting import Parting, part
@@ -90,10 +91,12 @@ class Session:
     Args:
         plan: what is decided by and with.
         recordings: open.
+        story: what happens besides: faults of peers and of the engine, requests of the user.
     """
 
-    def __init__(self, plan: Plan, recordings: Recordings) -> None:
+    def __init__(self, plan: Plan, recordings: Recordings, story: Optional[Story] = None) -> None:
         self._plan, self._recordings = plan, recordings
+        self._story = Story() if story is None else story
         self._rules = plan.rules
         self._state = EngineState()
         self._agenda = Agenda()
@@ -108,7 +111,7 @@ class Session:
         self._script = plan.topic_map.script
         self._log = self._read_log()
         self._begin_ns = self._beginning()
-        self._world = World(plan, self._monitors, self._agenda, self._feed, self._say, recordings)
+        self._world = World(plan, self._monitors, self._agenda, self._feed, self._say, recordings, self._story)
         self._takers = self._made_takers()
 
     def run(self, progress: Optional[Progress] = None) -> Outcome:
@@ -138,6 +141,8 @@ class Session:
             self._note(start_ns, f"{topic} is {'muted' if topic in self._recordings.muted else 'not in the recording'}")
         source = Source.SCRIPT if self._log is None else Source.LOG
         self._feed(EngineStarted(t_ns=self._begin_ns, label=self._label()), source)
+        for event in self._story.events():
+            self._agenda.at(event.t_ns, Rank.USER, self._told(event))
         if self._log is not None:
             for event in self._log.events:
                 self._agenda.at(event.t_ns, Rank.LOG, self._logged(event))
@@ -145,6 +150,9 @@ class Session:
             self._agenda.at(
                 max(self._begin_ns + _STEP_NS, start_ns + self._script.select_at_ns), Rank.USER, self._select
             )
+
+    def _told(self, event: Event) -> Callable[[int], None]:
+        return lambda _: self._feed(event, Source.SCRIPT)
 
     def _logged(self, event: Event) -> Callable[[int], None]:
         return lambda _: self._feed(event, Source.LOG)
@@ -216,7 +224,14 @@ class Session:
                 return
 
     def _feed(self, event: Event, source: Source) -> None:
-        """Give an event to the engine, and carry out what it says."""
+        """Give an event to the engine, and carry out what it says; nobody hears it while its process is dead."""
+        heard = None if self._story.engine_down(event.t_ns) else self._story.heard(event)
+        if heard is None:
+            self._deadline_ns = None if self._story.engine_down(event.t_ns) else self._deadline_ns
+            return
+        event = heard
+        if isinstance(event, EngineStarted) and not event.resumed:
+            self._state = EngineState()
         self._journal.append(encode_event(event))
         self._source = source
         self._state, commands = decide(self._state, event, self._rules)

@@ -35,6 +35,7 @@ from .agenda import Agenda, Rank
 from .answers import Answers
 from .errors import InvalidStatusError, MisfitError
 from .evidence import Evidence, Observed
+from .faults.story import Story
 from .feeds import Feed
 from .fields import kind_of
 from .follower import Follower
@@ -68,11 +69,20 @@ class World:
         tell: gives an event to the engine.
         say: writes a line of the timeline: time, source, text, level.
         recordings: open.
+        story: faults of the peers' services.
     """
 
     def __init__(
-        self, plan: Plan, monitors: Monitors, agenda: Agenda, tell: Tell, say: Say, recordings: Recordings
+        self,
+        plan: Plan,
+        monitors: Monitors,
+        agenda: Agenda,
+        tell: Tell,
+        say: Say,
+        recordings: Recordings,
+        story: Story,
     ) -> None:
+        self._story = story
         self._plan, self._monitors, self._agenda = plan, monitors, agenda
         self._tell, self._say, self._recordings = tell, say, recordings
         self.answers = Answers(plan, monitors)
@@ -295,9 +305,20 @@ class World:
     # --- commands -----------------------------------------------------------------------------------------------------
 
     def carry_out(self, t_ns: int, command: Command) -> None:
-        """Carry out a command of the engine, as far as a replay can, and answer it."""
+        """Carry out a command of the engine, as far as a replay can, and answer it, unless a fault does."""
+        spoilt, delay_ns, instead = (
+            self._story.answer(t_ns, command) if isinstance(command, Request) else (False, 0, None)
+        )
+        if instead is not None:
+            self._agenda.at(
+                t_ns + delay_ns, Rank.REPLY, lambda at_ns: self._tell(evolve(instead, t_ns=at_ns), Source.SCRIPT)
+            )
+        if not spoilt:
+            self._do(t_ns, command, delay_ns)
+
+    def _do(self, t_ns: int, command: Command, delay_ns: int) -> None:
         if isinstance(command, RunCheck):
-            self._check(t_ns, command)
+            self._check(t_ns, command, delay_ns)
         elif isinstance(command, MissionCommand):
             self._move(t_ns, command.action)
             self._planner.command(command.action)
@@ -311,7 +332,8 @@ class World:
             self._recorder.stop(t_ns, command)
         if isinstance(command, Request) and not isinstance(command, RunCheck):
             reply_to = command.id
-            self._agenda.at(t_ns + _LATENCY_NS, Rank.REPLY, lambda at_ns: self._accept(at_ns, reply_to))
+            due_ns = t_ns + delay_ns + _LATENCY_NS
+            self._agenda.at(due_ns, Rank.REPLY, lambda at_ns: self._accept(at_ns, reply_to))
 
     def _accept(self, t_ns: int, command_id: int) -> None:
         self._tell(Reply(t_ns=t_ns, command_id=command_id, outcome=Outcome.ACCEPTED), Source.SCRIPT)
@@ -320,14 +342,15 @@ class World:
         self._vehicle.command(t_ns, action)
         self.evidence.command(t_ns, action)
 
-    def _check(self, t_ns: int, command: RunCheck) -> None:
+    def _check(self, t_ns: int, command: RunCheck, delay_ns: int) -> None:
         until_ns = t_ns
         if command.check is CheckName.WATCHDOG:
             mission, watchdog = self._plan.mission, self._monitors.watchdog
             until_ns = t_ns if watchdog.started else t_ns + command.startup_time_ns
             startup_ns = command.startup_time_ns or _S
             watchdog.start(t_ns, mission.severities, command.required, mission.tolerated, startup_ns)
-        self._agenda.at(t_ns + _LATENCY_NS, Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns))
+        due_ns = t_ns + delay_ns + _LATENCY_NS
+        self._agenda.at(due_ns, Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns))
 
     def _answer(self, t_ns: int, command: RunCheck, until_ns: int) -> None:
         """Answer a check; the first one of the watchdog waits for components to come up."""

@@ -7,7 +7,7 @@ from typing import Optional
 from amaze_autonomy.monitoring.specs import ComponentSpec
 
 from .errors import NoEffectError, UnknownTargetError
-from .scenario import Fault, Scenario, Subject
+from .scenario import ENGINE, Fault, Scenario, Subject
 from .services import PEERS, SERVICES
 from .settings import Settings
 
@@ -17,8 +17,8 @@ _OF_HEALTH = ("unhealthy", "unreported")
 _OF_SAMPLES = ("slow", "flapping", "nan", "stuck")
 
 
-def check_scenario(settings: Settings, scenario: Scenario) -> None:
-    """Check every fault of a scenario.
+def check_scenario(settings: Settings, scenario: Scenario, *, live: bool = False) -> None:
+    """Check every fault and request of a scenario; `live`: the engine is another process.
 
     Raises:
         UnknownTargetError: a fault names something that is not there.
@@ -27,13 +27,22 @@ def check_scenario(settings: Settings, scenario: Scenario) -> None:
     for fault in scenario.faults:
         _check_target(settings, fault)
         problem = _without_effect(settings, fault)
+        if live and fault.target == ENGINE:
+            problem = "the engine is another process; it is for virtual time"
         if problem is not None:
             raise NoEffectError(str(fault), problem, fault.where)
+    for request in scenario.requests:
+        known = tuple(mission.id for mission in settings.missions)
+        for mission in request.missions:
+            if mission not in known:
+                raise UnknownTargetError("mission", mission, known)
+        if live and request.missions:
+            raise NoEffectError(str(request), "the user is another process; it is for virtual time")
 
 
 def _check_target(settings: Settings, fault: Fault) -> None:
     components = tuple(component.name for component in settings.components)
-    known = {Subject.COMPONENT: components, Subject.PROCESS: PEERS, Subject.SERVICE: SERVICES}
+    known = {Subject.COMPONENT: components, Subject.PROCESS: (*PEERS, ENGINE), Subject.SERVICE: SERVICES}
     names = known.get(fault.kind.subject)
     if names is not None and fault.target not in names:
         raise UnknownTargetError(fault.kind.subject, fault.target, names, fault.where)
@@ -42,9 +51,11 @@ def _check_target(settings: Settings, fault: Fault) -> None:
 
 
 def _without_effect(settings: Settings, fault: Fault) -> Optional[str]:
-    """Return why a fault of a component would do nothing; None when it does something."""
+    """Return why a fault would do nothing worth a test; None when it does something."""
     if fault.kind.targets and fault.target not in fault.kind.targets:
         return f"it is about {', '.join(fault.kind.targets)} only"
+    if fault.kind.name == "restarted" and fault.for_ns is None:
+        return "the engine would never be started again; say for how long with for_s"
     if fault.kind.subject != Subject.COMPONENT:
         return None
     component = next(each for each in settings.components if each.name == fault.target)

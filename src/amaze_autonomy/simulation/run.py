@@ -11,6 +11,7 @@ from amaze_autonomy.engine.commands import Command, Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
 from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.engine.transitions import TRANSITIONS
@@ -55,6 +56,7 @@ def run(
     *,
     seed: int = 0,
     limit_ns: int = 7200 * _S,
+    rules: Optional[Rules] = None,
 ) -> Run:
     """Fly missions in a simulated world until the engine has nothing more to do.
 
@@ -66,19 +68,20 @@ def run(
         scenario: what goes wrong, and what the user does.
         seed: of the world.
         limit_ns: of simulated time.
+        rules: to decide by in the place of the configuration's; the world stays as it is.
     """
-    return _Loop(configuration, scenario or Scenario(), seed).run(missions, limit_ns)
+    return _Loop(configuration, scenario or Scenario(), seed, rules).run(missions, limit_ns)
 
 
 class _Loop:
     """One run."""
 
-    def __init__(self, configuration: Configuration, scenario: Scenario, seed: int) -> None:
-        self._rules = configuration.rules
+    def __init__(self, configuration: Configuration, scenario: Scenario, seed: int, rules: Optional[Rules]) -> None:
+        self._rules = configuration.rules if rules is None else rules
         self._world = World(configuration, seed, scenario)
         self._state = EngineState()
         header = journal.make_header(
-            configuration.rules,
+            self._rules,
             configuration.effective,
             configuration.hash,
             writer="simulate",
@@ -101,7 +104,7 @@ class _Loop:
             if not selected and t_ns >= _SELECT_NS:
                 selected = True
                 self._take(MissionSelected(t_ns=t_ns, missions=missions))
-            deadline_ns = next_deadline(self._state, self._rules)
+            deadline_ns = None if self._world.engine_down else next_deadline(self._state, self._rules)
             if deadline_ns is not None and deadline_ns <= t_ns:
                 self._take(Tick(t_ns=t_ns))
             finished = selected and self._over()
@@ -116,11 +119,13 @@ class _Loop:
         )
 
     def _next_ns(self) -> int:
-        deadline_ns = next_deadline(self._state, self._rules)
+        deadline_ns = None if self._world.engine_down else next_deadline(self._state, self._rules)
         return self._world.next_ns if deadline_ns is None else min(self._world.next_ns, deadline_ns)
 
     def _take(self, event: Event) -> None:
         """Let the engine decide about an event, write it down, and carry out what it asks for."""
+        if isinstance(event, EngineStarted) and not event.resumed:
+            self._state = EngineState()  # a process that found no journal
         before = self._state
         self._lines.append(journal.encode_event(event))
         self._state, commands = decide(self._state, event, self._rules)
@@ -145,4 +150,5 @@ class _Loop:
     def _over(self) -> bool:
         """Tell whether nothing more will happen without a person."""
         waits = self._state.state in _WAITING and not self._state.queue
-        return waits and not self._world.vehicle.armed and not self._world.requests_to_come
+        world = self._world
+        return waits and not world.vehicle.armed and not world.requests_to_come and not world.engine_down

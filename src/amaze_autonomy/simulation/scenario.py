@@ -12,6 +12,7 @@ from typing import Dict, Mapping, Optional, Tuple, Union
 from amaze_autonomy.engine.events import UserCommand
 
 __all__ = [
+    "ENGINE",
     "EVENTS",
     "KINDS",
     "Fault",
@@ -46,6 +47,7 @@ class Parameter:
         high: largest value of a number.
         choices: what a word may be; empty: a number, or any word when the default is a word.
         words: what it means.
+        pattern: regular expression that a word matches; empty: a name.
     """
 
     name: str
@@ -54,11 +56,12 @@ class Parameter:
     low: float = 0.0
     high: float = 1e9
     choices: Tuple[str, ...] = ()
+    pattern: str = ""
 
     @property
     def is_number(self) -> bool:
         """True for a number, false for a word."""
-        return not self.choices and not isinstance(self.default, str)
+        return not self.choices and not self.pattern and not isinstance(self.default, str)
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,9 @@ class FaultKind:
     parameters: Tuple[Parameter, ...] = ()
     targets: Tuple[str, ...] = ()
 
+
+ENGINE = "autonomy"
+"""The process that is not part of the world: faults of it are for those who run engine and world together."""
 
 _RESTART = (
     Parameter("restart", "succeeds", "what comes of restarting it", choices=("succeeds", "fails")),
@@ -125,6 +131,16 @@ _KINDS: Tuple[FaultKind, ...] = (
         "its status comes at a part of its rate",
         (Parameter("rate_fraction", None, "part of its rate that is left", low=0.001, high=1.0),),
         _SPEAKERS,
+    ),
+    FaultKind(
+        Subject.PROCESS,
+        "restarted",
+        "the engine's process dies and is started again when the fault ends; in virtual time only",
+        (Parameter("journal", "kept", "what the new process finds of the old one", choices=("kept", "lost")),),
+        (ENGINE,),
+    ),
+    FaultKind(
+        Subject.PROCESS, "interrupted", "the engine's process is told to end; in virtual time only", (), (ENGINE,)
     ),
     FaultKind(Subject.SERVICE, "refuses", "answers no"),
     FaultKind(Subject.SERVICE, "hangs", "does not answer, and does nothing"),
@@ -310,10 +326,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class Request:
-    """What a user asks, and when."""
+    """What a user asks, and when; `command` None: to fly `missions`, by their ids."""
 
-    command: UserCommand
+    command: Optional[UserCommand]
     trigger: Trigger
+    missions: Tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"select {', '.join(self.missions)}" if self.command is None else self.command.value
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ requests:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
@@ -28,19 +29,32 @@ from amaze_autonomy.engine.state import State
 from .scenario import EVENTS, KINDS, Fault, FaultKind, Parameter, Request, Scenario, Subject, Trigger
 from .services import PEERS, SERVICES
 
-__all__ = ["SCENARIO", "load_scenario", "parse_scenario"]
+__all__ = [
+    "FAULT",
+    "REQUEST",
+    "SCENARIO",
+    "WHEN",
+    "After",
+    "FaultEntry",
+    "RequestEntry",
+    "load_scenario",
+    "parse_scenario",
+    "trigger_of",
+]
 
 _S = 1_000_000_000
 _TIME = Number(minimum=0.0, maximum=86_400.0)
 _LASTING = Number(above=0.0, maximum=86_400.0)
-_SUBJECTS: Mapping[str, Tuple[Kind, str]] = {
+_SELECT = "select"
+_MISSION = Text("the id of a mission", r"[A-Za-z0-9_.-]+", numbers=True)
+SUBJECTS: Mapping[str, Tuple[Kind, str]] = {
     Subject.COMPONENT: (Text("the name of a component of sensors.yaml", r"[A-Za-z][A-Za-z0-9_]*"), "what fails"),
     Subject.PROCESS: (Choice(PEERS), "which node fails"),
     Subject.SERVICE: (Choice(SERVICES), "which service fails"),
 }
 
 
-class _After(Kind):
+class After(Kind):
     """An event or a state, and how long after it."""
 
     _group = Group(
@@ -75,21 +89,31 @@ class _After(Kind):
         )
 
 
-_WHEN = (
+WHEN = (
     Key("at_s", _TIME, "seconds since the start of the world", "", None),
-    Key("after", _After(), "or after something", "", None),
+    Key("after", After(), "or after something", "", None),
 )
 
 
-def _trigger(values: Mapping[str, Any], entry: Entry, address: Address) -> Trigger:
+def trigger_of(values: Mapping[str, Any], entry: Entry, address: Address) -> Trigger:
+    """Return the trigger of an entry that has the keys WHEN."""
     if values["at_s"] is not None and values["after"] is not None:
         refuse(entry, address, "has both at_s and after", "must have one of them, or neither: from the start")
     after: Optional[Trigger] = values["after"]
     return after if after is not None else Trigger(at_ns=round((values["at_s"] or 0.0) * _S))
 
 
-class _FaultEntry(Kind):
-    """One fault; which keys it may have depends on its subject and its kind."""
+@dataclass(frozen=True)
+class FaultEntry(Kind):
+    """One fault; which keys it may have depends on its subject and its kind.
+
+    Args:
+        kinds: rows that there are, by subject and name.
+        subjects: what a target of each subject may be, and what it is in words.
+    """
+
+    kinds: Mapping[Tuple[str, str], FaultKind]
+    subjects: Mapping[str, Tuple[Kind, str]]
 
     def words(self, unit: str = "") -> str:  # noqa: ARG002
         """Say what it is."""
@@ -103,16 +127,16 @@ class _FaultEntry(Kind):
         kind = self._kind(entry, address, subject, places)
         keys: List[Key] = []
         if subject:
-            target, words = _SUBJECTS[subject]
+            target, words = self.subjects[subject]
             keys.append(Key(subject, Choice(kind.targets) if kind.targets else target, words))
-        keys += [Key("fault", Choice((kind.name,)), kind.words), *_WHEN]
+        keys += [Key("fault", Choice((kind.name,)), kind.words), *WHEN]
         keys.append(Key("for_s", _LASTING, "how long it lasts", "", None))
         keys += [Key(each.name, _kind_of(each), each.words, "", _default(each)) for each in kind.parameters]
         values = Group(f"fault {kind.name}", tuple(keys)).read(entry, address, places)
         return Fault(
             kind=kind,
             target=values[subject] if subject else "",
-            trigger=_trigger(values, entry, address),
+            trigger=trigger_of(values, entry, address),
             for_ns=None if values["for_s"] is None else round(values["for_s"] * _S),
             parameters=tuple(
                 (each.name, values[each.name]) for each in kind.parameters if values[each.name] is not None
@@ -120,32 +144,32 @@ class _FaultEntry(Kind):
             where=str(entry.place),
         )
 
-    @staticmethod
-    def _subject(entry: Table, address: Address) -> str:
-        given = [subject for subject in _SUBJECTS if subject in entry.entries]
+    def _subject(self, entry: Table, address: Address) -> str:
+        given = [subject for subject in self.subjects if subject in entry.entries]
         if len(given) > 1:
             refuse(entry, address, f"has both {given[0]} and {given[1]}", "must be about one thing")
         return given[0] if given else Subject.WORLD
 
-    @staticmethod
-    def _kind(entry: Table, address: Address, subject: str, places: Places) -> FaultKind:
-        names = tuple(kind.name for kind in KINDS.values() if kind.subject == subject)
+    def _kind(self, entry: Table, address: Address, subject: str, places: Places) -> FaultKind:
+        names = tuple(kind.name for kind in self.kinds.values() if kind.subject == subject)
         here = (*address, "fault")
         if "fault" not in entry.entries:
             refuse(entry, here, "is missing", "must be given: " + Choice(names).words())
         value = entry.entries["fault"][1]
         if isinstance(value, Scalar) and value.text not in names:
-            others = sorted({kind.subject for kind in KINDS.values() if kind.name == value.text})
+            others = sorted({kind.subject for kind in self.kinds.values() if kind.name == value.text})
             if others:
                 about = others[0] or "no component, process or service"
                 refuse(value, here, f"is {value.text}", f"must be given with {about}")
-        return KINDS[subject, Choice(names).read(value, here, places)]
+        return self.kinds[subject, Choice(names).read(value, here, places)]
 
 
 def _kind_of(parameter: Parameter) -> Kind:
     if parameter.is_number:
         return Number(minimum=parameter.low, maximum=parameter.high)
-    return Choice(parameter.choices) if parameter.choices else Text("a name", r"[A-Za-z0-9_]*")
+    if parameter.choices:
+        return Choice(parameter.choices)
+    return Text(parameter.words, parameter.pattern) if parameter.pattern else Text("a name", r"[A-Za-z0-9_]*")
 
 
 def _default(parameter: Parameter) -> Any:
@@ -155,12 +179,18 @@ def _default(parameter: Parameter) -> Any:
     return parameter.default if parameter.default != "" else None
 
 
-class _RequestEntry(Kind):
+class RequestEntry(Kind):
     """What a user asks, and when."""
 
     _group = Group(
         "a request",
-        (Key("request", Choice(tuple(each.value for each in UserCommand)), "what the user asks"), *_WHEN),
+        (
+            Key("request", Choice((*(each.value for each in UserCommand), _SELECT)), "what the user asks"),
+            Key(
+                "missions", ListOf(_MISSION, "ids of missions", 1), "which, with select; in virtual time only", "", None
+            ),
+            *WHEN,
+        ),
     )
 
     def words(self, unit: str = "") -> str:
@@ -170,15 +200,22 @@ class _RequestEntry(Kind):
     def read(self, entry: Entry, address: Address, places: Places) -> Request:
         """Return the request."""
         values = self._group.read(entry, address, places)
-        return Request(UserCommand(values["request"]), _trigger(values, entry, address))
+        selects = values["request"] == _SELECT
+        if selects != (values["missions"] is not None):
+            refuse(entry, (*address, "missions"), "is missing" if selects else "is given", f"goes with {_SELECT} only")
+        command = None if selects else UserCommand(values["request"])
+        return Request(command, trigger_of(values, entry, address), tuple(values["missions"] or ()))
 
+
+FAULT = FaultEntry(KINDS, SUBJECTS)
+REQUEST = RequestEntry()
 
 SCENARIO = Group(
     "a scenario",
     (
         Key("description", Text("one line", longest=200), "what happens", "shown when it runs"),
-        Key("faults", ListOf(_FaultEntry(), "faults"), "what goes wrong", "", []),
-        Key("requests", ListOf(_RequestEntry(), "requests"), "what the user asks", "", []),
+        Key("faults", ListOf(FAULT, "faults"), "what goes wrong", "", []),
+        Key("requests", ListOf(REQUEST, "requests"), "what the user asks", "", []),
     ),
 )
 

@@ -14,7 +14,7 @@ from .peer import Peer, Site, accepted, reply
 from .scenario import Fault, Subject
 from .services import SERVICES, peer_of
 
-__all__ = ["Switchboard"]
+__all__ = ["SPOILT", "Switchboard", "in_its_place"]
 
 _MS = 1_000_000
 _S = 1000 * _MS
@@ -114,15 +114,16 @@ class Switchboard:
     def _spoilt(self, service: str, command: Request) -> Tuple[bool, Optional[Event]]:
         """Return whether a fault of a service answers in its place, and what; None: no answer at all."""
         for fault, _ in self._site.faults.on(Subject.SERVICE, service):
-            if fault.kind.name in _SPOILT:
-                return True, _in_its_place(fault, command)
+            if fault.kind.name in SPOILT:
+                return True, in_its_place(fault, command)
         return False, None
 
 
-_SPOILT = ("refuses", "hangs", "breaks", "lies")
+SPOILT = ("refuses", "hangs", "breaks", "lies")
 
 
-def _in_its_place(fault: Fault, command: Request) -> Optional[Event]:
+def in_its_place(fault: Fault, command: Request) -> Optional[Event]:
+    """Return what comes instead of a service's answer while a fault of SPOILT acts; None: nothing."""
     kind = fault.kind.name
     if kind == "hangs":
         return None

@@ -6,7 +6,7 @@ from typing import Callable, Dict, List, Mapping, Optional, Tuple, Type, Union
 
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Request
-from amaze_autonomy.engine.events import Event, UserRequest
+from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Shutdown, UserRequest
 
 from .autopilot import SENSORS, Autopilot, sensor_health
 from .casting import check_scenario
@@ -19,7 +19,8 @@ from .peer import Peer, Site
 from .planner import Planner
 from .power import Power
 from .recorder import Recorder
-from .scenario import Fault, Scenario, Subject
+from .scenario import ENGINE, Fault, Scenario, Subject
+from .scenario import Request as Asked
 from .services import PEERS, peer_of, service_of
 from .settings import Settings, settings_of
 from .state_estimation import StateEstimation
@@ -64,7 +65,7 @@ class World:
     ) -> None:
         settings = settings_of(configuration)
         scenario = faults if faults is not None else Scenario()
-        check_scenario(settings, scenario)
+        check_scenario(settings, scenario, live=live)
         _check_peers(without)
         self.now_ns = start_ns
         self._live = live
@@ -99,6 +100,11 @@ class World:
     def history(self) -> Tuple[Tuple[int, str], ...]:
         """What happened by the scenario: (time, text) of faults that began and ended and of the user's requests."""
         return tuple(self._history)
+
+    @property
+    def engine_down(self) -> bool:
+        """True while the engine is dead by the scenario: it hears nothing, and must not be asked to decide."""
+        return self._faults.active(Subject.PROCESS, "restarted", ENGINE) is not None
 
     @property
     def requests_to_come(self) -> bool:
@@ -210,8 +216,10 @@ class World:
         for change in self._faults.advance(t_ns):
             self._history.append((t_ns, _told(change)))
             if not isinstance(change.what, Fault):
-                events.append(UserRequest(t_ns=t_ns, command=change.what.command))
+                events.append(self._asked(t_ns, change.what))
                 continue
+            if change.what.target == ENGINE:
+                events.extend(_of_engine(t_ns, change.what, begins=change.begins))
             (begin if change.begins else end)(self._site, change.what)
             if (change.what.kind.subject, change.what.kind.name) == (Subject.PROCESS, "killed"):
                 self._kill_or_revive(t_ns, change.what.target, killed=change.begins)
@@ -219,7 +227,16 @@ class World:
         if self._turn_ns <= t_ns:
             self._turn(t_ns)
             self._turn_ns += self._site.settings.turn_ns
-        events.extend(self._switchboard.deliver(t_ns))
+        heard = self._switchboard.deliver(t_ns)
+        if not self.engine_down:
+            events.extend(heard)
+
+    def _asked(self, t_ns: int, request: Asked) -> Event:
+        """Return what a user asks as an event of the engine."""
+        if request.command is not None:
+            return UserRequest(t_ns=t_ns, command=request.command)
+        known = {mission.id: mission for mission in self._site.settings.missions}
+        return MissionSelected(t_ns=t_ns, missions=tuple(known[name] for name in request.missions))
 
     def _move(self, t_ns: int) -> None:
         """Let the vehicle fly and the sensors send until a time."""
@@ -271,8 +288,16 @@ class World:
 def _told(change: Change) -> str:
     """Say what a change is, for a person."""
     if not isinstance(change.what, Fault):
-        return f"the user asks: {change.what.command.value}"
+        return f"the user asks: {change.what}"
     return f"fault {'begins' if change.begins else 'ends'}: {change.what}"
+
+
+def _of_engine(t_ns: int, fault: Fault, *, begins: bool) -> Tuple[Event, ...]:
+    """Return what a fault of the engine's process is for the engine."""
+    if fault.kind.name == "interrupted":
+        return (Shutdown(t_ns=t_ns),) if begins else ()
+    resumed = fault.word("journal") == "kept"
+    return () if begins else (EngineStarted(t_ns=t_ns, label=f"simulation-{t_ns // 1_000_000}", resumed=resumed),)
 
 
 def _check_peers(names: Tuple[str, ...]) -> None:

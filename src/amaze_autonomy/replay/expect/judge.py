@@ -1,0 +1,256 @@
+"""Judges one expectation on one run. Nothing evaluated is VACUOUS, never a pass."""
+
+from __future__ import annotations
+
+from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+
+from .model import Expectation, Finding, Grade
+from .pattern import Pattern, instants, spans
+from .trace import Span, Trace
+
+__all__ = ["Window", "judge"]
+
+_NS = 1e9
+
+
+class Window(NamedTuple):
+    """The time that an expectation looks at, both ends included."""
+
+    begin_ns: int
+    end_ns: int
+
+    def holds(self, t_ns: int) -> bool:
+        """Tell whether a time is in it."""
+        return self.begin_ns <= t_ns <= self.end_ns
+
+
+class _Look(NamedTuple):
+    """What a judgement needs."""
+
+    expectation: Expectation
+    trace: Trace
+    window: Window
+
+    def number(self, key: str) -> Optional[float]:
+        return self.expectation.number(key)
+
+    def found(self, key: str) -> List[int]:
+        return [t_ns for t_ns in instants(self.expectation.pattern(key), self.trace) if self.window.holds(t_ns)]
+
+    def lasting(self, pattern: Pattern) -> List[Span]:
+        """Return the spans of a condition, cut to the window; those that do not touch it are left out."""
+        begin, end = self.window.begin_ns, self.window.end_ns
+        cut = (Span(max(s.begin_ns, begin), min(s.end_ns, end), s.value) for s in spans(pattern, self.trace))
+        return [span for span in cut if span.end_ns > span.begin_ns]
+
+    def time(self, t_ns: int) -> str:
+        return f"{self.trace.seconds(t_ns):+.3f} s"
+
+
+class _Found(NamedTuple):
+    """A finding without its frame."""
+
+    grade: Grade
+    text: str
+    margin: Optional[float] = None
+    limit: Optional[float] = None
+    unit: str = ""
+
+
+def judge(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional[int]]) -> Finding:
+    """Judge an expectation.
+
+    Args:
+        expectation: of the scenario.
+        trace: of the run.
+        anchors: time of each anchor; None: it did not happen.
+    """
+    window = _window(expectation, trace, anchors)
+    if isinstance(window, str):
+        return _finding(expectation, trace, None, _Found(Grade.VACUOUS, window))
+    return _finding(expectation, trace, window, _JUDGES[expectation.kind.name](_Look(expectation, trace, window)))
+
+
+def _window(expectation: Expectation, trace: Trace, anchors: Mapping[str, Optional[int]]) -> Window | str:
+    times: List[int] = []
+    ends = (expectation.begin, trace.end_ns - trace.start_ns if expectation.end is None else expectation.end)
+    for instant in ends:
+        t_ns = anchors[instant] if isinstance(instant, str) else trace.start_ns + instant
+        if t_ns is None:
+            return f"nothing to look at: {instant} did not happen"
+        times.append(t_ns)
+    if times[1] <= times[0] or times[0] > trace.end_ns:
+        return "nothing to look at: the window is empty"
+    return Window(times[0], min(times[1], trace.end_ns))
+
+
+def _finding(expectation: Expectation, trace: Trace, window: Optional[Window], found: _Found) -> Finding:
+    return Finding(
+        expectation=str(expectation),
+        grade=found.grade,
+        text=found.text,
+        margin=None if found.margin is None else round(found.margin, 9),
+        limit=found.limit,
+        unit=found.unit,
+        begin_s=None if window is None else trace.seconds(window.begin_ns),
+        end_s=None if window is None else trace.seconds(window.end_ns),
+        where=expectation.where,
+    )
+
+
+def _exists(look: _Look) -> _Found:
+    pattern, within_s = look.expectation.pattern("of"), look.number("within_s")
+    times = look.found("of")
+    if pattern.lasts and any(span.begin_ns == look.window.begin_ns for span in look.lasting(pattern)):
+        times = [look.window.begin_ns, *times]
+    if not times:
+        return _Found(Grade.FAIL, f"{pattern} does not happen between {_ends(look)}")
+    if within_s is None:
+        return _Found(Grade.PASS, f"at {look.time(times[0])}")
+    took_s = (times[0] - look.window.begin_ns) / _NS
+    text = f"at {look.time(times[0])}, {took_s:.3f} s after"
+    return _limited(text, within_s - took_s, within_s, "s")
+
+
+def _never(look: _Look) -> _Found:
+    pattern = look.expectation.pattern("of")
+    times = look.found("of")
+    if pattern.lasts:
+        times = sorted({*times, *(span.begin_ns for span in look.lasting(pattern))})
+    if times:
+        return _Found(Grade.FAIL, f"{pattern} at {look.time(times[0])}" + _more(times))
+    return _Found(Grade.PASS, f"not between {_ends(look)}")
+
+
+def _always(look: _Look) -> _Found:
+    pattern = look.expectation.pattern("of")
+    reached_ns = look.window.begin_ns
+    for span in look.lasting(pattern):
+        if span.begin_ns > reached_ns:
+            break
+        reached_ns = span.end_ns
+    if reached_ns < look.window.end_ns:
+        return _Found(Grade.FAIL, f"not {pattern} at {look.time(reached_ns)}")
+    return _Found(Grade.PASS, f"between {_ends(look)}")
+
+
+def _response(look: _Look) -> _Found:
+    limit_s = look.number("within_s") or 0.0
+    triggers = look.found("when")
+    if not triggers:
+        return _Found(Grade.VACUOUS, f"{look.expectation.pattern('when')} does not happen between {_ends(look)}")
+    answers = instants(look.expectation.pattern("then"), look.trace)
+    worst: Optional[Tuple[float, str]] = None
+    for t_ns in triggers:
+        answer = next((a for a in answers if a >= t_ns), None)
+        if answer is None:
+            then = look.expectation.pattern("then")
+            return _Found(Grade.FAIL, f"no {then} after {look.time(t_ns)}, {_times(triggers)}")
+        took_s = (answer - t_ns) / _NS
+        if worst is None or took_s > worst[0]:
+            worst = (took_s, f"{took_s:.3f} s after {look.time(t_ns)}, the slowest of {len(triggers)}")
+    took_s, text = worst or (0.0, "")
+    return _limited(text, limit_s - took_s, limit_s, "s")
+
+
+def _precedence(look: _Look) -> _Found:
+    then = look.found("then")
+    if not then:
+        return _Found(Grade.VACUOUS, f"{look.expectation.pattern('then')} does not happen between {_ends(look)}")
+    first = look.found("first")
+    if not first or first[0] > then[0]:
+        return _Found(Grade.FAIL, f"{look.expectation.pattern('then')} at {look.time(then[0])} came first")
+    gap_s = (then[0] - first[0]) / _NS
+    return _Found(Grade.PASS, f"{look.time(first[0])} before {look.time(then[0])}", gap_s, None, "s")
+
+
+def _sequence(look: _Look) -> _Found:
+    times: List[int] = []
+    used: List[Tuple[Pattern, int]] = []
+    for _, pattern in look.expectation.patterns:
+        after_ns = times[-1] if times else look.window.begin_ns
+        seen = instants(pattern, look.trace)
+        options = [t for t in seen if after_ns <= t <= look.window.end_ns and (pattern, t) not in used]
+        t_ns = _next(pattern, look, options, len(times))
+        if t_ns is None:
+            return _Found(Grade.FAIL, f"no {pattern} after {look.time(after_ns)}, step {len(times) + 1}")
+        times.append(t_ns)
+        used.append((pattern, t_ns))
+    within_s = look.number("within_s")
+    took_s = (times[-1] - look.window.begin_ns) / _NS
+    text = f"{len(times)} in order until {look.time(times[-1])}"
+    return _Found(Grade.PASS, text) if within_s is None else _limited(text, within_s - took_s, within_s, "s")
+
+
+def _next(pattern: Pattern, look: _Look, options: Iterable[int], number: int) -> Optional[int]:
+    """Return the first time of a step; the first step may have begun before the window."""
+    if number == 0 and pattern.lasts and any(s.begin_ns == look.window.begin_ns for s in look.lasting(pattern)):
+        return look.window.begin_ns
+    return next(iter(options), None)
+
+
+def _count(look: _Look) -> _Found:
+    times = len(look.found("of"))
+    return _bounded(look, float(times), ("at_least", "at_most"), "", f"{times} times between {_ends(look)}")
+
+
+def _duration(look: _Look) -> _Found:
+    found = look.lasting(look.expectation.pattern("of"))
+    if not found:
+        return _Found(Grade.VACUOUS, f"{look.expectation.pattern('of')} does not happen between {_ends(look)}")
+    lengths = [((span.end_ns - span.begin_ns) / _NS, span.begin_ns) for span in found]
+    results = [
+        _bounded(look, length, ("at_least_s", "at_most_s"), "s", f"{length:.3f} s from {look.time(begin)}")
+        for length, begin in lengths
+    ]
+    return min(results, key=lambda found: (found.grade is not Grade.FAIL, found.margin or 0.0))
+
+
+def _share(look: _Look) -> _Found:
+    total = look.window.end_ns - look.window.begin_ns
+    part = sum(span.end_ns - span.begin_ns for span in look.lasting(look.expectation.pattern("of"))) / total
+    return _bounded(
+        look, part, ("at_least_fraction", "at_most_fraction"), "", f"{part:.3f} of the time between {_ends(look)}"
+    )
+
+
+def _limited(text: str, margin: float, limit: float, unit: str) -> _Found:
+    grade = Grade.PASS if margin >= 0.0 else Grade.FAIL
+    return _Found(grade, text, margin, limit, unit)
+
+
+def _bounded(look: _Look, value: float, keys: Tuple[str, str], unit: str, text: str) -> _Found:
+    """Compare a value with the bounds that were given; the margin is that to the nearer one."""
+    least, most = look.number(keys[0]), look.number(keys[1])
+    sides: List[Tuple[float, float]] = []
+    if least is not None:
+        sides.append((value - least, least))
+    if most is not None:
+        sides.append((most - value, most))
+    margin, limit = min(sides)
+    return _limited(text, margin, limit, unit)
+
+
+def _ends(look: _Look) -> str:
+    return f"{look.time(look.window.begin_ns)} and {look.time(look.window.end_ns)}"
+
+
+def _more(times: List[int]) -> str:
+    return f" and {len(times) - 1} more times" if len(times) > 1 else ""
+
+
+def _times(triggers: List[int]) -> str:
+    return f"{len(triggers)} times looked at"
+
+
+_JUDGES: Dict[str, Callable[[_Look], _Found]] = {
+    "exists": _exists,
+    "never": _never,
+    "always": _always,
+    "response": _response,
+    "precedence": _precedence,
+    "sequence": _sequence,
+    "count": _count,
+    "duration": _duration,
+    "share": _share,
+}

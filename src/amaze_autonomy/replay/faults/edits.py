@@ -1,0 +1,173 @@
+"""Faults of what messages say: each is a change of one message, made when it is read.
+
+A message is copied as far as the path of the field goes, never changed: others may hold it.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from math import inf, isfinite, nan
+from random import Random
+from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Sequence, Union
+
+from ..errors import FieldError
+from ..fields import getter, kind_of
+
+if TYPE_CHECKING:
+    from .stream import Acting
+
+__all__ = ["VALUES", "Edit", "changed"]
+
+Edit = Callable[[Any], Any]
+_Read = Callable[[], Optional[Any]]
+_Make = Callable[["Acting", Sequence[int], Random, _Read], List[Edit]]
+_STEP = re.compile(r"[A-Za-z]\w*|\[\d+\]")
+_S = 1_000_000_000
+_SILLY = 8191  # what range sensors of several makes say for "nothing seen"
+
+
+def changed(message: Any, path: str, change: Callable[[Any], Any]) -> Any:
+    """Return a copy of a message with the value at a path changed.
+
+    Raises:
+        FieldError: the message has no such field.
+    """
+    getter(path)(message)  # says which field is not there
+    steps: List[Union[str, int]] = [int(s[1:-1]) if s[0] == "[" else s for s in _STEP.findall(path)]
+    return _changed(message, steps, change, path)
+
+
+def _changed(value: Any, steps: Sequence[Union[str, int]], change: Callable[[Any], Any], path: str) -> Any:
+    if not steps:
+        return change(value)
+    other, head = copy.copy(value), steps[0]
+    inner = value[head] if isinstance(head, int) else getattr(value, head)
+    new = _changed(inner, steps[1:], change, path)
+    try:
+        if isinstance(head, int):
+            other[head] = new
+        else:
+            object.__setattr__(other, head, new)
+    except (TypeError, ValueError, OverflowError):
+        raise FieldError(path, kind_of(value), (f"a value that cannot be {new}",)) from None
+    return other
+
+
+def _number_edit(of: Callable[[Acting, Random], Callable[[float, int], float]]) -> _Make:
+    """Return a maker of edits from a function of (value, nanoseconds since the fault began)."""
+
+    def make(acting: Acting, times: Sequence[int], chance: Random, _: _Read) -> List[Edit]:
+        path, change = acting.fault.word("field"), of(acting, chance)
+        drawn = [chance.gauss(0.0, 1.0) for _ in times] if acting.fault.kind.name == "noisy" else []
+
+        def edit(number: int, t_ns: int) -> Edit:
+            if drawn:
+                by = drawn[number] * acting.fault.number("sigma")
+                return lambda message: changed(message, path, lambda value: value + by)
+            return lambda message: changed(message, path, lambda value: change(value, t_ns - acting.begin_ns))
+
+        return [edit(number, t_ns) for number, t_ns in enumerate(times)]
+
+    return make
+
+
+def _constant(value: float) -> _Make:
+    return _number_edit(lambda _, __: lambda ___, ____: value)
+
+
+def _biased(acting: Acting, _: Random) -> Callable[[float, int], float]:
+    by = acting.fault.number("by")
+    return lambda value, _: value + by
+
+
+def _drifting(acting: Acting, _: Random) -> Callable[[float, int], float]:
+    by_per_s = acting.fault.number("by_per_s")
+    return lambda value, since_ns: value + by_per_s * since_ns / _S
+
+
+def _scaled(acting: Acting, _: Random) -> Callable[[float, int], float]:
+    factor = acting.fault.number("factor")
+    return lambda value, _: value * factor
+
+
+def _saturated(acting: Acting, _: Random) -> Callable[[float, int], float]:
+    low, high = acting.fault.number("lowest"), acting.fault.number("highest")
+    return lambda value, _: min(max(value, low), high) if isfinite(value) else value
+
+
+def _noisy(_: Acting, __: Random) -> Callable[[float, int], float]:
+    return lambda value, _: value
+
+
+def _garbage(acting: Acting, times: Sequence[int], _: Random, __: _Read) -> List[Edit]:
+    path = acting.fault.word("field")
+
+    def silly(value: Any) -> Any:
+        if isinstance(value, str):
+            return "\x00"
+        if hasattr(value, "__len__"):
+            return value[:0]
+        return type(value)(_SILLY) if isinstance(value, (int, float)) else value
+
+    return [lambda message: changed(message, path, silly)] * len(times)
+
+
+def _swapped(acting: Acting, times: Sequence[int], _: Random, __: _Read) -> List[Edit]:
+    one, other = acting.fault.word("field"), acting.fault.word("with")
+
+    def swap(message: Any) -> Any:
+        left, right = getter(one)(message), getter(other)(message)
+        return changed(changed(message, one, lambda _: right), other, lambda _: left)
+
+    return [swap] * len(times)
+
+
+def _stamped(acting: Acting, times: Sequence[int], _: Random, __: _Read) -> List[Edit]:
+    to, by_ns = acting.fault.word("to"), round(acting.fault.number("by_s") * _S)
+
+    def edit(t_ns: int) -> Edit:
+        def stamp(old: Any) -> Any:
+            old_ns = int(old.sec) * _S + int(old.nanosec)
+            back_ns = 2 * acting.begin_ns - t_ns
+            new_ns = {"zero": 0, "offset": old_ns + by_ns, "backwards": back_ns}[to]
+            seconds, rest = divmod(max(0, new_ns), _S)
+            new = copy.copy(old)
+            object.__setattr__(new, "sec", seconds)
+            object.__setattr__(new, "nanosec", rest)
+            return new
+
+        return lambda message: changed(message, "header.stamp", stamp)
+
+    return [edit(t_ns) for t_ns in times]
+
+
+def _stuck(acting: Acting, times: Sequence[int], _: Random, read: _Read) -> List[Edit]:
+    running = acting.fault.word("stamp") == "running"
+    held: List[Any] = []
+
+    def stick(message: Any) -> Any:
+        if not held:
+            held.append(read())
+        first = held[0] if held[0] is not None else message
+        if running and hasattr(message, "header") and hasattr(first, "header"):
+            return changed(first, "header", lambda _: message.header)
+        return first
+
+    return [stick] * len(times)
+
+
+VALUES: Mapping[str, _Make] = {
+    "stuck": _stuck,
+    "nan": _constant(nan),
+    "infinite": _constant(inf),
+    "garbage": _garbage,
+    "biased": _number_edit(_biased),
+    "drifting": _number_edit(_drifting),
+    "noisy": _number_edit(_noisy),
+    "scaled": _number_edit(_scaled),
+    "saturated": _number_edit(_saturated),
+    "swapped": _swapped,
+    "stamped": _stamped,
+}
+"""By the name of the fault: what it does to each of the messages that come at the times given."""

@@ -1,0 +1,145 @@
+"""The messages of a recording with faults in them: each fault is a function from the stream to the stream.
+
+The functions are pure: the same recording, faults and seed give the same stream. What a fault does to a message's
+content is an edit that is carried out when the message is read, so that nothing is decoded that nobody looks at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from random import Random
+from typing import Any, Callable, List, Optional, Sequence, Tuple
+
+from amaze_autonomy.simulation import Fault, Subject
+
+from ..sources import Recordings, Sample
+from .edits import VALUES, Edit
+from .kinds import TOPIC
+from .timing import TIMING, WHOLE, Item
+
+__all__ = ["Acting", "FaultedRecordings"]
+
+
+@dataclass(frozen=True)
+class Acting:
+    """A fault with its time.
+
+    Args:
+        fault: of the scenario.
+        begin_ns: when it begins.
+        end_ns: when it ends; None: at the end of the recording.
+        topics: that it is about.
+    """
+
+    fault: Fault
+    begin_ns: int
+    end_ns: Optional[int]
+    topics: Tuple[str, ...] = ()
+
+    def holds(self, t_ns: int) -> bool:
+        """Tell whether it acts at a time."""
+        return self.begin_ns <= t_ns and (self.end_ns is None or t_ns < self.end_ns)
+
+
+class FaultedRecordings(Recordings):
+    """A part of a recording, with faults.
+
+    Args:
+        inner: the recording; whoever opened it closes it.
+        from_ns: where the part begins, from the start.
+        to_ns: where it ends; None: at the end.
+    """
+
+    def __init__(self, inner: Recordings, from_ns: int = 0, to_ns: Optional[int] = None) -> None:
+        self._inner = inner
+        self.bags, self.topics, self.muted = inner.bags, inner.topics, inner.muted
+        self.damage, self.missing = inner.damage, inner.missing
+        self._start_ns = inner.start_ns + from_ns
+        self._end_ns = inner.end_ns if to_ns is None else min(inner.end_ns, inner.start_ns + to_ns)
+        part = (sample for sample in inner.samples if self._start_ns <= sample.t_ns <= self._end_ns)
+        self._items = [Item(sample.t_ns, sample, ()) for sample in part]
+        self.samples = [item.sample for item in self._items]
+        self.touched: List[int] = []
+        self._faulted = False
+
+    @property
+    def start_ns(self) -> int:
+        """Where the part begins."""
+        return self._start_ns
+
+    @property
+    def end_ns(self) -> int:
+        """Where it ends."""
+        return self._end_ns
+
+    def apply(self, acting: Sequence[Acting], seed: int) -> None:
+        """Put faults into the stream, one after the other; `touched` counts the messages of each."""
+        self._faulted = True
+        self.touched = [0] * len(acting)
+        for number, each in enumerate(acting):
+            self._apply(number, each, Random(f"{seed}/{number}"))  # noqa: S311  (repeatable, not secret)
+        self._items.sort(key=_place)
+        self.samples = [item.sample._replace(t_ns=item.t_ns, offset=n) for n, item in enumerate(self._items)]
+        if self.samples:
+            self._end_ns = max(self._end_ns, self.samples[-1].t_ns)
+
+    def message(self, sample: Sample) -> Optional[Any]:
+        """Return the decoded message as the faults left it; None when it is damaged, which is noted."""
+        if not self._faulted:
+            return self._inner.message(sample)
+        item = self._items[sample.offset]
+        message = self._inner.message(item.sample)
+        for edit in item.edits if message is not None else ():
+            message = edit(message)
+        return message
+
+    def _apply(self, number: int, acting: Acting, chance: Random) -> None:
+        name = acting.fault.kind.name
+        if acting.fault.kind.subject not in (Subject.COMPONENT, TOPIC):
+            whole = WHOLE.get(name) if acting.fault.kind.subject == Subject.WORLD else None
+            if whole is not None:
+                self._items, self.touched[number] = whole(self._items, acting.fault, acting.begin_ns, acting.end_ns)
+                self._end_ns = max((item.t_ns for item in self._items), default=self._end_ns)
+            return
+        hit = [
+            item for item in self._items if self.topics[item.sample.rank] in acting.topics and acting.holds(item.t_ns)
+        ]
+        if name in TIMING:
+            end_ns = self._end_ns if acting.end_ns is None else acting.end_ns
+            kept, self.touched[number] = TIMING[name](hit, acting.fault, (acting.begin_ns, end_ns), chance)
+            gone = {id(item) for item in hit}
+            self._items = [item for item in self._items if id(item) not in gone] + kept
+            self._items.sort(key=_place)
+            return
+        self._edit(number, acting, hit, chance)
+
+    def _edit(self, number: int, acting: Acting, hit: List[Item], chance: Random) -> None:
+        """Let the messages' content be changed when they are read: only then are they counted."""
+        edits = VALUES[acting.fault.kind.name](acting, [item.t_ns for item in hit], chance, self._reader(hit))
+        counted = [self._counted(number, edit) for edit in edits]
+        changed = {id(item): replace(item, edits=(*item.edits, edit)) for item, edit in zip(hit, counted)}
+        self._items = [changed.get(id(item), item) for item in self._items]
+
+    def _counted(self, number: int, edit: Edit) -> Edit:
+        def counting(message: Any) -> Any:
+            self.touched[number] += 1
+            return edit(message)
+
+        return counting
+
+    def _reader(self, hit: List[Item]) -> Callable[[], Optional[Any]]:
+        """Return what reads the first message that is hit, as earlier faults left it."""
+
+        def read() -> Optional[Any]:
+            if not hit:
+                return None
+            message = self._inner.message(hit[0].sample)
+            for edit in hit[0].edits if message is not None else ():
+                message = edit(message)
+            return message
+
+        return read
+
+
+def _place(item: Item) -> Tuple[int, int]:
+    return item.t_ns, item.sample.rank

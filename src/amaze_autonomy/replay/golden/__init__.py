@@ -1,0 +1,24 @@
+"""Goldens: the accepted decisions of each case, and how a run differs from them."""
+
+from __future__ import annotations
+
+from .align import Change, ChangeKind, align
+from .gate import compare_with_golden, decisions_of
+from .store import Golden, golden_path, orphans, read_golden, write_golden
+from .told import counted, first_difference, told
+
+__all__ = [
+    "Change",
+    "ChangeKind",
+    "Golden",
+    "align",
+    "compare_with_golden",
+    "counted",
+    "decisions_of",
+    "first_difference",
+    "golden_path",
+    "orphans",
+    "read_golden",
+    "told",
+    "write_golden",
+]

@@ -1,0 +1,176 @@
+"""From scenario files to cases: one for a file, or one for each combination of its matrix."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from itertools import product
+from pathlib import Path
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+from amaze_autonomy.config.document import Entry, Scalar, Table, parse, read, replace
+from amaze_autonomy.config.errors import ConfigError, Place
+from amaze_autonomy.config.kinds import refuse
+
+from ..errors import ReplayError
+from ..expect.model import Expectation
+from .model import Anchor, Bag, Case, Need
+from .schema import OVERRIDE, schema_of
+
+__all__ = ["SUFFIX", "cases_of", "find_files", "load_cases", "parse_cases"]
+
+
+SUFFIX = ".scenario.yaml"
+_S = 1_000_000_000
+_Variant = Tuple[str, Entry]
+
+
+def find_files(paths: Iterable[Path]) -> Tuple[Path, ...]:
+    """Return all scenario files: those named, and those in the folders named, sorted by path.
+
+    Raises:
+        ReplayError: there is none at one of the paths.
+    """
+    found: List[Path] = []
+    for path in paths:
+        files = sorted(path.rglob(f"*{SUFFIX}")) if path.is_dir() else [path]
+        if not files or not all(file.is_file() for file in files):
+            raise ReplayError(f"{path}: there is no scenario; name a folder with *{SUFFIX}, or a file")
+        found += files
+    return tuple(dict.fromkeys(found))
+
+
+def load_cases(path: Path) -> Tuple[Case, ...]:
+    """Read a scenario file.
+
+    Raises:
+        ConfigError: the first mistake in it, with file and line.
+    """
+    return cases_of(read(path), path)
+
+
+def cases_of(tree: Entry, path: Path) -> Tuple[Case, ...]:
+    """Return the cases of a scenario; `path` is that of its file.
+
+    Raises:
+        ConfigError: the first mistake in it, with line.
+    """
+    tree = _with_version(tree)
+    matrix = schema_of(tree).read(tree, (), {})["matrix"]
+    if matrix is None:
+        return (_case(tree, path, ""),)
+    return tuple(_case(each, path, name) for name, each in _variants(tree, matrix))
+
+
+def _with_version(tree: Entry) -> Entry:
+    """Let `version: 1` be written without quotes."""
+    if not isinstance(tree, Table) or "version" not in tree.entries:
+        return tree
+    place, version = tree.entries["version"]
+    if not isinstance(version, Scalar) or version.tag != "int":
+        return tree
+    return Table(tree.place, {**tree.entries, "version": (place, Scalar(version.place, version.text, "str"))})
+
+
+def _variants(tree: Entry, matrix: Mapping[str, Sequence[Entry]]) -> List[_Variant]:
+    lasts = [address.rpartition(".")[2] for address in matrix]
+    labels = [
+        last if lasts.count(last) == 1 and not last.isdecimal() else address for address, last in zip(matrix, lasts)
+    ]
+    variants: List[_Variant] = []
+    for values in product(*matrix.values()):
+        changed = tree
+        for address, value in zip(matrix, values):
+            changed = _set(changed, address, value)
+        variants.append((",".join(f"{label}={_text(v)}" for label, v in zip(labels, values)), changed))
+    return variants
+
+
+def _set(tree: Entry, address: str, value: Entry) -> Entry:
+    path: Tuple[str, ...] = tuple(address.split("."))
+    if re.fullmatch(OVERRIDE, address):
+        path = ("configuration", "set", address)
+    if path[0] in ("matrix", "version", "description"):
+        refuse(value, ("matrix", address), "cannot vary", "must address anything else of the scenario")
+    changed = replace(tree, path, value)
+    if changed is None:
+        refuse(value, ("matrix", address), "addresses nothing", "must be a key of the scenario, e.g. faults.0.at_s")
+    return changed
+
+
+def _text(entry: Entry) -> str:
+    return entry.text if isinstance(entry, Scalar) else "list"
+
+
+def _case(tree: Entry, path: Path, variant: str) -> Case:
+    values: Dict[str, Any] = schema_of(tree).read(tree, (), {})
+    folder = path.parent
+    configuration = values["configuration"] or {}
+    anchors: Tuple[Anchor, ...] = tuple((values["anchors"] or {}).values())
+    expectations: Tuple[Expectation, ...] = tuple(values["expectations"])
+    _check_anchors(tree, anchors, expectations, len(values.get("faults", ())))
+    return Case(
+        path=path,
+        name=_name(path),
+        variant=variant,
+        description=values["description"],
+        bags=tuple(Bag(folder / bag["path"], bag["sha256"] or "") for bag in values.get("bags", ())),
+        journal=_beside(folder, values.get("journal")),
+        from_ns=round(values.get("from_s", 0.0) * _S),
+        to_ns=None if values.get("to_s") is None else round(values["to_s"] * _S),
+        topic_map=_map(folder, values.get("map")),
+        missions=tuple(values.get("missions") or ()),
+        configuration=_beside(folder, configuration.get("folder")),
+        overrides=dict(configuration.get("set") or {}),
+        seed=values.get("seed", 0),
+        limit_ns=round(values.get("limit_s", 7200.0) * _S),
+        needs=tuple(
+            Need(need["topic"], need["rate_hz"], None if need["gap_s"] is None else round(need["gap_s"] * _S))
+            for need in values.get("needs", ())
+        ),
+        anchors=anchors,
+        faults=tuple(values.get("faults", ())),
+        requests=tuple(values.get("requests", ())),
+        expectations=expectations,
+        tags=tuple(values["tags"]),
+        requirements=tuple(values["requirements"]),
+    )
+
+
+def _name(path: Path) -> str:
+    return path.name[: -len(SUFFIX)] if path.name.endswith(SUFFIX) else path.stem
+
+
+def _beside(folder: Path, path: Optional[str]) -> Optional[Path]:
+    return None if path is None else folder / path
+
+
+def _map(folder: Path, name: Optional[str]) -> str:
+    """Return a shipped map's name, or the path of a map beside the scenario."""
+    return "" if name is None else str(folder / name) if name.endswith(".yaml") else name
+
+
+def _check_anchors(tree: Entry, anchors: Sequence[Anchor], expectations: Sequence[Expectation], faults: int) -> None:
+    """Refuse an expectation about an anchor that is not there, and an anchor at a fault that is not there."""
+    names = [anchor.name for anchor in anchors]
+    for anchor in anchors:
+        if anchor.fault > faults:
+            right = f"must be one of the {faults} faults, from 1" if faults else "there is no fault"
+            refuse(tree, ("anchors", anchor.name, "fault"), f"is {anchor.fault}", right)
+    for number, expectation in enumerate(expectations):
+        for key, instant in (("from", expectation.begin), ("to", expectation.end)):
+            if isinstance(instant, str) and instant not in names:
+                close = difflib.get_close_matches(instant, names, n=1)
+                known = f"did you mean {close[0]}?" if close else f"must be one of {', '.join(names) or 'none'}"
+                file, _, line = expectation.where.rpartition(":")
+                place = Place(file, int(line)) if line.isdecimal() else tree.place
+                raise ConfigError(place, f"expectations.{number}.{key}", f"{instant} is no anchor", known)
+
+
+def parse_cases(text: str, path: Path) -> Tuple[Case, ...]:
+    """Read a scenario from a text; `path` is that of its file, which need not exist.
+
+    Raises:
+        ConfigError: the first mistake in it, with line.
+    """
+    return cases_of(parse(text, str(path)), path)

@@ -1,0 +1,15 @@
+"""Tests of the decisions: scenarios are run, judged, compared with their goldens, and told.
+
+The seam for programs: `run_task` takes a `Task` and returns a `Result`. Both are plain frozen values that can be
+pickled; nothing is kept between two calls, so that tasks may run in any process, on any machine, in any order::
+
+    results = [run_task(task) for task in tasks_of([Path("test/scenarios")])]
+"""
+
+from __future__ import annotations
+
+from .result import Figures, Result, Verdict
+from .run import run_task
+from .task import Options, Task, tasks_of
+
+__all__ = ["Figures", "Options", "Result", "Task", "Verdict", "run_task", "tasks_of"]

@@ -1,0 +1,177 @@
+"""Plays one case: a simulation, a journal or bags become one journal and its trace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import EngineStarted, Event
+from amaze_autonomy.engine.journal import encode_decision, encode_event, encode_header, rules_of
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.simulation import Scenario
+from amaze_autonomy.simulation.run import run
+
+from ..errors import ReplayError
+from ..expect.trace import Trace, trace_of
+from ..journal_source import read_journals
+from ..scenario.model import Case, SourceKind
+from .task import Options
+
+__all__ = ["Mark", "Played", "configuration_of", "play"]
+
+Mark = Tuple[str, float, Optional[float], str]
+
+
+@dataclass(frozen=True)
+class Played:
+    """A run.
+
+    Args:
+        lines: of its journal, header first.
+        trace: of it.
+        vacuous: faults and requests of the scenario that did nothing, one line each.
+        broken: why the input says nothing about the rules, one line each.
+        marks: what went wrong and what the user asked, for reports.
+    """
+
+    lines: Tuple[str, ...]
+    trace: Trace
+    vacuous: Tuple[str, ...] = ()
+    broken: Tuple[str, ...] = ()
+    marks: Tuple[Mark, ...] = ()
+
+
+def play(case: Case, options: Options, rules: Optional[Rules] = None) -> Played:
+    """Run a case.
+
+    Args:
+        case: of a scenario.
+        options: of the run.
+        rules: to decide by instead of the configuration's, for mutations of the table.
+
+    Raises:
+        ConfigError: the configuration has a mistake.
+        ReplayError: it cannot be run.
+        BagError: a bag cannot be read.
+        SimulationError: the scenario does not fit the simulated world.
+        JournalError: a journal is damaged.
+    """
+    return _PLAYERS[case.source](case, options, rules)
+
+
+def configuration_of(case: Case, options: Options) -> Configuration:
+    """Return the configuration that a case is decided by: its own, unless the run names another.
+
+    Raises:
+        ConfigError: it has a mistake.
+    """
+    folder = options.configuration or case.configuration or config_folder()
+    if not options.overrides:
+        return load_configuration(folder, case.overrides)
+    own = [f"{key}={_written(value)}" for key, value in case.overrides.items()]
+    return load_configuration(folder, [*own, *options.overrides])
+
+
+def _written(value: Any) -> str:
+    """Return a plain value as YAML."""
+    if isinstance(value, list):
+        return f"[{', '.join(_written(each) for each in value)}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "null" if value is None else repr(value)
+
+
+def _simulate(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    configuration = configuration_of(case, options)
+    missions = missions_of(case, configuration)
+    scenario = Scenario(case.description, case.faults, case.requests)
+    result = run(configuration, missions, scenario, seed=case.seed, limit_ns=case.limit_ns, rules=rules)
+    began = _beginnings(case, result.history)
+    vacuous = [f"{fault} did nothing: it never began" for fault, t in zip(case.faults, began) if t is None]
+    asked = [text for _, text in result.history]
+    vacuous += [f"{each} was never asked" for each in case.requests if f"the user asks: {each}" not in asked]
+    if not result.finished:
+        vacuous.append(f"the run had not ended after {case.limit_ns / 1e9:g} s of simulated time")
+    return Played(result.lines, trace_of(result.lines, 0, None, began), tuple(vacuous), (), _marks(result.history))
+
+
+def missions_of(case: Case, configuration: Configuration) -> Tuple[Mission, ...]:
+    """Return the missions that a case flies.
+
+    Raises:
+        ReplayError: the configuration has no such mission.
+    """
+    known = {mission.id: mission for mission in configuration.missions}
+    for name in case.missions:
+        if name not in known:
+            raise ReplayError(f"there is no mission {name!r}; there is {', '.join(known)}")
+    return tuple(known[name] for name in case.missions) or configuration.missions[:1]
+
+
+def _beginnings(case: Case, history: Tuple[Tuple[int, str], ...]) -> Tuple[Optional[int], ...]:
+    """Return when each fault began; two that are the same in words begin in their order."""
+    times: Dict[str, List[int]] = {}
+    for t_ns, text in history:
+        times.setdefault(text, []).append(t_ns)
+    found: List[Optional[int]] = []
+    for fault in case.faults:
+        left = times.get(f"fault begins: {fault}", [])
+        found.append(left.pop(0) if left else None)
+    return tuple(found)
+
+
+def _marks(history: Tuple[Tuple[int, str], ...]) -> Tuple[Mark, ...]:
+    marks: List[Mark] = []
+    for number, (t_ns, text) in enumerate(history):
+        kind, _, what = text.partition(": ")
+        if kind == "fault begins":
+            ends = (end for end, other in history[number:] if other == f"fault ends: {what}")
+            end_ns = next(ends, None)
+            marks.append(("fault", t_ns / 1e9, None if end_ns is None else end_ns / 1e9, what))
+        elif kind == "the user asks":
+            marks.append(("user", t_ns / 1e9, t_ns / 1e9, what))
+    return tuple(marks)
+
+
+def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    """Decide a journal again, by its own rules unless the scenario or the run names a configuration."""
+    (journal, *more) = read_journals(case.journal) if case.journal is not None else ()
+    if more:
+        raise ReplayError(f"{case.journal}: holds several journals; take one of them")
+    named = options.configuration or options.overrides or case.configuration is not None or case.overrides
+    if rules is None:
+        rules = configuration_of(case, options).rules if named else rules_of(journal.lines[0])
+    state = EngineState()
+    header = journal.lines[0].payload
+    lines: List[str] = [encode_header(header)] if isinstance(header, dict) else []
+    for line in journal.lines:
+        event = line.payload
+        if isinstance(event, Event):
+            if isinstance(event, EngineStarted) and not event.resumed:
+                state = EngineState()
+            lines.append(encode_event(event))
+            state, commands = decide(state, event, rules)
+            lines += [encode_decision(each) for each in commands if isinstance(each, Decision)]
+    broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
+    return Played(tuple(lines), trace_of(lines), (), broken)
+
+
+def _replay(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    from .bags import replay_case  # noqa: PLC0415  (loads the bag library)
+
+    return replay_case(case, options, rules)
+
+
+_Player = Callable[[Case, Options, Optional[Rules]], Played]
+_PLAYERS: Mapping[str, _Player] = {
+    SourceKind.SIMULATION: _simulate,
+    SourceKind.JOURNAL: _decide_again,
+    SourceKind.BAGS: _replay,
+}
