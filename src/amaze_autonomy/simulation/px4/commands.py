@@ -82,7 +82,6 @@ def enter(orders: Orders, t_ns: int, mode: str) -> bool:
     """Enter a mode if that can be; on the ground with the motors off everything can be chosen."""
     craft = orders.craft
     if craft.armed and not _can_run(orders, t_ns, mode):
-        orders.say(_CRITICAL, f"Switching to {mode} is currently not available\t")
         return False
     craft.command_mode(mode)
     if mode == Mode.MISSION and craft.armed and craft.mode == Mode.MISSION:

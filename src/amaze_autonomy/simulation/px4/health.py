@@ -17,6 +17,7 @@ _BIT_GONE_NS = 7_800_000_000
 _SPREAD_NS = 7_600_000_000  # until the prediction of the position is given up, too
 _BACK_NS = 1_300_000_000
 _TRUSTED_NS = 4_500_000_000
+_STANDS_NS = 2_800_000_000
 
 _BITS: Mapping[str, int] = {
     "imu": mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL,
@@ -56,10 +57,13 @@ class Health:
         self._t_ns = t_ns
         self._lost_ns: Optional[int] = None
         self._back_ns: Optional[int] = None
+        self._armed_ns: Optional[int] = None
 
-    def follow(self, t_ns: int, *, gps: bool) -> None:
-        """Take notice of the state of the GPS receiver."""
+    def follow(self, t_ns: int, *, gps: bool, armed: bool) -> None:
+        """Take notice of the state of the GPS receiver, and of motors that are on."""
         self._t_ns = t_ns
+        if armed:
+            self._armed_ns = t_ns
         if not gps and self._lost_ns is None:
             self._lost_ns, self._back_ns = t_ns, None
         elif gps and self._lost_ns is not None:
@@ -88,12 +92,14 @@ class Health:
         until = self._t_ns if self._back_ns is None else self._back_ns
         return until - self._lost_ns >= _POSITION_LOST_NS
 
-    def estimator_flags(self, *, armed: bool) -> int:
-        """Return the flags of ESTIMATOR_STATUS."""
+    @property
+    def estimator_flags(self) -> int:
+        """The flags of ESTIMATOR_STATUS; that the position is constant comes back some time after disarming."""
         back = self._back_ns is not None and self._t_ns - self._back_ns >= _BACK_NS
         if self.position_lost and not back:
             return _LOST if self.blind_ns < _SPREAD_NS else _LOST_FOR_LONG
-        return _KNOWN if armed else _KNOWN | _STANDS
+        stands = self._armed_ns is None or self._t_ns - self._armed_ns >= _STANDS_NS
+        return _KNOWN | _STANDS if stands else _KNOWN
 
     def sensors(
         self,

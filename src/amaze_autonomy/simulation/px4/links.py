@@ -74,7 +74,6 @@ _GCS: Mapping[str, float] = {
     "VIBRATION": 0.1,
 }
 PRESETS: Mapping[str, Mapping[str, float]] = {"onboard": _ONBOARD, "gcs": _GCS}
-_FIXED = ("HEARTBEAT",)  # its rate cannot be changed
 
 
 class Link:
@@ -103,8 +102,6 @@ class Link:
 
     def set_interval(self, t_ns: int, message: str, interval_us: float) -> None:
         """Change how often a message is sent: 0 as in the beginning, negative: not at all."""
-        if message in _FIXED:
-            return
         self._periods.pop(message, None)
         self._due.pop(message, None)
         if interval_us > 0:

@@ -348,7 +348,7 @@ def _distance_sensor(view: View) -> Any:
 
 def _estimator_status(view: View) -> Any:
     error = _LOST_ACCURACY_M if view.health.position_lost else _ACCURACY_M
-    flags = view.health.estimator_flags(armed=view.craft.armed)
+    flags = view.health.estimator_flags
     return mavlink.MAVLink_estimator_status_message(
         view.t_us, flags, 0.1, 0.1, 0.05, 0.1, 0.01, _NAN, error, _ACCURACY_M
     )
