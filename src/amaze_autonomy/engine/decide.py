@@ -22,7 +22,7 @@ from .commands import (
     Value,
 )
 from .effects import ENTER, begin_session
-from .events import Event, MissionRejected, MissionSelected, UserRequest
+from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserRequest
 from .rules import Rules
 from .state import EngineState, State, Step
 from .transitions import ROWS_AT, Place, Transition
@@ -162,10 +162,20 @@ def _words(turn: Turn, values: Tuple[Value, ...]) -> Dict[str, object]:
         "mission_id": state.mission.id if state.mission is not None else "",
         "state": state.state.value,
         "result": state.result.value,
-        "location": f"The data is at {state.data_location}." if state.data_location else "",
+        "location": _location(state),
         "limit_s": (turn.limits.ready_limit_ns if state.state is State.PREFLIGHT else turn.limits.land_limit_ns) / _NS,
         "signal": next((str(value.value) for value in values if value.name == "signal"), ""),
     }
+
+
+def _location(state: EngineState) -> str:
+    """Return where the data is, and, when it is complete, what the recorder says of it: how big, what was lost."""
+    if not state.data_location:
+        return ""
+    recorder = state.recorder
+    complete = recorder is not None and recorder.phase is RecordingPhase.COMPLETE
+    said = f" ({recorder.message})" if recorder is not None and complete and recorder.message else ""
+    return f"The data is at {state.data_location}{said}."
 
 
 def _write_down(

@@ -149,6 +149,7 @@ class AutonomyNode:
 
     def start(self) -> None:
         """Begin to decide, then open the node to the world."""
+        rospy.set_param("~journal_file", str(self._journal.path))  # the recorder copies it into the recording
         self._outbox.start(self._engine.state)
         self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
         self._engine.start()
@@ -235,6 +236,7 @@ class AutonomyNode:
         folder = self._folder
         result = {
             "data": state.data_location,
+            "data_summary": state.recorder.message if state.recorder is not None else "",
             "exit_status": status,
             "in_flight": state.in_flight,
             "journal": str(self._journal.path),
@@ -262,6 +264,8 @@ class AutonomyNode:
                 lines.append(f"autonomy: LAND was sent ({self._farewell.text()})")
         lines.append(f"autonomy: result   {results.outcome(self._ending.results, state)}")
         lines.append(f"autonomy: bag      {state.data_location or 'none'}")
+        if state.recorder is not None and state.recorder.message:
+            lines.append(f"autonomy: data     {state.recorder.message}")
         lines.append(f"autonomy: journal  {self._journal.path}")
         lines.append(f"autonomy: report   {self._folder / output.REPORT_NAME}")
         print("\n".join(lines), flush=True)

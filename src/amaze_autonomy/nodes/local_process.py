@@ -33,18 +33,24 @@ class LocalProcess:
     """
 
     def __init__(self, pid: int, start: int) -> None:
-        self.pid, self._start = pid, start
+        self.pid, self.start = pid, start
+
+    @classmethod
+    def of(cls, pid: int) -> Optional[LocalProcess]:
+        """Return the process that has a number now; None when there is none."""
+        fields = _stat(pid)
+        return None if fields is None else cls(pid, int(fields[_START_FIELD]))
 
     @property
     def alive(self) -> bool:
         """False when it has ended."""
         fields = _stat(self.pid)
-        return fields is not None and fields[0] not in "ZX" and int(fields[_START_FIELD]) == self._start
+        return fields is not None and fields[0] not in "ZX" and int(fields[_START_FIELD]) == self.start
 
     @property
     def age_s(self) -> float:
         """Return the time since its start."""
-        return time.clock_gettime(time.CLOCK_BOOTTIME) - self._start / os.sysconf("SC_CLK_TCK")
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - self.start / os.sysconf("SC_CLK_TCK")
 
     def kill(self) -> None:
         """End it by SIGKILL, which a stopped process does not survive either."""

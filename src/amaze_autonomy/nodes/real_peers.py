@@ -25,11 +25,11 @@ class RealPeers:
     """The peers of the engine that real nodes are, and the simulated world does not play.
 
     Args:
-        names: of the peers; each is a node of that name.
+        nodes: name of the node that each peer is.
     """
 
-    def __init__(self, names: Tuple[str, ...]) -> None:
-        self._names = names
+    def __init__(self, nodes: Mapping[str, str]) -> None:
+        self._nodes = dict(nodes)
         self._acting: Dict[str, Tuple[str, ...]] = {}
         self._stopped: Dict[str, LocalProcess] = {}
         self._workers = Workers("real peer")
@@ -40,7 +40,7 @@ class RealPeers:
         Args:
             troubles: kinds of the faults that act on each process.
         """
-        for name in self._names:
+        for name in self._nodes:
             before, now = self._acting.get(name, ()), troubles.get(name, ())
             if before != now:
                 self._acting[name] = now
@@ -48,9 +48,9 @@ class RealPeers:
 
     def _act(self, name: str, kinds: Tuple[str, ...]) -> None:
         if "killed" in kinds:
-            _send(name, _find(name), signal.SIGKILL)
+            _send(name, _find(self._nodes[name]), signal.SIGKILL)
         elif any(kind in _STOPS for kind in kinds):
-            process = _find(name)
+            process = _find(self._nodes[name])
             if process is not None:
                 self._stopped[name] = process
             _send(name, process, signal.SIGSTOP)

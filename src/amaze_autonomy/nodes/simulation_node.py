@@ -8,8 +8,6 @@ Offers the services and publishes the status topics of `interface.py` for the pe
     ~real       peers that are real nodes, as ~peers; faults of their processes are signals
     ~faults     file with a scenario; empty: nothing goes wrong
     ~seed       of noise and latencies (default: 0)
-    ~record     really record with rosbag record (default: false)
-    ~output     folder for recordings; empty: the one of recording.yaml
     ~received   file that gets a line of JSON for each request that arrived
     ~config     folder of the configuration; ~overrides as for the autonomy node
 
@@ -24,21 +22,19 @@ import signal
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
 
 import rospy
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
-from amaze_autonomy.engine.events import Event, Outcome, Reply
+from amaze_autonomy.engine.events import Event, Outcome
 from amaze_autonomy.simulation import SimulationError, World
 from amaze_autonomy.simulation.scenario_file import load_scenario
 
 from . import outgoing, parameters
-from .bag_recorder import BagRecorder
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 from .interface import SERVICES, STATUS_TOPICS
@@ -51,7 +47,6 @@ from .simulated_drivers import SimulatedDrivers
 __all__ = ["PEERS", "SimulationNode", "main"]
 
 _LANDING_LIMIT_S = 10.0
-_BAG_LIMIT_S = 10.0
 _HISTORY_NS = 5_000_000_000  # the world is older than the node, so that its checks have seen enough samples
 
 PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner", "data_recorder")
@@ -79,11 +74,10 @@ class SimulationNode:
         world: made with `live=True`.
         clock: the node's.
         peers: which peers this process plays.
-        recorder: records really; None: the recording is simulated.
         received: writes down what came.
         sensors: publish the sensors' samples.
         drivers: publish those of components with a node by processes of that name.
-        real: peers that are real nodes on this computer.
+        real: node of each peer that is a real one on this computer.
     """
 
     def __init__(
@@ -91,14 +85,13 @@ class SimulationNode:
         world: World,
         clock: Clock,
         peers: Tuple[str, ...],
-        recorder: Optional[BagRecorder],
         received: Received,
         *,
         sensors: bool,
         drivers: bool = False,
-        real: Tuple[str, ...] = (),
+        real: Mapping[str, str] = {},
     ) -> None:
-        self._clock, self._peers, self._recorder = clock, peers, recorder
+        self._clock, self._peers = clock, peers
         self._jobs: List[Callable[[], None]] = []
         self._jobs_lock = threading.Lock()
         self._live = LiveWorld(world, clock, self._take, received)
@@ -163,8 +156,6 @@ class SimulationNode:
         publisher = self._status.get(name)
         if publisher is None:
             return
-        if isinstance(event, events.RecordingStatus) and self._recorder is not None:
-            event = self._recorder.truth(event)
         if isinstance(event, events.AutopilotStatus):
             publisher.publish(outgoing.autopilot_status(event, self._clock.ros_ns(), turn.health))
         else:
@@ -192,24 +183,7 @@ class SimulationNode:
             raise rospy.ServiceException("the node ends")
         if getattr(reply, "outcome", None) is Outcome.BROKEN:
             raise BrokenPipeError(getattr(reply, "message", ""))
-        return response_of(name, self._really(name, request, reply), self._clock.now_ns())
-
-    def _really(self, name: str, request: Any, reply: Event) -> Event:
-        """Start and stop the real recording with the simulated one; rosbag is started by the world's thread."""
-        if self._recorder is None or not isinstance(reply, Reply) or reply.outcome is not Outcome.ACCEPTED:
-            return reply
-        recorder, session = self._recorder, getattr(request, "session_id", "")
-        with self._jobs_lock:
-            if name == "data_recorder/start":
-                self._jobs.append(lambda: self._start_recording(recorder, session))
-            elif name == "data_recorder/stop":
-                self._jobs.append(recorder.stop)
-        return reply
-
-    def _start_recording(self, recorder: BagRecorder, session: str) -> None:
-        problem = recorder.start(session)
-        if problem:
-            rospy.logerr("%s", problem)
+        return response_of(name, reply, self._clock.now_ns())
 
     # --- end ------------------------------------------------------------------------------------------------------
 
@@ -218,9 +192,6 @@ class SimulationNode:
         deadline_s = time.monotonic() + _LANDING_LIMIT_S
         while "mission_planner" in self._peers and self._live.in_the_air and time.monotonic() < deadline_s:
             time.sleep(0.05)
-        if self._recorder is not None:
-            self._recorder.stop()
-            self._recorder.wait(_BAG_LIMIT_S)
         self._live.stop()
         if self._drivers is not None:
             self._drivers.end()
@@ -250,26 +221,6 @@ def _names(parameter: str, default: Tuple[str, ...]) -> Tuple[str, ...]:
     return tuple(name for name in PEERS if name in names)
 
 
-def _topics(configuration: Configuration) -> List[str]:
-    """Return what is recorded on all platforms; ~ is the autonomy node's private namespace."""
-    names = [
-        name for platform in configuration.recording.platforms for name in configuration.recording.topics(platform.name)
-    ]
-    return [rospy.resolve_name(name.replace("~", "autonomy/", 1)) for name in dict.fromkeys(names)]
-
-
-def _recorder(configuration: Configuration) -> Optional[BagRecorder]:
-    if not rospy.get_param("~record", False):
-        return None
-    storage = configuration.recording.storage
-    options = [f"--buffsize={storage.buffer_mb}", f"--chunksize={storage.chunk_kb}", "--tcpnodelay"]
-    if storage.compression == "lz4":
-        options.append("--lz4")
-    output = str(rospy.get_param("~output", ""))
-    folder = Path(output) / "recordings" if output else Path(configuration.recording.folder)
-    return BagRecorder(folder.expanduser(), _topics(configuration), options)
-
-
 def _make(stopped: threading.Event) -> SimulationNode:
     configuration = load_configuration(parameters.configuration_folder(), parameters.overrides())
     peers, real = _names("~peers", PEERS), _names("~real", ())
@@ -282,9 +233,10 @@ def _make(stopped: threading.Event) -> SimulationNode:
     received = Received(str(rospy.get_param("~received", "")))
     sensors = bool(rospy.get_param("~sensors", True)) and "mission_planner" in peers
     drivers = bool(rospy.get_param("~drivers", False))
-    return SimulationNode(
-        world, clock, peers, _recorder(configuration), received, sensors=sensors, drivers=drivers, real=real
-    )
+    nodes = {name: name for name in real}
+    if "data_recorder" in nodes:
+        nodes["data_recorder"] = f"data_recorder_{configuration.recording.collector}"
+    return SimulationNode(world, clock, peers, received, sensors=sensors, drivers=drivers, real=nodes)
 
 
 def main() -> int:

@@ -102,6 +102,7 @@ class Collector:
         if self.phase in (*WRITING, Phase.FAILED):
             for view in self.views.values():
                 view.refusal, view.asked_ns = "", None
+                view.fetched, view.fetched_fraction, view.fetch_again_ns = False, 0.0, 0
             self._enter(Phase.STOPPING, t_ns)
         return Answer(accepted=True)
 
@@ -166,6 +167,11 @@ class Collector:
         self._summary = dict(summary)
         self._enter(Phase.COMPLETE, t_ns)
         self.location, self._message = str(summary.get("location", "")), str(summary.get("message", ""))
+
+    def interrupted(self, t_ns: int) -> None:
+        """Take notice that the process ends: what it recorded waits for somebody to ask for it."""
+        if self.phase in WRITING:
+            self._fail(t_ns, "the recorder node was ended while it recorded; its part is closed, retry collects it")
 
     def step(self, t_ns: int) -> Tuple[Command, ...]:
         """Go on; return what is to be done."""

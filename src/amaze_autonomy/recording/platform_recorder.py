@@ -28,6 +28,7 @@ __all__ = ["GroupSetup", "PlatformRecorder", "PlatformSetup"]
 _S = 1_000_000_000
 _SHORT_LEFT_S = 60.0
 _KILL_AFTER_NS = 2 * _S
+_TRIES = 25  # of a recovery that is killed
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class PlatformRecorder:
         self._recovering = False
         self._progress: Optional[float] = None
         self._message = ""
-        self._escalation = 0
+        self._escalation = self._tries = 0
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -121,7 +122,7 @@ class PlatformRecorder:
 
     def _enter(self, phase: Phase, t_ns: int) -> None:
         self.phase, self._since_ns = phase, t_ns
-        self._recovering, self._progress, self._escalation = False, None, 0
+        self._recovering, self._progress, self._escalation, self._tries = False, None, 0, 0
         if phase in (Phase.STARTING, Phase.RECOVERING):
             self._message = ""
 
@@ -131,9 +132,12 @@ class PlatformRecorder:
         """Take the progress of the recovery."""
         self._progress = fraction
 
-    def recovery_ended(self, t_ns: int, problem: str) -> None:
-        """Take the end of the recovery: an empty text when all is well."""
+    def recovery_ended(self, t_ns: int, problem: str, *, killed: bool = False) -> None:
+        """Take the end of the recovery: an empty text when all is well; one that was killed is started again."""
         if self.phase is not Phase.RECOVERING:
+            return
+        if problem and killed and self._tries < _TRIES:
+            self._recovering = False
             return
         self._enter(Phase.FAILED if problem else Phase.COMPLETE, t_ns)
         self._message = problem
@@ -178,6 +182,7 @@ class PlatformRecorder:
         if self._recovering:
             return []
         self._recovering = True
+        self._tries += 1
         return [Recover()]
 
     def _proven(self) -> bool:

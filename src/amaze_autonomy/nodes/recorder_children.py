@@ -1,0 +1,213 @@
+"""The recorders' processes on one platform: started, told to end, seen; found again by the next process of the node.
+
+Each has its own process group, so that a Ctrl-C in a terminal does not reach it, and writes its warnings to a file, so
+that it does not die with the node: a node that was killed is started again, and goes on with the recorders that run.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+import roslib.packages
+
+from amaze_autonomy.config.recording_schema import Storage, TopicGroup
+from amaze_autonomy.recording.child_command import bag_name, child_command, files_of, log_name
+from amaze_autonomy.recording.folders import space_of
+from amaze_autonomy.recording.log_lines import LogState, read_line
+from amaze_autonomy.recording.sight import GroupSight, Sight
+
+from .local_process import LocalProcess
+
+__all__ = ["RecorderChildren", "Subscriptions", "recorder_program"]
+
+
+def recorder_program() -> List[str]:
+    """Return the recorder in C++; the script that wraps it would die without it."""
+    found = roslib.packages.find_node("rosbag", "record")
+    return [str(found[0])] if found else ["rosbag", "record"]
+
+
+class Subscriptions:
+    """What the master says: who subscribes to what, and which topics are published. None: it said nothing lately."""
+
+    def __init__(self, subscribed: Optional[Mapping[str, Sequence[str]]] = None, published: Sequence[str] = ()) -> None:
+        self._subscribed, self._published = subscribed, frozenset(published)
+
+    def missing(self, node: str, topics: Sequence[str]) -> Optional[Tuple[str, ...]]:
+        """Return the topics that a node is not subscribed to; None when nobody knows."""
+        if self._subscribed is None:
+            return None
+        return tuple(topic for topic in topics if node not in self._subscribed.get(topic, ()))
+
+    def silent(self, topics: Sequence[str]) -> bool:
+        """Return whether it is known that nobody publishes any of some topics."""
+        return self._subscribed is not None and not any(topic in self._published for topic in topics)
+
+
+class _Log:
+    """Reads a group's log as it grows."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.state = LogState()
+        self._place, self._rest = 0, b""
+
+    def read(self) -> LogState:
+        with suppress(OSError), self.path.open("rb") as file:
+            file.seek(self._place)
+            data = file.read()
+            self._place += len(data)
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            for line in lines:
+                self.state = read_line(self.state, line.decode("utf-8", "replace"))
+        return self.state
+
+
+class RecorderChildren:
+    """The processes of one session on this platform. Used by the node's one working thread.
+
+    Args:
+        groups: by name.
+        topics: of each group, resolved.
+        nodes: name of each group's recorder node, resolved.
+        storage: settings.
+        program: of the recorder.
+    """
+
+    def __init__(
+        self,
+        groups: Mapping[str, TopicGroup],
+        topics: Mapping[str, Sequence[str]],
+        nodes: Mapping[str, str],
+        storage: Storage,
+        program: Sequence[str],
+    ) -> None:
+        self._groups, self._topics, self._nodes = dict(groups), dict(topics), dict(nodes)
+        self._storage, self._program = storage, list(program)
+        self._folder: Optional[Path] = None
+        self._processes: Dict[str, LocalProcess] = {}
+        self._own: Dict[str, subprocess.Popen[bytes]] = {}
+        self._endings: Dict[str, str] = {}
+        self._logs: Dict[str, _Log] = {}
+
+    def enter(self, folder: Path) -> None:
+        """Work in a session's folder from now on."""
+        if folder != self._folder:
+            self._folder = folder
+            self._logs = {name: _Log(folder / log_name(name)) for name in self._groups}
+            self._endings = {}
+
+    def start(self, name: str, number: int) -> str:
+        """Start a recorder; return why that is not possible, or an empty text."""
+        folder = self._folder
+        if folder is None:
+            return "no session"
+        group = self._groups[name]
+        short = self._nodes[name].rsplit("/", 1)[-1]
+        command = child_command(
+            self._program, short, group, self._topics[name], self._storage, folder / bag_name(name, number)
+        )
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with (folder / log_name(name)).open("ab") as log:
+                process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+                )
+        except OSError as error:
+            self._endings[name] = f"it cannot be started: {error}"
+            return self._endings[name]
+        self._own[name] = process
+        self._take(name, process.pid)
+        return ""
+
+    def _take(self, name: str, pid: int) -> None:
+        found = LocalProcess.of(pid)
+        if found is not None:
+            self._processes[name] = found
+
+    def signal(self, name: str, word: str) -> None:
+        """Send INT, TERM or KILL to the process group of a recorder."""
+        process = self._processes.get(name)
+        if process is not None and process.alive:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, getattr(signal, f"SIG{word}"))
+
+    @property
+    def running(self) -> Tuple[str, ...]:
+        """Return the groups whose recorder is there."""
+        return tuple(name for name in self._groups if self._is_running(name))
+
+    def _is_running(self, name: str) -> bool:
+        own = self._own.get(name)
+        if own is not None and own.poll() is not None:
+            self._endings[name] = _ending(own.returncode)
+            del self._own[name]
+        process = self._processes.get(name)
+        return process is not None and process.alive
+
+    def look(self, subscriptions: Subscriptions) -> Sight:
+        """Return everything as it is now."""
+        folder = self._folder
+        if folder is None:
+            return Sight()
+        sizes = _sizes(folder)
+        groups = {name: self._see(name, sizes, subscriptions) for name in self._groups}
+        return Sight(groups, space_of(folder))
+
+    def _see(self, name: str, sizes: Mapping[str, int], subscriptions: Subscriptions) -> GroupSight:
+        running = self._is_running(name)
+        log, topics = self._logs[name].read(), self._topics[name]
+        ending = "" if running else "; ".join(each for each in (self._endings.get(name, ""), log.error) if each)
+        return GroupSight(
+            running=running,
+            ending=ending,
+            size=sum(sizes[each] for each in files_of(name, list(sizes))),
+            missing=subscriptions.missing(self._nodes[name], topics) if running else tuple(topics),
+            silent=subscriptions.silent(topics),
+            dropped=log.dropped,
+            full=running and log.full,
+        )
+
+    def memory(self) -> Dict[str, List[int]]:
+        """Return number and time of start of each process."""
+        return {name: [process.pid, process.start] for name, process in self._processes.items() if process.alive}
+
+    def remember(self, memory: Mapping[str, Sequence[int]]) -> None:
+        """Find the processes again that another process of the node started."""
+        for name, (pid, start) in memory.items():
+            if name in self._groups:
+                self._processes[name] = LocalProcess(int(pid), int(start))
+                self._endings[name] = "it ended while this node was away"
+
+    def wait(self, names: Iterable[str], limit_s: float) -> None:
+        """Wait until recorders have ended."""
+        for name in names:
+            if name in self._own:
+                with suppress(subprocess.TimeoutExpired):
+                    self._own[name].wait(limit_s)
+            elif name in self._processes:
+                self._processes[name].wait(limit_s)
+
+
+def _ending(status: int) -> str:
+    if status < 0:
+        with suppress(ValueError):
+            return f"killed by {signal.Signals(-status).name}"
+    return f"it ended with status {status}"
+
+
+def _sizes(folder: Path) -> Dict[str, int]:
+    found: Dict[str, int] = {}
+    try:
+        with os.scandir(folder) as entries:
+            for entry in entries:
+                with suppress(OSError):
+                    found[entry.name] = entry.stat().st_size
+    except OSError:
+        pass
+    return found
