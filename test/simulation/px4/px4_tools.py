@@ -23,7 +23,7 @@ STEP = S // 50
 RECORDED = VehicleSettings(
     takeoff_height_m=2.5,
     model=FlightModel(
-        cruise_speed_m_s=4.0, climb_speed_m_s=1.35, landing_speed_m_s=0.5, acceleration_m_s2=2.0, turn_rate_rad_s=2.0
+        cruise_speed_m_s=3.6, climb_speed_m_s=1.2, landing_speed_m_s=0.5, acceleration_m_s2=2.0, turn_rate_rad_s=2.0
     ),
     spin_up_ns=17 * S // 10,
 )
