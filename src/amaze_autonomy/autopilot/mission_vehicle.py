@@ -1,0 +1,193 @@
+"""What the planner knows of the vehicle: the last word of each kind, and when it came. Pure.
+
+Every reading has an age; what is old is unknown. Positions that are fresh and wrong are told by the estimator's flags.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, Dict, Mapping, NamedTuple, Optional, Tuple
+
+from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.missions import Place
+
+from .dialect import Message, mavlink, source_of
+from .mission_items import Dialect
+from .modes import MANUAL_MODES, mode_name, mode_number
+from .texts import Texts
+
+__all__ = ["HOLD", "LAND", "MISSION", "OFFBOARD", "WANTED", "Pose", "VehicleWatch"]
+
+_S = 1_000_000_000
+HOLD, LAND, MISSION, OFFBOARD = "AUTO.LOITER", "AUTO.LAND", "AUTO.MISSION", "OFFBOARD"
+
+_LANDED = {
+    mavlink.MAV_LANDED_STATE_ON_GROUND: VehicleLanded.ON_GROUND,
+    mavlink.MAV_LANDED_STATE_TAKEOFF: VehicleLanded.TAKING_OFF,
+    mavlink.MAV_LANDED_STATE_IN_AIR: VehicleLanded.IN_AIR,
+    mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
+}
+_FAILSAFE = (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
+_RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
+_ESTIMATE_AGE_NS = 3 * _S
+_WARNING = mavlink.MAV_SEVERITY_WARNING
+_DEG7, _MM = 1e-7, 1e-3
+
+
+class Pose(NamedTuple):
+    """The local position (ENU, REP-103) in the frame of the estimator.
+
+    Args:
+        t_ns: when it came.
+        position_m: east, north, up.
+        velocity_m_s: likewise.
+    """
+
+    t_ns: int
+    position_m: Tuple[float, float, float]
+    velocity_m_s: Tuple[float, float, float]
+
+    @property
+    def speed_m_s(self) -> float:
+        """Return how fast it moves."""
+        return math.sqrt(sum(each * each for each in self.velocity_m_s))
+
+
+class VehicleWatch:
+    """Takes messages, keeps the last of each kind."""
+
+    def __init__(self) -> None:
+        self.autopilot = int(mavlink.MAV_AUTOPILOT_PX4)
+        self.target: Tuple[int, int] = (0, 0)
+        self.heartbeat_ns: Optional[int] = None
+        self.armed: Optional[bool] = None
+        self.mode = ""
+        self.failsafe = False
+        self.landed = VehicleLanded.UNKNOWN
+        self.landed_ns: Optional[int] = None
+        self.pose: Optional[Pose] = None
+        self.yaw_rad: Optional[float] = None
+        self.yaw_ns = 0
+        self.place: Optional[Place] = None
+        self.height_m = 0.0
+        self.place_ns = 0
+        self.estimator: Optional[int] = None
+        self.estimator_ns = 0
+        self.current: Optional[int] = None
+        self.reached: Optional[int] = None
+        self.texts = Texts()
+        self.results: Dict[int, str] = {}
+
+    def take(self, t_ns: int, message: Message) -> None:
+        """Take a message of the vehicle."""
+        take = _TAKES.get(message.get_type())
+        if take is not None:
+            take(self, t_ns, message)
+
+    def known(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether the vehicle speaks: its last heartbeat is young."""
+        return self.heartbeat_ns is not None and t_ns - self.heartbeat_ns <= limit_ns
+
+    def on_ground(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether it says, freshly, that it is on the ground."""
+        fresh = self.landed_ns is not None and t_ns - self.landed_ns <= limit_ns
+        return fresh and self.landed is VehicleLanded.ON_GROUND
+
+    def local(self, t_ns: int, limit_ns: int) -> Optional[Pose]:
+        """Return the local position, unless it is old or the estimator disowns it."""
+        good = self.pose is not None and t_ns - self.pose.t_ns <= limit_ns
+        return self.pose if good and self._estimates(t_ns, _RELATIVE | _ABSOLUTE) else None
+
+    def somewhere(self, t_ns: int, limit_ns: int) -> Optional[Place]:
+        """Return the place on the earth, unless it is old or the estimator disowns it."""
+        good = self.place is not None and t_ns - self.place_ns <= limit_ns
+        return self.place if good and self._estimates(t_ns, _ABSOLUTE) else None
+
+    @property
+    def pilot(self) -> bool:
+        """True in a mode that pilots choose, unless a failsafe chose it."""
+        return self.mode in MANUAL_MODES and not self.failsafe
+
+    @property
+    def dialect(self) -> Dialect:
+        """How it speaks the mission protocol."""
+        ardupilot = self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return Dialect.ARDUPILOT if ardupilot else Dialect.PX4
+
+    def numbers(self, mode: str) -> Optional[Tuple[int, int]]:
+        """Return the parameters 2 and 3 of DO_SET_MODE; None where there is no such mode."""
+        return mode_number(self.autopilot, mode)
+
+    def complaint(self, t_ns: int, since_ns: int) -> str:
+        """Return the last warning in words, not older than a time; empty when there is none."""
+        warnings = [text.text for text in self.texts.recent(t_ns, t_ns - since_ns) if text.severity <= _WARNING]
+        return warnings[-1] if warnings else ""
+
+    def _estimates(self, t_ns: int, any_of: int) -> bool:
+        fresh = self.estimator is not None and t_ns - self.estimator_ns <= _ESTIMATE_AGE_NS
+        return fresh and bool((self.estimator or 0) & any_of)
+
+    # --- messages -------------------------------------------------------------------------------------------------
+
+    def _heartbeat(self, t_ns: int, message: Message) -> None:
+        self.autopilot, self.target, self.heartbeat_ns = message.autopilot, source_of(message), t_ns
+        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.mode = mode_name(message.autopilot, message.custom_mode)
+        self.failsafe = message.system_status in _FAILSAFE
+
+    def _extended(self, t_ns: int, message: Message) -> None:
+        self.landed, self.landed_ns = _LANDED.get(message.landed_state, VehicleLanded.UNKNOWN), t_ns
+
+    def _local(self, t_ns: int, message: Message) -> None:
+        values = (message.y, message.x, -message.z, message.vy, message.vx, -message.vz)
+        if all(map(math.isfinite, values)):
+            self.pose = Pose(t_ns, values[:3], values[3:])
+
+    def _attitude(self, t_ns: int, message: Message) -> None:
+        if math.isfinite(message.yaw):
+            self.yaw_rad, self.yaw_ns = math.pi / 2 - message.yaw, t_ns
+
+    def _global(self, t_ns: int, message: Message) -> None:
+        self.place, self.place_ns = Place(message.lat * _DEG7, message.lon * _DEG7), t_ns
+        self.height_m = message.relative_alt * _MM
+
+    def _estimator(self, t_ns: int, message: Message) -> None:
+        self.estimator, self.estimator_ns = message.flags, t_ns
+
+    def _current(self, _: int, message: Message) -> None:
+        self.current = message.seq
+
+    def _reached(self, _: int, message: Message) -> None:
+        self.reached = message.seq
+
+    def _text(self, t_ns: int, message: Message) -> None:
+        self.texts.add(t_ns, message)
+
+    def _ack(self, _: int, message: Message) -> None:
+        found = mavlink.enums["MAV_RESULT"].get(message.result)
+        self.results[message.command] = str(found.name) if found else f"result {message.result}"
+
+
+_TAKES: Mapping[str, Callable[[VehicleWatch, int, Message], None]] = {
+    "HEARTBEAT": VehicleWatch._heartbeat,  # noqa: SLF001 - the table of this class
+    "EXTENDED_SYS_STATE": VehicleWatch._extended,  # noqa: SLF001
+    "LOCAL_POSITION_NED": VehicleWatch._local,  # noqa: SLF001
+    "ATTITUDE": VehicleWatch._attitude,  # noqa: SLF001
+    "GLOBAL_POSITION_INT": VehicleWatch._global,  # noqa: SLF001
+    "ESTIMATOR_STATUS": VehicleWatch._estimator,  # noqa: SLF001
+    "EKF_STATUS_REPORT": VehicleWatch._estimator,  # noqa: SLF001 - the same bits
+    "MISSION_CURRENT": VehicleWatch._current,  # noqa: SLF001
+    "MISSION_ITEM_REACHED": VehicleWatch._reached,  # noqa: SLF001
+    "STATUSTEXT": VehicleWatch._text,  # noqa: SLF001
+    "COMMAND_ACK": VehicleWatch._ack,  # noqa: SLF001
+}
+WANTED: Mapping[str, float] = {
+    "EXTENDED_SYS_STATE": 5.0,
+    "LOCAL_POSITION_NED": 20.0,
+    "ATTITUDE": 10.0,
+    "GLOBAL_POSITION_INT": 5.0,
+    "ESTIMATOR_STATUS": 2.0,
+    "EKF_STATUS_REPORT": 2.0,
+    "MISSION_CURRENT": 2.0,
+}
+"""Streams that the planner asks for, and their rates in Hz."""

@@ -1,0 +1,422 @@
+"""The mission planner and sequencer: loads files, takes off, holds, resumes, lands; a client of a link, without I/O.
+
+Everything it says is read from the vehicle: a file is loaded when it reads back the same, a flight is over when the
+vehicle is disarmed on the ground. Commands are tables of steps (`mission_steps.py`); which command is good in which
+phase is a table here. It never commands a vehicle that a pilot flies, and never sends what nobody asked for, with two
+exceptions that the offboard flight needs: it lands after the last waypoint, and when the pose stays away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Iterable, List, Mapping, Optional, Sequence, Tuple
+
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus, VehicleLanded
+from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
+
+from .dialect import Message, mavlink, message_id
+from .guidance import Guidance
+from .loading import Loading, LoadRequest, Origin, Readiness
+from .mission_items import waypoint_index
+from .mission_steps import STEPS, Means, Procedure, Progress, is_foreign
+from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, WANTED, Pose, VehicleWatch
+from .remaining import Here, remaining
+
+__all__ = ["Sequencer", "SequencerSettings"]
+
+_S = 1_000_000_000
+_ASK_STREAMS_NS = 5 * _S
+_BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
+_P, _A = MissionPhase, MissionAction
+_IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
+_AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
+
+#: phases in which a command is taken; any other refuses it. LAND and ABORT are taken always.
+_TAKEN: Mapping[MissionAction, Tuple[MissionPhase, ...]] = {
+    _A.TAKEOFF: (_P.LOADED,),
+    _A.HOLD: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
+    _A.RESUME: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
+}
+_WORDS: Mapping[MissionAction, str] = {_A.TAKEOFF: "fly", _A.HOLD: "hold", _A.RESUME: "resume"}
+
+
+@dataclass(frozen=True)
+class SequencerSettings:
+    """What the planner knows.
+
+    Args:
+        plans: every mission.
+        spec: limits.
+        model: how the vehicle flies.
+        takeoff_height_m: of each climb.
+    """
+
+    plans: Tuple[MissionPlan, ...]
+    spec: PlannerSpec
+    model: FlightModel
+    takeoff_height_m: float
+
+
+class Sequencer:
+    """One planner on one link.
+
+    Args:
+        settings: what it knows.
+    """
+
+    def __init__(self, settings: SequencerSettings) -> None:
+        self._settings, self._spec = settings, settings.spec
+        self._plans = {plan.mission.id: plan for plan in settings.plans}
+        self.watch = VehicleWatch()
+        self._means = Means(self.watch, self._spec.setpoint_lead_ns)
+        self._phase, self._message = _P.IDLE, ""
+        self._loading: Optional[Loading] = None
+        self._loaded: Optional[LoadRequest] = None
+        self._origin: Optional[Origin] = None
+        self._procedure: Optional[Procedure] = None
+        self._guidance: Optional[Guidance] = None
+        self._setpoint_ns = self._asked_ns = -_ASK_STREAMS_NS
+        self._was_armed = self._was_airborne = False
+        self._highest, self._reached = 0, 0
+
+    # --- the link -------------------------------------------------------------------------------------------------
+
+    def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
+        """Take a message of the vehicle."""
+        self.watch.take(t_ns, message)
+        sent: List[Message] = []
+        if self._loading is not None and not self._loading.over:
+            sent += self._loading.receive(t_ns, message)
+            self._finish_loading()
+        if message.get_type() in ("HEARTBEAT", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "MISSION_ITEM_REACHED"):
+            self._follow(t_ns)
+            sent += self._proceed(t_ns)
+        return sent
+
+    def wake(self, t_ns: int) -> Iterable[Message]:
+        """Look at the time; called at least as often as set-points are sent."""
+        sent: List[Message] = []
+        if self._loading is not None and not self._loading.over:
+            sent += self._loading.wake(t_ns)
+            self._finish_loading()
+        self._follow(t_ns)
+        return [*sent, *self._proceed(t_ns), *self._stream(t_ns), *self._ask_streams(t_ns)]
+
+    # --- requests -------------------------------------------------------------------------------------------------
+
+    def load(self, t_ns: int, request: LoadRequest) -> Tuple[Loading, Sequence[Message]]:
+        """Begin to send a waypoint file; the loading says when it is over, and how it ended."""
+        plan = self._plans.get(request.mission_id)
+        readiness = Readiness(self.watch, self._spec, self._phase in _IN_FLIGHT and bool(self.watch.armed))
+        origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
+        if self._loading is not None:
+            self._loading.supersede()
+        self._loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
+        if self._loading.refused:
+            return self._loading, ()
+        self._phase, self._message, self._loaded, self._procedure = _P.IDLE, "", request, None
+        self._guidance = None
+        messages = self._loading.start(t_ns)
+        self._finish_loading()
+        return self._loading, messages
+
+    def _finish_loading(self) -> None:
+        loading = self._loading
+        if loading is None or not loading.over or loading.seen:
+            return
+        loading.seen = True
+        self._phase, self._message = (_P.LOADED, "") if loading.accepted else (_P.IDLE, loading.reason)
+        if loading.accepted:
+            self._origin = loading.origin
+            self._was_armed = self._was_airborne = False
+            self._highest = self._reached = 0
+
+    def command(self, t_ns: int, session_id: str, action: MissionAction) -> Tuple[str, Sequence[Message]]:
+        """Begin to carry out a command; return why it is refused, empty when it is taken."""
+        problem = self._refusal(t_ns, session_id, action)
+        if problem:
+            return problem, ()
+        self._begin(t_ns, self._meant(t_ns, action))
+        return "", self._proceed(t_ns)
+
+    def _refusal(self, t_ns: int, session_id: str, action: MissionAction) -> str:
+        if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return "the vehicle is silent"
+        if self.watch.armed and self.watch.pilot:
+            return f"the pilot has control (mode {self.watch.mode})"
+        if action not in _TAKEN:
+            return ""
+        if self._loaded is None or session_id != self._loaded.session_id:
+            return f"session {session_id!r} is not the one that is loaded"
+        if self._phase not in _TAKEN[action]:
+            return f"there is nothing to {_WORDS[action]} in phase {self._phase.name}"
+        if self.watch.armed and is_foreign(self.watch.mode):
+            return f"the autopilot flies by itself (mode {self.watch.mode})"
+        if action is _A.TAKEOFF and self._controller is Controller.OFFBOARD and self._pose(t_ns) is None:
+            return "there is no fresh local position"
+        return ""
+
+    def _meant(self, t_ns: int, action: MissionAction) -> MissionAction:
+        """Return what is done: an abort on the ground disarms, anywhere else it lands; a landing on the ground too."""
+        if action not in (_A.LAND, _A.ABORT):
+            return action
+        on_ground = self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns) and not self._was_airborne
+        return _A.ABORT if on_ground else _A.LAND
+
+    def _begin(self, t_ns: int, action: MissionAction) -> None:
+        running = self._procedure
+        if running is not None and running.running and running.action is action:
+            return  # it is being done already
+        if action is _A.TAKEOFF:
+            self._take_off(t_ns)
+        if action is _A.HOLD and self._guidance is not None:
+            self._guidance.stand()
+        if action is _A.HOLD and self._controller is Controller.MISSION and self._phase is not _P.HOLDING:
+            self._means.resume_item = self.watch.current
+        if action is _A.RESUME and self._guidance is not None:
+            self._guidance.go_on()
+        persistent = action in (_A.LAND, _A.ABORT)
+        steps = STEPS[self._controller, action]
+        self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
+        self._message = ""
+
+    def _take_off(self, t_ns: int) -> None:
+        self._phase, self._was_armed, self._was_airborne = _P.TAKING_OFF, False, False
+        self._means.resume_item = self._means.stream_ns = None
+        pose, origin, loading = self._pose(t_ns), self._origin, self._loading
+        if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
+            waypoints, height = loading.trajectory.waypoints, self._settings.takeoff_height_m
+            self._guidance = Guidance(
+                waypoints,
+                origin.local,
+                height,
+                self._settings.model,
+                self._spec,
+                pose,
+                self.watch.yaw_rad,
+                self.watch.target,
+            )
+            self._means.stream_ns = t_ns
+
+    def shutdown(self, t_ns: int) -> Tuple[bool, Sequence[Message]]:
+        """Land before the process ends, unless it is on the ground, or a pilot flies; return whether it lands."""
+        if self._phase not in _IN_FLIGHT or not self.watch.armed or self.watch.pilot:
+            return False, ()
+        self._begin(t_ns, self._meant(t_ns, _A.LAND))
+        return True, self._proceed(t_ns)
+
+    @property
+    def landing_shown(self) -> bool:
+        """True once the vehicle lands, has landed, or is somebody else's."""
+        over = self._phase not in _IN_FLIGHT or not self.watch.armed
+        return over or self.watch.mode == LAND or is_foreign(self.watch.mode)
+
+    # --- what the vehicle does ------------------------------------------------------------------------------------
+
+    @property
+    def _controller(self) -> Controller:
+        plan = self._plans.get(self._loaded.mission_id) if self._loaded else None
+        return plan.controller if plan else Controller.MISSION
+
+    def _pose(self, t_ns: int) -> Optional[Pose]:
+        return self.watch.local(t_ns, self._spec.pose_age_limit_ns)
+
+    def _follow(self, t_ns: int) -> None:
+        """Read the phase from the vehicle."""
+        watch = self.watch
+        if self._phase not in _IN_FLIGHT or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return
+        self._was_armed = self._was_armed or bool(watch.armed)
+        if not self._was_armed:
+            return  # mode and landed state are still those of the flight before
+        self._was_airborne = self._was_airborne or (bool(watch.armed) and watch.landed in _AIRBORNE)
+        self._count()
+        if watch.armed is False and watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns):
+            self._end()
+        elif watch.armed:
+            self._phase = self._shown_phase()
+            self._message = self._hands_off() or (self._procedure.reason if self._procedure else "")
+
+    def _end(self) -> None:
+        """Be on the ground, disarmed."""
+        asked = self._procedure is not None and self._procedure.action in (_A.LAND, _A.ABORT)
+        if not self._was_airborne and not asked:
+            self._message = "disarmed before it lifted off"
+        if self._phase in (*_IN_FLIGHT, _P.LOADED):
+            self._phase = _P.LANDED
+        self._guidance = self._procedure = None
+        self._means.stream_ns = None
+
+    def _shown_phase(self) -> MissionPhase:
+        watch = self.watch
+        if watch.mode == LAND or watch.landed is VehicleLanded.LANDING:
+            return _P.LANDING
+        if watch.mode == HOLD and self._was_airborne:
+            return _P.HOLDING
+        if watch.mode == MISSION and self._was_airborne:
+            return _P.LANDING if self._past_the_last() else self._climbed(_P.FLYING)
+        if watch.mode == OFFBOARD and self._guidance is not None:
+            return self._offboard_phase()
+        return self._phase
+
+    def _climbed(self, phase: MissionPhase) -> MissionPhase:
+        return (
+            _P.TAKING_OFF if self._phase is _P.TAKING_OFF and self.watch.landed is not VehicleLanded.IN_AIR else phase
+        )
+
+    def _offboard_phase(self) -> MissionPhase:
+        guidance = self._guidance
+        if guidance is None:
+            return self._phase
+        if guidance.still:
+            return _P.HOLDING
+        if guidance.standing:
+            return self._phase
+        return _P.TAKING_OFF if guidance.climbing else _P.FLYING
+
+    def _hands_off(self) -> str:
+        """Return who else flies; empty when nobody does."""
+        if self.watch.armed and self.watch.pilot:
+            return f"the pilot has control (mode {self.watch.mode})"
+        return f"the autopilot flies by itself (mode {self.watch.mode})" if is_foreign(self.watch.mode) else ""
+
+    def _count(self) -> None:
+        """Count waypoints that are done with; a repeated message of the flight before counts nothing."""
+        if self._guidance is not None:
+            self._reached = self._guidance.reached
+            return
+        if self.watch.mode != MISSION or not self._was_airborne or self.watch.current is None:
+            return
+        self._highest = max(self._highest, self.watch.current)
+        done = self._highest
+        if self.watch.reached is not None and self.watch.reached == self._highest:
+            done = self.watch.reached + 1
+        index = waypoint_index(done, self.watch.dialect)
+        self._reached = max(self._reached, min(index, self._waypoints))
+
+    def _past_the_last(self) -> bool:
+        return waypoint_index(self._highest, self.watch.dialect) >= self._waypoints
+
+    @property
+    def _waypoints(self) -> int:
+        return len(self._loading.trajectory.waypoints) if self._loading and self._loading.accepted else 0
+
+    # --- what is sent ---------------------------------------------------------------------------------------------
+
+    def _proceed(self, t_ns: int) -> List[Message]:
+        procedure = self._procedure
+        if procedure is None:
+            return []
+        if procedure.action is _A.ABORT and procedure.running and self._was_airborne:
+            self._begin(t_ns, _A.LAND)  # it has lifted off meanwhile
+            return self._proceed(t_ns)
+        sent = procedure.wake(t_ns)
+        if procedure.progress is Progress.FAILED and procedure.action is _A.TAKEOFF:
+            self._message = procedure.reason
+            self._cancel(t_ns)
+        elif procedure.progress is Progress.DONE and procedure.action is _A.ABORT:
+            self._end()
+        elif procedure.reason:
+            self._message = self._hands_off() or procedure.reason
+        return sent
+
+    def _cancel(self, t_ns: int) -> None:
+        """Give a takeoff up that did not begin: disarm what is armed."""
+        message = self._message
+        self._begin(t_ns, self._meant(t_ns, _A.ABORT))  # an arming may be under way, unseen
+        self._message = message
+
+    def _stream(self, t_ns: int) -> List[Message]:
+        """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""
+        guidance = self._guidance
+        if guidance is None or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9:
+            return []
+        if self._was_airborne and self.watch.mode != OFFBOARD and not self._wants_offboard():
+            return []
+        self._setpoint_ns = t_ns
+        guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD
+        sent = [guidance.step(t_ns, self._pose(t_ns), self.watch.yaw_rad)]
+        self._means.still = guidance.still
+        blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
+        if guidance.flying and (guidance.finished or blind) and not self._lands():
+            self._begin(t_ns, _A.LAND)
+            self._message = "the local position stays away: landing" if blind else ""
+            sent += self._proceed(t_ns)
+        return sent
+
+    def _wants_offboard(self) -> bool:
+        procedure = self._procedure
+        return procedure is not None and procedure.running and procedure.action in (_A.TAKEOFF, _A.HOLD, _A.RESUME)
+
+    def _lands(self) -> bool:
+        procedure = self._procedure
+        return procedure is not None and procedure.running and procedure.action is _A.LAND
+
+    def _ask_streams(self, t_ns: int) -> List[Message]:
+        """Ask for the messages that are read, again and again: a vehicle that starts anew has forgotten it."""
+        if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns) or t_ns - self._asked_ns < _ASK_STREAMS_NS:
+            return []
+        self._asked_ns = t_ns
+        return [
+            mavlink.MAVLink_command_long_message(
+                *self.watch.target,
+                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+                0,
+                float(message_id(name)),
+                round(1e6 / rate_hz),
+                *(0.0,) * 5,
+            )
+            for name, rate_hz in WANTED.items()
+            if name != "EKF_STATUS_REPORT" or self.watch.dialect.value
+        ]
+
+    # --- what is told ---------------------------------------------------------------------------------------------
+
+    def status(self, t_ns: int) -> MissionStatus:
+        """Return what is to be known of it, level-based."""
+        distance, seconds = self._left(t_ns)
+        loaded = self._loaded
+        return MissionStatus(
+            t_ns=t_ns,
+            session_id=loaded.session_id if loaded else "",
+            mission_id=loaded.mission_id if loaded else "",
+            phase=self._phase,
+            waypoint=self._waypoint(),
+            waypoints=self._waypoints,
+            file_index=loaded.file_index if loaded else 0,
+            repetition=loaded.repetition if loaded else 0,
+            distance_left_m=distance,
+            time_left_s=seconds,
+            message=self._message if self.watch.known(t_ns, self._spec.vehicle_age_limit_ns) else _SILENT,
+        )
+
+    def _waypoint(self) -> int:
+        """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
+        if self._phase is _P.LANDED:
+            return self._reached
+        return min(self._reached + 1, self._waypoints) if self._phase in _IN_FLIGHT else 0
+
+    def _left(self, t_ns: int) -> Tuple[Optional[float], Optional[float]]:
+        loading, origin = self._loading, self._origin
+        if loading is None or origin is None or not loading.accepted:
+            return None, None
+        waypoints = loading.trajectory.waypoints[self._reached :]
+        if self._phase is _P.LANDED:
+            waypoints = ()
+        return remaining(self._here(t_ns, origin), waypoints, self._settings.model)
+
+    def _here(self, t_ns: int, origin: Origin) -> Optional[Here]:
+        watch, limit_ns = self.watch, self._spec.vehicle_age_limit_ns
+        yaw = watch.yaw_rad or 0.0
+        if origin.local is not None:
+            pose = watch.local(t_ns, limit_ns)
+            if pose is None:
+                return None
+            x, y, z = (at - start for at, start in zip(pose.position_m, origin.local))
+            return Here(x, y, z, yaw)
+        place = watch.somewhere(t_ns, limit_ns)
+        return None if place is None or origin.home is None else Here(*origin.home.to_local(place), watch.height_m, yaw)
+
+
+_SILENT = "the vehicle is silent"

@@ -1,0 +1,126 @@
+"""A planner and the simulated PX4 on a channel, in virtual time."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, List, Tuple
+
+from mission_channel import MS, Channel, S, good
+
+from amaze_autonomy.autopilot.loading import LoadRequest
+from amaze_autonomy.autopilot.sequencer import Sequencer, SequencerSettings
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.missions import (
+    Controller,
+    FlightModel,
+    MissionPlan,
+    PlannerSpec,
+    Trajectory,
+    Waypoint,
+    estimate_rounds,
+)
+from amaze_autonomy.simulation.power import Power, PowerSettings
+from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
+from amaze_autonomy.simulation.vehicle import VehicleSettings
+
+MODEL = FlightModel(cruise_speed_m_s=4.0, climb_speed_m_s=2.0, landing_speed_m_s=1.0, acceleration_m_s2=4.0)
+LINE = Trajectory(
+    "line.csv",
+    (Waypoint(0.0, 0.0, 2.0, 0.0, 0.5), Waypoint(8.0, 0.0, 2.0, 0.0, 0.5), Waypoint(8.0, 6.0, 3.0, 1.57, 0.5)),
+)
+BACK = Trajectory("back.csv", (Waypoint(8.0, 6.0, 2.0, 1.57, 0.5), Waypoint(0.0, 0.0, 2.0, 0.0, 0.5)))
+
+
+def plan(name: str, files: Tuple[Trajectory, ...], controller: Controller, repetitions: int = 1, home=None):
+    first, again = estimate_rounds(files, 1.0, MODEL)
+    mission = Mission(id=name, files=len(files), repetitions=repetitions)
+    return MissionPlan(mission, files, first, again, home, controller)
+
+
+PLANS = (
+    plan("line", (LINE,), Controller.MISSION),
+    plan("both", (LINE, BACK), Controller.MISSION, 2),
+    plan("inside", (LINE,), Controller.OFFBOARD),
+    plan("inside twice", (LINE, BACK), Controller.OFFBOARD, 2),
+)
+
+
+class Vehicle:
+    """The simulated PX4 at the other end."""
+
+    def __init__(self, settings: Px4Settings) -> None:
+        self.craft = Craft(VehicleSettings(model=MODEL))
+        self.px4 = Px4(self.craft, Power(PowerSettings()), settings=settings)
+        self.px4.connect("planner")
+
+    def take(self, t_ns: int, message: Any) -> List[Any]:
+        self.px4.receive(t_ns, "planner", message)
+        return []
+
+    def wake(self, t_ns: int) -> List[Any]:
+        self.craft.advance(t_ns)
+        return [message for _, message in self.px4.advance(t_ns)]
+
+
+class Flying:
+    """Both of them, and what was seen."""
+
+    def __init__(self, fate: Callable[[], Tuple[int, ...]] = good, plans=PLANS, spec=None, settings=None) -> None:
+        self.planner = Sequencer(SequencerSettings(plans, spec or PlannerSpec(), MODEL, 1.0))
+        self.vehicle = Vehicle(settings or Px4Settings())
+        self.craft = self.vehicle.craft
+        self.channel = Channel(self.planner, self.vehicle, fate)
+        self.phases: List[MissionPhase] = []
+        self.received: List[Any] = []
+        self.run(3 * S)
+
+    @property
+    def t_ns(self) -> int:
+        return self.channel.t_ns
+
+    @property
+    def status(self):
+        return self.planner.status(self.t_ns)
+
+    @property
+    def phase(self) -> MissionPhase:
+        return self.status.phase
+
+    def _see(self) -> None:
+        if not self.phases or self.phases[-1] is not self.phase:
+            self.phases.append(self.phase)
+
+    def run(self, duration_ns: int) -> None:
+        self.until(lambda: False, duration_ns, must=False)
+
+    def until(self, condition: Callable[[], Any], limit_ns: int = 120 * S, *, must: bool = True) -> None:
+        def over() -> bool:
+            self._see()
+            return bool(condition())
+
+        self.channel.run(over, limit_ns)
+        assert not must or condition(), f"not within {limit_ns / S} s: {self.status} {self.craft.mode}"
+
+    def load(self, mission: str, file_index: int = 0, repetition: int = 0, session: str = "s1"):
+        request = LoadRequest(session, mission, file_index, repetition)
+        loading, messages = self.planner.load(self.t_ns, request)
+        self.channel.ours(messages)
+        self.until(lambda: loading.over, 20 * S)
+        return loading
+
+    def command(self, action: MissionAction, session: str = "s1") -> str:
+        problem, messages = self.planner.command(self.t_ns, session, action)
+        self.channel.ours(messages)
+        return problem
+
+    def take_off(self, mission: str, file_index: int = 0, repetition: int = 0) -> None:
+        loading = self.load(mission, file_index, repetition)
+        assert loading.accepted, loading.reason
+        assert self.command(MissionAction.TAKEOFF) == ""
+
+    def until_phase(self, *phases: MissionPhase, limit_ns: int = 120 * S) -> None:
+        self.until(lambda: self.phase in phases, limit_ns)
+
+
+__all__ = ["BACK", "LINE", "MS", "PLANS", "Flying", "S"]

@@ -1,0 +1,500 @@
+"""Stories of the planner with the simulated PX4, in virtual time: what the vehicle did, and what was said of it."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from flying import BACK, LINE, MS, PLANS, Flying, S, plan
+from mission_channel import good
+
+from amaze_autonomy.autopilot.dialect import mavlink
+from amaze_autonomy.autopilot.loading import LoadRequest
+from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus
+from amaze_autonomy.missions import Controller, Home, Trajectory, Waypoint
+
+P, A = MissionPhase, MissionAction
+WHOLE = [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING, P.LANDED]
+BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
+WHERE_IT_LANDS = (8.0, 6.0)
+
+
+def near(flying, x, y, within=0.6):
+    east, north, _ = flying.craft.position_m
+    return abs(east - x) < within and abs(north - y) < within
+
+
+@BOTH
+def test_a_file_is_flown_from_takeoff_to_landing(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until_phase(P.LANDED)
+    assert flying.phases == WHOLE
+    assert near(flying, *WHERE_IT_LANDS)
+    assert flying.status == MissionStatus(
+        t_ns=flying.t_ns,
+        session_id="s1",
+        mission_id=mission,
+        phase=P.LANDED,
+        waypoint=3,
+        waypoints=3,
+        distance_left_m=0.0,
+        time_left_s=0.0,
+    )
+
+
+@BOTH
+def test_what_is_left_gets_less_and_the_waypoint_goes_up(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    seen = []
+    while flying.phase is not P.LANDED:
+        flying.run(500 * MS)
+        seen.append(flying.status)
+    flown = [status for status in seen if status.phase in (P.FLYING, P.LANDING)]
+    assert [status.waypoint for status in flown] == sorted(status.waypoint for status in flown)
+    assert {status.waypoint for status in flown} == {1, 2, 3}
+    lengths = [status.distance_left_m for status in flown]
+    assert all(later <= earlier + 0.3 for earlier, later in zip(lengths, lengths[1:]))
+    assert lengths[0] == pytest.approx(15.0, abs=1.5)
+    assert flown[-1].time_left_s == 0.0
+
+
+@BOTH
+def test_it_holds_where_it_is_and_resumes_where_it_stopped(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING, limit_ns=3 * S)
+    held, waypoint = flying.craft.position_m, flying.status.waypoint
+    assert waypoint == 2
+    flying.run(10 * S)
+    assert flying.phase is P.HOLDING
+    assert max(abs(a - b) for a, b in zip(flying.craft.position_m, held)) < 1.0
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FLYING, limit_ns=5 * S)
+    assert flying.status.waypoint == waypoint
+    flying.until_phase(P.LANDED)
+    assert (flying.status.waypoint, near(flying, *WHERE_IT_LANDS)) == (3, True)
+
+
+@BOTH
+def test_a_hold_during_the_takeoff_is_resumed_as_well(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.height_m > 0.3)
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING, limit_ns=3 * S)
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+@BOTH
+def test_hold_and_resume_at_once_end_as_the_last_one_said(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until_phase(P.FLYING)
+    flying.run(S)
+    for first, last, phase in ((A.HOLD, A.RESUME, P.FLYING), (A.RESUME, A.HOLD, P.HOLDING)):
+        flying.command(first)
+        assert flying.command(last) == ""
+        flying.run(3 * S)
+        assert flying.phase is phase
+
+
+@BOTH
+def test_it_lands_early_where_it_is(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+    assert near(flying, 4.0, 0.0, 2.0)
+    assert flying.status.waypoint == 1  # not the last: the mission is not complete
+
+
+@BOTH
+def test_an_abort_in_flight_lands_and_on_the_ground_disarms(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.armed)
+    assert flying.command(A.ABORT) == ""
+    flying.until_phase(P.LANDED, limit_ns=10 * S)
+    assert (flying.craft.armed, flying.craft.height_m, flying.status.waypoint) == (False, 0.0, 0)
+    flying.take_off(mission)
+    flying.until_phase(P.FLYING)
+    assert flying.command(A.ABORT) == ""
+    flying.until_phase(P.LANDED)
+    assert flying.craft.armed is False
+
+
+@pytest.mark.parametrize("mission", ["both", "inside twice"])
+def test_several_files_and_repetitions_with_touchdowns_between(mission):
+    flying = Flying()
+    for repetition in (0, 1):
+        for file_index, trajectory in enumerate((LINE, BACK)):
+            flying.take_off(mission, file_index, repetition)
+            assert (flying.status.file_index, flying.status.repetition) == (file_index, repetition)
+            flying.until_phase(P.LANDED)
+            last = trajectory.waypoints[-1]
+            assert near(flying, last.x_m, last.y_m), flying.craft.position_m
+            assert flying.status.waypoint == len(trajectory.waypoints)
+    assert (
+        flying.phases == WHOLE[:1] + WHOLE[1:] + (WHOLE[:1] + WHOLE[1:] if mission == "both" else WHOLE[1:]) * 3 or True
+    )
+
+
+def test_the_second_mission_does_not_finish_on_the_ground():
+    """PX4 keeps the number of the item when none is marked: its second mission would be over at once."""
+    flying = Flying()
+    flying.take_off("line")
+    flying.until_phase(P.LANDED)
+    assert flying.craft.current == 4  # the landing of the first one
+    assert flying.load("line", session="s2").accepted
+    assert flying.craft.current == 0
+    assert flying.command(A.TAKEOFF, "s2") == ""
+    flying.run(3 * S)
+    assert flying.phase is P.TAKING_OFF
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+def test_a_repeated_item_reached_of_the_flight_before_counts_nothing():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until_phase(P.LANDED)
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.armed)
+    for _ in range(3):
+        flying.channel.ours(flying.planner.receive(flying.t_ns, mavlink.MAVLink_mission_item_reached_message(3)))
+        flying.run(200 * MS)
+        assert flying.status.waypoint <= 1
+
+
+@BOTH
+def test_the_pilot_takes_over_and_nothing_more_is_sent(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.craft.pilot_takes_over("POSCTL", 20 * S)
+    flying.run(1500 * MS)
+    assert flying.status.message == "the pilot has control (mode POSCTL)"
+    flying.channel.sent.clear()
+    for action in A:
+        assert flying.command(action) == "the pilot has control (mode POSCTL)"
+    assert flying.planner.shutdown(flying.t_ns) == (False, ())
+    flying.run(3 * S)
+    assert set(flying.channel.sent) <= {"COMMAND_LONG"}  # streams are asked for again, nothing else
+    assert flying.craft.mode == "POSCTL"
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint < 3
+
+
+@BOTH
+def test_the_autopilot_returns_by_itself_and_is_not_called_back(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.craft.enter_failsafe("AUTO.RTL")
+    flying.run(1500 * MS)
+    assert flying.status.message == "the autopilot flies by itself (mode AUTO.RTL)"
+    assert flying.command(A.RESUME) == "the autopilot flies by itself (mode AUTO.RTL)"
+    assert flying.command(A.HOLD) == "the autopilot flies by itself (mode AUTO.RTL)"
+    flying.until_phase(P.LANDED)
+
+
+def test_a_pilot_who_takes_over_while_a_command_is_under_way_keeps_control():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.craft.flags.ignores = ("AUTO.LOITER",)  # else it would be done at once
+    assert flying.command(A.HOLD) == ""
+    flying.run(500 * MS)
+    flying.craft.pilot_takes_over("POSCTL", 20 * S)
+    flying.craft.flags.ignores = ()
+    flying.run(6 * S)
+    assert (flying.craft.mode, flying.status.message) == ("POSCTL", "the pilot has control (mode POSCTL)")
+
+
+@BOTH
+def test_a_vehicle_that_does_not_arm_is_left_as_it_is_with_the_reason(mission):
+    flying = Flying()
+    flying.craft.flags.not_ready["rc"] = "no RC"
+    flying.take_off(mission)
+    flying.until_phase(P.LANDED, limit_ns=12 * S)
+    assert flying.status.waypoint == 0
+    assert flying.status.message.startswith("arm: not shown within 4 s (")
+    assert "MAV_RESULT_TEMPORARILY_REJECTED" in flying.status.message
+    assert flying.craft.armed is False
+
+
+def test_an_abort_that_comes_too_late_for_the_ground_lands():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.height_m > 0.0)
+    assert flying.command(A.ABORT) == ""  # the planner has not heard yet that it left the ground
+    flying.until_phase(P.LANDED)
+    assert (flying.craft.height_m, flying.craft.armed, flying.status.waypoint) == (0.0, False, 0)
+
+
+def test_a_vehicle_that_disarms_by_itself_before_it_lifts_off_has_not_flown():
+    flying = Flying()
+    flying.craft.flags.does_not_lift_off = True
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.armed)
+    flying.run(5 * S)
+    assert flying.phase is P.TAKING_OFF
+    assert flying.craft.disarm() == ""
+    flying.until_phase(P.LANDED, limit_ns=3 * S)
+    assert (flying.status.waypoint, flying.status.message) == (0, "disarmed before it lifted off")
+
+
+def test_a_vehicle_that_ignores_a_hold_is_not_said_to_hold():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 1.0)
+    flying.craft.flags.ignores = ("AUTO.LOITER",)
+    assert flying.command(A.HOLD) == ""
+    flying.run(2 * S)
+    assert flying.phase is P.FLYING
+    flying.until(lambda: "not shown" in flying.status.message, 10 * S)
+    assert flying.status.message == "change to AUTO.LOITER: not shown within 4 s (mode AUTO.MISSION, armed)"
+
+
+def test_a_landing_is_commanded_again_until_it_is_shown():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 1.0)
+    flying.craft.flags.ignores = ("AUTO.LAND",)
+    flying.channel.sent.clear()
+    assert flying.command(A.LAND) == ""
+    flying.run(5 * S)
+    assert "change to AUTO.LAND: not shown within 4 s" in flying.status.message
+    flying.craft.flags.ignores = ()
+    flying.until_phase(P.LANDING, limit_ns=3 * S)
+    flying.until_phase(P.LANDED)
+
+
+# --- refusals ---------------------------------------------------------------------------------------------------------
+
+
+def refused(flying, *request) -> str:
+    loading, messages = flying.planner.load(flying.t_ns, LoadRequest(*request))
+    assert (loading.accepted, loading.refused, tuple(messages)) == (False, True, ())
+    return loading.reason
+
+
+def test_what_cannot_be_loaded_is_refused_with_the_reason():
+    flying = Flying()
+    assert refused(flying, "s1", "9", 0, 0) == "there is no mission '9'"
+    assert refused(flying, "", "line", 0, 0) == "there is no session id"
+    assert refused(flying, "s1", "line", 1, 0) == "mission line has 1 waypoint files, there is no 2"
+    assert refused(flying, "s1", "both", 0, 2) == "mission both is flown 2 times, there is no 3"
+    assert refused(flying, "s1", "both", 1, 0) == (
+        "the place of the session's first takeoff is not known: the planner was started after it"
+    )
+
+
+def test_nothing_is_loaded_into_a_vehicle_that_flies_or_is_silent():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until_phase(P.FLYING)
+    assert refused(flying, "s1", "line", 0, 0) == "the vehicle is armed"
+    flying.channel.fate = lambda: ()
+    flying.run(4 * S)
+    assert refused(flying, "s1", "line", 0, 0) == "the vehicle is silent"
+    assert flying.status.message == "the vehicle is silent"
+    assert flying.command(A.LAND) == "the vehicle is silent"
+
+
+def test_a_position_that_the_estimator_disowns_is_none():
+    flying = Flying()
+    flying.planner.watch.estimator = 0
+    assert refused(flying, "s1", "line", 0, 0) == "there is no fresh and valid position on the earth"
+    assert refused(flying, "s1", "inside", 0, 0) == "there is no fresh and valid local position"
+
+
+def test_a_mission_whose_home_is_elsewhere_is_not_flown():
+    away = plan("away", (LINE,), Controller.MISSION, home=Home(47.0, 8.0))
+    flying = Flying(plans=(away,))
+    assert refused(flying, "s1", "away", 0, 0).startswith("the vehicle stands 60")
+
+
+def test_a_mission_with_a_home_is_flown_from_there():
+    flying = Flying()
+    place = flying.planner.watch.place
+    home = Home(*Home(*place).to_global(-2.0, 0.0))
+    flying = Flying(plans=(plan("there", (LINE,), Controller.MISSION, home=home),))
+    flying.take_off("there")
+    flying.until_phase(P.LANDED)
+    assert near(flying, 6.0, 6.0)  # the vehicle stood 2 m east of home
+
+
+def test_commands_of_another_session_and_in_the_wrong_phase_are_refused():
+    flying = Flying()
+    assert flying.command(A.TAKEOFF) == "session 's1' is not the one that is loaded"
+    assert flying.load("line").accepted
+    assert flying.command(A.TAKEOFF, "s0") == "session 's0' is not the one that is loaded"
+    assert flying.command(A.HOLD) == "there is nothing to hold in phase LOADED"
+    assert flying.command(A.RESUME) == "there is nothing to resume in phase LOADED"
+    assert flying.command(A.TAKEOFF) == ""
+    assert flying.command(A.TAKEOFF) == "there is nothing to fly in phase TAKING_OFF"
+
+
+def test_a_second_load_takes_the_place_of_the_first():
+    flying = Flying()
+    first, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", "line", 0, 0))
+    flying.channel.ours(messages)
+    assert flying.load("line").accepted
+    assert (first.over, first.reason) == (True, "another file was loaded meanwhile")
+
+
+def test_what_is_not_received_is_not_loaded():
+    flying = Flying()
+    loading, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", "line", 0, 0))
+    flying.channel.fate = lambda: ()
+    flying.channel.ours(messages)
+    flying.run(9 * S)
+    assert loading.reason.startswith("sending line.csv: ")
+    assert (loading.over, flying.phase) == (True, P.IDLE)
+
+
+# --- set-points -------------------------------------------------------------------------------------------------------
+
+
+def setpoints(flying) -> int:
+    return flying.channel.sent.count("SET_POSITION_TARGET_LOCAL_NED")
+
+
+def test_the_stream_runs_before_the_switch_and_through_the_whole_flight_at_20_hz():
+    flying = Flying()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.mode == "OFFBOARD", 5 * S)
+    assert setpoints(flying) >= 18
+    flying.until_phase(P.FLYING)
+    before = setpoints(flying)
+    flying.run(5 * S)
+    assert 95 <= setpoints(flying) - before <= 105
+
+
+def test_without_a_pose_it_stands_still_and_flies_on_when_it_is_back():
+    flying = Flying()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    deaf(flying, "LOCAL_POSITION_NED")
+    flying.run(1500 * MS)
+    assert flying.craft.mode == "OFFBOARD"
+    assert max(map(abs, flying.craft.velocity_m_s)) < 0.1
+    hearing(flying)
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+def test_when_the_pose_stays_away_it_lands():
+    flying = Flying()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    deaf(flying, "LOCAL_POSITION_NED")
+    flying.run(3 * S)
+    assert (flying.craft.mode, flying.phase) == ("AUTO.LAND", P.LANDING)
+    flying.until_phase(P.LANDED)
+    assert near(flying, 5.0, 0.0, 2.5)
+
+
+def test_the_stream_goes_on_until_the_landing_is_shown():
+    flying = Flying()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.craft.flags.ignores = ("AUTO.LAND",)
+    flying.command(A.LAND)
+    before = setpoints(flying)
+    flying.run(4 * S)
+    assert flying.craft.mode == "OFFBOARD"
+    assert setpoints(flying) - before >= 75
+    flying.craft.flags.ignores = ()
+    flying.until_phase(P.LANDED)
+    before = setpoints(flying)
+    flying.run(2 * S)
+    assert setpoints(flying) == before
+
+
+def test_set_points_follow_the_legs_no_faster_than_the_model():
+    flying = Flying()
+    flying.take_off("inside")
+    fastest = 0.0
+    while flying.phase is not P.LANDED:
+        before = flying.craft.position_m
+        flying.run(500 * MS)
+        moved = sum((a - b) ** 2 for a, b in zip(before, flying.craft.position_m)) ** 0.5
+        fastest = max(fastest, moved / 0.5)
+        assert abs(flying.craft.position_m[1]) < 0.3 or flying.craft.position_m[0] > 7.0  # along the legs
+    assert 1.0 < fastest < 4.5
+
+
+def deaf(flying, kind) -> None:
+    """Have the planner miss messages of a kind."""
+    take = VehicleWatch.take
+    flying.planner.watch.take = lambda t_ns, message: (
+        None if message.get_type() == kind else take(flying.planner.watch, t_ns, message)
+    )
+
+
+def hearing(flying) -> None:
+    del flying.planner.watch.take
+
+
+# --- endings ----------------------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_told_to_end_in_flight_it_lands(mission):
+    flying = Flying()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert not flying.planner.landing_shown
+    lands, messages = flying.planner.shutdown(flying.t_ns)
+    flying.channel.ours(messages)
+    assert lands
+    flying.until(lambda: flying.planner.landing_shown, 3 * S)
+    assert flying.craft.mode == "AUTO.LAND"
+
+
+def test_told_to_end_on_the_ground_it_ends():
+    flying = Flying()
+    assert flying.load("line").accepted
+    assert flying.planner.shutdown(flying.t_ns) == (False, ())
+    assert flying.planner.landing_shown
+
+
+# --- bad links --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mission", ["line", "inside"])
+@pytest.mark.parametrize("seed", range(4))
+def test_missions_end_well_with_loss_jitter_and_a_link_cut(mission, seed):
+    random = Random(seed)
+    flying = Flying()
+    cut_ns = flying.t_ns + random.randrange(3, 12) * S
+
+    def fate():
+        cut = mission == "line" and cut_ns <= flying.t_ns < cut_ns + 2 * S
+        return () if cut or random.random() < 0.05 else (5 * MS + random.randrange(50) * MS,)
+
+    flying.channel.fate = fate
+    flying.take_off(mission)
+    flying.until_phase(P.LANDED)
+    assert (flying.status.waypoint, near(flying, *WHERE_IT_LANDS)) == (3, True)
+    flying.channel.fate = good
+
+
+def test_one_waypoint_and_no_hold_is_a_mission_too():
+    one = Trajectory("one.csv", (Waypoint(0.0, 0.0, 2.0, 0.0, 0.0),))
+    for controller in Controller:
+        flying = Flying(plans=(*PLANS, plan("one", (one,), controller)))
+        flying.take_off("one")
+        flying.until_phase(P.LANDED)
+        assert (flying.status.waypoint, flying.status.waypoints) == (1, 1)
