@@ -105,6 +105,11 @@ class Listener:
             return None
         return next(each for each in self.infos[-1][1].components if each.name == name)
 
+    def told(self, name, code, after_s):
+        """Whether an info after a time had a component at a code."""
+        infos = [info for at_s, info in list(self.infos) if at_s > after_s]
+        return any((each.name, each.code) == (name, code) for info in infos for each in info.components)
+
     def first(self, name, code, after_s, restart=None):
         """The first action after a time that has a component at a code: (when, the component)."""
         for at_s, action in list(self.actions):
@@ -171,10 +176,13 @@ class TestWatchdog(unittest.TestCase):
         return time.monotonic()
 
     def failed(self, name, code, after_s, restart=None, limit_s=10.0):
+        """Wait until the action says so, and the info too: what is nominal again is read from the info."""
         try:
-            return wait_for(lambda: self.listener.first(name, code, after_s, restart), f"{name} at {code}", limit_s)
+            found = wait_for(lambda: self.listener.first(name, code, after_s, restart), f"{name} at {code}", limit_s)
+            wait_for(lambda: self.listener.told(name, code, after_s), f"info of {name} at {code}", limit_s)
         except AssertionError as error:
             raise AssertionError(f"{error}\n{self.node.log}") from None
+        return found
 
     def test_01_the_first_take_off_check_waits_until_everything_has_come_up(self):
         self.assertTrue(self.answer.ready, self.answer.message)
