@@ -14,7 +14,7 @@ _RECHARGED = ("charge 1",)
 @pytest.fixture(scope="module", params=[
     ("px4_normal_mission", 100_000.0, 5.0),
     ("px4_gps_loss_param", 100_000.0, 3.5),
-    ("px4_battery_drain", 61.2, 4.0),
+    ("px4_battery_drain", 61.2, 5.0),
     ("px4_offboard", 100_000.0, 4.5),
 ], ids=lambda each: each[0])  # fmt: skip
 def both(request):
