@@ -1,7 +1,8 @@
 """`amaze-replay`: recorded bags and journals through the decision code, on any machine.
 
-Exit status: 0 replayed, no difference; 1 a journal is decided differently; 2 it cannot be replayed, one line says why;
-3 replayed, but a part of the recording or of the journal is damaged; 70 an error in this program.
+Exit status: 0 replayed, no difference; 1 a journal is decided differently, or a scenario fails; 2 it cannot be
+replayed, one line says why; 3 replayed, but a part of the recording or of the journal is damaged, or a scenario is
+inconclusive; 70 an error in this program.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from .plan import Plan, make_plan
 from .report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text
 from .session import Outcome, Session
 from .sources import Recordings
+from .suite.cli import add_commands
 from .terminal import progress_bar, show_lines, show_timeline
 from .topic_map import TopicMap, load_map, map_names
 
@@ -70,12 +72,13 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="amaze-replay",
         description="Replays recorded bags and journals through the decision code of the flight, without ROS.",
-        epilog="Exit status: 0 replayed, no difference; 1 a journal is decided differently; 2 it cannot be replayed; "
-        "3 replayed, but a part is damaged; 70 an error in this program.",
+        epilog="Exit status: 0 replayed, no difference; 1 a journal is decided differently, or a scenario fails; 2 it "
+        "cannot be replayed; 3 a part is damaged or a scenario is inconclusive; 70 an error in this program.",
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_run(commands)
     _add_journal(commands)
+    add_commands(commands)
     maps = commands.add_parser("maps", help="list the topic maps that ship with the package")
     maps.set_defaults(command=_maps)
     return parser

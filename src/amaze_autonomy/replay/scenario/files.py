@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from itertools import product
 from pathlib import Path
@@ -114,7 +115,7 @@ def _case(tree: Entry, path: Path, variant: str) -> Case:
         name=_name(path),
         variant=variant,
         description=values["description"],
-        bags=tuple(Bag(folder / bag["path"], bag["sha256"] or "") for bag in values.get("bags", ())),
+        bags=tuple(Bag(_located(folder, bag["path"]), bag["sha256"] or "") for bag in values.get("bags", ())),
         journal=_beside(folder, values.get("journal")),
         from_ns=round(values.get("from_s", 0.0) * _S),
         to_ns=None if values.get("to_s") is None else round(values["to_s"] * _S),
@@ -142,7 +143,16 @@ def _name(path: Path) -> str:
 
 
 def _beside(folder: Path, path: Optional[str]) -> Optional[Path]:
-    return None if path is None else folder / path
+    return None if path is None else _located(folder, path)
+
+
+def _located(folder: Path, path: str) -> Path:
+    """Return a path from the folder of the scenario; one that begins with ${NAME} is from where the variable says."""
+    variable = re.match(r"\$\{(\w+)\}/?", path)
+    if variable is None:
+        return folder / path
+    value = os.environ.get(variable.group(1))
+    return Path(path) if value is None else Path(value) / path[variable.end() :]
 
 
 def _map(folder: Path, name: Optional[str]) -> str:

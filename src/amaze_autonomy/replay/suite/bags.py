@@ -73,9 +73,13 @@ def _rows(own: Rules, other: Rules) -> Tuple[ComponentRule, ...]:
 def _check_bags(case: Case) -> None:
     for bag in case.bags:
         if not bag.path.is_file():
-            raise DamagedInputError(f"{bag.path}: is not there; the scenario needs it")
+            raise DamagedInputError(f"{bag.path}: is not there; the scenario needs it{_hint(bag.path)}")
         if bag.sha256 and _sha256(bag.path) != bag.sha256:
             raise DamagedInputError(f"{bag.path}: is another file than the scenario was written for (sha256 differs)")
+
+
+def _hint(path: Path) -> str:
+    return f" (is {path.parts[0][2:-1]} set?)" if path.parts[0].startswith("${") else ""
 
 
 def _sha256(path: Path) -> str:

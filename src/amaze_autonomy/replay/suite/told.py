@@ -1,0 +1,124 @@
+"""Results for people and for programs: lines, JSON, JUnit, Markdown."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Dict, List, Sequence
+from xml.etree import ElementTree as ET
+
+from .result import Result, Verdict, exit_status
+
+__all__ = ["as_json", "as_junit", "as_markdown", "plain", "result_lines", "summary_line"]
+
+_WIDE = 12
+
+
+def result_lines(result: Result, *, verbose: bool = False) -> List[str]:
+    """Return what is printed of one test: a line; more when it failed, or when asked for."""
+    lines = [f"{result.verdict.value:<{_WIDE}} {result.id}: {result.headline}"]
+    if result.verdict is Verdict.PASS and not verbose:
+        return lines
+    lines += [
+        f"    {finding.grade.value:<8} {finding.expectation}: {finding.text}"
+        + (f" ({finding.margin_text})" if finding.margin_text else "")
+        for finding in result.findings
+    ]
+    lines += [f"    {problem}" for problem in result.problems]
+    lines += [f"    {line}" for line in result.difference]
+    if result.verdict is not Verdict.PASS and not any("reproduce:" in line for line in result.difference):
+        lines.append(f"    reproduce: {result.command}")
+    return lines
+
+
+def summary_line(results: Sequence[Result], wall_s: float) -> str:
+    """Return how many tests have which verdict, and how fast it went."""
+    counts = {verdict: sum(result.verdict is verdict for result in results) for verdict in Verdict}
+    said = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count) or "no tests"
+    flown_s = sum(result.figures.flown_s for result in results)
+    return f"{said}; {flown_s:.0f} s of flight in {wall_s:.1f} s ({flown_s / max(wall_s, 1e-9):.0f} x real time)"
+
+
+def plain(results: Sequence[Result], **more: Any) -> Dict[str, Any]:
+    """Return all results as JSON values."""
+    verdicts = [result.verdict for result in results]
+    overall = {0: Verdict.PASS, 1: Verdict.FAIL, 3: Verdict.INCONCLUSIVE}[exit_status(verdicts)]
+    return {"version": 1, "verdict": overall.value, "tests": [result.plain() for result in results], **more}
+
+
+def as_json(results: Sequence[Result], **more: Any) -> str:
+    """Return all results as JSON."""
+    return json.dumps(plain(results, **more), indent=1) + "\n"
+
+
+def as_junit(results: Sequence[Result]) -> str:
+    """Return all results as JUnit XML; ids, tags and margins are properties."""
+    bad = [result for result in results if result.verdict in (Verdict.FAIL, Verdict.VACUOUS)]
+    errors = [result for result in results if result.verdict is Verdict.ERROR]
+    skipped = [result for result in results if result.verdict is Verdict.INCONCLUSIVE]
+    suite = ET.Element(
+        "testsuite",
+        name="amaze-replay",
+        tests=str(len(results)),
+        failures=str(len(bad)),
+        errors=str(len(errors)),
+        skipped=str(len(skipped)),
+        time=f"{sum(result.figures.wall_s for result in results):.3f}",
+    )
+    for result in results:
+        _junit_case(suite, result)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(suite, encoding="unicode") + "\n"
+
+
+_TAGS = {
+    Verdict.FAIL: "failure",
+    Verdict.VACUOUS: "failure",
+    Verdict.ERROR: "error",
+    Verdict.INCONCLUSIVE: "skipped",
+}
+
+
+def _junit_case(suite: ET.Element, result: Result) -> None:
+    case = ET.SubElement(suite, "testcase", classname=result.path, name=result.id, time=f"{result.figures.wall_s:.3f}")
+    properties = ET.SubElement(case, "properties")
+    pairs = [("requirement", name) for name in result.requirements] + [("tag", name) for name in result.tags]
+    pairs += [("margin", f"{f.margin_text}: {f.expectation}") for f in result.findings if f.margin_text]
+    pairs += [("verdict", result.verdict.value), ("digest", result.digest)]
+    for name, value in pairs:
+        ET.SubElement(properties, "property", name=name, value=_clean(value))
+    tag = _TAGS.get(result.verdict)
+    if tag is not None:
+        kind = ET.SubElement(case, tag, message=_clean(result.headline), type=result.verdict.value)
+        kind.text = _clean("\n".join(result_lines(result)))
+
+
+def _clean(text: str) -> str:
+    """Leave out what XML cannot hold."""
+    return "".join(char for char in text if char in "\n\t" or char.isprintable())
+
+
+def as_markdown(results: Sequence[Result], wall_s: float) -> str:
+    """Return a summary for a page of CI: the failures first, with their differences."""
+    lines = ["# Scenarios", "", f"{summary_line(results, wall_s)}.", ""]
+    bad = [result for result in results if result.verdict is not Verdict.PASS]
+    for result in bad:
+        lines += [f"## {result.verdict.value}: {result.id}", "", f"{_escaped(result.headline)}", ""]
+        lines += ["```", *result_lines(result)[1:], "```", ""]
+    lines += ["| Verdict | Scenario | Decisions | Closest |", "|---|---|---|---|"]
+    lines += [
+        f"| {result.verdict.value} | {_escaped(result.id)} | {len(result.lines)} | {_escaped(_closest(result))} |"
+        for result in (*bad, *(result for result in results if result.verdict is Verdict.PASS))
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _closest(result: Result) -> str:
+    tight = [
+        (finding.margin / finding.limit, finding.margin_text)
+        for finding in result.findings
+        if finding.margin is not None and finding.limit
+    ]
+    return min(tight)[1] if tight else ""
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
