@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple, TypeVar
 
 from amaze_autonomy.engine.commands import MissionCommand, Request
 from amaze_autonomy.engine.events import Event
@@ -22,6 +22,7 @@ from .clock import Clock
 __all__ = ["LiveWorld", "Received", "Turn"]
 
 _SLICE_S = 0.01
+T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 
@@ -119,6 +120,12 @@ class LiveWorld:
         """Restart a sensor: its driver was restarted."""
         with self._lock:
             self._world.restart(component)
+
+    def exchange(self, act: Callable[[int], T]) -> T:
+        """Bring the world to the present time and call a function with it, while nobody else touches the world."""
+        with self._lock:
+            self._world.catch_up(self._now_ns())
+            return act(self._world.now_ns)
 
     def note(self, event: str) -> None:
         """Take notice of something that happened outside of this world."""

@@ -6,13 +6,15 @@ Offers the services and publishes the status topics of `interface.py` for the pe
     ~sensors    publish the sensors' samples (default: true)
     ~drivers    publish those of components with a node by processes of that name (default: false)
     ~real       peers that are real nodes, as ~peers; faults of their processes are signals
+    ~mavlink    the vehicle speaks MAVLink, where autopilot.yaml says that the nodes wait for it (default: false)
+    ~rates      of its messages: onboard or gcs (default: gcs; the nodes ask for what they need)
     ~faults     file with a scenario; empty: nothing goes wrong
     ~seed       of noise and latencies (default: 0)
     ~received   file that gets a line of JSON for each request that arrived
     ~config     folder of the configuration; ~overrides as for the autonomy node
 
 A second process may play a part of the peers, so that it can be killed. Each process then has a world of its own from
-the same seed and faults; the vehicle that obeys is that of the process that plays mission_planner.
+the same seed and faults; the vehicle that obeys is that of the process that plays mission_planner, or speaks MAVLink.
 """
 
 from __future__ import annotations
@@ -27,11 +29,14 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
 import rospy
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.config import ConfigError, load_configuration
+from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import Event, Outcome
-from amaze_autonomy.simulation import SimulationError, World
+from amaze_autonomy.simulation import Scenario, SimulationError, World
+from amaze_autonomy.simulation.px4 import Px4
+from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
+from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.scenario_file import load_scenario
 
 from . import outgoing, parameters
@@ -78,6 +83,7 @@ class SimulationNode:
         sensors: publish the sensors' samples.
         drivers: publish those of components with a node by processes of that name.
         real: node of each peer that is a real one on this computer.
+        serve: makes the server of a vehicle that speaks MAVLink; None: the vehicle does not.
     """
 
     def __init__(
@@ -90,11 +96,13 @@ class SimulationNode:
         sensors: bool,
         drivers: bool = False,
         real: Mapping[str, str] = {},
+        serve: Optional[Callable[[LiveWorld], VehicleServer]] = None,
     ) -> None:
         self._clock, self._peers = clock, peers
         self._jobs: List[Callable[[], None]] = []
         self._jobs_lock = threading.Lock()
         self._live = LiveWorld(world, clock, self._take, received)
+        self._server = None if serve is None else serve(self._live)
         self._drivers: Optional[SimulatedDrivers] = None
         if sensors and drivers:
             settings = world.settings
@@ -118,6 +126,8 @@ class SimulationNode:
         if self._drivers is not None:
             self._jobs.append(self._drivers.start)
         self._live.start()
+        if self._server is not None:
+            self._server.start()
 
     def _see_watchdog(self, _message: Any) -> None:
         if not self._is_watched:
@@ -190,8 +200,11 @@ class SimulationNode:
     def end(self) -> None:
         """End; a vehicle in the air does not vanish because of a Ctrl-C: it gets the time to land."""
         deadline_s = time.monotonic() + _LANDING_LIMIT_S
-        while "mission_planner" in self._peers and self._live.in_the_air and time.monotonic() < deadline_s:
+        flies = "mission_planner" in self._peers or self._server is not None
+        while flies and self._live.in_the_air and time.monotonic() < deadline_s:
             time.sleep(0.05)
+        if self._server is not None:
+            self._server.stop()
         self._live.stop()
         if self._drivers is not None:
             self._drivers.end()
@@ -229,14 +242,40 @@ def _make(stopped: threading.Event) -> SimulationNode:
     wait_for_time(stopped)
     clock = make_clock()
     start_ns = max(0, clock.now_ns() - _HISTORY_NS)
-    world = World(configuration, int(rospy.get_param("~seed", 0)), scenario, start_ns=start_ns, live=True)
+    seed, mavlink = int(rospy.get_param("~seed", 0)), bool(rospy.get_param("~mavlink", False))
+    serve: Optional[Callable[[LiveWorld], VehicleServer]] = None
+    if mavlink:
+        world, serve = _flown(configuration, scenario, seed, start_ns)
+    else:
+        world = World(configuration, seed, scenario, start_ns=start_ns, live=True)
     received = Received(str(rospy.get_param("~received", "")))
-    sensors = bool(rospy.get_param("~sensors", True)) and "mission_planner" in peers
+    sensors = bool(rospy.get_param("~sensors", True)) and ("mission_planner" in peers or mavlink)
     drivers = bool(rospy.get_param("~drivers", False))
     nodes = {name: name for name in real}
     if "data_recorder" in nodes:
         nodes["data_recorder"] = f"data_recorder_{configuration.recording.collector}"
-    return SimulationNode(world, clock, peers, received, sensors=sensors, drivers=drivers, real=nodes)
+    return SimulationNode(world, clock, peers, received, sensors=sensors, drivers=drivers, real=nodes, serve=serve)
+
+
+def _flown(
+    configuration: Configuration, scenario: Optional[Scenario], seed: int, start_ns: int
+) -> Tuple[World, Callable[[LiveWorld], VehicleServer]]:
+    """Make a world whose vehicle speaks MAVLink, and what makes its server."""
+    world, px4 = fly_world(
+        configuration, None, scenario, seed=seed, start_ns=start_ns, unix_ns=time.time_ns() - _HISTORY_NS, live=True
+    )
+    return world, functools.partial(_server, configuration, world, px4)
+
+
+def _server(configuration: Configuration, world: World, px4: Px4, live: LiveWorld) -> VehicleServer:
+    autopilot = configuration.autopilot.link.component_id
+    return VehicleServer(
+        px4,
+        addresses_of(configuration),
+        live,
+        str(rospy.get_param("~rates", "gcs")),
+        mute=lambda component: component == autopilot and world.link_lost(),
+    )
 
 
 def main() -> int:

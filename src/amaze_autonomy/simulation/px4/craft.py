@@ -80,6 +80,8 @@ class Craft(Vehicle):
         self.items = items
         self.waypoints = tuple(_waypoint(self._task(item)) for item in items if self._task(item).what == "waypoint")
         self.set_current(min(self.current, max(0, len(items) - 1)) if current is None else current)
+        if items:
+            self.happened.append("loaded")
 
     def set_current(self, number: int) -> None:
         """Go on with an item of the mission."""

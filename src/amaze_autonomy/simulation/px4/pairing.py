@@ -1,20 +1,25 @@
-"""A simulated PX4 for the vehicle of a world."""
+"""A simulated PX4 for the vehicle of a world, at the addresses where a configuration's nodes look for it."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Dict, Optional, Tuple
+from typing import Dict, Mapping, Optional, Tuple, Union
 
+from amaze_autonomy.autopilot.endpoint import EndpointKind, parse_endpoint
+from amaze_autonomy.autopilot.errors import EndpointError
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.simulation.vehicle import VehicleSettings
 from amaze_autonomy.simulation.world import World
 
 from .craft import Craft
+from .errors import VehicleAddressError
 from .px4 import Px4
-from .settings import Px4Settings
+from .settings import PARAMETERS, Px4Settings
 
-__all__ = ["fly_world"]
+__all__ = ["addresses_of", "fly_world"]
+
+_ENDS = {EndpointKind.UDP_IN: EndpointKind.UDP_OUT, EndpointKind.UDP_OUT: EndpointKind.UDP_IN}
 
 
 def fly_world(
@@ -25,7 +30,7 @@ def fly_world(
     seed: int = 0,
     start_ns: int = 0,
     unix_ns: int = 0,
-    without: Tuple[str, ...] = ("autopilot", "mission_planner"),
+    without: Tuple[str, ...] = (),
     live: bool = False,
 ) -> Tuple[World, Px4]:
     """Make a world whose vehicle is flown over MAVLink, and its PX4; faults, physics and battery are the world's."""
@@ -36,7 +41,8 @@ def fly_world(
 
     world = World(configuration, seed, scenario, start_ns=start_ns, without=without, live=live, make_vehicle=craft)
     cells = world.power.cells
-    chosen = dataclasses.replace(chosen, parameters={"BAT1_N_CELLS": cells, **chosen.parameters})
+    expected = dict(configuration.autopilot.parameters)
+    chosen = dataclasses.replace(chosen, parameters={"BAT1_N_CELLS": cells, **_as_given(expected), **chosen.parameters})
     watched = tuple(each.autopilot.value for each in world.settings.components if each.autopilot is not None)
 
     def sensors() -> Dict[str, Optional[bool]]:
@@ -48,3 +54,27 @@ def fly_world(
         raise TypeError("the world made another vehicle than it was told to")
     px4 = Px4(vehicle, world.power, start_ns, chosen, sensors=sensors, seed=seed, unix_ns=unix_ns)
     return world, px4
+
+
+def _as_given(values: Mapping[str, float]) -> Dict[str, Union[int, float]]:
+    """Return the parameters that a configuration expects, each as the kind of number that PX4 has."""
+    return {name: type(PARAMETERS.get(name, 0.0))(value) for name, value in values.items()}
+
+
+def addresses_of(configuration: Configuration) -> Tuple[str, ...]:
+    """Return the vehicle's ends of the links of the autopilot node and of the planner.
+
+    Raises:
+        VehicleAddressError: a link is no UDP link, so the simulated vehicle cannot be at its other end.
+    """
+    return tuple(_other_end(link.url) for link in (configuration.autopilot.link, configuration.autopilot.planner_link))
+
+
+def _other_end(url: str) -> str:
+    try:
+        endpoint = parse_endpoint(url)
+    except EndpointError as error:
+        raise VehicleAddressError(url, str(error)) from error
+    if endpoint.kind not in _ENDS:
+        raise VehicleAddressError(url, "the simulated vehicle is reached by udpin: or udpout: only")
+    return str(endpoint._replace(kind=_ENDS[endpoint.kind]))
