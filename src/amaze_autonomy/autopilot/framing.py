@@ -12,7 +12,7 @@ from typing import List, Mapping, NamedTuple, Optional, Tuple
 from .crc import crc16
 from .dialect import mavlink
 
-__all__ = ["LONGEST", "Frame", "FrameReader", "FrameTally"]
+__all__ = ["LONGEST", "Found", "Frame", "FrameReader", "FrameTally", "frame_at"]
 
 V1, V2 = 0xFE, 0xFD
 _HEADER = {V1: 6, V2: 10}
@@ -44,6 +44,14 @@ class Frame(NamedTuple):
     payload: bytes
     raw: bytes
     signed: bool
+
+
+class Found(NamedTuple):
+    """What lies where a frame may begin: its length, the frame when its checksum fits, whether its id is known."""
+
+    length: int
+    frame: Optional[Frame]
+    known: bool
 
 
 class FrameTally:
@@ -101,6 +109,17 @@ class FrameReader:
         start = min(starts) if starts else len(buffer)
         self.tally.damaged_bytes += start - at
         return start
+
+
+def frame_at(buffer: bytes, at: int) -> Optional[Found]:
+    """Return what begins here; None: nothing that could be a frame, or not all of it."""
+    if at >= len(buffer) or buffer[at] not in _MAGICS:
+        return None
+    length = _length(buffer, at)
+    if length is None or at + length > len(buffer):
+        return None
+    frame, known = _frame(buffer, at, length)
+    return Found(length, frame, known)
 
 
 def _length(buffer: bytes, at: int) -> Optional[int]:

@@ -1,6 +1,7 @@
 """Asks for the messages that we need, and again for what does not come: ArduPilot streams nothing unasked.
 
-No acknowledgement is looked at. A message that comes at less than a third of its rate is asked for again every 3 s.
+No acknowledgement is looked at. A message that comes at less than a third of its rate is asked for again every 3 s, and
+after some attempts every 30 s: not every autopilot grants every rate (PX4 beats at 1 Hz, whatever it is asked).
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ __all__ = ["Rates"]
 
 _S = 1_000_000_000
 _AGAIN_NS = 3 * _S
+_SLOW_AGAIN_NS = 30 * _S
+_QUICK_ATTEMPTS = 5
 _PERIODS = 3
 _AT_ONCE = 4
 
@@ -20,7 +23,7 @@ _AT_ONCE = 4
 class _Wanted:
     def __init__(self, number: int, rate_hz: float) -> None:
         self.number, self.interval_ns = number, round(_S / rate_hz)
-        self.heard_ns = self.due_ns = 0
+        self.heard_ns = self.due_ns = self.attempts = 0
 
 
 class Rates:
@@ -43,7 +46,8 @@ class Rates:
         """Return the requests that are due."""
         due = [one for one in self._wanted.values() if t_ns >= one.due_ns and not self._comes(t_ns, one)]
         for one in due[:_AT_ONCE]:
-            one.due_ns = t_ns + _AGAIN_NS
+            one.attempts += 1
+            one.due_ns = t_ns + (_AGAIN_NS if one.attempts < _QUICK_ATTEMPTS else _SLOW_AGAIN_NS)
         return [
             mavlink.MAVLink_command_long_message(
                 system,
@@ -64,7 +68,7 @@ class Rates:
     def forget(self) -> None:
         """Ask for all of them again: the autopilot has started again."""
         for one in self._wanted.values():
-            one.due_ns = one.heard_ns = 0
+            one.due_ns = one.heard_ns = one.attempts = 0
 
     @staticmethod
     def _comes(t_ns: int, one: _Wanted) -> bool:

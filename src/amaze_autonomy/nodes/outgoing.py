@@ -34,6 +34,8 @@ __all__ = [
 _RESTARTS = {Restart.NONE: 0, Restart.TRYING: 1, Restart.GIVEN_UP: 2}
 _VERDICTS = {Verdict.PASS: 1, Verdict.WARN: 2, Verdict.FAIL: 3, Verdict.UNKNOWN: 4}
 _SENSOR_HEALTH = {None: 0, True: 1, False: 2}
+_HEALTH = ("gps", "imu", "magnetometer", "barometer", "rc", "prearm")
+_MEASURED = ("battery_cell_voltage", "battery_current", "clock_offset")
 
 
 def number(value: Optional[float]) -> float:
@@ -123,10 +125,21 @@ def _platform(recording: events.PlatformRecording) -> msg.PlatformRecording:
 
 
 def autopilot_status(
-    event: events.AutopilotStatus, ros_ns: int, healthy: Optional[Mapping[str, Optional[bool]]] = None
+    event: events.AutopilotStatus,
+    ros_ns: int,
+    healthy: Optional[Mapping[str, Optional[bool]]] = None,
+    measured: Optional[Mapping[str, Optional[float]]] = None,
 ) -> msg.AutopilotStatus:
-    """Write an AutopilotStatus; `healthy` has gps, imu, magnetometer, barometer (None: unknown), for the watchdog."""
-    health = {name: _SENSOR_HEALTH[(healthy or {}).get(name)] for name in ("gps", "imu", "magnetometer", "barometer")}
+    """Write an AutopilotStatus.
+
+    Args:
+        event: what the engine is told.
+        ros_ns: now.
+        healthy: of gps, imu, magnetometer, barometer, rc, prearm; None or not there: unknown.
+        measured: battery_cell_voltage, battery_current, clock_offset; None or not there: unknown.
+    """
+    health = {name: _SENSOR_HEALTH[(healthy or {}).get(name)] for name in _HEALTH}
+    values = {name: number((measured or {}).get(name)) for name in _MEASURED}
     message = msg.AutopilotStatus(
         link_age=number(event.link_age_s),
         armed_known=event.armed is not None,
@@ -145,6 +158,7 @@ def autopilot_status(
         battery_voltage=number(event.battery_voltage_v),
         battery_age=number(event.battery_age_s),
         **health,
+        **values,
     )
     return _stamped(message, event, ros_ns)
 

@@ -1,0 +1,253 @@
+"""What the autopilot node does on its link: listens, asks for what it needs, lands and disarms. Pure.
+
+Drive it with a `Connection`; the services call `land`, `disarm` and the checks through `Connection.ask`.
+"""
+
+from __future__ import annotations
+
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
+
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
+from amaze_autonomy.monitoring.specs import BatterySpec
+
+from .commands import CommandLimits, Confirmed, Progress, command_long, set_mode
+from .dialect import Message, mavlink
+from .modes import LAND, mode_number
+from .parameters import Parameters
+from .preflight import Preflight, battery_state_row, preflight_rows
+from .rates import Rates
+from .vehicle import WANTED, VehicleState
+
+__all__ = ["CLIENT_MESSAGES", "AutopilotClient", "Reply"]
+
+_S = 1_000_000_000
+_LANDING = ("AUTO.LAND", "AUTO.PRECLAND")
+_BREAK_NS = 5 * _S
+_ASK_PREARM_NS = 5 * _S
+
+CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")
+
+Address = Callable[[], Tuple[int, int]]
+
+
+class Reply(NamedTuple):
+    """The answer to a command.
+
+    Args:
+        accepted: it was done or sent.
+        message: in words.
+        final: nothing more is to be waited for.
+    """
+
+    accepted: bool
+    message: str
+    final: bool
+
+
+class AutopilotClient:
+    """One vehicle and what we ask of it.
+
+    Args:
+        settings: of autopilot.yaml.
+        battery: of sensors.yaml.
+        address: returns system and component of the vehicle.
+        wall_minus_clock_ns: wall time minus the clock of the messages, for the vehicle's time of day.
+    """
+
+    def __init__(
+        self,
+        settings: AutopilotSettings,
+        battery: BatterySpec,
+        address: Address,
+        wall_minus_clock_ns: Callable[[], int] = lambda: 0,
+    ) -> None:
+        self.settings, self._battery = settings, battery
+        self._address, self._wall = address, wall_minus_clock_ns
+        self.vehicle = VehicleState(settings, battery.cells)
+        self._rates, self._parameters = Rates(settings.rates_hz), Parameters(settings.parameters)
+        limits = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
+        self.landing = Confirmed(self._land_message, self._landing_seen, limits)
+        self.disarming = Confirmed(self._disarm_message, self._disarm_seen, limits)
+        self._t_ns = self._prearm_due_ns = self._restarts = 0
+        self.on_text: Callable[[int, str], None] = lambda _severity, _text: None
+
+    # --- the link's thread ----------------------------------------------------------------------------------------
+
+    def receive(self, t_ns: int, message: Message) -> List[Message]:
+        """Take a message of the vehicle."""
+        before = self.vehicle.beat
+        self._t_ns = t_ns
+        name = message.get_type()
+        self._rates.heard(t_ns, name)
+        self.vehicle.receive(t_ns, message)
+        if name == "HEARTBEAT":
+            self._began_again(before is None or t_ns - before.t_ns > _BREAK_NS)
+            return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
+        if name == "COMMAND_ACK":
+            self._acknowledged(message)
+        elif name == "PARAM_VALUE":
+            self._parameters.add(message, bytewise=self._is_px4())
+        elif name == "SYSTEM_TIME":
+            self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
+        return []
+
+    def wake(self, t_ns: int) -> List[Message]:
+        """Ask for what is missing, send commands again."""
+        self._t_ns = t_ns
+        self.vehicle.texts.wake(t_ns)
+        self._tell_texts()
+        if not self.vehicle.connected(t_ns):
+            return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
+        asked = self.vehicle.offset.wake(t_ns)
+        return [
+            *self.landing.wake(t_ns),
+            *self.disarming.wake(t_ns),
+            *self._rates.wake(t_ns, *self._address()),
+            *self._parameters.wake(t_ns, *self._address()),
+            *([] if asked is None else [asked]),
+        ]
+
+    # --- commands; through `Connection.ask` -----------------------------------------------------------------------
+
+    def land(self, t_ns: int) -> Tuple[Reply, List[Message]]:
+        """Command the landing mode, unless there is no reason to or the pilot has control."""
+        self._t_ns = t_ns
+        refusal = self._no_landing(t_ns)
+        if refusal is not None:
+            return refusal, []
+        self.vehicle.control.command(LAND)
+        messages = self.landing.ask(t_ns)
+        if not self.vehicle.connected(t_ns):
+            return Reply(
+                accepted=False, message="the vehicle is not heard; commanded all the same", final=True
+            ), messages
+        return self.land_reply(), messages
+
+    def land_reply(self) -> Reply:
+        """Return how far the landing is."""
+        return _reply(self.landing, "the vehicle is in its landing mode", "landing")
+
+    def disarm(self, t_ns: int) -> Tuple[Reply, List[Message]]:
+        """Disarm on the ground; anywhere else it is refused."""
+        self._t_ns = t_ns
+        beat = self.vehicle.beat
+        if beat is None or not self.vehicle.connected(t_ns):
+            return Reply(accepted=False, message="no link to the vehicle", final=True), []
+        if not beat.armed:
+            return Reply(accepted=True, message="the vehicle is disarmed", final=True), []
+        landed = self.vehicle.landed(t_ns)
+        if landed is not VehicleLanded.ON_GROUND:
+            return Reply(accepted=False, message=f"not on the ground: the vehicle says {landed.name}", final=True), []
+        messages = self.disarming.ask(t_ns)
+        return self.disarm_reply(), messages
+
+    def disarm_reply(self) -> Reply:
+        """Return how far the disarming is."""
+        return _reply(self.disarming, "the vehicle is disarmed", "disarming")
+
+    def leave(self, t_ns: int) -> Tuple[Reply, List[Message]]:
+        """Command the landing mode because this node ends; the autopilot's own failsafe is left alone."""
+        vehicle = self.vehicle
+        if not vehicle.in_flight(t_ns):
+            return Reply(accepted=True, message="the vehicle is not in flight", final=True), []
+        mode = vehicle.beat.mode if vehicle.beat is not None else ""
+        if vehicle.control.failsafe and (mode.startswith("AUTO.") or vehicle.system.rc(t_ns)):
+            return Reply(accepted=False, message=f"the autopilot acts by its failsafe, in {mode}", final=True), []
+        return self.land(t_ns)
+
+    # --- checks ---------------------------------------------------------------------------------------------------
+
+    def check(self, t_ns: int, ground: Optional[Landed]) -> Tuple[Tuple[Check, ...], List[Message]]:
+        """Return the rows of the pre-flight table; have the autopilot look again when it is not ready."""
+        messages: List[Message] = []
+        beat = self.vehicle.beat
+        if t_ns >= self._prearm_due_ns and beat is not None and not beat.armed and not self._ready(t_ns):
+            self._prearm_due_ns = t_ns + _ASK_PREARM_NS
+            messages.append(command_long(*self._address(), mavlink.MAV_CMD_RUN_PREARM_CHECKS))
+        return self.rows(t_ns, ground), messages
+
+    def rows(self, t_ns: int, ground: Optional[Landed]) -> Tuple[Check, ...]:
+        """Return the rows of the pre-flight table."""
+        return preflight_rows(Preflight(t_ns, self.vehicle, self.settings, self._parameters.states, ground))
+
+    def check_battery(self, t_ns: int, required_fraction: Optional[float]) -> BatteryVerdict:
+        """Return whether the battery is enough for the next mission."""
+        monitor, reading = BatteryMonitor(self._battery), self.vehicle.battery.reading(t_ns)
+        if reading is not None:
+            monitor.add(reading.t_ns, reading.fraction, reading.voltage_v)
+        verdict = monitor.check(t_ns, required_fraction)
+        rows = (*verdict.checks, battery_state_row(Preflight(t_ns, self.vehicle, self.settings)))
+        return verdict._replace(ok=all(row.passed for row in rows), checks=rows)
+
+    # --- inside ---------------------------------------------------------------------------------------------------
+
+    def _ready(self, t_ns: int) -> bool:
+        return bool(self.vehicle.system.prearm(t_ns))
+
+    def _no_landing(self, t_ns: int) -> Optional[Reply]:
+        vehicle = self.vehicle
+        if vehicle.beat is None:
+            return Reply(accepted=False, message="no link to the vehicle", final=True)
+        if vehicle.control.pilot:
+            return Reply(accepted=False, message=f"the pilot has control, in {vehicle.beat.mode}", final=True)
+        if not vehicle.beat.armed and vehicle.landed(t_ns) is VehicleLanded.ON_GROUND and vehicle.connected(t_ns):
+            return Reply(accepted=True, message="the vehicle is on the ground and disarmed", final=True)
+        return None
+
+    def _land_message(self) -> Optional[Message]:
+        if self.vehicle.control.pilot or self.vehicle.beat is None:
+            return None
+        number = mode_number(self.vehicle.beat.autopilot, LAND)
+        return None if number is None else set_mode(*self._address(), *number)
+
+    def _landing_seen(self) -> bool:
+        beat = self.vehicle.beat
+        if beat is None or not self.vehicle.connected(self._t_ns):
+            return False
+        return beat.mode in _LANDING or not beat.armed
+
+    def _disarm_message(self) -> Optional[Message]:
+        if self.vehicle.landed(self._t_ns) is not VehicleLanded.ON_GROUND:
+            return None
+        return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+
+    def _disarm_seen(self) -> bool:
+        beat = self.vehicle.beat
+        return beat is not None and not beat.armed
+
+    def _acknowledged(self, message: Message) -> None:
+        command = {
+            mavlink.MAV_CMD_DO_SET_MODE: self.landing,
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self.disarming,
+        }.get(message.command)
+        if command is not None:
+            command.acknowledged(int(message.result))
+
+    def _began_again(self, after_break: bool) -> None:  # noqa: FBT001
+        if after_break or self.vehicle.restarts != self._restarts:
+            self._restarts = self.vehicle.restarts
+            self._rates.forget()
+            self._parameters.forget()
+
+    def _is_px4(self) -> bool:
+        beat = self.vehicle.beat
+        return beat is None or beat.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+    def _tell_texts(self) -> None:
+        said: Sequence[Tuple[int, str]] = [(text.severity, text.text) for text in self.vehicle.texts.new]
+        self.vehicle.texts.new.clear()
+        for severity, text in said:
+            self.on_text(severity, text)
+
+
+def _reply(command: Confirmed, done: str, doing: str) -> Reply:
+    if command.progress is Progress.CONFIRMED:
+        return Reply(accepted=True, message=done, final=True)
+    if command.progress is Progress.SENT:
+        said = f"; the autopilot answered: {command.answer}" if command.answer else ""
+        return Reply(accepted=True, message=f"{doing}: commanded, not shown yet{said}", final=False)
+    said = command.answer or "no answer"
+    return Reply(accepted=False, message=f"{doing}: the vehicle did not show it in time ({said})", final=True)

@@ -1,0 +1,225 @@
+"""The autopilot node's client against the simulated PX4, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from client_bench import ClientBench
+from px4_tools import POSCTL, RTL, S
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.autopilot.client import Reply
+from amaze_autonomy.autopilot.commands import Progress
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.config.autopilot_schema import TakeoffNeeds
+from amaze_autonomy.engine.events import Landed
+
+SET_MODE, DISARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+ASK_RATE, ASK_PREARM = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_RUN_PREARM_CHECKS
+
+
+def rows(bench, ground=Landed.ON_GROUND):
+    return {row.name: (row.verdict.value, row.advice) for row in bench.ask(bench.client.check, ground)}
+
+
+def bad(found):
+    return {name: row for name, row in found.items() if row[0] != "pass"}
+
+
+def test_a_vehicle_at_rest_is_fully_known():
+    bench = ClientBench().advance(8.0)
+    status = bench.vehicle.status(bench.t_ns)
+    assert (status.armed, status.landed.name, status.mode) == (False, "ON_GROUND", "AUTO.LOITER")
+    assert (status.pilot_in_control, status.failsafe) == (False, False)
+    assert (abs(status.height_m) < 0.3, abs(status.position_x_m) < 0.3, status.battery_fraction) == (True, True, 1.0)
+    assert bench.vehicle.health(bench.t_ns) == dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
+
+
+def test_rates_are_asked_for_until_they_come_and_then_no_more():
+    bench = ClientBench().advance(40.0)
+    asked = len(bench.commands(ASK_RATE))
+    assert 1 <= asked <= 40
+    bench.sent.clear()
+    bench.advance(20.0)
+    assert len(bench.commands(ASK_RATE)) <= 2
+
+
+def test_the_clock_of_the_vehicle_is_known_within_the_way_there_and_back():
+    bench = ClientBench().advance(5.0)
+    best = bench.vehicle.offset.best
+    boot_ns = bench.far.px4.settings.boot_ns
+    assert abs(best.offset_ns - boot_ns) <= best.round_trip_ns <= 100_000_000
+
+
+def test_every_row_passes_on_a_vehicle_that_is_ready():
+    settings = AutopilotSettings(parameters={"COM_DISARM_LAND": 2.0, "COM_LOW_BAT_ACT": 0, "SYS_AUTOSTART": 10040})
+    bench = ClientBench(settings=settings).advance(5.0)
+    found = rows(bench)
+    assert list(found) == [
+        "autopilot link",
+        "not armed",
+        "pre-arm check",
+        "landed state",
+        "RC receiver",
+        "kill switch",
+        "home position",
+        "parameters",
+        "time of day",
+    ]
+    assert list(bad(found)) in ([], ["time of day"])
+
+
+def test_before_anything_is_heard_nothing_passes():
+    bench = ClientBench()
+    bench.cut = True
+    found = rows(bench.advance(1.0))
+    assert found.pop("autopilot link") == ("fail", "the autopilot is not heard: check cable, port and baud rate")
+    assert set(found.values()) == {("unknown", "check the link to the autopilot")}
+
+
+def test_what_is_not_ready_is_said_with_the_vehicle_s_own_words():
+    bench = ClientBench(kind=mavlink.MAV_TYPE_GCS, transmitter=False)
+    bench.far.craft.flags.not_ready["home"] = "no home"
+    bench.advance(6.0)
+    found = bad(rows(bench))
+    assert found["pre-arm check"][0] == "fail"
+    assert "no home" in found["pre-arm check"][1]
+    assert found["RC receiver"] == ("fail", "switch on the transmitter")
+    assert found["home position"][0] == "fail"
+    assert len(bench.commands(ASK_PREARM)) == 1
+
+
+def test_what_is_not_needed_is_warned_of():
+    settings = AutopilotSettings(needs=TakeoffNeeds(rc=False, home=False))
+    bench = ClientBench(transmitter=False, settings=settings).advance(5.0)
+    assert rows(bench)["RC receiver"] == ("warn", "switch on the transmitter")
+
+
+def test_a_parameter_that_differs_is_a_warning_with_both_values():
+    settings = AutopilotSettings(parameters={"COM_LOW_BAT_ACT": 3, "NO_SUCH": 1})
+    found = rows(ClientBench(settings=settings).advance(5.0))
+    assert found["parameters"] == ("warn", "COM_LOW_BAT_ACT is 0, should be 3; not read: NO_SUCH")
+
+
+def test_a_range_finder_that_disagrees_fails_and_a_silent_one_is_warned_of():
+    bench = ClientBench().advance(5.0)
+    assert rows(bench, Landed.AIRBORNE)["landed state"][0] == "fail"
+    assert rows(bench, Landed.UNKNOWN)["landed state"] == ("warn", "the range finder cannot confirm it")
+    assert rows(bench, None)["landed state"] == ("warn", "the range finder cannot confirm it")
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.3])
+def test_land_is_sent_until_the_heartbeat_shows_it(lost):
+    bench = ClientBench(lost=lost).fly()
+    answer = bench.ask(bench.client.land)
+    assert answer == Reply(accepted=True, message="landing: commanded, not shown yet", final=False)
+    bench.until(lambda: bench.client.landing.progress is Progress.CONFIRMED, 5.0)
+    assert bench.vehicle.beat.mode == "AUTO.LAND"
+    assert bench.client.land_reply() == Reply(accepted=True, message="the vehicle is in its landing mode", final=True)
+    bench.sent.clear()
+    assert bench.ask(bench.client.land).final
+    assert bench.commands(SET_MODE) == []
+    bench.until(lambda: bench.vehicle.status(bench.t_ns).armed is False)
+    assert not bench.vehicle.control.pilot
+
+
+def test_land_needs_no_acknowledgement():
+    bench = ClientBench(unacknowledged=(SET_MODE,)).fly()
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.client.land_reply().final, 5.0)
+    assert bench.client.land_reply().accepted
+
+
+def test_land_that_is_never_shown_is_given_up_with_what_the_vehicle_answered():
+    bench = ClientBench().fly()
+    bench.cut = True
+    bench.ask(bench.client.land)
+    bench.advance(6.0)
+    assert bench.client.land_reply() == Reply(
+        accepted=False, message="landing: the vehicle did not show it in time (no answer)", final=True
+    )
+
+
+def test_the_pilot_is_not_fought():
+    bench = ClientBench().fly()
+    bench.far.mode(POSCTL)
+    bench.until(lambda: bench.vehicle.control.pilot, 1.1)
+    bench.sent.clear()
+    assert bench.ask(bench.client.land) == Reply(accepted=False, message="the pilot has control, in POSCTL", final=True)
+    bench.ask(bench.client.leave)
+    bench.advance(3.0)
+    assert bench.commands(SET_MODE) == []
+
+
+def test_a_pilot_who_takes_over_from_our_landing_is_not_fought_either():
+    bench = ClientBench().fly(20.0)
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.client.land_reply().final, 5.0)
+    bench.far.mode((4, 3))
+    bench.until(lambda: bench.vehicle.control.pilot, 1.1)
+    assert bench.vehicle.beat.mode == "AUTO.LOITER"
+
+
+def test_a_mode_that_we_never_command_is_somebody_else_s():
+    bench = ClientBench().fly()
+    bench.far.mode(RTL)
+    bench.until(lambda: bench.vehicle.control.pilot, 1.1)
+
+
+def test_disarming_is_refused_in_the_air_and_done_on_the_ground():
+    bench = ClientBench().fly()
+    assert bench.ask(bench.client.disarm) == Reply(
+        accepted=False, message="not on the ground: the vehicle says IN_AIR", final=True
+    )
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND")
+    bench.ask(bench.client.disarm)
+    bench.until(lambda: bench.client.disarm_reply().final, 5.0)
+    assert bench.vehicle.beat.armed is False
+    assert bench.ask(bench.client.disarm) == Reply(accepted=True, message="the vehicle is disarmed", final=True)
+
+
+def test_a_node_that_ends_in_flight_lands_and_on_the_ground_does_nothing():
+    bench = ClientBench().advance(3.0)
+    assert bench.ask(bench.client.leave).message == "the vehicle is not in flight"
+    assert bench.commands(SET_MODE) == []
+    bench.fly()
+    bench.ask(bench.client.leave)
+    bench.until(lambda: bench.client.land_reply().final, 5.0)
+    assert bench.vehicle.beat.mode == "AUTO.LAND"
+
+
+def test_a_lost_link_is_old_and_what_was_said_becomes_unknown():
+    bench = ClientBench().fly()
+    bench.cut = True
+    bench.advance(4.0)
+    status = bench.vehicle.status(bench.t_ns)
+    assert (status.armed, status.landed.name, status.height_m, status.position_x_m) == (True, "UNKNOWN", None, None)
+    assert 3.0 < status.link_age_s < 5.1
+    assert bench.vehicle.in_flight(bench.t_ns)
+    assert not bench.ask(bench.client.land).accepted
+
+
+def test_the_pilot_is_recognised_within_a_second():
+    bench = ClientBench().fly()
+    took_ns = []
+    for mode in (POSCTL, (1, 0), (2, 0)):
+        bench.far.mode((4, 3))
+        bench.advance(2.0)
+        assert not bench.vehicle.control.pilot
+        bench.far.mode(mode)
+        began_ns = bench.t_ns
+        bench.until(lambda: bench.vehicle.control.pilot, 2.0)
+        took_ns.append(bench.t_ns - began_ns)
+    assert max(took_ns) <= 1 * S
+
+
+def test_the_battery_is_checked_with_the_charge_state():
+    bench = ClientBench().advance(5.0)
+    verdict = bench.client.check_battery(bench.t_ns, 0.5)
+    assert verdict.ok
+    assert [row.name for row in verdict.checks] == [
+        "battery age",
+        "battery fraction",
+        "battery cell voltage",
+        "battery state",
+    ]
