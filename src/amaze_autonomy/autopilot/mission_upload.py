@@ -24,7 +24,7 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 from .dialect import Message, mavlink
 from .mission_items import Dialect, MissionItem, difference
 
-__all__ = ["MissionUpload", "UploadPhase"]
+__all__ = ["UPLOAD_MESSAGES", "MissionUpload", "UploadPhase"]
 
 _MISSION = mavlink.MAV_MISSION_TYPE_MISSION
 _ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
@@ -219,6 +219,8 @@ _TAKES: Mapping[Tuple[UploadPhase, str], _Take] = {
     (_P.READ, "MISSION_ACK"): MissionUpload._take_refusal,  # noqa: SLF001
     (_P.CURRENT, "MISSION_CURRENT"): MissionUpload._take_current,  # noqa: SLF001
 }
+UPLOAD_MESSAGES = tuple(sorted({name for _, name in _TAKES}))
+"""Names of the messages that are looked at."""
 _SENDS: Mapping[UploadPhase, Callable[[MissionUpload], Message]] = {
     _P.COUNT: MissionUpload._count,  # noqa: SLF001
     _P.ITEMS: MissionUpload._item,  # noqa: SLF001

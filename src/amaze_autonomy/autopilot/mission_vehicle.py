@@ -16,7 +16,7 @@ from .mission_items import Dialect
 from .modes import MANUAL_MODES, mode_name, mode_number
 from .texts import Texts
 
-__all__ = ["HOLD", "LAND", "MISSION", "OFFBOARD", "WANTED", "Pose", "VehicleWatch"]
+__all__ = ["HOLD", "LAND", "MISSION", "OFFBOARD", "STREAMS", "TAKEN", "Pose", "VehicleWatch"]
 
 _S = 1_000_000_000
 HOLD, LAND, MISSION, OFFBOARD = "AUTO.LOITER", "AUTO.LAND", "AUTO.MISSION", "OFFBOARD"
@@ -181,13 +181,15 @@ _TAKES: Mapping[str, Callable[[VehicleWatch, int, Message], None]] = {
     "STATUSTEXT": VehicleWatch._text,  # noqa: SLF001
     "COMMAND_ACK": VehicleWatch._ack,  # noqa: SLF001
 }
-WANTED: Mapping[str, float] = {
+TAKEN = tuple(_TAKES)
+"""Names of the messages that are looked at."""
+STREAMS: Mapping[str, float] = {
     "EXTENDED_SYS_STATE": 5.0,
     "LOCAL_POSITION_NED": 20.0,
     "ATTITUDE": 10.0,
     "GLOBAL_POSITION_INT": 5.0,
     "ESTIMATOR_STATUS": 2.0,
-    "EKF_STATUS_REPORT": 2.0,
+    "HEARTBEAT": 5.0,  # PX4 beats at 1 Hz, whatever it is asked
     "MISSION_CURRENT": 2.0,
 }
 """Streams that the planner asks for, and their rates in Hz."""

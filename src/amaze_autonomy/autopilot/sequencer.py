@@ -15,25 +15,29 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, VehicleLanded
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
-from .dialect import Message, mavlink, message_id
+from .dialect import Message
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
 from .mission_items import waypoint_index
 from .mission_steps import STEPS, Means, Procedure, Progress, is_foreign
-from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, WANTED, Pose, VehicleWatch
+from .mission_upload import UPLOAD_MESSAGES
+from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .rates import Rates
 from .remaining import Here, remaining
 
-__all__ = ["Sequencer", "SequencerSettings"]
+__all__ = ["PLANNER_MESSAGES", "Sequencer", "SequencerSettings"]
+
+PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
+"""Names of the messages that a planner wants to be given."""
 
 _S = 1_000_000_000
-_ASK_STREAMS_NS = 5 * _S
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _P, _A = MissionPhase, MissionAction
 _IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
 _AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
 
 #: phases in which a command is taken; any other refuses it. LAND and ABORT are taken always.
-_TAKEN: Mapping[MissionAction, Tuple[MissionPhase, ...]] = {
+_GOOD_IN: Mapping[MissionAction, Tuple[MissionPhase, ...]] = {
     _A.TAKEOFF: (_P.LOADED,),
     _A.HOLD: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
     _A.RESUME: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
@@ -76,7 +80,8 @@ class Sequencer:
         self._origin: Optional[Origin] = None
         self._procedure: Optional[Procedure] = None
         self._guidance: Optional[Guidance] = None
-        self._setpoint_ns = self._asked_ns = -_ASK_STREAMS_NS
+        self._setpoint_ns = 0
+        self._rates = Rates(STREAMS)
         self._was_armed = self._was_airborne = False
         self._highest, self._reached = 0, 0
 
@@ -85,6 +90,7 @@ class Sequencer:
     def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
         """Take a message of the vehicle."""
         self.watch.take(t_ns, message)
+        self._rates.heard(t_ns, message.get_type())
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
             sent += self._loading.receive(t_ns, message)
@@ -101,7 +107,9 @@ class Sequencer:
             sent += self._loading.wake(t_ns)
             self._finish_loading()
         self._follow(t_ns)
-        return [*sent, *self._proceed(t_ns), *self._stream(t_ns), *self._ask_streams(t_ns)]
+        sent += self._proceed(t_ns) + self._stream(t_ns)
+        asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        return [*sent, *self._rates.wake(t_ns, *self.watch.target)] if asks else sent
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -145,11 +153,11 @@ class Sequencer:
             return "the vehicle is silent"
         if self.watch.armed and self.watch.pilot:
             return f"the pilot has control (mode {self.watch.mode})"
-        if action not in _TAKEN:
+        if action not in _GOOD_IN:
             return ""
         if self._loaded is None or session_id != self._loaded.session_id:
             return f"session {session_id!r} is not the one that is loaded"
-        if self._phase not in _TAKEN[action]:
+        if self._phase not in _GOOD_IN[action]:
             return f"there is nothing to {_WORDS[action]} in phase {self._phase.name}"
         if self.watch.armed and is_foreign(self.watch.mode):
             return f"the autopilot flies by itself (mode {self.watch.mode})"
@@ -352,24 +360,6 @@ class Sequencer:
     def _lands(self) -> bool:
         procedure = self._procedure
         return procedure is not None and procedure.running and procedure.action is _A.LAND
-
-    def _ask_streams(self, t_ns: int) -> List[Message]:
-        """Ask for the messages that are read, again and again: a vehicle that starts anew has forgotten it."""
-        if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns) or t_ns - self._asked_ns < _ASK_STREAMS_NS:
-            return []
-        self._asked_ns = t_ns
-        return [
-            mavlink.MAVLink_command_long_message(
-                *self.watch.target,
-                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-                0,
-                float(message_id(name)),
-                round(1e6 / rate_hz),
-                *(0.0,) * 5,
-            )
-            for name, rate_hz in WANTED.items()
-            if name != "EKF_STATUS_REPORT" or self.watch.dialect.value
-        ]
 
     # --- what is told ---------------------------------------------------------------------------------------------
 

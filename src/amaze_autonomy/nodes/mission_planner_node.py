@@ -1,0 +1,199 @@
+"""The mission planner node: sends missions to the autopilot, and takes off, holds, resumes and lands.
+
+    mission_planner/load      LoadMission; answers when the waypoint file was read back the same, or says why not
+    mission_planner/command   MissionCommand; answers at once, the status tells when it is done
+    mission_planner/status    MissionStatus, 5 Hz and at once on a change
+    /diagnostics              diagnostic_msgs/DiagnosticArray, 1 Hz
+
+Missions: missions.yaml; its link: autopilot.yaml, planner_link. Parameters: `node_main.py`. It has an endpoint and a
+component id of its own, so that the autopilot node lands when it hangs. On SIGINT or SIGTERM in flight it commands the
+landing mode, keeps its stream of set-points up until the vehicle shows it, and ends; not when a pilot has control.
+How it works: docs/planner.md.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Tuple
+
+import rospy
+
+from amaze_autonomy import msg, srv
+from amaze_autonomy.autopilot import AutopilotError, Connection, Identity, read_key
+from amaze_autonomy.autopilot.loading import Loading, LoadRequest
+from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
+from amaze_autonomy.config import Configuration
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus
+
+from . import outgoing
+from .check_diagnostics import CheckDiagnostics
+from .clock import Clock
+from .errors import StartError
+from .node_main import run_node
+
+__all__ = ["MissionPlannerNode", "main"]
+
+_S = 1_000_000_000
+_QUEUE = 10
+_ANSWER_S = 1.0  # beyond the limit of a transfer
+_ACTIONS = {action.value: action for action in MissionAction}
+
+
+class MissionPlannerNode:
+    """A sequencer on a link, and the ROS names around it.
+
+    Args:
+        configuration: as loaded.
+        clock: the node's.
+    """
+
+    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+        self._clock = clock
+        self._period_ns = round(_S / configuration.streams.planner_status_rate_hz)
+        self._spec = spec = configuration.planner
+        self._exit_s = configuration.autopilot.commands.exit_limit_ns / _S
+        self._ended = False
+        height_m = configuration.rules.limits.takeoff_height_m
+        self.planner = Sequencer(SequencerSettings(configuration.plans, spec, configuration.flight, height_m))
+        self._link = _make_link(configuration, self.planner, clock)
+        self._publisher = rospy.Publisher(
+            "mission_planner/status", msg.MissionStatus, queue_size=_QUEUE, tcp_nodelay=True
+        )
+        self._diagnostics = CheckDiagnostics("mission planner", clock)
+        self._problem = ""
+
+    # --- services; on rospy's threads -----------------------------------------------------------------------------
+
+    def _load(self, request: Any) -> Any:
+        wanted = LoadRequest(request.session_id, request.mission_id, request.file_index, request.repetition)
+        loading: Loading = self._link.ask(lambda t_ns: self.planner.load(t_ns, wanted))
+        self._link.wait_for(lambda: loading.over or self._ended, self._spec.transfer_limit_ns / _S + _ANSWER_S)
+        accepted, reason = loading.accepted, loading.reason or "the planner ends"
+        _log(f"load mission {wanted.mission_id}, file {wanted.file_index + 1}", "" if accepted else reason)
+        return srv.LoadMissionResponse(
+            accepted=accepted,
+            waypoints=len(loading.trajectory.waypoints) if accepted else 0,
+            estimated_duration=loading.duration_s,
+            message="" if accepted else reason,
+        )
+
+    def _command(self, request: Any) -> Any:
+        action = _ACTIONS.get(request.command)
+        if action is None:
+            problem = f"there is no command {request.command}"
+        else:
+            problem = self._link.ask(lambda t_ns: self.planner.command(t_ns, request.session_id, action))
+        _log(action.name if action else "command", problem)
+        return srv.MissionCommandResponse(accepted=not problem, message=problem)
+
+    # --- the node's own thread ------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Publish until `end`; then land, where it flies."""
+        self._link.start()
+        rospy.Service("mission_planner/load", srv.LoadMission, self._load)
+        rospy.Service("mission_planner/command", srv.MissionCommand, self._command)
+        try:
+            self._publish_until_ended()
+        finally:
+            self._leave()
+            self._link.close()
+
+    def _publish_until_ended(self) -> None:
+        said: Any = None
+        due_ns = 0
+        while not self._ended:
+            now_ns = self._clock.now_ns()
+            status = self._status()
+            if now_ns >= due_ns or _key(status) != said:
+                said, due_ns = _key(status), now_ns + self._period_ns
+                self._publisher.publish(outgoing.mission_status(status, self._clock.ros_ns()))
+                self._diagnostics.publish(now_ns, self._rows(status, now_ns))
+                self._tell_link()
+            self._wait_for_news(said, self._clock.wall_wait_s(due_ns))
+
+    def _wait_for_news(self, said: Any, limit_s: float) -> None:
+        self._link.wait_for(lambda: self._ended or _key(self.planner.status(self._clock.now_ns())) != said, limit_s)
+
+    def _status(self) -> MissionStatus:
+        status: MissionStatus = self._link.ask(lambda t_ns: (self.planner.status(t_ns), ()))
+        return status
+
+    def _rows(self, status: MissionStatus, now_ns: int) -> Tuple[Check, ...]:
+        beat_ns, limit_s = self._link.state.heartbeat_ns, self._spec.vehicle_age_limit_ns / _S
+        age_s = None if beat_ns is None else (now_ns - beat_ns) / _S
+        good = age_s is not None and age_s <= limit_s
+        failed = status.phase is MissionPhase.FAILED
+        return (
+            Check(
+                "link",
+                Verdict.PASS if good else Verdict.FAIL,
+                age_s,
+                limit_s,
+                "s",
+                advice="" if good else "see docs/planner.md",
+            ),
+            Check(f"phase {status.phase.name}", Verdict.FAIL if failed else Verdict.PASS, advice=status.message),
+        )
+
+    def _tell_link(self) -> None:
+        """Log what has become of the link, once for each change."""
+        state = self._link.state
+        problem = state.problem or ("" if state.heartbeat_ns is not None else "no vehicle heard yet")
+        if problem != self._problem:
+            self._problem = problem
+            (rospy.logwarn if problem else rospy.loginfo)("link: %s", problem or "up")
+
+    def _leave(self) -> None:
+        """Land before the link is closed, where it flies and no pilot does."""
+        if not self._link.ask(self.planner.shutdown):
+            return
+        shown = self._link.wait_for(lambda: self.planner.landing_shown, self._exit_s)
+        said = "the vehicle lands" if shown else "a landing was commanded and is not confirmed"
+        print(f"mission_planner: ended in flight: {said}", flush=True)
+
+    def end(self) -> None:
+        """End; from any thread and from signal handlers."""
+        self._ended = True
+
+
+def _key(status: MissionStatus) -> Tuple[Any, ...]:
+    """Return what is told at once when it changes."""
+    loaded = (status.session_id, status.mission_id, status.file_index, status.repetition, status.waypoints)
+    return (status.phase, status.waypoint, status.message, *loaded)
+
+
+def _verdict(good: bool) -> Verdict:  # noqa: FBT001 - the verdict on just that
+    return Verdict.PASS if good else Verdict.FAIL
+
+
+def _log(what: str, problem: str) -> None:
+    (rospy.logwarn if problem else rospy.loginfo)("%s: %s", what, problem or "accepted")
+
+
+def _make_link(configuration: Configuration, planner: Sequencer, clock: Clock) -> Connection:
+    """Return the link of autopilot.yaml.
+
+    Raises:
+        StartError: it cannot be.
+    """
+    link = configuration.autopilot.planner_link
+    try:
+        return Connection(
+            link.url,
+            Identity(link.system_id, link.component_id, link.vehicle_id),
+            planner,
+            wanted=PLANNER_MESSAGES,
+            key=read_key(Path(link.key_file).expanduser()) if link.key_file else None,
+            now_ns=clock.now_ns,
+            complain=rospy.logerr,
+        )
+    except AutopilotError as error:
+        raise StartError(str(error)) from None
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    return run_node("mission_planner", MissionPlannerNode)

@@ -1,0 +1,178 @@
+#!/usr/bin/env python3
+"""The mission planner node with the simulated PX4 over UDP: flown, held, resumed, landed early, taken over, stopped."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import socket
+import unittest
+
+import rospy
+import rostest
+from one_node import OneNode, wait_for
+from px4_vehicle import Px4Vehicle
+from std_srvs.srv import Trigger
+
+from amaze_autonomy import msg, srv
+
+MISSIONS = """\
+flight:
+  cruise_speed_m_s: 5.0
+  climb_speed_m_s: 4.0
+  descent_speed_m_s: 4.0
+  landing_speed_m_s: 2.0
+  acceleration_m_s2: 10.0
+  turn_rate_rad_s: 8.0
+missions:
+  "hop":
+    description: Up, around, down
+    files: [trajectories/hop.csv]
+  "indoors":
+    description: The same without GPS
+    files: [trajectories/hop.csv]
+    controller: offboard
+"""
+STATUS, COMMAND = msg.MissionStatus, srv.MissionCommandRequest
+TAKEOFF, HOLD, RESUME, LAND = COMMAND.TAKEOFF, COMMAND.HOLD, COMMAND.RESUME, COMMAND.LAND
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+class TestMissionPlanner(unittest.TestCase):
+    """Each test has a vehicle and nodes of its own."""
+
+    def setUp(self):
+        self.space = f"/{self._testMethodName[:30]}"
+        self.statuses, self.session = [], 0
+        planner, autopilot = free_port(), free_port()
+        self.overrides = [
+            f"autopilot.planner_link.url=udpin:127.0.0.1:{planner}",
+            f"autopilot.link.url=udpin:127.0.0.1:{autopilot}",
+        ]
+        self.vehicle = Px4Vehicle(f"udpout:127.0.0.1:{planner}", f"udpout:127.0.0.1:{autopilot}")
+        rospy.Subscriber(f"{self.space}/mission_planner/status", STATUS, self.statuses.append)
+        self.planner = OneNode("mission_planner", self.space, self.overrides, missions=MISSIONS)
+        self.nodes = [self.planner]
+        self.load = self.service("load", srv.LoadMission)
+        self.order = self.service("command", srv.MissionCommand)
+
+    def tearDown(self):
+        for node in self.nodes:
+            if node.process.poll() is None:
+                node.process.send_signal(signal.SIGCONT)
+                node.process.kill()
+                node.process.wait()
+        self.vehicle.stop()
+
+    def service(self, name, kind):
+        name = f"{self.space}/mission_planner/{name}"
+        rospy.wait_for_service(name, 20.0)
+        return rospy.ServiceProxy(name, kind)
+
+    # --- in words -------------------------------------------------------------------------------------------------
+
+    @property
+    def status(self):
+        return self.statuses[-1] if self.statuses else STATUS()
+
+    def wait_phase(self, phase, limit_s=20.0):
+        wait_for(lambda: self.status.phase == phase, f"phase {phase} (now {self.status}): {self.planner.log}", limit_s)
+
+    def command(self, action):
+        answer = self.order("s1", action)
+        self.assertTrue(answer.accepted, answer.message)
+
+    def take_off(self, mission):
+        def loaded():
+            answer = self.load("s1", mission, 0, 0)
+            return answer if answer.accepted else None
+
+        wait_for(lambda: self.statuses and not self.status.message, "a vehicle that speaks")
+        answer = wait_for(loaded, "a loaded mission")  # its position takes a moment
+        self.assertEqual(answer.waypoints, 4)
+        self.assertGreater(answer.estimated_duration, 5.0)
+        self.wait_phase(STATUS.LOADED)
+        self.command(TAKEOFF)
+        self.wait_phase(STATUS.FLYING)
+
+    def assert_flown(self):
+        self.wait_phase(STATUS.LANDED)
+        self.assertEqual((self.status.waypoint, self.status.waypoints, self.status.session_id), (4, 4, "s1"))
+        self.assertFalse(self.vehicle.craft.armed)
+
+    # --- stories --------------------------------------------------------------------------------------------------
+
+    def test_held_and_resumed_it_is_flown_to_the_end(self):
+        self.take_off("hop")
+        self.assertFalse(math.isnan(self.status.distance_left))
+        self.command(HOLD)
+        self.wait_phase(STATUS.HOLDING, 3.0)
+        self.command(RESUME)
+        self.wait_phase(STATUS.FLYING, 5.0)
+        self.assert_flown()
+        stamps = [status.header.stamp.to_sec() for status in self.statuses]
+        gaps = [later - earlier for earlier, later in zip(stamps, stamps[1:])]
+        self.assertLess(max(gaps), 0.5)  # 5 Hz
+
+    def test_without_gps_it_is_flown_by_set_points(self):
+        self.take_off("indoors")
+        self.assertEqual(self.vehicle.craft.mode, "OFFBOARD")
+        self.command(HOLD)
+        self.wait_phase(STATUS.HOLDING, 3.0)
+        self.command(RESUME)
+        self.assert_flown()
+
+    def test_landed_early_it_says_so(self):
+        self.take_off("hop")
+        self.command(LAND)
+        self.wait_phase(STATUS.LANDED)
+        self.assertLess(self.status.waypoint, 4)
+
+    def test_a_pilot_who_takes_over_is_left_alone(self):
+        self.take_off("hop")
+        with self.vehicle.lock:
+            self.vehicle.craft.pilot_takes_over("POSCTL", 4_000_000_000)
+        wait_for(lambda: "the pilot has control" in self.status.message, "the pilot's name in the status", 2.0)
+        for action in (LAND, HOLD, RESUME):
+            answer = self.order("s1", action)
+            self.assertEqual((answer.accepted, answer.message), (False, "the pilot has control (mode POSCTL)"))
+        self.assertEqual(self.vehicle.craft.mode, "POSCTL")
+
+    def test_told_to_end_in_flight_it_lands(self):
+        self.take_off("indoors")
+        self.planner.process.send_signal(signal.SIGINT)
+        self.assertEqual(self.planner.process.wait(10.0), 0)
+        self.assertIn("ended in flight: the vehicle lands", self.planner.log)
+        self.assertEqual(self.vehicle.craft.mode, "AUTO.LAND")
+
+    def test_while_it_hangs_the_autopilot_node_lands(self):
+        self.nodes.append(OneNode("autopilot", self.space, self.overrides))
+        land = f"{self.space}/autopilot/land"
+        rospy.wait_for_service(land, 20.0)
+        self.take_off("hop")
+        os.kill(self.planner.process.pid, signal.SIGSTOP)
+        wait_for(lambda: rospy.ServiceProxy(land, Trigger)().success, "an accepted landing", 5.0)
+        wait_for(lambda: self.vehicle.craft.mode == "AUTO.LAND", "the landing mode", 3.0)
+        wait_for(lambda: not self.vehicle.craft.armed, "the landing")
+        os.kill(self.planner.process.pid, signal.SIGCONT)
+        self.wait_phase(STATUS.LANDED)  # it knows the present as soon as it is back
+
+    def test_requests_that_cannot_be_are_refused_with_the_reason(self):
+        answer = self.load("s1", "9", 0, 0)
+        self.assertEqual((answer.accepted, answer.message), (False, "there is no mission '9'"))
+        answer = self.order("s1", 17)
+        self.assertEqual((answer.accepted, answer.message), (False, "there is no command 17"))
+        wait_for(lambda: self.status.message != "the vehicle is silent" and self.statuses, "the vehicle")
+        answer = self.order("s1", TAKEOFF)
+        self.assertEqual(answer.message, "session 's1' is not the one that is loaded")
+
+
+if __name__ == "__main__":
+    rospy.init_node("test_mission_planner")
+    rostest.rosrun("amaze_autonomy", "test_mission_planner", TestMissionPlanner)
