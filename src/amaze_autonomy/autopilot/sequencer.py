@@ -118,16 +118,17 @@ class Sequencer:
         plan = self._plans.get(request.mission_id)
         readiness = Readiness(self.watch, self._spec, self._phase in _IN_FLIGHT and bool(self.watch.armed))
         origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
+        loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
+        if loading.refused:
+            return loading, ()
         if self._loading is not None:
             self._loading.supersede()
-        self._loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
-        if self._loading.refused:
-            return self._loading, ()
+        self._loading = loading
         self._phase, self._message, self._loaded, self._procedure = _P.IDLE, "", request, None
         self._guidance = None
-        messages = self._loading.start(t_ns)
+        messages = loading.start(t_ns)
         self._finish_loading()
-        return self._loading, messages
+        return loading, messages
 
     def _finish_loading(self) -> None:
         loading = self._loading

@@ -1,0 +1,141 @@
+"""Whatever is asked of the planner, whatever the vehicle does and the link loses: what must never happen, does not."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from flying import MS, Flying, S
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from amaze_autonomy.autopilot.dialect import mavlink
+from amaze_autonomy.autopilot.loading import LoadRequest
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
+
+P, A = MissionPhase, MissionAction
+SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+STREAM_GAP_NS = 200 * MS
+
+
+class Watched(Flying):
+    """Looks at every message that is sent, and at every state."""
+
+    def __init__(self, **how) -> None:
+        self.setpoint_ns = 0
+        self.armings = 0
+        super().__init__(**how)
+        send = self.channel.ours
+
+        def watched(messages):
+            messages = list(messages)
+            for message in messages:
+                self.look(message)
+            send(messages)
+
+        self.channel.ours = watched
+
+    def look(self, message) -> None:
+        watch, kind = self.planner.watch, message.get_type()
+        if kind == "SET_POSITION_TARGET_LOCAL_NED":
+            self.setpoint_ns = self.t_ns
+            assert (message.target_system, message.target_component) == (1, 1)
+        if kind != "COMMAND_LONG" or message.command not in (SET_MODE, ARM):
+            return
+        assert not (watch.armed and watch.pilot), "a vehicle that a pilot flies is commanded"
+        if message.command == ARM:
+            self.armings += message.param1 == 1.0
+            assert message.param2 == 0.0, "arming or disarming by force"
+            down = watch.landed not in (VehicleLanded.IN_AIR, VehicleLanded.LANDING, VehicleLanded.TAKING_OFF)
+            assert message.param1 == 1.0 or down, "disarmed in flight"
+
+    def _see(self) -> None:
+        super()._see()
+        watch, status = self.planner.watch, self.status
+        if status.phase is P.HOLDING:
+            assert watch.mode in ("AUTO.LOITER", "OFFBOARD")
+        if status.phase is P.LOADED:
+            assert not status.waypoint
+        assert 0 <= status.waypoint <= status.waypoints
+        streamed = self.setpoint_ns and self.t_ns - self.setpoint_ns <= STREAM_GAP_NS
+        if watch.mode == "OFFBOARD" and watch.armed and self.planner._guidance is not None:
+            assert streamed, "the stream has stopped in flight"
+
+
+EVENTS = st.one_of(
+    st.tuples(st.just("command"), st.sampled_from(sorted(A, key=lambda each: each.value))),
+    st.tuples(st.just("load"), st.sampled_from(["line", "inside", "both"])),
+    st.tuples(st.just("pilot"), st.sampled_from(["POSCTL", "MANUAL"])),
+    st.tuples(st.just("failsafe"), st.sampled_from(["AUTO.RTL", "AUTO.LAND", "AUTO.LOITER"])),
+    st.tuples(st.just("ignores"), st.sampled_from(["AUTO.LAND", "AUTO.LOITER", "AUTO.MISSION", "OFFBOARD"])),
+    st.tuples(st.just("obeys"), st.none()),
+    st.tuples(st.just("refuses to arm"), st.booleans()),
+    st.tuples(st.just("cut"), st.sampled_from([500, 2000, 5000])),
+    st.tuples(st.just("shutdown"), st.none()),
+)
+PLANS = st.lists(st.tuples(st.sampled_from([0, 50, 300, 1000, 4000]), EVENTS), max_size=12)
+
+
+def happen(flying, kind, what) -> None:
+    craft = flying.craft
+    if kind == "command":
+        flying.command(what)
+    elif kind == "load":
+        _, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", what, 0, 0))
+        flying.channel.ours(messages)
+    elif kind == "pilot":
+        craft.pilot_takes_over(what, 5 * S)
+    elif kind == "failsafe":
+        if craft.armed:
+            craft.enter_failsafe(what)
+    elif kind == "ignores":
+        craft.flags.ignores = (what,)
+    elif kind == "obeys":
+        craft.flags.ignores = ()
+    elif kind == "refuses to arm":
+        craft.flags.not_ready = {"rc": "no RC"} if what else {}
+    elif kind == "cut":
+        good, flying.channel.fate = flying.channel.fate, lambda: ()
+        flying.run(what * MS)
+        flying.channel.fate = good
+    elif kind == "shutdown":
+        _, messages = flying.planner.shutdown(flying.t_ns)
+        flying.channel.ours(messages)
+
+
+def calm_down(flying) -> None:
+    """End as the engine does: nothing is broken any more, and LAND is asked for until it is on the ground."""
+    flying.craft.flags.ignores, flying.craft.flags.not_ready = (), {}
+    for _ in range(60):
+        if not flying.craft.armed and flying.phase not in (P.TAKING_OFF, P.FLYING, P.HOLDING, P.LANDING):
+            return
+        flying.command(A.LAND)
+        flying.run(2 * S)
+    raise AssertionError(f"still up: {flying.status}, {flying.craft.mode}, armed {flying.craft.armed}")
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(["line", "inside"]), PLANS)
+def test_no_order_of_events_leads_to_what_must_not_be(mission, events):
+    flying = Watched()
+    assert flying.load(mission).accepted
+    flying.command(A.TAKEOFF)
+    for delay_ms, (kind, what) in events:
+        flying.run(delay_ms * MS)
+        happen(flying, kind, what)
+    calm_down(flying)
+    assert flying.craft.height_m == 0.0
+
+
+@pytest.mark.parametrize("mission", ["line", "inside"])
+@pytest.mark.parametrize("seed", range(3))
+def test_over_a_bad_link_nothing_is_done_twice(mission, seed):
+    random = Random(seed)
+    flying = Watched(fate=lambda: () if random.random() < 0.05 else (random.randrange(1, 50) * MS,))
+    armed = []
+    set_armed = flying.craft._set_armed
+    flying.craft._set_armed = lambda: (armed.append(flying.t_ns), set_armed())
+    flying.take_off(mission)
+    flying.until_phase(P.LANDED)
+    assert (len(armed), flying.status.waypoint) == (1, 3)
