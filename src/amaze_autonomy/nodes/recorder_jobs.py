@@ -145,6 +145,10 @@ class RecorderJobs:
         status = int(process.wait())
         with self._lock:
             self._processes.discard(process)
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                with suppress(OSError):
+                    stream.close()
         return status
 
 
@@ -157,11 +161,12 @@ class _Tail:
         self._thread.start()
 
     def _read(self, stream: Any) -> None:
-        while True:
-            data = stream.read1(4096)
-            if not data:
-                return
-            self._data = (self._data + data)[-_LAST_WORDS:]
+        with stream:
+            while True:
+                data = stream.read1(4096)
+                if not data:
+                    return
+                self._data = (self._data + data)[-_LAST_WORDS:]
 
     def text(self) -> str:
         self._thread.join(1.0)

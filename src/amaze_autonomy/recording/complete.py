@@ -168,6 +168,8 @@ def _verified(
         duplicates=declared_duplicates(manifest),
         progress=_as_progress(report, Phase.VERIFYING),
     )
+    if report is not None:
+        report(Phase.VERIFYING, 1, 1)
     manifest = verified_manifest(manifest, verified)
     write_manifest(manifest_path(plan.output), manifest)
     if verified.problems:

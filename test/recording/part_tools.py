@@ -1,0 +1,63 @@
+"""Parts of platforms as their recorders leave them, made of small bags."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from bag_tools import bag, rows, unclosed
+
+from amaze_autonomy.recording.complete import Plan, Source
+from amaze_autonomy.recording.parts import close_parts
+
+FACTS = {"session_id": "s1", "platform": "main", "gaps": [], "dropped": 0}
+
+
+def part(folder, *bags, **facts):
+    """Close a part that has these bags: (name, messages per topic, how)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, streams in bags:
+        bag(folder / name, *streams)
+    close_parts(folder, {**FACTS, **facts})
+    return folder
+
+
+def two_platforms(folder, count=300):
+    """Return a session with a part of main and a fetched one of second."""
+    session = folder / "s1_m"
+    part(session / "main", ("states-01.bag", [rows("/a", count), rows("/b", count, 7)]))
+    part(session / "second", ("realsense-01.bag", [rows("/c", count, 11)]), platform="second")
+    return session
+
+
+def plan(session, **options):
+    sources = (Source("main", session / "main"), Source("second", session / "second", fetched=True))
+    return Plan(session / "s1_m.bag", sources, **options)
+
+
+def killed(folder, name, *streams, cut=None):
+    """Leave what is on the disk when a recorder is killed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    whole = bag(folder / "whole", *streams)
+    unclosed(whole, folder / name, cut)
+    whole.unlink()
+    return folder / name
+
+
+@contextmanager
+def small_storage(folder: Path, megabytes: int):
+    """Mount a small storage that can become full; root only."""
+    if os.geteuid() != 0:
+        pytest.skip("NOT TESTED: only root can mount a small storage")
+    folder.mkdir(exist_ok=True)
+    command = ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip(f"NOT TESTED: a small storage cannot be mounted here: {done.stderr.strip()}")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)

@@ -1,0 +1,34 @@
+"""The command line of a recorder, and its files."""
+
+from pathlib import Path
+
+from amaze_autonomy.config.recording_schema import Storage, TopicGroup
+from amaze_autonomy.recording.child_command import child_command, files_of
+
+OUTPUT = Path("/rec/s/main/states-01.bag")
+
+
+def command(group, storage=None):
+    return child_command(["record"], "record_main_states", group, group.topics, storage or Storage(), OUTPUT)
+
+
+def test_settings_come_from_the_storage_where_the_group_has_none():
+    assert command(TopicGroup("states", ("/tf", "/a"))) == [
+        "record", "--buffsize=256", "--chunksize=768", "--min-space=200M", "--tcpnodelay",
+        "--output-name=/rec/s/main/states-01.bag", "/tf", "/a", "__name:=record_main_states",
+    ]  # fmt: skip
+
+
+def test_a_group_has_its_own_settings():
+    group = TopicGroup("states", ("/a.b",), ("/cam.*",), "/cam/secret", "lz4", 64, 0)
+    assert command(group, Storage(split_mb=500)) == [
+        "record", "--buffsize=0", "--chunksize=64", "--min-space=200M", "--tcpnodelay",
+        "--output-name=/rec/s/main/states-01.bag", "--lz4", "--split", "--size=500", "--repeat-latched",
+        "--exclude=/cam/secret", "--regex", "/a\\.b", "/cam.*", "__name:=record_main_states",
+    ]  # fmt: skip
+
+
+def test_the_files_of_a_group_are_those_that_its_recorders_wrote():
+    names = ["states-01.bag", "states-02_0.bag", "states-02_1.bag.active"]
+    names += ["states-01.recovered.bag", "states.log", "xstates-01.bag", "cameras-01.bag"]
+    assert files_of("states", names) == ["states-01.bag", "states-02_0.bag", "states-02_1.bag.active"]

@@ -1,0 +1,45 @@
+"""The offset of a clock by exchanges: exact when both ways take the same time, bounded by half the round trip."""
+
+import random
+
+import pytest
+
+from amaze_autonomy.recording.clock_offset import Exchange, Offset, best, correction_ns
+
+MS = 1_000_000
+S = 1_000_000_000
+
+
+def exchange(offset_ns, out_ns, back_ns, at_ns=100 * S, held_ns=MS):
+    received = at_ns + out_ns + offset_ns
+    return Exchange(at_ns, received, received + held_ns, at_ns + out_ns + held_ns + back_ns)
+
+
+def test_equal_ways_give_the_exact_offset():
+    assert exchange(3 * S, 2 * MS, 2 * MS).offset_ns == 3 * S
+    assert best([exchange(-3 * S, MS, MS)]) == Offset(-3 * S, MS, 100 * S + 3 * MS)
+
+
+def test_the_shortest_round_trip_counts():
+    found = best([exchange(S, 50 * MS, MS), exchange(S, MS, MS), exchange(S, MS, 80 * MS)])
+    assert found == Offset(S, MS, 100 * S + 3 * MS)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_offset_is_wrong_by_no_more_than_it_says(seed):
+    chance = random.Random(seed)
+    offset = chance.randint(-3 * S, 3 * S)
+    found = best([exchange(offset, chance.randint(0, 300 * MS), chance.randint(0, 300 * MS)) for _ in range(16)])
+    assert abs(found.offset_ns - offset) <= found.error_ns
+
+
+def test_impossible_exchanges_are_left_out():
+    assert best([]) is None
+    assert best([Exchange(10, 0, 100, 20), Exchange(0, 10, 5, 30)]) is None
+
+
+def test_record_times_are_corrected_by_the_mean_of_start_and_stop():
+    start, stop = Offset(3 * S, 10, 0), Offset(3 * S + 2 * MS, 10, 0)
+    assert correction_ns(start, stop) == -(3 * S + MS)
+    assert correction_ns(start, None) == -3 * S
+    assert correction_ns(None, None) == 0

@@ -1,0 +1,270 @@
+"""The collector: all platforms record, all parts come, one recording is made; what fails is named, a retry goes on."""
+
+import json
+
+import pytest
+from recording_story import PHASE, Fleet
+
+from amaze_autonomy.recording import Answer, Collector
+from amaze_autonomy.recording.clock_offset import Offset
+from amaze_autonomy.recording.commands import Ask, Collect, CopyJournal, MeasureClock, Transfer
+
+SUMMARY = {"problem": "", "location": "/rec/s1.bag", "message": "1 MB, nothing was lost", "verified": True}
+
+
+def recording(**options):
+    fleet = Fleet(**options)
+    assert fleet.start() == Answer(accepted=True)
+    fleet.go_on(0.5)
+    assert fleet.collector.phase is PHASE.RECORDING
+    return fleet
+
+
+def transferring(**options):
+    fleet = recording(**options)
+    assert fleet.stop() == Answer(accepted=True)
+    return fleet.go_on(0.5)
+
+
+def merging(**options):
+    fleet = transferring(**options)
+    fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+    return fleet.go_on(0.2)
+
+
+def test_goes_all_the_way_from_idle_to_a_complete_recording():
+    fleet = merging()
+    fleet.collector.job_progress(fleet.now_ns, PHASE.VERIFYING, 0.5)
+    fleet.go_on(0.1)
+    fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)
+    fleet.go_on(1.0)
+    assert fleet.phases == [
+        PHASE.IDLE, PHASE.STARTING, PHASE.RECORDING, PHASE.STOPPING, PHASE.TRANSFERRING, PHASE.MERGING,
+        PHASE.VERIFYING, PHASE.COMPLETE,
+    ]  # fmt: skip
+    assert fleet.commands == [
+        Ask("main", "start"), Ask("second", "start"), MeasureClock("second", "start"),
+        Ask("main", "stop"), Ask("second", "stop"), MeasureClock("second", "stop"),
+        Transfer("second", "/rec/second"), CopyJournal(), Collect(),
+    ]  # fmt: skip
+    status = fleet.status
+    assert (status.progress, status.location, status.message) == (1.0, "/rec/s1.bag", "1 MB, nothing was lost")
+
+
+def test_it_records_only_when_every_platform_proves_it():
+    fleet = Fleet()
+    fleet.refuses["second"] = ""
+    fleet.answer = lambda command: fleet.collector.answered(command.platform, command.verb, "s1", Answer(True))
+    fleet.start()
+    fleet.say("main", PHASE.RECORDING)
+    fleet.say("second", PHASE.STARTING, message="realsense: nothing is written yet")
+    fleet.go_on(5.0)
+    status = fleet.status
+    assert status.phase is PHASE.STARTING
+    assert [(each.platform, each.growing, each.message) for each in status.platforms] == [
+        ("main", True, ""),
+        ("second", False, "second: realsense: nothing is written yet"),
+    ]
+    fleet.say("second", PHASE.RECORDING)
+    fleet.go_on(0.2)
+    assert fleet.collector.phase is PHASE.RECORDING
+
+
+def test_a_second_platform_that_never_answers_is_named_within_the_limit():
+    fleet = Fleet()
+    fleet.silent["second"] = True
+    fleet.start()
+    fleet.go_on(11.9)
+    assert fleet.collector.phase is PHASE.STARTING
+    fleet.go_on(0.3)
+    assert (fleet.status.phase, fleet.status.message) == (
+        PHASE.FAILED,
+        "second does not answer (no such service): is its data_recorder running, and its network up?",
+    )
+    assert len([each for each in fleet.asked(Ask) if each.platform == "second"]) == 12
+
+
+def test_it_is_missing_in_the_end_as_well_and_a_retry_goes_on_when_it_answers():
+    fleet = Fleet()
+    fleet.silent["second"] = True
+    fleet.start()
+    fleet.go_on(13.0)
+    fleet.stop()
+    fleet.go_on(31.0)
+    assert (fleet.status.phase, fleet.status.message) == (
+        PHASE.FAILED,
+        "the part of second is missing: second does not answer (no such service). Nothing was removed; "
+        "the parts lie at main: /rec/main",
+    )
+    fleet.silent["second"] = False
+    fleet.say("second", PHASE.COMPLETE)
+    assert fleet.stop() == Answer(accepted=True)
+    fleet.go_on(0.5)
+    assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_a_platform_that_refuses_is_named_at_once():
+    fleet = Fleet()
+    fleet.refuses["second"] = "0.1 GB are free, make space"
+    fleet.start()
+    fleet.go_on(0.5)
+    assert (fleet.status.phase, fleet.status.message) == (PHASE.FAILED, "second: 0.1 GB are free, make space")
+
+
+def test_what_never_began_is_not_waited_for():
+    fleet = Fleet()
+    fleet.refuses["second"] = "no space"
+    fleet.start()
+    fleet.go_on(0.5)
+    fleet.refuses["second"] = "session 's1' was not recorded here"
+    fleet.stop()
+    fleet.go_on(0.5)
+    assert fleet.collector.phase is PHASE.MERGING
+    assert fleet.asked(Transfer) == []
+
+
+def test_a_platform_that_falls_silent_in_flight_is_said_and_one_that_forgot_is_asked_again():
+    fleet = recording()
+    fleet.silent["second"] = True
+    fleet.go_on(6.0)
+    assert fleet.status.platforms[1].growing is False
+    assert fleet.status.platforms[1].message.startswith("second does not answer")
+    assert fleet.status.phase is PHASE.RECORDING
+    fleet.silent["second"] = False
+    fleet.say("second", PHASE.IDLE, session="")
+    fleet.go_on(0.5)
+    assert fleet.asked(Ask)[-1] == Ask("second", "start")
+    assert fleet.status.platforms[1].growing
+
+
+def test_parts_are_fetched_again_until_the_limit_and_a_retry_fetches_what_is_missing():
+    fleet = transferring(transfer_limit_ns=10_000_000_000)
+    for _ in range(200):
+        if fleet.collector.views["second"].fetching:
+            fleet.collector.transfer_ended(fleet.now_ns, "second", "rsync: connection timed out")
+        fleet.turn()
+    assert 4 <= len(fleet.asked(Transfer)) <= 6
+    assert (fleet.status.phase, fleet.status.message) == (
+        PHASE.FAILED,
+        "the part of second is missing: rsync: connection timed out. Nothing was removed; "
+        "the parts lie at main: /rec/main; second: /rec/second",
+    )
+    fleet.stop()
+    fleet.go_on(0.5)
+    fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+    fleet.go_on(0.2)
+    assert fleet.collector.phase is PHASE.MERGING
+
+
+def test_progress_of_a_transfer_and_the_remaining_time_of_a_merge_are_told():
+    fleet = transferring()
+    fleet.collector.transfer_progress("second", 0.4)
+    fleet.turn()
+    assert fleet.status.progress == pytest.approx(0.4)
+    fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+    fleet.go_on(3.0)
+    fleet.collector.job_progress(fleet.now_ns, PHASE.MERGING, 0.25)
+    assert fleet.status.remaining_s == pytest.approx(9.0, abs=0.5)
+
+
+def test_a_job_that_is_killed_is_started_again_and_one_that_fails_is_not():
+    fleet = merging()
+    for _ in range(20):
+        fleet.collector.job_ended(fleet.now_ns, "killed by SIGKILL", {}, killed=True)
+        fleet.turn()
+    assert (len(fleet.asked(Collect)), fleet.collector.phase) == (21, PHASE.MERGING)
+    fleet.collector.job_ended(fleet.now_ns, "x.bag: there is no space for it; make space", {})
+    fleet.go_on(1.0)
+    assert (len(fleet.asked(Collect)), fleet.status.phase) == (21, PHASE.FAILED)
+    assert fleet.status.message == "x.bag: there is no space for it; make space"
+    assert fleet.status.location == "main:/rec/main, second:/rec/second"
+
+
+def test_a_job_that_is_killed_for_ever_fails_in_the_end():
+    fleet = merging()
+    for _ in range(40):
+        fleet.collector.job_ended(fleet.now_ns, "killed by SIGKILL", {}, killed=True)
+        fleet.turn()
+    assert (len(fleet.asked(Collect)), fleet.status.phase) == (25, PHASE.FAILED)
+
+
+@pytest.mark.parametrize("keep, removed", [(True, []), (False, [Ask("main", "remove"), Ask("second", "remove")])])
+def test_parts_are_removed_after_the_verified_end_only_and_only_when_configured(keep, removed):
+    fleet = merging(keep_parts=keep)
+    assert [each for each in fleet.asked(Ask) if each.verb == "remove"] == []
+    fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)
+    fleet.go_on(3.0)
+    assert [each for each in fleet.asked(Ask) if each.verb == "remove"] == removed
+
+
+def test_a_platform_that_fails_to_close_is_named_and_asked_again_on_a_retry():
+    fleet = recording()
+    fleet.answer = lambda command: (
+        fleet.collector.answered(command.platform, command.verb, "s1", Answer(True)),
+        fleet.say(command.platform, PHASE.COMPLETE if command.platform == "main" else PHASE.FAILED, message="broken"),
+    )
+    fleet.stop()
+    fleet.go_on(2.0)
+    assert (fleet.status.phase, fleet.status.message) == (
+        PHASE.FAILED,
+        "the part of second is missing: broken. Nothing was removed; "
+        "the parts lie at main: /rec/main; second: /rec/second",
+    )
+    asked = len(fleet.asked(Ask))
+    fleet.stop()
+    fleet.go_on(3.0)
+    assert fleet.asked(Ask)[asked:] == [Ask("second", "stop")]
+
+
+def test_requests_are_answered_in_every_phase():
+    fleet = transferring()
+    assert fleet.start("s2") == Answer(accepted=False, message="busy with session s1 (TRANSFERRING)")
+    assert fleet.stop("s1") == Answer(accepted=True)
+    assert fleet.stop("s2") == Answer(accepted=False, message="session 's2' was not recorded here")
+    assert fleet.start("") == Answer(accepted=False, message="a recording needs a session")
+
+
+def test_a_new_session_forgets_the_last_one():
+    fleet = merging()
+    fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)
+    assert fleet.start("s2") == Answer(accepted=True)
+    status = fleet.status
+    assert (status.session_id, status.phase, status.location, status.message) == ("s2", PHASE.STARTING, "", "")
+
+
+def test_another_process_goes_on_where_this_one_was_killed():
+    fleet = merging()
+    fleet.collector.clock_measured("second", "start", Offset(3_000_000_000, 100, 5))
+    memory = json.loads(json.dumps(fleet.collector.memory()))
+    other = Fleet()
+    other.collector = Collector(fleet.collector.setup)
+    other.collector.remember(0, memory)
+    other.say("main", PHASE.COMPLETE)
+    other.say("second", PHASE.COMPLETE)
+    other.go_on(0.3)
+    assert other.commands == [CopyJournal(), Collect()]
+    assert other.collector.views["second"].offsets == {"start": Offset(3_000_000_000, 100, 5)}
+
+
+@pytest.mark.parametrize("killed_in", [PHASE.RECORDING, PHASE.STOPPING])
+def test_a_process_that_was_killed_before_asks_the_platforms_again(killed_in):
+    fleet = recording()
+    if killed_in is PHASE.STOPPING:
+        fleet.answer = lambda command: fleet.collector.answered(command.platform, command.verb, "s1", Answer(True))
+        fleet.stop()
+        fleet.go_on(0.3)
+    other = Fleet()
+    other.collector.remember(0, json.loads(json.dumps(fleet.collector.memory())))
+    other.say("main", PHASE.RECORDING)
+    other.say("second", PHASE.RECORDING)
+    other.go_on(0.3)
+    assert other.collector.phase is (PHASE.RECORDING if killed_in is PHASE.RECORDING else PHASE.TRANSFERRING)
+
+
+def test_a_node_that_is_ended_leaves_a_session_that_can_be_collected():
+    fleet = recording()
+    fleet.collector.interrupted(fleet.now_ns)
+    assert fleet.status.phase is PHASE.FAILED
+    assert fleet.stop() == Answer(accepted=True)
+    fleet.go_on(0.5)
+    assert fleet.collector.phase is PHASE.TRANSFERRING

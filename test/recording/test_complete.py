@@ -1,0 +1,136 @@
+"""One verified recording of all parts: everything in it, nothing twice, what is done is not done again."""
+
+import json
+import shutil
+
+import pytest
+from bag_tools import contents, digest, multiset, rows
+from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
+from replay_bags import write_empty_bag
+
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.recording.complete import Plan, Source, collect
+from amaze_autonomy.recording.errors import RecordingError, TransferError
+from amaze_autonomy.recording.parts import close_parts
+
+S = 1_000_000_000
+
+
+def manifest(session):
+    return json.loads((session / "s1_m.manifest.json").read_text())
+
+
+def test_every_message_of_all_parts_is_in_it_and_it_says_where_how_big_how_long_and_what_was_lost(tmp_path):
+    session = two_platforms(tmp_path)
+    summary = collect(plan(session))
+    output = session / "s1_m.bag"
+    assert multiset(output) == multiset(session / "main" / "states-01.bag", session / "second" / "realsense-01.bag")
+    assert (summary.location, summary.size, summary.messages) == (str(output), output.stat().st_size, 900)
+    size = f"{summary.size / 1e6:.1f}"
+    assert summary.message == f"{size} MB, 3.3 s, 900 messages of main and second, verified; nothing was lost"
+    assert manifest(session)["verified"]["ok"] is True
+    assert sorted(manifest(session)["platforms"]) == ["main", "second"]
+
+
+def test_it_is_not_made_again_when_it_is_there(tmp_path):
+    session = two_platforms(tmp_path)
+    first = collect(plan(session))
+    stamp = (session / "s1_m.bag").stat().st_mtime_ns
+    assert collect(plan(session)) == first
+    assert (session / "s1_m.bag").stat().st_mtime_ns == stamp
+
+
+def test_it_is_made_again_when_a_part_came_later(tmp_path):
+    session = two_platforms(tmp_path)
+    collect(plan(session))
+    part(session / "main", ("states-02.bag", [rows("/a", 10, first_ms=9000)]))
+    assert collect(plan(session)).messages == 910
+
+
+def test_it_is_made_again_when_it_is_not_what_it_should_be(tmp_path):
+    session = two_platforms(tmp_path)
+    collect(plan(session))
+    raw = (session / "s1_m.bag").read_bytes()
+    (session / "s1_m.bag").write_bytes(raw[:-1])
+    assert collect(plan(session)).messages == 900
+    assert (session / "s1_m.bag").read_bytes() == raw
+
+
+def test_losses_are_in_the_summary_and_in_the_manifest(tmp_path):
+    session = two_platforms(tmp_path)
+    killed(session / "second", "realsense-02.bag.active", rows("/c", 50, first_ms=9000), cut=20)
+    gap = {"group": "realsense", "file": 2, "seconds": 1.5, "ending": "killed by SIGKILL"}
+    close_parts(session / "second", {**FACTS, "platform": "second", "gaps": [gap], "dropped": 1})
+    summary = collect(plan(session))
+    lost = [
+        "second/realsense-02.recovered.bag: an unknown number of messages",
+        "second/realsense: 1.5 s, until its recorder was started again (killed by SIGKILL)",
+        "second/1 warnings of dropped messages",
+    ]
+    assert (list(summary.lost), manifest(session)["lost"]) == (lost, lost)
+    assert summary.messages == 949
+    assert summary.message.endswith("verified; lost: " + "; ".join(lost))
+
+
+def test_clocks_that_are_three_seconds_apart_are_corrected_when_that_is_asked(tmp_path):
+    session = tmp_path / "s1_m"
+    part(session / "main", ("a-01.bag", [rows("/a", 100)]))
+    part(session / "second", ("b-01.bag", [rows("/b", 100, first_ms=3003)]))
+    apart = collect(plan(session))
+    assert [topic for _, topic, _ in contents(apart.location)] == ["/a"] * 100 + ["/b"] * 100
+    clock = {"start": {"offset_ns": 3 * S, "error_ns": 1000, "at_ns": 1}}
+    sources = (
+        Source("main", session / "main"),
+        Source("second", session / "second", fetched=True, correction_ns=-3 * S, clock=clock),
+    )
+    together = collect(Plan(session / "s1_m.bag", sources))
+    assert [topic for _, topic, _ in contents(together.location)] == ["/a", "/b"] * 100
+    assert manifest(session)["platforms"]["second"]["clock"] == clock
+    assert [each["offset_ns"] for each in manifest(session)["inputs"]] == [0, -3 * S]
+
+
+def test_an_empty_bag_and_a_bag_without_messages_do_no_harm(tmp_path):
+    session = two_platforms(tmp_path)
+    write_empty_bag(session / "second" / "other-01.bag")
+    (session / "second" / "more-01.bag.active").touch()
+    close_parts(session / "second", FACTS)
+    assert collect(plan(session)).messages == 900
+
+
+def test_the_same_message_on_both_platforms_is_kept_or_dropped_as_configured(tmp_path):
+    session = tmp_path / "s1_m"
+    for name in ("main", "second"):
+        part(session / name, (f"{name}-01.bag", [rows("/a", 50)]))
+    assert collect(plan(session)).messages == 100
+    (session / "s1_m.bag").unlink()
+    assert collect(plan(session, duplicates="drop")).messages == 50
+
+
+def test_nothing_at_all_is_no_recording(tmp_path):
+    session = tmp_path / "s1_m"
+    for name in ("main", "second"):
+        part(session / name)
+    with pytest.raises(RecordingError, match="there is no bag on any platform, nothing was recorded"):
+        collect(plan(session))
+
+
+def test_a_part_that_is_not_what_was_sent_is_refused(tmp_path):
+    session = two_platforms(tmp_path)
+    path = session / "second" / "realsense-01.bag"
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    with pytest.raises(TransferError, match="is not what was sent"):
+        collect(plan(session))
+
+
+def test_a_full_storage_leaves_the_parts_as_they_were_and_a_retry_works(tmp_path):
+    with small_storage(tmp_path / "full", 2) as folder:
+        session = two_platforms(folder, 2000)
+        filling = folder / "filling"
+        filling.write_bytes(bytes(shutil.disk_usage(folder).free - 100_000))
+        before = [digest(path) for path in sorted(session.rglob("*-01.bag"))]
+        with pytest.raises(BagError, match=r"there is no space for it.*make space and try again, nothing was changed"):
+            collect(plan(session))
+        assert [digest(path) for path in sorted(session.rglob("*-01.bag"))] == before
+        assert not (session / "s1_m.bag").exists()
+        filling.unlink()
+        assert collect(plan(session)).messages == 6000

@@ -1,0 +1,99 @@
+"""A part is made whole and listed; what arrives elsewhere is compared with the list."""
+
+import json
+
+import pytest
+from bag_tools import bag, contents, digest, rows
+from part_tools import FACTS, killed, part, small_storage
+from replay_bags import write_empty_bag
+
+from amaze_autonomy.recording.errors import TransferError
+from amaze_autonomy.recording.folders import PARTS
+from amaze_autonomy.recording.parts import check_arrived, close_parts, losses, whole_bags
+
+
+def listed(folder):
+    return json.loads((folder / PARTS).read_text())
+
+
+def test_closed_bags_are_listed_with_bytes_messages_and_checksums(tmp_path):
+    path = bag(tmp_path / "states-01.bag", rows("/a", 20))
+    assert close_parts(tmp_path, FACTS) == listed(tmp_path)
+    assert listed(tmp_path) == {
+        "parts": 1, "session_id": "s1", "platform": "main", "gaps": [], "dropped": 0, "logs": [],
+        "files": [
+            {"file": "states-01.bag", "bytes": path.stat().st_size, "messages": 20, "sha256": digest(path), "lost": 0}
+        ],
+    }  # fmt: skip
+
+
+def test_what_a_killed_recorder_left_is_recovered_beside_it_and_never_changed(tmp_path):
+    path = killed(tmp_path, "states-01.bag.active", rows("/a", 100))
+    before = digest(path)
+    entry = close_parts(tmp_path, FACTS)["files"][0]
+    assert (entry["file"], entry["recovered_from"]) == ("states-01.recovered.bag", "states-01.bag.active")
+    assert entry["messages"] == len(contents(tmp_path / "states-01.recovered.bag")) == 100
+    assert digest(path) == before
+
+
+def test_it_is_not_recovered_twice_and_the_loss_stays_known(tmp_path):
+    killed(tmp_path, "states-01.bag.active", rows("/a", 100), cut=30)
+    first = close_parts(tmp_path, FACTS)
+    stamp = (tmp_path / "states-01.recovered.bag").stat().st_mtime_ns
+    assert close_parts(tmp_path, FACTS) == first
+    assert (tmp_path / "states-01.recovered.bag").stat().st_mtime_ns == stamp
+    assert losses(first) == ["states-01.recovered.bag: an unknown number of messages"]
+
+
+def test_a_bag_whose_index_is_damaged_is_recovered(tmp_path):
+    path = bag(tmp_path / "states-01.bag", rows("/a", 100))
+    raw = path.read_bytes()
+    path.write_bytes(raw[: len(raw) - 40])
+    entry = close_parts(tmp_path, FACTS)["files"][0]
+    assert (entry["file"], entry["messages"]) == ("states-01.recovered.bag", 100)
+
+
+def test_a_bag_without_messages_and_an_empty_file_are_no_damage(tmp_path):
+    write_empty_bag(tmp_path / "states-01.bag")
+    (tmp_path / "cameras-01.bag.active").touch()
+    content = close_parts(tmp_path, FACTS)
+    assert [(entry["file"], entry["messages"], entry["lost"]) for entry in content["files"]] == [
+        ("states-01.bag", 0, 0)
+    ]
+    assert losses(content) == []
+
+
+def test_without_space_for_a_recovered_bag_the_open_one_is_listed_and_made_whole_elsewhere(tmp_path):
+    with small_storage(tmp_path / "full", 1) as folder:
+        path = killed(folder, "states-01.bag.active", rows("/a", 3000))
+        (folder / "filling").write_bytes(bytes(1_000_000 - path.stat().st_size - 100_000))
+        content = close_parts(folder, FACTS)
+        (entry,) = content["files"]
+        assert (entry["file"], entry["open"], entry["lost"]) == ("states-01.bag.active", True, None)
+        assert "there is no space for it" in entry["problem"]
+        (found,) = whole_bags(folder, tmp_path / "elsewhere")
+        assert len(contents(found.path)) == 3000
+
+
+def test_what_did_not_arrive_or_is_different_is_named_and_put_aside(tmp_path):
+    folder = part(tmp_path / "second", ("a-01.bag", [rows("/a", 50)]))
+    assert check_arrived(folder)["session_id"] == "s1"
+    raw = bytearray((folder / "a-01.bag").read_bytes())
+    raw[5000] ^= 1
+    (folder / "a-01.bag").write_bytes(raw)
+    with pytest.raises(TransferError, match=r"a-01\.bag: is not what was sent, and was put aside; retry"):
+        check_arrived(folder)
+    with pytest.raises(TransferError, match=r"a-01\.bag: did not arrive"):
+        check_arrived(folder)
+    (folder / PARTS).unlink()
+    with pytest.raises(TransferError, match="nobody knows whether the part is whole"):
+        check_arrived(folder)
+
+
+def test_gaps_and_dropped_messages_are_losses():
+    gap = {"group": "cameras", "file": 2, "seconds": 0.42, "ending": "killed by SIGKILL"}
+    assert losses({"files": [{"file": "a", "lost": 3}], "gaps": [gap], "dropped": 2}) == [
+        "a: 3 messages",
+        "cameras: 0.4 s, until its recorder was started again (killed by SIGKILL)",
+        "2 warnings of dropped messages",
+    ]

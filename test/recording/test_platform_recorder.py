@@ -1,0 +1,229 @@
+"""The recorder of one platform: it proves, restarts, stops with limits, and goes on where a process of it ended."""
+
+from recording_story import PHASE, Platform, recorded_memory, recording, recovered
+
+from amaze_autonomy.recording import Answer
+from amaze_autonomy.recording.commands import Recover, Signal, StartChild
+
+
+def test_goes_all_the_way_from_idle_to_a_complete_part():
+    platform = recording()
+    assert platform.stop() == Answer(accepted=True)
+    platform.go_on(0.3)
+    recovered(platform)
+    assert platform.phases == [
+        PHASE.IDLE, PHASE.STARTING, PHASE.RECORDING, PHASE.STOPPING, PHASE.RECOVERING, PHASE.COMPLETE,
+    ]  # fmt: skip
+    assert platform.commands == [
+        StartChild("states", 1), StartChild("cameras", 1), Signal("states", "INT"), Signal("cameras", "INT"), Recover(),
+    ]  # fmt: skip
+
+
+def test_it_records_only_when_every_group_writes_more_than_the_head_of_an_empty_bag():
+    platform = Platform()
+    platform.grows["cameras"] = 0
+    platform.sizes["cameras"] = 4117
+    platform.start()
+    platform.go_on(5.0)
+    assert platform.machine.phase is PHASE.STARTING
+    assert (platform.part.growing, platform.part.message) == (False, "cameras: nothing is written yet")
+    platform.grows["cameras"] = 1000
+    platform.go_on(1.0)
+    assert (platform.machine.phase, platform.part.growing, platform.part.message) == (PHASE.RECORDING, True, "")
+
+
+def test_it_does_not_record_while_a_topic_is_not_subscribed_or_the_master_says_nothing():
+    platform = Platform()
+    platform.missing["states"] = ("/states",)
+    platform.start()
+    platform.go_on(2.0)
+    assert (platform.machine.phase, platform.part.message) == (PHASE.STARTING, "states: not subscribed to /states")
+    platform.missing["states"] = None
+    platform.go_on(0.2)
+    assert platform.part.message == "states: the master does not say what is subscribed"
+    platform.missing["states"] = ()
+    platform.go_on(0.2)
+    assert platform.machine.phase is PHASE.RECORDING
+
+
+def test_a_group_that_nobody_publishes_is_proven_by_its_subscription_but_not_alone():
+    platform = Platform()
+    platform.grows["cameras"], platform.silent["cameras"] = 0, True
+    platform.start()
+    platform.go_on(1.0)
+    assert (platform.machine.phase, platform.part.growing) == (PHASE.RECORDING, True)
+    assert platform.part.message == "cameras: nobody publishes its topics"
+    alone = Platform(groups=("cameras",))
+    alone.grows["cameras"], alone.silent["cameras"] = 0, True
+    alone.start()
+    alone.go_on(5.0)
+    assert alone.machine.phase is PHASE.STARTING
+
+
+def test_files_that_do_not_grow_for_a_while_are_said():
+    platform = recording()
+    platform.grows = dict.fromkeys(platform.grows, 0)
+    platform.go_on(2.5)
+    assert platform.part.growing
+    platform.go_on(1.0)
+    assert (platform.part.growing, platform.part.message) == (False, "its files do not grow")
+    assert platform.machine.phase is PHASE.RECORDING
+
+
+def test_a_recorder_that_is_killed_is_started_at_once_into_a_new_file_and_said():
+    platform = recording()
+    platform.kill("cameras")
+    platform.turn()
+    assert platform.commands[-1] == StartChild("cameras", 2)
+    assert platform.part.message == "cameras: its recorder ended (killed by SIGKILL)"
+    platform.go_on(0.5)
+    assert platform.part.growing
+    assert platform.part.message == "cameras: its recorder was started again 1 times, 0.1 s are missing"
+    assert platform.machine.groups["cameras"].gaps == [
+        {"group": "cameras", "file": 2, "seconds": 0.1, "ending": "killed by SIGKILL"}
+    ]
+
+
+def test_a_recorder_that_dies_again_and_again_is_started_once_a_second():
+    platform = recording()
+    for _ in range(50):
+        platform.kill("cameras", "it ended with status 1")
+        platform.turn()
+    assert 5 <= len([each for each in platform.asked(StartChild) if each.group == "cameras"]) - 1 <= 6
+
+
+def test_a_recorder_that_does_not_come_is_asked_for_again():
+    platform = Platform()
+    platform.carry_out = lambda _: None
+    platform.start()
+    platform.go_on(11.0)
+    assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1, 2, 3]
+
+
+def test_without_space_it_does_not_begin():
+    platform = Platform()
+    assert platform.start(problem="0.1 GB are free") == Answer(accepted=False, message="0.1 GB are free")
+    platform.go_on(1.0)
+    assert (platform.phases, platform.commands) == ([PHASE.IDLE], [])
+
+
+def test_a_storage_that_becomes_full_is_said_before_and_when_it_is_and_nothing_is_started_into_it():
+    platform = recording()
+    platform.free = 50_000_000 + 200_000_000
+    platform.turn()
+    assert platform.part.message == "the storage is full in 25 s"
+    platform.free = 100_000_000
+    platform.full = dict.fromkeys(platform.full, True)
+    platform.turn()
+    said = platform.part.message
+    assert said.startswith("the storage is full (100 MB are free): recording has stopped; states: its recorder stopped")
+    platform.kill("states", "it ended with status 134")
+    platform.go_on(3.0)
+    assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1]
+    platform.free = 10_000_000_000
+    platform.turn()
+    assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1, 2]
+
+
+def test_dropped_messages_are_counted():
+    platform = recording()
+    platform.dropped["cameras"] = 3
+    platform.turn()
+    assert (platform.part.dropped, platform.part.message) == (3, "cameras: messages were dropped, 3 warnings")
+
+
+def test_a_recorder_that_does_not_close_its_file_is_made_to():
+    platform = recording()
+    platform.obeys["cameras"] = ("KILL",)
+    platform.stop()
+    platform.go_on(33.0)
+    signals = [(each.name, each.group) for each in platform.asked(Signal)]
+    assert signals == [("INT", "states"), ("INT", "cameras"), ("TERM", "cameras"), ("KILL", "cameras")]
+    assert platform.machine.phase is PHASE.RECOVERING
+
+
+def test_a_recovery_that_fails_is_told_and_done_again_when_asked():
+    platform = recording()
+    platform.stop()
+    platform.go_on(0.3)
+    recovered(platform, "states-01.bag.active: there is no space")
+    status = platform.machine.status(platform.now_ns)
+    assert (status.phase, status.message) == (PHASE.FAILED, "states-01.bag.active: there is no space")
+    assert platform.stop() == Answer(accepted=True)
+    platform.go_on(0.1)
+    assert len(platform.asked(Recover)) == 2
+    recovered(platform)
+    assert platform.machine.phase is PHASE.COMPLETE
+
+
+def test_a_recovery_that_is_killed_is_started_again_without_being_asked():
+    platform = recording()
+    platform.stop()
+    platform.go_on(0.3)
+    platform.machine.recovery_ended(platform.now_ns, "killed by SIGKILL", killed=True)
+    platform.go_on(0.1)
+    assert (platform.machine.phase, len(platform.asked(Recover))) == (PHASE.RECOVERING, 2)
+
+
+def test_a_start_of_the_same_session_is_already_so_and_one_of_another_closes_this_one_first():
+    platform = recording()
+    assert platform.start() == Answer(accepted=True, message="already so")
+    assert platform.start("s2") == Answer(accepted=True, message="session s1 is closed first")
+    platform.go_on(0.5)
+    recovered(platform)
+    platform.go_on(1.0)
+    assert (platform.machine.session_id, platform.machine.phase) == ("s2", PHASE.RECORDING)
+    assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1, 1]
+
+
+def test_a_start_after_a_failure_or_a_part_that_is_closed_goes_on_in_new_files():
+    platform = recording()
+    platform.stop()
+    platform.go_on(0.3)
+    recovered(platform)
+    assert platform.start() == Answer(accepted=True)
+    platform.go_on(1.0)
+    assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1, 2]
+    assert platform.machine.phase is PHASE.RECORDING
+
+
+def test_a_stop_for_another_session_or_without_one_is_refused():
+    platform = recording()
+    assert platform.stop("x") == Answer(accepted=False, message="session 'x' was not recorded here")
+    assert platform.start("") == Answer(accepted=False, message="a recording needs a session")
+
+
+def test_another_process_keeps_recorders_that_run_and_starts_those_that_ended():
+    first, second = recording(), Platform()
+    second.running, second.sizes = dict(first.running), dict(first.sizes)
+    second.kill("cameras", "it ended while this node was away")
+    second.machine.remember(0, recorded_memory(first), same_boot=True)
+    second.go_on(1.0)
+    assert second.commands == [StartChild("cameras", 2)]
+    assert second.part.growing
+    assert second.machine.groups["cameras"].gaps[0]["ending"] == "it ended while this node was away"
+
+
+def test_after_a_start_of_the_system_what_was_recorded_is_made_whole():
+    first, second = recording(), Platform()
+    second.machine.remember(0, recorded_memory(first), same_boot=False)
+    second.go_on(0.3)
+    assert second.commands == [Recover()]
+    recovered(second)
+    status = second.machine.status(second.now_ns)
+    assert (status.session_id, status.phase) == ("s1", PHASE.COMPLETE)
+
+
+def test_a_process_that_was_killed_while_it_closed_or_recovered_goes_on_there():
+    first, second = recording(), Platform()
+    first.obeys = dict.fromkeys(first.obeys, ())
+    first.stop()
+    first.go_on(0.2)
+    second.running = dict(first.running)
+    second.machine.remember(0, recorded_memory(first), same_boot=True)
+    second.go_on(0.3)
+    assert second.commands == [Signal("states", "INT"), Signal("cameras", "INT"), Recover()]
+
+
+def test_the_rate_is_that_of_the_last_seconds():
+    assert 1.9e6 < recording().go_on(3.0).part.byte_rate < 2.1e6

@@ -1,0 +1,36 @@
+"""The command line of rsync, which never sees a shell, and what its output says."""
+
+from pathlib import Path
+
+from amaze_autonomy.config.recording_schema import Transfer
+from amaze_autonomy.recording.transfer_command import progress_of, transfer_command
+
+NAMES, TARGET = Path("/here/.wanted"), Path("/here")
+S = 1_000_000_000
+
+
+def test_over_ssh_with_limits_and_without_a_shell_or_a_question():
+    transfer = Transfer("rsync", "pilot@second", 2222, "/keys/my key", bandwidth_mb_s=10.0, stall_limit_ns=6 * S)
+    assert transfer_command(transfer, "/rec/a b", TARGET, NAMES) == [
+        "rsync", "--times", "--partial-dir=.partial", "--info=progress2", "--no-human-readable", "--timeout=6",
+        "--protect-args", "--files-from=/here/.wanted", "--bwlimit=10m", "--rsh",
+        "ssh -p 2222 -oBatchMode=yes -oConnectTimeout=6 -oServerAliveInterval=2 -oServerAliveCountMax=3 "
+        '-oClearAllForwardings=yes -oIdentitiesOnly=yes -i "/keys/my key"',
+        "--", "pilot@second:/rec/a b/", "/here/",
+    ]  # fmt: skip
+
+
+def test_from_a_mounted_folder():
+    assert transfer_command(Transfer("shared"), "/rec/s/second", TARGET, NAMES)[-2:] == ["/rec/s/second/", "/here/"]
+    assert transfer_command(Transfer("shared", mount="/mnt"), "/rec/s/second", TARGET, NAMES)[-2] == "/mnt/s/second/"
+
+
+def test_nothing_is_ever_removed_at_the_source():
+    for by in ("rsync", "shared"):
+        words = transfer_command(Transfer(by, "second"), "/rec", TARGET, NAMES)
+        assert not [word for word in words if "remove" in word or "delete" in word]
+
+
+def test_progress_is_the_last_percentage():
+    assert progress_of("      1000  12%  1.00MB/s 0:00:01\r  2000  25%  1.0MB/s 0:00:01") == 0.25
+    assert progress_of("no figures") is None
