@@ -97,6 +97,11 @@ def _autopilot(event, at):
         imu=1,
         magnetometer=1,
         barometer=1,
+        rc=1,
+        prearm=1,
+        battery_cell_voltage=NAN,
+        battery_current=NAN,
+        clock_offset=NAN,
     )
 
 

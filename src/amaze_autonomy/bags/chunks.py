@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import OrderedDict
-from typing import Any, Dict, Tuple
+from typing import Callable, Dict, Tuple
 
 from .errors import MessageError
 
@@ -21,11 +21,11 @@ class ChunkCache:
     """Reads messages by the position of their chunk and their offset in it.
 
     Args:
-        reader: of rosbags, opened.
+        load: returns the data of the chunk at a position, decompressed; raises what it likes.
     """
 
-    def __init__(self, reader: Any) -> None:
-        self._reader = reader
+    def __init__(self, load: Callable[[int], bytes]) -> None:
+        self._load = load
         self._kept: OrderedDict[int, bytes] = OrderedDict()
         self._size = 0
         self._damaged: Dict[int, str] = {}
@@ -56,20 +56,12 @@ class ChunkCache:
         if position in self._damaged:
             raise MessageError(self._damaged[position])
         try:
-            data = self._decompressed(position)
+            data = self._load(position)
         except Exception as error:  # the decompressors raise what they like
             self._damaged[position] = f"chunk at byte {position} is damaged: {error or type(error).__name__}"
             raise MessageError(self._damaged[position]) from error
         self._keep(position, data)
         return data
-
-    def _decompressed(self, position: int) -> bytes:
-        chunk, file = self._reader.chunks[position], self._reader.bio
-        file.seek(chunk.datapos)
-        stored = file.read(chunk.datasize)
-        if len(stored) != chunk.datasize:
-            raise EOFError(f"{len(stored)} bytes of {chunk.datasize}")
-        return bytes(chunk.decompressor(stored))
 
     def _keep(self, position: int, data: bytes) -> None:
         self._kept[position] = data

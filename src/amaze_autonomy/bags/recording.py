@@ -1,22 +1,24 @@
-"""One bag as a recording: the only module that knows the `rosbags` library, 0.9 on Python 3.8 and 0.11 on newer ones.
+"""One bag as a recording: topics, the order of their messages, and their values.
 
-The library reads the index; the order of messages and what happens to damaged ones is ours. Messages of a topic are in
-the order (time, publisher, position in the file): the same whatever the compression, the library and the numbers that a
-writer gave to its connections.
+Messages of a topic are in the order (time, publisher, position in the file): the same whatever the compression and the
+numbers that a writer gave to its connections. Single messages are decoded by the `rosbags` library, 0.9 on Python 3.8
+and 0.11 on newer ones; numbers of many messages at once by `columns`, which says the same.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
-from rosbags.rosbag1 import Reader, ReaderError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+import numpy as np
 
 from .chunks import ChunkCache
-from .errors import BagError, MessageError
+from .columns import Wanted, read_columns, wanted_of
+from .errors import MessageError
+from .fields import layout_of
+from .opened import Indexed, Link, opened
 
-__all__ = ["Entry", "Recording", "Topic"]
+__all__ = ["Entry", "Recording", "Table", "Topic"]
 
 _Decode = Callable[[bytes], Any]
 
@@ -49,6 +51,16 @@ class Entry(NamedTuple):
     connection: int
 
 
+class Table(NamedTuple):
+    """All messages of a topic in the order of the recording: arrays, named as in `Entry`."""
+
+    t_ns: Any
+    publisher: Any
+    chunk: Any
+    offset: Any
+    connection: Any
+
+
 class Recording:
     """A bag that is open for reading.
 
@@ -61,9 +73,9 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._reader = _opened(path)
-        self._chunks = ChunkCache(self._reader)
-        self._connections: Dict[int, Any] = {each.id: each for each in self._reader.connections}
+        self._bag = opened(path)
+        self._chunks = ChunkCache(self._bag.load)
+        self._links: Dict[int, Link] = {each.number: each for each in self._bag.links}
         self._decoders: Dict[int, _Decode] = {}
         self.topics: Tuple[Topic, ...] = tuple(self._topics())
 
@@ -75,7 +87,7 @@ class Recording:
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.close()
+        self._bag.close()
 
     @property
     def start_ns(self) -> Optional[int]:
@@ -89,13 +101,20 @@ class Recording:
 
     def entries(self, topic: str) -> List[Entry]:
         """Return all messages of a topic in the order of the recording, from the index alone."""
-        found: List[Entry] = []
-        for rank, connections in enumerate(self._publishers(topic)):
-            for connection in connections:
-                for t_ns, chunk, offset in self._reader.indexes.get(connection, ()):
-                    found.append(Entry(t_ns, rank, chunk, offset, connection))
-        found.sort()
-        return found
+        return [Entry._make(each) for each in zip(*(column.tolist() for column in self.table(topic)))]
+
+    def table(self, topic: str) -> Table:
+        """Return the same as arrays."""
+        parts: List[Tuple[Any, ...]] = []
+        for rank, numbers in enumerate(self._publishers(topic)):
+            for number in numbers:
+                t_ns, chunk, offset = self._bag.places(number)
+                parts.append((t_ns, np.full(len(t_ns), rank), chunk, offset, np.full(len(t_ns), number)))
+        if not parts:
+            return Table(*(np.zeros(0, np.int64) for _ in Table._fields))
+        columns = [np.concatenate(each) for each in zip(*parts)]
+        order = np.lexsort(tuple(reversed(columns)))
+        return Table(*(column[order] for column in columns))
 
     def message(self, entry: Entry) -> Any:
         """Return one message, decoded by the definition that the bag carries.
@@ -108,32 +127,71 @@ class Recording:
             decode = self._decoders.get(entry.connection) or self._decoder(entry.connection)
             return decode(raw)
         except Exception as error:  # the library raises whatever its generated code meets
-            kind = _ros1_kind(self._connections[entry.connection].msgtype)
+            kind = self._links[entry.connection].kind
             raise MessageError(f"{kind} cannot be decoded: {error or type(error).__name__}") from error
 
+    def columns(self, wanted: Dict[str, Sequence[str]]) -> Dict[str, List[Optional[Tuple[Any, ...]]]]:
+        """Return numbers of all messages of some topics, much faster than message by message.
+
+        Args:
+            wanted: by topic, paths of numbers in its messages, e.g. "pose.pose.position.z" or "values[5]".
+
+        Returns:
+            By topic, for each of its entries the values of the paths; None where `message` must be asked: it is
+            damaged, or irregular. Topics of which no message has these paths as columns are left out.
+        """
+        if not isinstance(self._bag, Indexed):
+            return {}
+        numbers: Dict[int, Wanted] = {}
+        for topic, paths in wanted.items():
+            for link in self._links.values():
+                found = wanted_of(layout_of(link.definition, link.kind), paths) if link.topic == topic else None
+                if found is not None:
+                    numbers[link.number] = found
+        read = read_columns(self._bag.index, self._bag.messages, numbers) if numbers else {}
+        topics = [topic for topic in wanted if any(self._links[number].topic == topic for number in read)]
+        return {topic: self._rows(topic, read) for topic in topics}
+
+    def _rows(self, topic: str, read: Dict[int, Tuple[Any, List[Any]]]) -> List[Optional[Tuple[Any, ...]]]:
+        """Return values in the order of the entries."""
+        table = self.table(topic)
+        found: List[Optional[Tuple[Any, ...]]] = [None] * len(table.t_ns)
+        for number, (rows, columns) in read.items():
+            if self._links[number].topic != topic:
+                continue
+            own = np.flatnonzero(table.connection == number)  # same messages in another order
+            places = self._bag.rows(number)
+            rank: Any = np.empty(len(places), np.int64)
+            t_ns, chunk, offset = self._bag.places(number)
+            rank[np.lexsort((offset, chunk, t_ns))] = own
+            where = rank[np.searchsorted(places, rows)].tolist()
+            for place, values in zip(where, zip(*(column.tolist() for column in columns))):
+                found[place] = values
+        return found
+
     def _decoder(self, connection: int) -> _Decode:
-        kind = self._connections[connection].msgtype
-        definition = self._connections[connection].msgdef
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow to load)
+
+        kind = self._links[connection].kind.replace("/", "/msg/")
         store: Any = get_typestore(Stores.EMPTY)  # one per connection: two publishers may define one type differently
-        text = getattr(definition, "data", definition)  # a str in 0.9, an object in 0.11
-        store.register(get_types_from_msg(text, kind))
+        store.register(get_types_from_msg(self._links[connection].definition, kind))
         self._decoders[connection] = lambda raw: store.deserialize_ros1(raw, kind)
         return self._decoders[connection]
 
     def _publishers(self, topic: str) -> List[List[int]]:
         """Return the connections of a topic by publisher, publishers by name."""
         names: Dict[str, List[int]] = {}
-        for connection in self._connections.values():
-            if connection.topic == topic:
-                names.setdefault(connection.ext.callerid or "", []).append(connection.id)
+        for link in self._links.values():
+            if link.topic == topic:
+                names.setdefault(link.caller, []).append(link.number)
         return [names[name] for name in sorted(names)]
 
     def _topics(self) -> List[Topic]:
         topics: Dict[str, Topic] = {}
-        for connection in self._connections.values():
-            times = [entry.time for entry in self._reader.indexes.get(connection.id, ())]
-            first, last = (min(times), max(times)) if times else (0, 0)
-            topic = Topic(connection.topic, _ros1_kind(connection.msgtype), len(times), first, last)
+        for link in self._links.values():
+            times = self._bag.places(link.number)[0]
+            first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
+            topic = Topic(link.topic, link.kind, len(times), first, last)
             topics[topic.name] = _joined(topics[topic.name], topic) if topic.name in topics else topic
         return [topics[name] for name in sorted(topics)]
 
@@ -143,37 +201,3 @@ def _joined(one: Topic, other: Topic) -> Topic:
         return one if one.messages else other
     first, last = min(one.first_ns, other.first_ns), max(one.last_ns, other.last_ns)
     return one._replace(messages=one.messages + other.messages, first_ns=first, last_ns=last)
-
-
-def _ros1_kind(kind: str) -> str:
-    return kind.replace("/msg/", "/")
-
-
-def _opened(path: Path) -> Any:
-    if not path.is_file():
-        raise BagError(str(path), "is no file", "name a bag")
-    try:
-        reader = Reader(path)
-        reader.open()
-    except OSError as error:
-        raise BagError(str(path), f"cannot be read ({error.strerror})", "name a bag that you may read") from error
-    except ReaderError as error:
-        raise BagError(str(path), _without_dot(str(error)), _remedy(str(error))) from error
-    except Exception as error:  # a damaged index may raise anything, bare AssertionError included
-        words = f"the index is damaged ({type(error).__name__}{': ' if str(error) else ''}{error})"
-        raise BagError(str(path), words, "make a new one with `rosbag reindex`") from error
-    return reader
-
-
-def _without_dot(text: str) -> str:
-    return text[:1].lower() + text[1:].rstrip(".")
-
-
-def _remedy(text: str) -> str:
-    if "not indexed" in text or "index" in text:
-        return "make a new index with `rosbag reindex`"
-    if "version" in text:
-        return "convert it with `rosbag fix` or `rosbag migrate`"
-    if "encrypt" in text:
-        return "decrypt it with `rosbag decompress` and its key"
-    return "name a ROS 1 bag of version 2.0"

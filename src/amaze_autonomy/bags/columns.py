@@ -1,0 +1,157 @@
+"""Numbers out of many messages at once, as columns, without making an object of any message.
+
+The value of each is bit for bit what the rosbags library says. What that library would refuse - a message of a wrong
+size, a text that may not be UTF-8 - has no row here, so that whoever asks can let the library say what is wrong.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from .errors import BagError
+from .fields import Layout
+from .index import Index
+from .layout import words
+from .loading import GROUP_BYTES, Block, Loader, Pool
+
+__all__ = ["Wanted", "read_columns", "wanted_of"]
+
+_WORD = 4
+_LARGEST_TEXT = 256  # longer ones are left to the library
+
+
+class Wanted(NamedTuple):
+    """What is wanted of the messages of a connection: its layout, and the paths of numbers in it."""
+
+    layout: Layout
+    paths: Tuple[str, ...]
+
+
+def read_columns(index: Index, messages: Any, wanted: Dict[int, Wanted]) -> Dict[int, Tuple[Any, List[Any]]]:
+    """Read columns of some connections.
+
+    Args:
+        index: of the bag, open.
+        messages: all messages of the index.
+        wanted: by connection.
+
+    Returns:
+        By connection: the places in `messages` that have a row, and a column for each path.
+    """
+    order = np.lexsort((messages.offset, messages.chunk))
+    chunk_of = messages.chunk[order]
+    unseen: Any = np.ones(max(index.connections, default=0) + 1, bool)
+    unseen[list(wanted)] = False
+    parts: Dict[int, List[Tuple[Any, List[Any]]]] = {number: [] for number in wanted}
+    with Pool() as pool:
+        loader = Loader(index, 0, unseen)
+        for group in _groups(index, loader, unseen):
+            for numbers, block in _loaded(index, loader, group, pool):
+                bounds: Any = np.searchsorted(chunk_of, np.array((numbers[0], numbers[-1] + 1)))
+                first, last = bounds.tolist()
+                places = order[first:last]
+                if len(numbers) != numbers[-1] + 1 - numbers[0]:
+                    places = places[np.isin(chunk_of[first:last], numbers)]
+                for number, part in _columns(block, places, wanted):
+                    parts[number].append(part)
+                pool.put(block.buffer)
+    return {number: _joined(parts[number], wanted[number]) for number in wanted}
+
+
+def _groups(index: Index, loader: Loader, unseen: Any) -> List[List[int]]:
+    """Return the chunks in which something is wanted, in the order of the file, a few megabytes at a time."""
+    groups: List[List[int]] = []
+    size, plain = GROUP_BYTES, True
+    for number, chunk in enumerate(index.chunks):
+        if all(unseen[connection] for connection, _ in chunk.counts):
+            continue
+        kind = index.head(number).compression == "none"
+        if size >= GROUP_BYTES or kind is not plain:
+            groups.append([])
+            size, plain = 0, kind
+        groups[-1].append(number)
+        size += loader.size_of(number)
+    return groups
+
+
+def _loaded(index: Index, loader: Loader, numbers: List[int], pool: Pool) -> List[Tuple[List[int], Block]]:
+    """Return chunks that were loaded; damaged ones are left out."""
+    load = loader.plain if index.head(numbers[0]).compression == "none" else loader.compressed
+    try:
+        return [(numbers, load(numbers, pool))]
+    except BagError:
+        if len(numbers) == 1:
+            return []
+    return [found for number in numbers for found in _loaded(index, loader, [number], pool)]
+
+
+def _columns(block: Block, places: Any, wanted: Dict[int, Wanted]) -> List[Tuple[int, Tuple[Any, List[Any]]]]:
+    table, found = block.table, []
+    for number, what in wanted.items():
+        rows = np.flatnonzero(table.connection == number)
+        if len(rows):
+            good, columns = _decoded(block.buffer, table.payload[rows], table.end[rows], what)
+            found.append((number, (places[rows[good]], columns)))
+    return found
+
+
+def _decoded(buffer: Any, start: Any, end: Any, wanted: Wanted) -> Tuple[Any, List[Any]]:
+    """Return which messages are as their layout says, and their columns."""
+    numbers = words(buffer)
+    good: Any = np.arange(len(start))
+    begins: List[Any] = []
+    place = start
+    for piece in wanted.layout.pieces:
+        begins.append(place)
+        place = place + piece.size
+        if piece.element:
+            kept = np.flatnonzero(place + _WORD <= end)
+            place, end, good, begins = place[kept], end[kept], good[kept], [each[kept] for each in begins]
+            count = numbers[place].astype(np.int64)
+            place = place + _WORD
+            whole = place + count * piece.element <= end
+            if piece.text:
+                whole &= _is_plain(buffer, place, np.where(whole, count, 0))
+            kept = np.flatnonzero(whole)
+            place, end, good, begins = place[kept], end[kept], good[kept], [each[kept] for each in begins]
+            place = place + count[kept] * piece.element
+    kept = np.flatnonzero(place == end)
+    columns = [
+        _gathered(buffer, begins[leaf.piece][kept] + leaf.offset, leaf.dtype)
+        for leaf in (wanted.layout.leaves[path] for path in wanted.paths)
+    ]
+    return good[kept], columns
+
+
+def _gathered(buffer: Any, places: Any, dtype: str) -> Any:
+    size = np.dtype(dtype).itemsize
+    raw: Any = np.ndarray((max(len(buffer) - size + 1, 0),), f"V{size}", buffer, 0, (1,))
+    return raw[places].view(dtype)
+
+
+def _is_plain(buffer: Any, place: Any, count: Any) -> Any:
+    """Return which texts are ASCII and not long."""
+    found = count <= _LARGEST_TEXT
+    size = int(count[found].max()) if found.any() else 0
+    view: Any = np.frombuffer(buffer, np.uint8)
+    for each in range(size):
+        inside = np.flatnonzero(found & (count > each))
+        found[inside[view[place[inside] + each] > 0x7F]] = False  # noqa: PLR2004
+    return found
+
+
+def _joined(parts: Sequence[Tuple[Any, List[Any]]], wanted: Wanted) -> Tuple[Any, List[Any]]:
+    if not parts:
+        empty: Any = np.zeros(0, np.int64)
+        return empty, [np.zeros(0, wanted.layout.leaves[path].dtype) for path in wanted.paths]
+    places = np.concatenate([each for each, _ in parts])
+    return places, [np.concatenate(columns) for columns in zip(*(columns for _, columns in parts))]
+
+
+def wanted_of(layout: Optional[Layout], paths: Sequence[str]) -> Optional[Wanted]:
+    """Return what is wanted; None when the layout does not have it."""
+    if layout is None or any(path not in layout.leaves for path in paths):
+        return None
+    return Wanted(layout, tuple(paths))
