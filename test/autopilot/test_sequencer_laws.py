@@ -77,31 +77,38 @@ EVENTS = st.one_of(
 PLANS = st.lists(st.tuples(st.sampled_from([0, 50, 300, 1000, 4000]), EVENTS), max_size=12)
 
 
-def happen(flying, kind, what) -> None:
-    craft = flying.craft
-    if kind == "command":
-        flying.command(what)
-    elif kind == "load":
-        _, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", what, 0, 0))
-        flying.channel.ours(messages)
-    elif kind == "pilot":
-        craft.pilot_takes_over(what, 5 * S)
-    elif kind == "failsafe":
-        if craft.armed:
-            craft.enter_failsafe(what)
-    elif kind == "ignores":
-        craft.flags.ignores = (what,)
-    elif kind == "obeys":
-        craft.flags.ignores = ()
-    elif kind == "refuses to arm":
-        craft.flags.not_ready = {"rc": "no RC"} if what else {}
-    elif kind == "cut":
-        good, flying.channel.fate = flying.channel.fate, lambda: ()
-        flying.run(what * MS)
-        flying.channel.fate = good
-    elif kind == "shutdown":
-        _, messages = flying.planner.shutdown(flying.t_ns)
-        flying.channel.ours(messages)
+def load(flying, mission) -> None:
+    _, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", mission, 0, 0))
+    flying.channel.ours(messages)
+
+
+def fail_safe(flying, mode) -> None:
+    if flying.craft.armed:
+        flying.craft.enter_failsafe(mode)
+
+
+def cut(flying, for_ms) -> None:
+    good, flying.channel.fate = flying.channel.fate, lambda: ()
+    flying.run(for_ms * MS)
+    flying.channel.fate = good
+
+
+def shut_down(flying, _) -> None:
+    _, messages = flying.planner.shutdown(flying.t_ns)
+    flying.channel.ours(messages)
+
+
+HAPPENS = {
+    "command": Flying.command,
+    "load": load,
+    "pilot": lambda flying, mode: flying.craft.pilot_takes_over(mode, 5 * S),
+    "failsafe": fail_safe,
+    "ignores": lambda flying, mode: setattr(flying.craft.flags, "ignores", (mode,)),
+    "obeys": lambda flying, _: setattr(flying.craft.flags, "ignores", ()),
+    "refuses to arm": lambda flying, so: setattr(flying.craft.flags, "not_ready", {"rc": "no RC"} if so else {}),
+    "cut": cut,
+    "shutdown": shut_down,
+}
 
 
 def calm_down(flying) -> None:
@@ -123,7 +130,7 @@ def test_no_order_of_events_leads_to_what_must_not_be(mission, events):
     flying.command(A.TAKEOFF)
     for delay_ms, (kind, what) in events:
         flying.run(delay_ms * MS)
-        happen(flying, kind, what)
+        HAPPENS[kind](flying, what)
     calm_down(flying)
     assert flying.craft.height_m == 0.0
 
