@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import time
 
@@ -15,6 +16,19 @@ from behaviours import Behaviours
 from stack import HERE, Stack
 
 launches = Behaviours()
+
+
+def free_ports() -> int:
+    """Return a UDP port that is free, as is the one after it: for the links of autopilot and planner."""
+    while True:
+        with socket.socket(type=socket.SOCK_DGRAM) as one, socket.socket(type=socket.SOCK_DGRAM) as other:
+            one.bind(("127.0.0.1", 0))
+            port = int(one.getsockname()[1])
+            try:
+                other.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
 
 
 def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
@@ -35,7 +49,7 @@ def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
 
 
 def whole_launch_lands(stack: Stack, number: int) -> None:
-    process = roslaunch(stack, "mission:=long", f"received:={stack.folder / 'received.jsonl'}")
+    process = roslaunch(stack, "mission:=long", "flight:=simulated", f"received:={stack.folder / 'received.jsonl'}")
     stack.wait_state("MISSION")
     told_ns = time.monotonic_ns()
     process.send_signal(number)
@@ -58,8 +72,19 @@ def sigterm_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
 
 
 @launches.add(processes=(), start=False)
+def autopilot_and_planner_land_when_the_whole_launch_is_told_to_end_in_flight(stack: Stack) -> None:
+    process = roslaunch(stack, "mission:=long", f"mavlink_port:={free_ports()}")
+    stack.wait_state("MISSION")
+    process.send_signal(signal.SIGINT)
+    stack.wait_end(30.0)
+    assert stack.result()["exit_status"] == 8
+    assert "mission_planner: ended in flight" in stack.log()
+    assert "autopilot: ended in flight" in stack.log()
+
+
+@launches.add(processes=(), start=False)
 def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
-    roslaunch(stack, "mission:=hop", "exit_when_ended:=true")
+    roslaunch(stack, "mission:=hop", "exit_when_ended:=true", f"mavlink_port:={free_ports()}")
     stack.wait_end()
     result = stack.result()
     assert (result["exit_status"], result["result"], result["state"]) == (0, "COMPLETE", "MISSION_ENDED")
