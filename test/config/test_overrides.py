@@ -37,7 +37,8 @@ def test_an_override_and_the_same_value_in_the_file_are_one_configuration(small)
     assert load_configuration(small).hash == by_override.hash
 
 
-NO_KEY = "addresses no key; must be file.key.key=value with the file one of autonomy, sensors, missions, recording, autopilot"
+FILES = "autonomy, sensors, missions, recording, autopilot"
+NO_KEY = f"addresses no key; must be file.key.key=value with the file one of {FILES}"
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Which rows of the engine's tables fired in a suite, where, and with which values; and which never did.
 
-An item is one row: a rule of the transition table (or of the failures), a component of the decision table that failed in
-flight, a loss, or a check that failed. A gate wants each, but for those with a waiver, which carries a reason.
+An item is one row: a rule of the transition table (or of the failures), a component of the decision table that failed
+in flight, a loss, or a check that failed. A gate wants each, but for those with a waiver, which carries a reason.
 """
 
 from __future__ import annotations
