@@ -1,0 +1,61 @@
+"""A bad line, in virtual time and on UDP."""
+
+from __future__ import annotations
+
+import time
+
+from udp_tools import Client, served
+
+from amaze_autonomy.simulation.px4 import BadLine, Quality
+from amaze_autonomy.simulation.px4_udp import BadRelay
+
+MS, S = 1_000_000, 1_000_000_000
+
+
+def test_a_perfect_line_hands_over_at_once_and_in_order():
+    line = BadLine(Quality(), 1)
+    for number in range(5):
+        line.send(number, bytes([number]))
+    assert line.due(5) == [bytes([number]) for number in range(5)]
+    assert (line.due(6), line.lost) == ([], 0)
+
+
+def test_a_line_loses_its_part_and_delays_up_to_its_jitter():
+    line, came = BadLine(Quality(loss=0.05, jitter_ns=50 * MS), 2), []
+    for number in range(2000):
+        line.send(number * MS, number.to_bytes(2, "big"))
+        came += [(number * MS, int.from_bytes(data, "big")) for data in line.due(number * MS)]
+    late = [t_ns - number * MS for t_ns, number in came]
+    assert 60 <= line.lost <= 140
+    assert max(late) <= 51 * MS
+    assert [number for _, number in came] != sorted(number for _, number in came), "nothing was overtaken"
+
+
+def test_nothing_gets_through_a_cut_and_the_same_seed_loses_the_same():
+    def flown(seed):
+        line = BadLine(Quality(loss=0.3, cuts=((10, 20),)), seed)
+        for t_ns in range(40):
+            line.send(t_ns, bytes([t_ns]))
+        return [data[0] for data in line.due(40)]
+
+    assert flown(7) == flown(7) != flown(8)
+    assert not set(flown(7)) & set(range(10, 20))
+
+
+def test_a_relay_passes_both_ways_and_cuts():
+    with served() as (owner, port):
+        relay = BadRelay(("127.0.0.1", port), Quality(loss=0.05, jitter_ns=20 * MS, cuts=((2 * S, 3 * S),)))
+        relay.start()
+        begin_s = time.monotonic()
+        try:
+            with Client(relay.port) as client:
+                assert client.hear("HEARTBEAT") is not None
+                assert any(client.command(400, 1) == 0 for _ in range(3))
+                assert owner.craft.armed
+                while time.monotonic() - begin_s < 2.2 or client.hear("ATTITUDE", 0.05) is not None:
+                    client.hear("ATTITUDE", 0.05)  # what was on its way before the cut
+                assert time.monotonic() - begin_s < 3.0
+                assert client.hear("ATTITUDE", 2.0) is not None
+        finally:
+            relay.stop()
+        assert relay.lost > 0
