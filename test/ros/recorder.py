@@ -1,0 +1,343 @@
+#!/usr/bin/env python3
+"""Real recorder nodes with rosbag's recorder on two platforms: killed, cut off, full, with another clock.
+
+Two topics carry numbers, one for each platform, so that every message that is missing in the end is known.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+import unittest
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Set
+
+import roslib.packages
+import rospy
+import rostest
+from one_node import wait_for
+from std_msgs.msg import String
+
+from amaze_autonomy import msg, srv
+from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.recording import Recording
+from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.recording.folders import read_json
+
+PHASE = RecordingPhase
+PLATFORMS = ("main", "second")
+RATE_HZ = 200
+CONFIGURATION = """
+folder: {folder}
+collector: main
+storage: {{min_free_gb: 0.0, min_free_fraction: 0.0, reserve_mb: {reserve}}}
+start_limit_s: 5.0
+stop_limit_s: 4.0
+platform_limit_s: 2.0
+apply_clock_offset: true
+platforms:
+  main: {{groups: [one]}}
+  second: {{groups: [two]}}
+groups:
+  one: {{topics: [main/numbers], expected_mb_s: 0.0}}
+  two: {{topics: [second/numbers], expected_mb_s: 0.0}}
+"""
+# Whoever loads this has a clock that is 3 s ahead; the monotonic one is left alone.
+ANOTHER_CLOCK = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <sys/time.h>
+#include <time.h>
+int clock_gettime(clockid_t which, struct timespec *now) {
+    static int (*real)(clockid_t, struct timespec *);
+    if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    int status = real(which, now);
+    if (!status && which == CLOCK_REALTIME) now->tv_sec += 3;
+    return status;
+}
+int gettimeofday(struct timeval *now, void *zone) {
+    struct timespec t;
+    (void)zone;
+    int status = clock_gettime(CLOCK_REALTIME, &t);
+    now->tv_sec = t.tv_sec;
+    now->tv_usec = t.tv_nsec / 1000;
+    return status;
+}
+"""
+
+
+class Numbers:
+    """Publishes numbers on one topic, so fast and so large."""
+
+    def __init__(self, topic: str, size: int = 100, rate_hz: int = RATE_HZ) -> None:
+        self._publisher = rospy.Publisher(topic, String, queue_size=1000)
+        self._size, self._period_s, self.sent = size, 1.0 / rate_hz, 0
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stopped.is_set():
+            self._publisher.publish(String(f"{self.sent} " + "x" * self._size))
+            self.sent += 1
+            due_s += self._period_s
+            self._stopped.wait(max(0.0, due_s - time.monotonic()))
+
+    def stop(self) -> None:
+        self._stopped.set()
+        self._thread.join()
+        self._publisher.unregister()
+
+
+class Recorders:
+    """The nodes of one test in a namespace and a folder of their own."""
+
+    def __init__(self, name: str, reserve_mb: int = 0, storage: Optional[Path] = None, size: int = 100) -> None:
+        self.name = name
+        self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
+        self.storage = storage or self.folder / "storage"
+        self._config = self.folder / "config"
+        shutil.copytree(config_folder(), self._config)
+        text = CONFIGURATION.format(folder=self.storage, reserve=reserve_mb)
+        text = text.replace("main/numbers", f"/{name}/main/numbers").replace(
+            "second/numbers", f"/{name}/second/numbers"
+        )
+        (self._config / "recording.yaml").write_text(text)
+        self.nodes: Dict[str, subprocess.Popen[bytes]] = {}
+        self._changed = threading.Condition()
+        self.statuses: List[Any] = []
+        self._subscriber = rospy.Subscriber(f"/{name}/data_recorder/status", msg.RecordingStatus, self._see)
+        self.numbers = {each: Numbers(f"/{name}/{each}/numbers", size) for each in PLATFORMS}
+
+    def _see(self, message: Any) -> None:
+        with self._changed:
+            self.statuses.append(message)
+            self._changed.notify_all()
+
+    def start_node(self, platform: str, **environment: str) -> None:
+        path = f"/{self.name}/data_recorder_{platform}"
+        parameters = {"config": str(self._config), "platform": platform, "folder": str(self.storage / platform)}
+        for key, value in parameters.items():
+            rospy.set_param(f"{path}/{key}", value)
+        command = [roslib.packages.find_node("amaze_autonomy", "data_recorder")[0], f"__name:=data_recorder_{platform}"]
+        variables = {**os.environ, "ROS_NAMESPACE": f"/{self.name}", **environment}
+        with (self.folder / f"{platform}.log").open("ab") as log:
+            self.nodes[platform] = subprocess.Popen(command, env=variables, stdout=log, stderr=log)
+
+    def ask(self, verb: str, session: str = "s1") -> Any:
+        service = {"start": srv.StartRecording, "stop": srv.StopRecording}[verb]
+        name = f"/{self.name}/data_recorder/{verb}"
+        rospy.wait_for_service(name, 15.0)
+        words = [session, "none"] if verb == "start" else [session]
+        began_s = time.monotonic()
+        answer = rospy.ServiceProxy(name, service)(*words)
+        assert time.monotonic() - began_s < 1.0, "a request is answered at once"
+        return answer
+
+    @property
+    def status(self) -> Any:
+        return self.statuses[-1] if self.statuses else None
+
+    def wait_phase(self, phase: Any, limit_s: float = 25.0) -> Any:
+        def reached() -> Any:
+            status = self.status
+            return status if status is not None and status.phase == phase.value else None
+
+        try:
+            return wait_for(reached, phase.name, limit_s)
+        except AssertionError as error:
+            raise AssertionError(f"{error}; last: {self.status}\n{self.log()}") from error
+
+    def log(self) -> str:
+        return "".join(path.read_text(errors="replace")[-2000:] for path in sorted(self.folder.glob("*.log")))
+
+    def state(self, platform: str) -> Dict[str, Any]:
+        return read_json(self.storage / platform / f".recorder-{platform}.json") or {}
+
+    def process(self, platform: str, group: str) -> int:
+        return int(self.state(platform)["processes"][group][0])
+
+    def received(self, platform: str) -> Set[int]:
+        """Return the numbers in the complete recording."""
+        with Recording(Path(self.status.location)) as recording:
+            entries = recording.entries(f"/{self.name}/{platform}/numbers")
+            return {int(recording.message(entry).data.split()[0]) for entry in entries}
+
+    def close(self) -> None:
+        self._subscriber.unregister()
+        for numbers in self.numbers.values():
+            numbers.stop()
+        for node in self.nodes.values():
+            if node.poll() is None:
+                node.send_signal(signal.SIGINT)
+        for node in self.nodes.values():
+            try:
+                node.wait(20.0)
+            except subprocess.TimeoutExpired:
+                node.kill()
+                node.wait()
+        for path in self.storage.glob("*/.recorder-*.json"):
+            for pid, _ in ((read_json(path) or {}).get("processes") or {}).values():
+                assert not Path(f"/proc/{pid}").exists(), "a recorder was left behind"
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def holes(numbers: Set[int]) -> List[int]:
+    """Return the lengths of what is missing between the first and the last number."""
+    ordered = sorted(numbers)
+    return [after - before - 1 for before, after in zip(ordered, ordered[1:]) if after - before > 1]
+
+
+class TestRecorder(unittest.TestCase):
+    """Each test has nodes of its own."""
+
+    def recorders(self, name: str, **options: Any) -> Recorders:
+        recorders = Recorders(name, **options)
+        self.addCleanup(recorders.close)
+        return recorders
+
+    def test_killed_recorder_killed_node_and_killed_merge_lose_no_more_than_the_recorder_did_not_write(self) -> None:
+        recorders = self.recorders("killed")
+        for platform in PLATFORMS:
+            recorders.start_node(platform)
+        self.assertTrue(recorders.ask("start").accepted)
+        recorders.wait_phase(PHASE.RECORDING)
+        time.sleep(1.0)  # so much is recorded before
+
+        killed = recorders.process("second", "two")
+        os.kill(killed, signal.SIGKILL)
+        wait_for(lambda: recorders.process("second", "two") != killed, "another recorder")
+        wait_for(lambda: "started again 1 times" in recorders.status.platforms[1].message, "the word about it")
+        wait_for(lambda: all(each.growing for each in recorders.status.platforms), "growth on both platforms")
+
+        kept = recorders.process("main", "one")
+        recorders.nodes["main"].kill()
+        recorders.nodes["main"].wait()
+        time.sleep(0.5)  # without a node for so long
+        recorders.start_node("main")
+        seen = len(recorders.statuses)
+        wait_for(lambda: len(recorders.statuses) > seen, "the node's word")
+        recorders.wait_phase(PHASE.RECORDING)
+        wait_for(lambda: all(each.growing for each in recorders.status.platforms), "growth on both platforms")
+        self.assertEqual(recorders.process("main", "one"), kept)
+        self.assertTrue(Path(f"/proc/{kept}").exists())
+
+        self.assertTrue(recorders.ask("stop").accepted)
+        jobs: Set[int] = set()
+        for _ in range(4):  # at least one of them recovers, and one merges
+            (job, *_) = wait_for(lambda: _jobs_of(recorders.nodes["main"].pid) - jobs, "a process that works on bags")
+            os.kill(job, signal.SIGKILL)
+            jobs.add(job)
+        status = recorders.wait_phase(PHASE.COMPLETE)
+
+        self.assertEqual(holes(recorders.received("main")), [])
+        lost = holes(recorders.received("second"))
+        self.assertEqual(len(lost), 1, lost)
+        self.assertLess(lost[0], RATE_HZ * 2.0)
+        self.assertIn("verified; lost: second/two", status.message)
+        self.assertIn("killed by SIGKILL", status.message)
+        print(f"killed recorder: {lost[0]} messages at {RATE_HZ} Hz; killed node and merge: 0; {status.message}")
+
+    def test_a_second_platform_that_never_answers_is_named_and_nothing_of_the_first_is_lost(self) -> None:
+        recorders = self.recorders("alone")
+        recorders.start_node("main")
+        self.assertTrue(recorders.ask("start").accepted)
+        status = recorders.wait_phase(PHASE.FAILED, 10.0)
+        self.assertRegex(status.message, r"^second does not answer \(.*\): is its data_recorder running")
+        self.assertTrue(recorders.ask("stop").accepted)
+        wait_for(lambda: recorders.status.message.startswith("the part of second is missing"), "what is missing", 15.0)
+        self.assertEqual(recorders.status.phase, PHASE.FAILED.value)
+        (bag,) = (recorders.storage / "main").glob("*/main/one-01.bag")
+        with Index(bag) as index:
+            self.assertGreater(sum(chunk.messages for chunk in index.chunks), RATE_HZ)
+        self.assertIn(str(bag.parent), recorders.status.message)
+
+        recorders.start_node("second")
+        rospy.wait_for_service("/alone/second/data_recorder/start", 15.0)
+        self.assertTrue(recorders.ask("start", "s2").accepted)
+        recorders.wait_phase(PHASE.RECORDING)
+        self.assertTrue(recorders.ask("stop", "s2").accepted)
+        self.assertIn("nothing was lost", recorders.wait_phase(PHASE.COMPLETE).message)
+        self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []])
+
+    def test_a_full_storage_is_said_before_and_during_and_what_was_written_is_whole(self) -> None:
+        folder = Path(tempfile.mkdtemp(prefix="amaze_full_"))
+        self.addCleanup(shutil.rmtree, folder, ignore_errors=True)
+        if os.geteuid() != 0:
+            self.skipTest("NOT TESTED: only root can mount a small storage")
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=50m", "tmpfs", str(folder)], capture_output=True, check=False
+        )
+        if done.returncode:
+            self.skipTest(f"NOT TESTED: a small storage cannot be mounted here: {done.stderr.decode().strip()}")
+        self.addCleanup(subprocess.run, ["umount", "--lazy", str(folder)], check=True)
+        recorders = self.recorders("full", reserve_mb=12, storage=folder, size=20_000)
+        for platform in PLATFORMS:
+            recorders.start_node(platform)
+        self.assertTrue(recorders.ask("start").accepted)
+        recorders.wait_phase(PHASE.RECORDING)
+        said = lambda words: any(words in each.message for each in recorders.status.platforms)  # noqa: E731
+        wait_for(lambda: said("the storage is full in "), "the word before")
+        wait_for(lambda: said("recording has stopped"), "the word during", 40.0)
+        self.assertTrue(recorders.ask("stop").accepted)
+        status = recorders.wait_phase(PHASE.FAILED)
+        self.assertRegex(status.message, "there is no space for it.*make space and try again, nothing was changed")
+        parts = sorted(folder.glob("*/*/*/*-01.bag"))
+        self.assertGreaterEqual(len(parts), len(PLATFORMS))
+        for part in parts:
+            with Index(part) as index:
+                self.assertGreater(sum(chunk.messages for chunk in index.chunks), 100)
+        subprocess.run(["mount", "-o", "remount,size=400m", str(folder)], check=True)
+        self.assertTrue(recorders.ask("stop").accepted)
+        status = recorders.wait_phase(PHASE.COMPLETE)
+        self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []])
+        print(
+            f"full at {sum(part.stat().st_size for part in parts) / 1e6:.0f} MB; after space was made: {status.message}"
+        )
+
+    def test_clocks_that_are_three_seconds_apart_are_measured_and_corrected(self) -> None:
+        recorders = self.recorders("clocks")
+        library = recorders.folder / "another_clock.so"
+        command = ["cc", "-shared", "-fPIC", "-o", str(library), "-xc", "-", "-ldl"]
+        subprocess.run(command, input=ANOTHER_CLOCK.encode(), check=True)
+        recorders.start_node("main")
+        recorders.start_node("second", LD_PRELOAD=str(library))
+        self.assertTrue(recorders.ask("start").accepted)
+        recorders.wait_phase(PHASE.RECORDING)
+        time.sleep(1.0)  # so much is recorded
+        self.assertTrue(recorders.ask("stop").accepted)
+        status = recorders.wait_phase(PHASE.COMPLETE)
+        manifest = read_json(Path(status.location.replace(".bag", ".manifest.json"))) or {}
+        clock = manifest["platforms"]["second"]["clock"]
+        for when in ("start", "stop"):
+            self.assertLess(abs(clock[when]["offset_ns"] - 3_000_000_000), 20_000_000, clock)
+        with Recording(Path(status.location)) as recording:
+            ends = {topic.name.split("/")[2]: topic.last_ns for topic in recording.topics}
+        self.assertLess(abs(ends["main"] - ends["second"]), 1_000_000_000, "record times were not corrected")
+        print(f"clocks 3 s apart: measured {[clock[each]['offset_ns'] / 1e9 for each in ('start', 'stop')]} s")
+
+
+def _jobs_of(pid: int) -> Set[int]:
+    """Return the children of a process that work on bags."""
+    children = Path(f"/proc/{pid}/task").glob("*/children")
+    found = [int(word) for path in children for word in path.read_text().split()]
+    return {each for each in found if b"recording.job" in _command(each)}
+
+
+def _command(pid: int) -> bytes:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+if __name__ == "__main__":
+    rospy.init_node("recorder_test")
+    rostest.rosrun("amaze_autonomy", "recorder", TestRecorder)
