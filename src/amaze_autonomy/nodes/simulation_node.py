@@ -33,7 +33,7 @@ from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import Event, Outcome
-from amaze_autonomy.simulation import Scenario, SimulationError, World
+from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.px4 import Px4
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 from amaze_autonomy.simulation.px4_udp import VehicleServer
@@ -254,7 +254,19 @@ def _make(stopped: threading.Event) -> SimulationNode:
     nodes = {name: name for name in real}
     if "data_recorder" in nodes:
         nodes["data_recorder"] = f"data_recorder_{configuration.recording.collector}"
+    _tell_without_effect(scenario, real)
     return SimulationNode(world, clock, peers, received, sensors=sensors, drivers=drivers, real=nodes, serve=serve)
+
+
+def _tell_without_effect(scenario: Optional[Scenario], real: Tuple[str, ...]) -> None:
+    """Say which faults do nothing, because a real node has the service."""
+    for fault in scenario.faults if scenario is not None else ():
+        if fault.kind.subject == Subject.SERVICE and _peer(fault.target) in real:
+            rospy.logwarn(
+                "the fault %s does nothing: %s is a real node; start with flight:=simulated or monitors:=simulated",
+                fault,
+                _peer(fault.target),
+            )
 
 
 def _flown(
