@@ -8,17 +8,17 @@ from math import isnan, nan
 import pytest
 
 pytest.importorskip("rospy")
-msg = pytest.importorskip("amaze_autonomy.msg")
 
-from amaze_autonomy.engine import events  # noqa: E402
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict  # noqa: E402
-from amaze_autonomy.engine.events import ComponentStatus, Outcome  # noqa: E402
-from amaze_autonomy.engine.report import report  # noqa: E402
-from amaze_autonomy.engine.rules import Rules  # noqa: E402
-from amaze_autonomy.engine.severity import Code, Restart, Verb  # noqa: E402
-from amaze_autonomy.engine.state import EngineState, Failure, FailureKind  # noqa: E402
-from amaze_autonomy.nodes import incoming, outgoing  # noqa: E402
-from amaze_autonomy.nodes.errors import InvalidMessageError  # noqa: E402
+from amaze_autonomy import msg
+from amaze_autonomy.engine import events
+from amaze_autonomy.engine.checks import Check, CheckName, Verdict
+from amaze_autonomy.engine.events import ComponentStatus, Outcome
+from amaze_autonomy.engine.report import report
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.severity import Code, Restart, Verb
+from amaze_autonomy.engine.state import EngineState, Failure, FailureKind
+from amaze_autonomy.nodes import incoming, outgoing
+from amaze_autonomy.nodes.errors import InvalidMessageError
 
 T, ROS, AGE = 7_000_000_000, 1_700_000_000_000_000_000, 30_000_000
 LRF = ComponentStatus(name="lrf", code=Code.HOLD, restart=Restart.TRYING, until_ns=T + 2_000_000_000, reason="silent")

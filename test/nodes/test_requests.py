@@ -8,17 +8,16 @@ from queue import SimpleQueue
 import pytest
 
 pytest.importorskip("rospy")
-msg = pytest.importorskip("amaze_autonomy.msg")
-srv = pytest.importorskip("amaze_autonomy.srv")
 
-from amaze_autonomy.engine import commands  # noqa: E402
-from amaze_autonomy.engine.checks import CheckName  # noqa: E402
-from amaze_autonomy.engine.commands import MissionAction  # noqa: E402
-from amaze_autonomy.engine.events import CheckReply, Outcome, Reply  # noqa: E402
-from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError  # noqa: E402
-from amaze_autonomy.nodes.interface import CHECK_SERVICES, SERVICES  # noqa: E402
-from amaze_autonomy.nodes.request_reader import command_of, response_of  # noqa: E402
-from amaze_autonomy.nodes.requests import Requests  # noqa: E402
+from amaze_autonomy import msg, srv
+from amaze_autonomy.engine import commands
+from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import CheckReply, Outcome, Reply
+from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError
+from amaze_autonomy.nodes.interface import CHECK_SERVICES, SERVICES
+from amaze_autonomy.nodes.request_reader import command_of, response_of
+from amaze_autonomy.nodes.requests import Requests
 
 S = 1_000_000_000
 HOUR = 3600 * S

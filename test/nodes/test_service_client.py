@@ -13,12 +13,12 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 import pytest
 
 pytest.importorskip("rosgraph")
-srv = pytest.importorskip("amaze_autonomy.srv")
 
-from rosgraph.network import decode_ros_handshake_header, encode_ros_handshake_header  # noqa: E402
+from rosgraph.network import decode_ros_handshake_header, encode_ros_handshake_header
 
-from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError  # noqa: E402
-from amaze_autonomy.nodes.service_client import ServiceClient  # noqa: E402
+from amaze_autonomy import srv
+from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError
+from amaze_autonomy.nodes.service_client import ServiceClient
 
 NAME = "/data_recorder/start"
 SOON = 0.3
