@@ -22,10 +22,12 @@ def test_maps_for_the_real_recordings_ship_with_the_package():
     assert map_names() == (
         "amaze_demo",
         "ardrone_indoor_flight",
+        "copter_low_battery",
         "crazyflie_sine",
         "example_lz4",
         "handheld_roll_pitch_yaw",
         "husky_outdoor_drive",
+        "px4_telemetry",
     )
 
 

@@ -16,7 +16,7 @@ import traceback
 from pathlib import Path
 from typing import List, Optional, Sequence
 
-from amaze_autonomy.bags import BagError, Recording
+from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
@@ -32,6 +32,7 @@ from .report import comparison_lines, comparison_result, footer_lines, replay_re
 from .session import Outcome, Session
 from .sources import Recordings
 from .suite.cli import add_commands
+from .telemetry import topics_of
 from .terminal import progress_bar, show_lines, show_timeline
 from .topic_map import TopicMap, load_map, map_names
 
@@ -87,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
 def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     run = commands.add_parser("run", help="replay the sensors of one or several bags of one flight")
     run.add_argument(
-        "bags", nargs="+", type=Path, metavar="BAG", help="ROS 1 bag of version 2.0; several are read as one"
+        "bags", nargs="+", type=Path, metavar="FILE", help="ROS 1 bag of version 2.0, or MAVLink log (.tlog)"
     )
     run.add_argument("--map", metavar="MAP", help="topic map: name or YAML file; default: the one named as the bag")
     run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: its first")
@@ -128,7 +129,7 @@ def _run(options: argparse.Namespace) -> int:
     topic_map = _map(options.map, options.bags)
     configuration = load_configuration(options.config or config_folder(), options.set)
     mission_id = options.mission or configuration.missions[0].id
-    plan = make_plan(configuration, topic_map, mission_id, _topics(options.bags))
+    plan = make_plan(configuration, topic_map, mission_id, topics_of(options.bags))
     with Recordings(options.bags, plan.topics, options.mute) as recordings:
         with progress_bar("replaying") as progress:
             outcome = Session(plan, recordings).run(progress)
@@ -145,17 +146,11 @@ def _run(options: argparse.Namespace) -> int:
 def _map(name: Optional[str], bags: List[Path]) -> TopicMap:
     """Return the map that was asked for, or the one named as the first bag that has one."""
     stems = [bag.stem for bag in bags if bag.stem in map_names()]
+    if name is None and not stems and all(bag.suffix == ".tlog" for bag in bags):
+        return load_map("px4_telemetry")
     if name is None and not stems:
         raise ReplayError(f"which topics are what? Name a topic map with --map: a file, or {', '.join(map_names())}")
     return load_map(name if name is not None else stems[0])
-
-
-def _topics(bags: List[Path]) -> tuple[str, ...]:
-    names: List[str] = []
-    for path in bags:
-        with Recording(path) as recording:
-            names += [topic.name for topic in recording.topics]
-    return tuple(dict.fromkeys(names))
 
 
 def _write(folder: Optional[Path], plan: Plan, recordings: Recordings, outcome: Outcome) -> None:

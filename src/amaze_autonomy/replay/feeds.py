@@ -10,10 +10,12 @@ from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.gravity import rotation_from_rpy, tilt_of, up_of_quaternion
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.readings import estimate_reader
+from amaze_autonomy.monitoring.specs import AutopilotSensor
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from .fields import Getter, getter, number, quaternion, vector
+from .statuses import health_of
 from .topic_map import Reading
 
 __all__ = [
@@ -23,6 +25,7 @@ __all__ = [
     "Fact",
     "FactFeed",
     "Feed",
+    "HealthFeed",
     "ImuFeed",
     "RangeFeed",
     "TiltFeed",
@@ -76,6 +79,22 @@ class ComponentFeed(Feed):
     def play(self, t_ns: int) -> None:
         """Count it."""
         self._watchdog.add_samples(self._name, t_ns, 1, self.topic)
+
+
+class HealthFeed(Feed):
+    """What the recorded autopilot says of its sensors."""
+
+    def __init__(self, watchdog: Watchdog, topic: str) -> None:
+        super().__init__(topic, _S // 5)
+        self._watchdog = watchdog
+
+    def take(self, t_ns: int, message: Any) -> None:
+        """Take a status."""
+        self._watchdog.add_autopilot(t_ns, {AutopilotSensor(name): good for name, good in health_of(message).items()})
+
+    def play(self, t_ns: int) -> None:
+        """Take one of a vehicle whose sensors all work."""
+        self._watchdog.add_autopilot(t_ns, dict.fromkeys(AutopilotSensor, True))
 
 
 class RangeFeed(Feed):

@@ -13,7 +13,18 @@ from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from .errors import FieldError, MisfitError
-from .feeds import BatteryFeed, ComponentFeed, EstimateFeed, Fact, FactFeed, Feed, ImuFeed, RangeFeed, TiltFeed
+from .feeds import (
+    BatteryFeed,
+    ComponentFeed,
+    EstimateFeed,
+    Fact,
+    FactFeed,
+    Feed,
+    HealthFeed,
+    ImuFeed,
+    RangeFeed,
+    TiltFeed,
+)
 from .fields import kind_of
 from .plan import Plan
 
@@ -121,6 +132,9 @@ class Monitors:
             for spec in self._plan.components
             for topic in spec.topics
         ]
+        told = self._plan.topic_map.statuses.get("autopilot")
+        if told is not None and any(spec.autopilot is not None for spec in self._plan.components):
+            feeds.append(HealthFeed(self.watchdog, told))
         if self.landing is not None:
             feeds.append(RangeFeed(self.landing, readings["range"]))
         if self.landing is not None and "orientation" in (readings["imu"].fields if "imu" in readings else {}):

@@ -11,6 +11,7 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import ComponentRule, Severity
 from amaze_autonomy.monitoring.errors import SpecError
 from amaze_autonomy.monitoring.specs import (
+    AutopilotSensor,
     BatterySpec,
     ComponentSpec,
     EstimateSource,
@@ -109,6 +110,7 @@ def _component(given: ComponentMap, known: Mapping[str, ComponentSpec], rules: R
         topics=(given.topic,),
         wait_limit_ns=given.wait_limit_ns if given.wait_limit_ns is not None else wait_ns,
         required=given.required,
+        autopilot=None if given.autopilot is None else AutopilotSensor(given.autopilot),
         restart=_scripted(base.restart) if base is not None else RestartSpec(),
     )
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
-from amaze_autonomy.bags import Entry, Recording
+from amaze_autonomy.bags import Entry
 from amaze_autonomy.bags.errors import MessageError
 
 from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
+from .telemetry import recordings_of
 
 __all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
 
@@ -88,7 +89,7 @@ class Recordings:
     """
 
     def __init__(self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = ()) -> None:
-        self.bags: List[Recording] = []
+        self.bags: List[Any] = []  # bags, and telemetry logs with the face of bags
         self.topics, self.muted = tuple(topics), tuple(muted)
         self.damage: Dict[str, Damage] = {}
         try:
@@ -99,7 +100,7 @@ class Recordings:
 
     def _open(self, paths: Sequence[Path]) -> None:
         for path in paths:
-            self.bags.append(Recording(path))
+            self.bags.extend(recordings_of(path))
         self.bags.sort(key=lambda bag: (bag.start_ns or 0, bag.path.name))
         known = tuple(sorted({topic.name for bag in self.bags for topic in bag.topics}))
         for topic in self.muted:
@@ -125,12 +126,14 @@ class Recordings:
     @property
     def start_ns(self) -> int:
         """Time of the first message of any topic, wanted or not."""
-        return min(bag.start_ns for bag in self.bags if bag.start_ns is not None)
+        first: int = min(bag.start_ns for bag in self.bags if bag.start_ns is not None)
+        return first
 
     @property
     def end_ns(self) -> int:
         """Time of the last message of any topic, wanted or not."""
-        return max(bag.end_ns for bag in self.bags if bag.end_ns is not None)
+        last: int = max(bag.end_ns for bag in self.bags if bag.end_ns is not None)
+        return last
 
     def topic(self, sample: Sample) -> str:
         """Return the topic of a sample."""

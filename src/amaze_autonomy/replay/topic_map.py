@@ -17,7 +17,14 @@ from amaze_autonomy.config.components_schema import COMPONENT_NAME, SEVERITY, TO
 from amaze_autonomy.config.document import read
 from amaze_autonomy.config.kinds import Choice, Flag, ListOf, Number, Places, Text, Whole
 from amaze_autonomy.config.schema import REQUIRED, Group, Key, Named
-from amaze_autonomy.monitoring.specs import GROUPS, EstimateSource, LandingSpec, StateEstimationSpec, TopicSpec
+from amaze_autonomy.monitoring.specs import (
+    GROUPS,
+    AutopilotSensor,
+    EstimateSource,
+    LandingSpec,
+    StateEstimationSpec,
+    TopicSpec,
+)
 
 from .fields import FIELD_PATH
 
@@ -45,6 +52,7 @@ class ComponentMap:
     group: Optional[str] = None
     severity: Optional[str] = None
     wait_limit_ns: Optional[int] = None
+    autopilot: Optional[str] = None
 
 
 @dataclass(frozen=True)
@@ -145,6 +153,13 @@ _COMPONENT = Group(
         Key("group", Choice(GROUPS), "px4 or other; left out: as configured, else other", "", None),
         Key("severity", SEVERITY, "how bad its failure is; left out: as configured, else moderate", "", None),
         Key("wait_limit_s", _TIME, "how long a flight may wait for it; left out: as configured", "", None),
+        Key(
+            "autopilot",
+            Choice(tuple(sensor.value for sensor in AutopilotSensor)),
+            "sensor whose health the recorded autopilot tells",
+            "",
+            None,
+        ),
     ),
 )
 _SCRIPT = Group(
@@ -271,6 +286,7 @@ def _component(name: str, values: Dict[str, Any], places: Places) -> ComponentMa
         group=values["group"],
         severity=values["severity"],
         wait_limit_ns=None if wait_s is None else _ns(wait_s),
+        autopilot=values["autopilot"],
     )
 
 

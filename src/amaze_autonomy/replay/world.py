@@ -176,6 +176,8 @@ class World:
         elif isinstance(event, LandedStatus):
             self.answers.recorded_landed = event
             self._note_landed(event.landed, event.reason, t_ns, Source.BAG)
+        elif isinstance(event, AutopilotStatus) and "mission_planner" not in self._plan.topic_map.statuses:
+            self._planner.follow(vars(event), self._plan.rules.limits.takeoff_height_m)
         self._tell(event, Source.BAG)
         self._observe(t_ns)
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
-from amaze_autonomy.bags import Recording
 from amaze_autonomy.engine.events import UserCommand
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import ComponentRule
@@ -23,6 +22,7 @@ from ..plan import Plan, make_plan
 from ..scenario.model import Case
 from ..session import Outcome, Session
 from ..sources import Recordings
+from ..telemetry import topics_of
 from ..topic_map import TopicMap, load_map, map_names
 from .play import Mark, Played, configuration_of, missions_of
 from .task import Options
@@ -45,7 +45,7 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     _check_bags(case)
     configuration = configuration_of(case, options)
     paths = [bag.path for bag in case.bags]
-    plan = make_plan(configuration, _map(case), missions_of(case, configuration)[0].id, _topics(paths))
+    plan = make_plan(configuration, _map(case), missions_of(case, configuration)[0].id, topics_of(paths))
     if rules is not None:
         plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
     with Recordings(paths, plan.topics) as recordings:
@@ -95,14 +95,6 @@ def _map(case: Case) -> TopicMap:
     if not case.topic_map and name not in map_names():
         raise ReplayError(f"{case.path}: which topics are what? Name a topic map with map: {', '.join(map_names())}")
     return load_map(name)
-
-
-def _topics(paths: Sequence[Path]) -> Tuple[str, ...]:
-    names: List[str] = []
-    for path in paths:
-        with Recording(path) as recording:
-            names += [topic.name for topic in recording.topics]
-    return tuple(dict.fromkeys(names))
 
 
 def _needs(case: Case, part: FaultedRecordings) -> List[str]:

@@ -1,0 +1,202 @@
+"""Telemetry logs, and MAVLink in bags, through the engine: what it would have done, beside what PX4 did by itself."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from replay_bags import START_NS
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from amaze_autonomy.autopilot.tlog import read_tlog
+from amaze_autonomy.bags import BagError
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.session import Session
+from amaze_autonomy.replay.sources import Recordings
+from amaze_autonomy.replay.telemetry import Telemetry, recordings_of, topics_of
+from amaze_autonomy.replay.topic_map import load_map
+
+DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).parents[3] / "shared" / "data"))
+MAVLINK = """std_msgs/Header header
+uint8 framing_status
+uint8 magic
+uint8 len
+uint8 incompat_flags
+uint8 compat_flags
+uint8 seq
+uint8 sysid
+uint8 compid
+uint32 msgid
+uint16 checksum
+uint64[] payload64
+uint8[] signature
+"""
+
+
+def recording(name):
+    path = DATA / name
+    if not path.is_file():
+        pytest.skip(f"{path} is not there: set AMAZE_DATA to the folder of the recordings")
+    return path
+
+
+def replayed(path, map_name, *overrides):
+    """Return the decisions in flight of a recording: time in s, state after, rule, and the outcome."""
+    configuration = load_configuration(config_folder(), overrides)
+    plan = make_plan(configuration, load_map(map_name), configuration.missions[0].id, topics_of([path]))
+    with Recordings([path], plan.topics) as recordings:
+        outcome = Session(plan, recordings).run()
+        assert not recordings.damage
+    rows = [
+        (round((each.t_ns - outcome.start_ns) / 1e9, 1), each.after, each.rule)
+        for each in outcome.decisions
+        if each.before != each.after
+    ]
+    return rows, outcome
+
+
+BEFORE = ["MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF"]
+
+
+def test_a_normal_mission_is_flown_to_its_end():
+    """PX4: takeoff 1.75, landing 43.7, ON_GROUND 66.4, disarmed 66.5 (heard 66.8)."""
+    rows, outcome = replayed(recording("px4_normal_mission.tlog"), "px4_telemetry")
+    assert [row for row in rows if row[0] > 1.2] == [
+        (7.6, "MISSION", "at_takeoff_height"),
+        (66.9, "DATA_CLEANUP", "mission_complete"),
+        (68.0, "MISSION_ENDED", "data_complete"),
+    ]
+    assert (outcome.state.result.value, outcome.counterfactual_ns) == ("COMPLETE", None)
+
+
+def test_a_lost_gps_is_flown_on_without_until_px4_itself_lands():
+    """PX4: fix lost 21.8, failsafe announced 26.9, AUTO.LAND 27.7. The engine: GPS counts as low, so it flies on."""
+    rows, outcome = replayed(recording("px4_gps_loss_param.tlog"), "px4_telemetry")
+    assert [row for row in rows if row[0] > 1.2] == [
+        (6.8, "MISSION", "at_takeoff_height"),
+        (27.7, "PILOT", "pilot_took_over"),
+        (52.7, "DATA_CLEANUP", "acknowledged"),
+        (54.0, "MISSION_ENDED", "data_complete"),
+    ]
+    seen = [each for each in outcome.decisions if each.rule == "failure_continue"]
+    assert [round((each.t_ns - outcome.start_ns) / 1e9, 1) for each in seen][:1] == [22.0]
+
+
+def test_where_gps_counts_as_high_the_engine_lands_before_px4_does():
+    path = recording("px4_gps_loss_param.tlog")
+    rows, _ = replayed(path, "px4_telemetry", "sensors.components.gps.severity=highest")
+    assert [row for row in rows if 6.8 < row[0] < 30][:1] == [(22.0, "LAND", "land")]
+
+
+def test_a_drained_battery_is_landed_five_seconds_before_px4_acts():
+    """PX4: LOW 58.1, CRITICAL and AUTO.LOITER 63.0 to 63.4, AUTO.LAND 68.5."""
+    path = recording("px4_battery_drain.tlog")
+    rows, outcome = replayed(path, "px4_telemetry", "autonomy.flight.max_distance_m=1000")
+    assert [row for row in rows if row[0] > 1.2][:3] == [
+        (10.3, "MISSION", "at_takeoff_height"),
+        (57.9, "LAND", "land"),
+        (63.4, "PILOT", "pilot_took_over"),
+    ]
+    assert round((outcome.counterfactual_ns - outcome.start_ns) / 1e9, 1) == 57.9
+
+
+def test_a_lost_stream_of_set_points_is_px4_s_failsafe():
+    """PX4: stream stops 28.8, failsafe 29.8, POSCTL heard 30.0."""
+    rows, _ = replayed(recording("px4_offboard.tlog"), "px4_telemetry")
+    assert [row for row in rows if row[0] > 1.2] == [
+        (6.8, "MISSION", "at_takeoff_height"),
+        (30.0, "PILOT", "pilot_took_over"),
+    ]
+
+
+def test_a_pilot_s_own_flights_are_nobody_s_mission():
+    path = recording("copter_low_battery.tlog")
+    rows, outcome = replayed(path, "copter_low_battery", "sensors.battery.cells=3")
+    assert [row for row in rows if row[0] > 461.9] == [
+        (462.0, "PILOT", "armed_by_others"),
+        (737.0, "DATA_CLEANUP", "acknowledged"),
+        (738.5, "MISSION_ENDED", "data_complete"),
+    ]
+    assert outcome.state.result.value == "PILOT"
+
+
+def test_a_log_is_replayed_the_same_every_time():
+    path = recording("px4_offboard.tlog")
+    first, second = (replayed(path, "px4_telemetry")[1] for _ in range(2))
+    assert (first.journal, first.timeline) == (second.journal, second.timeline)
+
+
+def test_what_is_no_log_is_refused_in_one_line(tmp_path):
+    path = tmp_path / "none.tlog"
+    path.write_bytes(b"nothing of the kind" * 100)
+    with pytest.raises(BagError) as caught:
+        recordings_of(path)
+    assert str(caught.value) == f"{path}: has no MAVLink frame with a time; must be a telemetry log"
+    with pytest.raises(BagError, match="No such file"):
+        recordings_of(tmp_path / "absent.tlog")
+
+
+def test_a_log_that_is_cut_off_or_damaged_is_read_as_far_as_it_goes(tmp_path):
+    whole = recording("px4_offboard.tlog").read_bytes()
+    path = tmp_path / "cut.tlog"
+    path.write_bytes(whole[:200_000] + b"\xff" * 100 + whole[200_003:300_001])
+    cut = Telemetry.of_log(path)
+    assert cut.count.good > 4000
+    assert 100 <= cut.count.stray_bytes < 1000
+
+
+def test_mavlink_in_a_bag_says_the_same_as_the_log(tmp_path):
+    log = recording("px4_offboard.tlog")
+    bag = tmp_path / "mavlink.bag"
+    _write_bag(bag, log)
+    inside = recordings_of(bag)
+    assert [type(each).__name__ for each in inside] == ["Recording", "Telemetry"]
+    ours, theirs = Telemetry.of_log(log), inside[1]
+    shift = theirs.start_ns - ours.start_ns
+    for topic in ("/autopilot/status", "/mavlink/GPS_RAW_INT", "/mavlink/imu"):
+        for one, other in list(zip(ours.entries(topic), theirs.entries(topic)))[::20]:
+            assert other.t_ns - one.t_ns == shift
+            a, b = ours.message(one), theirs.message(other)
+            assert _without_header(a) == _without_header(b)
+
+
+def _without_header(message):
+    return repr({**vars(message), "header": None, "_header": None, "_msgbuf": None, "_payload": None})
+
+
+def _write_bag(path, log, limit=6000):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg(MAVLINK, "mavros_msgs/msg/Mavlink"))
+    kinds = store.types
+    frames, _ = read_tlog(log)
+    with Writer(path) as writer:
+        connection = writer.add_connection("/mavlink/from", "mavros_msgs/msg/Mavlink", typestore=store)
+        first_ns = None
+        for number, (t_ns, frame) in zip(range(limit), frames):
+            first_ns = t_ns if first_ns is None else first_ns
+            stamp = kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+            header = kinds["std_msgs/msg/Header"](seq=number, stamp=stamp, frame_id="")
+            message = kinds["mavros_msgs/msg/Mavlink"](
+                header, 1, 0xFD, len(frame.payload), 0, 0, frame.sequence, frame.system, frame.component,
+                frame.number, 0, _words(frame.payload), _bytes(b""),
+            )  # fmt: skip
+            writer.write(
+                connection,
+                START_NS + t_ns - first_ns,
+                store.serialize_ros1(message, "mavros_msgs/msg/Mavlink"),
+            )
+
+
+def _words(payload):
+    padded = payload + bytes(-len(payload) % 8)
+    return np.array(struct.unpack(f"<{len(padded) // 8}Q", padded), dtype=np.uint64)
+
+
+def _bytes(data):
+    return np.frombuffer(data, dtype=np.uint8)
