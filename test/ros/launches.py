@@ -6,14 +6,18 @@ One at a time: the simulated sensors are nodes and topics without a namespace, a
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import socket
 import subprocess
 import time
+from pathlib import Path
 
 from behaviours import Behaviours
 from stack import HERE, Stack
+
+from amaze_autonomy.replay.cli import main as replay
 
 launches = Behaviours()
 
@@ -40,7 +44,9 @@ def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
         "simulation:=true",
         "console:=false",
     ]
-    command += ["record:=false", f"output:={stack.output}", f"config:={stack.config}", *arguments]
+    if "record:=true" not in arguments:
+        arguments = ("record:=false", *arguments)
+    command += [f"output:={stack.output}", f"config:={stack.config}", *arguments]
     environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
     with (stack.folder / "autonomy.log").open("ab") as log:
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
@@ -92,6 +98,24 @@ def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
     assert "MISSION_ENDED" in (stack.output / "report.txt").read_text()
     for name in ("bag", "journal", "report"):
         assert f"autonomy: {name}" in stack.log()
+
+
+@launches.add(processes=(), start=False)
+def two_recorder_nodes_end_with_one_verified_bag_that_replays(stack: Stack) -> None:
+    roslaunch(stack, "mission:=hop", "exit_when_ended:=true", "record:=true", "flight:=simulated")
+    stack.wait_end(60.0)
+    result = stack.result()
+    bag = Path(result["data"])
+    assert (result["exit_status"], result["result"]) == (0, "COMPLETE")
+    assert result["data_summary"].endswith(" messages of main and second, verified; nothing was lost"), result
+    assert f"The data is at {bag} ({result['data_summary']})." in stack.log()
+    manifest = json.loads(bag.with_suffix(".manifest.json").read_text())
+    assert manifest["verified"]["ok"] is True
+    assert sorted(manifest["platforms"]) == ["main", "second"]
+    assert (bag.parent / "journal.jsonl").read_bytes() == (stack.output / "journal.jsonl").read_bytes()
+    assert (bag.parent / "configuration" / "effective.json").is_file()
+    assert replay(["journal", str(bag)]) == 0
+    assert replay(["run", str(bag), "--map", "amaze_demo", "--config", str(stack.config)]) == 0
 
 
 if __name__ == "__main__":
