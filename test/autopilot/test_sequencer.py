@@ -213,7 +213,7 @@ def test_a_pilot_who_takes_over_while_a_command_is_under_way_keeps_control():
     flying.until(lambda: flying.craft.position_m[0] > 3.0)
     flying.craft.flags.ignores = ("AUTO.LOITER",)  # else it would be done at once
     assert flying.command(A.HOLD) == ""
-    flying.run(500 * MS)
+    flying.run(250 * MS)
     flying.craft.pilot_takes_over("POSCTL", 20 * S)
     flying.craft.flags.ignores = ()
     flying.run(6 * S)

@@ -54,7 +54,7 @@ class Watched(Flying):
         super()._see()
         watch, status = self.planner.watch, self.status
         if status.phase is P.HOLDING:
-            assert watch.mode in ("AUTO.LOITER", "OFFBOARD")
+            assert watch.mode in ("AUTO.LOITER", "OFFBOARD") or "by itself" in status.message or watch.pilot
         if status.phase is P.LOADED:
             assert not status.waypoint
         assert 0 <= status.waypoint <= status.waypoints

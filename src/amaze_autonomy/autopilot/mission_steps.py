@@ -27,6 +27,7 @@ __all__ = ["STEPS", "Means", "Procedure", "Progress", "Step", "is_foreign"]
 
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 _START = mavlink.MAV_CMD_MISSION_START
+_SILENT_NS = 1_500_000_000  # longer than between two heartbeats
 _NO_REASONS = ("MAV_RESULT_ACCEPTED", "MAV_RESULT_IN_PROGRESS")
 
 
@@ -184,7 +185,8 @@ class Procedure:
         self._steps, self._means, self._spec, self._persistent = tuple(steps), means, spec, persistent
         self._number = 0
         self._start_mode = means.watch.mode
-        self._since_ns = t_ns
+        self._since_ns = self._woken_ns = t_ns
+        self._paused_ns = 0
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
 
@@ -197,6 +199,7 @@ class Procedure:
         """Look at the vehicle and the time; return what is to be sent."""
         if not self.running:
             return []
+        self._pause(t_ns)
         while self._shown(t_ns):
             self._number += 1
             if self._number == len(self._steps):
@@ -209,6 +212,15 @@ class Procedure:
         if t_ns - self._since_ns >= self._spec.command_limit_ns:
             self._late(t_ns)
         return self._send(t_ns) if self.running else []
+
+    def _pause(self, t_ns: int) -> None:
+        """Stop the clock of the limit while the vehicle is silent, at most for two limits: nothing can show then."""
+        passed_ns, self._woken_ns = t_ns - self._woken_ns, t_ns
+        heard_ns = self._means.watch.heartbeat_ns
+        silent = heard_ns is None or t_ns - heard_ns > _SILENT_NS
+        if silent and self._paused_ns + passed_ns <= 2 * self._spec.command_limit_ns:
+            self._paused_ns += passed_ns
+            self._since_ns += passed_ns
 
     def _shown(self, t_ns: int) -> bool:
         """Return whether the vehicle shows the effect, by a heartbeat that came after the command."""

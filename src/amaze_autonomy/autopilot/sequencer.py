@@ -83,6 +83,7 @@ class Sequencer:
         self._setpoint_ns = 0
         self._rates = Rates(STREAMS)
         self._was_armed = self._was_airborne = False
+        self._failure = ""
         self._highest, self._reached = 0, 0
 
     # --- the link -------------------------------------------------------------------------------------------------
@@ -167,11 +168,11 @@ class Sequencer:
         return ""
 
     def _meant(self, t_ns: int, action: MissionAction) -> MissionAction:
-        """Return what is done: an abort on the ground disarms, anywhere else it lands; a landing on the ground too."""
+        """Return what is done: before lift-off landing and aborting disarm; in flight, or where unknown, they land."""
         if action not in (_A.LAND, _A.ABORT):
             return action
-        on_ground = self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns) and not self._was_airborne
-        return _A.ABORT if on_ground else _A.LAND
+        down = self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns) or self.watch.armed is False
+        return _A.ABORT if down and not self._was_airborne else _A.LAND
 
     def _begin(self, t_ns: int, action: MissionAction) -> None:
         running = self._procedure
@@ -191,7 +192,7 @@ class Sequencer:
         self._message = ""
 
     def _take_off(self, t_ns: int) -> None:
-        self._phase, self._was_armed, self._was_airborne = _P.TAKING_OFF, False, False
+        self._phase, self._was_armed, self._was_airborne, self._failure = _P.TAKING_OFF, False, False, ""
         self._means.resume_item = self._means.stream_ns = None
         pose, origin, loading = self._pose(t_ns), self._origin, self._loading
         if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
@@ -237,7 +238,8 @@ class Sequencer:
         if self._phase not in _IN_FLIGHT or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
         self._was_armed = self._was_armed or bool(watch.armed)
-        if not self._was_armed:
+        landing = self._procedure is not None and self._procedure.action is _A.LAND
+        if not self._was_armed and not landing:
             return  # mode and landed state are still those of the flight before
         self._was_airborne = self._was_airborne or (bool(watch.armed) and watch.landed in _AIRBORNE)
         self._count()
@@ -245,13 +247,15 @@ class Sequencer:
             self._end()
         elif watch.armed:
             self._phase = self._shown_phase()
-            self._message = self._hands_off() or (self._procedure.reason if self._procedure else "")
+            reason = self._procedure.reason if self._procedure else ""
+            self._message = self._hands_off() or reason or self._failure
 
     def _end(self) -> None:
         """Be on the ground, disarmed."""
         asked = self._procedure is not None and self._procedure.action in (_A.LAND, _A.ABORT)
         if not self._was_airborne and not asked:
-            self._message = "disarmed before it lifted off"
+            self._failure = "disarmed before it lifted off"
+        self._message = self._failure
         if self._phase in (*_IN_FLIGHT, _P.LOADED):
             self._phase = _P.LANDED
         self._guidance = self._procedure = None
@@ -322,19 +326,17 @@ class Sequencer:
             return self._proceed(t_ns)
         sent = procedure.wake(t_ns)
         if procedure.progress is Progress.FAILED and procedure.action is _A.TAKEOFF:
-            self._message = procedure.reason
-            self._cancel(t_ns)
+            self._cancel(t_ns, procedure.reason)
         elif procedure.progress is Progress.DONE and procedure.action is _A.ABORT:
             self._end()
         elif procedure.reason:
             self._message = self._hands_off() or procedure.reason
         return sent
 
-    def _cancel(self, t_ns: int) -> None:
-        """Give a takeoff up that did not begin: disarm what is armed."""
-        message = self._message
-        self._begin(t_ns, self._meant(t_ns, _A.ABORT))  # an arming may be under way, unseen
-        self._message = message
+    def _cancel(self, t_ns: int, reason: str) -> None:
+        """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
+        self._begin(t_ns, _A.LAND if self._was_airborne else _A.ABORT)
+        self._failure = self._message = reason
 
     def _stream(self, t_ns: int) -> List[Message]:
         """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""

@@ -40,7 +40,7 @@ _PLANNER_ROWS: Tuple[Row, ...] = (
     ("home_tolerance_m", Number(above=0.0, maximum=1000.0), "how far the first takeoff may be from the mission's home", "the whole mission is flown that much beside its fence"),
     ("transfer_limit_ns", Number(above=0.0, maximum=600.0), "time in which a waypoint file must be sent, read back and compared", "below the engine's load_limit_s; 500 waypoints on a slow radio take longer"),
     ("message_retry_ns", Number(above=0.0, maximum=60.0), "time without an answer after which a message of the mission protocol is sent again", "longer than a turn of the slowest link"),
-    ("command_retry_ns", Number(above=0.0, maximum=60.0), "time without an effect after which a command is sent again", "PX4 shows a change of mode with its next heartbeat, within a second"),
+    ("command_retry_ns", Number(above=0.0, maximum=60.0), "time without an effect after which a command is sent again", "PX4 shows a change of mode with its next heartbeat; to be told twice does no harm"),
     ("command_limit_ns", Number(above=0.0, maximum=60.0), "time in which a command must show its effect", "then it has failed, with the autopilot's reason"),
     ("vehicle_age_limit_ns", Number(above=0.0, maximum=60.0), "how old the vehicle's last word may be to be believed", "three heartbeats"),
     ("setpoint_rate_hz", Number(minimum=5.0, maximum=100.0), "rate of the stream of set-points", "PX4 needs more than 2 Hz; its position controller runs at 50 Hz"),

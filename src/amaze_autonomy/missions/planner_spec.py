@@ -40,7 +40,7 @@ class PlannerSpec:
     home_tolerance_m: float = 5.0
     transfer_limit_ns: int = 8 * _S
     message_retry_ns: int = _S // 2
-    command_retry_ns: int = _S
+    command_retry_ns: int = _S // 2
     command_limit_ns: int = 4 * _S
     vehicle_age_limit_ns: int = 3 * _S
     setpoint_rate_hz: float = 20.0
