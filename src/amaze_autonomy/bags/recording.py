@@ -7,6 +7,7 @@ and 0.11 on newer ones; numbers of many messages at once by `columns`, which say
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -101,7 +102,7 @@ class Recording:
 
     def entries(self, topic: str) -> List[Entry]:
         """Return all messages of a topic in the order of the recording, from the index alone."""
-        return [Entry._make(each) for each in zip(*(column.tolist() for column in self.table(topic)))]
+        return list(map(partial(tuple.__new__, Entry), zip(*(column.tolist() for column in self.table(topic)))))
 
     def table(self, topic: str) -> Table:
         """Return the same as arrays."""

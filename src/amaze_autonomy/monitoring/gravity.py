@@ -178,18 +178,26 @@ class GravityWindow:
 
     def statistics(self, t_ns: int, window_ns: int) -> Optional[ImuStatistics]:
         """Return what was measured in the window that ends at a time; None when nothing was."""
-        first = (t_ns - window_ns) // BUCKET_NS
-        used = [bucket for bucket in self._buckets if first <= bucket.number <= t_ns // BUCKET_NS]
-        count = sum(bucket.count for bucket in used)
+        first, last = (t_ns - window_ns) // BUCKET_NS, t_ns // BUCKET_NS
+        count = turns = 0
+        x = y = z = squares = gx = gy = gz = 0.0
+        for bucket in self._buckets:
+            if first <= bucket.number <= last:
+                count += bucket.count
+                x += bucket.x
+                y += bucket.y
+                z += bucket.z
+                squares += bucket.squares
+                turns += bucket.turns
+                gx += bucket.gx
+                gy += bucket.gy
+                gz += bucket.gz
         if not count:
             return None
-        mean = tuple(sum(getattr(bucket, axis) for bucket in used) / count for axis in ("x", "y", "z"))
-        acceleration = (mean[0], mean[1], mean[2])
-        variance = sum(bucket.squares for bucket in used) / count - sum(value * value for value in mean)
-        turns = sum(bucket.turns for bucket in used)
-        rate = [sum(getattr(bucket, axis) for bucket in used) for axis in ("gx", "gy", "gz")]
-        turn_rate = norm((rate[0] / turns, rate[1] / turns, rate[2] / turns)) if turns else None
-        return ImuStatistics(count, acceleration, sqrt(max(0.0, variance)), turn_rate)
+        x, y, z = x / count, y / count, z / count
+        variance = squares / count - (x * x + y * y + z * z)
+        turn_rate = norm((gx / turns, gy / turns, gz / turns)) if turns else None
+        return ImuStatistics(count, (x, y, z), sqrt(max(0.0, variance)), turn_rate)
 
     def _bucket(self, t_ns: int) -> _Bucket:
         """Return the bucket of a time, and drop what is too old; time that jumps backwards empties the window."""

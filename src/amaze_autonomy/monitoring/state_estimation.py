@@ -78,6 +78,23 @@ class StateEstimationMonitor:
             while len(track) > 1 and track[1][0] <= t_ns - self.spec.still_ns:
                 track.popleft()  # the first one kept is at least as old as the time to be observed
 
+    def in_motion(self, t_ns: int) -> Tuple[Check, ...]:
+        """Return the rows that say something of a vehicle that flies or is carried, as `check` has them."""
+        spec = self.spec
+        measured = self._imu.statistics(t_ns, spec.window_ns) if spec.imu_topic else None
+        up = self._up(measured)
+        rows: List[Check] = []
+        if self._rate is not None:
+            rows.append(self._age_row(t_ns))
+            if self._estimate is not None:
+                rows.append(self._rate_row(self._rate.evaluate(t_ns)))
+                rows.append(of_estimate.estimate_tilt_row(self._estimate, spec))
+        if spec.imu_topic:
+            rows += self._gravity_rows(t_ns, measured, up)
+            if spec.topic:
+                rows.append(of_imu.agreement_row(up, self._estimated_up(), spec))
+        return tuple(rows)
+
     def check(self, t_ns: int) -> StateVerdict:
         """Return the verdict at a time."""
         measured = self._imu.statistics(t_ns, self.spec.window_ns) if self.spec.imu_topic else None
@@ -107,8 +124,7 @@ class StateEstimationMonitor:
         spec, estimate = self.spec, self._estimate
         if self._rate is None:
             return ()
-        age_ns = None if estimate is None else t_ns - self._estimate_ns
-        rows: List[Check] = [of_estimate.age_row("estimate age", age_ns, spec.age_limit_ns, spec.topic)]
+        rows: List[Check] = [self._age_row(t_ns)]
         if estimate is None:
             return tuple(rows)
         rows.append(self._rate_row(self._rate.evaluate(t_ns)))
@@ -122,22 +138,32 @@ class StateEstimationMonitor:
         return tuple(rows)
 
     def _imu_rows(self, t_ns: int, measured: Optional[ImuStatistics], up: Optional[Vector]) -> Tuple[Check, ...]:
-        spec, last_ns, first_ns = self.spec, self._imu.last_ns, self._imu.first_ns
+        spec, first_ns = self.spec, self._imu.first_ns
         if not spec.imu_topic:
             return ()
-        age_ns = None if last_ns is None else t_ns - last_ns
         observed_ns = 0 if first_ns is None else t_ns - first_ns
         still = self._imu.statistics(t_ns, spec.still_ns)
         rows = [
-            of_estimate.age_row("IMU age", age_ns, spec.age_limit_ns, spec.imu_topic),
-            of_imu.magnitude_row(measured, spec),
-            of_imu.imu_tilt_row(up, spec),
+            *self._gravity_rows(t_ns, measured, up),
             of_imu.shaking_row(still, observed_ns, spec),
             of_imu.turning_row(still, observed_ns, spec),
         ]
         if spec.topic:
             rows.append(of_imu.agreement_row(up, self._estimated_up(), spec))
         return tuple(rows)
+
+    def _age_row(self, t_ns: int) -> Check:
+        age_ns = None if self._estimate is None else t_ns - self._estimate_ns
+        return of_estimate.age_row("estimate age", age_ns, self.spec.age_limit_ns, self.spec.topic)
+
+    def _gravity_rows(self, t_ns: int, measured: Optional[ImuStatistics], up: Optional[Vector]) -> List[Check]:
+        spec, last_ns = self.spec, self._imu.last_ns
+        age_ns = None if last_ns is None else t_ns - last_ns
+        return [
+            of_estimate.age_row("IMU age", age_ns, spec.age_limit_ns, spec.imu_topic),
+            of_imu.magnitude_row(measured, spec),
+            of_imu.imu_tilt_row(up, spec),
+        ]
 
     def _rate_row(self, condition: Condition) -> Check:
         verdicts = {Level.GOOD: Verdict.PASS, Level.STARTING: Verdict.UNKNOWN, Level.OFF: Verdict.WARN}
@@ -154,7 +180,7 @@ class StateEstimationMonitor:
             return Check(name, Verdict.UNKNOWN, None, spec.still_drift_m, "m", None, advice)
         axes = list(zip(*recent))
         drift_m = norm((max(axes[0]) - min(axes[0]), max(axes[1]) - min(axes[1]), max(axes[2]) - min(axes[2])))
-        finite = all(isfinite(value) for position in recent for value in position)
+        finite = all(all(map(isfinite, axis)) for axis in axes)
         if finite and drift_m <= spec.still_drift_m:
             return Check(name, Verdict.PASS, drift_m, spec.still_drift_m, "m")
         advice = (

@@ -10,7 +10,7 @@ Rules of this file:
 
 from __future__ import annotations
 
-from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.events import ComponentStatus
@@ -136,6 +136,16 @@ class Watchdog:
             monitor = self._component(name).rate(topic)
         if monitor.add(last_t_ns, count):
             self._dirty = True
+
+    def counter(self, name: str, topic: Optional[str] = None) -> Callable[[int], None]:
+        """Return what adds one message at a time, as `add_samples` does, for those who add very many."""
+        add = self._component(name).rate(topic).add
+
+        def count(t_ns: int) -> None:
+            if add(t_ns):
+                self._dirty = True
+
+        return count
 
     def add_content(self, name: str, t_ns: int, *, finite: bool, digest: int, topic: Optional[str] = None) -> None:
         """Add what a message says: are all its numbers finite, and a digest of its content."""

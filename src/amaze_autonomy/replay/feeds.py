@@ -10,11 +10,11 @@ from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.gravity import rotation_from_rpy, tilt_of, up_of_quaternion
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.readings import estimate_reader
-from amaze_autonomy.monitoring.specs import AutopilotSensor
+from amaze_autonomy.monitoring.specs import AutopilotSensor, EstimateSource
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
-from .fields import Getter, getter, number, quaternion, vector
+from .fields import Getter, getter, number, orientation, quaternion, vector
 from .statuses import health_of
 from .topic_map import Reading
 
@@ -35,6 +35,18 @@ Vector = Tuple[float, float, float]
 
 _S = 1_000_000_000
 _SURE: Vector = (1e-4, 1e-4, 1e-4)
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_POSE = (*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw"))
+_WITH_COVARIANCE = (
+    *_STAMP,
+    *(f"pose.pose.{each}" for each in _POSE),
+    *(f"pose.covariance[{7 * axis}]" for axis in range(6)),
+)
+_ESTIMATE: Mapping[EstimateSource, Tuple[str, ...]] = {
+    EstimateSource.POSE: (*_STAMP, *(f"pose.{each}" for each in _POSE)),
+    EstimateSource.POSE_WITH_COVARIANCE: _WITH_COVARIANCE,
+    EstimateSource.ODOMETRY: (*_WITH_COVARIANCE, *(f"twist.twist.linear.{axis}" for axis in "xyz")),
+}
 
 
 @dataclass(frozen=True)
@@ -52,13 +64,18 @@ class Feed:
         topic: that it takes.
         period_ns: of its messages, for playing it.
         decodes: it looks into the messages.
+        paths: of the numbers in them that it looks at; empty: it needs whole messages.
     """
 
-    def __init__(self, topic: str, period_ns: int, *, decodes: bool = True) -> None:
-        self.topic, self.period_ns, self.decodes = topic, period_ns, decodes
+    def __init__(self, topic: str, period_ns: int, *, decodes: bool = True, paths: Tuple[str, ...] = ()) -> None:
+        self.topic, self.period_ns, self.decodes, self.paths = topic, period_ns, decodes, paths
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take a message; `message` is None when the feed does not decode."""
+        raise NotImplementedError
+
+    def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
+        """Take the numbers at `paths` of a message; does what `take` does with all of it."""
         raise NotImplementedError
 
     def play(self, t_ns: int) -> None:
@@ -71,6 +88,7 @@ class ComponentFeed(Feed):
     def __init__(self, watchdog: Watchdog, name: str, topic: str, period_ns: int) -> None:
         super().__init__(topic, period_ns, decodes=False)
         self._watchdog, self._name = watchdog, name
+        self.count = watchdog.counter(name, topic)
 
     def take(self, t_ns: int, message: Any) -> None:  # noqa: ARG002
         """Count it."""
@@ -101,14 +119,18 @@ class RangeFeed(Feed):
     """A distance to the ground, in the units of the message; the specification scales it."""
 
     def __init__(self, detector: LandingDetector, reading: Reading) -> None:
-        super().__init__(reading.topic, _S // 20)
+        super().__init__(reading.topic, _S // 20, paths=(reading.fields["distance"], "min_range", "max_range"))
         self._detector, self._get = detector, getter(reading.fields["distance"])
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take a reading; what is no number is nothing seen."""
-        value = number(self._get(message))
-        limits = number(getattr(message, "min_range", None)), number(getattr(message, "max_range", None))
-        self._detector.add_range(t_ns, float("nan") if value is None else value, *limits)
+        limits = getattr(message, "min_range", None), getattr(message, "max_range", None)
+        self.take_values(t_ns, (self._get(message), *limits))
+
+    def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
+        """Take a reading and its limits."""
+        value, least, most = map(number, values)
+        self._detector.add_range(t_ns, float("nan") if value is None else value, least, most)
 
     def play(self, t_ns: int) -> None:
         """Take what the sensor measures when the vehicle stands on the ground."""
@@ -120,12 +142,20 @@ class TiltFeed(Feed):
     """The attitude of the vehicle for the landing detection; an invalid orientation says nothing."""
 
     def __init__(self, detector: LandingDetector, reading: Reading) -> None:
-        super().__init__(reading.topic, 0)
-        self._detector, self._get = detector, getter(reading.fields["orientation"])
+        path = reading.fields["orientation"]
+        super().__init__(reading.topic, 0, paths=tuple(f"{path}.{axis}" for axis in "xyzw"))
+        self._detector, self._get = detector, getter(path)
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take an orientation."""
-        parts = quaternion(self._get(message))
+        self._take(t_ns, quaternion(self._get(message)))
+
+    def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
+        """Take its four numbers."""
+        x, y, z, w = map(float, values)
+        self._take(t_ns, orientation((x, y, z, w)))
+
+    def _take(self, t_ns: int, parts: Optional[Tuple[float, float, float, float]]) -> None:
         up = up_of_quaternion(*parts) if parts is not None else None
         if up is not None:
             self._detector.add_tilt(t_ns, tilt_of(up))
@@ -135,13 +165,19 @@ class BatteryFeed(Feed):
     """The battery: for its check, and for what the vehicle says."""
 
     def __init__(self, monitor: BatteryMonitor, reading: Reading, facts: Dict[str, Fact]) -> None:
-        super().__init__(reading.topic, _S // 2)
+        super().__init__(reading.topic, _S // 2, paths=tuple(reading.fields.values()))
         self._monitor, self._facts, self._scale = monitor, facts, reading.scale
         self._get: Mapping[str, Getter] = {name: getter(path) for name, path in reading.fields.items()}
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take a level."""
-        values = {name: number(get(message)) for name, get in self._get.items()}
+        self.take_values(t_ns, tuple(get(message) for get in self._get.values()))
+
+    def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
+        """Take fraction and voltage, as far as there are any."""
+        self._take(t_ns, dict(zip(self._get, map(number, values))))
+
+    def _take(self, t_ns: int, values: Mapping[str, Optional[float]]) -> None:
         fraction = values.get("fraction")
         fraction = None if fraction is None else fraction * self._scale
         self._monitor.add(t_ns, fraction, values.get("voltage"))
@@ -159,14 +195,18 @@ class FactFeed(Feed):
     """A property of the vehicle: armed, landed or height."""
 
     def __init__(self, name: str, reading: Reading, facts: Dict[str, Fact]) -> None:
-        super().__init__(reading.topic, 0)
+        super().__init__(reading.topic, 0, paths=(reading.fields[name],))
         self._name, self._facts = name, facts
         self._get = getter(reading.fields[name])
         self._read = _READ[name](reading)
 
     def take(self, t_ns: int, message: Any) -> None:
         """Keep it."""
-        self._facts[_FACTS[self._name]] = Fact(t_ns, self._read(self._get(message)))
+        self.take_values(t_ns, (self._get(message),))
+
+    def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
+        """Keep it."""
+        self._facts[_FACTS[self._name]] = Fact(t_ns, self._read(values[0]))
 
 
 def _height(reading: Reading) -> Callable[[Any], Optional[float]]:
@@ -199,7 +239,8 @@ class ImuFeed(Feed):
     def __init__(
         self, take: Callable[[int, Vector, Optional[Vector]], object], reading: Reading, rpy: Vector, g: float
     ) -> None:
-        super().__init__(reading.topic, _S // 50)
+        vectors = [reading.fields[name] for name in ("acceleration", "turn_rate") if name in reading.fields]
+        super().__init__(reading.topic, _S // 50, paths=tuple(f"{path}.{axis}" for path in vectors for axis in "xyz"))
         self._add, self._scale = take, reading.scale
         self._acceleration = getter(reading.fields["acceleration"])
         self._turn_rate = getter(reading.fields["turn_rate"]) if "turn_rate" in reading.fields else None
@@ -213,6 +254,13 @@ class ImuFeed(Feed):
         turn_rate = vector(self._turn_rate(message)) if self._turn_rate is not None else None
         self._add(t_ns, (x * scale, y * scale, z * scale), turn_rate)
 
+    def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
+        """Take the three numbers of the acceleration, and of the turn rate where it has one."""
+        if type(values[0]) is not float or type(values[-1]) is not float:  # an odd message with whole numbers
+            values = tuple(map(float, values))
+        scale = self._scale
+        self._add(t_ns, (values[0] * scale, values[1] * scale, values[2] * scale), values[3:] or None)
+
     def play(self, t_ns: int) -> None:
         """Take what a vehicle measures that stands level and still."""
         self._add(t_ns, self._level, (0.0, 0.0, 0.0))
@@ -222,7 +270,7 @@ class EstimateFeed(Feed):
     """An estimate of the state, for its check."""
 
     def __init__(self, monitor: StateEstimationMonitor, reading: Reading) -> None:
-        super().__init__(reading.topic, round(_S / monitor.spec.rate_hz))
+        super().__init__(reading.topic, round(_S / monitor.spec.rate_hz), paths=_ESTIMATE[monitor.spec.source])
         self._monitor = monitor
         self._read = estimate_reader(monitor.spec.source)
 
@@ -231,6 +279,19 @@ class EstimateFeed(Feed):
         stamp = message.header.stamp
         stamp_ns = int(stamp.sec) * _S + int(stamp.nanosec)
         self._monitor.add_estimate(t_ns, self._read(message), stamp_ns or None)
+
+    def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
+        """Take an estimate as numbers."""
+        seconds, fraction, *rest = values
+        x, y, z, qx, qy, qz, qw, *more = map(float, rest)
+        estimate = Estimate((x, y, z), (qx, qy, qz, qw))
+        if any(more[:6]):  # all zero: the message has none
+            estimate = estimate._replace(
+                position_variance=(more[0], more[1], more[2]), orientation_variance=(more[3], more[4], more[5])
+            )
+        if len(more) > 6:  # noqa: PLR2004  (a velocity)
+            estimate = estimate._replace(velocity=(more[6], more[7], more[8]))
+        self._monitor.add_estimate(t_ns, estimate, (seconds * _S + fraction) or None)
 
     def play(self, t_ns: int) -> None:
         """Take what a good estimator says of a vehicle that stands level and still."""

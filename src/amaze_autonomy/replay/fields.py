@@ -9,7 +9,7 @@ from typing import Any, Callable, List, Optional, Tuple, Union
 
 from .errors import FieldError
 
-__all__ = ["FIELD_PATH", "Getter", "getter", "kind_of", "number", "quaternion", "vector"]
+__all__ = ["FIELD_PATH", "Getter", "getter", "kind_of", "number", "orientation", "quaternion", "vector"]
 
 FIELD_PATH = r"[A-Za-z]\w*(\[\d+\])*(\.[A-Za-z]\w*(\[\d+\])*)*"
 Getter = Callable[[Any], Any]
@@ -52,7 +52,11 @@ def vector(value: Any) -> Tuple[float, float, float]:
 
 def quaternion(value: Any) -> Optional[Tuple[float, float, float, float]]:
     """Return x, y, z, w; None for what is no orientation: (0, 0, 0, 0) and everything whose norm is not 1."""
-    parts = float(value.x), float(value.y), float(value.z), float(value.w)
+    return orientation((float(value.x), float(value.y), float(value.z), float(value.w)))
+
+
+def orientation(parts: Tuple[float, float, float, float]) -> Optional[Tuple[float, float, float, float]]:
+    """Return x, y, z, w as they are; None when they are no orientation."""
     norm = sum(part * part for part in parts)
     return parts if abs(norm - 1.0) < 0.1 else None  # noqa: PLR2004
 

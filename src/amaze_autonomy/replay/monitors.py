@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import Landed, VehicleLanded
@@ -28,7 +28,7 @@ from .feeds import (
 from .fields import kind_of
 from .plan import Plan
 
-__all__ = ["Monitors"]
+__all__ = ["Light", "Monitors"]
 
 _S = 1_000_000_000
 _FACT_AGE_NS = 1 * _S
@@ -39,6 +39,20 @@ _VEHICLE: Mapping[Landed, VehicleLanded] = {
     Landed.ON_GROUND: VehicleLanded.ON_GROUND,
     Landed.AIRBORNE: VehicleLanded.IN_AIR,
 }
+
+
+class Light(NamedTuple):
+    """How messages of a topic are taken by their numbers alone.
+
+    Args:
+        counters: take the time of each.
+        readers: take the time and some of the numbers.
+        paths: of the numbers.
+    """
+
+    counters: Tuple[Callable[[int], None], ...]
+    readers: Tuple[Tuple[Callable[[int, Tuple[Any, ...]], None], slice], ...]
+    paths: Tuple[str, ...]
 
 
 class Monitors:
@@ -60,6 +74,20 @@ class Monitors:
     def decodes(self, topic: str) -> bool:
         """Return True when somebody looks into the messages of a topic."""
         return any(feed.decodes for feed in self._by_topic.get(topic, ()))
+
+    def light(self, topic: str) -> Optional[Light]:
+        """Return how messages of a topic are taken by their numbers alone; None when somebody needs whole ones."""
+        feeds = self._by_topic.get(topic, ())
+        if not all(feed.paths for feed in feeds if feed.decodes):
+            return None
+        counters = tuple(feed.count for feed in feeds if isinstance(feed, ComponentFeed))
+        readers: List[Tuple[Callable[[int, Tuple[Any, ...]], None], slice]] = []
+        paths: List[str] = []
+        for feed in feeds:
+            if feed.decodes:
+                readers.append((feed.take_values, slice(len(paths), len(paths) + len(feed.paths))))
+                paths += feed.paths
+        return Light(counters, tuple(readers), tuple(paths))
 
     def take(self, topic: str, t_ns: int, message: Optional[Any]) -> None:
         """Give a message to all that use its topic; one that is None came, but nothing can be read from it.

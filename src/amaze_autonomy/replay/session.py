@@ -37,7 +37,7 @@ from amaze_autonomy.engine.timers import next_deadline
 from .agenda import Agenda, Rank
 from .faults.story import Story
 from .log import FlightLog, read_log
-from .monitors import Monitors
+from .monitors import Light, Monitors
 from .parting import Parting, part
 from .plan import Plan
 from .sources import Recordings, Sample
@@ -49,6 +49,7 @@ __all__ = ["Outcome", "Session"]
 
 _S = 1_000_000_000
 _STEP_NS = 1_000_000
+_NEVER_NS = 1 << 62
 _WARM_UP_NS = 3 * _S  # what is played fills the windows of the checks before anybody asks
 Progress = Callable[[int, int], None]
 
@@ -122,9 +123,22 @@ class Session:
         """
         self._begin()
         samples, total = self._recordings.samples, len(self._recordings.samples)
+        lights, values_of, due_ns = self._lights(), self._recordings.values, 0
         for number, sample in enumerate(samples):
-            self._until(sample.t_ns, sample.rank)
-            self._take(sample)
+            t_ns, rank = sample[0], sample[1]
+            if t_ns >= due_ns:
+                self._until(t_ns, rank)
+                due_ns = self._due_ns()
+            light = lights[rank]
+            values = values_of(sample) if light is not None and light.readers else None
+            if light is None or (values is None and light.readers):
+                self._take(sample)
+                due_ns = 0
+            else:
+                for count in light.counters:
+                    count(t_ns)
+                for take, part in light.readers:
+                    take(t_ns, values[part])  # type: ignore[index]
             if progress is not None and number % 2048 == 0:
                 progress(number, total)
         self._until(self._recordings.end_ns, Rank.TICK + 1)
@@ -203,6 +217,19 @@ class Session:
         """Return for each rank whether its messages are decoded, and its topic."""
         topics = self._recordings.topics
         return tuple((self._monitors.decodes(topic) or self._world.decodes(topic), topic) for topic in topics)
+
+    def _lights(self) -> List[Optional[Light]]:
+        """Return for each rank how its messages are taken by their numbers alone; None: they must be decoded."""
+        topics = self._recordings.topics
+        lights = [None if self._world.decodes(topic) else self._monitors.light(topic) for topic in topics]
+        self._recordings.read({rank: light.paths for rank, light in enumerate(lights) if light and light.readers})
+        return lights
+
+    def _due_ns(self) -> int:
+        """Return when something happens besides the recording, at the earliest."""
+        task = self._agenda.next
+        times = [each for each in (self._deadline_ns, task[0] if task else None) if each is not None]
+        return min(times, default=_NEVER_NS)
 
     def _take(self, sample: Sample) -> None:
         decodes, topic = self._takers[sample.rank]

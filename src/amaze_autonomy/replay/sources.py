@@ -8,10 +8,13 @@ connections, on the compression or on the order of a hash table.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from amaze_autonomy.bags import Entry
+import numpy as np
+
+from amaze_autonomy.bags import Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
 
 from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
@@ -21,10 +24,15 @@ __all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
 
 _S = 1_000_000_000
 _JUMP_NS = 3600 * _S
+_Rows = Sequence[Optional[Tuple[Any, ...]]]
 
 
 class Sample(NamedTuple):
-    """One message in the total order. `rank` is that of its topic, `bag` that of its bag; the rest is `Entry`'s."""
+    """One message in the total order.
+
+    `rank` is that of its topic, `bag` that of its bag, `row` its number among those of its topic there; the rest is
+    `Entry`'s.
+    """
 
     t_ns: int
     rank: int
@@ -33,6 +41,7 @@ class Sample(NamedTuple):
     chunk: int
     offset: int
     connection: int
+    row: int = 0
 
 
 @dataclass
@@ -92,6 +101,8 @@ class Recordings:
         self.bags: List[Any] = []  # bags, and telemetry logs with the face of bags
         self.topics, self.muted = tuple(topics), tuple(muted)
         self.damage: Dict[str, Damage] = {}
+        self._columns: Dict[Tuple[int, int], _Rows] = {}
+        self._read: Dict[int, Tuple[str, ...]] = {}
         try:
             self._open(paths)
         except BaseException:
@@ -111,6 +122,8 @@ class Recordings:
         if not self.samples:
             raise self._nothing()
         self._check_times()
+
+    _figures: Optional[Tuple[List[Sample], Tuple[TopicFigures, ...]]] = None
 
     def __enter__(self) -> Recordings:  # noqa: PYI034  (Self is not in 3.8)
         return self
@@ -148,30 +161,58 @@ class Recordings:
             self.note(self.topic(sample), sample.t_ns, str(error))
             return None
 
+    def read(self, wanted: Mapping[int, Tuple[str, ...]]) -> None:
+        """Read numbers of all messages of some topics, by rank the paths; `values` gives them afterwards."""
+        new = {rank: paths for rank, paths in wanted.items() if self._read.get(rank) != paths}
+        self._read.update(new)
+        for number, bag in enumerate(self.bags):
+            if isinstance(bag, Recording):
+                found = bag.columns({self.topics[rank]: paths for rank, paths in new.items()})
+                for rank in new:
+                    self._columns[number, rank] = found.get(self.topics[rank], [])
+
+    def values(self, sample: Sample) -> Optional[Tuple[Any, ...]]:
+        """Return the numbers of a message; None when `message` must be asked."""
+        rows = self._columns.get((sample.bag, sample.rank))
+        return rows[sample.row] if rows else None
+
     def figures(self) -> Tuple[TopicFigures, ...]:
         """Return what the index says of each wanted topic."""
-        times: Dict[int, List[int]] = {rank: [] for rank in range(len(self.topics))}
-        for sample in self.samples:
-            times[sample.rank].append(sample.t_ns)
-        return tuple(_figures(topic, times[rank]) for rank, topic in enumerate(self.topics))
+        known = self._figures
+        if known is None or known[0] is not self.samples:
+            t_ns, ranks = _times(self.samples), np.fromiter((each[1] for each in self.samples), np.int64)
+            found = tuple(_figures(topic, t_ns[ranks == rank]) for rank, topic in enumerate(self.topics))
+            self._figures = known = (self.samples, found)
+        return known[1]
 
     def _ordered(self) -> List[Sample]:
-        samples = [
-            Sample(entry.t_ns, rank, number, entry.publisher, entry.chunk, entry.offset, entry.connection)
-            for number, bag in enumerate(self.bags)
+        parts = [
+            self._part(number, rank)
+            for number in range(len(self.bags))
             for rank, topic in enumerate(self.topics)
             if topic not in self.muted
-            for entry in bag.entries(topic)
         ]
-        samples.sort()
-        return samples
+        if not parts:
+            return []
+        columns = [np.concatenate(column) for column in zip(*parts)]
+        order = np.lexsort(tuple(reversed(columns)))
+        return list(map(partial(tuple.__new__, Sample), zip(*(column[order].tolist() for column in columns))))
+
+    def _part(self, number: int, rank: int) -> Sequence[Any]:
+        """Return the samples of a topic in a bag, as columns."""
+        bag, topic = self.bags[number], self.topics[rank]
+        t_ns, *rest = (
+            bag.table(topic) if isinstance(bag, Recording) else np.array(bag.entries(topic), np.int64).reshape(-1, 5).T
+        )
+        count = len(t_ns)
+        return t_ns, np.full(count, rank), np.full(count, number), *rest, np.arange(count)
 
     def _check_times(self) -> None:
         """Refuse a recording in which a clock was set: virtual time would go through all the years between."""
-        times = [self.start_ns, *(sample.t_ns for sample in self.samples), self.end_ns]
-        for before_ns, after_ns in zip(times, times[1:]):
-            if after_ns - before_ns > _JUMP_NS:
-                raise TimeJumpError(self._names(), before_ns, after_ns)
+        times = np.concatenate(([self.start_ns], _times(self.samples), [self.end_ns]))
+        jumps = np.flatnonzero(np.diff(times) > _JUMP_NS)
+        if len(jumps):
+            raise TimeJumpError(self._names(), *times[jumps[0] : jumps[0] + 2].tolist())
 
     def _names(self) -> str:
         return ", ".join(bag.path.name for bag in self.bags)
@@ -194,9 +235,14 @@ class Recordings:
             damage.count, damage.last_ns = damage.count + 1, t_ns
 
 
-def _figures(topic: str, times: List[int]) -> TopicFigures:
+def _times(samples: List[Sample]) -> Any:
+    return np.fromiter((each[0] for each in samples), np.int64, len(samples))
+
+
+def _figures(topic: str, times: Any) -> TopicFigures:
     if len(times) < 2 or times[-1] == times[0]:  # noqa: PLR2004
         return TopicFigures(topic, len(times))
-    gap, begin = max((after - before, -before) for before, after in zip(times, times[1:]))
-    rate = (len(times) - 1) * _S / (times[-1] - times[0])
-    return TopicFigures(topic, len(times), rate, gap / _S, -begin)
+    gaps = np.diff(times)
+    longest = int(gaps.argmax())
+    rate = (len(times) - 1) * _S / (int(times[-1]) - int(times[0]))
+    return TopicFigures(topic, len(times), rate, int(gaps[longest]) / _S, int(times[longest]))

@@ -98,6 +98,7 @@ class World:
         self._followed = Follower()
         self._script_until_ns = recordings.start_ns + plan.topic_map.script.sensors_until_ns
         self._first_ns = self._first_times()
+        self._watched = plan.component_topics or recordings.topics
 
     # --- time and sources ---------------------------------------------------------------------------------------------
 
@@ -121,7 +122,7 @@ class World:
 
     def source(self, t_ns: int) -> Source:
         """Return where what is known of the components comes from at a time."""
-        return self._source_of(self._plan.component_topics or self._recordings.topics, t_ns)
+        return self._source_of(self._watched, t_ns)
 
     def _source_of(self, topics: Tuple[str, ...], t_ns: int) -> Source:
         if t_ns >= self._script_until_ns:
@@ -135,7 +136,7 @@ class World:
         first: Dict[str, int] = {}
         for sample in self._recordings.samples:
             first.setdefault(self._recordings.topics[sample.rank], sample.t_ns)
-            if len(first) == len(self._recordings.topics):
+            if len(first) == len(self._recordings.topics) - len(self._recordings.missing):
                 break
         return first
 
@@ -298,10 +299,9 @@ class World:
 
     def _follow_state(self, t_ns: int) -> None:
         """Note when rows of the check of the states begin or cease to pass, whether or not the engine asks."""
-        verdict = self._monitors.check_state(t_ns)
-        if verdict is not None:
-            in_flight = self.state.in_flight
-            for note in self._followed.take(verdict.checks, in_flight=in_flight):
+        if self._monitors.state is not None:
+            rows = self._monitors.state.in_motion(t_ns)
+            for note in self._followed.take(rows, in_flight=self.state.in_flight):
                 self._say(t_ns, self.source(t_ns), note.text, note.level)
 
     # --- commands -----------------------------------------------------------------------------------------------------

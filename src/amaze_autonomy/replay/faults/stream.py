@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from random import Random
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.simulation import Fault, Subject
 
@@ -92,6 +92,17 @@ class FaultedRecordings(Recordings):
         for edit in item.edits if message is not None else ():
             message = edit(message)
         return message
+
+    def read(self, wanted: Mapping[int, Tuple[str, ...]]) -> None:
+        """Read numbers of all messages of some topics."""
+        self._inner.read(wanted)
+
+    def values(self, sample: Sample) -> Optional[Tuple[Any, ...]]:
+        """Return the numbers of a message; None when `message` must be asked: it is damaged, or a fault edits it."""
+        if not self._faulted:
+            return self._inner.values(sample)
+        item = self._items[sample.offset]
+        return None if item.edits else self._inner.values(item.sample)
 
     def _apply(self, number: int, acting: Acting, chance: Random) -> None:
         name = acting.fault.kind.name

@@ -1,0 +1,102 @@
+"""Numbers in columns decide what whole messages decide: the same journal and the same timeline, byte for byte."""
+
+from __future__ import annotations
+
+import pytest
+from replay_bags import START_NS, S, break_chunk, flight_rows, make, rewrite, write_bag
+from replay_demo import demo_bag, simulated
+from replay_runs import ROOT, recording, replay
+
+from amaze_autonomy.replay.monitors import Monitors
+from amaze_autonomy.replay.sources import Recordings
+
+MAP = str(ROOT / "test" / "replay" / "flight.yaml")
+REAL = ("ardrone_indoor_flight", "crazyflie_sine", "handheld_roll_pitch_yaw", "husky_outdoor_drive", "example_lz4")
+
+
+def both(monkeypatch, *arguments, **options):
+    """Replay by numbers, then by whole messages; return the outcomes and how many messages were decoded by each."""
+    counts, outcomes = [], []
+    inner = Recordings.message
+    for light in (True, False):
+        with monkeypatch.context() as patch:
+            decoded = []
+            patch.setattr(Recordings, "message", lambda self, sample, to=decoded: to.append(1) or inner(self, sample))
+            if not light:
+                patch.setattr(Monitors, "light", lambda *_: None)
+            outcome, recordings = replay(*arguments, **options)
+            outcomes.append((outcome, recordings.figures(), recordings.damage))
+            counts.append(len(decoded))
+    assert outcomes[0] == outcomes[1]
+    return outcomes[0][0], counts
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4", "bz2"])
+def test_a_flight_is_decided_without_decoding_a_message(tmp_path, monkeypatch, compression):
+    path = write_bag(tmp_path / "x.bag", flight_rows(), compression)
+    outcome, (light, whole) = both(monkeypatch, path, MAP)
+    assert (light, whole) == (0, 36 * (50 + 20 + 2 + 10 + 10))
+    assert [each.after for each in outcome.decisions][-1] == "MISSION_ENDED"
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_recordings_are_decided_alike(monkeypatch, name):
+    _, (light, whole) = both(monkeypatch, recording(f"{name}.bag"))
+    assert light == 0 or name == "crazyflie_sine", "an irregular message"
+    assert light <= whole
+
+
+def test_a_recording_of_this_package_is_decided_alike(tmp_path, monkeypatch):
+    _, (light, whole) = both(monkeypatch, demo_bag(tmp_path / "x.bag", simulated()), "amaze_demo")
+    assert 0 < light < whole / 2
+
+
+@pytest.mark.parametrize("tilt_deg,orientation", [(14.0, (0.0, 0.0, 0.0, 0.0)), (3.0, (0.0, 0.2, 0.0, 0.98))])
+def test_what_fails_a_check_is_seen_alike(tmp_path, monkeypatch, tilt_deg, orientation):
+    rows = flight_rows(
+        20.0, silent={"/range": (12.0, 13.0), "/imu": (14.0, 14.5)}, tilt_deg=tilt_deg, orientation=orientation
+    )
+    both(monkeypatch, write_bag(tmp_path / "x.bag", rows), MAP)
+
+
+@pytest.mark.parametrize("compression", ["lz4", "bz2"])
+def test_messages_of_a_damaged_chunk_are_missed_alike(tmp_path, monkeypatch, compression):
+    path = write_bag(tmp_path / "x.bag", flight_rows(), compression)
+    break_chunk(path, 2, 300, 50)
+    _, (light, whole) = both(monkeypatch, path, MAP)
+    assert 0 < light < whole
+
+
+def test_several_bags_and_publishers_are_read_alike(tmp_path, monkeypatch):
+    rows = flight_rows()
+    parts = [
+        write_bag(tmp_path / f"{each}.bag", [row for row in rows if (row[1] == "/imu") == each], "lz4")
+        for each in (False, True)
+    ]
+    again = [(row[0], row[1], row[2], f"/node{place % 3}") for place, row in enumerate(rows)]
+    joined = rewrite(write_bag(tmp_path / "x.bag", again), tmp_path / "y.bag", "bz2")
+    first, _ = both(monkeypatch, parts, MAP)
+    second, _ = both(monkeypatch, joined, MAP)
+    assert first.journal == second.journal
+
+
+def test_a_text_that_is_not_ascii_is_left_to_the_library(tmp_path, monkeypatch):
+    rows = flight_rows(3.0)
+    for _, topic, message in rows:
+        if topic == "/imu":
+            message.header.frame_id = "körper"
+    _, (light, _) = both(monkeypatch, write_bag(tmp_path / "x.bag", rows), MAP)
+    assert light == 150
+
+
+def test_a_map_that_does_not_fit_says_the_same(tmp_path, monkeypatch):
+    rows = [(START_NS + each * S // 10, "/imu", make("std_msgs/msg/Float64", data=1.0)) for each in range(30)]
+    path = write_bag(tmp_path / "x.bag", rows)
+    words = []
+    for light in (True, False):
+        if not light:
+            monkeypatch.setattr(Monitors, "light", lambda *_: None)
+        with pytest.raises(Exception) as caught:  # noqa: PT011  (what it is, is compared)
+            replay(path, MAP)
+        words.append((type(caught.value), str(caught.value)))
+    assert words[0] == words[1]
