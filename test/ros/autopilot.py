@@ -1,0 +1,152 @@
+#!/usr/bin/env python3
+"""The autopilot node with the simulated PX4 over UDP: what it says, its checks, landing, disarming, and how it ends."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import unittest
+
+import rospy
+import rostest
+from one_node import OneNode, wait_for
+from px4_vehicle import Px4Vehicle
+from std_srvs.srv import Trigger
+
+from amaze_autonomy import msg, srv
+
+STATUS, CHECK = msg.AutopilotStatus, msg.Check
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+class TestAutopilot(unittest.TestCase):
+    """Each test has a vehicle and a node of its own."""
+
+    def setUp(self):
+        self.space = f"/{self._testMethodName[:30]}"
+        self.statuses = []
+        self.url = f"127.0.0.1:{free_port()}"
+        self.vehicle = Px4Vehicle(f"udpout:{self.url}")
+        rospy.Subscriber(f"{self.space}/autopilot/status", STATUS, self.statuses.append)
+        overrides = [f"autopilot.link.url=udpin:{self.url}", "autopilot.parameters.COM_LOW_BAT_ACT=0"]
+        overrides += ["sensors.battery.cells=6"]
+        self.node = OneNode("autopilot", self.space, overrides)
+
+    def tearDown(self):
+        if self.node.process.poll() is None:
+            self.node.process.kill()
+            self.node.process.wait()
+        self.vehicle.stop()
+
+    @property
+    def status(self):
+        return self.statuses[-1] if self.statuses else STATUS()
+
+    def call(self, name, kind=Trigger, *arguments):
+        name = f"{self.space}/autopilot/{name}"
+        rospy.wait_for_service(name, 20.0)
+        return rospy.ServiceProxy(name, kind)(*arguments)
+
+    def wait(self, condition, what, limit_s=10.0):
+        wait_for(lambda: condition(self.status), f"{what} (now {self.status}): {self.node.log}", limit_s)
+
+    def fly(self):
+        self.wait(lambda status: status.landed == STATUS.ON_GROUND and status.height_valid, "a vehicle at rest")
+        with self.vehicle.lock:
+            self.assertEqual(self.vehicle.craft.arm(), "")
+            self.vehicle.craft.command_mode("AUTO.TAKEOFF")
+        self.wait(lambda status: status.landed == STATUS.IN_AIR, "a vehicle in the air")
+
+    # --- stories --------------------------------------------------------------------------------------------------
+
+    def test_what_a_vehicle_at_rest_says(self):
+        self.wait(lambda status: status.position_valid and status.rc and status.prearm, "a vehicle that says all")
+        said = self.status
+        self.assertEqual(
+            (said.armed_known, said.armed, said.landed, said.mode, said.pilot_in_control, said.failsafe),
+            (True, False, STATUS.ON_GROUND, "AUTO.LOITER", False, False),
+        )
+        self.assertEqual(
+            (said.gps, said.imu, said.magnetometer, said.barometer, said.rc, said.prearm), (STATUS.SENSOR_HEALTHY,) * 6
+        )
+        self.assertLess(abs(said.height), 0.5)
+        self.assertGreater(said.battery_fraction, 0.9)
+        self.assertGreater(said.battery_cell_voltage, 3.5)
+        self.assertLess(abs(said.clock_offset), 0.5)
+        answer = self.call("check", srv.CheckAutopilot)
+        bad = {row.name: row.advice for row in answer.checks if row.verdict != CHECK.PASS}
+        self.assertEqual(bad, {"landed state": "the range finder cannot confirm it"})
+        self.assertTrue(answer.ok)
+        battery = self.call("check_battery", srv.CheckBattery, 0.5)
+        self.assertTrue(battery.ok, battery.checks)
+        self.assertEqual(
+            [row.name for row in battery.checks],
+            ["battery age", "battery fraction", "battery cell voltage", "battery state"],
+        )
+        self.assertFalse(self.call("check_battery", srv.CheckBattery, 1.1).ok)
+
+    def test_it_lands_and_disarms_on_the_ground_only(self):
+        self.wait(lambda status: status.armed_known, "a vehicle")
+        self.assertEqual(self.call("disarm").message, "the vehicle is disarmed")
+        self.fly()
+        refused = self.call("disarm")
+        self.assertEqual((refused.success, refused.message), (False, "not on the ground: the vehicle says IN_AIR"))
+        began = rospy.get_time()
+        answer = self.call("land")
+        self.assertTrue(answer.success, answer.message)
+        self.assertLess(rospy.get_time() - began, 1.0)
+        self.wait(lambda status: status.mode == "AUTO.LAND", "the landing mode", 2.0)
+        self.wait(lambda status: status.landed == STATUS.ON_GROUND, "the ground")
+        self.assertFalse(self.status.pilot_in_control)
+        self.assertTrue(self.call("disarm").success)
+        self.wait(lambda status: not status.armed, "a disarmed vehicle", 5.0)
+
+    def test_a_pilot_is_seen_within_a_second_and_not_fought(self):
+        self.fly()
+        began = rospy.get_time()
+        with self.vehicle.lock:
+            self.vehicle.craft.pilot_takes_over("POSCTL", 60_000_000_000)
+        self.wait(lambda status: status.pilot_in_control, "the pilot", 3.0)
+        self.assertLess(rospy.get_time() - began, 1.1)
+        refused = self.call("land")
+        self.assertEqual((refused.success, refused.message), (False, "the pilot has control, in POSCTL"))
+        self.assertEqual(self.node.end(), 0)
+        self.assertEqual(self.vehicle.craft.mode, "POSCTL")
+
+    def test_told_to_end_in_flight_it_commands_the_landing_mode_first(self):
+        self.fly()
+        self.node.process.send_signal(signal.SIGTERM)
+        self.assertEqual(self.node.process.wait(10.0), 0)
+        self.assertEqual(self.vehicle.craft.mode, "AUTO.LAND")
+        self.assertIn("autopilot: ended in flight: the vehicle is in its landing mode", self.node.log)
+
+    def test_told_to_end_on_the_ground_it_just_ends(self):
+        self.wait(lambda status: status.armed_known, "a vehicle")
+        self.node.process.send_signal(signal.SIGTERM)
+        self.assertEqual(self.node.process.wait(10.0), 0)
+        self.assertNotIn("ended in flight", self.node.log)
+
+    def test_a_vehicle_that_falls_silent_is_old_and_comes_back(self):
+        self.wait(lambda status: status.position_valid, "a vehicle")
+        self.vehicle.stop()
+        self.wait(lambda status: status.link_age > 2.5 and status.landed == STATUS.UNKNOWN, "silence")
+        answer = self.call("check", srv.CheckAutopilot)
+        self.assertFalse(answer.ok)
+        self.assertEqual((answer.checks[0].name, answer.checks[0].verdict), ("autopilot link", CHECK.FAIL))
+        self.vehicle = Px4Vehicle(f"udpout:{self.url}")
+        self.wait(lambda status: status.link_age < 1.5 and status.landed == STATUS.ON_GROUND, "its return")
+
+    def test_a_link_that_cannot_be_is_one_line(self):
+        node = OneNode("autopilot", f"{self.space}/bad", ["autopilot.link.key_file=/no/such/key"])
+        self.assertEqual(node.process.wait(20.0), 2)
+        self.assertEqual(node.log, "autopilot: /no/such/key: No such file or directory; must be a file with the key\n")
+
+
+if __name__ == "__main__":
+    rospy.init_node("test_autopilot")
+    rostest.rosrun("amaze_autonomy", "autopilot", TestAutopilot)
