@@ -74,6 +74,7 @@ class VehicleWatch:
         self.estimator: Optional[int] = None
         self.estimator_ns = 0
         self.current: Optional[int] = None
+        self.current_ns: Optional[int] = None
         self.reached: Optional[int] = None
         self.texts = Texts()
         self.results: Dict[int, str] = {}
@@ -154,8 +155,8 @@ class VehicleWatch:
     def _estimator(self, t_ns: int, message: Message) -> None:
         self.estimator, self.estimator_ns = message.flags, t_ns
 
-    def _current(self, _: int, message: Message) -> None:
-        self.current = message.seq
+    def _current(self, t_ns: int, message: Message) -> None:
+        self.current, self.current_ns = message.seq, t_ns
 
     def _reached(self, _: int, message: Message) -> None:
         self.reached = message.seq

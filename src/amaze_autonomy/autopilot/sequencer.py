@@ -31,6 +31,7 @@ PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
 """Names of the messages that a planner wants to be given."""
 
 _S = 1_000_000_000
+_COUNT_NS = 5 * _S // 2  # within which an autopilot tells again at which item of the mission it is
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _P, _A = MissionPhase, MissionAction
 _IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
@@ -85,6 +86,7 @@ class Sequencer:
         self._was_armed = self._was_airborne = False
         self._failure = ""
         self._highest, self._reached = 0, 0
+        self._ground_ns: Optional[int] = None
 
     # --- the link -------------------------------------------------------------------------------------------------
 
@@ -141,6 +143,7 @@ class Sequencer:
             self._origin = loading.origin
             self._was_armed = self._was_airborne = False
             self._highest = self._reached = 0
+            self._ground_ns = None
 
     def command(self, t_ns: int, session_id: str, action: MissionAction) -> Tuple[str, Sequence[Message]]:
         """Begin to carry out a command; return why it is refused, empty when it is taken."""
@@ -186,6 +189,8 @@ class Sequencer:
             self._means.resume_item = self.watch.current
         if action is _A.RESUME and self._guidance is not None:
             self._guidance.go_on()
+        if action is _A.RESUME and self._means.resume_item is not None:
+            self._means.resume_item = max(self._means.resume_item, self.watch.current or 0)  # told late, it was passed
         persistent = action in (_A.LAND, _A.ABORT)
         steps = STEPS[self._controller, action]
         self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
@@ -244,7 +249,8 @@ class Sequencer:
         self._was_airborne = self._was_airborne or (bool(watch.armed) and watch.landed in _AIRBORNE)
         self._count()
         if watch.armed is False and watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns):
-            self._end()
+            if self._has_counted(t_ns):
+                self._end()
         elif watch.armed:
             self._phase = self._shown_phase()
             reason = self._procedure.reason if self._procedure else ""
@@ -307,6 +313,17 @@ class Sequencer:
             done = self.watch.reached + 1
         index = waypoint_index(done, self.watch.dialect)
         self._reached = max(self._reached, min(index, self._waypoints))
+
+    def _has_counted(self, t_ns: int) -> bool:
+        """Return whether it is known how far a mission came that ended by itself: the last item may have been lost."""
+        asked = self._procedure is not None and self._procedure.action in (_A.LAND, _A.ABORT)
+        if asked or self._guidance is not None or not self._was_airborne or self._reached >= self._waypoints:
+            return True
+        if self._ground_ns is None:
+            self._ground_ns = t_ns
+        heard_ns = self.watch.current_ns
+        fresh = heard_ns is not None and heard_ns > self._ground_ns
+        return fresh or t_ns - self._ground_ns > _COUNT_NS
 
     def _past_the_last(self) -> bool:
         return waypoint_index(self._highest, self.watch.dialect) >= self._waypoints
