@@ -1,0 +1,151 @@
+"""Damaged and hostile MAVLink into the link's pure part, by a seed: no crash, no false state, bounded memory.
+
+The vehicle of this fuzz stands on the ground, disarmed, and says so in every good frame. All else is noise, frames
+that were damaged or cut, good frames of strangers, and good frames of our vehicle full of nonsense in messages
+that say nothing of armed, landed and mode. Whatever comes: armed, landed and mode must stay what the vehicle said.
+"""
+
+from __future__ import annotations
+
+import random
+import struct
+import tracemalloc
+from math import isfinite
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.autopilot.client import CLIENT_MESSAGES, AutopilotClient
+from amaze_autonomy.autopilot.crc import crc16
+from amaze_autonomy.autopilot.framing import LONGEST
+from amaze_autonomy.autopilot.peers import Identity, Peers
+from amaze_autonomy.autopilot.wire import Wire
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.checks import Verdict
+from amaze_autonomy.engine.events import Landed
+from amaze_autonomy.monitoring.specs import BatterySpec
+
+S = 1_000_000_000
+STATE = ("HEARTBEAT", "EXTENDED_SYS_STATE")
+NUMBERS = sorted(mavlink.mavlink_map)
+OURS = [number for number in NUMBERS if mavlink.mavlink_map[number].msgname in CLIENT_MESSAGES]
+NONSENSE = [number for number in OURS if mavlink.mavlink_map[number].msgname not in STATE]
+GOOD = (
+    mavlink.MAVLink_heartbeat_message(2, 12, 81, 3 << 24 | 4 << 16, 3, 3),
+    mavlink.MAVLink_extended_sys_state_message(0, 1),
+)
+
+
+class Fuzz:
+    """The link without its socket.
+
+    Args:
+        seed: of all chance.
+    """
+
+    def __init__(self, seed):
+        self.chance = random.Random(seed)
+        self.t_ns = S
+        self.wire, self.peers = Wire(1, 191, CLIENT_MESSAGES), Peers(Identity(1, 191))
+        self.client = AutopilotClient(AutopilotSettings(parameters={"A": 1.0}), BatterySpec(cells=4), lambda: (1, 1))
+        self.vehicle = Wire(1, 1)
+        self.fed = self.heard = 0
+        self._recent = [self.vehicle.send(GOOD[0])]
+
+    def frame(self, number, system=1, component=1):
+        """Return a frame with a good checksum and any payload."""
+        size = min(255, self.chance.choice((0, 1, mavlink.mavlink_map[number].unpacker.size, 255)))
+        payload = self.chance.choice((self._bytes, lambda n: b"\xff" * n, lambda n: b"\0" * n))(size)
+        head = struct.pack(
+            "<BBBBBBBHB", 0xFD, size, 0, 0, self.chance.randrange(256), system, component, number & 0xFFFF, number >> 16
+        )
+        crc = crc16(head[1:] + payload + bytes((mavlink.mavlink_map[number].crc_extra,)))
+        return head + payload + struct.pack("<H", crc)
+
+    def _bytes(self, count):
+        return bytes(self.chance.randrange(256) for _ in range(count))
+
+    def noise(self):
+        return self._bytes(self.chance.randrange(1, 600))
+
+    def magics(self):
+        return bytes(self.chance.choice((0xFD, 0xFE)) for _ in range(self.chance.randrange(1, 600)))
+
+    def damaged(self):
+        """A good frame of our vehicle with one bit turned: it must not be heard."""
+        raw = bytearray(self.chance.choice(self._recent))
+        raw[self.chance.randrange(len(raw))] ^= 1 << self.chance.randrange(8)
+        return bytes(raw)
+
+    def cut(self):
+        raw = self.chance.choice(self._recent)
+        return raw[: self.chance.randrange(len(raw))]
+
+    def stranger(self):
+        """Armed, in the air: but from another vehicle, another component, or a ground station."""
+        system, component = self.chance.choice(((2, 1), (1, 2), (255, 190), (0, 0), (1, 191)))
+        if self.chance.random() < 0.5:
+            return self.frame(self.chance.choice(OURS), system, component)
+        wire = Wire(system, component)
+        return wire.send(mavlink.MAVLink_heartbeat_message(2, 12, 209, 1 << 16, 5, 3)) + wire.send(
+            mavlink.MAVLink_extended_sys_state_message(0, 2)
+        )
+
+    def nonsense(self):
+        return self.frame(self.chance.choice(NONSENSE))
+
+    def unwanted(self):
+        return self.frame(self.chance.choice([number for number in NUMBERS if number not in OURS]))
+
+    def good(self):
+        raw = b"".join(self.vehicle.send(message) for message in GOOD)
+        self._recent = [*self._recent[-20:], raw]
+        return raw
+
+    def step(self):
+        """Feed one piece, look at all that is said."""
+        kinds = (self.noise, self.magics, self.damaged, self.cut, self.stranger, self.nonsense, self.unwanted)
+        data = self.chance.choice(kinds)() if self.chance.random() < 0.8 else self.good()
+        source = self.chance.choice(("a", "b", self.chance.randrange(10_000)))
+        self.t_ns += self.chance.randrange(20_000_000)
+        self.fed += len(data)
+        sent = 0
+        for message in self.wire.receive(data, source, self.t_ns):
+            if self.peers.take(self.t_ns, message):
+                self.heard += 1
+                sent += len([self.wire.send(each, self.t_ns) for each in self.client.receive(self.t_ns, message)])
+        sent += len([self.wire.send(each, self.t_ns) for each in self.client.wake(self.t_ns)])
+        assert sent <= 64
+        self.look()
+
+    def look(self):
+        """Assert that nothing false is said."""
+        vehicle, t_ns = self.client.vehicle, self.t_ns
+        status = vehicle.status(t_ns)
+        assert status.armed in (None, False)
+        assert status.landed.name in ("UNKNOWN", "ON_GROUND")
+        assert status.mode in ("", "AUTO.LOITER")
+        assert not status.pilot_in_control
+        assert not status.failsafe
+        for value in (status.height_m, status.position_x_m, status.vertical_speed_m_s, status.battery_voltage_v):
+            assert value is None or isfinite(value)
+        assert status.battery_fraction is None or 0.0 <= status.battery_fraction <= 1.0
+        assert set(vehicle.health(t_ns)) == {"gps", "imu", "magnetometer", "barometer"}
+        rows, _ = self.client.check(t_ns, Landed.ON_GROUND)
+        assert all(isinstance(row.verdict, Verdict) for row in rows)
+        assert all("\n" not in row.advice for row in rows)
+        self.client.check_battery(t_ns, 0.5)
+        assert self.wire.kept <= 16 * LONGEST
+
+
+def fuzz(seed, steps):
+    """Run so many steps; return the fuzz and how much memory was in use half way and at the end, in bytes."""
+    run, used = Fuzz(seed), []
+    tracemalloc.start()
+    try:
+        for number in range(steps):
+            run.step()
+            if number in (steps // 2, steps - 1):
+                used.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    return run, used
