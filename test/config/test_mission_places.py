@@ -101,3 +101,25 @@ def test_the_planner_has_limits_of_its_own(small, small_file):
     spec = load_configuration(small).planner
     assert spec.heading_tolerance_rad == pytest.approx(1.5707963)
     assert spec.transfer_limit_ns == 8_000_000_000
+
+
+@pytest.mark.parametrize(
+    "planner, message",
+    [
+        (
+            "transfer_limit_s: 9.5",
+            "transfer_limit_s: is 9.5; must be at most 9: the engine waits for 10 s (load_limit_s)",
+        ),
+        (
+            "message_retry_s: 5",
+            "message_retry_s: is 5; must be at most half of transfer_limit_s (8), or nothing is sent again",
+        ),
+        (
+            "command_retry_s: 3",
+            "command_retry_s: is 3; must be at most half of command_limit_s (4), or nothing is sent again",
+        ),
+    ],
+)
+def test_the_planner_gives_up_before_the_engine_and_repeats_before_it_gives_up(mistake, small_file, planner, message):
+    text = f"planner: {{{planner}}}\n" + small_file("missions.yaml")
+    assert mistake("missions.yaml", text) == f"missions.yaml:1: planner.{message}"

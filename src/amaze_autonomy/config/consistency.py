@@ -8,7 +8,9 @@ from typing import Any, Dict, Iterable, Mapping
 from .binding import refuse_at
 from .kinds import Address, Places
 
-__all__ = ["check_autonomy_with_sensors", "check_heights", "check_known", "check_recording"]
+__all__ = ["check_autonomy_with_sensors", "check_heights", "check_known", "check_planner", "check_recording"]
+
+_ANSWER_S = 1.0  # beyond the planner's own limit
 
 
 def check_autonomy_with_sensors(autonomy: Mapping[str, Any], sensors: Mapping[str, Any], places: Places) -> None:
@@ -49,6 +51,22 @@ def check_heights(autonomy: Mapping[str, Any], missions: Mapping[str, Any], plac
             at = ("missions", mission_id, "limits", "max_height_m")
             right = f"must be at most {limit * speed:g}: landing takes longer than {limit:g} s (land_limit_s)"
             refuse_at(at, places, f"is {own:g}", right)
+
+
+def check_planner(autonomy: Mapping[str, Any], missions: Mapping[str, Any], places: Places) -> None:
+    """Check that the planner gives up before the engine does, and repeats before it gives up.
+
+    Raises:
+        ConfigError: about the first key that cannot be.
+    """
+    planner, limit = missions["planner"], autonomy["takeoff"]["load_limit_s"]
+    if planner["transfer_limit_s"] + _ANSWER_S > limit:
+        right = f"must be at most {limit - _ANSWER_S:g}: the engine waits for {limit:g} s (load_limit_s)"
+        refuse_at(("planner", "transfer_limit_s"), places, f"is {planner['transfer_limit_s']:g}", right)
+    for pause, whole in (("message_retry_s", "transfer_limit_s"), ("command_retry_s", "command_limit_s")):
+        if planner[pause] * 2 > planner[whole]:
+            right = f"must be at most half of {whole} ({planner[whole]:g}), or nothing is sent again"
+            refuse_at(("planner", pause), places, f"is {planner[pause]:g}", right)
 
 
 def check_known(names: Iterable[str], known: Iterable[str], what: str, here: Address, places: Places) -> None:
