@@ -134,7 +134,7 @@ def planner_refuses(stack: Stack) -> None:
     "planner_silent",
     "planner_refused",
     faults=scenario("service: mission_planner/load, fault: hangs"),
-    overrides=("autonomy.takeoff.load_limit_s=2.0",),
+    overrides=("autonomy.takeoff.load_limit_s=2.0", "missions.planner.transfer_limit_s=1.0"),
 )
 def planner_is_silent(stack: Stack) -> None:
     stack.wait_state("OUTREACH")
