@@ -3,6 +3,7 @@
 import pytest
 from simulation_tools import Driver
 
+from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
 from amaze_autonomy.simulation.scenario import KINDS, Subject
 
 FOR = "at_s: 5, for_s: 5"
@@ -69,8 +70,47 @@ def test_somebody_who_arms_arms():
     assert driver.vehicle.armed
 
 
+def said(driver):
+    """Return what the autopilot says last of height, position and ground."""
+    status = [event for event in driver.events if isinstance(event, AutopilotStatus)][-1]
+    return round(status.height_m), round(status.position_x_m), status.landed
+
+
+def test_somebody_who_disarms_disarms():
+    driver = Driver("fault: pilot_disarms, at_s: 5\nfault: pilot_arms, at_s: 1")
+    driver.go_on(4.0)
+    assert driver.vehicle.armed
+    driver.go_on(2.0)
+    assert not driver.vehicle.armed
+
+
+@pytest.mark.parametrize(
+    "kind, during",
+    [
+        ("estimate_off, height_m: 40, position_m: -9", (40, -9, VehicleLanded.ON_GROUND)),
+        ("ground_unknown", (0, 0, VehicleLanded.UNKNOWN)),
+    ],
+)
+def test_what_the_autopilot_says_is_wrong_while_it_lasts(kind, during):
+    driver = Driver(f"fault: {kind}, {FOR}")
+    told = [(driver.go_on(4.0), said(driver))[1] for _ in range(3)]
+    assert told == [(0, 0, VehicleLanded.ON_GROUND), during, (0, 0, VehicleLanded.ON_GROUND)]
+
+
+def test_a_vehicle_that_seems_landed_flies():
+    driver = Driver("fault: seems_landed, after: {event: airborne, delay_s: 1}, for_s: 2")
+    driver.take_off()
+    told = []
+    for _ in range(12):
+        driver.go_on(0.5)
+        told.append((said(driver)[2] is VehicleLanded.ON_GROUND, driver.vehicle.airborne))
+    assert (True, True) in told
+    assert told[-1] == (False, True)
+
+
 def test_every_fault_of_the_world_has_its_effect_tested():
     elsewhere = {"battery_drops", "pilot_arms", "autopilot_failsafe"}  # above
+    elsewhere |= {"pilot_disarms", "estimate_off", "ground_unknown", "seems_landed"}  # above
     elsewhere |= {"autopilot_link_lost"}  # test_autopilot.py
     elsewhere |= {"data_incomplete", "recording_does_not_grow", "recording_fails"}  # test_recorder.py
     assert {name for subject, name in KINDS if subject == Subject.WORLD} == {*UNDONE, *elsewhere}

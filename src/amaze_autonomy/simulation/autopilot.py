@@ -7,7 +7,7 @@ from typing import Dict, List, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Request, RunCheck
-from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome
+from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome, VehicleLanded
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 
@@ -99,20 +99,27 @@ class Autopilot(Peer):
             fraction, voltage = round(power.fraction, 4), round(voltage, 3)
             self._battery_ns = t_ns
         self._monitor.add(t_ns, fraction, voltage)
+        off = self.site.world_fault("estimate_off")
+        up_m, away_m = (off.number("height_m"), off.number("position_m")) if off is not None else (0.0, 0.0)
         self._heard = AutopilotStatus(
             t_ns=t_ns,
             armed=vehicle.armed,
-            landed=vehicle.landed,
+            landed=self._landed(),
             mode=vehicle.mode,
             pilot_in_control=vehicle.pilot,
             failsafe=vehicle.failsafe,
-            height_m=self._noisy(vehicle.position_m[2]),
-            position_x_m=self._noisy(vehicle.position_m[0]),
+            height_m=self._noisy(vehicle.position_m[2] + up_m),
+            position_x_m=self._noisy(vehicle.position_m[0] + away_m),
             position_y_m=self._noisy(vehicle.position_m[1]),
             vertical_speed_m_s=round(vehicle.velocity_m_s[2], 3),
             battery_fraction=fraction,
             battery_voltage_v=voltage,
         )
+
+    def _landed(self) -> VehicleLanded:
+        if self.site.world_fault("ground_unknown"):
+            return VehicleLanded.UNKNOWN
+        return VehicleLanded.ON_GROUND if self.site.world_fault("seems_landed") else self.site.vehicle.landed
 
     def _noisy(self, value: float) -> float:
         return round(value + _NOISE_M * self._noise.uniform(-1.0, 1.0), 3)

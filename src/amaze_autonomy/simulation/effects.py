@@ -63,6 +63,10 @@ def _pilot_arms(site: Site, _: Fault) -> None:
     site.vehicle.pilot_arms()
 
 
+def _pilot_disarms(site: Site, _: Fault) -> None:
+    site.vehicle.disarm()
+
+
 def _failsafe(site: Site, fault: Fault) -> None:
     site.vehicle.enter_failsafe(fault.word("mode"))
 
@@ -123,6 +127,7 @@ _BEGIN: Mapping[str, _Effect] = {
     "battery_unknown": _battery_unknown,
     "pilot_takes_over": _pilot_takes_over,
     "pilot_arms": _pilot_arms,
+    "pilot_disarms": _pilot_disarms,
     "autopilot_failsafe": _failsafe,
     "not_ready": _not_ready,
     "tilted": _tilted,

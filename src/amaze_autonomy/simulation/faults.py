@@ -54,8 +54,8 @@ class Faults:
 
     @property
     def requests_to_come(self) -> bool:
-        """True while a request of the user is on the schedule: it will come whatever happens."""
-        return any(isinstance(change.what, Request) for _, _, _, change in self._due)
+        """True while a request of the user, or a fault, is on the schedule: it will come whatever happens."""
+        return any(change.begins for _, _, _, change in self._due)
 
     def observe(self, t_ns: int, *, event: str = "", state: str = "", number: int = 0) -> None:
         """Take notice of an event or a state: what waits for it is put on the schedule."""

@@ -9,6 +9,7 @@ from amaze_autonomy.engine.events import Event, MissionPhase, MissionStatus, Veh
 from amaze_autonomy.missions import Waypoint, distance_m, leg_s
 
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
+from .scenario import Subject
 from .vehicle import LANDING_MODES, Mode, Vehicle
 
 __all__ = ["Planner"]
@@ -114,6 +115,8 @@ class Planner(Peer):
         self._was_armed = self._was_armed or vehicle.armed
         if vehicle.finished and vehicle.mode == Mode.MISSION and not vehicle.pilot:
             vehicle.land()
+        if self._phase is MissionPhase.HOLDING and self.site.faults.active(Subject.PROCESS, "goes_on", self.name):
+            vehicle.resume()
         if self._is_over(vehicle):
             self._phase = MissionPhase.LANDED
         elif not self._was_armed:
@@ -142,18 +145,19 @@ class Planner(Peer):
         vehicle = self.site.vehicle
         waypoints = len(vehicle.waypoints) if self._session else 0
         distance, seconds = _left(vehicle) if self._session else (None, None)
+        failed = self.site.faults.active(Subject.PROCESS, "fails", self.name) is not None
         return MissionStatus(
             t_ns=t_ns,
             session_id=self._session,
             mission_id=self._mission,
-            phase=self._phase,
+            phase=MissionPhase.FAILED if failed else self._phase,
             waypoint=self._waypoint(waypoints),
             waypoints=waypoints,
             file_index=self._file,
             repetition=self._repetition,
             distance_left_m=distance,
             time_left_s=seconds,
-            message=self._message,
+            message="the mission cannot be flown any further" if failed else self._message,
         )
 
 

@@ -132,6 +132,8 @@ _KINDS: Tuple[FaultKind, ...] = (
         (Parameter("rate_fraction", None, "part of its rate that is left", low=0.001, high=1.0),),
         _SPEAKERS,
     ),
+    FaultKind(Subject.PROCESS, "goes_on", "goes on by itself when it should hold", targets=("mission_planner",)),
+    FaultKind(Subject.PROCESS, "fails", "says that it has failed, and goes on", targets=("mission_planner",)),
     FaultKind(
         Subject.PROCESS,
         "restarted",
@@ -172,6 +174,18 @@ _KINDS: Tuple[FaultKind, ...] = (
         ),
     ),
     FaultKind(Subject.WORLD, "pilot_arms", "somebody arms the vehicle on the ground"),
+    FaultKind(Subject.WORLD, "pilot_disarms", "somebody disarms the vehicle; on the ground only"),
+    FaultKind(
+        Subject.WORLD,
+        "estimate_off",
+        "the autopilot is wrong about where the vehicle is",
+        (
+            Parameter("height_m", 0.0, "added to the height", low=-1000.0, high=1000.0),
+            Parameter("position_m", 0.0, "added to the position, along x", low=-10_000.0, high=10_000.0),
+        ),
+    ),
+    FaultKind(Subject.WORLD, "seems_landed", "the autopilot says in flight that it is on the ground"),
+    FaultKind(Subject.WORLD, "ground_unknown", "the autopilot does not know whether it is on the ground"),
     FaultKind(
         Subject.WORLD,
         "autopilot_failsafe",

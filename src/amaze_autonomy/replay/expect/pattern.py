@@ -63,17 +63,16 @@ def instants(pattern: Pattern, trace: Trace) -> Tuple[int, ...]:
 
 
 def spans(pattern: Pattern, trace: Trace) -> Tuple[Span, ...]:
-    """Return while when a condition holds; spans that touch are one."""
-    if pattern.component:
-        good = [span for span in trace.codes.get(pattern.component, ()) if int(span.value) >= pattern.code]
-    else:
-        good = [span for span in trace.states if _in_state(pattern, span.value)]
+    """Return while when a condition holds; spans in a row are one."""
     joined: List[Span] = []
-    for span in good:
-        if joined and joined[-1].end_ns == span.begin_ns:
+    held = False
+    for span in trace.codes.get(pattern.component, ()) if pattern.component else trace.states:
+        holds = int(span.value) >= pattern.code if pattern.component else _in_state(pattern, span.value)
+        if holds and held:
             joined[-1] = Span(joined[-1].begin_ns, span.end_ns, joined[-1].value)
-        else:
+        elif holds:
             joined.append(span)
+        held = holds
     return tuple(joined)
 
 

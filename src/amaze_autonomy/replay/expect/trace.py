@@ -21,7 +21,7 @@ READINGS = ("height_m", "battery_fraction", "position_x_m", "position_y_m", "ver
 
 
 class Span(NamedTuple):
-    """Something that was so for a time, in the half-open interval [begin, end)."""
+    """Something that was so for a time, in [begin, end); a state may be left at the moment when it is entered."""
 
     begin_ns: int
     end_ns: int
@@ -69,7 +69,7 @@ class _Changes:
         self._now = (t_ns, value)
 
     def end(self, t_ns: int) -> Tuple[Span, ...]:
-        if self._now is not None and t_ns > self._now[0]:
+        if self._now is not None and t_ns >= self._now[0]:
             self._spans.append(Span(self._now[0], t_ns, self._now[1]))
         return tuple(self._spans)
 

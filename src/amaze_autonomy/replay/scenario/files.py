@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
-from amaze_autonomy.config.document import Entry, Scalar, Table, parse, read, replace
+from amaze_autonomy.config.document import Entry, Items, Scalar, Table, parse, read, replace
 from amaze_autonomy.config.errors import ConfigError, Place
 from amaze_autonomy.config.kinds import refuse
 
@@ -100,7 +100,17 @@ def _set(tree: Entry, address: str, value: Entry) -> Entry:
 
 
 def _text(entry: Entry) -> str:
-    return entry.text if isinstance(entry, Scalar) else "list"
+    """Return a value of a matrix as part of a name: a fault by what fails and how."""
+    if isinstance(entry, Scalar):
+        return entry.text
+    if isinstance(entry, Table):
+        words = (
+            entry.entries[key][1]
+            for key in ("component", "process", "service", "topic", "fault")
+            if key in entry.entries
+        )
+        return "-".join(_text(word) for word in words).strip("/").replace("/", ".") or "group"
+    return "+".join(_text(item) for item in entry.items) if isinstance(entry, Items) else "value"
 
 
 def _case(tree: Entry, path: Path, variant: str) -> Case:

@@ -23,6 +23,7 @@ from ..expect.schema import RULES
 from ..golden import decisions_of
 from ..golden.align import without_numbers
 from ..timeline import value_text
+from .mutants import mutants_of
 from .result import Result
 
 __all__ = ["Coverage", "Item", "coverage_lines", "coverage_of", "read_waivers"]
@@ -53,7 +54,7 @@ class Coverage:
 
     Args:
         items: in the order of the tables.
-        twins: pairs of scenarios with one ordered list of (state, rule, commands).
+        twins: pairs of scenario files with one ordered list of (state, rule, commands).
     """
 
     items: Tuple[Item, ...]
@@ -84,7 +85,7 @@ def coverage_of(results: Iterable[Result], waivers: Optional[Mapping[str, str]] 
     """
     seen: Dict[str, List[str]] = {}
     values: Dict[str, str] = {}
-    stories: Dict[Tuple[object, ...], str] = {}
+    stories: Dict[Tuple[object, ...], Result] = {}
     twins: List[Tuple[str, str]] = []
     for result in results:
         decisions = decisions_of(result.lines)
@@ -95,9 +96,9 @@ def coverage_of(results: Iterable[Result], waivers: Optional[Mapping[str, str]] 
                     places.append(result.id)
                 values.setdefault(name, _looked_at(decision, result.start_ns))
         story = _story(decisions)
-        if story in stories:
-            twins.append((stories[story], result.id))
-        stories.setdefault(story, result.id)
+        first = stories.setdefault(story, result)
+        if decisions and first.path != result.path:
+            twins.append((first.id, result.id))
     reasons = waivers or {}
     items = (
         Item(name, tuple(seen.get(name, ())), values.get(name, ""), reasons.get(name, "")) for name in item_names()
@@ -114,6 +115,12 @@ def item_names() -> Tuple[str, ...]:
         *(f"loss {loss.name}" for loss in LOSSES),
         *(f"check {check.value}" for check in CheckName),
     )
+
+
+def _known() -> Tuple[str, ...]:
+    """Return everything that can have a waiver: rows, and mutants of them."""
+    mutants = mutants_of(load_configuration(config_folder()).rules)
+    return (*item_names(), *(f"mutant {mutant}" for mutant in mutants))
 
 
 def _items(decision: Decision) -> Tuple[str, ...]:
@@ -141,7 +148,7 @@ def read_waivers(path: Path) -> Mapping[str, str]:
         ConfigError: the first mistake in the file.
     """
     keys = (
-        Key("item", Choice(item_names()), "what need not be covered"),
+        Key("item", Choice(_known()), "what need not be covered"),
         Key("reason", Text("a sentence", longest=300), "why not"),
     )
     waivers = Key("waivers", ListOf(Group("a waiver", keys), "waivers"), "what need not be covered")

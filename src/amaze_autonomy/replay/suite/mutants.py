@@ -1,0 +1,142 @@
+"""Mutants of the engine's tables: a row deleted, a verb or a severity swapped, a threshold off by a little.
+
+Each is made by name, so that a name is all that is sent to another process. Tables are put back when the run has ended.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, replace
+from typing import Any, Dict, Iterator, List, MutableMapping, Optional, Tuple, cast
+
+from amaze_autonomy.engine import failures, transitions
+from amaze_autonomy.engine.rules import LOSSES, Limits, Rules
+from amaze_autonomy.engine.severity import SEVERITIES, Severity, Verb
+
+__all__ = ["Mutant", "mutant_of", "mutants_of", "mutated"]
+
+_TURN_NS = 100_000_000
+_LITTLE = 1.02
+_OTHER_VERB = {Verb.CONTINUE: Verb.LAND, Verb.WAIT: Verb.CONTINUE, Verb.LAND: Verb.CONTINUE, Verb.PILOT: Verb.LAND}
+_OTHER_SEVERITY = {
+    Severity.LOW: Severity.HIGH,
+    Severity.MODERATE: Severity.HIGH,
+    Severity.HIGH: Severity.MODERATE,
+    Severity.HIGHEST: Severity.LOW,
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one row.
+
+    Args:
+        kind: row, loss, severity, component, wait or limit.
+        name: of the row.
+        item: of the coverage, whose scenarios may notice; empty: any may.
+    """
+
+    kind: str
+    name: str
+    item: str = ""
+
+    def __str__(self) -> str:
+        return f"{_WORDS[self.kind]} {self.name}"
+
+
+_WORDS = {
+    "row": "deleted row",
+    "loss": "swapped verb of loss",
+    "severity": "swapped verb of severity",
+    "component": "swapped severity of",
+    "wait": "longer wait for",
+    "limit": "shifted limit",
+}
+
+
+def mutants_of(rules: Rules) -> Tuple[Mutant, ...]:
+    """Return all mutants for some rules, in the order of the tables."""
+    found: List[Mutant] = [Mutant("row", row.rule, f"rule {row.rule}") for row in transitions.TRANSITIONS]
+    found += [Mutant("loss", loss.name, f"loss {loss.name}") for loss in LOSSES]
+    found += [Mutant("severity", severity.value) for severity in SEVERITIES]
+    for row in rules.components:
+        found.append(Mutant("component", row.name, f"component {row.name}"))
+        if row.severity in (Severity.MODERATE, Severity.HIGH):
+            found.append(Mutant("wait", row.name, f"component {row.name}"))
+    found += [Mutant("limit", each.name) for each in fields(Limits)]
+    return tuple(found)
+
+
+def mutant_of(text: str, rules: Rules) -> Optional[Mutant]:
+    """Return the mutant of a name; None: there is none."""
+    return next((mutant for mutant in mutants_of(rules) if str(mutant) == text), None)
+
+
+@contextmanager
+def mutated(mutant: Mutant, rules: Rules) -> Iterator[Rules]:
+    """Change the tables of this process, and put them back; gives the rules to decide by."""
+    if mutant.kind == "row":
+        with _patched(cast(Dict[Any, Any], transitions.ROWS_AT), _without(mutant.name)):
+            yield rules
+    elif mutant.kind == "loss":
+        changed = tuple(replace(x, verb=_OTHER_VERB[x.verb]) if x.name == mutant.name else x for x in LOSSES)
+        with _set(failures, "LOSSES", changed):
+            yield rules
+    elif mutant.kind == "severity":
+        severity = Severity(mutant.name)
+        row = SEVERITIES[severity]
+        other = replace(row, verb=_OTHER_VERB[row.verb], then=None if row.then is None else _OTHER_VERB[row.then])
+        with _patched(cast(Dict[Any, Any], SEVERITIES), {severity: other}):
+            yield rules
+    else:
+        yield _changed_rules(mutant, rules)
+
+
+def _changed_rules(mutant: Mutant, rules: Rules) -> Rules:
+    if mutant.kind == "limit":
+        value = getattr(rules.limits, mutant.name)
+        other = (
+            value + _TURN_NS
+            if mutant.name.endswith("_ns")
+            else value + 1
+            if isinstance(value, int)
+            else value * _LITTLE
+        )
+        return replace(rules, limits=replace(rules.limits, **{mutant.name: other}))
+    rows = []
+    for row in rules.components:
+        if row.name != mutant.name:
+            rows.append(row)
+        elif mutant.kind == "wait":
+            rows.append(replace(row, wait_limit_ns=row.wait_limit_ns + _TURN_NS))
+        else:
+            rows.append(replace(row, severity=_OTHER_SEVERITY[row.severity]))
+    return replace(rules, components=tuple(rows))
+
+
+def _without(rule: str) -> Dict[Any, Any]:
+    return {
+        place: tuple(row for row in rows if row.rule != rule)
+        for place, rows in transitions.ROWS_AT.items()
+        if any(row.rule == rule for row in rows)
+    }
+
+
+@contextmanager
+def _patched(table: MutableMapping[Any, Any], changes: Dict[Any, Any]) -> Iterator[None]:
+    old = {key: table[key] for key in changes}
+    table.update(changes)
+    try:
+        yield
+    finally:
+        table.update(old)
+
+
+@contextmanager
+def _set(module: Any, name: str, value: Any) -> Iterator[None]:
+    old = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, old)
