@@ -33,6 +33,7 @@ from .report import comparison_lines, comparison_result, footer_lines, replay_re
 from .session import Outcome, Session
 from .sources import Recordings
 from .suite.cli import add_commands
+from .suite.cli_corpus import add_corpus
 from .telemetry import topics_of
 from .terminal import progress_bar, show_lines, show_timeline
 from .topic_map import TopicMap, load_map, map_names
@@ -81,6 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(commands)
     _add_journal(commands)
     add_commands(commands)
+    add_corpus(commands)
     maps = commands.add_parser("maps", help="list the topic maps that ship with the package")
     maps.set_defaults(command=_maps)
     return parser
