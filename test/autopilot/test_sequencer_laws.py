@@ -59,7 +59,7 @@ class Watched(Flying):
             assert not status.waypoint
         assert 0 <= status.waypoint <= status.waypoints
         streamed = self.setpoint_ns and self.t_ns - self.setpoint_ns <= STREAM_GAP_NS
-        if watch.mode == "OFFBOARD" and watch.armed and self.planner._guidance is not None:
+        if watch.mode == "OFFBOARD" and watch.armed and self.planner._flight.guidance is not None:
             assert streamed, "the stream has stopped in flight"
 
 

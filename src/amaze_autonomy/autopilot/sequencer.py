@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from typing import Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import MissionPhase, MissionStatus, VehicleLanded
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
 from .dialect import Message
+from .flight_record import FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
-from .mission_items import waypoint_index
 from .mission_steps import STEPS, Means, Procedure, Progress, is_foreign
 from .mission_upload import UPLOAD_MESSAGES
-from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .mission_vehicle import LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .rates import Rates
 from .remaining import Here, remaining
 
@@ -31,11 +31,9 @@ PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
 """Names of the messages that a planner wants to be given."""
 
 _S = 1_000_000_000
-_COUNT_NS = 5 * _S // 2  # within which an autopilot tells again at which item of the mission it is
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _P, _A = MissionPhase, MissionAction
 _IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
-_AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
 
 #: phases in which a command is taken; any other refuses it. LAND and ABORT are taken always.
 _GOOD_IN: Mapping[MissionAction, Tuple[MissionPhase, ...]] = {
@@ -80,13 +78,9 @@ class Sequencer:
         self._loaded: Optional[LoadRequest] = None
         self._origin: Optional[Origin] = None
         self._procedure: Optional[Procedure] = None
-        self._guidance: Optional[Guidance] = None
+        self._flight = FlightRecord(self.watch)
         self._setpoint_ns = 0
         self._rates = Rates(STREAMS)
-        self._was_armed = self._was_airborne = False
-        self._failure = ""
-        self._highest, self._reached = 0, 0
-        self._ground_ns: Optional[int] = None
 
     # --- the link -------------------------------------------------------------------------------------------------
 
@@ -128,7 +122,7 @@ class Sequencer:
             self._loading.supersede()
         self._loading = loading
         self._phase, self._message, self._loaded, self._procedure = _P.IDLE, "", request, None
-        self._guidance = None
+        self._flight = FlightRecord(self.watch)
         messages = loading.start(t_ns)
         self._finish_loading()
         return loading, messages
@@ -141,9 +135,7 @@ class Sequencer:
         self._phase, self._message = (_P.LOADED, "") if loading.accepted else (_P.IDLE, loading.reason)
         if loading.accepted:
             self._origin = loading.origin
-            self._was_armed = self._was_airborne = False
-            self._highest = self._reached = 0
-            self._ground_ns = None
+            self._flight = FlightRecord(self.watch, len(loading.trajectory.waypoints))
 
     def command(self, t_ns: int, session_id: str, action: MissionAction) -> Tuple[str, Sequence[Message]]:
         """Begin to carry out a command; return why it is refused, empty when it is taken."""
@@ -175,7 +167,7 @@ class Sequencer:
         if action not in (_A.LAND, _A.ABORT):
             return action
         down = self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns) or self.watch.armed is False
-        return _A.ABORT if down and not self._was_airborne else _A.LAND
+        return _A.ABORT if down and not self._flight.airborne else _A.LAND
 
     def _begin(self, t_ns: int, action: MissionAction) -> None:
         running = self._procedure
@@ -183,12 +175,12 @@ class Sequencer:
             return  # it is being done already
         if action is _A.TAKEOFF:
             self._take_off(t_ns)
-        if action is _A.HOLD and self._guidance is not None:
-            self._guidance.stand()
+        if action is _A.HOLD and self._flight.guidance is not None:
+            self._flight.guidance.stand()
         if action is _A.HOLD and self._controller is Controller.MISSION and self._phase is not _P.HOLDING:
             self._means.resume_item = self.watch.current
-        if action is _A.RESUME and self._guidance is not None:
-            self._guidance.go_on()
+        if action is _A.RESUME and self._flight.guidance is not None:
+            self._flight.guidance.go_on()
         if action is _A.RESUME and self._means.resume_item is not None:
             self._means.resume_item = max(self._means.resume_item, self.watch.current or 0)  # told late, it was passed
         persistent = action in (_A.LAND, _A.ABORT)
@@ -197,12 +189,12 @@ class Sequencer:
         self._message = ""
 
     def _take_off(self, t_ns: int) -> None:
-        self._phase, self._was_armed, self._was_airborne, self._failure = _P.TAKING_OFF, False, False, ""
+        self._phase, self._flight = _P.TAKING_OFF, FlightRecord(self.watch, self._flight.waypoints)
         self._means.resume_item = self._means.stream_ns = None
         pose, origin, loading = self._pose(t_ns), self._origin, self._loading
         if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
             waypoints, height = loading.trajectory.waypoints, self._settings.takeoff_height_m
-            self._guidance = Guidance(
+            self._flight.guidance = Guidance(
                 waypoints,
                 origin.local,
                 height,
@@ -239,98 +231,32 @@ class Sequencer:
 
     def _follow(self, t_ns: int) -> None:
         """Read the phase from the vehicle."""
-        watch = self.watch
+        watch, flight, procedure = self.watch, self._flight, self._procedure
         if self._phase not in _IN_FLIGHT or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
-        self._was_armed = self._was_armed or bool(watch.armed)
-        landing = self._procedure is not None and self._procedure.action is _A.LAND
-        if not self._was_armed and not landing:
+        flight.look()
+        if not flight.armed and not self._doing(_A.LAND):
             return  # mode and landed state are still those of the flight before
-        self._was_airborne = self._was_airborne or (bool(watch.armed) and watch.landed in _AIRBORNE)
-        self._count()
         if watch.armed is False and watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns):
-            if self._has_counted(t_ns):
+            if flight.is_counted(t_ns, asked=self._doing(_A.LAND, _A.ABORT)):
                 self._end()
         elif watch.armed:
-            self._phase = self._shown_phase()
-            reason = self._procedure.reason if self._procedure else ""
-            self._message = self._hands_off() or reason or self._failure
+            self._phase = flight.phase(self._phase)
+            self._message = flight.hands_off() or (procedure.reason if procedure else "") or flight.failure
+
+    def _doing(self, *actions: MissionAction) -> bool:
+        """Return whether one of these was commanded last."""
+        return self._procedure is not None and self._procedure.action in actions
 
     def _end(self) -> None:
         """Be on the ground, disarmed."""
-        asked = self._procedure is not None and self._procedure.action in (_A.LAND, _A.ABORT)
-        if not self._was_airborne and not asked:
-            self._failure = "disarmed before it lifted off"
-        self._message = self._failure
+        if not self._flight.airborne and not self._doing(_A.LAND, _A.ABORT):
+            self._flight.failure = "disarmed before it lifted off"
+        self._message = self._flight.failure
         if self._phase in (*_IN_FLIGHT, _P.LOADED):
             self._phase = _P.LANDED
-        self._guidance = self._procedure = None
+        self._procedure = self._flight.guidance = None
         self._means.stream_ns = None
-
-    def _shown_phase(self) -> MissionPhase:
-        watch = self.watch
-        if watch.mode == LAND or watch.landed is VehicleLanded.LANDING:
-            return _P.LANDING
-        if watch.mode == HOLD and self._was_airborne:
-            return _P.HOLDING
-        if watch.mode == MISSION and self._was_airborne:
-            return _P.LANDING if self._past_the_last() else self._climbed(_P.FLYING)
-        if watch.mode == OFFBOARD and self._guidance is not None:
-            return self._offboard_phase()
-        return self._phase
-
-    def _climbed(self, phase: MissionPhase) -> MissionPhase:
-        return (
-            _P.TAKING_OFF if self._phase is _P.TAKING_OFF and self.watch.landed is not VehicleLanded.IN_AIR else phase
-        )
-
-    def _offboard_phase(self) -> MissionPhase:
-        guidance = self._guidance
-        if guidance is None:
-            return self._phase
-        if guidance.still:
-            return _P.HOLDING
-        if guidance.standing:
-            return self._phase
-        return _P.TAKING_OFF if guidance.climbing else _P.FLYING
-
-    def _hands_off(self) -> str:
-        """Return who else flies; empty when nobody does."""
-        if self.watch.armed and self.watch.pilot:
-            return f"the pilot has control (mode {self.watch.mode})"
-        return f"the autopilot flies by itself (mode {self.watch.mode})" if is_foreign(self.watch.mode) else ""
-
-    def _count(self) -> None:
-        """Count waypoints that are done with; a repeated message of the flight before counts nothing."""
-        if self._guidance is not None:
-            self._reached = self._guidance.reached
-            return
-        if self.watch.mode != MISSION or not self._was_airborne or self.watch.current is None:
-            return
-        self._highest = max(self._highest, self.watch.current)
-        done = self._highest
-        if self.watch.reached is not None and self.watch.reached == self._highest:
-            done = self.watch.reached + 1
-        index = waypoint_index(done, self.watch.dialect)
-        self._reached = max(self._reached, min(index, self._waypoints))
-
-    def _has_counted(self, t_ns: int) -> bool:
-        """Return whether it is known how far a mission came that ended by itself: the last item may have been lost."""
-        asked = self._procedure is not None and self._procedure.action in (_A.LAND, _A.ABORT)
-        if asked or self._guidance is not None or not self._was_airborne or self._reached >= self._waypoints:
-            return True
-        if self._ground_ns is None:
-            self._ground_ns = t_ns
-        heard_ns = self.watch.current_ns
-        fresh = heard_ns is not None and heard_ns > self._ground_ns
-        return fresh or t_ns - self._ground_ns > _COUNT_NS
-
-    def _past_the_last(self) -> bool:
-        return waypoint_index(self._highest, self.watch.dialect) >= self._waypoints
-
-    @property
-    def _waypoints(self) -> int:
-        return len(self._loading.trajectory.waypoints) if self._loading and self._loading.accepted else 0
 
     # --- what is sent ---------------------------------------------------------------------------------------------
 
@@ -338,7 +264,7 @@ class Sequencer:
         procedure = self._procedure
         if procedure is None:
             return []
-        if procedure.action is _A.ABORT and procedure.running and self._was_airborne:
+        if procedure.action is _A.ABORT and procedure.running and self._flight.airborne:
             self._begin(t_ns, _A.LAND)  # it has lifted off meanwhile
             return self._proceed(t_ns)
         sent = procedure.wake(t_ns)
@@ -347,20 +273,20 @@ class Sequencer:
         elif procedure.progress is Progress.DONE and procedure.action is _A.ABORT:
             self._end()
         elif procedure.reason:
-            self._message = self._hands_off() or procedure.reason
+            self._message = self._flight.hands_off() or procedure.reason
         return sent
 
     def _cancel(self, t_ns: int, reason: str) -> None:
         """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
-        self._begin(t_ns, _A.LAND if self._was_airborne else _A.ABORT)
-        self._failure = self._message = reason
+        self._begin(t_ns, _A.LAND if self._flight.airborne else _A.ABORT)
+        self._flight.failure = self._message = reason
 
     def _stream(self, t_ns: int) -> List[Message]:
         """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""
-        guidance = self._guidance
+        guidance = self._flight.guidance
         if guidance is None or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9:
             return []
-        if self._was_airborne and self.watch.mode != OFFBOARD and not self._wants_offboard():
+        if self._flight.airborne and self.watch.mode != OFFBOARD and not self._wants_offboard():
             return []
         self._setpoint_ns = t_ns
         guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD
@@ -393,7 +319,7 @@ class Sequencer:
             mission_id=loaded.mission_id if loaded else "",
             phase=self._phase,
             waypoint=self._waypoint(),
-            waypoints=self._waypoints,
+            waypoints=self._flight.waypoints,
             file_index=loaded.file_index if loaded else 0,
             repetition=loaded.repetition if loaded else 0,
             distance_left_m=distance,
@@ -404,14 +330,14 @@ class Sequencer:
     def _waypoint(self) -> int:
         """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
         if self._phase is _P.LANDED:
-            return self._reached
-        return min(self._reached + 1, self._waypoints) if self._phase in _IN_FLIGHT else 0
+            return self._flight.reached
+        return min(self._flight.reached + 1, self._flight.waypoints) if self._phase in _IN_FLIGHT else 0
 
     def _left(self, t_ns: int) -> Tuple[Optional[float], Optional[float]]:
         loading, origin = self._loading, self._origin
         if loading is None or origin is None or not loading.accepted:
             return None, None
-        waypoints = loading.trajectory.waypoints[self._reached :]
+        waypoints = loading.trajectory.waypoints[self._flight.reached :]
         if self._phase is _P.LANDED:
             waypoints = ()
         return remaining(self._here(t_ns, origin), waypoints, self._settings.model)
