@@ -1,0 +1,183 @@
+#!/usr/bin/env python3
+"""The autopilot node through mavros' topics and services, played by the test; and without mavros_msgs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tempfile
+import threading
+import unittest
+from pathlib import Path
+
+import rospy
+import rostest
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from mavros_definitions import install
+from one_node import OneNode, wait_for
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import Trigger
+
+from amaze_autonomy import msg, srv
+
+STATUS, CHECK = msg.AutopilotStatus, msg.Check
+FOLDER = Path(tempfile.mkdtemp(prefix="amaze_mavros_"))
+PATH = install(FOLDER)
+sys.path[:0] = PATH.split(":")
+from mavros_msgs import msg as mavros  # noqa: E402
+from mavros_msgs import srv as services  # noqa: E402
+
+HEALTHY = 1 | 2 | 4 | 8 | 32 | 65536
+PREARM = 1 << 28
+
+
+class FakeMavros:
+    """A mavros with a vehicle behind it."""
+
+    def __init__(self):
+        self.mode, self.armed, self.landed, self.height_m, self.fixed = "AUTO.LOITER", False, 1, 0.0, 3
+        self.asked, self.ended = [], threading.Event()
+        self.publishers = {
+            topic: rospy.Publisher(f"/mavros/{topic}", kind, queue_size=5)
+            for topic, kind in (
+                ("state", mavros.State),
+                ("extended_state", mavros.ExtendedState),
+                ("sys_status", mavros.SysStatus),
+                ("battery", BatteryState),
+                ("statustext/recv", mavros.StatusText),
+                ("estimator_status", mavros.EstimatorStatus),
+                ("gpsstatus/gps1/raw", mavros.GPSRAW),
+                ("local_position/pose", PoseStamped),
+                ("local_position/velocity_local", TwistStamped),
+                ("home_position/home", mavros.HomePosition),
+            )
+        }
+        self.services = [
+            rospy.Service("/mavros/set_mode", services.SetMode, self.set_mode),
+            rospy.Service("/mavros/cmd/command", services.CommandLong, self.command),
+            rospy.Service("/mavros/param/get", services.ParamGet, self.parameter),
+        ]
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def set_mode(self, request):
+        self.asked.append(request.custom_mode)
+        self.mode = request.custom_mode
+        return services.SetModeResponse(mode_sent=True)
+
+    def command(self, request):
+        self.asked.append(request.command)
+        if request.command == 400 and request.param1 == 0.0:
+            self.armed = False
+        return services.CommandLongResponse(success=True, result=0)
+
+    def parameter(self, request):
+        value = mavros.ParamValue(integer=3 if request.param_id == "COM_LOW_BAT_ACT" else 0, real=0.0)
+        return services.ParamGetResponse(success=True, value=value)
+
+    def run(self):
+        number = 0
+        while not self.ended.wait(0.1):
+            number += 1
+            for topic, message in self.messages(number).items():
+                self.publishers[topic].publish(message)
+
+    def messages(self, number):
+        flags = {name: True for name in mavros.EstimatorStatus.__slots__ if name.endswith("flag")}
+        pose, speed = PoseStamped(), TwistStamped()
+        pose.pose.position.x, pose.pose.position.z = 2.0, self.height_m
+        speed.twist.linear.z = 0.5
+        raw = mavros.GPSRAW(fix_type=self.fixed, lat=number, alt=489000)
+        raw.header.stamp = rospy.Time.now()
+        return {
+            "state": mavros.State(connected=True, armed=self.armed, mode=self.mode, system_status=3 + self.armed),
+            "extended_state": mavros.ExtendedState(landed_state=self.landed),
+            "sys_status": mavros.SysStatus(None, HEALTHY, HEALTHY, HEALTHY | PREARM, 0, 15800, 100, 90),
+            "battery": BatteryState(voltage=15.8, current=-1.0, percentage=0.9),
+            "estimator_status": mavros.EstimatorStatus(**flags),
+            "gpsstatus/gps1/raw": raw,
+            "local_position/pose": pose,
+            "local_position/velocity_local": speed,
+            "home_position/home": mavros.HomePosition(),
+        }
+
+
+class TestMavros(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.mavros = FakeMavros()
+
+    def setUp(self):
+        self.mavros.__dict__.update(mode="AUTO.LOITER", armed=False, landed=1, height_m=0.0, fixed=3, asked=[])
+        self.space, self.statuses = f"/{self._testMethodName[:24]}", []
+        rospy.Subscriber(f"{self.space}/autopilot/status", STATUS, self.statuses.append)
+        before = os.environ.get("PYTHONPATH", "")
+        os.environ["PYTHONPATH"] = f"{PATH}:{before}"
+        try:
+            self.node = OneNode("autopilot", self.space, ["autopilot.backend=mavros"])
+        finally:
+            os.environ["PYTHONPATH"] = before
+
+    def tearDown(self):
+        if self.node.process.poll() is None:
+            self.node.process.kill()
+            self.node.process.wait()
+
+    def wait(self, condition, what):
+        words = f"{what}: {self.statuses[-1:]} {self.node.log}"
+        wait_for(lambda: self.statuses and condition(self.statuses[-1]), words)
+
+    def call(self, name, kind=Trigger, *arguments):
+        name = f"{self.space}/autopilot/{name}"
+        rospy.wait_for_service(name, 20.0)
+        return rospy.ServiceProxy(name, kind)(*arguments)
+
+    def fly(self):
+        self.wait(lambda said: said.height_valid, "a vehicle at rest")
+        self.mavros.__dict__.update(armed=True, landed=2, mode="AUTO.MISSION")
+        self.wait(lambda said: said.landed == STATUS.IN_AIR, "a vehicle that takes off")
+        self.mavros.height_m = 5.0
+        self.wait(lambda said: said.landed == STATUS.IN_AIR and said.height > 4.9, "a vehicle in the air")
+
+    def test_what_it_says(self):
+        self.wait(lambda said: said.position_valid and said.gps and said.prearm and said.vertical_speed > 0, "all")
+        said = self.statuses[-1]
+        self.assertEqual(
+            (said.armed_known, said.armed, said.landed, said.mode), (True, False, STATUS.ON_GROUND, "AUTO.LOITER")
+        )
+        self.assertAlmostEqual(said.battery_fraction, 0.9)
+        self.assertAlmostEqual(said.battery_voltage, 15.8, 3)
+        self.assertAlmostEqual(said.vertical_speed, 0.5)
+        self.assertEqual((said.rc, said.prearm), (STATUS.SENSOR_HEALTHY,) * 2)
+        self.mavros.fixed = 0
+        self.wait(lambda said: said.gps == STATUS.SENSOR_FAILED, "a lost GPS")
+        rows = {row.name: row.verdict for row in self.call("check", srv.CheckAutopilot).checks}
+        self.assertEqual({rows[name] for name in ("autopilot link", "not armed", "pre-arm check", "RC receiver")}, {1})
+
+    def test_it_lands_through_set_mode_and_disarms_by_command(self):
+        self.fly()
+        self.assertFalse(self.call("disarm").success)
+        self.assertTrue(self.call("land").success)
+        self.wait(lambda said: said.mode == "AUTO.LAND", "the landing mode")
+        self.assertEqual(self.mavros.asked.count("AUTO.LAND"), 1)
+        self.mavros.landed = 1
+        self.wait(lambda said: said.landed == STATUS.ON_GROUND, "the ground")
+        self.assertTrue(self.call("disarm").success)
+        self.wait(lambda said: not said.armed, "a disarmed vehicle")
+
+    def test_told_to_end_in_flight_it_lands(self):
+        self.fly()
+        self.node.process.send_signal(signal.SIGTERM)
+        self.assertEqual(self.node.process.wait(10.0), 0)
+        self.assertEqual(self.mavros.mode, "AUTO.LAND")
+
+    def test_without_mavros_msgs_it_says_what_to_do(self):
+        node = OneNode("autopilot", f"{self.space}/bare", ["autopilot.backend=mavros"])
+        self.assertEqual(node.process.wait(20.0), 2)
+        begins = "autopilot: backend mavros: No module named 'mavros_msgs'; install"
+        self.assertTrue(node.log.startswith(begins), node.log)
+
+
+if __name__ == "__main__":
+    rospy.init_node("test_mavros")
+    rostest.rosrun("amaze_autonomy", "mavros", TestMavros)
