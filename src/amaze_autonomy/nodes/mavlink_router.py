@@ -1,0 +1,72 @@
+"""Starts mavlink-router, which shares the autopilot's serial port among the links of autopilot.yaml.
+
+    mavlink_router DEVICE[:BAUD] [--config FOLDER] [--overrides "file.key=value; ..."]
+
+It becomes `mavlink-routerd` (https://github.com/mavlink-router/mavlink-router) with an endpoint for each udpin: URL of
+`link` and `planner_link`. ROS arguments (name:=value) are left alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+from typing import List, Optional, Sequence
+
+from amaze_autonomy.autopilot import EndpointError
+from amaze_autonomy.autopilot.endpoint import EndpointKind, parse_endpoint
+from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configuration
+from amaze_autonomy.paths import config_folder
+
+__all__ = ["arguments_of", "main"]
+
+PROGRAM = "mavlink-routerd"
+_ERROR = 2
+_ANYWHERE = ("0.0.0.0", "::")  # noqa: S104 - where a link listens everywhere, this computer is one of the places
+
+
+def arguments_of(device: str, settings: AutopilotSettings) -> List[str]:
+    """Return the command line of the router.
+
+    Raises:
+        EndpointError: The device is none, or a link does not wait on UDP.
+    """
+    serial = parse_endpoint(f"serial:{device}")
+    command = [PROGRAM, "-t", "0"]  # no TCP server
+    for link in (settings.link, settings.planner_link):
+        endpoint = parse_endpoint(link.url)
+        if endpoint.kind is not EndpointKind.UDP_IN:
+            right = "must be udpin:HOST:PORT, where the router sends to"
+            raise EndpointError(link.url, "cannot be reached by a router", right)
+        host = "127.0.0.1" if endpoint.address in _ANYWHERE else endpoint.address
+        command += ["-e", f"{host}:{endpoint.number}"]
+    return [*command, f"{serial.address}:{serial.number}"]
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Become the router; return an exit status only when that fails."""
+    given = [each for each in (sys.argv[1:] if arguments is None else arguments) if ":=" not in each]
+    parser = argparse.ArgumentParser(prog="mavlink_router", description="Shares the autopilot's serial port.")
+    parser.add_argument("device", help="serial device and baud rate, e.g. /dev/ttyACM0:921600")
+    parser.add_argument("--config", default="", help="folder of the configuration; default: the one that ships")
+    parser.add_argument("--overrides", default="", help="keys that are to be different, semicolons between")
+    options = parser.parse_args(given)
+    overrides = [each.strip() for each in options.overrides.split(";") if each.strip()]
+    try:
+        configuration = load_configuration(options.config or config_folder(), overrides)
+        command = arguments_of(options.device, configuration.autopilot)
+    except (ConfigError, EndpointError) as error:
+        return _refuse(str(error))
+    program = shutil.which(PROGRAM)
+    if program is None:
+        return _refuse(f"{PROGRAM} is not installed; build it from https://github.com/mavlink-router/mavlink-router")
+    sys.stderr.write(f"mavlink_router: {' '.join(command)}\n")
+    sys.stderr.flush()
+    os.execv(program, command)  # noqa: S606 - a list, no shell
+    return _ERROR
+
+
+def _refuse(words: str) -> int:
+    sys.stderr.write(f"mavlink_router: {words}\n")
+    return _ERROR
