@@ -21,6 +21,7 @@ class SourceKind:
 
     BAGS = "bags"
     JOURNAL = "journal"
+    EVENTS = "events"
     SIMULATION = "simulation"
 
 
@@ -90,6 +91,7 @@ class Case:
         description: one line.
         bags: of one flight; empty: a journal or a simulation.
         journal: a recorded one; None: bags or a simulation.
+        events: of the engine, as lines of a journal; empty: one of the others.
         from_ns: where the test begins in the bags, from their start.
         to_ns: where it ends; None: at the end.
         topic_map: name or file; empty: the one named as the first bag.
@@ -113,6 +115,7 @@ class Case:
     description: str
     bags: Tuple[Bag, ...] = ()
     journal: Optional[Path] = None
+    events: Tuple[str, ...] = ()
     from_ns: int = 0
     to_ns: Optional[int] = None
     topic_map: str = ""
@@ -134,6 +137,8 @@ class Case:
         """Where its events come from."""
         if self.bags:
             return SourceKind.BAGS
+        if self.events:
+            return SourceKind.EVENTS
         return SourceKind.JOURNAL if self.journal is not None else SourceKind.SIMULATION
 
     @property

@@ -187,9 +187,13 @@ _BAGS = (
     _REQUESTS,
 )
 _JOURNAL = (Key("journal", _FILE, "of a flight, to be decided again"),)
+_EVENTS = (
+    Key("events", ListOf(Text("an event, as a line of a journal", longest=20_000), "events", 1), "to be decided"),
+)
 _SOURCES: Mapping[str, Tuple[Key, ...]] = {
     SourceKind.BAGS: _BAGS,
     SourceKind.JOURNAL: _JOURNAL,
+    SourceKind.EVENTS: _EVENTS,
     SourceKind.SIMULATION: _SIMULATION,
 }
 
@@ -197,7 +201,7 @@ _SOURCES: Mapping[str, Tuple[Key, ...]] = {
 def schema_of(tree: Entry) -> Group:
     """Return the keys that a scenario may have: they depend on where its events come from."""
     entries: Dict[str, Any] = dict(tree.entries) if isinstance(tree, Table) else {}
-    given: List[str] = [kind for kind in (SourceKind.BAGS, SourceKind.JOURNAL) if kind in entries]
+    given: List[str] = [kind for kind in (SourceKind.BAGS, SourceKind.JOURNAL, SourceKind.EVENTS) if kind in entries]
     if len(given) > 1:
-        refuse(tree, (), "has both bags and journal", "must have one of them, or neither: a simulation")
+        refuse(tree, (), f"has both {given[0]} and {given[1]}", "must have one of them, or neither: a simulation")
     return Group("a scenario", (*_HEAD, *_SOURCES[given[0] if given else SourceKind.SIMULATION], *_TAIL))

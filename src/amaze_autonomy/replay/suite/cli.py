@@ -15,6 +15,7 @@ from ..terminal import show_lines
 from .accept import accept, lonely_goldens
 from .choice import add_choice, add_configuration, chosen, is_full, options_of
 from .cli_coverage import add_coverage_commands
+from .cli_tools import add_tools
 from .result import Result, exit_status
 from .runner import run_tasks
 from .task import Options
@@ -31,6 +32,7 @@ def add_commands(commands: _Parsers) -> None:
     _add_test(commands)
     _add_accept(commands)
     add_coverage_commands(commands)
+    add_tools(commands)
 
 
 def _add_test(commands: _Parsers) -> None:

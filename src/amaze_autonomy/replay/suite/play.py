@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event
-from amaze_autonomy.engine.journal import encode_decision, encode_event, encode_header, rules_of
+from amaze_autonomy.engine.journal import decode, encode_decision, encode_event, encode_header, rules_of
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
@@ -148,19 +148,32 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
     named = options.configuration or options.overrides or case.configuration is not None or case.overrides
     if rules is None:
         rules = configuration_of(case, options).rules if named else rules_of(journal.lines[0])
-    state = EngineState()
     header = journal.lines[0].payload
-    lines: List[str] = [encode_header(header)] if isinstance(header, dict) else []
-    for line in journal.lines:
-        event = line.payload
+    lines = _decided((line.payload for line in journal.lines), rules)
+    lines = [encode_header(header), *lines] if isinstance(header, dict) else lines
+    broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
+    return Played(tuple(lines), trace_of(lines), (), broken)
+
+
+def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    """Decide the events that stand in the scenario itself."""
+    payloads = [decode(text, number).payload for number, text in enumerate(case.events, 1)]
+    lines = _decided(payloads, configuration_of(case, options).rules if rules is None else rules)
+    return Played(tuple(lines), trace_of(lines))
+
+
+def _decided(payloads: Iterable[object], rules: Rules) -> List[str]:
+    """Return the lines of events and of what is decided about them; decisions among them are left out."""
+    state = EngineState()
+    lines: List[str] = []
+    for event in payloads:
         if isinstance(event, Event):
             if isinstance(event, EngineStarted) and not event.resumed:
                 state = EngineState()
             lines.append(encode_event(event))
             state, commands = decide(state, event, rules)
             lines += [encode_decision(each) for each in commands if isinstance(each, Decision)]
-    broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
-    return Played(tuple(lines), trace_of(lines), (), broken)
+    return lines
 
 
 def _replay(case: Case, options: Options, rules: Optional[Rules]) -> Played:
@@ -173,5 +186,6 @@ _Player = Callable[[Case, Options, Optional[Rules]], Played]
 _PLAYERS: Mapping[str, _Player] = {
     SourceKind.SIMULATION: _simulate,
     SourceKind.JOURNAL: _decide_again,
+    SourceKind.EVENTS: _decide_events,
     SourceKind.BAGS: _replay,
 }

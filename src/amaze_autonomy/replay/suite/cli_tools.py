@@ -1,0 +1,102 @@
+"""The verbs of `amaze-replay` that ask questions of scenarios: what-if, sweep, shrink."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any, List
+
+from ..files import write_whole
+from ..scenario import Case, load_cases
+from ..terminal import show_lines
+from .choice import add_choice, add_configuration, chosen, options_of
+from .shrink import MOST_LINES, shrink
+from .sweep import sweep, sweep_lines, sweep_plain
+from .whatif import what_if, what_if_lines
+
+__all__ = ["add_tools"]
+
+
+def add_tools(commands: Any) -> None:
+    """Add the verbs to the command line."""
+    _add_what_if(commands)
+    _add_sweep(commands)
+    _add_shrink(commands)
+
+
+def _add_what_if(commands: Any) -> None:
+    parser = commands.add_parser("what-if", help="the same scenarios by two configurations: what would be different")
+    add_choice(parser)
+    add_configuration(parser)
+    words = "the other configuration: a folder, or FILE.KEY=VALUE on top of the first"
+    parser.add_argument("--against", required=True, metavar="DIR|KEY=VALUE", help=words)
+    parser.add_argument("-j", "--jobs", type=int, default=1, metavar="N", help="processes; 0: one for each core")
+    parser.set_defaults(command=_what_if)
+
+
+def _what_if(options: argparse.Namespace) -> int:
+    tasks = chosen(options, options_of(options, goldens=False))
+    forks = what_if(tasks, options.against, options.jobs or os.cpu_count() or 1)
+    show_lines(what_if_lines(forks))
+    return 1 if any(fork.difference for fork in forks) else 0
+
+
+def _add_sweep(commands: Any) -> None:
+    parser = commands.add_parser("sweep", help="begin a fault at each time of a grid: what is commanded, by its time")
+    _add_file(parser)
+    parser.add_argument("--fault", type=int, default=1, metavar="N", help="number of the fault, from 1 (default: 1)")
+    parser.add_argument("--from", type=float, default=0.0, dest="first_s", metavar="S", help="first time (default: 0)")
+    parser.add_argument("--to", type=float, required=True, dest="last_s", metavar="S", help="last time")
+    parser.add_argument("--step", type=float, default=1.0, metavar="S", help="of the grid (default: 1)")
+    words = "how closely boundaries are found (default: 0.05)"
+    parser.add_argument("--resolution", type=float, default=0.05, metavar="S", help=words)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the map")
+    parser.set_defaults(command=_sweep)
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    count = int((options.last_s - options.first_s) / options.step + 1e-9) if options.step > 0 else 0
+    times = [round(options.first_s + number * options.step, 6) for number in range(max(0, count) + 1)]
+    result = sweep(_case(options), options.fault, times, options.resolution, _progress)
+    show_lines(sweep_lines(result))
+    if options.json is not None:
+        write_whole(options.json, json.dumps(sweep_plain(result), indent=1) + "\n")
+    return 0
+
+
+def _progress(t_s: float, outcome: str) -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write(f"{t_s:.3f} s: {outcome}\n")
+
+
+def _add_shrink(commands: Any) -> None:
+    parser = commands.add_parser("shrink", help="reduce a failing scenario to the few events of its first difference")
+    _add_file(parser)
+    parser.add_argument("--rule", default="", help="take the first decision by this rule instead; needs no golden")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the scenario; default: print it")
+    parser.set_defaults(command=_shrink)
+
+
+def _shrink(options: argparse.Namespace) -> int:
+    result = shrink(_case(options), options.rule)
+    lines: List[str] = result.text.splitlines()
+    if options.out is not None:
+        write_whole(options.out, result.text)
+    else:
+        show_lines(lines)
+    long = "" if len(lines) < MOST_LINES else f", more than {MOST_LINES}"
+    sys.stderr.write(f"{result.before} events became {len(result.events)}; {len(lines)} lines{long}\n")
+    return 0
+
+
+def _add_file(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, metavar="FILE", help="scenario")
+    parser.add_argument("--variant", help="combination of its matrix; default: the first")
+
+
+def _case(options: argparse.Namespace) -> Case:
+    cases = load_cases(options.file)
+    return next((case for case in cases if case.variant == options.variant), cases[0])
