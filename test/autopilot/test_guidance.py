@@ -1,0 +1,172 @@
+"""Set-points: where the point that runs ahead is, what is sent without a pose, and when a waypoint is reached."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from amaze_autonomy.autopilot.guidance import Guidance
+from amaze_autonomy.autopilot.mission_vehicle import Pose
+from amaze_autonomy.missions import FlightModel, PlannerSpec, Waypoint
+
+S, STEP_NS = 1_000_000_000, 50_000_000
+MODEL = FlightModel(cruise_speed_m_s=2.0, climb_speed_m_s=1.0, descent_speed_m_s=0.5, acceleration_m_s2=1.0)
+SPEC = PlannerSpec()
+ORIGIN = (10.0, -5.0, 0.5)
+TARGET = (1, 1)
+BY_POSITION, BY_VELOCITY = 0x9F8, 0xDC7  # what is ignored
+
+
+def pose(x, y, z, speed=0.0, t_ns=0):
+    return Pose(t_ns, (x, y, z), (speed, 0.0, 0.0))
+
+
+def guidance(*waypoints, start=ORIGIN):
+    made = Guidance(waypoints, ORIGIN, 1.0, MODEL, SPEC, pose(*start), 0.0, TARGET)
+    made.flying = True
+    return made
+
+
+def place(message):
+    """Return where a set-point is, east, north, up."""
+    assert message.type_mask == BY_POSITION
+    return message.y, message.x, -message.z
+
+
+class Follower:
+    """A vehicle that is where the last set-point was."""
+
+    def __init__(self, guided) -> None:
+        self.guided, self.t_ns, self.at = guided, 0, ORIGIN
+
+    def step(self):
+        self.t_ns += STEP_NS
+        message = self.guided.step(self.t_ns, pose(*self.at, t_ns=self.t_ns), None)
+        self.at = place(message)
+        return message
+
+    def until(self, condition, limit=4000):
+        for _ in range(limit):
+            if condition():
+                return
+            self.step()
+        raise AssertionError(f"not within {limit} steps: {self.at}")
+
+
+def test_it_climbs_straight_up_then_flies_each_leg_then_is_finished():
+    guided = guidance(Waypoint(0.0, 4.0, 2.0, 0.0, 1.0), Waypoint(3.0, 4.0, 2.0, math.pi / 2, 0.0))
+    follower = Follower(guided)
+    while guided.climbing:
+        follower.step()
+        assert follower.at[:2] == ORIGIN[:2]
+    assert follower.at == pytest.approx((10.0, -5.0, 1.5))
+    follower.until(lambda: guided.reached == 1)
+    assert follower.at == pytest.approx((10.0, -1.0, 2.5))
+    follower.until(lambda: guided.finished)
+    assert follower.at == pytest.approx((13.0, -1.0, 2.5))
+    assert guided.reached == 2
+
+
+def test_yaw_is_sent_clockwise_from_north_and_turns_as_fast_as_the_model():
+    guided = guidance(Waypoint(0.0, 0.0, 1.0, math.pi / 2, 0.0), Waypoint(9.0, 0.0, 1.0, math.pi / 2, 0.0))
+    follower = Follower(guided)
+    first = follower.step().yaw
+    assert first == pytest.approx(math.pi / 2)  # looks east
+    follower.until(lambda: guided.reached == 1)
+    yaws = [follower.step().yaw for _ in range(80)]
+    turns = [abs(later - earlier) for earlier, later in zip(yaws, yaws[1:])]
+    assert yaws[-1] == pytest.approx(0.0, abs=1e-6)  # looks north
+    assert max(turns) <= MODEL.turn_rate_rad_s * 0.05 + 1e-6
+
+
+WAYPOINTS = st.builds(
+    Waypoint, st.floats(-20, 20), st.floats(-20, 20), st.floats(0.5, 10), st.floats(-3, 3), st.floats(0, 2)
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(WAYPOINTS, min_size=1, max_size=4))
+def test_the_point_is_never_faster_than_the_model_and_always_arrives(waypoints):
+    guided = guidance(*waypoints)
+    follower = Follower(guided)
+    steps = 0
+    while not guided.finished:
+        before = follower.at
+        follower.step()
+        across = math.dist(before[:2], follower.at[:2]) / 0.05
+        up = (follower.at[2] - before[2]) / 0.05
+        assert across <= 2.0 + 0.21  # the last centimetre is one step
+        assert -0.5 - 0.21 <= up <= 1.0 + 0.21
+        steps += 1
+        assert steps < 6000
+    last = waypoints[-1]
+    assert follower.at == pytest.approx((10.0 + last.x_m, -5.0 + last.y_m, 0.5 + last.z_m), abs=1e-6)
+
+
+def test_a_hold_lasts_as_long_as_it_should():
+    guided = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 2.0))
+    follower = Follower(guided)
+    follower.until(lambda: guided.reached == 0 and not guided.climbing)
+    begin_ns = follower.t_ns
+    follower.until(lambda: guided.finished)
+    assert follower.t_ns - begin_ns == pytest.approx(2 * S, abs=2 * STEP_NS)
+
+
+def test_the_point_waits_for_a_vehicle_that_does_not_follow():
+    guided = guidance(Waypoint(0.0, 15.0, 1.0, 0.0, 0.0))
+    stuck = pose(*ORIGIN)
+    ahead = [math.dist(place(guided.step(number * STEP_NS, stuck, None)), ORIGIN) for number in range(1, 400)]
+    assert max(ahead) <= 3.0 + 0.2
+    assert guided.climbing
+
+
+def test_a_waypoint_is_not_reached_while_the_vehicle_looks_elsewhere():
+    guided = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 0.0))
+    goal = (10.0, -5.0, 1.5)
+    for number in range(1, 100):
+        guided.step(number * STEP_NS, pose(*goal), 1.0)
+    assert guided.climbing
+    guided.step(5 * S + STEP_NS, pose(*goal), 0.1)
+    assert not guided.climbing
+
+
+def test_on_the_ground_the_point_stays_where_the_vehicle_is():
+    guided = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 0.0))
+    guided.flying = False
+    points = {place(guided.step(number * STEP_NS, pose(*ORIGIN), 0.0)) for number in range(1, 50)}
+    assert points == {ORIGIN}
+
+
+def test_without_a_pose_the_set_point_is_to_stand_still_and_the_time_is_counted():
+    guided = guidance(Waypoint(0.0, 4.0, 1.0, 0.0, 0.0))
+    follower = Follower(guided)
+    follower.until(lambda: not guided.climbing)
+    begin_ns = follower.t_ns
+    message = guided.step(begin_ns + S, None, None)
+    assert (message.type_mask, message.vx, message.vy, message.vz) == (BY_VELOCITY, 0.0, 0.0, 0.0)
+    assert guided.blind_ns(begin_ns + S) == S
+    guided.step(begin_ns + S + STEP_NS, pose(*follower.at), None)
+    assert guided.blind_ns(begin_ns + S + STEP_NS) == 0
+
+
+def test_told_to_stand_it_stops_and_then_stays_there():
+    guided = guidance(Waypoint(0.0, 9.0, 1.0, 0.0, 0.0))
+    guided.stand()
+    moving = guided.step(S, pose(10.0, -3.0, 1.5, speed=1.0), None)
+    assert (moving.type_mask, guided.still, guided.standing) == (BY_VELOCITY, False, True)
+    still = guided.step(S + STEP_NS, pose(10.0, -2.5, 1.5, speed=0.1), None)
+    assert (place(still), guided.still) == ((10.0, -2.5, 1.5), True)
+    drifted = guided.step(S + 2 * STEP_NS, pose(10.3, -2.5, 1.5, speed=0.5), None)
+    assert place(drifted) == (10.0, -2.5, 1.5)
+    guided.go_on()
+    assert (guided.still, guided.standing) == (False, False)
+    on = place(guided.step(S + 3 * STEP_NS, pose(10.0, -2.5, 1.5), None))
+    assert math.dist(on, (10.0, -2.5, 1.5)) < 0.1
+
+
+def test_every_set_point_names_its_vehicle():
+    message = guidance(Waypoint(0.0, 0.0, 1.0, 0.0, 0.0)).step(S, None, None)
+    assert (message.target_system, message.target_component) == TARGET

@@ -1,0 +1,147 @@
+"""Commands as steps: what is sent, when it counts as done, when it is given up and when it is left to others."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.autopilot.mission_steps import STEPS, Means, Procedure, Progress, is_foreign
+from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.missions import Controller, PlannerSpec
+
+S, MS = 1_000_000_000, 1_000_000
+A = MissionAction
+PX4_MODES = {"AUTO.LOITER": (4, 3), "AUTO.MISSION": (4, 4), "AUTO.LAND": (4, 6), "OFFBOARD": (6, 0), "POSCTL": (3, 0)}
+COPTER = {"AUTO.MISSION": 3, "OFFBOARD": 4, "AUTO.LAND": 9, "AUTO.LOITER": 17}
+SET_MODE, ARM, START = 176, 400, 300
+
+
+class Story:
+    """A watch that is told heartbeats, and one procedure on it."""
+
+    def __init__(self, action, controller=Controller.MISSION, *, copter=False, **means):
+        self.watch, self.t_ns, self.copter = VehicleWatch(), 0, copter
+        self.means = Means(self.watch, S, **means)
+        self.beat("AUTO.LOITER" if not copter else "OFFBOARD")
+        persistent = action in (A.LAND, A.ABORT)
+        steps = STEPS[controller, action]
+        self.procedure = Procedure(action, steps, self.means, PlannerSpec(), 0, persistent=persistent)
+
+    def beat(self, mode, *, armed=False, status=mavlink.MAV_STATE_ACTIVE):
+        self.t_ns += MS
+        main, sub = PX4_MODES[mode] if not self.copter else (0, 0)
+        number = COPTER[mode] if self.copter else main << 16 | sub << 24
+        autopilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA if self.copter else mavlink.MAV_AUTOPILOT_PX4
+        base = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        message = mavlink.MAVLink_heartbeat_message(2, autopilot, base, number, status, 3)
+        message._header.srcSystem, message._header.srcComponent = 1, 1
+        self.watch.take(self.t_ns, message)
+
+    def after(self, ms):
+        """Let time pass; return (command, first three parameters) of what is sent."""
+        self.t_ns += ms * MS
+        return [_short(message) for message in self.procedure.wake(self.t_ns)]
+
+
+def _short(message):
+    if message.get_type() != "COMMAND_LONG":
+        return message.get_type(), message.seq
+    assert (message.target_system, message.target_component) == (1, 1)
+    return message.command, message.param1, message.param2, message.param3
+
+
+def test_a_takeoff_changes_the_mode_arms_and_begins_the_mission_each_when_the_one_before_shows():
+    story = Story(A.TAKEOFF)
+    assert story.after(0) == [(SET_MODE, 1.0, 4.0, 3.0)]
+    assert story.after(100) == []  # the heartbeat is older than the command, whatever it says
+    story.beat("AUTO.LOITER")
+    assert story.after(100) == [(ARM, 1.0, 0.0, 0.0)]
+    story.beat("AUTO.LOITER", armed=True)
+    assert story.after(100) == [(SET_MODE, 1.0, 4.0, 4.0)]
+    story.beat("AUTO.MISSION", armed=True)
+    assert (story.after(100), story.procedure.progress) == ([], Progress.DONE)
+
+
+def test_ardupilot_arms_in_guided_and_is_told_to_start():
+    story = Story(A.TAKEOFF, copter=True)
+    assert story.after(0) == [(SET_MODE, 1.0, 4.0, 0.0)]
+    story.beat("OFFBOARD")
+    assert story.after(100) == [(ARM, 1.0, 0.0, 0.0)]
+    story.beat("OFFBOARD", armed=True)
+    assert story.after(100) == [(SET_MODE, 1.0, 3.0, 0.0)]
+    story.beat("AUTO.MISSION", armed=True)
+    assert story.after(100) == [(START, 0.0, 0.0, 0.0)]
+    story.watch.take(story.t_ns, mavlink.MAVLink_mission_current_message(1))
+    assert (story.after(100), story.procedure.progress) == ([], Progress.DONE)
+
+
+def test_what_does_not_show_is_sent_again_and_given_up_at_the_limit_with_the_reason():
+    story = Story(A.HOLD)
+    story.beat("AUTO.MISSION", armed=True)
+    sent = []
+    for _ in range(45):
+        story.beat("AUTO.MISSION", armed=True)
+        sent += story.after(100)
+    assert sent == [(SET_MODE, 1.0, 4.0, 3.0)] * 8
+    assert story.procedure.progress is Progress.FAILED
+    assert story.procedure.reason == "change to AUTO.LOITER: not shown within 4 s (mode AUTO.MISSION, armed)"
+
+
+def test_a_landing_is_never_given_up():
+    story = Story(A.LAND)
+    sent = []
+    for _ in range(200):
+        story.beat("AUTO.MISSION", armed=True)
+        sent += story.after(100)
+    assert len(sent) == 40
+    assert story.procedure.running
+    story.beat("AUTO.LAND", armed=True)
+    assert (story.after(100), story.procedure.progress, story.procedure.reason) == ([], Progress.DONE, "")
+
+
+def test_the_clock_stands_while_the_vehicle_is_silent_but_not_for_ever():
+    story = Story(A.HOLD)
+    for _ in range(90):
+        story.after(100)
+    assert story.procedure.running
+    for _ in range(60):
+        story.after(100)
+    assert story.procedure.progress is Progress.FAILED
+
+
+@pytest.mark.parametrize("mode, status", [("POSCTL", 4), ("POSCTL", 5), ("AUTO.LAND", 5)])
+def test_a_mode_that_nobody_of_us_wanted_ends_it(mode, status):
+    story = Story(A.RESUME, resume_item=None)
+    assert story.after(0) == [(SET_MODE, 1.0, 4.0, 4.0)]
+    story.beat(mode, armed=True, status=status)
+    assert (story.after(600), story.procedure.progress) == ([], Progress.TAKEN)
+    story.beat("AUTO.LOITER", armed=True)
+    assert story.after(600) == []
+
+
+def test_a_resume_goes_back_to_its_item_when_the_autopilot_has_forgotten_it():
+    story = Story(A.RESUME, resume_item=3)
+    story.watch.take(0, mavlink.MAVLink_mission_current_message(0))
+    assert story.after(0) == [("MISSION_SET_CURRENT", 3)]
+    story.watch.take(0, mavlink.MAVLink_mission_current_message(3))
+    assert story.after(100) == [(SET_MODE, 1.0, 4.0, 4.0)]
+
+
+def test_offboard_waits_for_its_stream():
+    story = Story(A.TAKEOFF, Controller.OFFBOARD)
+    assert story.after(100) == []
+    story.means.stream_ns = story.t_ns
+    assert story.after(900) == []
+    story.beat("AUTO.LOITER")
+    assert story.after(100) == [(SET_MODE, 1.0, 6.0, 0.0)]
+
+
+def test_every_command_has_its_steps_for_each_way_of_flying():
+    assert set(STEPS) == {(controller, action) for controller in Controller for action in MissionAction}
+
+
+def test_foreign_are_the_modes_that_we_never_command():
+    ours = ("AUTO.LOITER", "AUTO.MISSION", "AUTO.LAND", "OFFBOARD", "AUTO.TAKEOFF")
+    assert not any(map(is_foreign, ours))
+    assert all(map(is_foreign, ("POSCTL", "MANUAL", "ALTCTL", "STABILIZED", "ACRO", "AUTO.RTL")))
