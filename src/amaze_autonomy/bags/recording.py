@@ -7,6 +7,7 @@ and 0.11 on newer ones; numbers of many messages at once by `columns`, which say
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
@@ -18,6 +19,7 @@ from .columns import Wanted, read_columns, wanted_of
 from .errors import MessageError
 from .fields import layout_of
 from .opened import Indexed, Link, opened
+from .tapes import tapes_of
 
 __all__ = ["Entry", "Recording", "Table", "Topic"]
 
@@ -78,6 +80,8 @@ class Recording:
         self._chunks = ChunkCache(self._bag.load)
         self._links: Dict[int, Link] = {each.number: each for each in self._bag.links}
         self._decoders: Dict[int, _Decode] = {}
+        self._tapes = tapes_of(path)
+        self._kept: Dict[Tuple[int, int], bytes] = {}
         self.topics: Tuple[Topic, ...] = tuple(self._topics())
 
     def __enter__(self) -> Recording:  # noqa: PYI034  (Self is not in 3.8)
@@ -123,7 +127,9 @@ class Recording:
         Raises:
             MessageError: It is damaged.
         """
-        raw = self._chunks.message(entry.chunk, entry.offset)
+        raw = self._kept.get((entry.chunk, entry.offset))
+        if raw is None:
+            raw = self._chunks.message(entry.chunk, entry.offset)
         try:
             decode = self._decoders.get(entry.connection) or self._decoder(entry.connection)
             return decode(raw)
@@ -149,9 +155,33 @@ class Recording:
                 found = wanted_of(layout_of(link.definition, link.kind), paths) if link.topic == topic else None
                 if found is not None:
                     numbers[link.number] = found
-        read = read_columns(self._bag.index, self._bag.messages, numbers) if numbers else {}
+        read = self._columns(numbers) if numbers else {}
         topics = [topic for topic in wanted if any(self._links[number].topic == topic for number in read)]
         return {topic: self._rows(topic, read) for topic in topics}
+
+    def _columns(self, wanted: Dict[int, Wanted]) -> Dict[int, Tuple[Any, List[Any]]]:
+        """Return columns from a tape; without one, read them, and keep them where tapes are wanted."""
+        what = {number: each.paths for number, each in wanted.items()}
+        found = self._tapes.columns(what) if self._tapes is not None else None
+        if found is None:
+            found = read_columns(self._bag.index, self._bag.messages, wanted)
+            if self._tapes is not None:
+                self._tapes.keep_columns(what, found)
+        return found
+
+    def keep(self, topics: Sequence[str]) -> None:
+        """Make `message` of some topics fast where tapes are wanted: all of them will be asked for."""
+        topics = [topic.name for topic in self.topics if topic.name in topics]
+        if self._tapes is None or not topics:
+            return
+        kept = self._tapes.messages(topics)
+        if kept is None:
+            kept = {}
+            for entry in (entry for topic in topics for entry in self.entries(topic)):
+                with suppress(MessageError):  # `message` says what is wrong with it
+                    kept[entry.chunk, entry.offset] = self._chunks.message(entry.chunk, entry.offset)
+            self._tapes.keep_messages(topics, kept)
+        self._kept.update(kept)
 
     def _rows(self, topic: str, read: Dict[int, Tuple[Any, List[Any]]]) -> List[Optional[Tuple[Any, ...]]]:
         """Return values in the order of the entries."""

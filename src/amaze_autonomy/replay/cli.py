@@ -33,7 +33,7 @@ from .report import comparison_lines, comparison_result, footer_lines, replay_re
 from .session import Outcome, Session
 from .sources import Recordings
 from .suite.cli import add_commands
-from .suite.cli_corpus import add_corpus
+from .suite.cli_corpus import add_corpus, add_tapes, use_tapes
 from .telemetry import topics_of
 from .terminal import progress_bar, show_lines, show_timeline
 from .topic_map import TopicMap, load_map, map_names
@@ -97,6 +97,7 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: its first")
     run.add_argument("--mute", action="append", default=[], metavar="TOPIC", help="leave a topic out; repeatable")
     _add_configuration(run, "default: the one that ships with the package")
+    add_tapes(run)
     run.add_argument("--out", type=Path, metavar="DIR", help="folder for journal.jsonl, timeline.txt and result.json")
     run.add_argument("--json", action="store_true", help="print result.json instead of the timeline")
     run.set_defaults(command=_run)
@@ -129,6 +130,7 @@ def _maps(_: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     began = time.monotonic()
+    use_tapes(options)
     gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
     topic_map = _map(options.map, options.bags)
     configuration = load_configuration(options.config or config_folder(), options.set)

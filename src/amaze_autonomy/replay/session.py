@@ -222,6 +222,8 @@ class Session:
         """Return for each rank how its messages are taken by their numbers alone; None: they must be decoded."""
         topics = self._recordings.topics
         lights = [None if self._world.decodes(topic) else self._monitors.light(topic) for topic in topics]
+        whole = [topic for rank, topic in enumerate(topics) if lights[rank] is None and self._takers[rank][0]]
+        self._recordings.keep(whole)
         self._recordings.read({rank: light.paths for rank, light in enumerate(lights) if light and light.readers})
         return lights
 

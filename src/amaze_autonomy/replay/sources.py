@@ -171,6 +171,12 @@ class Recordings:
                 for rank in new:
                     self._columns[number, rank] = found.get(self.topics[rank], [])
 
+    def keep(self, topics: Sequence[str]) -> None:
+        """Make whole messages of some topics fast, where tapes are wanted."""
+        for bag in self.bags:
+            if isinstance(bag, Recording):
+                bag.keep(topics)
+
     def values(self, sample: Sample) -> Optional[Tuple[Any, ...]]:
         """Return the numbers of a message; None when `message` must be asked."""
         rows = self._columns.get((sample.bag, sample.rank))

@@ -97,6 +97,10 @@ class FaultedRecordings(Recordings):
         """Read numbers of all messages of some topics."""
         self._inner.read(wanted)
 
+    def keep(self, topics: Sequence[str]) -> None:
+        """Make whole messages of some topics fast, where tapes are wanted."""
+        self._inner.keep(topics)
+
     def values(self, sample: Sample) -> Optional[Tuple[Any, ...]]:
         """Return the numbers of a message; None when `message` must be asked: it is damaged, or a fault edits it."""
         if not self._faulted:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, List, Sequence, Tuple
 
+from amaze_autonomy.bags.tapes import VARIABLE
 from amaze_autonomy.config.errors import ConfigError
 
 from ..errors import ReplayError
@@ -24,9 +25,21 @@ from .runner import run_tasks
 from .task import Task
 from .told import as_json, result_lines
 
-__all__ = ["add_corpus"]
+__all__ = ["add_corpus", "add_tapes", "use_tapes"]
 
 _STARTED = '{"version": 1, "verdict": "ERROR", "headline": "the run has not ended"}\n'
+
+
+def add_tapes(parser: argparse.ArgumentParser) -> None:
+    """Add where tapes are kept."""
+    words = f"keep what is taken out of bags, and take it from there the next time; default: ${VARIABLE}, else nowhere"
+    parser.add_argument("--tapes", type=Path, metavar="DIR", help=words)
+
+
+def use_tapes(options: argparse.Namespace) -> None:
+    """Tell this process, and those that it starts, where tapes are kept."""
+    if options.tapes is not None:
+        os.environ[VARIABLE] = str(options.tapes.resolve())
 
 
 def add_corpus(commands: Any) -> None:
@@ -38,6 +51,7 @@ def add_corpus(commands: Any) -> None:
     corpus.add_argument("--dask", default="", metavar="tcp://HOST:PORT", help="run on the workers of this scheduler")
     words = "where ${AMAZE_DATA} of the scenarios is: any URL that fsspec reads; bags are fetched and kept"
     corpus.add_argument("--data", default="", metavar="URL", help=words)
+    add_tapes(corpus)
     corpus.add_argument("--no-doctor", action="store_true", help="do not look through the bags first")
     corpus.add_argument("--no-goldens", action="store_true", help="judge the expectations alone")
     corpus.add_argument("-v", "--verbose", action="store_true", help="print every expectation with its margin")
@@ -46,6 +60,7 @@ def add_corpus(commands: Any) -> None:
 
 
 def _corpus(options: argparse.Namespace) -> int:
+    use_tapes(options)
     if options.json is not None:
         write_whole(options.json, _STARTED)
     goldens = not (options.no_goldens or options.config or options.set)

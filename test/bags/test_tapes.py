@@ -1,0 +1,122 @@
+"""Tapes give what the bag gives, are found by its content alone, and are never believed when they are damaged."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from replay_bags import flight_rows, write_bag
+from replay_runs import ROOT, replay
+
+from amaze_autonomy.bags import Recording
+from amaze_autonomy.bags import recording as recording_module
+
+WANTED = {"/imu": ["linear_acceleration.z", "angular_velocity.x"], "/range": ["range"]}
+
+
+@pytest.fixture
+def tapes(tmp_path, monkeypatch):
+    folder = tmp_path / "tapes"
+    monkeypatch.setenv("AMAZE_TAPES", str(folder))
+    return folder
+
+
+@pytest.fixture
+def reads(monkeypatch):
+    """Count how often data of bags is read: columns, and chunks for single messages."""
+    counted = []
+    inner = recording_module.read_columns
+    monkeypatch.setattr(recording_module, "read_columns", lambda *each: counted.append("columns") or inner(*each))
+    return counted
+
+
+def taken(path):
+    with Recording(path) as recording:
+        recording.keep(["/battery", "/armed"])
+        chunks = recording._chunks._load
+        recording._chunks._load = (
+            lambda position: pytest.fail("a chunk was read") if recording._kept else chunks(position)
+        )
+        found = recording.columns(WANTED)
+        messages = [recording.message(entry) for entry in recording.entries("/battery")]
+    return found, [each.percentage for each in messages]
+
+
+def files(folder):
+    return sorted(path for path in folder.rglob("*.npz"))
+
+
+def test_the_second_time_nothing_of_the_bag_is_read(tmp_path, tapes, reads):
+    path = write_bag(tmp_path / "x.bag", flight_rows(9.0), "bz2")
+    first = taken(path)
+    assert reads == ["columns"]
+    assert taken(path) == first
+    assert reads == ["columns"]
+    assert len(files(tapes)) == 2
+
+
+def test_without_a_folder_there_are_none(tmp_path, reads, monkeypatch):
+    monkeypatch.delenv("AMAZE_TAPES", raising=False)
+    path = write_bag(tmp_path / "x.bag", flight_rows(3.0))
+    with Recording(path) as recording:
+        recording.keep(["/battery"])
+        assert recording._kept == {}
+        assert recording.columns(WANTED) == recording.columns(WANTED)
+    assert reads == ["columns", "columns"]
+
+
+def test_they_are_found_by_content_not_by_name(tmp_path, tapes, reads):
+    path = write_bag(tmp_path / "x.bag", flight_rows(3.0))
+    first = taken(path)
+    shutil.copy(path, tmp_path / "y.bag")
+    assert taken(tmp_path / "y.bag") == first
+    assert reads == ["columns"]
+    write_bag(tmp_path / "z.bag", flight_rows(3.0, tilt_deg=9.0))
+    (tmp_path / "z.bag").replace(path)
+    assert taken(path) != first
+    assert reads == ["columns", "columns"]
+    assert len(files(tapes)) == 4
+
+
+def test_a_bag_that_is_written_again_in_place_is_another_one(tmp_path, tapes):
+    path = write_bag(tmp_path / "x.bag", flight_rows(3.0))
+    first = taken(path)
+    other = write_bag(tmp_path / "y.bag", flight_rows(3.0, tilt_deg=9.0)).read_bytes()
+    assert len(other) == path.stat().st_size
+    path.write_bytes(other)
+    assert taken(path) != first
+    assert len(files(tapes)) == 4
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "other"])
+def test_damaged_ones_are_taken_again(tmp_path, tapes, reads, damage):
+    path = write_bag(tmp_path / "x.bag", flight_rows(3.0))
+    first = taken(path)
+    for tape in files(tapes):
+        data = bytearray(tape.read_bytes())
+        data[len(data) // 2] ^= 0x10
+        changed = {"cut": data[: len(data) // 2], "flip": data, "empty": b"", "other": b"no tape at all" * 9}
+        tape.write_bytes(changed[damage])
+    assert taken(path) == first
+    assert reads == ["columns", "columns"]
+    assert taken(path) == first
+    assert reads == ["columns", "columns"]
+
+
+def test_a_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("AMAZE_TAPES", str(tmp_path / "file"))
+    path = write_bag(tmp_path / "x.bag", flight_rows(3.0))
+    with Recording(path) as recording:
+        recording.keep(["/battery"])
+        assert len(recording.columns(WANTED)["/imu"]) == 150
+
+
+def test_a_replay_by_tapes_is_the_same(tmp_path, tapes, reads, monkeypatch):
+    path = write_bag(tmp_path / "x.bag", flight_rows(), "lz4")
+    topic_map = str(ROOT / "test" / "replay" / "flight.yaml")
+    with_tape = [replay(path, topic_map)[0] for _ in range(2)]
+    assert reads == ["columns"]
+    assert len(files(tapes)) == 1
+    monkeypatch.delenv("AMAZE_TAPES")
+    assert with_tape == [replay(path, topic_map)[0]] * 2
