@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import Any, List, Sequence
 
 from ..files import write_whole
+from ..pages.page import write_page
 from ..terminal import show_lines
 from .accept import accept, lonely_goldens
 from .choice import add_choice, add_configuration, chosen, is_full, options_of
 from .cli_coverage import add_coverage_commands
 from .cli_tools import add_tools
+from .coverage import coverage_of
 from .result import Result, exit_status
 from .runner import run_tasks
 from .task import Options
@@ -45,6 +47,7 @@ def _add_test(commands: _Parsers) -> None:
     test.add_argument("--json", type=Path, metavar="FILE", help="write the results; ERROR until the run has ended")
     test.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML")
     test.add_argument("--markdown", type=Path, metavar="FILE", help="write a summary")
+    test.add_argument("--html", type=Path, metavar="FILE", help="write the report: one page, nothing else is needed")
     test.set_defaults(command=_test)
 
 
@@ -53,7 +56,7 @@ def _test(options: argparse.Namespace) -> int:
     if options.json is not None:
         write_whole(options.json, _STARTED)
     goldens = not (options.no_goldens or options.config or options.set)
-    tasks = chosen(options, options_of(options, goldens=goldens))
+    tasks = chosen(options, options_of(options, goldens=goldens, story=options.html is not None))
     results = run_tasks(tasks, options.jobs or os.cpu_count() or 1, lambda each: _say(each, verbose=options.verbose))
     if goldens and is_full(options):
         lonely = lonely_goldens(tasks)
@@ -75,6 +78,8 @@ def _say(result: Result, *, verbose: bool) -> None:
 
 
 def _write(options: argparse.Namespace, results: Sequence[Result], wall_s: float) -> None:
+    if options.html is not None:
+        write_page(options.html, results, coverage_of(results), wall_s)
     if options.junit is not None:
         write_whole(options.junit, as_junit(results))
     if options.markdown is not None:
