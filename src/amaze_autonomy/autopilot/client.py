@@ -27,6 +27,7 @@ _S = 1_000_000_000
 _LANDING = ("AUTO.LAND", "AUTO.PRECLAND")
 _BREAK_NS = 5 * _S
 _ASK_PREARM_NS = 5 * _S
+_NOT_PX4, _NOT_ARDUPILOT = ("EKF_STATUS_REPORT",), ("ESTIMATOR_STATUS",)
 
 CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")
 
@@ -105,7 +106,7 @@ class AutopilotClient:
         return [
             *self.landing.wake(t_ns),
             *self.disarming.wake(t_ns),
-            *self._rates.wake(t_ns, *self._address()),
+            *self._rates.wake(t_ns, *self._address(), _NOT_PX4 if self._is_px4() else _NOT_ARDUPILOT),
             *self._parameters.wake(t_ns, *self._address()),
             *([] if asked is None else [asked]),
         ]

@@ -6,7 +6,7 @@ after some attempts every 30 s: not every autopilot grants every rate (PX4 beats
 
 from __future__ import annotations
 
-from typing import Dict, List, Mapping
+from typing import Dict, List, Mapping, Tuple
 
 from .dialect import Message, mavlink, message_id
 
@@ -42,9 +42,10 @@ class Rates:
         if wanted is not None:
             wanted.heard_ns = t_ns
 
-    def wake(self, t_ns: int, system: int, component: int) -> List[Message]:
-        """Return the requests that are due."""
-        due = [one for one in self._wanted.values() if t_ns >= one.due_ns and not self._comes(t_ns, one)]
+    def wake(self, t_ns: int, system: int, component: int, without: Tuple[str, ...] = ()) -> List[Message]:
+        """Return the requests that are due; messages in `without` this autopilot does not have."""
+        wanted = [one for name, one in self._wanted.items() if name not in without]
+        due = [one for one in wanted if t_ns >= one.due_ns and not self._comes(t_ns, one)]
         for one in due[:_AT_ONCE]:
             one.attempts += 1
             one.due_ns = t_ns + (_AGAIN_NS if one.attempts < _QUICK_ATTEMPTS else _SLOW_AGAIN_NS)

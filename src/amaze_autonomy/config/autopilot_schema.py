@@ -137,6 +137,8 @@ _RATES = {
     "GPS_RAW_INT": 5.0,
     "LOCAL_POSITION_NED": 10.0,
     "ESTIMATOR_STATUS": 5.0,
+    "EKF_STATUS_REPORT": 5.0,
+    "SYSTEM_TIME": 1.0,
     "HOME_POSITION": 0.5,
     "HEARTBEAT": 5.0,
 }

@@ -1,0 +1,307 @@
+"""Texts, battery, sensors, parameters, rates, modes: each trap by itself."""
+
+from __future__ import annotations
+
+import struct
+from math import nan
+
+import pytest
+from autopilot_tools import beat
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.autopilot.battery import Battery, BatteryReading
+from amaze_autonomy.autopilot.client import AutopilotClient
+from amaze_autonomy.autopilot.control import Control, Heartbeat
+from amaze_autonomy.autopilot.modes import mode_name, mode_number, px4_number
+from amaze_autonomy.autopilot.offset import ClockOffset, Sync
+from amaze_autonomy.autopilot.parameters import Parameters, ParameterState
+from amaze_autonomy.autopilot.position import Place, Position
+from amaze_autonomy.autopilot.rates import Rates
+from amaze_autonomy.autopilot.sensors import Gps, GpsLimits, SystemStatus, gps_health
+from amaze_autonomy.autopilot.texts import Text, Texts
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.monitoring.specs import BatterySpec
+
+S = 1_000_000_000
+PX4, ARDUPILOT = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+CAPS = {2: 0.15, 3: 0.07}
+
+
+# --- texts ------------------------------------------------------------------------------------------------------------
+
+
+def text(said, severity=6, number=0, chunk=0):
+    return mavlink.MAVLink_statustext_message(severity, said.encode(), number, chunk)
+
+
+def heard(*messages, t_ns=0):
+    texts = Texts()
+    for message in messages:
+        texts.add(t_ns, message)
+    texts.wake(t_ns + 3 * S)
+    return [each.text for each in texts.new]
+
+
+def test_tabs_and_control_characters_are_cut_off():
+    assert heard(text("Takeoff detected\t"), text("a\x07b\n")) == ["Takeoff detected", "a b"]
+
+
+def test_chunks_are_put_together_in_their_order():
+    first, second, third = "x" * 50, "y" * 50, "end"
+    assert heard(text(first, 6, 9, 0), text(second, 6, 9, 1), text(third, 6, 9, 2)) == [first + second + third]
+
+
+def test_a_text_with_a_lost_chunk_says_so_and_does_not_wait_for_ever():
+    assert heard(text("x" * 50, 6, 9, 0), text("end", 6, 9, 2)) == ["x" * 50 + "[...]end"]
+    assert heard(text("x" * 50, 6, 9, 0)) == ["x" * 50]
+
+
+def test_a_new_text_ends_the_one_before():
+    assert heard(text("x" * 50, 6, 9, 0), text("other", 4)) == ["x" * 50, "other"]
+
+
+def test_the_same_text_twice_is_one_and_later_it_is_new():
+    texts = Texts()
+    for t_ns in (0, S, 10 * S):
+        texts.add(t_ns, text("Preflight: GPS fix too low", 4))
+    assert [each.t_ns for each in texts.new] == [0, 10 * S]
+    assert texts.recent(10 * S, S) == (Text(10 * S, 4, "Preflight: GPS fix too low"),)
+
+
+def test_only_reasons_not_to_arm_are_complaints():
+    texts = Texts()
+    for said, severity in (("PreArm: Compass not calibrated", 2), ("Low battery", 2), ("Preflight: fine", 6)):
+        texts.add(0, text(said, severity))
+    assert texts.complaints(S, 5 * S) == ("PreArm: Compass not calibrated",)
+    assert texts.complaints(9 * S, 5 * S) == ()
+
+
+# --- battery ----------------------------------------------------------------------------------------------------------
+
+
+def pack(percent, cells=(4000,), state=1, number=0, current=100):
+    return mavlink.MAVLink_battery_status_message(
+        number, 0, 0, 0, [*cells, *[65535] * (10 - len(cells))], current, 0, 0, percent, 0, state
+    )
+
+
+@pytest.mark.parametrize(
+    "message, reading",
+    [
+        (pack(84, (15800,)), BatteryReading(0, 0.84, 15.8, 3.95, 1.0, 1)),
+        (pack(84, (4000, 3900, 4100)), BatteryReading(0, 0.84, 12.0, 3.9, 1.0, 1)),
+        (pack(-1, ()), BatteryReading(0, None, None, None, 1.0, 1)),
+        (pack(101, ()), BatteryReading(0, None, None, None, 1.0, 1)),
+        (pack(-53, (), current=-100), BatteryReading(0, None, None, None, None, 1)),
+        (pack(80, (15800,), state=2), BatteryReading(0, 0.15, 15.8, 3.95, 1.0, 2)),
+        (pack(80, (15800,), state=3), BatteryReading(0, 0.07, 15.8, 3.95, 1.0, 3)),
+        (pack(5, (15800,), state=2), BatteryReading(0, 0.05, 15.8, 3.95, 1.0, 2)),
+    ],
+)
+def test_a_pack(message, reading):
+    battery = Battery(CAPS, cells=4)
+    battery.add_pack(0, message)
+    assert battery.reading(S) == reading
+
+
+def test_of_two_packs_the_worse_counts_and_an_unknown_one_most():
+    battery = Battery(CAPS)
+    battery.add_pack(0, pack(80))
+    battery.add_pack(0, pack(30, number=1))
+    assert battery.reading(0).fraction == 0.3
+    battery.add_pack(0, pack(-1, number=2))
+    assert battery.reading(0).fraction is None
+
+
+def test_without_packs_sys_status_counts():
+    battery = Battery(CAPS, cells=4)
+    battery.add_system(0, mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 15200, -1, 70, 0, 0, 0, 0, 0, 0))
+    assert battery.reading(S) == BatteryReading(0, 0.7, 15.2, 3.8, None, 0)
+
+
+# --- sensors ----------------------------------------------------------------------------------------------------------
+
+
+def bits(present, enabled, health):
+    return mavlink.MAVLink_sys_status_message(present, enabled, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def test_a_bit_that_leaves_has_failed_and_one_that_never_was_is_unknown():
+    system = SystemStatus(3 * S)
+    assert system.healthy(0, (32,)) is None
+    system.add(0, bits(0, 0, 0))
+    assert system.healthy(0, (32,)) is None
+    system.add(0, bits(32, 32, 32))
+    assert system.healthy(0, (32,)) is True
+    system.add(0, bits(0, 0, 32))
+    assert system.healthy(0, (32,)) is False
+    assert system.healthy(9 * S, (32,)) is None
+
+
+def fix(t_usec, kind=3, **values):
+    fields = {"lat": t_usec, "lon": 2, "alt": 3, "eph": 4, "epv": 5, "vel": 6, "cog": 7, **values}
+    return mavlink.MAVLink_gps_raw_int_message(t_usec, kind, satellites_visible=9, **fields)
+
+
+@pytest.mark.parametrize(
+    "messages, problem",
+    [
+        ([(at, fix(at)) for at in range(8)], ""),
+        ([(at, fix(at, 2)) for at in range(8)], "fix type 2, needed 3"),
+        ([(at, fix(5)) for at in range(8)], "frozen: the same values for 7.0 s"),
+        ([(at, fix(5, lat=at)) for at in range(8)], "frozen: the same values for 7.0 s"),
+        ([(at, fix(at, lat=1)) for at in range(8)], "frozen: the same values for 7.0 s"),
+        ([(0, fix(0))], "silent for 7.0 s"),
+        ([], None),
+    ],
+)
+def test_the_gps_by_its_own_messages(messages, problem):
+    gps = Gps(GpsLimits())
+    for t_s, message in messages:
+        gps.add(t_s * S, message)
+    assert gps.problem(7 * S) == problem
+
+
+@pytest.mark.parametrize(
+    "system, problem, healthy",
+    [(True, "", True), (True, "frozen", False), (False, "", False), (None, "", True), (None, None, None)],
+)
+def test_the_gps_is_bad_when_either_says_so(system, problem, healthy):
+    assert gps_health(system=system, problem=problem) is healthy
+
+
+# --- position ---------------------------------------------------------------------------------------------------------
+
+
+def local(x=0.0, y=0.0, z=0.0, vz=0.0):
+    return mavlink.MAVLink_local_position_ned_message(0, x, y, z, 0, 0, vz)
+
+
+def flags(value):
+    return mavlink.MAVLink_estimator_status_message(0, value, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def test_a_position_counts_from_the_takeoff_place_east_north_up():
+    position = Position(2 * S)
+    position.add_px4_flags(0, flags(0b1101111111))
+    position.add_local(0, local(1.0, 2.0, 0.5), on_ground=True)
+    position.add_local(S, local(4.0, 8.0, -9.5, vz=-1.5), on_ground=False)
+    assert position.place(S) == Place(6.0, 3.0, 10.0, 1.5)
+    assert position.place(9 * S) == Place()
+
+
+@pytest.mark.parametrize("value", [nan, float("inf"), 1e9])
+def test_what_is_no_number_is_no_position(value):
+    position = Position(2 * S)
+    position.add_px4_flags(0, flags(0b1101111111))
+    position.add_local(0, local(), on_ground=True)
+    position.add_local(0, local(x=value), on_ground=False)
+    assert position.place(0) == Place()
+
+
+def test_ardupilot_without_a_position_says_constant_position_mode():
+    position = Position(2 * S)
+    report = mavlink.MAVLink_ekf_status_report_message(0b10111111, 0, 0, 0, 0, 0)
+    position.add_ardupilot_flags(0, report)
+    assert not position.valid(0)
+    position.add_ardupilot_flags(0, mavlink.MAVLink_ekf_status_report_message(0b00111111, 0, 0, 0, 0, 0))
+    assert position.valid(0)
+
+
+# --- parameters, rates, clocks, modes ---------------------------------------------------------------------------------
+
+
+def value(name, number, kind=9):
+    return mavlink.MAVLink_param_value_message(name.encode(), number, kind, 0, 0)
+
+
+def test_whole_numbers_of_px4_are_in_the_bytes_and_of_ardupilot_in_the_value():
+    bytewise = struct.unpack("<f", struct.pack("<i", 3))[0]
+    for message, style in ((value("A", bytewise, 6), True), (value("A", 3.0, 6), False), (value("A", 3.0), True)):
+        parameters = Parameters({"A": 3, "B": 1})
+        parameters.add(message, bytewise=style)
+        parameters.add(value("UNASKED", 7.0), bytewise=style)
+        assert parameters.states == [ParameterState("A", 3, 3.0), ParameterState("B", 1, None)]
+        assert [one.agrees for one in parameters.states] == [True, None]
+
+
+def test_a_parameter_is_asked_for_until_it_is_answered():
+    parameters = Parameters({"A": 3})
+    asked = [t_s for t_s in range(30) if parameters.wake(t_s * S, 1, 1)]
+    assert asked == [0, 1, 2, 3, 4, 14, 24]
+    parameters.add(value("A", 4.0), bytewise=True)
+    assert parameters.wake(60 * S, 1, 1) == []
+    assert [one.agrees for one in parameters.states] == [False]
+
+
+def test_a_silent_autopilot_is_asked_for_its_messages_and_one_that_streams_is_not():
+    rates = Rates({"GPS_RAW_INT": 5.0})
+    asked = [t_s for t_s in range(80) if rates.wake(t_s * S, 1, 1)]
+    assert asked == [0, 3, 6, 9, 12, 42, 72]
+    request = Rates({"GPS_RAW_INT": 5.0}).wake(0, 7, 1)[0]
+    assert (request.target_system, request.command, request.param1, request.param2) == (7, 511, 24, 200_000)
+    rates.heard(100 * S, "GPS_RAW_INT")
+    assert rates.wake(100 * S + S // 2, 1, 1) == []
+    assert rates.wake(0, 1, 1, ("GPS_RAW_INT",)) == []
+
+
+@pytest.mark.parametrize("autopilot, other", [(PX4, 193), (ARDUPILOT, 230)])
+def test_no_autopilot_is_asked_for_what_the_other_has(autopilot, other):
+    client = AutopilotClient(AutopilotSettings(), BatterySpec(), lambda: (1, 1))
+    asked = []
+    for t_s in range(1, 40):
+        client.receive(t_s * S, beat(autopilot=autopilot))
+        asked += [message.param1 for message in client.wake(t_s * S) if message.get_type() == "COMMAND_LONG"]
+    assert other not in asked
+    assert {230, 193} - {other} <= set(asked)
+
+
+def test_the_quickest_answer_tells_the_clock():
+    offset = ClockOffset()
+    for t_ns, took_ns in ((S, 40_000_000), (3 * S, 2_000_000), (5 * S, 30_000_000)):
+        asked = offset.wake(t_ns)
+        assert asked.ts1 == t_ns
+        offset.add(t_ns + 1, mavlink.MAVLink_timesync_message(0, 77))
+        offset.add(t_ns + took_ns, mavlink.MAVLink_timesync_message(t_ns + 100 * S + took_ns // 2, t_ns))
+    assert offset.best == Sync(100 * S, 2_000_000)
+
+
+@pytest.mark.parametrize(
+    "autopilot, number, name",
+    [
+        (PX4, 4 << 16 | 6 << 24, "AUTO.LAND"),
+        (PX4, 3 << 16, "POSCTL"),
+        (PX4, 3 << 16 | 1 << 24, "ORBIT"),
+        (PX4, 6 << 16, "OFFBOARD"),
+        (PX4, 99 << 16 | 3 << 24, "MODE.99.3"),
+        (ARDUPILOT, 4, "OFFBOARD"),
+        (ARDUPILOT, 5, "POSCTL"),
+        (ARDUPILOT, 999, "MODE.999"),
+    ],
+)
+def test_modes_have_px4_s_names(autopilot, number, name):
+    assert mode_name(autopilot, number) == name
+
+
+def test_modes_have_numbers_to_command_them():
+    assert (mode_number(PX4, "AUTO.LAND"), mode_number(ARDUPILOT, "AUTO.LAND")) == ((4, 6), (9, 0))
+    assert (px4_number("NO.SUCH"), mode_number(ARDUPILOT, "POSCTL")) == (None, None)
+
+
+@pytest.mark.parametrize(
+    "mode, armed, status, control",
+    [
+        ("AUTO.MISSION", True, 4, "ours"),
+        ("POSCTL", True, 4, "pilot"),
+        ("POSCTL", False, 3, "ours"),
+        ("POSCTL", True, 5, "failsafe"),
+        ("AUTO.RTL", True, 4, "pilot"),
+        ("AUTO.RTL", True, 5, "failsafe"),
+        ("AUTO.LAND", False, 8, "ours"),
+    ],
+)
+def test_who_has_control(mode, armed, status, control):
+    known = Control()
+    known.add(Heartbeat(0, armed, mode, status, PX4))
+    assert ("failsafe" if known.failsafe else "pilot" if known.pilot else "ours") == control
+    assert known.killed is (status == 8)
