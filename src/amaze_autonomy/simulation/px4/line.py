@@ -37,13 +37,18 @@ class BadLine:
         self._quality = quality
         self._chance = random.Random(seed)  # noqa: S311 - weather, not a secret
         self._flying: List[Tuple[int, int, bytes]] = []
+        self._cuts = list(quality.cuts)
         self._number = 0
         self.lost = 0
+
+    def cut(self, begin_ns: int, end_ns: int) -> None:
+        """Let nothing through between two times."""
+        self._cuts.append((begin_ns, end_ns))
 
     def send(self, t_ns: int, data: bytes) -> None:
         """Put a datagram on the line."""
         lost, late = self._chance.random() < self._quality.loss, self._chance.random()
-        if lost or any(begin <= t_ns < end for begin, end in self._quality.cuts):
+        if lost or any(begin <= t_ns < end for begin, end in self._cuts):
             self.lost += 1
             return
         self._number += 1
