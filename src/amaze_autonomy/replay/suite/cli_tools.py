@@ -13,6 +13,7 @@ from ..files import write_whole
 from ..scenario import Case, load_cases
 from ..terminal import show_lines
 from .choice import add_choice, add_configuration, chosen, options_of
+from .result import Verdict
 from .shrink import MOST_LINES, shrink
 from .sweep import sweep, sweep_lines, sweep_plain
 from .whatif import what_if, what_if_lines
@@ -41,7 +42,8 @@ def _what_if(options: argparse.Namespace) -> int:
     tasks = chosen(options, options_of(options, goldens=False))
     forks = what_if(tasks, options.against, options.jobs or os.cpu_count() or 1)
     show_lines(what_if_lines(forks))
-    return 1 if any(fork.difference for fork in forks) else 0
+    broken = any(Verdict.ERROR in (fork.one.verdict, fork.other.verdict) for fork in forks)
+    return 1 if broken or any(fork.difference for fork in forks) else 0
 
 
 def _add_sweep(commands: Any) -> None:
