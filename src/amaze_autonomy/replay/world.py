@@ -214,8 +214,11 @@ class World:
         if self._has("watchdog_action", t_ns):
             return
         action, info = self._monitors.streams.poll(t_ns)
+        requests = self._monitors.watchdog.restart_requests()
+        if action is None and info is None and not requests:
+            return
         source = self.source(t_ns)
-        for request in self._monitors.watchdog.restart_requests():
+        for request in requests:
             self._monitors.watchdog.restart_outcome(request, t_ns, good=True)
             words = f"watchdog: restart of {request.component}, attempt {request.attempt}"
             self._say(t_ns, Source.SCRIPT, words, 1)
