@@ -305,3 +305,16 @@ def test_who_has_control(mode, armed, status, control):
     known.add(Heartbeat(0, armed, mode, status, PX4))
     assert ("failsafe" if known.failsafe else "pilot" if known.pilot else "ours") == control
     assert known.killed is (status == 8)
+
+
+def test_a_mode_after_ours_was_confirmed_and_left_is_the_pilot_s_but_not_another_kind_of_landing():
+    known = Control()
+    known.command("AUTO.LAND")
+    said = []
+    for mode in ("AUTO.MISSION", "AUTO.LAND", "AUTO.PRECLAND", "AUTO.LOITER"):
+        known.add(Heartbeat(0, True, mode, 4, PX4))
+        said.append(known.pilot)
+    assert said == [False, False, False, True]
+    known.add(Heartbeat(0, False, "AUTO.LOITER", 3, PX4))
+    known.add(Heartbeat(0, True, "AUTO.MISSION", 4, PX4))
+    assert known.pilot is False

@@ -8,7 +8,7 @@ mode shows what the user intended last and says nothing about control.
 
 from __future__ import annotations
 
-from typing import FrozenSet, NamedTuple, Optional
+from typing import FrozenSet, Mapping, NamedTuple, Optional, Tuple
 
 from .dialect import Message, mavlink
 from .modes import MANUAL_MODES, NEVER_OURS, mode_name
@@ -18,6 +18,7 @@ __all__ = ["Control", "Heartbeat"]
 _FAILSAFE: FrozenSet[int] = frozenset(
     {mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY, mavlink.MAV_STATE_FLIGHT_TERMINATION}
 )
+_SAME: Mapping[str, Tuple[str, ...]] = {"AUTO.LAND": ("AUTO.PRECLAND",)}
 
 
 class Heartbeat(NamedTuple):
@@ -72,7 +73,7 @@ class Control:
             return False
         if beat.mode in MANUAL_MODES or beat.mode in NEVER_OURS:
             return True
-        return self._confirmed and beat.mode != self._commanded
+        return self._confirmed and beat.mode not in (self._commanded, *_SAME.get(self._commanded or "", ()))
 
     @property
     def killed(self) -> bool:

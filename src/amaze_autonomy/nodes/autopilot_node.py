@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 from amaze_autonomy import msg, srv
 from amaze_autonomy.autopilot import AutopilotError, Connection, Identity, LinkState, read_key
 from amaze_autonomy.autopilot.client import CLIENT_MESSAGES, AutopilotClient, Reply
+from amaze_autonomy.autopilot.diagnosis import link_problem
 from amaze_autonomy.autopilot.dialect import Message, mavlink
 from amaze_autonomy.config import AutopilotSettings, Configuration
 from amaze_autonomy.engine.checks import Check
@@ -199,8 +200,7 @@ class AutopilotNode:
 
     def _tell_link(self) -> None:
         """Log what has become of the link, once for each change."""
-        state = self._link.state
-        problem = state.problem or ("" if state.heartbeat_ns is not None else "no vehicle heard yet")
+        problem = link_problem(self._link.state)
         if problem != self._problem:
             self._problem = problem
             (rospy.logwarn if problem else rospy.loginfo)("link %s: %s", self._settings.link.url, problem or "up")

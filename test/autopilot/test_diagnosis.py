@@ -1,0 +1,28 @@
+from __future__ import annotations
+
+import pytest
+
+from amaze_autonomy.autopilot import LinkState
+from amaze_autonomy.autopilot.diagnosis import link_problem
+
+GOOD = LinkState(True, "", 1, 5, (), 100, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    "different, words",
+    [
+        ({}, ""),
+        ({"problem": "Connection refused"}, "Connection refused"),
+        ({"heartbeat_ns": None}, "no vehicle heard yet"),
+        ({"heartbeat_ns": None, "refused": 7}, "no message has a good signature"),
+        ({"heartbeat_ns": None, "others": (2, 3)}, "no vehicle 1; heard are 2, 3: see vehicle_id"),
+        ({"heartbeat_ns": None, "frames": 0, "damaged_bytes": 5000}, "only noise is heard: is the baud rate right"),
+        ({"doubles": 3}, "somebody else speaks with our own"),
+        ({"others": (2,), "refused": 1}, ""),
+        ({"errors": 1}, "a message could not be dealt with"),
+    ],
+)
+def test_what_is_wrong_is_said_so_that_it_can_be_put_right(different, words):
+    said = link_problem(GOOD._replace(**different))
+    assert said.startswith(words)
+    assert bool(said) is bool(words)
