@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 import threading
@@ -76,6 +77,8 @@ def _make(options: argparse.Namespace) -> Tuple[World, Px4]:
     configuration = load_configuration(options.config or paths.config_folder(), options.overrides)
     folder = options.config or paths.config_folder()
     scenario = load_scenario(scenario_file(folder, options.faults)) if options.faults else Scenario()
+    if not 1 <= options.system <= 255:  # noqa: PLR2004 - MAVLink's
+        raise ValueError(f"--system {options.system}: must be 1 to 255")
     settings = Px4Settings(
         system=options.system, geography=Geography(_place(options.home)), transmitter=not options.no_transmitter
     )
@@ -85,8 +88,11 @@ def _make(options: argparse.Namespace) -> Tuple[World, Px4]:
 def _place(text: str) -> Place:
     try:
         latitude, longitude, altitude = (float(part) for part in text.split(","))
+        good = abs(latitude) < 90.0 and abs(longitude) <= 180.0 and math.isfinite(altitude)  # noqa: PLR2004 - degrees
     except ValueError:
-        raise ValueError(f"--home {text}: must be latitude,longitude,altitude, e.g. 47.397743,8.545594,489.4") from None
+        good = False
+    if not good:
+        raise ValueError(f"--home {text}: must be latitude,longitude,altitude, e.g. 47.397743,8.545594,489.4")
     return Place(latitude, longitude, altitude)
 
 
@@ -113,3 +119,7 @@ def _parser() -> argparse.ArgumentParser:
     words = "override a value of the configuration; may be repeated"
     parser.add_argument("--set", action="append", default=[], dest="overrides", metavar="KEY=VALUE", help=words)
     return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

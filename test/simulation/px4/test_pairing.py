@@ -1,0 +1,91 @@
+"""A world whose vehicle is flown over MAVLink: its faults reach the wire, and the wire reaches its triggers."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.simulation import parse_scenario
+from amaze_autonomy.simulation.px4 import Framing, VehicleAddressError
+from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
+
+S, STEP = 1_000_000_000, 20_000_000
+
+
+@pytest.fixture(scope="module")
+def configuration():
+    return load_configuration(Path(__file__).parents[3] / "config")
+
+
+class Flight:
+    """A world and its PX4 in virtual time."""
+
+    def __init__(self, configuration, faults=""):
+        text = "description: a test\n" + (f"faults:\n  - {{{faults}}}\n" if faults else "")
+        self.world, self.px4 = fly_world(configuration, None, parse_scenario(text))
+        self.px4.connect("client")
+        self._framing = Framing(1, 191)
+        self.heard = {}
+        self.t_ns = 0
+
+    def advance(self, seconds):
+        for _ in range(round(seconds * S / STEP)):
+            self.t_ns += STEP
+            self.world.advance(self.t_ns)
+            self.heard.update((message.get_type(), message) for _, message in self.px4.advance(self.t_ns))
+        return self
+
+    def command(self, number, *params):
+        message = mavlink.MAVLink_command_long_message(1, 1, number, 0, *params, *[0.0] * (7 - len(params)))
+        for decoded in Framing(1, 1).decode(self._framing.encode(message)):
+            self.px4.receive(self.t_ns, "client", decoded)
+        return self.advance(0.1).heard["COMMAND_ACK"].result
+
+    def take_off(self):
+        assert self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
+        assert self.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, *[float("nan")] * 3, 491.0) == 0
+        return self.advance(6.0)
+
+
+def test_what_is_wrong_with_the_vehicle_is_refused_over_mavlink(configuration):
+    flight = Flight(configuration, "fault: not_ready, what: prearm, for_s: 5.0").advance(2.0)
+    assert flight.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+    assert flight.advance(5.0).command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1) == 0
+
+
+def test_the_battery_of_the_world_is_told(configuration):
+    flight = Flight(configuration, "fault: battery_drops, to_fraction: 0.1").advance(3.0)
+    assert flight.heard["SYS_STATUS"].battery_remaining == 10
+    assert flight.heard["BATTERY_STATUS"].charge_state == mavlink.MAV_BATTERY_CHARGE_STATE_LOW
+
+
+def test_a_sensor_of_the_world_is_a_bit_of_sys_status(configuration):
+    flight = Flight(configuration, "component: magnetometer, fault: unhealthy, at_s: 2.0").advance(1.5)
+    bit = mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+    assert flight.heard["SYS_STATUS"].onboard_control_sensors_health & bit
+    assert not flight.advance(1.5).heard["SYS_STATUS"].onboard_control_sensors_health & bit
+
+
+def test_events_of_a_flight_over_mavlink_trigger_faults(configuration):
+    flight = Flight(configuration, "fault: pilot_takes_over, after: {event: airborne, delay_s: 1.0}").take_off()
+    assert flight.world.vehicle.pilot
+    assert flight.heard["HEARTBEAT"].custom_mode == 3 << 16
+
+
+def test_the_vehicle_has_the_parameters_that_the_configuration_expects(configuration):
+    expected = configuration.autopilot.parameters
+    _, px4 = fly_world(configuration)
+    assert expected
+    assert {name: px4.parameters[name] for name in expected} == dict(expected)
+
+
+def test_the_vehicle_is_at_the_other_end_of_the_nodes_links(configuration):
+    assert addresses_of(configuration) == ("udpout:127.0.0.1:14540", "udpout:127.0.0.1:14541")
+    serial = dataclasses.replace(configuration.autopilot.link, url="serial:/dev/ttyACM0:57600")
+    settings = dataclasses.replace(configuration.autopilot, link=serial)
+    with pytest.raises(VehicleAddressError, match="reached by udpin: or udpout: only"):
+        addresses_of(dataclasses.replace(configuration, autopilot=settings))
