@@ -6,6 +6,7 @@ from typing import Callable, Mapping
 
 from amaze_autonomy.config.reference import group_reference
 
+from .tester_documents import TESTER_DOCUMENTS
 from .topic_map import SCHEMA, load_map, map_names
 
 __all__ = ["DOCUMENTS"]
@@ -20,5 +21,5 @@ def _maps() -> str:
     return f"| Map | Recording |\n|---|---|\n{rows}"
 
 
-DOCUMENTS: Mapping[str, Callable[[], str]] = {"topic-map": _schema, "topic-maps": _maps}
+DOCUMENTS: Mapping[str, Callable[[], str]] = {"topic-map": _schema, "topic-maps": _maps, **TESTER_DOCUMENTS}
 """By the name of the marker in a page."""

@@ -10,7 +10,7 @@ from .scenario import EVENTS, KINDS, FaultKind, Parameter, Subject
 from .scenario_file import load_scenario
 from .services import PEERS, SERVICES
 
-__all__ = ["DOCUMENTS"]
+__all__ = ["DOCUMENTS", "kinds_table"]
 
 _SUBJECTS = {
     Subject.COMPONENT: "### `component:` a component of sensors.yaml",
@@ -45,13 +45,16 @@ def kinds_of_faults() -> str:
     """Return every kind of fault, by subject."""
     parts: List[str] = []
     for subject, head in _SUBJECTS.items():
-        rows = [
-            (f"`{kind.name}`", _words(kind), "<br>".join(_parameter(each) for each in kind.parameters))
-            for kind in KINDS.values()
-            if kind.subject == subject
-        ]
-        parts.append(f"{head}\n\n{_table(('fault', 'what it does', 'parameters'), rows)}")
+        parts.append(f"{head}\n\n{kinds_table(kind for kind in KINDS.values() if kind.subject == subject)}")
     return "\n".join(parts)
+
+
+def kinds_table(kinds: Iterable[FaultKind]) -> str:
+    """Return some kinds of faults as a table."""
+    rows = [
+        (f"`{kind.name}`", _words(kind), "<br>".join(_parameter(each) for each in kind.parameters)) for kind in kinds
+    ]
+    return _table(("fault", "what it does", "parameters"), rows)
 
 
 def events() -> str:
