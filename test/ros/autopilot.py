@@ -52,7 +52,7 @@ class TestAutopilot(unittest.TestCase):
         rospy.wait_for_service(name, 20.0)
         return rospy.ServiceProxy(name, kind)(*arguments)
 
-    def wait(self, condition, what, limit_s=10.0):
+    def wait(self, condition, what, limit_s=20.0):
         wait_for(lambda: condition(self.status), f"{what} (now {self.status}): {self.node.log}", limit_s)
 
     def fly(self):
