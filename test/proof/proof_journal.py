@@ -1,7 +1,8 @@
-"""A way to a broken law as a file: a journal that `amaze-replay journal` decides again, with its events in order.
+"""A way to a broken law as files: a scenario that `amaze-replay test` decides, and its journal, the events in order.
 
-The header names the law and the way. Written into `test/proof/found/`, it is a regression test from then on: every law
-must hold at every event of it (`test_found.py`).
+The header of the journal names the law and the way. Written into `test/proof/found/`, both are regression tests from
+then on: every law must hold at every event of it (`test_found.py`), and once the engine is mended and the scenario's
+decisions are accepted (`amaze-replay accept`), it must decide them.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
+import yaml
 from proof_explorer import Broken
 from proof_moves import BOOT, Moment, Move, lawful, perform
 from proof_witness import Witness, hear, see
@@ -20,7 +22,7 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
 
-__all__ = ["check_journal", "journal_of", "write"]
+__all__ = ["check_journal", "journal_of", "write", "write_scenario"]
 
 
 def journal_of(path: Tuple[Move, ...], rules: Rules, **about: Any) -> str:
@@ -39,14 +41,28 @@ def journal_of(path: Tuple[Move, ...], rules: Rules, **about: Any) -> str:
 
 
 def write(broken: Broken, rules: Rules, folder: Path) -> Path:
-    """Write the way to a broken law into a folder, named after the law; return the file."""
+    """Write the way to a broken law into a folder, named after the law; return the scenario file."""
     folder.mkdir(parents=True, exist_ok=True)
     number = 1
     while (folder / f"{broken.law}-{number}.jsonl").exists():
         number += 1
     path = folder / f"{broken.law}-{number}.jsonl"
     path.write_text(journal_of(broken.path, rules, law=broken.law, why=broken.why), encoding="ascii")
-    return path
+    return write_scenario(path, broken.law, f"{broken.law} was broken: {broken.why}")
+
+
+def write_scenario(path: Path, law: str, description: str) -> Path:
+    """Write the scenario file of a journal beside it; return it."""
+    scenario = path.with_suffix(".scenario.yaml")
+    words = {
+        "version": 1,
+        "description": description[:200],
+        "tags": ["proof"],
+        "requirements": [law],
+        "journal": path.name,
+    }
+    scenario.write_text(yaml.safe_dump(words, sort_keys=False, width=120), encoding="ascii")
+    return scenario
 
 
 def check_journal(text: str) -> Dict[str, int]:

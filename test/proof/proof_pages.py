@@ -27,8 +27,9 @@ proof of the vehicle.
 ./run proof large takeoff   # one world
 ```
 
-A broken law is printed with the shortest way to it, and written as a journal into `test/proof/found/`:
-`amaze-replay journal` decides it again, and `./run test` checks every law on it from then on.
+A broken law is printed with the shortest way to it, and written as a scenario file with its journal into
+`test/proof/found/`: `amaze-replay test` decides it, and from then on `./run test` checks every law on it, and that the
+decisions are those which were accepted once the engine was mended.
 """
 _ABSTRACTS = """\
 ## What is abstracted

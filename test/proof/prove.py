@@ -2,7 +2,7 @@
 
 Without arguments: the bounded proof and its self-test, as in CI, and the page with their numbers. `large`: every world
 to a bound that is some 60 times higher; names of worlds: only those. A broken law is printed with the
-shortest way to it, and written as a journal into test/proof/found/.
+shortest way to it, and written as a scenario file with its journal into test/proof/found/.
 """
 
 from __future__ import annotations

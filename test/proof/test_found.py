@@ -25,15 +25,16 @@ def test_every_law_holds_on_what_was_found(path):
     assert sum(check_journal(path.read_text()).values()) > 0
 
 
-def test_a_broken_law_becomes_a_journal_that_breaks_it_again(tmp_path, monkeypatch, capsys):
+def test_a_broken_law_becomes_a_scenario_that_breaks_it_again(tmp_path, monkeypatch, capsys):
     defect = next(defect for defect in DEFECTS if defect.words == "`land` is left out")
     defect.breaks(monkeypatch)
     broken = explore(WORLDS["flight with imu"]).broken
     assert broken.law == "abort_is_landed"
 
-    path = write(broken, WORLDS["flight with imu"].rules, tmp_path)
+    scenario = write(broken, WORLDS["flight with imu"].rules, tmp_path)
 
-    assert path.name == "abort_is_landed-1.jsonl"
+    path = tmp_path / "abort_is_landed-1.jsonl"
+    assert scenario.name == "abort_is_landed-1.scenario.yaml"
     with pytest.raises(BrokenLawError, match="imu is at 16"):
         check_journal(path.read_text())
     assert main(["journal", str(path)]) == 0
@@ -41,6 +42,13 @@ def test_a_broken_law_becomes_a_journal_that_breaks_it_again(tmp_path, monkeypat
     check_journal(path.read_text())
     assert main(["journal", str(path)]) != 0, "the engine that is mended decides otherwise"
     assert "imu" in capsys.readouterr().out
+    for name in ("CI", "CONTINUOUS_INTEGRATION", "GITHUB_ACTIONS", "GITLAB_CI", "JENKINS_URL", "BUILD_NUMBER"):
+        monkeypatch.delenv(name, raising=False)
+    assert main(["test", str(scenario)]) == 1, "nobody has accepted what the mended engine decides"
+    assert main(["accept", "--reason", "the engine lands again", str(scenario)]) == 0
+    assert main(["test", str(scenario)]) == 0
+    defect.breaks(monkeypatch)
+    assert main(["test", str(scenario)]) == 1, "the defect is back"
 
 
 def test_the_shortest_way_is_written_first_and_a_second_one_beside_it(tmp_path, monkeypatch):
@@ -49,6 +57,6 @@ def test_the_shortest_way_is_written_first_and_a_second_one_beside_it(tmp_path, 
     broken = explore(world).broken
     assert broken.path[len(world.seeds[0]) :] == (("component", "imu", "16", "none"),)
     assert [write(broken, world.rules, tmp_path).name for _ in range(2)] == [
-        "abort_is_landed-1.jsonl",
-        "abort_is_landed-2.jsonl",
+        "abort_is_landed-1.scenario.yaml",
+        "abort_is_landed-2.scenario.yaml",
     ]
