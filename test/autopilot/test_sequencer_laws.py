@@ -53,7 +53,7 @@ class Watched(Flying):
     def _see(self) -> None:
         super()._see()
         watch, status = self.planner.watch, self.status
-        if status.phase is P.HOLDING:
+        if status.phase is P.HOLDING and watch.armed:
             assert watch.mode in ("AUTO.LOITER", "OFFBOARD") or "by itself" in status.message or watch.pilot
         if status.phase is P.LOADED:
             assert not status.waypoint
