@@ -170,7 +170,7 @@ def repack(path: Path, kind: str) -> None:
 
 
 def timed(command: list, synced: Path | None = None) -> tuple[float, float, float]:
-    """Return seconds, seconds of computing, and megabytes of a process; with a file, until that is on the disk."""
+    """Return seconds, seconds of computing, and megabytes of a process; until a file that it wrote is on the disk."""
     before = time.perf_counter()
     process = subprocess.Popen(
         [str(part) for part in command],
@@ -182,7 +182,7 @@ def timed(command: list, synced: Path | None = None) -> tuple[float, float, floa
     _, status, usage = os.wait4(process.pid, 0)
     if status:
         sys.exit(f"{command[0]} failed: {error.decode()[-400:]}")
-    if synced:
+    if synced and synced.is_file():
         file = os.open(synced, os.O_RDONLY)
         os.fsync(file)
         os.close(file)
@@ -196,7 +196,7 @@ def compare(tools: dict, output: Path) -> dict:
         for name, commands in tools.items():
             seconds, cpu, memory = 0.0, 0.0, 0.0
             for command in commands:
-                took_s, cpu_s, used = timed(command, output if output.exists() else None)
+                took_s, cpu_s, used = timed(command, command[-1] if name == "cp" else output)
                 seconds, cpu, memory = seconds + took_s, cpu + cpu_s, max(memory, used)
             best[name] = tuple(map(min, best.get(name, (9e9, 9e9, 9e9)), (seconds, cpu, memory)))
             for path in output.parent.glob(f"{output.stem}*"):
