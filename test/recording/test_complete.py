@@ -64,8 +64,8 @@ def test_losses_are_in_the_summary_and_in_the_manifest(tmp_path):
     summary = collect(plan(session))
     lost = [
         "second/realsense-02.recovered.bag: an unknown number of messages",
-        "second/realsense: 1.5 s, until its recorder was started again (killed by SIGKILL)",
-        "second/1 warnings of dropped messages",
+        "second/realsense: 1.5 s, in which nothing was recorded (killed by SIGKILL)",
+        "second/1 warning of dropped messages",
     ]
     assert (list(summary.lost), manifest(session)["lost"]) == (lost, lost)
     assert summary.messages == 949

@@ -69,7 +69,9 @@ def cable():
         ip("-n", NAME, "link", "set", "lo", "up")
         yield far
     finally:
-        ip("netns", "delete", NAME)  # its end of the cable goes with it, and so does ours
+        # A namespace ends some time after its last process: the cable is taken away at once.
+        subprocess.run(["ip", "link", "delete", near], check=False, capture_output=True)
+        ip("netns", "delete", NAME)
 
 
 @contextmanager

@@ -92,8 +92,10 @@ def test_what_did_not_arrive_or_is_different_is_named_and_put_aside(tmp_path):
 
 def test_gaps_and_dropped_messages_are_losses():
     gap = {"group": "cameras", "file": 2, "seconds": 0.42, "ending": "killed by SIGKILL"}
-    assert losses({"files": [{"file": "a", "lost": 3}], "gaps": [gap], "dropped": 2}) == [
+    other = {**gap, "group": "states"}
+    assert losses({"files": [{"file": "a", "lost": 3}], "gaps": [gap, other, gap], "dropped": 2}) == [
         "a: 3 messages",
-        "cameras: 0.4 s, until its recorder was started again (killed by SIGKILL)",
+        "cameras: 2 times, together 0.8 s, in which nothing was recorded (killed by SIGKILL)",
+        "states: 0.4 s, in which nothing was recorded (killed by SIGKILL)",
         "2 warnings of dropped messages",
     ]

@@ -1,5 +1,7 @@
 """The recorder of one platform: it proves, restarts, stops with limits, and goes on where a process of it ended."""
 
+import json
+
 from recording_story import PHASE, Platform, recorded_memory, recording, recovered
 
 from amaze_autonomy.recording import Answer
@@ -78,10 +80,22 @@ def test_a_recorder_that_is_killed_is_started_at_once_into_a_new_file_and_said()
     assert platform.part.message == "cameras: its recorder ended (killed by SIGKILL)"
     platform.go_on(0.5)
     assert platform.part.growing
-    assert platform.part.message == "cameras: its recorder was started again 1 times, 0.1 s are missing"
+    assert platform.part.message == "cameras: its recording was interrupted once, 0.3 s are missing"
     assert platform.machine.groups["cameras"].gaps == [
-        {"group": "cameras", "file": 2, "seconds": 0.1, "ending": "killed by SIGKILL"}
+        {"group": "cameras", "file": 2, "seconds": 0.3, "ending": "killed by SIGKILL"}
     ]
+
+
+def test_what_is_kept_for_the_next_process_does_not_change_afterwards():
+    platform = recording()
+    kept = platform.machine.memory()
+    before = json.dumps(kept)
+    platform.kill("cameras")
+    platform.go_on(1.0)
+    assert json.dumps(kept) == before
+    again = json.loads(json.dumps(platform.machine.memory()))
+    platform.machine.remember(0, again, same_boot=True)
+    assert [gap["seconds"] for gap in platform.machine.groups["cameras"].gaps] == [0.3]
 
 
 def test_a_recorder_that_dies_again_and_again_is_started_once_a_second():
@@ -107,22 +121,63 @@ def test_without_space_it_does_not_begin():
     assert (platform.phases, platform.commands) == ([PHASE.IDLE], [])
 
 
-def test_a_storage_that_becomes_full_is_said_before_and_when_it_is_and_nothing_is_started_into_it():
+def test_a_storage_that_becomes_full_is_said_before_and_ends_the_recorders_so_that_their_files_are_closed():
     platform = recording()
     platform.free = 50_000_000 + 200_000_000
     platform.turn()
     assert platform.part.message == "the storage is full in 25 s"
     platform.free = 100_000_000
-    platform.full = dict.fromkeys(platform.full, True)
-    platform.turn()
-    said = platform.part.message
-    assert said.startswith("the storage is full (100 MB are free): recording has stopped; states: its recorder stopped")
-    platform.kill("states", "it ended with status 134")
     platform.go_on(3.0)
+    assert platform.asked(Signal) == [Signal("states", "INT"), Signal("cameras", "INT")]
+    assert platform.part.message.startswith("the storage is full (100 MB are free): recording has stopped; ")
+    assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1]
+    platform.free = 300_000_000
+    platform.go_on(1.0)
     assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1]
     platform.free = 10_000_000_000
-    platform.turn()
+    platform.go_on(1.0)
     assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1, 2]
+    (gap,) = platform.machine.groups["states"].gaps
+    assert (gap["ending"], round(gap["seconds"])) == ("the storage was full", 4)
+
+
+def test_a_recorder_that_does_not_end_on_a_full_storage_is_asked_once():
+    platform = recording()
+    platform.obeys = dict.fromkeys(platform.obeys, ())
+    platform.free = 0
+    platform.go_on(3.0)
+    assert len(platform.asked(Signal)) == 2
+
+
+def test_what_a_full_storage_took_is_a_loss_and_ends_with_the_recording():
+    platform = recording()
+    platform.grows = dict.fromkeys(platform.grows, 0)
+    platform.full["states"] = True
+    platform.go_on(5.0)
+    platform.stop()
+    platform.turn()
+    (gap,) = platform.machine.groups["states"].gaps
+    assert (gap["ending"], round(gap["seconds"])) == ("the storage was full", 5)
+
+
+def test_a_recorder_that_died_and_could_not_be_started_is_a_loss_as_well():
+    platform = recording()
+    platform.free = 0
+    platform.kill("states")
+    platform.go_on(5.0)
+    platform.stop()
+    (gap,) = platform.machine.groups["states"].gaps
+    assert (gap["ending"], round(gap["seconds"])) == ("killed by SIGKILL", 5)
+
+
+def test_a_recorder_that_writes_again_when_there_is_space_ends_the_gap():
+    platform = recording()
+    platform.grows = dict.fromkeys(platform.grows, 0)
+    platform.full["states"] = True
+    platform.go_on(2.0)
+    platform.grows = dict.fromkeys(platform.grows, 2_000_000)
+    platform.go_on(0.1)
+    assert platform.part.message == "states: its recording was interrupted once, 2.1 s are missing"
 
 
 def test_dropped_messages_are_counted():

@@ -41,6 +41,7 @@ start_limit_s: 5.0
 stop_limit_s: 4.0
 platform_limit_s: 2.0
 apply_clock_offset: true
+keep_parts: {keep}
 platforms:
   main: {{groups: [one]}}
   second: {{groups: [two]}}
@@ -99,13 +100,15 @@ class Numbers:
 class Recorders:
     """The nodes of one test in a namespace and a folder of their own."""
 
-    def __init__(self, name: str, reserve_mb: int = 0, storage: Optional[Path] = None, size: int = 100) -> None:
+    def __init__(
+        self, name: str, reserve_mb: int = 0, storage: Optional[Path] = None, size: int = 100, keep: str = "true"
+    ) -> None:
         self.name = name
         self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
         self.storage = storage or self.folder / "storage"
         self._config = self.folder / "config"
         shutil.copytree(config_folder(), self._config)
-        text = CONFIGURATION.format(folder=self.storage, reserve=reserve_mb)
+        text = CONFIGURATION.format(folder=self.storage, reserve=reserve_mb, keep=keep)
         text = text.replace("main/numbers", f"/{name}/main/numbers").replace(
             "second/numbers", f"/{name}/second/numbers"
         )
@@ -214,7 +217,7 @@ class TestRecorder(unittest.TestCase):
         killed = recorders.process("second", "two")
         os.kill(killed, signal.SIGKILL)
         wait_for(lambda: recorders.process("second", "two") != killed, "another recorder")
-        wait_for(lambda: "started again 1 times" in recorders.status.platforms[1].message, "the word about it")
+        wait_for(lambda: "interrupted once" in recorders.status.platforms[1].message, "the word about it")
         wait_for(lambda: all(each.growing for each in recorders.status.platforms), "growth on both platforms")
 
         kept = recorders.process("main", "one")
@@ -298,12 +301,17 @@ class TestRecorder(unittest.TestCase):
         self.assertTrue(recorders.ask("stop").accepted)
         status = recorders.wait_phase(PHASE.COMPLETE)
         self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []])
+        self.assertRegex(
+            status.message, r"lost: main/one: \d+\.\d s, in which nothing was recorded \(the storage was full"
+        )
         print(
             f"full at {sum(part.stat().st_size for part in parts) / 1e6:.0f} MB; after space was made: {status.message}"
         )
 
-    def test_clocks_that_are_three_seconds_apart_are_measured_and_corrected(self) -> None:
-        recorders = self.recorders("clocks")
+    def test_clocks_that_are_three_seconds_apart_are_corrected_and_parts_removed_in_the_end_when_configured(
+        self,
+    ) -> None:
+        recorders = self.recorders("clocks", keep="false")
         library = recorders.folder / "another_clock.so"
         command = ["cc", "-shared", "-fPIC", "-o", str(library), "-xc", "-", "-ldl"]
         subprocess.run(command, input=ANOTHER_CLOCK.encode(), check=True)
@@ -321,6 +329,8 @@ class TestRecorder(unittest.TestCase):
         with Recording(Path(status.location)) as recording:
             ends = {topic.name.split("/")[2]: topic.last_ns for topic in recording.topics}
         self.assertLess(abs(ends["main"] - ends["second"]), 1_000_000_000, "record times were not corrected")
+        self.assertTrue(manifest["verified"]["ok"])
+        wait_for(lambda: [*recorders.storage.rglob("*.bag")] == [Path(status.location)], "the removal of the parts")
         print(f"clocks 3 s apart: measured {[clock[each]['offset_ns'] / 1e9 for each in ('start', 'stop')]} s")
 
 

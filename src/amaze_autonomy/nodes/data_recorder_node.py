@@ -28,7 +28,6 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
 
@@ -40,30 +39,27 @@ from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording import (
     Answer,
     Collector,
-    CollectorSetup,
     Command,
-    GroupSetup,
     PlatformRecorder,
-    PlatformSetup,
-    RecordingError,
     Status,
 )
 from amaze_autonomy.recording import commands as asked
-from amaze_autonomy.recording.folders import STATE, read_json, session_name, space_of, write_json
+from amaze_autonomy.recording.folders import STATE, session_name, space_of
 from amaze_autonomy.recording.sight import Sight
-from amaze_autonomy.recording.space import needed_bytes, reserve_bytes, too_little
+from amaze_autonomy.recording.space import needed_bytes, too_little
 from amaze_autonomy.recording.status import WRITING
 
 from . import recorder_messages
 from .clock import Clock, MonotonicClock
-from .errors import CallError, StartError
+from .errors import CallError
 from .node_main import run_node
-from .output import boot_id
 from .recorder_children import RecorderChildren, Subscriptions, recorder_program
 from .recorder_collection import Collection
 from .recorder_diagnostics import RecorderDiagnostics
 from .recorder_jobs import RecorderJobs
 from .recorder_links import PlatformLink
+from .recorder_memory import RecorderMemory
+from .recorder_settings import collector_setup, platform_name, platform_setup, recordings_folder, transfers
 from .recorder_topics import MasterView, resolved
 from .workers import Workers
 
@@ -72,7 +68,6 @@ __all__ = ["DataRecorderNode", "main"]
 _TURN_S = 0.1
 _STATUS_S = 0.5
 _END_LIMIT_S = 10.0
-_TRANSFERS = ("", "rsync", "shared", "here")
 
 
 class DataRecorderNode:
@@ -87,8 +82,8 @@ class DataRecorderNode:
         self._configuration, self._stamp_ns = configuration, clock.ros_ns
         self._now_ns = MonotonicClock().now_ns  # processes and disks know no simulated time
         recording = configuration.recording
-        self.name = _platform_name(configuration)
-        self.folder = _folder(configuration)
+        self.name = platform_name(configuration)
+        self.folder = recordings_folder(configuration)
         self._lock = threading.RLock()
         self._wake = threading.Event()
         self._ended = False
@@ -97,24 +92,15 @@ class DataRecorderNode:
         nodes = {name: rospy.resolve_name(f"record_{self.name}_{name}") for name in groups}
         self._groups = tuple(groups.values())
         self._children = RecorderChildren(groups, topics, nodes, recording.storage, recorder_program())
-        self._platform = PlatformRecorder(
-            PlatformSetup(
-                name=self.name,
-                groups=tuple(GroupSetup(name, topics[name]) for name in groups),
-                growth_limit_ns=recording.growth_limit_ns,
-                stop_limit_ns=recording.stop_limit_ns,
-                reserve_bytes=reserve_bytes(recording.storage),
-            )
-        )
+        self._platform = PlatformRecorder(platform_setup(configuration, self.name, topics))
         self._jobs, self._workers = RecorderJobs(), Workers("recorder")
         self._master = MasterView()
         self._collector: Optional[Collector] = None
         self._links: Dict[str, PlatformLink] = {}
         if self.name == recording.collector:
-            self._collector = Collector(_collector_setup(configuration))
-        self._collection = Collection(configuration, self.folder, _transfers(configuration))
-        self._state_path = self.folder / STATE.format(platform=self.name)
-        self._memory: Dict[str, Any] = {}
+            self._collector = Collector(collector_setup(configuration))
+        self._collection = Collection(configuration, self.folder, transfers(configuration))
+        self._memory = RecorderMemory(self.folder / STATE.format(platform=self.name))
         self._said: List[Tuple[Any, ...]] = [(), ()]
         self._due_s = 0.0
         self._services: List[Any] = []
@@ -278,6 +264,8 @@ class DataRecorderNode:
         else:
             with self._lock:
                 collector.answered(command.platform, command.verb, session, answer)
+            if command.verb == "remove" and answer.accepted:
+                self._collection.remove(self.folder / session_name(session, mission) / command.platform)
         self._wake.set()
 
     def _measure_clock(self, command: asked.MeasureClock) -> None:
@@ -407,35 +395,31 @@ class DataRecorderNode:
     def _keep(self) -> None:
         """Write down what the next process needs, when it has changed."""
         with self._lock:
-            memory = {
-                "boot_id": boot_id(),
+            content = {
                 "platform": self._platform.memory(),
                 "processes": self._children.memory(),
                 "collector": self._collector.memory() if self._collector is not None else None,
             }
-        if memory == self._memory or not memory["platform"]["session_id"]:
-            return
-        try:
-            write_json(self._state_path, memory)
-        except RecordingError as error:
-            rospy.logerr_throttle(10.0, "%s", error)
-        else:
-            self._memory = memory
+        if self._platform.session_id:
+            self._memory.keep(content)
 
     def _remember(self) -> None:
-        memory = read_json(self._state_path)
-        if memory is None:
+        """Go on where another process of this node ended."""
+        content, same_boot = self._memory.read()
+        if content is None:
             return
         try:
-            same_boot = memory["boot_id"] == boot_id()
-            now_ns = self._now_ns()
-            self._platform.remember(now_ns, memory["platform"], same_boot=same_boot)
-            if same_boot:
-                self._children.remember(memory["processes"])
-            if self._collector is not None and memory.get("collector"):
-                self._collector.remember(now_ns, memory["collector"])
-        except (KeyError, TypeError, ValueError) as error:
-            rospy.logerr("%s holds what cannot be (%s); it is left alone", self._state_path, error)
+            platform, now_ns = PlatformRecorder(self._platform.setup), self._now_ns()
+            platform.remember(now_ns, content["platform"], same_boot=same_boot)
+            if self._collector is not None and content["collector"]:
+                collector = Collector(self._collector.setup)
+                collector.remember(now_ns, content["collector"])
+                self._collector = collector
+            self._children.remember(content["processes"] if same_boot else {})
+            self._platform = platform
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            rospy.logerr("%s holds what cannot be (%r): it is put aside", self._memory.path, error)
+            self._memory.put_aside()
             return
         rospy.loginfo("goes on with session %s (%s)", self._platform.session_id, self._platform.phase.name)
 
@@ -461,47 +445,6 @@ class DataRecorderNode:
         self._jobs.stop()
         for link in self._links.values():
             link.close()
-
-
-def _platform_name(configuration: Configuration) -> str:
-    recording = configuration.recording
-    name = str(rospy.get_param("~platform", "")) or recording.collector
-    known = [each.name for each in recording.platforms]
-    if name not in known:
-        raise StartError(f"~platform is {name!r}, recording.yaml has {', '.join(known)}")
-    return name
-
-
-def _folder(configuration: Configuration) -> Path:
-    folder = Path(str(rospy.get_param("~folder", "")) or configuration.recording.folder).expanduser()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StartError(f"{folder}: cannot be made ({error.strerror}); name another one with ~folder") from error
-    return folder.resolve()
-
-
-def _transfers(configuration: Configuration) -> Dict[str, Any]:
-    given = str(rospy.get_param("~transfer", ""))
-    if given not in _TRANSFERS:
-        raise StartError(f"~transfer is {given!r}, must be one of {', '.join(_TRANSFERS[1:])}, or empty")
-    transfers = {each.name: each.transfer for each in configuration.recording.platforms}
-    return {name: replace(each, by=given) if given else each for name, each in transfers.items()}
-
-
-def _collector_setup(configuration: Configuration) -> CollectorSetup:
-    recording = configuration.recording
-    others = [each for each in recording.platforms if each.name != recording.collector]
-    return CollectorSetup(
-        own=recording.collector,
-        platforms=tuple(each.name for each in recording.platforms),
-        fetched=tuple(each.name for each in others),
-        start_limit_ns=recording.start_limit_ns,
-        silent_ns=recording.platform_limit_ns,
-        stop_limit_ns=recording.stop_limit_ns,
-        transfer_limit_ns=max((each.transfer.limit_ns for each in others), default=0),
-        keep_parts=recording.keep_parts,
-    )
 
 
 def main() -> int:

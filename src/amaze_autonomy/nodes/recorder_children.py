@@ -67,6 +67,11 @@ class _Log:
                 self.state = read_line(self.state, line.decode("utf-8", "replace"))
         return self.state
 
+    def forget_end(self) -> None:
+        """Keep what was counted; how the last recorder ended says nothing about the next one."""
+        self.read()
+        self.state = LogState(dropped=self.state.dropped)
+
 
 class RecorderChildren:
     """The processes of one session on this platform. Used by the node's one working thread.
@@ -122,6 +127,7 @@ class RecorderChildren:
             self._endings[name] = f"it cannot be started: {error}"
             return self._endings[name]
         self._own[name] = process
+        self._logs[name].forget_end()
         self._take(name, process.pid)
         return ""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
@@ -172,10 +172,20 @@ def losses(content: Mapping[str, Any]) -> List[str]:
             words.append(f"{entry['file']}: an unknown number of messages")
         elif lost:
             words.append(f"{entry['file']}: {lost:,} messages")
-    words += [
-        f"{gap['group']}: {gap['seconds']:.1f} s, until its recorder was started again ({gap['ending']})"
-        for gap in content.get("gaps", [])
-    ]
+    words += _gaps(content.get("gaps", []))
     if content.get("dropped"):
-        words.append(f"{content['dropped']} warnings of dropped messages")
+        warnings = "1 warning" if content["dropped"] == 1 else f"{content['dropped']} warnings"
+        words.append(f"{warnings} of dropped messages")
     return words
+
+
+def _gaps(gaps: Sequence[Mapping[str, Any]]) -> List[str]:
+    """Return the times in which a group was not recorded, one line for each group and cause."""
+    found: Dict[Tuple[str, str], List[float]] = {}
+    for gap in gaps:
+        found.setdefault((gap["group"], gap["ending"]), []).append(gap["seconds"])
+    return [
+        f"{group}: {'' if len(seconds) == 1 else f'{len(seconds)} times, together '}{sum(seconds):.1f} s, "
+        f"in which nothing was recorded ({ending})"
+        for (group, ending), seconds in found.items()
+    ]

@@ -3,6 +3,7 @@ r"""The recorder of one platform: which processes shall run, what they prove, an
     IDLE -> STARTING -> RECORDING -> STOPPING -> RECOVERING -> COMPLETE
                                                      \-> FAILED -> (asked to stop again) RECOVERING
 
+A storage that is full but for its reserve ends the recorders, so that their files are closed; with space they go on.
 STARTING becomes RECORDING when every group proves that it records, and never falls back: what fails later is told by
 `growing` and `message`. It has no limit of its own; whoever asked for the recording has one. A recorder that dies is
 started again into a new file at once, for as long as the recording lasts. A start for another session ends this one.
@@ -74,7 +75,7 @@ class PlatformRecorder:
         self._next: Optional[Tuple[str, str]] = None
         self._growth = Growth()
         self._sight = Sight()
-        self._recovering = False
+        self._recovering = self._full = False
         self._progress: Optional[float] = None
         self._message = ""
         self._escalation = self._tries = 0
@@ -125,6 +126,9 @@ class PlatformRecorder:
         self._recovering, self._progress, self._escalation, self._tries = False, None, 0, 0
         if phase in (Phase.STARTING, Phase.RECOVERING):
             self._message = ""
+        if phase is Phase.STOPPING:
+            for group in self.groups.values():
+                group.end(t_ns)
 
     # --- what happens ---------------------------------------------------------------------------------------------
 
@@ -151,18 +155,27 @@ class PlatformRecorder:
         self._sight = sight
         self._growth.add(t_ns, sum(each.size for each in sight.groups.values()))
         for name, group in self.groups.items():
-            group.see(t_ns, sight.groups.get(name, GroupSight(running=False)))
+            group.see(t_ns, sight.groups.get(name, GroupSight(running=False)), writing=self.phase in WRITING)
         turn = _TURNS.get(self.phase)
         return tuple(turn(self, t_ns)) if turn is not None else ()
 
     def _write(self, t_ns: int) -> List[Command]:
-        """Keep every group's recorder running."""
-        room = self._sight.space is None or self._sight.space.free_bytes > self.setup.reserve_bytes
-        wanting = [group for group in self.groups.values() if group.wants_child(t_ns, room=room)]
+        """Keep every group's recorder running, as long as there is space for what it writes."""
+        self._look_at_space()
+        if self._full:
+            told = [group for group in self.groups.values() if group.stop_for_space(t_ns)]
+            return [Signal(group.name, "INT") for group in told]
+        wanting = [group for group in self.groups.values() if group.wants_child(t_ns)]
         commands: List[Command] = [StartChild(group.name, group.take_number(t_ns)) for group in wanting]
         if self.phase is Phase.STARTING and self.groups and self._proven():
             self._enter(Phase.RECORDING, t_ns)
         return commands
+
+    def _look_at_space(self) -> None:
+        """See whether the storage is full; it is not any more when twice the reserve is free."""
+        space, reserve = self._sight.space, self.setup.reserve_bytes
+        if space is not None:
+            self._full = space.free_bytes <= (2 * reserve if self._full else reserve)
 
     def _close(self, t_ns: int) -> List[Command]:
         """Have every recorder close its file: asked once, and made to in the end."""
@@ -237,7 +250,7 @@ class PlatformRecorder:
 
     def _space_troubles(self) -> List[str]:
         left_s = time_left_s(self._sight.space, self._growth.rate, self.setup.reserve_bytes)
-        if self._sight.space is not None and self._sight.space.free_bytes <= self.setup.reserve_bytes:
+        if self._full and self._sight.space is not None:
             return [
                 f"the storage is full ({self._sight.space.free_bytes / 1e6:.0f} MB are free): recording has stopped"
             ]
