@@ -26,6 +26,7 @@ from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.report import report
 from amaze_autonomy.nodes import incoming
 from amaze_autonomy.nodes.errors import InvalidMessageError
+from amaze_autonomy.replay.scenario.files import parse_cases
 from amaze_autonomy.simulation.scenario_file import parse_scenario
 
 ROOT = Path(__file__).parents[2]
@@ -161,6 +162,9 @@ def test_every_field_of_an_answer_may_be_anything(name):
     check()
 
 
+PIECES = st.sampled_from(["", "nan", ".inf", "-1", "1e999", "[", "{", "&a *a", "null", "\t", "x: y", "'"]) | st.text(
+    max_size=8
+)
 SCENARIO = (ROOT / "test" / "proof" / "hostile_scenario.yaml").read_text()
 
 
@@ -169,13 +173,9 @@ SCENARIO = (ROOT / "test" / "proof" / "hostile_scenario.yaml").read_text()
 def test_any_scenario_is_read_or_is_one_mistake(data):
     begin = data.draw(st.integers(0, len(SCENARIO)))
     end = data.draw(st.integers(begin, min(len(SCENARIO), begin + 40)))
-    piece = data.draw(
-        st.sampled_from(["", "nan", ".inf", "-1", "1e999", "[", "{", "&a *a", "null", "\t", "x: y", "'"])
-        | st.text(max_size=8)
-    )
     mistake = ""
     try:
-        parse_scenario(SCENARIO[:begin] + piece + SCENARIO[end:])
+        parse_scenario(SCENARIO[:begin] + data.draw(PIECES) + SCENARIO[end:])
     except ConfigError as error:
         mistake = str(error)
     assert mistake == "" or mistake.isprintable()
@@ -183,6 +183,24 @@ def test_any_scenario_is_read_or_is_one_mistake(data):
 
 def test_the_scenario_that_is_broken_here_is_a_good_one():
     assert len(parse_scenario(SCENARIO).faults) == 3
+
+
+TESTS = {path.name: path for path in (ROOT / "test" / "scenarios").glob("*.scenario.yaml")}
+
+
+@settings(max_examples=300)
+@given(data=st.data())
+def test_any_scenario_of_the_tester_is_read_or_is_one_mistake(data):
+    path = TESTS[data.draw(st.sampled_from(sorted(TESTS)))]
+    text = path.read_text()
+    begin = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(begin, min(len(text), begin + 40)))
+    mistake = ""
+    try:
+        parse_cases(text[:begin] + data.draw(PIECES) + text[end:], path)
+    except ConfigError as error:
+        mistake = str(error)
+    assert mistake == "" or mistake.isprintable()
 
 
 @settings(max_examples=300)
