@@ -53,6 +53,7 @@ STORIES = {
     "estimator_silent": RETRIED,
     "flapping": Story((*_FLY, *("HOLD", "MISSION") * 3, *_END), ("TAKEOFF", *("HOLD", "RESUME") * 3), "COMPLETE"),
     "gps": FLOWN,
+    "gps_lost": PILOT,
     "heartbeat": LANDED,
     "heartbeat_stuck": LANDED,
     "hold_ignored": HELD_LANDED,

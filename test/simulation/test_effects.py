@@ -64,6 +64,22 @@ def test_a_failsafe_that_ends_gives_the_vehicle_back():
     assert (driver.vehicle.failsafe, driver.vehicle.mode) == (False, "AUTO.LOITER")
 
 
+def test_a_lost_gps_is_told_at_once_and_ends_in_a_landing_of_its_own():
+    driver = Driver("fault: gps_lost, after: {event: mission, delay_s: 1}")
+    driver.take_off()
+    driver.go_on(2.0)
+    assert (driver.world.sensor_health()["gps"], driver.vehicle.failsafe) == (False, False)
+    driver.go_on(5.0)
+    assert (driver.vehicle.failsafe, driver.vehicle.mode) == (True, "AUTO.LAND")
+
+
+def test_a_gps_that_comes_back_in_time_changes_nothing():
+    driver = Driver("fault: gps_lost, after: {event: mission, delay_s: 1}, for_s: 3")
+    driver.take_off()
+    driver.go_on(8.0)
+    assert (driver.world.sensor_health()["gps"], driver.vehicle.failsafe) == (True, False)
+
+
 def test_somebody_who_arms_arms():
     driver = Driver("fault: pilot_arms, at_s: 1")
     driver.go_on(2.0)
@@ -109,7 +125,7 @@ def test_a_vehicle_that_seems_landed_flies():
 
 
 def test_every_fault_of_the_world_has_its_effect_tested():
-    elsewhere = {"battery_drops", "pilot_arms", "autopilot_failsafe"}  # above
+    elsewhere = {"battery_drops", "pilot_arms", "autopilot_failsafe", "gps_lost"}  # above
     elsewhere |= {"pilot_disarms", "estimate_off", "ground_unknown", "seems_landed"}  # above
     elsewhere |= {"autopilot_link_lost"}  # test_autopilot.py
     elsewhere |= {"data_incomplete", "recording_does_not_grow", "recording_fails"}  # test_recorder.py

@@ -147,6 +147,8 @@ def sensor_health(site: Site) -> Dict[str, bool]:
         kinds = [fault.kind.name for fault, _ in site.faults.on(Subject.COMPONENT, component.name)]
         if "unreported" not in kinds:
             health[component.autopilot.value] = not any(kind in _UNHEALTHY for kind in kinds)
+    if site.vehicle.flags.gps_lost and "gps" in health:
+        health["gps"] = False
     return health
 
 

@@ -75,6 +75,14 @@ def _failsafe_ends(site: Site, _: Fault) -> None:
     site.vehicle.leave_failsafe()
 
 
+def _gps_lost(site: Site, _: Fault) -> None:
+    site.vehicle.lose_gps()
+
+
+def _gps_found(site: Site, _: Fault) -> None:
+    site.vehicle.find_gps()
+
+
 def _not_ready(site: Site, fault: Fault) -> None:
     site.vehicle.flags.not_ready[fault.word("what")] = fault.word("what").replace("_", " ")
 
@@ -129,6 +137,7 @@ _BEGIN: Mapping[str, _Effect] = {
     "pilot_arms": _pilot_arms,
     "pilot_disarms": _pilot_disarms,
     "autopilot_failsafe": _failsafe,
+    "gps_lost": _gps_lost,
     "not_ready": _not_ready,
     "tilted": _tilted,
     "raised": _raised,
@@ -141,6 +150,7 @@ _BEGIN: Mapping[str, _Effect] = {
 _END: Mapping[str, _Effect] = {
     "battery_drops": _battery_holds,
     "autopilot_failsafe": _failsafe_ends,
+    "gps_lost": _gps_found,
     "battery_unknown": _battery_known,
     "pilot_takes_over": _pilot_gives_back,
     "not_ready": _ready,

@@ -50,6 +50,7 @@ class VehicleSettings:
         ground_ns: from touching the ground to ON_GROUND.
         disarm_ns: from ON_GROUND to the automatic disarming.
         idle_disarm_ns: how long it stays armed on the ground when no takeoff follows.
+        blind_ns: from the loss of the GPS until it gives its position up, as recorded.
     """
 
     takeoff_height_m: float = 1.0
@@ -59,6 +60,7 @@ class VehicleSettings:
     ground_ns: int = 1 * _S
     disarm_ns: int = 2 * _S
     idle_disarm_ns: int = 10 * _S
+    blind_ns: int = 5_280_000_000
 
 
 class Pose(NamedTuple):
@@ -92,6 +94,7 @@ class Flags:
     does_not_disarm: bool = False
     tilt_rad: float = 0.0
     raised_m: float = 0.0
+    gps_lost: bool = False
     not_ready: Dict[str, str] = field(default_factory=dict)
 
 

@@ -194,6 +194,11 @@ _KINDS: Tuple[FaultKind, ...] = (
     ),
     FaultKind(
         Subject.WORLD,
+        "gps_lost",
+        "the GPS has no fix: five seconds later the autopilot gives its position up and lands by a failsafe of its own",
+    ),
+    FaultKind(
+        Subject.WORLD,
         "autopilot_link_lost",
         "the autopilot node hears nothing of the vehicle: its status goes on with what it knew",
     ),

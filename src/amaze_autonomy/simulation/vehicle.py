@@ -25,6 +25,7 @@ class Vehicle(Flight):
         self.failsafe = False
         self._arm_at: Optional[int] = None
         self._lift_at: Optional[int] = None
+        self._blind_at: Optional[int] = None
         self._flew = False
 
     # --- commands -------------------------------------------------------------------------------------------------
@@ -119,6 +120,16 @@ class Vehicle(Flight):
             if self.armed and not self.pilot:
                 self._set_mode(Mode.LOITER)
 
+    def lose_gps(self) -> None:
+        """Take the GPS away: some seconds later the autopilot gives its position up."""
+        self.flags.gps_lost = True
+        self._blind_at = self.t_ns + self.settings.blind_ns
+
+    def find_gps(self) -> None:
+        """Give the GPS back."""
+        self.flags.gps_lost = False
+        self._blind_at = None
+
     # --- motion ---------------------------------------------------------------------------------------------------
 
     def advance(self, t_ns: int) -> None:
@@ -136,6 +147,12 @@ class Vehicle(Flight):
         if not self.armed:
             self._stay(end_ns)
             return
+        if self._blind_at is not None and self.airborne:
+            end_ns = min(end_ns, max(self._blind_at, self.t_ns))
+            if self._blind_at <= self.t_ns:
+                self._blind_at = None
+                self.enter_failsafe(Mode.LAND)
+                return
         if self.airborne:
             self._fly(end_ns)
         else:

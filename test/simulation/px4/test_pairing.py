@@ -70,6 +70,16 @@ def test_a_sensor_of_the_world_is_a_bit_of_sys_status(configuration):
     assert not flight.advance(1.5).heard["SYS_STATUS"].onboard_control_sensors_health & bit
 
 
+def test_a_gps_that_is_lost_ends_in_a_blind_descent(configuration):
+    flight = Flight(configuration, "fault: gps_lost, after: {event: airborne, delay_s: 1.0}").take_off()
+    gps = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+    assert flight.heard["GPS_RAW_INT"].fix_type == 0
+    assert flight.heard["SYS_STATUS"].onboard_control_sensors_health & gps
+    flight.advance(5.0)
+    assert (flight.heard["HEARTBEAT"].custom_mode, flight.heard["HEARTBEAT"].system_status) == (6 << 24 | 4 << 16, 5)
+    assert not flight.advance(3.0).heard["SYS_STATUS"].onboard_control_sensors_present & gps
+
+
 def test_events_of_a_flight_over_mavlink_trigger_faults(configuration):
     flight = Flight(configuration, "fault: pilot_takes_over, after: {event: airborne, delay_s: 1.0}").take_off()
     assert flight.world.vehicle.pilot

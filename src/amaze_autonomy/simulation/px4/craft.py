@@ -131,6 +131,10 @@ class Craft(Vehicle):
         self.takeoff_m = up_m
         self.command_mode(Mode.TAKEOFF)
 
+    def lose_gps(self) -> None:
+        """Take the GPS away; what follows from that is PX4's own business (`failsafes.py`)."""
+        self.flags.gps_lost = True
+
     # --- on the ground --------------------------------------------------------------------------------------------
 
     def _set_armed(self) -> None:

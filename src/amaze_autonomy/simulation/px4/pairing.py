@@ -19,6 +19,7 @@ from .settings import PARAMETERS, Px4Settings
 
 __all__ = ["addresses_of", "fly_world"]
 
+_SENSORS = ("gps", "imu", "magnetometer", "barometer")
 _ENDS = {EndpointKind.UDP_IN: EndpointKind.UDP_OUT, EndpointKind.UDP_OUT: EndpointKind.UDP_IN}
 
 
@@ -45,13 +46,15 @@ def fly_world(
     chosen = dataclasses.replace(chosen, parameters={"BAT1_N_CELLS": cells, **_as_given(expected), **chosen.parameters})
     watched = tuple(each.autopilot.value for each in world.settings.components if each.autopilot is not None)
 
-    def sensors() -> Dict[str, Optional[bool]]:
-        health = world.sensor_health()
-        return {name: health[name] if name in watched else True for name in health}
-
     vehicle = world.vehicle
     if not isinstance(vehicle, Craft):
         raise TypeError("the world made another vehicle than it was told to")
+
+    def sensors() -> Dict[str, Optional[bool]]:
+        """Return what PX4 says; of a GPS without a fix it says nothing bad."""
+        good = {name for name in _SENSORS if name not in watched or (name == "gps" and vehicle.flags.gps_lost)}
+        return {name: True if name in good else healthy for name, healthy in world.sensor_health().items()}
+
     px4 = Px4(vehicle, world.power, start_ns, chosen, sensors=sensors, seed=seed, unix_ns=unix_ns)
     return world, px4
 

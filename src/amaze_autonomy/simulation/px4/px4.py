@@ -199,7 +199,8 @@ class Px4:
     def advance(self, t_ns: int) -> List[_Out]:
         """Look at the vehicle, act where a failsafe must, and return what is sent: (link, message), in order."""
         self._now_ns = t_ns
-        self.health.follow(t_ns, gps=int(self.parameters["SIM_GPS_USED"]) > 0, armed=self.craft.armed)
+        has_gps = int(self.parameters["SIM_GPS_USED"]) > 0 and not self.craft.flags.gps_lost
+        self.health.follow(t_ns, gps=has_gps, armed=self.craft.armed)
         fraction = self._power.fraction if self._power.known else None
         self.failsafes.advance(t_ns, fraction, transmitter=self._transmitter)
         self._tell_changes(t_ns)
