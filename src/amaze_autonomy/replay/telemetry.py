@@ -9,8 +9,6 @@ It has the face of a bag. Its topics are made of what the vehicle sent:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import nan
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
@@ -23,6 +21,8 @@ from amaze_autonomy.autopilot.wire import decode
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
 from amaze_autonomy.config import AutopilotSettings
 
+from .telemetry_messages import Status, imu, status
+
 __all__ = ["MAVLINK_KIND", "Telemetry", "recordings_of", "topics_of"]
 
 MAVLINK_KIND = "mavros_msgs/Mavlink"
@@ -30,61 +30,6 @@ _S = 1_000_000_000
 _STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
 _PERIOD_NS = _S // 5
 _NOBODY = Identity(255, 1, vehicle=0)  # nobody's address: what was addressed to others is taken, too
-_HEALTH = {None: 0, True: 1, False: 2}
-_MILLI_G = 9.80665e-3
-_SENSORS = ("gps", "imu", "magnetometer", "barometer")
-
-
-@dataclass(frozen=True)
-class _Stamp:
-    sec: int
-    nanosec: int
-
-
-@dataclass(frozen=True)
-class _Header:
-    stamp: _Stamp
-
-
-@dataclass(frozen=True)
-class _Vector:
-    x: float
-    y: float
-    z: float
-
-
-@dataclass(frozen=True)
-class _Imu:
-    header: _Header
-    linear_acceleration: _Vector
-    angular_velocity: _Vector
-
-
-@dataclass(frozen=True)
-class _Status:
-    """Fields as in msg/AutopilotStatus."""
-
-    header: _Header
-    link_age: float
-    armed_known: bool
-    armed: bool
-    landed: int
-    mode: str
-    pilot_in_control: bool
-    failsafe: bool
-    height_valid: bool
-    height: float
-    position_valid: bool
-    position_x: float
-    position_y: float
-    vertical_speed: float
-    battery_fraction: float
-    battery_voltage: float
-    battery_age: float
-    gps: int
-    imu: int
-    magnetometer: int
-    barometer: int
 
 
 class Telemetry:
@@ -101,7 +46,7 @@ class Telemetry:
         self._frames = sorted(frames, key=lambda each: each[0])
         self._count = counter
         self._places: Dict[str, List[Tuple[int, int]]] = {}
-        self._statuses: List[_Status] = []
+        self._statuses: List[Status] = []
         self._read()
         self.topics: Tuple[Topic, ...] = tuple(
             Topic(name, _kind(name), len(places), places[0][0], places[-1][0])
@@ -160,7 +105,7 @@ class Telemetry:
         if topic == _STATUS:
             return self._statuses[entry.offset]
         message = decode(self._frames[entry.offset][1])
-        return _imu(entry.t_ns, message) if topic == _IMU else message
+        return imu(entry.t_ns, message) if topic == _IMU else message
 
     def columns(self, wanted: Mapping[str, Any]) -> Dict[str, Any]:  # noqa: ARG002 - the face of a bag
         """Return nothing: every message is read by itself."""
@@ -185,7 +130,7 @@ class Telemetry:
 
     def _tell(self, t_ns: int, vehicle: VehicleState) -> None:
         self._place(_STATUS, t_ns, len(self._statuses))
-        self._statuses.append(_status(t_ns, vehicle))
+        self._statuses.append(status(t_ns, vehicle))
 
 
 def _vehicle(frames: Iterable[Tuple[int, Frame]]) -> Optional[int]:
@@ -291,43 +236,3 @@ def _name(number: int) -> str:
 def _kind(topic: str) -> str:
     kinds = {_STATUS: "amaze_autonomy/AutopilotStatus", _IMU: "sensor_msgs/Imu"}
     return kinds.get(topic, "mavlink/" + topic[len(_PREFIX) :])
-
-
-def _header(t_ns: int) -> _Header:
-    return _Header(_Stamp(t_ns // _S, t_ns % _S))
-
-
-def _imu(t_ns: int, message: Any) -> _Imu:
-    """Return an IMU sample: forward, right, down becomes forward, left, up."""
-    scale, turn = (1.0, 1.0) if message.get_type() == "HIGHRES_IMU" else (_MILLI_G, 1e-3)
-    acceleration = _Vector(message.xacc * scale, -message.yacc * scale, -message.zacc * scale)
-    rates = _Vector(message.xgyro * turn, -message.ygyro * turn, -message.zgyro * turn)
-    return _Imu(_header(t_ns), acceleration, rates)
-
-
-def _number(value: Optional[float]) -> float:
-    return nan if value is None else float(value)
-
-
-def _status(t_ns: int, vehicle: VehicleState) -> _Status:
-    said, health = vehicle.status(t_ns), vehicle.health(t_ns)
-    return _Status(
-        header=_header(t_ns),
-        link_age=_number(said.link_age_s),
-        armed_known=said.armed is not None,
-        armed=bool(said.armed),
-        landed=said.landed.value,
-        mode=said.mode,
-        pilot_in_control=said.pilot_in_control,
-        failsafe=said.failsafe,
-        height_valid=said.height_m is not None,
-        height=_number(said.height_m),
-        position_valid=said.position_x_m is not None,
-        position_x=_number(said.position_x_m),
-        position_y=_number(said.position_y_m),
-        vertical_speed=_number(said.vertical_speed_m_s),
-        battery_fraction=_number(said.battery_fraction),
-        battery_voltage=_number(said.battery_voltage_v),
-        battery_age=_number(said.battery_age_s),
-        **{name: _HEALTH[health[name]] for name in _SENSORS},
-    )
