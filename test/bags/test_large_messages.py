@@ -150,6 +150,26 @@ def test_the_same_inputs_give_the_same_bytes_however_they_are_loaded(tmp_path, m
     assert digest(tmp_path / "m.bag") == digest(tmp_path / "n.bag")
 
 
+@pytest.mark.parametrize("kind", ["lz4", "bz2"])
+def test_compressed_chunks_are_read_the_usual_way_where_the_library_is_not_found(tmp_path, monkeypatch, kind):
+    streams = [rows(f"/{each}", 200, first_ms=each) for each in range(2)]
+    inputs = [bag(tmp_path / f"{each}.bag", streams[each], compression=kind) for each in range(2)]
+    merge(inputs, tmp_path / "m.bag")
+    monkeypatch.setattr("amaze_autonomy.bags.frames.decompress_frame", lambda *_: False)
+    merge(inputs, tmp_path / "n.bag")
+    assert digest(tmp_path / "m.bag") == digest(tmp_path / "n.bag")
+
+
+def test_a_connection_number_that_nobody_gave_is_damage(tmp_path):
+    path = one_chunk(tmp_path / "1.bag")
+    with Index(path) as index:
+        begin = index.position
+    raw = path.read_bytes()
+    path.write_bytes(raw[:begin] + raw[begin:].replace(b"conn=\0\0\0\0", b"conn=\xff\xff\xff\xff"))
+    with pytest.raises(BagError, match=r"1\.bag: the index is damaged \(a connection has the number 4294967295\)"):
+        Index(path)
+
+
 PLAIN = bytes(random.Random(1).choices(b"abc", k=100_000))
 
 

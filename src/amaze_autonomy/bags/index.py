@@ -26,6 +26,7 @@ __all__ = [
 ]
 
 _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
+_LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
 _REMEDY = "make a new one with `amaze-bag recover`"
 
 
@@ -111,6 +112,7 @@ class Index:
         for _ in range(count):
             record = _expected(tail, place, CONNECTION)
             connection = connection_of(record, tail[record.data : record.end])
+            require(connection.number <= _LARGEST_NUMBER, f"a connection has the number {connection.number}")
             self.connections[connection.number] = connection
             place = record.end
         return place
