@@ -23,6 +23,7 @@ __all__ = ["SUFFIX", "cases_of", "find_files", "load_cases", "parse_cases"]
 
 SUFFIX = ".scenario.yaml"
 _S = 1_000_000_000
+_LONGEST = 40
 _Variant = Tuple[str, Entry]
 
 
@@ -78,13 +79,20 @@ def _variants(tree: Entry, matrix: Mapping[str, Sequence[Entry]]) -> List[_Varia
     labels = [
         last if lasts.count(last) == 1 and not last.isdecimal() else address for address, last in zip(matrix, lasts)
     ]
+    named = [tuple((_short(value, number), value) for number, value in enumerate(each, 1)) for each in matrix.values()]
     variants: List[_Variant] = []
-    for values in product(*matrix.values()):
+    for values in product(*named):
         changed = tree
-        for address, value in zip(matrix, values):
+        for address, (_, value) in zip(matrix, values):
             changed = _set(changed, address, value)
-        variants.append((",".join(f"{label}={_text(v)}" for label, v in zip(labels, values)), changed))
+        variants.append((",".join(f"{label}={word}" for label, (word, _) in zip(labels, values)), changed))
     return variants
+
+
+def _short(entry: Entry, number: int) -> str:
+    """Return a value as part of a name: its text, or which it is when that is long."""
+    text = _text(entry)
+    return text if len(text) <= _LONGEST else str(number)
 
 
 def _set(tree: Entry, address: str, value: Entry) -> Entry:
