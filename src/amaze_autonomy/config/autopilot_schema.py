@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Mapping, Tuple
 
-from .binding import Row, bind, group_of, make
+from .binding import Row, bind, group_of, make, refuse_at
 from .kinds import Choice, Flag, Number, Places, Text, Whole
 from .schema import Group, Key, Named
 
@@ -262,8 +262,28 @@ AUTOPILOT = Group(
 )
 
 
+_OWNED = ("serial:", "udp:", "udpin:", "tcpin:")  # what one process alone can have
+
+
+def _check_links(values: Mapping[str, Any], places: Places) -> None:
+    """Refuse two links that cannot both be: on one endpoint, or with one address.
+
+    Raises:
+        ConfigError: they are.
+    """
+    link, planner = values["link"], values["planner_link"]
+    if planner["url"] == link["url"] and link["url"].startswith(_OWNED):
+        right = "must be an endpoint of its own; a router shares a serial port (docs/autopilot.md)"
+        refuse_at(("planner_link", "url"), places, f"is {link['url']!r}, as link.url", right)
+    names = ("system_id", "component_id")
+    if all(planner[name] == link[name] for name in names):
+        right = "must be another one: each node that speaks has its own"
+        refuse_at(("planner_link", "component_id"), places, f"is {link['component_id']}, as link.component_id", right)
+
+
 def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings:
     """Return the settings of the values of autopilot.yaml."""
+    _check_links(values, places)
 
     def group(name: str, cls: Any) -> Any:
         return make(cls, values[name], (name,), places)

@@ -1,0 +1,47 @@
+"""autopilot.yaml: its defaults, and what cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from amaze_autonomy import paths
+from amaze_autonomy.config import AutopilotSettings, load_configuration
+
+
+def test_the_shipped_file_says_the_defaults_and_the_parameters_that_matter():
+    shipped = load_configuration(paths.config_folder()).autopilot
+    assert replace(shipped, parameters={}) == AutopilotSettings()
+    assert sorted(shipped.parameters) == ["COM_DISARM_LAND", "COM_DISARM_PRFLT", "COM_LOW_BAT_ACT"]
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (
+            "planner_link:\n  url: udpin:127.0.0.1:14540\n",
+            "autopilot.yaml:2: planner_link.url: is 'udpin:127.0.0.1:14540', as link.url; must be an endpoint of its "
+            "own; a router shares a serial port (docs/autopilot.md)",
+        ),
+        (
+            "planner_link:\n  component_id: 191\n",
+            "autopilot.yaml:2: planner_link.component_id: is 191, as link.component_id; must be another one: each node "
+            "that speaks has its own",
+        ),
+        (
+            "backend: ros2\n",
+            "autopilot.yaml:1: backend: is the text 'ros2'; must be one of mavlink, mavros; did you mean mavros?",
+        ),
+        (
+            "rates_hz: {HEARTBEAT: 0.0}\n",
+            "autopilot.yaml:1: rates_hz.HEARTBEAT: is 0.0; must be a number at least 0.1 and at most 50",
+        ),
+        ("link: {url: 14540}\n", None),
+        ("link: {url: 'ftp:host:1'}\n", None),
+        ("gps: {frozen_limit_ms: 5}\n", None),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_line(mistake, text, message):
+    said = mistake("autopilot.yaml", text)
+    assert said.startswith("autopilot.yaml:1: ") if message is None else said == message
