@@ -152,6 +152,18 @@ def test_without_a_pose_the_set_point_is_to_stand_still_and_the_time_is_counted(
     assert guided.blind_ns(begin_ns + S + STEP_NS) == 0
 
 
+def test_a_pose_that_jumps_is_not_followed():
+    guided = guidance(Waypoint(0.0, 9.0, 1.0, 0.0, 0.0))
+    follower = Follower(guided)
+    follower.until(lambda: follower.at[1] > -2.0)
+    x, y, z = follower.at
+    jumped = guided.step(follower.t_ns + S, pose(x + 7.0, y, z), None)
+    assert (jumped.type_mask, guided.blind_ns(follower.t_ns + S)) == (BY_VELOCITY, S)
+    back = guided.step(follower.t_ns + S + STEP_NS, pose(x, y, z), None)
+    assert math.dist(place(back), follower.at) < 0.1
+    assert guided.blind_ns(follower.t_ns + S + STEP_NS) == 0
+
+
 def test_told_to_stand_it_stops_and_then_stays_there():
     guided = guidance(Waypoint(0.0, 9.0, 1.0, 0.0, 0.0))
     guided.stand()

@@ -405,6 +405,15 @@ def test_when_the_pose_stays_away_it_lands():
     assert near(flying, 5.0, 0.0, 2.5)
 
 
+def test_when_the_heading_is_not_known_any_more_it_flies_on_without():
+    flying = Flying()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    deaf(flying, "ATTITUDE")
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
 def test_the_stream_goes_on_until_the_landing_is_shown():
     flying = Flying()
     flying.take_off("inside")

@@ -2,8 +2,8 @@
 
 A point runs ahead of the vehicle along each leg, as fast as the flight model says, and waits when the vehicle does not
 follow: a set-point that jumped to the next waypoint would be flown to as fast as the autopilot can. Without a fresh
-pose the set-point is to stand still: velocity zero. Each call gives one message, whatever is known: the stream never
-depends on anything.
+pose, and with one that has jumped, the set-point is to stand still: velocity zero. Each call gives one message,
+whatever is known: the stream never depends on anything.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ _LONGEST_STEP_S = 0.1
 _STILL_M_S = 0.2
 _LEAST_LEAD_M = 1.0
 _LEAD_S = 1.5
+_FAR_LEADS = 2.0  # further from its point than so many leads the vehicle is not where its pose says
 _THERE_M = 1e-6
 
 
@@ -123,6 +124,8 @@ class Guidance:
         """
         passed_s = 0.0 if self._t_ns is None else min(_LONGEST_STEP_S, (t_ns - self._t_ns) / _S)
         self._t_ns = t_ns
+        if pose is not None and self._is_far(pose):
+            pose = None  # a jump of the estimate: to follow it would be to fly away
         if self._fresh_ns is None or pose is not None:
             self._fresh_ns = t_ns
         if pose is None:
@@ -150,7 +153,7 @@ class Guidance:
         self._yaw += min(most, max(-most, turn))
         way = math.dist(self._at, goal)
         fastest = self._fastest(self._at, goal, way)
-        if math.dist(self._at, pose.position_m) > max(_LEAST_LEAD_M, _LEAD_S * fastest):
+        if math.dist(self._at, pose.position_m) > self._longest_lead(fastest):
             self._speed = 0.0
             return
         brake = math.sqrt(2.0 * self._model.acceleration_m_s2 * way)
@@ -160,6 +163,16 @@ class Guidance:
             part = 1.0
         x, y, z = (at + part * (to - at) for at, to in zip(self._at, goal))
         self._at = (x, y, z)
+
+    def _is_far(self, pose: Pose) -> bool:
+        if not self.flying or self._standing:
+            return False
+        far = _FAR_LEADS * self._longest_lead(self._model.cruise_speed_m_s)
+        return math.dist(self._at, pose.position_m) > far + self._spec.acceptance_radius_m
+
+    @staticmethod
+    def _longest_lead(speed_m_s: float) -> float:
+        return max(_LEAST_LEAD_M, _LEAD_S * speed_m_s)
 
     def _fastest(self, start: Vector, goal: Vector, way: float) -> float:
         if way <= _THERE_M:

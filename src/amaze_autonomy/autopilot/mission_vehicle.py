@@ -68,6 +68,7 @@ class VehicleWatch:
         self.pose: Optional[Pose] = None
         self.yaw_rad: Optional[float] = None
         self.yaw_ns = 0
+        self.yaw_ns = 0
         self.place: Optional[Place] = None
         self.height_m = 0.0
         self.place_ns = 0
@@ -98,6 +99,10 @@ class VehicleWatch:
         """Return the local position, unless it is old or the estimator disowns it."""
         good = self.pose is not None and t_ns - self.pose.t_ns <= limit_ns
         return self.pose if good and self._estimates(t_ns, _RELATIVE | _ABSOLUTE) else None
+
+    def heading(self, t_ns: int, limit_ns: int) -> Optional[float]:
+        """Return the yaw in radians counter-clockwise from east, unless it is old."""
+        return self.yaw_rad if t_ns - self.yaw_ns <= limit_ns else None
 
     def somewhere(self, t_ns: int, limit_ns: int) -> Optional[Place]:
         """Return the place on the earth, unless it is old or the estimator disowns it."""

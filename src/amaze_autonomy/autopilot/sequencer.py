@@ -290,7 +290,7 @@ class Sequencer:
             return []
         self._setpoint_ns = t_ns
         guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD
-        sent = [guidance.step(t_ns, self._pose(t_ns), self.watch.yaw_rad)]
+        sent = [guidance.step(t_ns, self._pose(t_ns), self.watch.heading(t_ns, self._spec.vehicle_age_limit_ns))]
         self._means.still = guidance.still
         blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
         if guidance.flying and (guidance.finished or blind) and not self._lands():
