@@ -223,3 +223,27 @@ def test_the_battery_is_checked_with_the_charge_state():
         "battery cell voltage",
         "battery state",
     ]
+
+
+def test_a_node_that_ends_while_nothing_is_heard_goes_on_sending():
+    bench = ClientBench().fly()
+    bench.cut = True
+    bench.advance(3.0)
+    assert not bench.ask(bench.client.leave).final
+    bench.advance(1.0)
+    assert len(bench.commands(SET_MODE)) >= 3
+    bench.cut = False
+    bench.until(lambda: bench.client.land_reply().final, 2.0)
+    assert bench.far.craft.mode == "AUTO.LAND"
+
+
+def test_a_failsafe_that_acts_by_itself_is_left_alone_and_one_that_waits_for_sticks_is_landed():
+    bench = ClientBench(transmitter=False).fly()
+    bench.far.mode((4, 3))
+    heartbeat = mavlink.MAVLink_heartbeat_message
+    for mode, number, left_alone in (("AUTO.RTL", 5 << 24 | 4 << 16, True), ("POSCTL", 3 << 16, False)):
+        bench.vehicle.receive(bench.t_ns, heartbeat(2, 12, 209, number, 5, 3))
+        bench.sent.clear()
+        reply = bench.ask(bench.client.leave)
+        assert (reply.message == f"the autopilot acts by its failsafe, in {mode}") is left_alone
+        assert bool(bench.commands(SET_MODE)) is not left_alone

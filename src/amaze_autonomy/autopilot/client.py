@@ -157,7 +157,9 @@ class AutopilotClient:
         mode = vehicle.beat.mode if vehicle.beat is not None else ""
         if vehicle.control.failsafe and (mode.startswith("AUTO.") or vehicle.system.rc(t_ns)):
             return Reply(accepted=False, message=f"the autopilot acts by its failsafe, in {mode}", final=True), []
-        return self.land(t_ns)
+        reply, messages = self.land(t_ns)
+        # a vehicle that is not heard may hear: sent on for as long as the node stays
+        return reply._replace(final=reply.final and self.landing.progress is not Progress.SENT), messages
 
     # --- checks ---------------------------------------------------------------------------------------------------
 
