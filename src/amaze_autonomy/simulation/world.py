@@ -189,6 +189,10 @@ class World:
         health = sensor_health(self._site)
         return {name: health.get(name) for name in SENSORS}
 
+    def acting(self, kind: str) -> Optional[Fault]:
+        """Return the fault of a kind of which there is one in the world, if it acts now."""
+        return self._site.world_fault(kind)
+
     def link_lost(self) -> bool:
         """Tell whether the autopilot node's link to the vehicle is cut."""
         return self._site.world_fault("autopilot_link_lost") is not None

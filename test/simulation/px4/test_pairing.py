@@ -80,6 +80,20 @@ def test_a_gps_that_is_lost_ends_in_a_blind_descent(configuration):
     assert not flight.advance(3.0).heard["SYS_STATUS"].onboard_control_sensors_present & gps
 
 
+@pytest.mark.parametrize(
+    "fault, landed, up_mm",
+    [
+        ("estimate_off, height_m: 40.0, position_m: -9.0", mavlink.MAV_LANDED_STATE_ON_GROUND, 40_450),
+        ("ground_unknown", mavlink.MAV_LANDED_STATE_UNDEFINED, 450),
+        ("seems_landed", mavlink.MAV_LANDED_STATE_ON_GROUND, 450),
+    ],
+)
+def test_what_the_autopilot_is_wrong_about_is_wrong_on_the_wire(configuration, fault, landed, up_mm):
+    flight = Flight(configuration, f"fault: {fault}").advance(2.0)
+    assert flight.heard["EXTENDED_SYS_STATE"].landed_state == landed
+    assert flight.heard["GLOBAL_POSITION_INT"].relative_alt == pytest.approx(up_mm, abs=60)
+
+
 def test_events_of_a_flight_over_mavlink_trigger_faults(configuration):
     flight = Flight(configuration, "fault: pilot_takes_over, after: {event: airborne, delay_s: 1.0}").take_off()
     assert flight.world.vehicle.pilot

@@ -9,7 +9,9 @@ from typing import FrozenSet, Mapping, NamedTuple, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-__all__ = ["Health", "Sensors", "drift_m"]
+from amaze_autonomy.engine.events import VehicleLanded
+
+__all__ = ["Health", "Sensors", "Wrong", "drift_m"]
 
 _S = 1_000_000_000
 _POSITION_LOST_NS = 5_280_000_000
@@ -44,6 +46,18 @@ class Sensors(NamedTuple):
     present: int
     enabled: int
     health: int
+
+
+class Wrong(NamedTuple):
+    """What PX4 is wrong about, because a fault says so.
+
+    Args:
+        off_m: how far the estimate is off: east, north, up.
+        landed: what it says of the ground; None: what is so.
+    """
+
+    off_m: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    landed: Optional[VehicleLanded] = None
 
 
 class Health:

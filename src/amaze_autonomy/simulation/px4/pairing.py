@@ -8,12 +8,14 @@ from typing import Dict, Mapping, Optional, Tuple, Union
 from amaze_autonomy.autopilot.endpoint import EndpointKind, parse_endpoint
 from amaze_autonomy.autopilot.errors import EndpointError
 from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.simulation.vehicle import VehicleSettings
 from amaze_autonomy.simulation.world import World
 
 from .craft import Craft
 from .errors import VehicleAddressError
+from .health import Wrong
 from .px4 import Px4
 from .settings import PARAMETERS, Px4Settings
 
@@ -55,8 +57,30 @@ def fly_world(
         good = {name for name in _SENSORS if name not in watched or (name == "gps" and vehicle.flags.gps_lost)}
         return {name: True if name in good else healthy for name, healthy in world.sensor_health().items()}
 
-    px4 = Px4(vehicle, world.power, start_ns, chosen, sensors=sensors, seed=seed, unix_ns=unix_ns)
+    px4 = Px4(
+        vehicle,
+        world.power,
+        start_ns,
+        chosen,
+        sensors=sensors,
+        wrong=lambda: _wrong(world),
+        seed=seed,
+        unix_ns=unix_ns,
+    )
     return world, px4
+
+
+def _wrong(world: World) -> Wrong:
+    """Return what PX4 is wrong about by the faults that act now."""
+    off, landed = world.acting("estimate_off"), None
+    off_m = (0.0, 0.0, 0.0) if off is None else (off.number("position_m"), 0.0, off.number("height_m"))
+    if world.acting("ground_unknown") is not None:
+        landed = VehicleLanded.UNKNOWN
+    elif world.acting("seems_landed") is not None:
+        landed = VehicleLanded.ON_GROUND
+    return (
+        Wrong(landed=landed) if off is None else Wrong((off.number("position_m"), 0.0, off.number("height_m")), landed)
+    )
 
 
 def _as_given(values: Mapping[str, float]) -> Dict[str, Union[int, float]]:

@@ -25,7 +25,7 @@ from . import telemetry
 from .commands import Order, Orders, enter, results
 from .craft import Craft, SetPoint
 from .failsafes import Failsafes
-from .health import Health
+from .health import Health, Wrong
 from .links import Link
 from .mission_server import MissionServer
 from .modes import OFFBOARD, mode_of
@@ -60,6 +60,7 @@ class Px4:
         t_ns: when it begins.
         settings: the rest.
         sensors: returns sensor -> healthy; None: the autopilot says nothing of it.
+        wrong: returns what it is wrong about.
         seed: of the noise.
         unix_ns: time of the day at `t_ns`.
     """
@@ -72,11 +73,12 @@ class Px4:
         settings: Optional[Px4Settings] = None,
         *,
         sensors: Callable[[], Mapping[str, Optional[bool]]] = _all_well,
+        wrong: Callable[[], Wrong] = Wrong,
         seed: int = 0,
         unix_ns: int = 0,
     ) -> None:
         self.settings = settings or Px4Settings()
-        self.craft, self._power, self._sensors = craft, power, sensors
+        self.craft, self._power, self._sensors, self._wrong = craft, power, sensors, wrong
         self._start_ns, self._unix_ns, self._now_ns = t_ns, unix_ns, t_ns
         self._noise = random.Random(f"{seed}:px4")  # noqa: S311 - noise, not a secret
         self.parameters = Parameters({**PARAMETERS, **self.settings.parameters})
@@ -256,6 +258,7 @@ class Px4:
             has_home="home" not in self.craft.flags.not_ready,
             range_finder=self.settings.range_finder,
             events=self._texts.events,
+            wrong=self._wrong(),
             noise=self._noise,
         )
 

@@ -18,7 +18,7 @@ from amaze_autonomy.simulation.flight import Mode
 from .craft import Craft
 from .failsafes import BATTERY_LEVELS
 from .geography import Place
-from .health import Health, Sensors, drift_m
+from .health import Health, Sensors, Wrong, drift_m
 from .modes import OFFBOARD, base_mode, custom_mode
 from .wire import current_mode, sequence
 
@@ -71,6 +71,7 @@ class View:
         has_home: a home position is known.
         range_finder: it has one.
         events: that were told so far.
+        wrong: what it is wrong about.
         noise: of measurements.
     """
 
@@ -89,6 +90,7 @@ class View:
     has_home: bool
     range_finder: bool
     events: int
+    wrong: Wrong
     noise: random.Random
 
     @property
@@ -104,7 +106,7 @@ class View:
     @property
     def position(self) -> Tuple[float, float, float]:
         """The estimate, NED."""
-        east, north, up = self.craft.position_m
+        east, north, up = (true + off for true, off in zip(self.craft.position_m, self.wrong.off_m))
         off_north, off_east = drift_m(self.health.blind_ns)
         return north + off_north + self.spread(), east + off_east + self.spread(), -up + self.spread()
 
@@ -206,7 +208,8 @@ def _current_a(view: View) -> float:
 
 
 def _extended_sys_state(view: View) -> Any:
-    return mavlink.MAVLink_extended_sys_state_message(0, _LANDED[view.craft.landed])
+    landed = view.craft.landed if view.wrong.landed is None else view.wrong.landed
+    return mavlink.MAVLink_extended_sys_state_message(0, _LANDED[landed])
 
 
 def _gps_raw_int(view: View) -> Any:
