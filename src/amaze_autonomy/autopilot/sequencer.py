@@ -186,7 +186,7 @@ class Sequencer:
         persistent = action in (_A.LAND, _A.ABORT)
         steps = STEPS[self._controller, action]
         self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
-        self._message = ""
+        self._message = self._flight.hands_off()
 
     def _take_off(self, t_ns: int) -> None:
         self._phase, self._flight = _P.TAKING_OFF, FlightRecord(self.watch, self._flight.waypoints)
