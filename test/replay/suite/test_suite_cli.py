@@ -93,6 +93,18 @@ def test_a_mistake_in_a_file_is_an_error_with_its_line_and_the_others_are_run(ac
     assert lines[-1].startswith("1 PASS, 1 ERROR;")
 
 
+def test_two_processes_print_what_one_prints(accepted, capsys):
+    for name in ("b", "a", "c"):
+        (accepted / f"{name}.scenario.yaml").write_text((accepted / "lrf.scenario.yaml").read_text())
+    printed = []
+    for jobs in ("-j1", "-j3"):
+        capsys.readouterr()
+        assert main(["test", str(accepted), jobs]) == 1
+        printed.append(capsys.readouterr().out.splitlines()[:-1])
+    assert printed[0] == printed[1]
+    assert [line.split()[1] for line in printed[0] if line.startswith(("PASS", "FAIL"))] == ["a:", "b:", "c:", "lrf:"]
+
+
 def test_a_path_without_scenarios_is_wrong_use(folder, capsys):
     assert main(["test", "nothing"]) == 2
     assert main(["test", str(folder), "--tag", "none"]) == 2
