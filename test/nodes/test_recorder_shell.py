@@ -1,0 +1,111 @@
+"""The recorder's shell without a master: statuses over the wire, what the master says, and what may be removed."""
+
+from __future__ import annotations
+
+import json
+from io import BytesIO
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("rospy")
+
+from amaze_autonomy import msg
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.nodes.recorder_children import Subscriptions
+from amaze_autonomy.nodes.recorder_collection import Collection
+from amaze_autonomy.nodes.recorder_links import read_status
+from amaze_autonomy.nodes.recorder_memory import RecorderMemory
+from amaze_autonomy.nodes.recorder_messages import recording_status
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.recording.status import PlatformStatus, Status
+
+PART = PlatformStatus("second", True, 1000, 20.5, 0.25, "/rec/s/second", "wörds", 3)
+
+
+def over_the_wire(message):
+    buffer = BytesIO()
+    message.serialize(buffer)
+    return type(message)().deserialize(buffer.getvalue())
+
+
+@pytest.mark.parametrize(
+    "status",
+    [
+        Status(),
+        Status("s1", RecordingPhase.MERGING, 0.5, 12.0, (PART,), "/rec/s", "message"),
+        Status("s1", RecordingPhase.FAILED, None, None, (PlatformStatus("main"),), "", "missing"),
+    ],
+)
+def test_a_status_comes_in_as_it_went_out(status):
+    assert read_status(over_the_wire(recording_status(status, 5_000_000_001))) == status
+
+
+def test_a_status_with_an_unknown_phase_is_none():
+    assert read_status(msg.RecordingStatus(phase=99)) is None
+
+
+def test_what_is_subscribed_and_published_is_what_the_master_says():
+    said = Subscriptions({"/a": ["/record"], "/b": ["/other"]}, ["/b"])
+    assert said.missing("/record", ("/a", "/b", "/c")) == ("/b", "/c")
+    assert (said.silent(("/a", "/c")), said.silent(("/a", "/b"))) == (True, False)
+    assert (Subscriptions().missing("/record", ("/a",)), Subscriptions().silent(("/a",))) == (None, False)
+
+
+def part(folder, entries):
+    folder.mkdir(parents=True)
+    for name in ("a-01.bag", "a-02.bag.active", "a-02.recovered.bag", "notes.txt"):
+        (folder / name).write_text("x")
+    (folder / "parts.json").write_text(json.dumps({"parts": 1, "files": entries}))
+    return folder
+
+
+def left(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+LISTED = [{"file": "a-01.bag"}, {"file": "a-02.recovered.bag", "recovered_from": "a-02.bag.active"}]
+
+
+def test_only_what_a_part_lists_is_removed_and_only_within_the_recordings(tmp_path):
+    collection = Collection(load_configuration(config_folder()), tmp_path, {})
+    inside, outside = part(tmp_path / "s1" / "main", LISTED), part(tmp_path / "x" / "y" / "z", LISTED)
+    for folder in (inside, outside):
+        collection.remove(folder)
+    assert left(inside) == ["notes.txt", "parts.json"]
+    assert len(left(outside)) == 5
+
+
+def test_a_name_in_a_list_that_leads_elsewhere_removes_nothing(tmp_path):
+    other = tmp_path / "other.bag"
+    other.write_text("x")
+    folder = part(tmp_path / "s1" / "main", [{"file": "../../other.bag"}, {"file": str(other)}])
+    Collection(load_configuration(config_folder()), tmp_path, {}).remove(folder)
+    assert other.is_file()
+
+
+def test_what_is_kept_is_read_again_and_what_cannot_be_read_is_put_aside(tmp_path):
+    memory = RecorderMemory(tmp_path / "state.json")
+    assert memory.read() == (None, False)
+    memory.keep({"platform": {"a": 1}})
+    content, same_boot = RecorderMemory(memory.path).read()
+    assert (content["platform"], same_boot) == ({"a": 1}, True)
+    memory.put_aside()
+    assert left(tmp_path) == ["state.json.bad"]
+
+
+def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_path):
+    configuration = load_configuration(config_folder(), {"recording.apply_clock_offset": True})
+    transfers = {each.name: each.transfer for each in configuration.recording.platforms}
+    views = {
+        name: SimpleNamespace(began=True, offsets={}, part=PlatformStatus(name, location=f"/rec/{name}"))
+        for name in ("main", "second")
+    }
+    collector = SimpleNamespace(views=views, setup=SimpleNamespace(own="main"), session_id="s1", mission_id="m")
+    request = Collection(configuration, tmp_path, transfers).request(tmp_path / "s1_m", collector)
+    assert request["output"] == str(tmp_path / "s1_m" / "s1_m.bag")
+    assert [(each["platform"], each["folder"], each["fetched"]) for each in request["sources"]] == [
+        ("main", "/rec/main", False),
+        ("second", str(tmp_path / "s1_m" / "second"), True),
+    ]
