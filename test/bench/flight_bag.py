@@ -125,9 +125,10 @@ def written(path: Path, *, repetitions: int = 2, images: bool = False, compressi
         for place, (_, _, rate_hz, _) in enumerate(streams)
         for number in range(length_ns * rate_hz // S)
     ]
-    with Writer(path) as writer:
-        if compression != "none":
-            writer.set_compression(getattr(Writer.CompressionFormat, compression.upper()))
+    writer = Writer(path)
+    if compression != "none":
+        writer.set_compression(getattr(Writer.CompressionFormat, compression.upper()))
+    with writer:
         _write(writer, rows, streams, sorted(ticks), heights)
     return path
 
