@@ -110,6 +110,17 @@ def test_a_flight_longer_than_the_limit_of_all_flights_is_refused(mistake, small
             "7: groups.all.topics.0: /camera/image is recorded by main in all and by second in all; "
             "must be recorded once: the merged recording would have it twice",
         ),
+        (
+            "  main: {groups: [all]}",
+            "  main: {groups: [all], transfer: {by: rsync}}",
+            "4: platforms.main.transfer.host: is missing; must be given for rsync: the other computer, as ssh knows it",
+        ),
+        (
+            "folder: ~/recordings",
+            "folder: ~/recordings\nstart_limit_s: 15",
+            "2: start_limit_s: is 15; must be below recording.recording_start_limit_s of autonomy.yaml (15), "
+            "or nobody hears why",
+        ),
         ("folder: ~/recordings", "folders: ~/x", "1: folders: is an unknown key; did you mean folder?"),
         (
             "folder: ~/recordings",

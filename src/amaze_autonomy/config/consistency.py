@@ -84,6 +84,18 @@ def check_known(names: Iterable[str], known: Iterable[str], what: str, here: Add
             refuse_at(at, places, f"{name} is not a {what}", right)
 
 
+def check_recorder_limits(autonomy: Mapping[str, Any], recording: Mapping[str, Any], places: Places) -> None:
+    """Check that the recorder says what is missing before the engine stops waiting; `places` are of recording.yaml.
+
+    Raises:
+        ConfigError: about the recorder's limit.
+    """
+    limit, own = autonomy["recording"]["recording_start_limit_s"], recording["start_limit_s"]
+    if own >= limit and ("start_limit_s",) in places:
+        right = f"must be below recording.recording_start_limit_s of autonomy.yaml ({limit:g}), or nobody hears why"
+        refuse_at(("start_limit_s",), places, f"is {own:g}", right)
+
+
 def check_recording(values: Mapping[str, Any], places: Places) -> None:
     """Check that platforms record groups that exist, and every topic once.
 

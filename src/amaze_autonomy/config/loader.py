@@ -15,7 +15,13 @@ from .autonomy_schema import AUTONOMY, Streams
 from .autopilot_schema import AUTOPILOT, autopilot_of
 from .binding import make
 from .build import components_of, landing_of, recording_of, rules_of, state_estimation_of
-from .consistency import check_autonomy_with_sensors, check_heights, check_planner, check_recording
+from .consistency import (
+    check_autonomy_with_sensors,
+    check_heights,
+    check_planner,
+    check_recorder_limits,
+    check_recording,
+)
 from .decision_table import check_components
 from .document import Entry, entry_of, read
 from .errors import ConfigError, Place
@@ -113,6 +119,7 @@ def _check(values: Mapping[str, Any], places: Mapping[str, Places]) -> None:
         check_planner(values["autonomy"], values["missions"], places["missions"])
     if "recording" in values:
         check_recording(values["recording"], places["recording"])
+        check_recorder_limits(values["autonomy"], values["recording"], places["recording"])
 
 
 def _configuration(
