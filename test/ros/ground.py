@@ -159,7 +159,7 @@ def recorder_refuses(stack: Stack) -> None:
 @ground.add(
     "recording_not_proven",
     faults=scenario("fault: recording_does_not_grow"),
-    overrides=("autonomy.recording.recording_start_limit_s=3.0",),
+    overrides=("autonomy.recording.recording_start_limit_s=3.0", "recording.start_limit_s=2.0"),
 )
 def recorder_does_not_grow(stack: Stack) -> None:
     stack.wait_state("OUTREACH")

@@ -17,7 +17,11 @@ from amaze_autonomy.engine.events import Outcome, Reply
 
 MOST_S = 0.05
 BUT_RECORDER = "watchdog,landing_detection,state_estimation,autopilot,mission_planner"
-OVERRIDES = ("autonomy.commands.command_reply_limit_s=3.0", "autonomy.recording.recording_start_limit_s=4.0")
+OVERRIDES = (
+    "autonomy.commands.command_reply_limit_s=3.0",
+    "autonomy.recording.recording_start_limit_s=4.0",
+    "recording.start_limit_s=3.0",
+)
 WAITING = (*OVERRIDES, "autonomy.require_go=true")
 peers = Behaviours()
 
