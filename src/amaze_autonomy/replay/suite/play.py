@@ -10,7 +10,7 @@ from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event
-from amaze_autonomy.engine.journal import decode, encode_decision, encode_event, encode_header, rules_of
+from amaze_autonomy.engine.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
@@ -111,7 +111,7 @@ def missions_of(case: Case, configuration: Configuration) -> Tuple[Mission, ...]
     known = {mission.id: mission for mission in configuration.missions}
     for name in case.missions:
         if name not in known:
-            raise ReplayError(f"there is no mission {name!r}; there is {', '.join(known)}")
+            raise ReplayError(f"{case.path}: there is no mission {name!r}; there is {', '.join(known)}")
     return tuple(known[name] for name in case.missions) or configuration.missions[:1]
 
 
@@ -157,7 +157,10 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
 
 def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     """Decide the events that stand in the scenario itself."""
-    payloads = [decode(text, number).payload for number, text in enumerate(case.events, 1)]
+    try:
+        payloads = [decode(text, number).payload for number, text in enumerate(case.events, 1)]
+    except JournalError as error:
+        raise ReplayError(f"{case.path}: events, {error}") from error
     lines = _decided(payloads, configuration_of(case, options).rules if rules is None else rules)
     return Played(tuple(lines), trace_of(lines))
 
