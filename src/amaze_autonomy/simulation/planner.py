@@ -43,6 +43,7 @@ class Planner(Peer):
 
     def step(self, t_ns: int) -> List[Event]:
         """Follow the vehicle, land at the end of the sequence, and tell."""
+        self._go_on(self.site.vehicle)
         self._follow(self.site.vehicle)
         vehicle = self.site.vehicle
         key = (self._phase, self._session, self._file, self._repetition, vehicle.reached, self._message)
@@ -108,6 +109,11 @@ class Planner(Peer):
             self._phase = MissionPhase.LANDED
         return problem
 
+    def _go_on(self, vehicle: Vehicle) -> None:
+        """Go on by itself while a fault says so."""
+        if self._phase is MissionPhase.HOLDING and self.site.faults.active(Subject.PROCESS, "goes_on", self.name):
+            vehicle.resume()
+
     def _follow(self, vehicle: Vehicle) -> None:
         """Read the phase from the vehicle."""
         if self._phase not in _IN_FLIGHT:
@@ -115,8 +121,6 @@ class Planner(Peer):
         self._was_armed = self._was_armed or vehicle.armed
         if vehicle.finished and vehicle.mode == Mode.MISSION and not vehicle.pilot:
             vehicle.land()
-        if self._phase is MissionPhase.HOLDING and self.site.faults.active(Subject.PROCESS, "goes_on", self.name):
-            vehicle.resume()
         if self._is_over(vehicle):
             self._phase = MissionPhase.LANDED
         elif not self._was_armed:
