@@ -12,7 +12,8 @@ from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.document import parse
 from amaze_autonomy.replay.errors import FieldError
 from amaze_autonomy.replay.faults import RECORDED_FAULT, RECORDED_KINDS, TOPIC
-from amaze_autonomy.replay.faults.stream import Acting, FaultedRecordings
+from amaze_autonomy.replay.faults.acting import Acting
+from amaze_autonomy.replay.faults.stream import FaultedRecordings
 from amaze_autonomy.replay.sources import Sample
 from amaze_autonomy.simulation import Subject
 

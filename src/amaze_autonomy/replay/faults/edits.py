@@ -9,19 +9,17 @@ import copy
 import re
 from math import inf, isfinite, nan
 from random import Random
-from typing import TYPE_CHECKING, Any, Callable, List, Mapping, Optional, Sequence, Union
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Union
 
 from ..errors import FieldError
 from ..fields import getter, kind_of
-
-if TYPE_CHECKING:
-    from .stream import Acting
+from .acting import Acting
 
 __all__ = ["VALUES", "Edit", "changed"]
 
 Edit = Callable[[Any], Any]
 _Read = Callable[[], Optional[Any]]
-_Make = Callable[["Acting", Sequence[int], Random, _Read], List[Edit]]
+_Make = Callable[[Acting, Sequence[int], Random, _Read], List[Edit]]
 _STEP = re.compile(r"[A-Za-z]\w*|\[\d+\]")
 _S = 1_000_000_000
 _SILLY = 8191  # what range sensors of several makes say for "nothing seen"

@@ -25,7 +25,7 @@ from amaze_autonomy.simulation.peer import reply
 from amaze_autonomy.simulation.services import service_of
 from amaze_autonomy.simulation.switchboard import SPOILT, in_its_place
 
-from .stream import Acting
+from .acting import Acting
 
 __all__ = ["Story"]
 

@@ -6,39 +6,19 @@ content is an edit that is carried out when the message is read, so that nothing
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from random import Random
 from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
 
-from amaze_autonomy.simulation import Fault, Subject
+from amaze_autonomy.simulation import Subject
 
 from ..sources import Recordings, Sample
+from .acting import Acting
 from .edits import VALUES, Edit
 from .kinds import TOPIC
 from .timing import TIMING, WHOLE, Item
 
-__all__ = ["Acting", "FaultedRecordings"]
-
-
-@dataclass(frozen=True)
-class Acting:
-    """A fault with its time.
-
-    Args:
-        fault: of the scenario.
-        begin_ns: when it begins.
-        end_ns: when it ends; None: at the end of the recording.
-        topics: that it is about.
-    """
-
-    fault: Fault
-    begin_ns: int
-    end_ns: Optional[int]
-    topics: Tuple[str, ...] = ()
-
-    def holds(self, t_ns: int) -> bool:
-        """Tell whether it acts at a time."""
-        return self.begin_ns <= t_ns and (self.end_ns is None or t_ns < self.end_ns)
+__all__ = ["FaultedRecordings"]
 
 
 class FaultedRecordings(Recordings):

@@ -15,16 +15,17 @@ from amaze_autonomy.simulation import Fault, Subject, Trigger
 from ..errors import DamagedInputError, ReplayError
 from ..expect.pattern import Pattern, instants
 from ..expect.trace import Trace, trace_of
+from ..faults.acting import Acting
 from ..faults.kinds import TOPIC
 from ..faults.story import Story
-from ..faults.stream import Acting, FaultedRecordings
+from ..faults.stream import FaultedRecordings
 from ..plan import Plan, make_plan
 from ..scenario.model import Case
 from ..session import Outcome, Session
 from ..sources import Recordings
 from ..telemetry import topics_of
 from ..topic_map import TopicMap, load_map, map_names
-from .play import Mark, Played, configuration_of, missions_of
+from .played import Mark, Played, configuration_of, missions_of
 from .task import Options
 
 __all__ = ["replay_case"]

@@ -15,7 +15,8 @@ from ..errors import ReplayError
 from ..scenario import Case, SourceKind
 from .coverage import Coverage
 from .mutants import Mutant, mutant_of, mutants_of, mutated
-from .play import configuration_of, play
+from .play import play
+from .played import configuration_of
 from .result import Result
 from .run import case_of, digest_of
 from .task import Options, Task

@@ -2,50 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
+from typing import Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
-from amaze_autonomy.config.loader import load_configuration
-from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event
 from amaze_autonomy.engine.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
-from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import Scenario
 from amaze_autonomy.simulation.run import run
 
 from ..errors import ReplayError
-from ..expect.trace import Trace, trace_of
+from ..expect.trace import trace_of
 from ..journal_source import read_journals
 from ..scenario.model import Case, SourceKind
+from .bags import replay_case
+from .played import Mark, Played, configuration_of, missions_of
 from .task import Options
 
-__all__ = ["Mark", "Played", "configuration_of", "play"]
-
-Mark = Tuple[str, float, Optional[float], str]
-
-
-@dataclass(frozen=True)
-class Played:
-    """A run.
-
-    Args:
-        lines: of its journal, header first.
-        trace: of it.
-        vacuous: faults and requests of the scenario that did nothing, one line each.
-        broken: why the input says nothing about the rules, one line each.
-        marks: what went wrong and what the user asked, for reports.
-    """
-
-    lines: Tuple[str, ...]
-    trace: Trace
-    vacuous: Tuple[str, ...] = ()
-    broken: Tuple[str, ...] = ()
-    marks: Tuple[Mark, ...] = ()
+__all__ = ["play"]
 
 
 def play(case: Case, options: Options, rules: Optional[Rules] = None) -> Played:
@@ -66,28 +42,6 @@ def play(case: Case, options: Options, rules: Optional[Rules] = None) -> Played:
     return _PLAYERS[case.source](case, options, rules)
 
 
-def configuration_of(case: Case, options: Options) -> Configuration:
-    """Return the configuration that a case is decided by: its own, unless the run names another.
-
-    Raises:
-        ConfigError: it has a mistake.
-    """
-    folder = options.configuration or case.configuration or config_folder()
-    if not options.overrides:
-        return load_configuration(folder, case.overrides)
-    own = [f"{key}={_written(value)}" for key, value in case.overrides.items()]
-    return load_configuration(folder, [*own, *options.overrides])
-
-
-def _written(value: Any) -> str:
-    """Return a plain value as YAML."""
-    if isinstance(value, list):
-        return f"[{', '.join(_written(each) for each in value)}]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return "null" if value is None else repr(value)
-
-
 def _simulate(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     configuration = configuration_of(case, options)
     missions = missions_of(case, configuration)
@@ -100,19 +54,6 @@ def _simulate(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     if not result.finished:
         vacuous.append(f"the run had not ended after {case.limit_ns / 1e9:g} s of simulated time")
     return Played(result.lines, trace_of(result.lines, 0, None, began), tuple(vacuous), (), _marks(result.history))
-
-
-def missions_of(case: Case, configuration: Configuration) -> Tuple[Mission, ...]:
-    """Return the missions that a case flies.
-
-    Raises:
-        ReplayError: the configuration has no such mission.
-    """
-    known = {mission.id: mission for mission in configuration.missions}
-    for name in case.missions:
-        if name not in known:
-            raise ReplayError(f"{case.path}: there is no mission {name!r}; there is {', '.join(known)}")
-    return tuple(known[name] for name in case.missions) or configuration.missions[:1]
 
 
 def _beginnings(case: Case, history: Tuple[Tuple[int, str], ...]) -> Tuple[Optional[int], ...]:
@@ -179,16 +120,10 @@ def _decided(payloads: Iterable[object], rules: Rules) -> List[str]:
     return lines
 
 
-def _replay(case: Case, options: Options, rules: Optional[Rules]) -> Played:
-    from .bags import replay_case  # noqa: PLC0415  (loads the bag library)
-
-    return replay_case(case, options, rules)
-
-
 _Player = Callable[[Case, Options, Optional[Rules]], Played]
 _PLAYERS: Mapping[str, _Player] = {
     SourceKind.SIMULATION: _simulate,
     SourceKind.JOURNAL: _decide_again,
     SourceKind.EVENTS: _decide_events,
-    SourceKind.BAGS: _replay,
+    SourceKind.BAGS: replay_case,
 }

@@ -20,7 +20,8 @@ from ..golden import compare_with_golden
 from ..scenario import Case, load_cases
 from .anchors import anchor_times
 from .figures import peak_mb
-from .play import Played, play
+from .play import play
+from .played import Played
 from .result import Figures, Result, Verdict
 from .task import Task
 

@@ -21,7 +21,8 @@ from ..errors import ReplayError
 from ..golden import align, first_difference, golden_path, read_golden
 from ..golden.align import key_of
 from ..scenario import Case
-from .play import configuration_of, play
+from .play import play
+from .played import configuration_of
 from .task import Options
 
 __all__ = ["MOST_LINES", "Shrunk", "shrink"]
