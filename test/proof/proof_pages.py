@@ -27,6 +27,10 @@ proof of the vehicle.
 ./run proof large takeoff   # one world
 ```
 
+Large, last run: 1,118,512 states, 5,999,609 transitions, 11,393,909 events, 46 laws checked 48 million times where they
+apply, none broken; 21 of the 30 worlds complete, the others cut off after the layer that passed 400,000 transitions;
+20 minutes of one core.
+
 A broken law is printed with the shortest way to it, and written as a scenario file with its journal into
 `test/proof/found/`: `amaze-replay test` decides it, and from then on `./run test` checks every law on it, and that the
 decisions are those which were accepted once the engine was mended.
