@@ -7,6 +7,7 @@ from typing import Dict
 
 from amaze_autonomy.console.model import (
     Answer,
+    Collecting,
     Desk,
     MissionRow,
     Note,
@@ -248,6 +249,18 @@ SCENES: Dict[str, Desk] = {
             recording_progress=0.43,
             data_location="main:/data/20261121T101431-001",
         )
+    ),
+    "data-cleanup-merging": _desk(
+        replace(
+            _MISSION,
+            state="DATA_CLEANUP",
+            time_left_s=1640.0,
+            message="On the ground: recording is stopped, data is collected.",
+            recording_phase="MERGING",
+            recording_progress=0.31,
+            data_location="main:/data/20261121T101431-001",
+        ),
+        collecting=Collecting(_MISSION.session_id, "MERGING", 72.6, NOW_S - 0.3),
     ),
     "mission-ended": _desk(
         replace(

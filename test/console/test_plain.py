@@ -98,6 +98,12 @@ def test_progress_in_steps_of_ten_percent():
     assert told == ["RECORDING transferring 50 %", "RECORDING transferring 60 %"]
 
 
+def test_progress_of_a_merge_names_the_time_that_it_still_takes():
+    desk = SCENES["data-cleanup-merging"]
+    after = replace(desk, snapshot=replace(desk.snapshot, recording_progress=0.4))
+    assert lines(desk, after) == ["RECORDING merging 40 %, about 1 min 12 s left"]
+
+
 def test_the_end_names_result_and_data():
     assert lines(SCENES["data-cleanup"], replace(SCENES["mission-ended"], interactive=False)) == [
         "STATE     MISSION_ENDED, mission 1 Short square, less than a minute",

@@ -9,6 +9,7 @@ from console_scenes import MISSIONS, SCENES
 
 from amaze_autonomy.console.link import (
     AnswerCame,
+    CollectingCame,
     Link,
     LinkClosed,
     LinkSays,
@@ -17,7 +18,7 @@ from amaze_autonomy.console.link import (
     MissionWanted,
     StateCame,
 )
-from amaze_autonomy.console.model import Desk, Verdict
+from amaze_autonomy.console.model import Collecting, Desk, Verdict
 from amaze_autonomy.console.session import Session
 from amaze_autonomy.console.terminal import Wake
 
@@ -167,3 +168,25 @@ def test_without_once_it_stays(console):
     console.shows("mission")
     console.shows("mission-ended")
     assert console.session.status is None
+
+
+def test_what_the_recorder_says_of_its_phase_is_stamped_and_counts_down(console):
+    console.now_s = 7.0
+    console.shows("data-cleanup-merging")
+    console.happens(CollectingCame(Collecting("20261121T101431-001", "MERGING", 12.0)))
+    assert console.session.desk.collecting == Collecting("20261121T101431-001", "MERGING", 12.0, 7.0)
+    assert [console.session.desk.remaining_s(now_s) for now_s in (7.0, 9.5, 10.0, 10.1)] == [12.0, 9.5, 9.0, None]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        Collecting("20261121T101431-001", "VERIFYING", 12.0),
+        Collecting("20261121T101431-000", "MERGING", 12.0),
+        Collecting("20261121T101431-001", "MERGING", None),
+    ],
+)
+def test_a_time_that_belongs_to_something_else_or_is_not_known_is_not_shown(console, said):
+    console.shows("data-cleanup-merging")
+    console.happens(CollectingCame(said))
+    assert console.session.desk.remaining_s(0.0) is None

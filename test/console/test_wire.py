@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from amaze_autonomy.console.model import MissionRow, PendingFailure, Snapshot, Verdict
-from amaze_autonomy.console.wire import missions_of, snapshot_of, verdict_of
+from amaze_autonomy.console.model import Collecting, MissionRow, PendingFailure, Snapshot, Verdict
+from amaze_autonomy.console.wire import collecting_of, missions_of, snapshot_of, verdict_of
 from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.checks import Verdict as CheckVerdict
 
@@ -138,3 +138,16 @@ def test_missions():
 )
 def test_answers(number, verdict):
     assert verdict_of(number) is verdict
+
+
+@pytest.mark.parametrize(
+    "message, collecting",
+    [
+        (SimpleNamespace(session_id="s-1", phase=6, remaining=7.5), Collecting("s-1", "MERGING", 7.5)),
+        (SimpleNamespace(session_id="s-1", phase=2, remaining=nan), Collecting("s-1", "RECORDING", None)),
+        (SimpleNamespace(session_id=1, phase=99, remaining=-1.0), Collecting("", "", None)),
+        (object(), Collecting("", "IDLE", None)),
+    ],
+)
+def test_a_recorder_status_becomes_what_it_says_of_its_phase(message, collecting):
+    assert collecting_of(message) == collecting

@@ -9,11 +9,12 @@ import queue
 from dataclasses import dataclass
 from typing import List, Optional, Tuple, Union
 
-from .model import MissionRow, Request, Snapshot, Verdict
+from .model import Collecting, MissionRow, Request, Snapshot, Verdict
 from .terminal import Wake
 
 __all__ = [
     "AnswerCame",
+    "CollectingCame",
     "Happening",
     "Link",
     "LinkClosed",
@@ -30,6 +31,13 @@ class StateCame:
     """The engine's state."""
 
     snapshot: Snapshot
+
+
+@dataclass(frozen=True)
+class CollectingCame:
+    """What the recorder says of its phase."""
+
+    collecting: Collecting
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,7 @@ class LinkClosed:
     failed: bool = False
 
 
-Happening = Union[StateCame, MissionsCame, AnswerCame, MissionWanted, LinkSays, LinkClosed]
+Happening = Union[StateCame, CollectingCame, MissionsCame, AnswerCame, MissionWanted, LinkSays, LinkClosed]
 
 
 class Mailbox:

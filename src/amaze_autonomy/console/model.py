@@ -16,6 +16,7 @@ from amaze_autonomy.engine.events import UserCommand
 __all__ = [
     "STALE_AFTER_S",
     "Answer",
+    "Collecting",
     "Desk",
     "MissionRow",
     "Note",
@@ -89,6 +90,16 @@ class Snapshot:
     def takes_mission(self) -> bool:
         """True when the engine takes a mission now."""
         return self.state in ("MISSION_INPUT", "MISSION_ENDED")
+
+
+@dataclass(frozen=True)
+class Collecting:
+    """What the recorder says of the phase that it is in; fields as in msg/RecordingStatus.msg, `at_s` when it came."""
+
+    session_id: str = ""
+    phase: str = ""
+    remaining_s: Optional[float] = None
+    at_s: float = 0.0
 
 
 class Verdict(enum.Enum):
@@ -175,6 +186,7 @@ class Desk:
         started_s: when the console started.
         snapshot: the engine's last state; None: never heard of it.
         received_s: when it came.
+        collecting: what the recorder said last; None: never heard of it.
         link: what the connection waits for, in words; empty when nothing.
         missions: that can be selected; None: not known yet.
         listed_s: when they were asked for.
@@ -194,6 +206,7 @@ class Desk:
     started_s: float = 0.0
     snapshot: Optional[Snapshot] = None
     received_s: float = 0.0
+    collecting: Optional[Collecting] = None
     link: str = ""
     missions: Optional[Tuple[MissionRow, ...]] = None
     listed_s: Optional[float] = None
@@ -211,6 +224,15 @@ class Desk:
     def age_s(self, now_s: float) -> float:
         """Return how long ago the last state came."""
         return max(0.0, now_s - self.received_s)
+
+    def remaining_s(self, now_s: float) -> Optional[float]:
+        """Return the time left of the recording's phase that is shown; None: unknown, or the recorder is silent."""
+        said, shown = self.collecting, self.snapshot
+        if said is None or shown is None or said.remaining_s is None or now_s - said.at_s > STALE_AFTER_S:
+            return None
+        if (said.session_id, said.phase) != (shown.session_id, shown.recording_phase):
+            return None
+        return max(0.0, said.remaining_s - max(0.0, now_s - said.at_s))
 
     def stale(self, now_s: float) -> bool:
         """Return True when the engine was heard and is silent now."""

@@ -22,7 +22,7 @@ def changes(before: Desk, before_s: float, after: Desk, after_s: float) -> List[
     """Return a line for each thing that is different, the most important first."""
     return [
         *_contact(before, before_s, after, after_s),
-        *_engine(before.snapshot, after),
+        *_engine(before.snapshot, after, after_s),
         *_dialog(before, before_s, after, after_s),
     ]
 
@@ -38,7 +38,7 @@ def _contact(before: Desk, before_s: float, after: Desk, after_s: float) -> Iter
         yield "CONTACT   the engine is heard again"
 
 
-def _engine(before: Optional[Snapshot], desk: Desk) -> Iterator[str]:
+def _engine(before: Optional[Snapshot], desk: Desk, now_s: float) -> Iterator[str]:
     after = desk.snapshot
     if after is None or before == after:
         return
@@ -53,7 +53,7 @@ def _engine(before: Optional[Snapshot], desk: Desk) -> Iterator[str]:
         yield f"{level(after.message_level):<9} {after.message}"
     yield from _failures(old.failures, after.failures)
     yield from _checks(old.checks, after.checks)
-    yield from _progress(old, after)
+    yield from _progress(old, after, desk.remaining_s(now_s))
     if after.waiting_for and after.waiting_for != old.waiting_for:
         yield f"WAIT      {after.waiting_for}"
     if after.advice and (after.state, after.advice) != (old.state, old.advice):
@@ -105,14 +105,15 @@ def _check_line(check: Check) -> str:
     return f"CHECK     {check.verdict.value.upper():<7} {check.name} {value}{limit}{old}{advice}"
 
 
-def _progress(old: Snapshot, new: Snapshot) -> Iterator[str]:
+def _progress(old: Snapshot, new: Snapshot, left_s: Optional[float]) -> Iterator[str]:
     if new.waypoints and (old.waypoint, old.waypoints) != (new.waypoint, new.waypoints):
         yield f"PROGRESS  waypoint {new.waypoint} of {new.waypoints}"
     tenth = None if new.recording_progress is None else floor(new.recording_progress * 10)
     last = None if old.recording_progress is None else floor(old.recording_progress * 10)
     if new.recording_phase and (old.recording_phase, last) != (new.recording_phase, tenth):
         done = "" if new.recording_progress is None else f" {fraction(new.recording_progress)}"
-        yield f"RECORDING {new.recording_phase.lower()}{done}"
+        left = "" if left_s is None else f", about {seconds(left_s)} left"
+        yield f"RECORDING {new.recording_phase.lower()}{done}{left}"
 
 
 def _dialog(before: Desk, before_s: float, after: Desk, after_s: float) -> Iterator[str]:

@@ -9,7 +9,7 @@ from rich.padding import Padding
 
 from .model import Snapshot
 from .style import Style, Tone
-from .words import fraction
+from .words import fraction, seconds
 
 __all__ = ["progress"]
 
@@ -17,8 +17,8 @@ _COLLECTING = ("STOPPING", "RECOVERING", "TRANSFERRING", "MERGING", "VERIFYING",
 _FLYING = ("TAKEOFF", "MISSION", "HOLD", "LAND", "PILOT")
 
 
-def progress(snapshot: Snapshot, width: int, style: Style) -> List[RenderableType]:
-    """Return the lines of progress that matter in the present state."""
+def progress(snapshot: Snapshot, left_s: Optional[float], width: int, style: Style) -> List[RenderableType]:
+    """Return the lines of progress that matter in the present state; `left_s`: of the recording's phase."""
     bar = min(40, max(10, width - 45))
     lines: List[str] = []
     if snapshot.state in _FLYING and snapshot.waypoints > 0:
@@ -26,6 +26,8 @@ def progress(snapshot: Snapshot, width: int, style: Style) -> List[RenderableTyp
         lines.append(f"waypoint   {style.bar(done, bar)}  {snapshot.waypoint} of {snapshot.waypoints}")
     if snapshot.recording_phase not in ("", "IDLE"):
         lines.append(f"recording  {_recording(snapshot, bar, style)}")
+        if left_s is not None and snapshot.recording_phase in _COLLECTING:
+            lines.append(f"time left  about {seconds(left_s)} of this step")
     if snapshot.data_location:
         lines.append(f"data       {snapshot.data_location}")
     texts = [style.text(line, _tone(snapshot, line)) for line in lines]

@@ -12,6 +12,7 @@ import rospy
 
 from amaze_autonomy.console.link import (
     AnswerCame,
+    CollectingCame,
     Happening,
     Link,
     LinkClosed,
@@ -22,8 +23,8 @@ from amaze_autonomy.console.link import (
 )
 from amaze_autonomy.console.model import STALE_AFTER_S, Request, RequestKind, Verdict
 from amaze_autonomy.console.text import clean
-from amaze_autonomy.console.wire import missions_of, snapshot_of, verdict_of
-from amaze_autonomy.msg import AutonomyState
+from amaze_autonomy.console.wire import collecting_of, missions_of, snapshot_of, verdict_of
+from amaze_autonomy.msg import AutonomyState, RecordingStatus
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 
 __all__ = ["DEFAULT_ENGINE", "RosLink"]
@@ -35,7 +36,8 @@ _LOOK_S = 1.0
 class RosLink(Link):
     """A console's connection to the engine. `<engine>` is the engine's node, `/autonomy` unless told otherwise.
 
-    Subscribes: `<engine>/state` (AutonomyState, latched, 2 Hz and at each decision).
+    Subscribes: `<engine>/state` (AutonomyState, latched, 2 Hz and at each decision); `data_recorder/status`
+    (RecordingStatus, 2 Hz) in the engine's name space, for the time that a phase still takes.
     Calls: `<engine>/list_missions` (ListMissions), `<engine>/select_mission` (SelectMission), `<engine>/go`, `retry`,
     `give_up`, `hold`, `resume`, `land`, `abort`, `acknowledge` (UserCommand each). Each call has its own thread: a
     service that hangs delays no other.
@@ -53,7 +55,7 @@ class RosLink(Link):
         self._post, self._engine, self._quiet = post, engine, quiet
         self._heard_s = 0.0
         self._closed = threading.Event()
-        self._subscriber: Optional[rospy.Subscriber] = None
+        self._subscribers: List[rospy.Subscriber] = []
 
     def start(self) -> None:
         """Connect in the background."""
@@ -108,13 +110,20 @@ class RosLink(Link):
             self._closed.wait(_LOOK_S)
 
     def _subscribe(self) -> None:
-        if self._subscriber is not None:
-            self._subscriber.unregister()
-        self._subscriber = rospy.Subscriber(f"{self._engine}/state", AutonomyState, self._on_state, queue_size=1)
+        for each in self._subscribers:
+            each.unregister()
+        recorder = f"{rosgraph.names.namespace(self._engine)}data_recorder/status"
+        self._subscribers = [
+            rospy.Subscriber(f"{self._engine}/state", AutonomyState, self._on_state, queue_size=1),
+            rospy.Subscriber(recorder, RecordingStatus, self._on_recording, queue_size=1),
+        ]
 
     def _on_state(self, message: AutonomyState) -> None:
         self._heard_s = time.monotonic()
         self._post(StateCame(snapshot_of(message)))
+
+    def _on_recording(self, message: RecordingStatus) -> None:
+        self._post(CollectingCame(collecting_of(message)))
 
     def _mend(self) -> None:
         """Subscribe anew when the engine is silent because the master was started anew and has forgotten us."""

@@ -7,7 +7,18 @@ from dataclasses import replace
 from typing import Callable, Optional
 
 from . import dialog
-from .link import AnswerCame, Happening, Link, LinkClosed, LinkSays, Mailbox, MissionsCame, MissionWanted, StateCame
+from .link import (
+    AnswerCame,
+    CollectingCame,
+    Happening,
+    Link,
+    LinkClosed,
+    LinkSays,
+    Mailbox,
+    MissionsCame,
+    MissionWanted,
+    StateCame,
+)
 from .model import Desk, RequestKind, Snapshot
 
 __all__ = ["CLOSED", "INTERRUPTED", "NOT_COMPLETE", "NO_ENGINE", "NO_ROS", "Session"]
@@ -94,6 +105,8 @@ class Session:
         if isinstance(happening, StateCame):
             self.desk = dialog.received(self.desk, happening.snapshot, self.now(), self.clock())
             self._look_for_the_end(happening.snapshot)
+        elif isinstance(happening, CollectingCame):
+            self.desk = replace(self.desk, collecting=replace(happening.collecting, at_s=self.now()))
         elif isinstance(happening, MissionsCame):
             self.desk = dialog.listed(self.desk, happening.request_id, happening.missions)
         elif isinstance(happening, AnswerCame):

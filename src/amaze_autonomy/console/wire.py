@@ -10,14 +10,16 @@ from typing import Any, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check, finite
 from amaze_autonomy.engine.checks import Verdict as CheckVerdict
+from amaze_autonomy.engine.events import RecordingPhase
 
-from .model import MissionRow, PendingFailure, Snapshot, Verdict
+from .model import Collecting, MissionRow, PendingFailure, Snapshot, Verdict
 from .text import clean
 
-__all__ = ["missions_of", "snapshot_of", "verdict_of"]
+__all__ = ["collecting_of", "missions_of", "snapshot_of", "verdict_of"]
 
 _ROWS = 200
 _CHECK_VERDICTS = {1: CheckVerdict.PASS, 2: CheckVerdict.WARN, 3: CheckVerdict.FAIL, 4: CheckVerdict.UNKNOWN}
+_PHASES = {phase.value: phase.name for phase in RecordingPhase}
 _VERDICTS = {1: Verdict.DONE, 2: Verdict.REFUSED, 3: Verdict.ALREADY}
 
 
@@ -90,6 +92,16 @@ def snapshot_of(message: Any) -> Snapshot:
         recording_progress=_number(message, "recording_progress"),
         data_location=_text(message, "data_location"),
         result=_text(message, "result", 20),
+    )
+
+
+def collecting_of(message: Any) -> Collecting:
+    """Make what the recorder says of its phase of a RecordingStatus."""
+    remaining_s = _number(message, "remaining")
+    return Collecting(
+        session_id=_text(message, "session_id", 60),
+        phase=_PHASES.get(_count(message, "phase"), ""),
+        remaining_s=remaining_s if remaining_s is not None and remaining_s >= 0.0 else None,
     )
 
 
