@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import queue
 import signal
@@ -24,6 +25,8 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 from amaze_autonomy.srv import UserCommandResponse  # noqa: E402
 from fake_autonomy import FakeAutonomy  # noqa: E402 (rostest starts this file from anywhere)
+
+from amaze_autonomy import msg  # noqa: E402
 
 LIMIT_S = 20.0
 FLYING = {"state": "MISSION", "phase": "flying", "in_flight": True, "user_commands": ["hold", "land", "abort"]}
@@ -216,6 +219,23 @@ class TestConsole(unittest.TestCase):
         console.type("land")
         console.wait_for("ANSWER    land: DONE")
         self.assertEqual(engine.calls, ["land"])
+
+    def test_the_time_that_a_merge_still_takes_comes_from_the_recorder_beside_the_engine(self) -> None:
+        engine, console = self.engine(), self.console()
+        console.wait_for("STATE     MISSION_INPUT")
+        name = f"{Path(self.name).parent}/data_recorder/status"
+        recorder = rospy.Publisher(name, msg.RecordingStatus, latch=True, queue_size=1)
+        status = msg.RecordingStatus(session_id="s-1", phase=msg.RecordingStatus.MERGING, remaining=90.9)
+        deadline, line = time.monotonic() + LIMIT_S, ""
+        for number in itertools.cycle(range(1, 10)):  # state and status come in either order
+            recorder.publish(status)
+            merging = {"recording_phase": "MERGING", "recording_progress": number / 10}
+            engine.show(state="DATA_CLEANUP", session_id="s-1", **merging)
+            line = console.wait_for("RECORDING merging")
+            if "left" in line or time.monotonic() > deadline:
+                break
+        recorder.unregister()
+        self.assertRegex(line, r"^RECORDING merging \d0 %, about 1 min (30|29) s left$")
 
     def test_once_ends_with_the_mission(self) -> None:
         engine, console = self.engine(), self.console("--once")
