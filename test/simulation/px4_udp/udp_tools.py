@@ -84,8 +84,13 @@ class Client:
         return self.link.recv_match(type=kind, blocking=True, timeout=limit_s)
 
     def command(self, number, *params):
-        self.link.mav.command_long_send(1, 1, number, 0, *params, *[0.0] * (7 - len(params)))
-        return self.hear("COMMAND_ACK").result
+        """Return what a command is answered; sent again like any MAVLink command, for a full buffer drops answers."""
+        for confirmation in range(5):
+            self.link.mav.command_long_send(1, 1, number, confirmation, *params, *[0.0] * (7 - len(params)))
+            answer = self.hear("COMMAND_ACK", 2.0)
+            if answer is not None:
+                return answer.result
+        raise AssertionError(f"nobody answers the command {number}")
 
     def until(self, condition, limit_s=15.0):
         """Wait until a message makes a condition true, with a heartbeat each second."""
