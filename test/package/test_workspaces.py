@@ -79,7 +79,8 @@ def test_the_stack_starts_from_the_install_space_whatever_python3_is_in_the_path
         server.bind(("", 0))
         port = server.getsockname()[1]
     started = (
-        "until rosservice list 2>/dev/null | grep -q /autonomy/select_mission; do"
+        "until rosnode list 2>/dev/null | grep -qx /simulation"
+        " && rosservice list 2>/dev/null | grep -q /autonomy/select_mission; do"
         " kill -0 $! && sleep 0.3 || exit 1; done; rosnode list; kill -INT $!; wait $!"
     )
 
