@@ -73,14 +73,13 @@ def fly_world(
 def _wrong(world: World) -> Wrong:
     """Return what PX4 is wrong about by the faults that act now."""
     off, landed = world.acting("estimate_off"), None
-    off_m = (0.0, 0.0, 0.0) if off is None else (off.number("position_m"), 0.0, off.number("height_m"))
     if world.acting("ground_unknown") is not None:
         landed = VehicleLanded.UNKNOWN
     elif world.acting("seems_landed") is not None:
         landed = VehicleLanded.ON_GROUND
-    return (
-        Wrong(landed=landed) if off is None else Wrong((off.number("position_m"), 0.0, off.number("height_m")), landed)
-    )
+    if off is None:
+        return Wrong(landed=landed)
+    return Wrong((off.number("position_m"), 0.0, off.number("height_m")), landed)
 
 
 def _as_given(values: Mapping[str, float]) -> Dict[str, Union[int, float]]:
