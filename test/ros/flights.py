@@ -37,6 +37,7 @@ def fault(target: str, kind: str, after: str = "mission", delay_s: float = 0.3, 
     return f"description: {kind} in flight\nfaults:\n  - {about}\n    {trigger}\n{more}"
 
 
+SOON_S = 0.2  # at once, on a machine that flies all of these at the same time; how fast: test/bench/latency.py
 WAY = (
     "MISSION_INPUT",
     "PREFLIGHT",
@@ -78,7 +79,7 @@ def repetitions_touch_down_and_take_off_again(stack: Stack) -> None:
 def highest_failure_lands_at_once(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
-    assert_within(stack, "LAND", code_seen_ns(stack, "mission_camera", Code.ABORT), 0.0, 0.05)
+    assert_within(stack, "LAND", code_seen_ns(stack, "mission_camera", Code.ABORT), 0.0, SOON_S)
     assert stack.states[-1].result == "LANDED_EARLY"
 
 
@@ -86,7 +87,7 @@ def highest_failure_lands_at_once(stack: Stack) -> None:
 def failure_of_the_autopilots_imu_lands_at_once(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
-    assert_within(stack, "LAND", code_seen_ns(stack, "imu", Code.ABORT), 0.0, 0.05)
+    assert_within(stack, "LAND", code_seen_ns(stack, "imu", Code.ABORT), 0.0, SOON_S)
 
 
 @flights.add("hold", faults=fault("component: lrf", "killed", more="    restart: fails\n"), mission="long")
@@ -94,7 +95,7 @@ def high_failure_holds_then_lands(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "HOLD", "LAND", "data_recorder/stop"]
     seen_ns = code_seen_ns(stack, "lrf", Code.HOLD)
-    assert_within(stack, "HOLD", seen_ns, 0.0, 0.05)
+    assert_within(stack, "HOLD", seen_ns, 0.0, SOON_S)
     assert_within(stack, "LAND", seen_ns, 2.9, 3.2)
 
 
@@ -102,7 +103,7 @@ def high_failure_holds_then_lands(stack: Stack) -> None:
 def high_failure_that_comes_back_goes_on(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "HOLD", "RESUME", "data_recorder/stop"]
-    assert_within(stack, "HOLD", code_seen_ns(stack, "lrf", Code.HOLD), 0.0, 0.05)
+    assert_within(stack, "HOLD", code_seen_ns(stack, "lrf", Code.HOLD), 0.0, SOON_S)
     assert stack.states[-1].result == "COMPLETE"
 
 
@@ -111,7 +112,7 @@ def moderate_failure_holds_then_continues(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "HOLD", "RESUME", "data_recorder/stop"]
     seen_ns = code_seen_ns(stack, "realsense_camera", Code.INCONVENIENT)
-    assert_within(stack, "HOLD", seen_ns, 0.0, 0.05)
+    assert_within(stack, "HOLD", seen_ns, 0.0, SOON_S)
     assert_within(stack, "RESUME", seen_ns, 2.9, 3.2)
     assert stack.states[-1].result == "COMPLETE"
 
@@ -168,7 +169,7 @@ def silent_planner_lands_by_both_routes(stack: Stack) -> None:
     assert [command.split("(")[0] for command in lost.commands] == ["MissionCommand", "AutopilotLand"]
     delays = stack.routes_after(lost.t_ns)
     assert set(delays) == {"LAND", "autopilot/land"}
-    assert all(delay < 0.05 for delay in delays.values()), f"landing was sent after {delays}"
+    assert all(delay < SOON_S for delay in delays.values()), f"landing was sent after {delays}"
 
 
 @flights.add("land", faults=fault("", "battery_drops", more="    to_fraction: 0.1\n"), mission="long")
@@ -176,7 +177,7 @@ def critical_battery_lands(stack: Stack) -> None:
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
     low = next(e for e in stack.events(AutopilotStatus) if e.battery_fraction is not None and e.battery_fraction < 0.15)
-    assert_within(stack, "LAND", low.t_ns, 0.0, 0.05)
+    assert_within(stack, "LAND", low.t_ns, 0.0, SOON_S)
 
 
 @flights.add("land", overrides=("missions.missions.hop.limits.max_flight_time_s=11.0",))
