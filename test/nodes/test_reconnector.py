@@ -44,6 +44,7 @@ def graph(monkeypatch):
     publisher, gone, mine = Api(getPid=42), Api(), Api(publisherUpdate=0)
     gone.end()
     master = Api(registerSubscriber=[gone.uri, publisher.uri])
+    monkeypatch.setattr(reconnector.rosgraph, "get_master_uri", lambda: master.uri)
     monkeypatch.setattr(reconnector.rospy, "get_name", lambda: "/me")
     monkeypatch.setattr(reconnector.rospy, "get_node_uri", lambda: mine.uri)
     yield SimpleNamespace(publisher=publisher, mine=mine, master=master)
@@ -51,32 +52,41 @@ def graph(monkeypatch):
         api.end()
 
 
-def subscriber(connections):
-    return SimpleNamespace(
-        resolved_name=TOPIC, data_class=SimpleNamespace(_type=KIND), get_num_connections=lambda: connections
-    )
+@pytest.fixture
+def look(monkeypatch):
+    """Return a look at one subscription with a number of connections."""
+
+    def at(connections):
+        subscription = SimpleNamespace(
+            resolved_name=TOPIC, data_class=SimpleNamespace(_type=KIND), get_num_connections=lambda: connections
+        )
+        monkeypatch.setattr(reconnector, "subscriptions", lambda: [subscription])
+        reconnector.Reconnector().look()
+
+    return at
 
 
-def test_rospy_is_told_of_the_publishers_that_answer(graph):
-    reconnector.Reconnector([subscriber(0)], graph.master.uri).look()
+def test_rospy_is_told_of_the_publishers_that_answer(graph, look):
+    look(connections=0)
     assert graph.master.calls == [("registerSubscriber", "/me", TOPIC, KIND, graph.mine.uri)]
     assert graph.mine.calls == [("publisherUpdate", "/me", TOPIC, [graph.publisher.uri])]
 
 
-def test_what_is_connected_is_left_alone(graph):
-    reconnector.Reconnector([subscriber(1)], graph.master.uri).look()
+def test_what_is_connected_is_left_alone(graph, look):
+    look(connections=1)
     assert graph.master.calls == graph.mine.calls == []
 
 
-def test_nobody_is_told_when_nobody_publishes(graph):
+def test_nobody_is_told_when_nobody_publishes(graph, look, monkeypatch):
     master = Api(registerSubscriber=[])
-    reconnector.Reconnector([subscriber(0)], master.uri).look()
+    monkeypatch.setattr(reconnector.rosgraph, "get_master_uri", lambda: master.uri)
+    look(connections=0)
     master.end()
     assert len(master.calls) == 1
     assert graph.mine.calls == []
 
 
-def test_a_master_that_is_gone_is_no_error(graph):
+def test_a_master_that_is_gone_is_no_error(graph, look):
     graph.master.end()
-    reconnector.Reconnector([subscriber(0)], graph.master.uri).look()
+    look(connections=0)
     assert graph.mine.calls == []

@@ -52,7 +52,6 @@ from .interface import SERVICES, STATUS_TOPICS, StatusTopic
 from .journal_file import JournalFile, create, reopen
 from .outbox import Outbox
 from .parameters import Parameters, read_parameters
-from .periodic import Periodic
 from .reconnector import Reconnector
 from .requests import Requests
 from .service_client import ServiceClient
@@ -65,7 +64,6 @@ __all__ = ["AutonomyNode", "main"]
 _FAREWELL_LIMIT_S = 5.0
 _MASTER_LIMIT_S = 1.0
 _LOOK_AGAIN_S = 0.2
-_RECONNECT_NS = 1_000_000_000
 _LAST_WORDS_S = 0.3  # until what was published last is on the wire
 _SPARE = {"mission_planner/command": 2, "autopilot/land": 1, "autopilot/disarm": 1}
 
@@ -113,6 +111,7 @@ class AutonomyNode:
             self._record,
             state,
         )
+        self._reconnector = Reconnector()
         self._diagnostics = Diagnostics(
             lambda: self._engine.state, self._journal, self._rejected, lambda: len(self._requests.open)
         )
@@ -157,13 +156,9 @@ class AutonomyNode:
         self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
         self._engine.start()
         self._desk.open()
-        subscribers = [
+        for topic in STATUS_TOPICS:
             rospy.Subscriber(topic.name, topic.message, self._listener(topic), tcp_nodelay=True)
-            for topic in STATUS_TOPICS
-        ]
-        reconnector = Reconnector(subscribers, rosgraph.get_master_uri())
-        self._reconnecting = Periodic("reconnector", reconnector.look, _RECONNECT_NS, self._clock)
-        self._reconnecting.start()
+        self._reconnector.start()
         if self._parameters.missions and self._resumed is None:
             threading.Thread(target=self._select, name="select", daemon=True).start()
         process.settle()
@@ -230,7 +225,7 @@ class AutonomyNode:
         if reason != "mission ended":
             self.put(Shutdown(t_ns=self._clock.now_ns(), signal=reason))
             self._farewell.wait(_FAREWELL_LIMIT_S)
-        self._reconnecting.stop()
+        self._reconnector.stop()
         self._engine.stop()
         state = self._engine.state
         self._outbox.stop()

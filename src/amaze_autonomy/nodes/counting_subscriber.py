@@ -1,7 +1,7 @@
 """A subscriber that counts: rospy registers it, finds the publishers and shakes hands; `topic_reader` reads.
 
-rospy has no public way to another transport. This file is the only one that knows rospy's insides: its table of
-subscriptions (`rospy.topics`), and the loop of a connection that is replaced (`TCPROSTransport.receive_loop`).
+rospy has no public way to another transport. This file knows rospy's insides: its table of subscriptions
+(`rospy.topics`), as `reconnector` does, and the loop of a connection that is replaced (`TCPROSTransport.receive_loop`).
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from amaze_autonomy.monitoring.errors import MonitoringError
 from . import parameters, process
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
+from .reconnector import Reconnector
 
 __all__ = ["RunningNode", "run_node", "startup_ns"]
 
@@ -42,6 +43,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     rospy.init_node(name, disable_signals=True)
     stopped = threading.Event()
     node: Any = None
+    reconnector = Reconnector()
 
     def end(*_: Any) -> None:
         stopped.set()
@@ -57,12 +59,14 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         wait_for_time(stopped)
         node = make(configuration, make_clock())
         process.settle()
+        reconnector.start()
         if not stopped.is_set():
             node.run()
     except (ConfigError, NodeError, MonitoringError) as error:
         print(f"{name}: {error}", file=sys.stderr, flush=True)
         return _START_ERROR
     finally:
+        reconnector.stop()
         rospy.signal_shutdown("ended")
     return 0
 

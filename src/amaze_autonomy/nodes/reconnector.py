@@ -11,38 +11,63 @@ http://wiki.ros.org/ROS/Slave_API).
 from __future__ import annotations
 
 import logging
-from typing import Any, Sequence
+import threading
+from typing import Any, List
 
+import rosgraph
 import rospy
+from rospy.topics import get_topic_manager
 
 from .errors import CallError
 from .xmlrpc_call import call
 
-__all__ = ["Reconnector"]
+__all__ = ["Reconnector", "subscriptions"]
 
+_PERIOD_S = 1.0
 _log = logging.getLogger(__name__)
 
 
+def subscriptions() -> List[Any]:
+    """Return rospy's own table of what this process subscribes to."""
+    manager = get_topic_manager()
+    with manager.lock:
+        return list(manager.subs.values())
+
+
 class Reconnector:
-    """Looks after subscriptions; `look` is to be called again and again, on a thread that may wait.
+    """Looks after all subscriptions of this process, once a second, on a thread of its own.
 
     Args:
-        subscribers: of rospy.
-        master_uri: of the ROS master.
-        limit_s: time for each question.
+        limit_s: time for each question to the master and to other nodes.
     """
 
-    def __init__(self, subscribers: Sequence[Any], master_uri: str, limit_s: float = 0.5) -> None:
-        self._subscribers, self._master_uri, self._limit_s = subscribers, master_uri, limit_s
+    def __init__(self, limit_s: float = 0.5) -> None:
+        self._master_uri, self._limit_s = rosgraph.get_master_uri(), limit_s
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="reconnector", daemon=True)
+
+    def start(self) -> None:
+        """Begin, after a second."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Look no more."""
+        self._stopped.set()
+
+    def _run(self) -> None:
+        while not self._stopped.wait(_PERIOD_S) and not rospy.is_shutdown():
+            try:
+                self.look()
+            except Exception:
+                _log.exception("the reconnector failed")
 
     def look(self) -> None:
         """Connect what is not connected although somebody publishes it."""
-        for subscriber in self._subscribers:
-            if subscriber.get_num_connections() == 0:
-                self._connect(subscriber)
+        for subscription in subscriptions():
+            if subscription.get_num_connections() == 0 and not self._stopped.is_set():
+                self._connect(subscription.resolved_name, subscription.data_class._type)
 
-    def _connect(self, subscriber: Any) -> None:
-        topic, kind = subscriber.resolved_name, subscriber.data_class._type
+    def _connect(self, topic: str, kind: str) -> None:
         me, mine = rospy.get_name(), rospy.get_node_uri()
         try:
             uris = call(self._master_uri, "registerSubscriber", (me, topic, kind, mine), self._limit_s)
