@@ -327,6 +327,25 @@ def test_a_component_that_fails_between_ready_and_takeoff_takes_it_back_and_may_
     assert story.place[0] in ("READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF")
 
 
+def test_checks_that_pass_while_the_heartbeat_is_lost_wait_for_it():
+    story = at("READY")
+    story.silent.append("watchdog")
+    story.after(3.0).expect("PREFLIGHT")
+    assert story.rules_fired.count("ready_taken_back") == 1
+    story.silent.remove("watchdog")
+    story.after(0.5)
+    assert story.place[0] in ("READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF")
+    assert story.state.rounds == 2
+
+
+def test_checks_that_pass_while_the_heartbeat_stays_lost_end_with_a_person():
+    story = at("READY")
+    story.silent.append("watchdog")
+    story.after(61.0).expect("OUTREACH")
+    assert story.rules_fired[-1] == "checks_not_kept"
+    assert "the watchdog's heartbeat is lost" in str(story.decisions[-1])
+
+
 def test_ready_that_is_taken_back_again_and_again_calls_for_a_person():
     story = at("READY")
     for _ in range(30):

@@ -129,10 +129,17 @@ def holding_for(story: Story) -> None:
 
 
 def taken_back_again_and_again(story: Story) -> None:
+    """A required component comes and goes."""
+    story.select()
+    for _ in range(30):
+        story.after(0.1).fail("gps", 2).back("gps")
+
+
+def taken_back_for_good(story: Story) -> None:
     """The watchdog's check passes, but the info stream says code 2 of a required component."""
     story.check_says["watchdog"] = {"ok": True, "checks": ()}
     story.fail("gps", 2)
-    story.select().after(2.0)
+    story.select().after(70.0)
 
 
 def watchdog_answers_late(*after_s: float) -> Callable[[Story], object]:
@@ -400,6 +407,7 @@ ROWS = (
     Row("user_give_up_before_recording", "PREFLIGHT", user("give_up"), "MISSION_INPUT", (), "mission_input"),
     Row("user_give_up", "START_RECORDING", user("abort"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row("checks_passed_too_often", "MISSION_INPUT", taken_back_again_and_again, "OUTREACH", (), "checks_failed"),
+    Row("checks_not_kept", "MISSION_INPUT", taken_back_for_good, "OUTREACH", (), "checks_failed"),
     Row("checks_passed", "MISSION_INPUT", lambda story: story.select().after(0.1), "READY", (), "ready"),
     Row(
         "checks_failed",

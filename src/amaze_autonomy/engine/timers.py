@@ -148,7 +148,7 @@ TIMERS: Tuple[Timer, ...] = (
         lambda s, r: _in_flight_since(s, None, max_flight_time_ns(s, r) - 1),
         ends_state=True,
     ),
-    Timer("watchdog_heartbeat_limit", (*_TAKING_BACK, *_WATCHED), heartbeat_end),
+    Timer("watchdog_heartbeat_limit", (State.PREFLIGHT, *_TAKING_BACK, *_WATCHED), heartbeat_end),
     Timer(
         "planner_status_limit",
         _WATCHED,
