@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 from . import paths
+from .command_line import run_command
 
 __all__ = ["main"]
 
@@ -59,11 +59,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
         return _vehicle(arguments[1:])
     options = _parser().parse_args(arguments)
     command: Callable[[argparse.Namespace], int] = options.command
-    try:
-        return command(options)
-    except BrokenPipeError:  # the reader has seen enough, e.g. `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return OK
+    return run_command("amaze-autonomy", lambda: command(options), (), wrong=WRONG)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -54,7 +54,7 @@ def test_the_exit_status_says_how_it_ended(capsys, arguments, status, last):
         ),
         (
             ("--journal", "/no/such/folder/out.jsonl"),
-            "simulate: /no/such/folder/out.jsonl: cannot be written (No such file or directory)\n",
+            "simulate: /no/such/folder/out.jsonl: No such file or directory\n",
         ),
     ],
 )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, List, Optional, Sequence, Tuple
+
+from amaze_autonomy.command_line import run_command
 
 from .errors import BagError
 
@@ -65,24 +66,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # starting its threads takes longer than many a command
     from . import commands  # noqa: PLC0415  (numpy has to come after that)
 
-    try:
-        lost: bool = getattr(commands, options.command)(options)
-        sys.stdout.flush()
-    except BrokenPipeError:  # the reader of our output has enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
-    except KeyboardInterrupt:
-        return 130
-    except BagError as error:
-        return _fail(str(error))
-    except OSError as error:
-        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    return LOST if lost else DONE
+    def command() -> int:
+        return LOST if getattr(commands, options.command)(options) else DONE
 
-
-def _fail(text: str) -> int:
-    sys.stderr.write(f"amaze-bag: {text.encode('utf-8', 'backslashreplace').decode()}\n")
-    return IMPOSSIBLE
+    return run_command("amaze-bag", command, (BagError,), wrong=IMPOSSIBLE)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -10,15 +10,14 @@ from __future__ import annotations
 import argparse
 import gc
 import json
-import os
 import sys
 import time
-import traceback
 from pathlib import Path
 from typing import List, Optional, Sequence
 
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.journal import JournalError
@@ -40,35 +39,14 @@ from .topic_map import TopicMap, load_map, map_names
 
 __all__ = ["main"]
 
-DONE, DIFFERENT, IMPOSSIBLE, PARTIAL, BROKEN = 0, 1, 2, 3, 70
-_KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError, FileNotFoundError)
+DONE, DIFFERENT, IMPOSSIBLE, PARTIAL = 0, 1, 2, 3
+_KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command line; return the exit status."""
     options = _parser().parse_args(arguments)
-    try:
-        status: int = options.command(options)
-        sys.stdout.flush()
-    except BrokenPipeError:  # the reader of our output has enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
-    except KeyboardInterrupt:
-        return 130
-    except _KNOWN as error:
-        return _fail(str(error))
-    except OSError as error:
-        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-    except Exception:  # noqa: BLE001
-        traceback.print_exc()
-        sys.stderr.write("amaze-replay: this is an error in amaze-replay, please report it with the lines above\n")
-        return BROKEN
-    return status
-
-
-def _fail(text: str) -> int:
-    sys.stderr.write(f"amaze-replay: {text}\n")
-    return IMPOSSIBLE
+    return run_command("amaze-replay", lambda: int(options.command(options)), _KNOWN, wrong=IMPOSSIBLE)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import difflib
 import json
-import os
-import sys
 from pathlib import Path
 from typing import List, Optional, Sequence, Tuple
 
 from amaze_autonomy import paths
+from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.state import Result, State
@@ -46,11 +45,8 @@ exit status:
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Run the command and return its exit status."""
     options = _parser().parse_args(argv)
-    try:
-        return _run(options)
-    except BrokenPipeError:  # the reader has seen enough, e.g. `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return COMPLETE
+    known = (ConfigError, SimulationError, ValueError)
+    return run_command("simulate", lambda: _run(options), known, wrong=USAGE)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -58,20 +54,12 @@ def _run(options: argparse.Namespace) -> int:
     if options.list:
         print("\n".join(_listing(folder)))
         return COMPLETE
-    try:
-        configuration = load_configuration(folder, options.overrides)
-        missions = tuple(_mission(configuration.missions, name) for name in options.mission.split(","))
-        scenario = load_scenario(scenario_file(folder, options.faults)) if options.faults else Scenario()
-        result = run(configuration, missions, scenario, seed=options.seed, limit_ns=round(options.limit_s * _NS))
-    except (ConfigError, SimulationError, ValueError) as error:
-        print(f"simulate: {error}", file=sys.stderr)
-        return USAGE
+    configuration = load_configuration(folder, options.overrides)
+    missions = tuple(_mission(configuration.missions, name) for name in options.mission.split(","))
+    scenario = load_scenario(scenario_file(folder, options.faults)) if options.faults else Scenario()
+    result = run(configuration, missions, scenario, seed=options.seed, limit_ns=round(options.limit_s * _NS))
     if options.journal:
-        try:
-            options.journal.write_text("".join(line + "\n" for line in result.lines), encoding="ascii")
-        except OSError as error:
-            print(f"simulate: {options.journal}: cannot be written ({error.strerror})", file=sys.stderr)
-            return USAGE
+        options.journal.write_text("".join(line + "\n" for line in result.lines), encoding="ascii")
     told = {**summary(result), "exit_status": _status(result)}
     print(json.dumps(told, indent=2, sort_keys=True) if options.json else story(scenario, result))
     return _status(result)

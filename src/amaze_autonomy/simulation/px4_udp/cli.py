@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 from amaze_autonomy import paths
+from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.simulation.cli import scenario_file
 from amaze_autonomy.simulation.errors import SimulationError
@@ -54,12 +55,12 @@ class _Clock:
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Run the command and return its exit status."""
     options = _parser().parse_args(argv)
-    try:
-        world, px4 = _make(options)
-        server = VehicleServer(px4, tuple(options.links) or (_DEFAULT,), _Clock(world), options.rates, _muted(world))
-    except (ConfigError, SimulationError, ValueError) as error:
-        print(f"vehicle: {error}", file=sys.stderr)
-        return _USAGE
+    return run_command("vehicle", lambda: _run(options), (ConfigError, SimulationError, ValueError), wrong=_USAGE)
+
+
+def _run(options: argparse.Namespace) -> int:
+    world, px4 = _make(options)
+    server = VehicleServer(px4, tuple(options.links) or (_DEFAULT,), _Clock(world), options.rates, _muted(world))
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
