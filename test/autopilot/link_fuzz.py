@@ -1,4 +1,6 @@
-"""Damaged and hostile MAVLink into the link's pure part, by a seed: no crash, no false state, bounded memory.
+"""Damaged and hostile MAVLink into the link, by a seed: no crash, no false state, bounded memory.
+
+`Fuzz` feeds its pure part; `SocketFuzz` a `Connection` on UDP, from four sockets, with its thread and its buffers.
 
 The vehicle of this fuzz stands on the ground, disarmed, and says so in every good frame. All else is noise, frames
 that were damaged or cut, good frames of strangers, and good frames of our vehicle full of nonsense in messages
@@ -8,12 +10,14 @@ that say nothing of armed, landed and mode. Whatever comes: armed, landed and mo
 from __future__ import annotations
 
 import random
+import socket
 import struct
 import tracemalloc
 from math import isfinite
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from amaze_autonomy.autopilot import Connection
 from amaze_autonomy.autopilot.client import CLIENT_MESSAGES, AutopilotClient
 from amaze_autonomy.autopilot.crc import crc16
 from amaze_autonomy.autopilot.framing import LONGEST
@@ -35,8 +39,8 @@ GOOD = (
 )
 
 
-class Fuzz:
-    """The link without its socket.
+class Pieces:
+    """What is fed, and what is said of it.
 
     Args:
         seed: of all chance.
@@ -44,11 +48,9 @@ class Fuzz:
 
     def __init__(self, seed):
         self.chance = random.Random(seed)
-        self.t_ns = S
-        self.wire, self.peers = Wire(1, 191, CLIENT_MESSAGES), Peers(Identity(1, 191))
         self.client = AutopilotClient(AutopilotSettings(parameters={"A": 1.0}), BatterySpec(cells=4), lambda: (1, 1))
         self.vehicle = Wire(1, 1)
-        self.fed = self.heard = 0
+        self.fed = 0
         self._recent = [self.vehicle.send(GOOD[0])]
 
     def frame(self, number, system=1, component=1):
@@ -101,25 +103,16 @@ class Fuzz:
         self._recent = [*self._recent[-20:], raw]
         return raw
 
-    def step(self):
-        """Feed one piece, look at all that is said."""
+    def piece(self):
+        """Return the next bytes."""
         kinds = (self.noise, self.magics, self.damaged, self.cut, self.stranger, self.nonsense, self.unwanted)
         data = self.chance.choice(kinds)() if self.chance.random() < 0.8 else self.good()
-        source = self.chance.choice(("a", "b", self.chance.randrange(10_000)))
-        self.t_ns += self.chance.randrange(20_000_000)
         self.fed += len(data)
-        sent = 0
-        for message in self.wire.receive(data, source, self.t_ns):
-            if self.peers.take(self.t_ns, message):
-                self.heard += 1
-                sent += len([self.wire.send(each, self.t_ns) for each in self.client.receive(self.t_ns, message)])
-        sent += len([self.wire.send(each, self.t_ns) for each in self.client.wake(self.t_ns)])
-        assert sent <= 64
-        self.look()
+        return data
 
-    def look(self):
+    def look(self, t_ns):
         """Assert that nothing false is said."""
-        vehicle, t_ns = self.client.vehicle, self.t_ns
+        vehicle = self.client.vehicle
         status = vehicle.status(t_ns)
         assert status.armed in (None, False)
         assert status.landed.name in ("UNKNOWN", "ON_GROUND")
@@ -134,12 +127,82 @@ class Fuzz:
         assert all(isinstance(row.verdict, Verdict) for row in rows)
         assert all("\n" not in row.advice for row in rows)
         self.client.check_battery(t_ns, 0.5)
+
+
+class Fuzz(Pieces):
+    """The link without its socket."""
+
+    def __init__(self, seed):
+        super().__init__(seed)
+        self.t_ns = S
+        self.wire, self.peers = Wire(1, 191, CLIENT_MESSAGES), Peers(Identity(1, 191))
+        self.heard = 0
+
+    def step(self):
+        """Feed one piece, look at all that is said."""
+        data, source = self.piece(), self.chance.choice(("a", "b", self.chance.randrange(10_000)))
+        self.t_ns += self.chance.randrange(20_000_000)
+        sent = 0
+        for message in self.wire.receive(data, source, self.t_ns):
+            if self.peers.take(self.t_ns, message):
+                self.heard += 1
+                sent += len([self.wire.send(each, self.t_ns) for each in self.client.receive(self.t_ns, message)])
+        sent += len([self.wire.send(each, self.t_ns) for each in self.client.wake(self.t_ns)])
+        assert sent <= 64
+        self.look(self.t_ns)
         assert self.wire.kept <= 16 * LONGEST
 
+    def close(self):
+        """There is nothing to close."""
 
-def fuzz(seed, steps):
+
+class SocketFuzz(Pieces):
+    """A connection on UDP, fed from four sockets; each eighth piece is awaited, so that no buffer overflows."""
+
+    def __init__(self, seed):
+        super().__init__(seed)
+        self.steps, self.complaints = 0, []
+        self.sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(4)]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.place = probe.getsockname()
+        url = f"udpin:127.0.0.1:{self.place[1]}"
+        self.link = Connection(
+            url, Identity(1, 191), self.client, wanted=CLIENT_MESSAGES, complain=self.complaints.append
+        )
+        self.link.start()
+        assert self.link.wait_for(lambda: self.link.state.opened, 5.0)
+
+    @property
+    def heard(self):
+        return self.link.state.frames
+
+    def step(self):
+        """Send one piece; now and then look at all that is said."""
+        self.steps += 1
+        self.chance.choice(self.sockets).sendto(self.piece(), self.place)
+        if self.steps % 8:
+            return
+        before = self.link.state.heartbeat_ns
+        for _ in range(1000):  # a half frame that came before may swallow the first
+            self.sockets[0].sendto(self.good(), self.place)
+            if self.link.wait_for(lambda: self.link.state.heartbeat_ns != before, 0.005):
+                break
+        else:
+            raise AssertionError("the link hears nothing any more")
+        self.link.ask(lambda t_ns: (self.look(t_ns), ()))
+        assert (self.link.state.errors, self.complaints) == (0, [])
+
+    def close(self):
+        """Close everything."""
+        self.link.close()
+        for each in self.sockets:
+            each.close()
+
+
+def fuzz(seed, steps, kind=Fuzz):
     """Run so many steps; return the fuzz and how much memory was in use half way and at the end, in bytes."""
-    run, used = Fuzz(seed), []
+    run, used = kind(seed), []
     tracemalloc.start()
     try:
         for number in range(steps):
@@ -148,4 +211,5 @@ def fuzz(seed, steps):
                 used.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
+        run.close()
     return run, used
