@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import List
 
 ROOT = Path(__file__).resolve().parents[2]
+_PORT = 15000
 
 
 def main() -> int:
@@ -33,7 +34,8 @@ def main() -> int:
     folder = Path(options.output or tempfile.mkdtemp(prefix="live-faults-"))
     print(f"{'scenario':<28} {'':<6} {'result':<14} {'wall':>5}   way", flush=True)
     with ThreadPoolExecutor(options.jobs) as pool:
-        same = list(pool.map(lambda name: _fly(name, folder / name, options.limit_s), names))
+        ports = range(_PORT, _PORT + 10 * len(names), 10)
+        same = list(pool.map(lambda name, port: _fly(name, folder / name, port, options.limit_s), names, ports))
     print(f"{sum(same)} of {len(same)} live as in virtual time; everything is in {folder}")
     return 0 if all(same) else 1
 
@@ -47,13 +49,13 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _fly(name: str, folder: Path, limit_s: float) -> bool:
+def _fly(name: str, folder: Path, port: int, limit_s: float) -> bool:
     folder.mkdir(parents=True, exist_ok=True)
     offline, live = folder / "offline.jsonl", folder / "live" / "journal.jsonl"
     command = [str(ROOT / ".venv/bin/amaze-autonomy"), "simulate", "--faults", name, "--journal", str(offline)]
     subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
     began = time.monotonic()
-    told_to_end = _demo(name, folder, limit_s)
+    told_to_end = _demo(name, folder, port, limit_s)
     wall = time.monotonic() - began
     should, did = _way(offline), _way(live)
     same = did == should or (told_to_end and did[: len(should)] == should)
@@ -65,10 +67,11 @@ def _fly(name: str, folder: Path, limit_s: float) -> bool:
     return same
 
 
-def _demo(name: str, folder: Path, limit_s: float) -> bool:
+def _demo(name: str, folder: Path, port: int, limit_s: float) -> bool:
     """Fly one; return True when it had to be told to end."""
     with (folder / "demo.txt").open("w", encoding="utf-8") as log:
-        command = ["bash", str(ROOT / "run"), "demo", f"faults:={name}", f"output:={folder / 'live'}"]
+        arguments = [f"faults:={name}", f"output:={folder / 'live'}", f"mavlink_port:={port}"]
+        command = ["bash", str(ROOT / "run"), "demo", *arguments]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True)
         try:
             process.wait(limit_s)
