@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from math import nan
+from math import nan, pi
 from types import SimpleNamespace as Said
 
 import pytest
@@ -8,9 +8,14 @@ import pytest
 from amaze_autonomy.autopilot.commands import command_long, set_mode
 from amaze_autonomy.autopilot.control import Heartbeat
 from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.mavros_messages import SOURCES, VELOCITY, Converter, Request, request_of
+from amaze_autonomy.autopilot.mavros_messages import Converter, sources_of
+from amaze_autonomy.autopilot.mavros_requests import Lane, Publication, Request, publication_of, request_of
+from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES
+from amaze_autonomy.autopilot.vehicle import WANTED
 
-BY_TOPIC = {source.topic: source for source in SOURCES}
+SOURCES = sources_of({*WANTED, *PLANNER_MESSAGES})
+BY_TOPIC = {source.topic: source for source in SOURCES if source.makes != "ATTITUDE"}
+ATTITUDE = next(source for source in SOURCES if source.makes == "ATTITUDE")
 
 
 def convert(topic, **fields):
@@ -43,17 +48,61 @@ def test_position_and_velocity_come_together_north_east_down():
     converter = Converter()
     pose = Said(pose=Said(position=Said(x=1.0, y=2.0, z=3.0)))
     assert str(converter.convert(BY_TOPIC["local_position/pose"], pose).vz) == "nan"
-    assert converter.convert(VELOCITY, Said(twist=Said(linear=Said(z=0.5)))) is None
+    speed = Said(twist=Said(linear=Said(x=0.1, y=0.2, z=0.5)))
+    assert converter.convert(BY_TOPIC["local_position/velocity_local"], speed) is None
     message = converter.convert(BY_TOPIC["local_position/pose"], pose)
-    assert (message.x, message.y, message.z, message.vz) == (2.0, 1.0, -3.0, -0.5)
+    assert (message.x, message.y, message.z) == (2.0, 1.0, -3.0)
+    assert (message.vx, message.vy, message.vz) == (0.2, 0.1, -0.5)
+
+
+@pytest.mark.parametrize("z, w, from_north", [(0.0, 1.0, pi / 2), (0.5**0.5, 0.5**0.5, 0.0), (1.0, 0.0, -pi / 2)])
+def test_a_pose_tells_the_heading_from_north(z, w, from_north):
+    pose = Said(pose=Said(orientation=Said(x=0.0, y=0.0, z=z, w=w)))
+    assert Converter().convert(ATTITUDE, pose).yaw == pytest.approx(from_north)
+
+
+def test_a_place_and_its_height_come_together():
+    converter = Converter()
+    assert converter.convert(BY_TOPIC["global_position/rel_alt"], Said(data=2.5)) is None
+    message = converter.convert(BY_TOPIC["global_position/global"], Said(latitude=47.1, longitude=-8.2))
+    assert (message.lat, message.lon, message.relative_alt) == (471000000, -82000000, 2500)
+    assert converter.convert(BY_TOPIC["global_position/global"], Said(latitude=nan, longitude=8.0)) is None
+
+
+def test_only_topics_of_wanted_messages_are_listened_to():
+    assert [source.topic for source in sources_of(["HEARTBEAT", "MISSION_CURRENT"])] == ["state", "mission/waypoints"]
+    assert "mission/waypoints" not in {source.topic for source in sources_of(WANTED)}
 
 
 def test_requests_of_the_client_are_services():
     assert request_of(set_mode(1, 1, 4, 6)) == Request(
-        "set_mode", "SetMode", {"base_mode": 0, "custom_mode": "AUTO.LAND"}, 176
+        "set_mode", "SetMode", {"base_mode": 0, "custom_mode": "AUTO.LAND"}, 176, Lane.URGENT
     )
     disarm = request_of(command_long(1, 1, 400, 0.0))
     assert (disarm.service, disarm.fields["command"], disarm.fields["param1"]) == ("cmd/command", 400, 0.0)
+    assert (disarm.lane, request_of(command_long(1, 1, 511, 0.0)).lane) == (Lane.URGENT, Lane.REST)
     asked = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_LOW_BAT_ACT", -1)
     assert request_of(asked) == Request("param/get", "ParamGet", {"param_id": "COM_LOW_BAT_ACT"})
     assert request_of(mavlink.MAVLink_timesync_message(0, 1)) is None
+
+
+def test_a_set_point_is_published_east_north_up():
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, 1, 3576, 2.0, 1.0, -3.0, 0, 0, 0, 0, 0, 0, pi / 2, 0
+    )
+    assert publication_of(message) == Publication(
+        "setpoint_raw/local",
+        "mavros_msgs/PositionTarget",
+        {
+            "coordinate_frame": 1,
+            "type_mask": 3576,
+            "yaw": 0.0,
+            "position.x": 1.0,
+            "position.y": 2.0,
+            "position.z": 3.0,
+            "velocity.x": 0,
+            "velocity.y": 0,
+            "velocity.z": 0,
+        },
+    )
+    assert publication_of(set_mode(1, 1, 4, 6)) is None

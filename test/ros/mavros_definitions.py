@@ -40,6 +40,14 @@ MESSAGES = {
     + "uint8 satellites_visible\n",
     "HomePosition": HEADER + "geometry_msgs/Point position\n",
     "ParamValue": "int64 integer\nfloat64 real\n",
+    "Waypoint": "uint8 frame\nuint16 command\nbool is_current\nbool autocontinue\n"
+    + "".join(f"float32 param{n}\n" for n in range(1, 5))
+    + "float64 x_lat\nfloat64 y_long\nfloat64 z_alt\n",
+    "WaypointList": "uint16 current_seq\nmavros_msgs/Waypoint[] waypoints\n",
+    "WaypointReached": HEADER + "uint16 wp_seq\n",
+    "PositionTarget": HEADER
+    + "uint8 coordinate_frame\nuint16 type_mask\ngeometry_msgs/Point position\ngeometry_msgs/Vector3 velocity\n"
+    + "geometry_msgs/Vector3 acceleration_or_force\nfloat32 yaw\nfloat32 yaw_rate\n",
 }
 SERVICES = {
     "SetMode": ("uint8 base_mode\nstring custom_mode\n", "bool mode_sent\n"),
@@ -48,11 +56,16 @@ SERVICES = {
         "bool success\nuint8 result\n",
     ),
     "ParamGet": ("string param_id\n", "bool success\nParamValue value\n"),
+    "WaypointPush": ("uint16 start_index\nmavros_msgs/Waypoint[] waypoints\n", "bool success\nuint32 wp_transfered\n"),
+    "WaypointPull": ("", "bool success\nuint32 wp_received\n"),
+    "WaypointSetCurrent": ("uint16 wp_seq\n", "bool success\n"),
 }
 _LINE = "=" * 80
 _INCLUDED = {
     "std_msgs/Header": "uint32 seq\ntime stamp\nstring frame_id\n",
     "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+    "mavros_msgs/Waypoint": MESSAGES["Waypoint"],
     "mavros_msgs/ParamValue": MESSAGES["ParamValue"],
 }
 _MODULE = """\
@@ -65,7 +78,7 @@ def _full(text: str) -> str:
     """Return a definition followed by those that it includes, as genpy wants it."""
     parts = [text]
     for name, inner in _INCLUDED.items():
-        if name in text or name.split("/")[1] + " " in text:
+        if f"{name} " in text or f"{name}[" in text or f"\n{name.split('/')[1]} " in text:
             parts.append(f"MSG: {name}\n{inner}")
     return f"{_LINE}\n".join(parts)
 

@@ -5,8 +5,9 @@ No ROS. `connection.py` has the one thread; all else takes times and messages an
 
 from __future__ import annotations
 
-from .connection import Client, Connection, LinkState
+from .connection import Connection, LinkState
 from .errors import AutopilotError, EndpointError, KeyFileError
+from .hosting import Client
 from .peers import Identity
 from .signing import read_key
 

@@ -1,8 +1,6 @@
 """One thread that owns one socket or device: it reads, decodes, tells a client, sends, beats, and opens again.
 
-The client is pure: it is given times and messages and returns the messages to send. All of its methods are called
-under one lock, so other threads may ask it through `Connection.ask` and wait for what becomes of it with
-`Connection.wait_for`.
+Other threads ask its client through `Connection.ask` and wait for what becomes of it with `Connection.wait_for`.
 """
 
 from __future__ import annotations
@@ -11,16 +9,17 @@ import contextlib
 import os
 import threading
 import time
-from typing import Any, Callable, Iterable, NamedTuple, Optional, Protocol, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple
 
 from .dialect import Message, mavlink
 from .endpoint import parse_endpoint
+from .hosting import Client, ClientHost
 from .peers import Identity, Peers
 from .ports import make_port, wait_readable
 from .signing import SigningKey
 from .wire import Wire
 
-__all__ = ["Client", "Connection", "LinkState", "heartbeat"]
+__all__ = ["Connection", "LinkState", "heartbeat"]
 
 _S = 1_000_000_000
 _HEARTBEAT_NS = _S
@@ -28,17 +27,6 @@ _REOPEN_NS = _S
 _SILENCE_NS = 5 * _S
 _WAKE_NS = 50_000_000
 _MAVLINK_VERSION = 3
-T = TypeVar("T")
-
-
-class Client(Protocol):
-    """What lives on a link. Both return the messages to send; the link addresses and sequences nothing else."""
-
-    def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
-        """Take a message of the vehicle."""
-
-    def wake(self, t_ns: int) -> Iterable[Message]:
-        """Look at the time, 20 times a second."""
 
 
 class LinkState(NamedTuple):
@@ -71,7 +59,7 @@ class LinkState(NamedTuple):
     errors: int
 
 
-class Connection:
+class Connection(ClientHost):
     """A link to a vehicle.
 
     Args:
@@ -100,12 +88,11 @@ class Connection:
         now_ns: Callable[[], int] = time.monotonic_ns,
         complain: Callable[[str], None] = lambda _: None,
     ) -> None:
+        super().__init__(client, now_ns, complain)
         self._port = make_port(parse_endpoint(url))
         self._wire = Wire(identity.system, identity.component, _with_heartbeat(wanted), key)
-        self._peers, self._client, self._kind = Peers(identity), client, kind
-        self._now_ns, self._complain = now_ns, complain
-        self._changed = threading.Condition(threading.RLock())
-        self._problem, self._unsent, self._errors, self._complaint = "not opened yet", 0, 0, ""
+        self._peers, self._kind = Peers(identity), kind
+        self._problem, self._unsent = "not opened yet", 0
         self._beat_ns = self._wake_ns = self._open_ns = self._heard_ns = 0  # on the monotonic clock, as all pauses
         self._ended = False
         self._reader, self._writer = os.pipe()
@@ -129,19 +116,6 @@ class Connection:
         """Send messages."""
         with self._changed:
             self._transmit(messages)
-
-    def ask(self, question: Callable[[int], Tuple[T, Sequence[Message]]]) -> T:
-        """Call a function of the client with the time, under the lock; it returns an answer and messages to send."""
-        with self._changed:
-            answer, messages = question(self._now_ns())
-            self._transmit(messages)
-            self._changed.notify_all()
-            return answer
-
-    def wait_for(self, condition: Callable[[], T], limit_s: float) -> T:
-        """Wait until a condition on the client is true; return its last value. It is looked at on each message."""
-        with self._changed:
-            return self._changed.wait_for(condition, limit_s)
 
     @property
     def address(self) -> Tuple[int, int]:
@@ -231,17 +205,6 @@ class Connection:
 
     def _deliver(self, t_ns: int, message: Message) -> None:
         self._tell(lambda: self._client.receive(t_ns, message))
-
-    def _tell(self, call: Callable[[], Iterable[Message]]) -> None:
-        """Call the client; a defect in it must not cost the heartbeat and all the rest."""
-        try:
-            self._transmit(call())
-        except Exception as error:  # noqa: BLE001 - whatever it is
-            self._errors += 1
-            said = f"{type(error).__name__}: {error}"
-            if said != self._complaint:
-                self._complaint = said
-                self._complain(said)
 
     def _transmit(self, messages: Iterable[Message]) -> None:
         for message in messages:

@@ -1,21 +1,22 @@
 """What mavros says, as the MAVLink messages that it was made of; by the fields of its messages alone, without ROS.
 
-So one client serves both ways to the vehicle. `SOURCES` is the table: topic below mavros' namespace, type, function.
+So one client serves both ways to the vehicle. The table at the end: topic below mavros' namespace, type, what is made.
 PX4 only: the names of modes are turned back into PX4's numbers.
 """
 
 from __future__ import annotations
 
-from math import isfinite, nan
-from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
+from math import atan2, isfinite, nan, pi
+from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple
 
 from .dialect import Message, mavlink
-from .modes import mode_name, px4_number
+from .modes import px4_number
 
-__all__ = ["SOURCES", "VEHICLE", "VELOCITY", "Converter", "Request", "Source", "request_of"]
+__all__ = ["VEHICLE", "WAYPOINTS", "Converter", "Source", "sources_of"]
 
 VEHICLE = (1, 1)
 _UNKNOWN_MV, _UNKNOWN = 65535, -1
+_DEG7 = 1e7
 
 
 class Source(NamedTuple):
@@ -24,11 +25,13 @@ class Source(NamedTuple):
     Args:
         topic: below the namespace.
         kind: package and type.
-        make: returns the MAVLink message; None: it says nothing.
+        makes: name of the MAVLink message.
+        make: returns it; None: it says nothing.
     """
 
     topic: str
     kind: str
+    makes: str
     make: Callable[[Any], Optional[Message]]
 
 
@@ -139,69 +142,80 @@ def _pose(message: Any) -> Message:
     return mavlink.MAVLink_local_position_ned_message(0, where.y, where.x, -where.z, nan, nan, nan)
 
 
+def _attitude(message: Any) -> Message:
+    """Return an ATTITUDE with the yaw alone: it turns from north to the east, mavros' from the east to the north."""
+    q = message.pose.orientation
+    yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+    return mavlink.MAVLink_attitude_message(0, nan, nan, pi / 2 - yaw, nan, nan, nan)
+
+
+def _global(message: Any) -> Optional[Message]:
+    """Return a GLOBAL_POSITION_INT of a NavSatFix; its height above home comes apart."""
+    if not (isfinite(message.latitude) and isfinite(message.longitude)):
+        return None
+    place = round(message.latitude * _DEG7), round(message.longitude * _DEG7)
+    return mavlink.MAVLink_global_position_int_message(0, *place, 0, 0, 0, 0, 0, _UNKNOWN_MV)
+
+
+def _reached(message: Any) -> Message:
+    return mavlink.MAVLink_mission_item_reached_message(message.wp_seq)
+
+
+def _apart(_: Any) -> None:
+    """Say nothing by itself."""
+
+
 def _home(message: Any) -> Message:
     where = message.position
     return mavlink.MAVLink_home_position_message(0, 0, 0, where.y, where.x, -where.z, [1, 0, 0, 0], 0, 0, 0)
 
 
-SOURCES: Tuple[Source, ...] = (
-    Source("state", "mavros_msgs/State", _state),
-    Source("extended_state", "mavros_msgs/ExtendedState", _extended_state),
-    Source("sys_status", "mavros_msgs/SysStatus", _sys_status),
-    Source("battery", "sensor_msgs/BatteryState", _battery),
-    Source("statustext/recv", "mavros_msgs/StatusText", _text),
-    Source("estimator_status", "mavros_msgs/EstimatorStatus", _estimator),
-    Source("gpsstatus/gps1/raw", "mavros_msgs/GPSRAW", _gps),
-    Source("local_position/pose", "geometry_msgs/PoseStamped", _pose),
-    Source("home_position/home", "mavros_msgs/HomePosition", _home),
+_VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped", "LOCAL_POSITION_NED", _apart)
+_HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
+WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
+"""What `MavrosMission` reads."""
+_SOURCES: Tuple[Source, ...] = (
+    Source("state", "mavros_msgs/State", "HEARTBEAT", _state),
+    Source("extended_state", "mavros_msgs/ExtendedState", "EXTENDED_SYS_STATE", _extended_state),
+    Source("sys_status", "mavros_msgs/SysStatus", "SYS_STATUS", _sys_status),
+    Source("battery", "sensor_msgs/BatteryState", "BATTERY_STATUS", _battery),
+    Source("statustext/recv", "mavros_msgs/StatusText", "STATUSTEXT", _text),
+    Source("estimator_status", "mavros_msgs/EstimatorStatus", "ESTIMATOR_STATUS", _estimator),
+    Source("gpsstatus/gps1/raw", "mavros_msgs/GPSRAW", "GPS_RAW_INT", _gps),
+    Source("local_position/pose", "geometry_msgs/PoseStamped", "LOCAL_POSITION_NED", _pose),
+    _VELOCITY,
+    Source("local_position/pose", "geometry_msgs/PoseStamped", "ATTITUDE", _attitude),
+    Source("global_position/global", "sensor_msgs/NavSatFix", "GLOBAL_POSITION_INT", _global),
+    _HEIGHT,
+    Source("home_position/home", "mavros_msgs/HomePosition", "HOME_POSITION", _home),
+    WAYPOINTS,
+    Source("mission/reached", "mavros_msgs/WaypointReached", "MISSION_ITEM_REACHED", _reached),
 )
-VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped", lambda _: None)
+
+
+def sources_of(wanted: Iterable[str]) -> Tuple[Source, ...]:
+    """Return the topics of which the wanted messages are made."""
+    names = frozenset(wanted)
+    return tuple(source for source in _SOURCES if source.makes in names)
 
 
 class Converter:
-    """Makes MAVLink messages of mavros' topics; puts velocity and position, which come apart, together."""
+    """Makes MAVLink messages of topics; puts together what comes apart: position and velocity, place and height."""
 
     def __init__(self) -> None:
-        self._sinking = nan
+        self._velocity = (nan, nan, nan)
+        self._height_mm = 0
 
     def convert(self, source: Source, message: Any) -> Optional[Message]:
         """Return the MAVLink message of a message on a topic; None: it says nothing by itself."""
-        if source is VELOCITY:
-            self._sinking = -message.twist.linear.z
-            return None
+        if source is _VELOCITY:
+            speed = message.twist.linear
+            self._velocity = (speed.y, speed.x, -speed.z)
+        elif source is _HEIGHT and isfinite(message.data):
+            self._height_mm = round(1000 * message.data)
         made = source.make(message)
-        if made is not None and made.get_type() == "LOCAL_POSITION_NED":
-            made.vz = self._sinking
+        if made is not None and source.makes == "LOCAL_POSITION_NED":
+            made.vx, made.vy, made.vz = self._velocity
+        elif made is not None and source.makes == "GLOBAL_POSITION_INT":
+            made.relative_alt = self._height_mm
         return made
-
-
-class Request(NamedTuple):
-    """A service of mavros to call.
-
-    Args:
-        service: below the namespace.
-        kind: type of it in mavros_msgs.
-        fields: of the request.
-        command: MAV_CMD that the answer acknowledges; 0: none.
-    """
-
-    service: str
-    kind: str
-    fields: Dict[str, Any]
-    command: int = 0
-
-
-def request_of(message: Message) -> Optional[Request]:
-    """Return the service of mavros that does what a message asks for; None: mavros does it by itself, or cannot."""
-    name = message.get_type()
-    if name == "PARAM_REQUEST_READ":
-        return Request("param/get", "ParamGet", {"param_id": message.param_id})
-    if name != "COMMAND_LONG":
-        return None
-    if message.command == mavlink.MAV_CMD_DO_SET_MODE:
-        number = int(message.param3) << 24 | int(message.param2) << 16
-        mode = mode_name(mavlink.MAV_AUTOPILOT_PX4, number)
-        return Request("set_mode", "SetMode", {"base_mode": 0, "custom_mode": mode}, message.command)
-    parameters = {f"param{number}": getattr(message, f"param{number}") for number in range(1, 8)}
-    fields = {"broadcast": False, "command": message.command, "confirmation": 0, **parameters}
-    return Request("cmd/command", "CommandLong", fields, message.command)

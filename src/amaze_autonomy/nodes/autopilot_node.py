@@ -14,27 +14,24 @@ landing mode before it closes its link, unless the pilot has control. The link i
 
 from __future__ import annotations
 
-import functools
-from pathlib import Path
-from typing import Any, Callable, Dict, Optional, Protocol, Sequence, Tuple, TypeVar
+from typing import Any, Callable, Dict, Optional, Tuple
 
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.autopilot import AutopilotError, Connection, Identity, LinkState, read_key
 from amaze_autonomy.autopilot.client import CLIENT_MESSAGES, AutopilotClient, Reply
 from amaze_autonomy.autopilot.diagnosis import link_problem
-from amaze_autonomy.autopilot.dialect import Message, mavlink
-from amaze_autonomy.config import AutopilotSettings, Configuration
+from amaze_autonomy.autopilot.dialect import mavlink
+from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import Landed
 
 from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
-from .errors import StartError
 from .node_main import run_node
+from .vehicle_link import LevelLoop, Link, make_link
 
 __all__ = ["AutopilotNode", "main"]
 
@@ -43,31 +40,6 @@ _QUEUE = 10
 _GROUND_AGE_NS = _S
 _LANDED = {int(state.value): state for state in Landed}
 _WARNING, _ERROR = mavlink.MAV_SEVERITY_WARNING, mavlink.MAV_SEVERITY_ERROR
-T = TypeVar("T")
-
-
-class Link(Protocol):
-    """What the node needs of a link: a `Connection`, or mavros."""
-
-    def start(self) -> None:
-        """Open it and keep it open."""
-
-    def close(self) -> None:
-        """Close it."""
-
-    def ask(self, question: Callable[[int], Tuple[T, Sequence[Message]]]) -> T:
-        """Call a function of the client under the link's lock, send what it returns."""
-
-    def wait_for(self, condition: Callable[[], T], limit_s: float) -> T:
-        """Wait until a condition on the client is true."""
-
-    @property
-    def address(self) -> Tuple[int, int]:
-        """System and component of the vehicle."""
-
-    @property
-    def state(self) -> LinkState:
-        """How it is."""
 
 
 class AutopilotNode:
@@ -80,14 +52,15 @@ class AutopilotNode:
 
     def __init__(self, configuration: Configuration, clock: Clock) -> None:
         self._clock, self._settings = clock, configuration.autopilot
-        self._period_ns = round(_S / configuration.streams.autopilot_status_rate_hz)
-        self._ended = False
         self._ground: Optional[Tuple[int, Landed]] = None
         self.client = AutopilotClient(
             self._settings, configuration.battery, lambda: self._link.address, lambda: clock.ros_ns() - clock.now_ns()
         )
         self.client.on_text = _log_text
-        self._link = _make_link(self._settings, self.client, clock)
+        settings = self._settings
+        self._link: Link = make_link(settings, settings.link, self.client, CLIENT_MESSAGES, clock)
+        period_ns = round(_S / configuration.streams.autopilot_status_rate_hz)
+        self._loop = LevelLoop(self._link, clock, period_ns, self._key, self._tell)
         self._publisher = rospy.Publisher("autopilot/status", msg.AutopilotStatus, queue_size=_QUEUE, tcp_nodelay=True)
         self._diagnostics = CheckDiagnostics("autopilot", clock)
         self._problem = ""
@@ -149,27 +122,15 @@ class AutopilotNode:
         ):
             rospy.Service(name, kind, answer)
         try:
-            self._publish_until_ended()
+            self._loop.run()
         finally:
             self._leave()
             self._link.close()
 
-    def _publish_until_ended(self) -> None:
-        said: Any = None
-        due_ns = 0
-        while not self._ended:
-            now_ns = self._clock.now_ns()
-            key = self._link.ask(lambda t_ns: (self._key(t_ns), ()))
-            if now_ns >= due_ns or key != said:
-                said, due_ns = key, now_ns + self._period_ns
-                self._publish()
-                self._diagnostics.publish(now_ns, self._rows())
-                self._tell_link()
-            wait_s = self._clock.wall_wait_s(due_ns)
-            self._link.wait_for(functools.partial(self._is_news, said), wait_s)
-
-    def _is_news(self, said: Any) -> bool:
-        return self._ended or self._key(self._clock.now_ns()) != said
+    def _tell(self, now_ns: int) -> None:
+        self._publish()
+        self._diagnostics.publish(now_ns, self._rows())
+        self._tell_link()
 
     def _key(self, t_ns: int) -> Tuple[Any, ...]:
         """Return what is told at once when it changes."""
@@ -216,33 +177,7 @@ class AutopilotNode:
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
-        self._ended = True
-
-
-def _make_link(settings: AutopilotSettings, client: AutopilotClient, clock: Clock) -> Link:
-    """Return the link that the configuration asks for.
-
-    Raises:
-        StartError: it cannot be.
-    """
-    link = settings.link
-    try:
-        if settings.backend == "mavros":
-            from .mavros_link import MavrosLink  # noqa: PLC0415 - mavros_msgs is needed by nobody else
-
-            return MavrosLink(settings.mavros, client, clock.now_ns, rospy.logerr)
-        return Connection(
-            link.url,
-            Identity(link.system_id, link.component_id, link.vehicle_id),
-            client,
-            wanted=CLIENT_MESSAGES,
-            key=read_key(Path(link.key_file).expanduser()) if link.key_file else None,
-            kind=mavlink.MAV_TYPE_GCS if link.ground_station else mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-            now_ns=clock.now_ns,
-            complain=rospy.logerr,
-        )
-    except AutopilotError as error:
-        raise StartError(str(error)) from None
+        self._loop.end()
 
 
 def _fresh(ground: Optional[Tuple[int, Landed]], t_ns: int) -> Optional[Landed]:

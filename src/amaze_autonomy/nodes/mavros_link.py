@@ -1,8 +1,8 @@
 """The way to the vehicle through a running mavros, with the face of a `Connection`: topics in, services out.
 
-Subscribes to the topics of `autopilot.mavros_messages`, calls `set_mode`, `cmd/command` and `param/get`. Services are
-called by a thread of their own, each within a limit of its own making by mavros; what was asked twice meanwhile is
-asked once.
+Subscribes to the topics of which the wanted messages are made, calls `set_mode`, `cmd/command`, `param/get` and
+`mission/*`, publishes `setpoint_raw/local`. Services are called by threads of their own, one for each lane, each call
+within a limit of mavros' own making; what was asked twice meanwhile is asked once.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ from __future__ import annotations
 import importlib
 import queue
 import threading
-from typing import Any, Callable, Iterable, Sequence, Tuple, TypeVar
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Iterable, Tuple
 
 import rospy
 
 from amaze_autonomy.autopilot import Client, LinkState
 from amaze_autonomy.autopilot.dialect import Message, mavlink
-from amaze_autonomy.autopilot.mavros_messages import SOURCES, VEHICLE, VELOCITY, Converter, Request, Source, request_of
+from amaze_autonomy.autopilot.hosting import ClientHost
+from amaze_autonomy.autopilot.mavros_messages import VEHICLE, WAYPOINTS, Converter, Source, sources_of
+from amaze_autonomy.autopilot.mavros_mission import MavrosMission
+from amaze_autonomy.autopilot.mavros_requests import Lane, Publication, Request, publication_of, request_of
 
 from .errors import StartError
 
@@ -26,15 +30,18 @@ _QUEUE = 20
 _WAKE_S = 0.05
 _WAITING = 16
 _HOW = "install mavros for this ROS, or use backend: mavlink through mavros' GCS port (docs/autopilot.md)"
-T = TypeVar("T")
+_SERVICES = ("SetMode", "CommandLong", "ParamGet")
+_MISSION = ("WaypointPush", "WaypointPull", "WaypointSetCurrent")
+_TYPES = ("mavros_msgs/Waypoint", "mavros_msgs/PositionTarget")
 
 
-class MavrosLink:
+class MavrosLink(ClientHost):
     """A link through mavros.
 
     Args:
         namespace: of mavros.
         client: what lives on it.
+        wanted: names of the messages that the client wants; with MISSION_CURRENT missions are sent, too.
         now_ns: the clock that stamps what the client is given.
         complain: is told of each new kind of problem.
 
@@ -43,46 +50,40 @@ class MavrosLink:
     """
 
     def __init__(
-        self, namespace: str, client: Client, now_ns: Callable[[], int], complain: Callable[[str], None]
+        self,
+        namespace: str,
+        client: Client,
+        wanted: Iterable[str],
+        now_ns: Callable[[], int],
+        complain: Callable[[str], None],
     ) -> None:
-        self._namespace, self._client, self._now_ns, self._complain = namespace, client, now_ns, complain
-        self._changed = threading.Condition(threading.RLock())
-        self._converter = Converter()
-        self._requests: queue.Queue[Request] = queue.Queue(_WAITING)
+        super().__init__(client, now_ns, complain)
+        self._namespace, self._converter, self._mission = namespace, Converter(), MavrosMission()
+        self._requests: Dict[Lane, queue.Queue[Request]] = {lane: queue.Queue(_WAITING) for lane in Lane}
         self._ended = threading.Event()
         self._heartbeat_ns: Any = None
-        self._frames = self._unsent = self._errors = 0
-        self._complaint = ""
-        self._kinds = {source: _message(source.kind) for source in (*SOURCES, VELOCITY)}
-        self._services = {name: _service(name) for name in ("SetMode", "CommandLong", "ParamGet")}
+        self._frames = self._unsent = 0
+        self._publishers: Dict[str, Any] = {}
+        self._kinds = {source: _message(source.kind) for source in sources_of(wanted)}
+        flies = WAYPOINTS in self._kinds
+        self._services = {name: _service(name) for name in (*_SERVICES, *(_MISSION if flies else ()))}
+        self._types = {name: _message(name) for name in (_TYPES if flies else ())}
 
     def start(self) -> None:
         """Subscribe, and begin to look at the time."""
         for source, kind in self._kinds.items():
             topic = f"{self._namespace}/{source.topic}"
             rospy.Subscriber(topic, kind, self._take, callback_args=source, queue_size=_QUEUE, tcp_nodelay=True)
-        for work in (self._wake, self._serve):
-            threading.Thread(target=work, name=f"mavros {work.__name__}", daemon=True).start()
+        threading.Thread(target=self._wake, name="mavros wake", daemon=True).start()
+        for lane in Lane:
+            threading.Thread(target=self._serve, args=(lane,), name=f"mavros {lane.value}", daemon=True).start()
 
     def close(self) -> None:
         """Send what waits, and end."""
         deadline = rospy.Time.now() + rospy.Duration(1.0)
-        while not self._requests.empty() and rospy.Time.now() < deadline:
+        while not self._requests[Lane.URGENT].empty() and rospy.Time.now() < deadline:
             self._ended.wait(0.02)
         self._ended.set()
-
-    def ask(self, question: Callable[[int], Tuple[T, Sequence[Message]]]) -> T:
-        """Call a function of the client with the time, under the lock; it returns an answer and messages to send."""
-        with self._changed:
-            answer, messages = question(self._now_ns())
-            self._send(messages)
-            self._changed.notify_all()
-            return answer
-
-    def wait_for(self, condition: Callable[[], T], limit_s: float) -> T:
-        """Wait until a condition on the client is true; return its last value."""
-        with self._changed:
-            return self._changed.wait_for(condition, limit_s)
 
     @property
     def address(self) -> Tuple[int, int]:
@@ -111,65 +112,100 @@ class MavrosLink:
     def _take(self, message: Any, source: Source) -> None:
         with self._changed:
             self._frames += 1
-            self._guarded(lambda: self._given(self._converter.convert(source, message)))
+            for made in self._made(source, message):
+                self._give(made)
             self._changed.notify_all()
 
-    def _given(self, message: Any) -> Iterable[Message]:
-        if message is None:
-            return ()
+    def _made(self, source: Source, message: Any) -> Iterable[Message]:
+        if source is WAYPOINTS:
+            return self._mission.listed(message)
+        made = self._converter.convert(source, message)
+        return () if made is None else (made,)
+
+    def _give(self, message: Message) -> None:
+        """Give the client a message, and send what it says to it."""
         t_ns = self._now_ns()
         if message.get_type() == "HEARTBEAT":
             self._heartbeat_ns = t_ns
-        return self._client.receive(t_ns, message)
+        self._tell(lambda: self._client.receive(t_ns, message))
 
     def _wake(self) -> None:
         while not self._ended.wait(_WAKE_S):
             with self._changed:
-                self._guarded(lambda: self._client.wake(self._now_ns()))
+                self._tell(lambda: self._client.wake(self._now_ns()))
                 self._changed.notify_all()
 
-    def _guarded(self, call: Callable[[], Iterable[Message]]) -> None:
-        try:
-            self._send(call())
-        except Exception as error:
-            self._errors += 1
-            self._tell(f"{type(error).__name__}: {error}")
-
-    def _tell(self, words: str) -> None:
-        if words != self._complaint:
-            self._complaint = words
-            self._complain(words)
-
-    def _send(self, messages: Iterable[Message]) -> None:
-        for request in filter(None, map(request_of, messages)):
-            if request in self._requests.queue:
+    def _transmit(self, messages: Iterable[Message]) -> None:
+        """Send messages; what the mission answers at once makes the client say more."""
+        waiting: Deque[Message] = deque(messages)
+        while waiting:
+            message = waiting.popleft()
+            taken = self._mission.take(message)
+            if taken is None:
+                self._pass_on(message)
                 continue
-            try:
-                self._requests.put_nowait(request)
-            except queue.Full:
-                self._unsent += 1
+            for request in taken.requests:
+                self._enqueue(request)
+            for answer in taken.answers:
+                waiting.extend(self._client.receive(self._now_ns(), answer))
 
-    def _serve(self) -> None:
+    def _pass_on(self, message: Message) -> None:
+        publication, request = publication_of(message), request_of(message)
+        if publication is not None:
+            self._publish(publication)
+        elif request is not None:
+            self._enqueue(request)
+
+    def _publish(self, publication: Publication) -> None:
+        kind = self._types[publication.kind]
+        if publication.topic not in self._publishers:
+            topic = f"{self._namespace}/{publication.topic}"
+            self._publishers[publication.topic] = rospy.Publisher(topic, kind, queue_size=1, tcp_nodelay=True)
+        message = kind()
+        for name, value in publication.fields.items():
+            *outer, inner = name.split(".")
+            setattr(getattr(message, outer[0]) if outer else message, inner, value)
+        message.header.stamp = rospy.Time.now()
+        self._publishers[publication.topic].publish(message)
+
+    def _enqueue(self, request: Request) -> None:
+        waiting = self._requests[request.lane]
+        if request in waiting.queue:
+            return
+        try:
+            waiting.put_nowait(request)
+        except queue.Full:
+            self._unsent += 1
+
+    def _serve(self, lane: Lane) -> None:
         while not self._ended.is_set():
             try:
-                request = self._requests.get(timeout=0.2)
+                request = self._requests[lane].get(timeout=0.2)
             except queue.Empty:
                 continue
-            self._call(request)
+            answer = self._call(request)
+            with self._changed:
+                for message in self._answers(request, answer):
+                    self._give(message)
+                self._changed.notify_all()
 
-    def _call(self, request: Request) -> None:
-        name = f"{self._namespace}/{request.service}"
+    def _call(self, request: Request) -> Any:
+        """Return what a service answers; None: nothing."""
+        name, fields = f"{self._namespace}/{request.service}", dict(request.fields)
+        if "waypoints" in fields:
+            fields["waypoints"] = [self._types["mavros_msgs/Waypoint"](**each) for each in fields["waypoints"]]
         try:
-            answer = rospy.ServiceProxy(name, self._services[request.kind])(**request.fields)
+            return rospy.ServiceProxy(name, self._services[request.kind])(**fields)
         except (rospy.ServiceException, rospy.ROSException) as error:
             self._unsent += 1
-            self._tell(f"{name}: {error}")
-            return
-        message = _acknowledgement(request, answer)
-        if message is not None:
-            with self._changed:
-                self._guarded(lambda: self._client.receive(self._now_ns(), message))
-                self._changed.notify_all()
+            self._say(f"{name}: {error}")
+            return None
+
+    def _answers(self, request: Request, answer: Any) -> Iterable[Message]:
+        if request.lane is Lane.MISSION:
+            return self._mission.answered(request, answer)
+        message = None if answer is None else _acknowledgement(request, answer)
+        return () if message is None else (message,)
 
 
 def _acknowledgement(request: Request, answer: Any) -> Any:

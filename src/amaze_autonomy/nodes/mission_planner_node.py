@@ -13,13 +13,11 @@ How it works: docs/planner.md.
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, Tuple
 
 import rospy
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.autopilot import AutopilotError, Connection, Identity, read_key
 from amaze_autonomy.autopilot.loading import Loading, LoadRequest
 from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.config import Configuration
@@ -30,8 +28,8 @@ from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
-from .errors import StartError
 from .node_main import run_node
+from .vehicle_link import LevelLoop, Link, make_link
 
 __all__ = ["MissionPlannerNode", "main"]
 
@@ -51,13 +49,14 @@ class MissionPlannerNode:
 
     def __init__(self, configuration: Configuration, clock: Clock) -> None:
         self._clock = clock
-        self._period_ns = round(_S / configuration.streams.planner_status_rate_hz)
         self._spec = spec = configuration.planner
         self._exit_s = configuration.autopilot.commands.exit_limit_ns / _S
-        self._ended = False
         height_m = configuration.rules.limits.takeoff_height_m
         self.planner = Sequencer(SequencerSettings(configuration.plans, spec, configuration.flight, height_m))
-        self._link = _make_link(configuration, self.planner, clock)
+        autopilot = configuration.autopilot
+        self._link: Link = make_link(autopilot, autopilot.planner_link, self.planner, PLANNER_MESSAGES, clock)
+        period_ns = round(_S / configuration.streams.planner_status_rate_hz)
+        self._loop = LevelLoop(self._link, clock, period_ns, lambda t_ns: _key(self.planner.status(t_ns)), self._tell)
         self._publisher = rospy.Publisher(
             "mission_planner/status", msg.MissionStatus, queue_size=_QUEUE, tcp_nodelay=True
         )
@@ -69,7 +68,7 @@ class MissionPlannerNode:
     def _load(self, request: Any) -> Any:
         wanted = LoadRequest(request.session_id, request.mission_id, request.file_index, request.repetition)
         loading: Loading = self._link.ask(lambda t_ns: self.planner.load(t_ns, wanted))
-        self._link.wait_for(lambda: loading.over or self._ended, self._spec.transfer_limit_ns / _S + _ANSWER_S)
+        self._link.wait_for(lambda: loading.over or self._loop.ended, self._spec.transfer_limit_ns / _S + _ANSWER_S)
         accepted, reason = loading.accepted, loading.reason or "the planner ends"
         _log(f"load mission {wanted.mission_id}, file {wanted.file_index + 1}", "" if accepted else reason)
         return srv.LoadMissionResponse(
@@ -96,26 +95,16 @@ class MissionPlannerNode:
         rospy.Service("mission_planner/load", srv.LoadMission, self._load)
         rospy.Service("mission_planner/command", srv.MissionCommand, self._command)
         try:
-            self._publish_until_ended()
+            self._loop.run()
         finally:
             self._leave()
             self._link.close()
 
-    def _publish_until_ended(self) -> None:
-        said: Any = None
-        due_ns = 0
-        while not self._ended:
-            now_ns = self._clock.now_ns()
-            status = self._status()
-            if now_ns >= due_ns or _key(status) != said:
-                said, due_ns = _key(status), now_ns + self._period_ns
-                self._publisher.publish(outgoing.mission_status(status, self._clock.ros_ns()))
-                self._diagnostics.publish(now_ns, self._rows(status, now_ns))
-                self._tell_link()
-            self._wait_for_news(said, self._clock.wall_wait_s(due_ns))
-
-    def _wait_for_news(self, said: Any, limit_s: float) -> None:
-        self._link.wait_for(lambda: self._ended or _key(self.planner.status(self._clock.now_ns())) != said, limit_s)
+    def _tell(self, now_ns: int) -> None:
+        status = self._status()
+        self._publisher.publish(outgoing.mission_status(status, self._clock.ros_ns()))
+        self._diagnostics.publish(now_ns, self._rows(status, now_ns))
+        self._tell_link()
 
     def _status(self) -> MissionStatus:
         status: MissionStatus = self._link.ask(lambda t_ns: (self.planner.status(t_ns), ()))
@@ -156,7 +145,7 @@ class MissionPlannerNode:
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
-        self._ended = True
+        self._loop.end()
 
 
 def _key(status: MissionStatus) -> Tuple[Any, ...]:
@@ -165,33 +154,8 @@ def _key(status: MissionStatus) -> Tuple[Any, ...]:
     return (status.phase, status.waypoint, status.message, *loaded)
 
 
-def _verdict(good: bool) -> Verdict:  # noqa: FBT001 - the verdict on just that
-    return Verdict.PASS if good else Verdict.FAIL
-
-
 def _log(what: str, problem: str) -> None:
     (rospy.logwarn if problem else rospy.loginfo)("%s: %s", what, problem or "accepted")
-
-
-def _make_link(configuration: Configuration, planner: Sequencer, clock: Clock) -> Connection:
-    """Return the link of autopilot.yaml.
-
-    Raises:
-        StartError: it cannot be.
-    """
-    link = configuration.autopilot.planner_link
-    try:
-        return Connection(
-            link.url,
-            Identity(link.system_id, link.component_id, link.vehicle_id),
-            planner,
-            wanted=PLANNER_MESSAGES,
-            key=read_key(Path(link.key_file).expanduser()) if link.key_file else None,
-            now_ns=clock.now_ns,
-            complain=rospy.logerr,
-        )
-    except AutopilotError as error:
-        raise StartError(str(error)) from None
 
 
 def main() -> int:

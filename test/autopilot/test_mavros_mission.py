@@ -1,0 +1,148 @@
+"""The mission protocol over mavros' services: the real upload on one side, a mavros that can fail on the other."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace as Said
+
+import pytest
+
+from amaze_autonomy.autopilot.dialect import mavlink
+from amaze_autonomy.autopilot.mavros_mission import MavrosMission
+from amaze_autonomy.autopilot.mission_items import MissionItem
+from amaze_autonomy.autopilot.mission_upload import MissionUpload, UploadPhase
+
+S = 1_000_000_000
+ITEMS = tuple(MissionItem(16, 473977431 + 100 * n, 85455942, 2.0 + n, hold_s=0.5, heading_deg=90.0) for n in range(4))
+
+
+class Mavros:
+    """A mavros and the vehicle behind it; what it is asked is done when the test says so.
+
+    Args:
+        upload: that speaks to it.
+    """
+
+    def __init__(self, upload):
+        self.upload, self.mission = upload, MavrosMission()
+        self.vehicle, self.current, self.called, self.waiting = (), 3, [], []
+        self.t_ns = 0
+        self.send(upload.start(0))
+
+    def send(self, messages):
+        for message in messages:
+            taken = self.mission.take(message)
+            self.waiting.extend(taken.requests)
+            for answer in taken.answers:
+                self.send(self.upload.receive(self.t_ns, answer))
+
+    def give(self, messages):
+        for message in messages:
+            self.send(self.upload.receive(self.t_ns, message))
+
+    def publish(self, waypoints=None):
+        self.give(self.mission.listed(Said(current_seq=self.current, waypoints=waypoints or self.vehicle)))
+
+    def serve(self, *, works=True, list_first=True):
+        """Answer the oldest request."""
+        request = self.waiting.pop(0)
+        self.called.append(request.service)
+        answer = None
+        if works:
+            answer = getattr(self, request.service.split("/")[1])(request.fields, list_first=list_first)
+        self.give(self.mission.answered(request, answer))
+        if works and request.kind == "WaypointPull" and not list_first:
+            self.publish()
+
+    def push(self, fields, **_):
+        self.vehicle = tuple(Said(**each) for each in fields["waypoints"])
+        return Said(success=True, wp_transfered=len(self.vehicle))
+
+    def pull(self, _, *, list_first):
+        if list_first:
+            self.publish()
+        return Said(success=True, wp_received=len(self.vehicle))
+
+    def set_current(self, fields, **_):
+        self.current = fields["wp_seq"]
+        self.publish()
+        return Said(success=True)
+
+    def wait(self, seconds):
+        self.t_ns += round(seconds * S)
+        self.send(self.upload.wake(self.t_ns))
+
+
+def begin():
+    return Mavros(MissionUpload(ITEMS, (1, 1), 0, S // 2, 8 * S))
+
+
+@pytest.mark.parametrize("list_first", [True, False])
+def test_a_mission_is_pushed_pulled_compared_and_set_to_its_beginning(list_first):
+    mavros = begin()
+    while not mavros.upload.over:
+        mavros.serve(list_first=list_first)
+    assert (mavros.upload.phase, mavros.upload.reason) == (UploadPhase.DONE, "")
+    assert mavros.called == ["mission/push", "mission/pull", "mission/set_current"]
+    assert [each.is_current for each in mavros.vehicle] == [True, False, False, False]
+    assert mavros.vehicle[1] == Said(
+        frame=3,
+        command=16,
+        is_current=False,
+        autocontinue=True,
+        param1=0.5,
+        param2=0.0,
+        param3=0.0,
+        param4=90.0,
+        x_lat=pytest.approx(47.3977531),
+        y_long=pytest.approx(8.5455942),
+        z_alt=3.0,
+    )
+
+
+def test_a_mission_that_came_back_changed_is_sent_again():
+    mavros = begin()
+    mavros.serve()
+    mavros.vehicle[2].z_alt = 9.0
+    mavros.serve()
+    assert mavros.upload.reason == "item 2 came back with z 9 instead of 4"
+    while not mavros.upload.over:
+        mavros.serve()
+    assert mavros.called == ["mission/push", "mission/pull"] * 2 + ["mission/set_current"]
+
+
+def test_a_list_that_mavros_keeps_from_before_is_not_taken_for_the_vehicles():
+    mavros = begin()
+    mavros.publish([Said()] * 4)  # as long, and none of it ours
+    mavros.serve()
+    assert mavros.upload.phase is UploadPhase.LIST
+    mavros.serve()
+    assert mavros.upload.phase is UploadPhase.CURRENT
+
+
+def test_a_slow_push_is_not_made_twice():
+    mavros = begin()
+    for _ in range(4):
+        mavros.wait(0.5)
+    assert [request.service for request in mavros.waiting] == ["mission/push"]
+    while not mavros.upload.over:
+        if mavros.waiting:
+            mavros.serve()
+        mavros.wait(0.5)
+    assert mavros.called == ["mission/push", "mission/pull", "mission/set_current"]
+
+
+def test_services_that_fail_fail_the_transfer_with_its_reason():
+    mavros = begin()
+    while not mavros.upload.over:
+        while mavros.waiting:
+            mavros.serve(works=False)
+        mavros.wait(0.5)
+    assert mavros.upload.phase is UploadPhase.FAILED
+    assert "the autopilot says MAV_MISSION_ERROR" in mavros.upload.reason
+    assert mavros.t_ns <= 9 * S
+
+
+def test_where_the_vehicle_is_in_its_mission_comes_with_the_list():
+    (message,) = MavrosMission().listed(Said(current_seq=2, waypoints=[]))
+    assert (message.get_type(), message.seq) == ("MISSION_CURRENT", 2)
+    assert MavrosMission().take(mavlink.MAVLink_timesync_message(0, 1)) is None

@@ -1,0 +1,116 @@
+#!/usr/bin/env python3
+"""The mission planner node through mavros: sent, compared, flown, held, resumed, landed; by set-points as well."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+import rospy
+import rostest
+from mavros_definitions import install
+from mavros_vehicle import MavrosVehicle
+from one_node import OneNode, wait_for
+from px4_vehicle import QUICK
+
+from amaze_autonomy import msg, srv
+
+FOLDER = Path(tempfile.mkdtemp(prefix="amaze_mavros_"))
+PATH = install(FOLDER)
+sys.path[:0] = PATH.split(":")
+from mavros_msgs import msg as messages  # noqa: E402
+from mavros_msgs import srv as services  # noqa: E402
+
+MISSIONS = """\
+flight:
+  cruise_speed_m_s: 5.0
+  climb_speed_m_s: 4.0
+  descent_speed_m_s: 4.0
+  landing_speed_m_s: 2.0
+  acceleration_m_s2: 10.0
+  turn_rate_rad_s: 8.0
+missions:
+  "hop":
+    description: Up, around, down
+    files: [trajectories/hop.csv]
+  "indoors":
+    description: The same without GPS
+    files: [trajectories/hop.csv]
+    controller: offboard
+"""
+STATUS, COMMAND = msg.MissionStatus, srv.MissionCommandRequest
+
+
+class TestMavrosPlanner(unittest.TestCase):
+    def setUp(self):
+        self.space, self.statuses = f"/{self._testMethodName[:24]}", []
+        self.vehicle = MavrosVehicle(f"{self.space}/mavros", QUICK, messages, services)
+        rospy.Subscriber(f"{self.space}/mission_planner/status", STATUS, self.statuses.append)
+        overrides = ["autopilot.backend=mavros", f"autopilot.mavros={self.space}/mavros"]
+        before = os.environ.get("PYTHONPATH", "")
+        os.environ["PYTHONPATH"] = f"{PATH}:{before}"
+        try:
+            self.node = OneNode("mission_planner", self.space, overrides, missions=MISSIONS)
+        finally:
+            os.environ["PYTHONPATH"] = before
+        self.load = self.service("load", srv.LoadMission)
+        self.order = self.service("command", srv.MissionCommand)
+
+    def tearDown(self):
+        self.node.process.kill()
+        self.node.process.wait()
+        self.vehicle.stop()
+
+    def service(self, name, kind):
+        name = f"{self.space}/mission_planner/{name}"
+        rospy.wait_for_service(name, 20.0)
+        return rospy.ServiceProxy(name, kind)
+
+    def wait_phase(self, phase, limit_s=20.0):
+        words = f"phase {phase}: {self.statuses[-1:]} {self.vehicle.called} {self.node.log}"
+        wait_for(lambda: self.statuses and self.statuses[-1].phase == phase, words, limit_s)
+
+    def command(self, action):
+        answer = self.order("s1", action)
+        self.assertTrue(answer.accepted, answer.message)
+
+    def take_off(self, mission):
+        said = []
+
+        def loaded():
+            said.append(self.load("s1", mission, 0, 0))
+            return said[-1].accepted
+
+        wait_for(lambda: self.statuses and not self.statuses[-1].message, "a vehicle that speaks")
+        wait_for(loaded, f"a loaded mission: {said[-1:]} {self.node.log}")  # its position takes a moment
+        self.wait_phase(STATUS.LOADED)
+        self.command(COMMAND.TAKEOFF)
+        self.wait_phase(STATUS.FLYING)
+
+    def test_a_mission_is_sent_compared_flown_held_resumed_and_landed(self):
+        self.vehicle.spoils = 1
+        self.take_off("hop")
+        transfers = [name for name in self.vehicle.called if name in ("push", "pull")]
+        self.assertEqual(transfers, ["push", "pull"] * 2)  # the first came back changed
+        self.command(COMMAND.HOLD)
+        self.wait_phase(STATUS.HOLDING, 4.0)
+        self.command(COMMAND.RESUME)
+        self.wait_phase(STATUS.FLYING, 6.0)
+        self.wait_phase(STATUS.LANDED)
+        self.assertEqual((self.statuses[-1].waypoint, self.statuses[-1].waypoints), (4, 4))
+        self.assertFalse(self.vehicle.craft.armed)
+
+    def test_by_set_points_it_is_flown_and_landed_early(self):
+        self.take_off("indoors")
+        self.assertEqual(self.vehicle.craft.mode, "OFFBOARD")
+        self.command(COMMAND.LAND)
+        self.wait_phase(STATUS.LANDED)
+        self.assertLess(self.statuses[-1].waypoint, 4)
+
+
+if __name__ == "__main__":
+    rospy.init_node("test_mavros_planner")
+    rostest.rosrun("amaze_autonomy", "mavros_planner", TestMavrosPlanner)
