@@ -21,7 +21,7 @@ from .fields import layout_of
 from .opened import Indexed, Link, opened
 from .tapes import tapes_of
 
-__all__ = ["Entry", "Recording", "Table", "Topic"]
+__all__ = ["Entry", "Numbers", "Recording", "Table", "Topic"]
 
 _Decode = Callable[[bytes], Any]
 
@@ -64,6 +64,35 @@ class Table(NamedTuple):
     connection: Any
 
 
+class Numbers(NamedTuple):
+    """Numbers of the messages of a topic.
+
+    Args:
+        messages: of the topic, in the order of its table.
+        parts: places in that order, and a column for each path: of every connection that has them.
+    """
+
+    messages: int
+    parts: Tuple[Tuple[Any, List[Any]], ...]
+
+    def rows(self) -> List[Optional[Tuple[Any, ...]]]:
+        """Return for each message the values; None where it has none."""
+        found: List[Optional[Tuple[Any, ...]]] = [None] * self.messages
+        for where, columns in self.parts:
+            for place, values in zip(where.tolist(), zip(*(column.tolist() for column in columns))):
+                found[place] = values
+        return found
+
+    def columns(self) -> Optional[List[Any]]:
+        """Return a column for each path; None when a message has no values, or not all have the same types."""
+        if sum(len(where) for where, _ in self.parts) != self.messages:
+            return None
+        if len({tuple(column.dtype for column in columns) for _, columns in self.parts}) != 1:
+            return None
+        order = np.argsort(np.concatenate([where for where, _ in self.parts]), kind="stable")
+        return [np.concatenate(each)[order] for each in zip(*(columns for _, columns in self.parts))]
+
+
 class Recording:
     """A bag that is open for reading.
 
@@ -82,6 +111,7 @@ class Recording:
         self._decoders: Dict[int, _Decode] = {}
         self._tapes = tapes_of(path)
         self._kept: Dict[Tuple[int, int], bytes] = {}
+        self._tables: Dict[str, Table] = {}
         self.topics: Tuple[Topic, ...] = tuple(self._topics())
 
     def __enter__(self) -> Recording:  # noqa: PYI034  (Self is not in 3.8)
@@ -110,6 +140,11 @@ class Recording:
 
     def table(self, topic: str) -> Table:
         """Return the same as arrays."""
+        if topic not in self._tables:
+            self._tables[topic] = self._table(topic)
+        return self._tables[topic]
+
+    def _table(self, topic: str) -> Table:
         parts: List[Tuple[Any, ...]] = []
         for rank, numbers in enumerate(self._publishers(topic)):
             for number in numbers:
@@ -118,6 +153,8 @@ class Recording:
         if not parts:
             return Table(*(np.zeros(0, np.int64) for _ in Table._fields))
         columns = [np.concatenate(each) for each in zip(*parts)]
+        if (np.diff(columns[0]) > 0).all():
+            return Table(*columns)
         order = np.lexsort(tuple(reversed(columns)))
         return Table(*(column[order] for column in columns))
 
@@ -147,6 +184,10 @@ class Recording:
             By topic, for each of its entries the values of the paths; None where `message` must be asked: it is
             damaged, or irregular. Topics of which no message has these paths as columns are left out.
         """
+        return {topic: found.rows() for topic, found in self.numbers(wanted).items()}
+
+    def numbers(self, wanted: Dict[str, Sequence[str]]) -> Dict[str, Numbers]:
+        """Return the same, not yet put into rows."""
         if not isinstance(self._bag, Indexed):
             return {}
         numbers: Dict[int, Wanted] = {}
@@ -157,7 +198,7 @@ class Recording:
                     numbers[link.number] = found
         read = self._columns(numbers) if numbers else {}
         topics = [topic for topic in wanted if any(self._links[number].topic == topic for number in read)]
-        return {topic: self._rows(topic, read) for topic in topics}
+        return {topic: self._placed(topic, read) for topic in topics}
 
     def _columns(self, wanted: Dict[int, Wanted]) -> Dict[int, Tuple[Any, List[Any]]]:
         """Return columns from a tape; without one, read them, and keep them where tapes are wanted."""
@@ -183,10 +224,10 @@ class Recording:
             self._tapes.keep_messages(topics, kept)
         self._kept.update(kept)
 
-    def _rows(self, topic: str, read: Dict[int, Tuple[Any, List[Any]]]) -> List[Optional[Tuple[Any, ...]]]:
-        """Return values in the order of the entries."""
+    def _placed(self, topic: str, read: Dict[int, Tuple[Any, List[Any]]]) -> Numbers:
+        """Return numbers with their places in the order of the entries."""
         table = self.table(topic)
-        found: List[Optional[Tuple[Any, ...]]] = [None] * len(table.t_ns)
+        parts: List[Tuple[Any, List[Any]]] = []
         for number, (rows, columns) in read.items():
             if self._links[number].topic != topic:
                 continue
@@ -195,10 +236,8 @@ class Recording:
             rank: Any = np.empty(len(places), np.int64)
             t_ns, chunk, offset = self._bag.places(number)
             rank[np.lexsort((offset, chunk, t_ns))] = own
-            where = rank[np.searchsorted(places, rows)].tolist()
-            for place, values in zip(where, zip(*(column.tolist() for column in columns))):
-                found[place] = values
-        return found
+            parts.append((rank[np.searchsorted(places, rows)], columns))
+        return Numbers(len(table.t_ns), tuple(parts))
 
     def _decoder(self, connection: int) -> _Decode:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow to load)

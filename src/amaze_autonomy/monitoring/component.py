@@ -89,6 +89,12 @@ class ComponentMonitor:
         self._update_status()
         return request
 
+    @property
+    def steady(self) -> bool:
+        """True when its rates, and nothing else, say that it is as intended, and it is not being restarted."""
+        rates = len(self._sources) == len(self.rates) > 0
+        return rates and self.condition.level is Level.GOOD and self.restarts.restart is Restart.NONE
+
     def fixable(self) -> bool:
         """Return True when it is on its way: it starts up, or the watchdog may still restart it."""
         if self.condition.level is Level.STARTING:

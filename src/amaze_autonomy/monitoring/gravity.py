@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections import deque
 from math import acos, atan2, cos, degrees, inf, isfinite, pi, sin, sqrt
-from typing import Deque, List, NamedTuple, Optional, Tuple
+from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 __all__ = [
     "BUCKET_NS",
+    "PLAUSIBLE_M2_S4",
     "STANDARD_GRAVITY_M_S2",
     "GravityWindow",
     "ImuStatistics",
@@ -35,7 +36,7 @@ Matrix = Tuple[Vector, Vector, Vector]
 STANDARD_GRAVITY_M_S2 = 9.80665
 BUCKET_NS = 1_000_000_000 // 20
 _NEAR = 0.2  # a unit is recognised when the magnitude is off by less than this fraction
-_PLAUSIBLE_M2_S4 = 1e12
+PLAUSIBLE_M2_S4 = 1e12  # beyond it no sensor measures
 _UPSIDE_DOWN_RAD = 3 * pi / 4
 _GAP_NS = 1_000_000_000 // 2
 _SIDE = sin(pi / 8)  # of eight directions each covers 45 degrees
@@ -162,7 +163,7 @@ class GravityWindow:
         """Add a sample. One that is not finite, or beyond any sensor, is not added."""
         x, y, z = acceleration
         squares = x * x + y * y + z * z
-        if not squares < _PLAUSIBLE_M2_S4:
+        if not squares < PLAUSIBLE_M2_S4:
             return
         bucket = self._bucket(t_ns)
         bucket.count += 1
@@ -175,6 +176,18 @@ class GravityWindow:
             bucket.gx += turn_rate[0]
             bucket.gy += turn_rate[1]
             bucket.gz += turn_rate[2]
+
+    @property
+    def span_ns(self) -> int:
+        """How much is kept."""
+        return self._span_ns
+
+    def skip(self, times: Sequence[int]) -> None:
+        """Add samples that are too old to be kept: only when they came counts, in order, good ones alone."""
+        for t_ns in times:
+            if self.last_ns is None or t_ns - self.last_ns > _GAP_NS:
+                self.first_ns = t_ns
+            self.last_ns = t_ns
 
     def statistics(self, t_ns: int, window_ns: int) -> Optional[ImuStatistics]:
         """Return what was measured in the window that ends at a time; None when nothing was."""
@@ -202,7 +215,7 @@ class GravityWindow:
     def _bucket(self, t_ns: int) -> _Bucket:
         """Return the bucket of a time, and drop what is too old; time that jumps backwards empties the window."""
         number, buckets = t_ns // BUCKET_NS, self._buckets
-        if self.last_ns is None or number < buckets[-1].number:
+        if self.last_ns is None or (buckets and number < buckets[-1].number):
             buckets.clear()
             self.first_ns = t_ns
         elif t_ns - self.last_ns > _GAP_NS:

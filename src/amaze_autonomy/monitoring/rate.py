@@ -18,7 +18,7 @@ Rules of this file (figures in docs/monitoring.md):
 from __future__ import annotations
 
 from collections import deque
-from typing import Deque, Optional, Tuple
+from typing import Deque, Optional, Sequence, Tuple
 
 from .condition import FOREVER_NS, Condition, Level, Source, seconds
 from .specs import TopicSpec
@@ -65,6 +65,32 @@ class RateMonitor(Source):
     def total(self) -> int:
         """Messages so far."""
         return self._total
+
+    @property
+    def silence_ns(self) -> int:
+        """Longest time between two messages that is not silence."""
+        return self._silence_ns
+
+    @property
+    def steady(self) -> bool:
+        """True while it comes as intended, and nothing speaks against that yet."""
+        good = self._settled and self._level is Level.GOOD
+        return good and self._candidate is None and self._mark_at_ns != _NEVER_NS
+
+    def skip(self, last_t_ns: int, count: int, marks: Sequence[Tuple[int, int]], rate_hz: Optional[float]) -> None:
+        """Add messages of a steady topic that leave its verdict as it is, for who knows what comes.
+
+        Args:
+            last_t_ns: time of the last one.
+            count: how many.
+            marks: the window's marks as of the last one that begins a bucket; empty: none does.
+            rate_hz: over them.
+        """
+        self._last_ns = last_t_ns
+        self._total += count
+        if marks:
+            self._mark_at_ns = (last_t_ns // self.bucket_ns + 1) * self.bucket_ns
+            self._marks, self._rate_hz = deque(marks), rate_hz
 
     def add(self, last_t_ns: int, count: int = 1) -> bool:
         """Add messages, the last of which came at a time. Return True when that has changed the verdict."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import isfinite
-from typing import Deque, List, NamedTuple, Optional, Tuple
+from typing import Callable, Deque, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check, Verdict
 
@@ -66,17 +66,35 @@ class StateEstimationMonitor:
 
     def add_estimate(self, t_ns: int, estimate: Estimate, stamp_ns: Optional[int] = None) -> None:
         """Add an estimate that arrived at a time; its stamp, where given, tells its age."""
-        self._estimate, self._arrived_ns = estimate, t_ns
-        self._estimate_ns = t_ns if stamp_ns is None else stamp_ns
         if self._rate is not None:
             self._rate.add(t_ns)
+        self.keep_estimate(t_ns, estimate, stamp_ns)
+
+    def keep_estimate(self, t_ns: int, estimate: Estimate, stamp_ns: Optional[int] = None) -> None:
+        """Add an estimate, but do not count it."""
+        self._estimate, self._arrived_ns = estimate, t_ns
+        self._estimate_ns = t_ns if stamp_ns is None else stamp_ns
+        self.trace(t_ns, lambda: estimate.position)
+
+    def trace(self, t_ns: int, position: Callable[[], Vector]) -> None:
+        """Remember a position, unless there is one of about the same time; `position` is asked only when needed."""
         track = self._track
         if track and t_ns < track[-1][0]:
             track.clear()
         if not track or t_ns - track[-1][0] >= BUCKET_NS:
-            track.append((t_ns, estimate.position))
+            track.append((t_ns, position()))
             while len(track) > 1 and track[1][0] <= t_ns - self.spec.still_ns:
                 track.popleft()  # the first one kept is at least as old as the time to be observed
+
+    @property
+    def imu(self) -> GravityWindow:
+        """What the IMU said last."""
+        return self._imu
+
+    @property
+    def rate(self) -> Optional[RateMonitor]:
+        """The rate of the estimates; None when there are none."""
+        return self._rate
 
     def in_motion(self, t_ns: int) -> Tuple[Check, ...]:
         """Return the rows that say something of a vehicle that flies or is carried, as `check` has them."""

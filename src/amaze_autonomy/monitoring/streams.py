@@ -34,7 +34,12 @@ class Streams:
     @property
     def next_ns(self) -> int:
         """When `poll` must be called again, unless something arrives before."""
-        return min(self._action_due_ns, self._info_due_ns, self._watchdog.next_ns)
+        return min(self.due_ns, self._watchdog.next_ns)
+
+    @property
+    def due_ns(self) -> int:
+        """When the next message is due, if nothing changes."""
+        return min(self._action_due_ns, self._info_due_ns)
 
     def poll(self, t_ns: int) -> _Poll:
         """Turn the loop once: evaluate, and return the messages that are due; None for one that is not."""

@@ -147,6 +147,24 @@ class Watchdog:
 
         return count
 
+    def rate(self, name: str, topic: Optional[str] = None) -> RateMonitor:
+        """Return the monitor that `counter` adds to."""
+        return self._component(name).rate(topic)
+
+    @property
+    def disturbed(self) -> bool:
+        """True when something has said that a verdict may have changed, and nobody has looked yet."""
+        return self._dirty
+
+    @property
+    def steady(self) -> bool:
+        """True while every component is as intended, by its rates alone, and was so at the last look."""
+        return self.started and not self._dirty and all(monitor.steady for monitor in self._monitors)
+
+    def rest(self, until_ns: int) -> None:
+        """Say that no verdict changes before a time: for who knows what comes."""
+        self._next_ns = until_ns
+
     def add_content(self, name: str, t_ns: int, *, finite: bool, digest: int, topic: Optional[str] = None) -> None:
         """Add what a message says: are all its numbers finite, and a digest of its content."""
         self._dirty |= self._component(name).content(topic).add(t_ns, finite=finite, digest=digest)

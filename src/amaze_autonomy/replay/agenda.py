@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from typing import Callable, List, Optional, Tuple
 
-__all__ = ["Agenda", "Rank", "Task"]
+__all__ = ["Agenda", "Rank", "Task", "Turns"]
 
 Task = Callable[[int], None]
 
@@ -25,6 +25,29 @@ class Rank:
     TICK = 30_000
 
 
+class Turns:
+    """The turns of a loop at a fixed period, of which those are left out at which nothing can come of it.
+
+    Args:
+        first_ns: time of the first turn.
+        period_ns: from turn to turn.
+    """
+
+    def __init__(self, first_ns: int, period_ns: int) -> None:
+        self.first_ns, self.period_ns = first_ns, period_ns
+        self._made = -1
+
+    def after(self, t_ns: int) -> int:
+        """Return the time of the first turn after a time."""
+        return max(self.first_ns, self.first_ns + ((t_ns - self.first_ns) // self.period_ns + 1) * self.period_ns)
+
+    def left_out(self, t_ns: int) -> int:
+        """Return how many turns were left out since the last one that was made; the one at this time is made."""
+        turn = (t_ns - self.first_ns) // self.period_ns
+        left_out, self._made = turn - self._made - 1, turn
+        return left_out
+
+
 class Agenda:
     """Tasks by time."""
 
@@ -36,15 +59,6 @@ class Agenda:
         """Enter a task; it is called with its time."""
         heapq.heappush(self._tasks, (t_ns, rank, self._entered, task))
         self._entered += 1
-
-    def every(self, first_ns: int, period_ns: int, rank: int, task: Task) -> None:
-        """Enter a task that comes again."""
-
-        def again(t_ns: int) -> None:
-            task(t_ns)
-            self.at(t_ns + period_ns, rank, again)
-
-        self.at(first_ns, rank, again)
 
     @property
     def next(self) -> Optional[Tuple[int, int]]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from functools import partial
+from math import isfinite, nan
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+
+import numpy as np
 
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.monitoring.battery import BatteryMonitor
-from amaze_autonomy.monitoring.gravity import rotation_from_rpy, tilt_of, up_of_quaternion
+from amaze_autonomy.monitoring.condition import FOREVER_NS
+from amaze_autonomy.monitoring.gravity import BUCKET_NS, PLAUSIBLE_M2_S4, rotation_from_rpy, tilt_of, up_of_quaternion
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.monitoring.specs import AutopilotSensor, EstimateSource
@@ -15,8 +21,10 @@ from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimation
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from .fields import Getter, getter, number, orientation, quaternion, vector
+from .pace import Pace
 from .statuses import health_of
 from .topic_map import Reading
+from .tracks import Track
 
 __all__ = [
     "BatteryFeed",
@@ -81,6 +89,33 @@ class Feed:
     def play(self, t_ns: int) -> None:
         """Take what a good message would have said at a time."""
 
+    # --- many at once -------------------------------------------------------------------------------------------------
+
+    def ride(self, track: Track, rank: int) -> None:
+        """Take all messages from a track from now on, when somebody asks; `rank` is that of the topic."""
+        self.track, self.rank, self.taken = track, rank, 0
+
+    def until(self, now: Tuple[int, int]) -> None:
+        """Take all messages of the track before a time and rank, as if they had come one after the other."""
+        listed, begin = self.track.listed, self.taken
+        if begin < len(listed) and listed[begin] <= now[0]:
+            end = (bisect_right if self.rank < now[1] else bisect_left)(listed, now[0], begin)
+            self.taken = max(begin, end)
+            self.take_many(begin, self.taken)
+
+    def take_many(self, begin: int, end: int) -> None:
+        """Take messages of the track by their places; does what `take_values` does with each of them."""
+        for t_ns, values in zip(self.track.listed[begin:end], self.track.rows(begin, end)):
+            self.take_values(t_ns, values)
+
+
+class _LastCounts(Feed):
+    """A use of a topic for which the last message is all that counts."""
+
+    def take_many(self, begin: int, end: int) -> None:
+        """Take the last one."""
+        super().take_many(max(begin, end - 1), end)
+
 
 class ComponentFeed(Feed):
     """A message of a component: it came, that is all."""
@@ -89,6 +124,26 @@ class ComponentFeed(Feed):
         super().__init__(topic, period_ns, decodes=False)
         self._watchdog, self._name = watchdog, name
         self.count = watchdog.counter(name, topic)
+        self._pace: Optional[Pace] = None
+
+    def ride(self, track: Track, rank: int) -> None:
+        """Count all messages of a track."""
+        super().ride(track, rank)
+        self._pace = Pace(self._watchdog.rate(self._name, self.topic), track, self.count)
+
+    def take_many(self, begin: int, end: int) -> None:
+        """Count some."""
+        if self._pace is not None:
+            self._pace.take(begin, end)
+
+    @property
+    def steady(self) -> bool:
+        """True while the topic comes as intended."""
+        return self._pace is not None and self._pace.steady
+
+    def changes_ns(self) -> int:
+        """Return when the verdict can change by a message, or by none, of the track."""
+        return FOREVER_NS if self._pace is None else self._pace.changes_ns(self.taken)
 
     def take(self, t_ns: int, message: Any) -> None:  # noqa: ARG002
         """Count it."""
@@ -121,6 +176,16 @@ class RangeFeed(Feed):
     def __init__(self, detector: LandingDetector, reading: Reading) -> None:
         super().__init__(reading.topic, _S // 20, paths=(reading.fields["distance"], "min_range", "max_range"))
         self._detector, self._get = detector, getter(reading.fields["distance"])
+        self.tilt: Optional[TiltFeed] = None
+
+    def take_many(self, begin: int, end: int) -> None:
+        """Take readings of the track, each with the tilt of its time."""
+        if self.tilt is None:
+            super().take_many(begin, end)
+            return
+        for place in range(begin, end):
+            self.tilt.until((self.track.listed[place], self.rank))
+            super().take_many(place, place + 1)
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take a reading; what is no number is nothing seen."""
@@ -150,18 +215,31 @@ class TiltFeed(Feed):
         """Take an orientation."""
         self._take(t_ns, quaternion(self._get(message)))
 
+    def take_many(self, begin: int, end: int) -> None:
+        """Take the last one that says something."""
+        for place in range(end - 1, begin - 1, -1):
+            x, y, z, w = map(float, self.track.rows(place, place + 1)[0])
+            parts = orientation((x, y, z, w))
+            if parts is not None and isfinite(self._tilt(parts)):
+                self._take(self.track.listed[place], parts)
+                return
+
     def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
         """Take its four numbers."""
         x, y, z, w = map(float, values)
         self._take(t_ns, orientation((x, y, z, w)))
 
     def _take(self, t_ns: int, parts: Optional[Tuple[float, float, float, float]]) -> None:
-        up = up_of_quaternion(*parts) if parts is not None else None
-        if up is not None:
-            self._detector.add_tilt(t_ns, tilt_of(up))
+        if parts is not None:
+            self._detector.add_tilt(t_ns, self._tilt(parts))
+
+    @staticmethod
+    def _tilt(parts: Tuple[float, float, float, float]) -> float:
+        up = up_of_quaternion(*parts)
+        return nan if up is None else tilt_of(up)  # NaN is not taken
 
 
-class BatteryFeed(Feed):
+class BatteryFeed(_LastCounts):
     """The battery: for its check, and for what the vehicle says."""
 
     def __init__(self, monitor: BatteryMonitor, reading: Reading, facts: Dict[str, Fact]) -> None:
@@ -191,7 +269,7 @@ class BatteryFeed(Feed):
         self._monitor.add(t_ns, 0.95, 0.5 * (spec.cell_voltage_min_v + spec.cell_voltage_max_v) * (spec.cells or 4))
 
 
-class FactFeed(Feed):
+class FactFeed(_LastCounts):
     """A property of the vehicle: armed, landed or height."""
 
     def __init__(self, name: str, reading: Reading, facts: Dict[str, Fact]) -> None:
@@ -236,12 +314,11 @@ _FACTS: Mapping[str, str] = {"height": "height_m", "landed": "landed", "armed": 
 class ImuFeed(Feed):
     """An accelerometer in the vehicle, for the check of gravity."""
 
-    def __init__(
-        self, take: Callable[[int, Vector, Optional[Vector]], object], reading: Reading, rpy: Vector, g: float
-    ) -> None:
+    def __init__(self, monitor: StateEstimationMonitor, reading: Reading) -> None:
+        rpy, g = monitor.spec.imu_mounting_rpy_rad, monitor.spec.gravity_m_s2
         vectors = [reading.fields[name] for name in ("acceleration", "turn_rate") if name in reading.fields]
         super().__init__(reading.topic, _S // 50, paths=tuple(f"{path}.{axis}" for path in vectors for axis in "xyz"))
-        self._add, self._scale = take, reading.scale
+        self._window, self._add, self.scale = monitor.imu, monitor.add_imu, reading.scale
         self._acceleration = getter(reading.fields["acceleration"])
         self._turn_rate = getter(reading.fields["turn_rate"]) if "turn_rate" in reading.fields else None
         column = rotation_from_rpy(rpy)[2]  # up in the sensor's frame: the transposed matrix times (0, 0, 1)
@@ -250,7 +327,7 @@ class ImuFeed(Feed):
     def take(self, t_ns: int, message: Any) -> None:
         """Take a sample."""
         x, y, z = vector(self._acceleration(message))
-        scale = self._scale
+        scale = self.scale
         turn_rate = vector(self._turn_rate(message)) if self._turn_rate is not None else None
         self._add(t_ns, (x * scale, y * scale, z * scale), turn_rate)
 
@@ -258,8 +335,20 @@ class ImuFeed(Feed):
         """Take the three numbers of the acceleration, and of the turn rate where it has one."""
         if type(values[0]) is not float or type(values[-1]) is not float:  # an odd message with whole numbers
             values = tuple(map(float, values))
-        scale = self._scale
+        scale = self.scale
         self._add(t_ns, (values[0] * scale, values[1] * scale, values[2] * scale), values[3:] or None)
+
+    def take_many(self, begin: int, end: int) -> None:
+        """Take samples of the track; of those that are too old to be kept, when they came."""
+        times = self.track.times
+        oldest_ns = (int(times[end - 1]) - self._window.span_ns) // BUCKET_NS * BUCKET_NS
+        first = min(end, max(begin, int(np.searchsorted(times, oldest_ns))))
+        if first > begin:
+            x, y, z = (column[begin:first].astype(float) * self.scale for column in self.track.columns[:3])
+            with np.errstate(over="ignore", invalid="ignore"):
+                good = x * x + y * y + z * z < PLAUSIBLE_M2_S4
+            self._window.skip(times[begin:first][good].tolist())
+        super().take_many(first, end)
 
     def play(self, t_ns: int) -> None:
         """Take what a vehicle measures that stands level and still."""
@@ -273,6 +362,25 @@ class EstimateFeed(Feed):
         super().__init__(reading.topic, round(_S / monitor.spec.rate_hz), paths=_ESTIMATE[monitor.spec.source])
         self._monitor = monitor
         self._read = estimate_reader(monitor.spec.source)
+        self._pace: Optional[Pace] = None
+
+    def ride(self, track: Track, rank: int) -> None:
+        """Take all estimates of a track."""
+        super().ride(track, rank)
+        if self._monitor.rate is not None:
+            self._pace = Pace(self._monitor.rate, track, self._monitor.rate.add)
+
+    def take_many(self, begin: int, end: int) -> None:
+        """Take estimates of the track: the last one, and where the others were."""
+        if self._pace is not None:
+            self._pace.take(begin, end)
+        for place, t_ns in enumerate(self.track.listed[begin : end - 1], begin):
+            self._monitor.trace(t_ns, partial(self._position, place))
+        self._monitor.keep_estimate(self.track.listed[end - 1], *self._estimate(self.track.rows(end - 1, end)[0]))
+
+    def changes_ns(self) -> int:
+        """Return when the rate's verdict can change by an estimate, or by none, of the track."""
+        return FOREVER_NS if self._pace is None else self._pace.changes_ns(self.taken)
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take an estimate; a header stamp of 0 says nothing about its age."""
@@ -282,6 +390,15 @@ class EstimateFeed(Feed):
 
     def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
         """Take an estimate as numbers."""
+        self._monitor.add_estimate(t_ns, *self._estimate(values))
+
+    def _position(self, place: int) -> Vector:
+        x, y, z = self.track.columns[2:5]
+        return float(x[place]), float(y[place]), float(z[place])
+
+    @staticmethod
+    def _estimate(values: Tuple[Any, ...]) -> Tuple[Estimate, Optional[int]]:
+        """Return an estimate and its stamp."""
         seconds, fraction, *rest = values
         x, y, z, qx, qy, qz, qw, *more = map(float, rest)
         estimate = Estimate((x, y, z), (qx, qy, qz, qw))
@@ -291,7 +408,7 @@ class EstimateFeed(Feed):
             )
         if len(more) > 6:  # noqa: PLR2004  (a velocity)
             estimate = estimate._replace(velocity=(more[6], more[7], more[8]))
-        self._monitor.add_estimate(t_ns, estimate, (seconds * _S + fraction) or None)
+        return estimate, (seconds * _S + fraction) or None
 
     def play(self, t_ns: int) -> None:
         """Take what a good estimator says of a vehicle that stands level and still."""

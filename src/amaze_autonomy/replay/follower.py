@@ -7,7 +7,7 @@ stands still and say nothing of one that is carried or flies, so they are left t
 from __future__ import annotations
 
 from math import degrees
-from typing import Dict, List, NamedTuple, Optional, Sequence
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.checks import Check, Verdict
 
@@ -39,10 +39,18 @@ class Follower:
 
     def __init__(self) -> None:
         self._rows: Dict[str, _Row] = {}
+        self._seen: Tuple[str, ...] = ()
+
+    @property
+    def settled(self) -> bool:
+        """True when every row passes, and nothing speaks against any of them: one that passes again changes nothing."""
+        rows = self._rows
+        return all(name in rows and rows[name].passed is True and not rows[name].looks for name in self._seen)
 
     def take(self, rows: Sequence[Check], *, in_flight: bool) -> List[Note]:
         """Take the rows as they are now; return what has changed and stood for some looks."""
         notes: List[Note] = []
+        self._seen = tuple(row.name for row in rows if row.name in _FOLLOWED)
         for row in rows:
             if row.name in _FOLLOWED and not (in_flight and row.name in _ON_GROUND_ONLY):
                 note = self._follow(self._rows.setdefault(row.name, _Row()), row)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+from bisect import bisect_left
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
 
 from amaze_autonomy.engine.checks import Check
-from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.engine.events import Landed, VehicleLanded, WatchdogAction, WatchdogInfo
 from amaze_autonomy.monitoring.battery import BatteryMonitor
+from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
+from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
 from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
+from .agenda import Turns
 from .errors import FieldError, MisfitError
 from .feeds import (
     BatteryFeed,
@@ -26,7 +32,9 @@ from .feeds import (
     TiltFeed,
 )
 from .fields import kind_of
+from .looks import unsure_looks
 from .plan import Plan
+from .tracks import Track
 
 __all__ = ["Light", "Monitors"]
 
@@ -38,6 +46,18 @@ _VEHICLE: Mapping[Landed, VehicleLanded] = {
     Landed.UNKNOWN: VehicleLanded.UNKNOWN,
     Landed.ON_GROUND: VehicleLanded.ON_GROUND,
     Landed.AIRBORNE: VehicleLanded.IN_AIR,
+}
+
+
+_MONITOR: Mapping[type, type] = {
+    ComponentFeed: Watchdog,
+    HealthFeed: Watchdog,
+    RangeFeed: LandingDetector,
+    TiltFeed: LandingDetector,
+    ImuFeed: StateEstimationMonitor,
+    EstimateFeed: StateEstimationMonitor,
+    BatteryFeed: BatteryMonitor,
+    FactFeed: BatteryMonitor,  # facts of the vehicle, as the battery's are
 }
 
 
@@ -60,16 +80,142 @@ class Monitors:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self.watchdog = Watchdog(plan.components)
-        self.streams = Streams(self.watchdog)
-        self.landing = LandingDetector(plan.landing) if plan.landing is not None else None
-        self.state = StateEstimationMonitor(plan.state_estimation) if plan.state_estimation is not None else None
-        self.battery = BatteryMonitor(plan.battery) if plan.battery is not None else None
+        self._watchdog = Watchdog(plan.components)
+        self._streams = Streams(self._watchdog)
+        self._landing = LandingDetector(plan.landing) if plan.landing is not None else None
+        self._state = StateEstimationMonitor(plan.state_estimation) if plan.state_estimation is not None else None
+        self._battery = BatteryMonitor(plan.battery) if plan.battery is not None else None
         self._facts: Dict[str, Fact] = {}
         self.feeds: Tuple[Feed, ...] = tuple(self._made_feeds())
         self._by_topic: Dict[str, List[Feed]] = {}
         for feed in self.feeds:
             self._by_topic.setdefault(feed.topic, []).append(feed)
+        self.now: Tuple[int, int] = (0, 0)
+        self._riding: Dict[type, List[Feed]] = {}
+        self._counters: Tuple[ComponentFeed, ...] = ()
+        self._foreseen = False
+        self._rests_ns = 0
+        self._unsure: Optional[List[int]] = None
+
+    def ride(self, tracks: Mapping[int, Track], topics: Sequence[str]) -> Tuple[int, ...]:
+        """Take topics from tracks, as far as can be, instead of message by message; return the ranks of these.
+
+        Whoever asks a monitor then gives it first what has come before `now`.
+        """
+        names = {topics[rank]: rank for rank in tracks}
+        together = {feed.topic for feed in self.feeds if isinstance(feed, (RangeFeed, TiltFeed))}
+        if not together <= names.keys():  # one would be ahead of the other
+            names = {name: rank for name, rank in names.items() if name not in together}
+        for name, rank in names.items():
+            first = 0
+            for feed in self._by_topic.get(name, ()):
+                count = len(feed.paths) if feed.decodes else 0
+                feed.ride(tracks[rank].part(first, first + count), rank)
+                first += count
+                self._riding.setdefault(_MONITOR[type(feed)], []).append(feed)
+        self._pair(names)
+        watching = [feed for feed in self.feeds if _MONITOR[type(feed)] is Watchdog]
+        self._counters = tuple(feed for feed in watching if isinstance(feed, ComponentFeed))
+        self._foreseen = all(feed.topic in names for feed in watching)
+        return tuple(names.values())
+
+    def _pair(self, names: Mapping[str, int]) -> None:
+        """Let the range take the tilt of its time."""
+        tilt = next((feed for feed in self.feeds if isinstance(feed, TiltFeed) and feed.topic in names), None)
+        for feed in self.feeds:
+            if isinstance(feed, RangeFeed):
+                feed.tilt = tilt
+
+    def poll(self, t_ns: int, left_out: int) -> Tuple[Optional[WatchdogAction], Optional[WatchdogInfo]]:
+        """Turn the watchdog's loop, after some turns that were left out; return the messages that are due."""
+        watchdog = self._watchdog
+        if watchdog.disturbed or not t_ns < self._rests_ns or watchdog.next_ns != self._rests_ns:
+            self._caught_up(Watchdog)
+            self._rests_ns = 0
+        watchdog.loop_counter += left_out
+        return self._streams.poll(t_ns)
+
+    def restart_requests(self) -> Tuple[RestartRequest, ...]:
+        """Return the restarts to be made now, each once."""
+        return self._watchdog.restart_requests()
+
+    def next_poll_ns(self, t_ns: int) -> int:
+        """Return when the watchdog's loop must turn again, unless it is asked something before.
+
+        While all is as intended the tracks tell when that can end; until then nobody need look at them.
+        """
+        watchdog = self._watchdog
+        if not watchdog.started:
+            return FOREVER_NS
+        if watchdog.disturbed or not self._foreseen:
+            return t_ns
+        if t_ns < self._rests_ns:
+            return min(self._streams.due_ns, self._rests_ns)
+        changes_ns = min((feed.changes_ns() for feed in self._counters), default=FOREVER_NS)
+        if watchdog.steady and all(feed.steady for feed in self._counters):
+            self._rests_ns = changes_ns
+            watchdog.rest(changes_ns)
+        return min(self._streams.due_ns, changes_ns, watchdog.next_ns)
+
+    def unsure_ns(self, t_ns: int, looks: Turns) -> int:
+        """Return the first look from a time on, at which not every row of the state check surely passes."""
+        feeds = [feed for feed in self.feeds if _MONITOR[type(feed)] is StateEstimationMonitor]
+        if self._state is None or any(feed not in self._riding.get(StateEstimationMonitor, ()) for feed in feeds):
+            return t_ns
+        if self._unsure is None:
+            self._unsure = self._unsure_looks(self._state, looks)
+        place = bisect_left(self._unsure, t_ns)
+        unsure_ns = self._unsure[place] if place < len(self._unsure) else t_ns
+        return min([unsure_ns, *(feed.changes_ns() for feed in feeds if isinstance(feed, EstimateFeed))])
+
+    def _unsure_looks(self, state: StateEstimationMonitor, looks: Turns) -> List[int]:
+        imu = next((feed for feed in self.feeds if isinstance(feed, ImuFeed)), None)
+        estimate = next((feed for feed in self.feeds if isinstance(feed, EstimateFeed)), None)
+        last_ns = max((feed.track.listed[-1] for feed in (imu, estimate) if feed and len(feed.track)), default=0)
+        times: Any = np.arange(looks.first_ns, last_ns + looks.period_ns, looks.period_ns)
+        unsure = unsure_looks(
+            times,
+            state.spec,
+            None if imu is None else imu.track,
+            1.0 if imu is None else imu.scale,
+            None if estimate is None else estimate.track,
+        )
+        found: List[int] = times[unsure].tolist()
+        return [*found, *times[-1:].tolist()]
+
+    def _caught_up(self, monitor: type) -> None:
+        for feed in self._riding.get(monitor, ()):
+            feed.until(self.now)
+
+    @property
+    def watchdog(self) -> Watchdog:
+        """The watchdog as of now."""
+        self._caught_up(Watchdog)
+        return self._watchdog
+
+    @property
+    def streams(self) -> Streams:
+        """Its streams as of now."""
+        self._caught_up(Watchdog)
+        return self._streams
+
+    @property
+    def landing(self) -> Optional[LandingDetector]:
+        """The landing detection as of now; None when the recording has no range."""
+        self._caught_up(LandingDetector)
+        return self._landing
+
+    @property
+    def state(self) -> Optional[StateEstimationMonitor]:
+        """The state check as of now; None when the recording has neither IMU nor estimate."""
+        self._caught_up(StateEstimationMonitor)
+        return self._state
+
+    @property
+    def battery(self) -> Optional[BatteryMonitor]:
+        """The battery as of now; None when the recording has none."""
+        self._caught_up(BatteryMonitor)
+        return self._battery
 
     def decodes(self, topic: str) -> bool:
         """Return True when somebody looks into the messages of a topic."""
@@ -107,15 +253,18 @@ class Monitors:
 
     def check_ground(self, t_ns: int) -> Optional[Tuple[Check, ...]]:
         """Return the rows of the landing detection; None when the recording has no range."""
-        return None if self.landing is None else self.landing.checks(t_ns)
+        landing = self.landing
+        return None if landing is None else landing.checks(t_ns)
 
     def check_state(self, t_ns: int) -> Optional[StateVerdict]:
         """Return the verdict on the states; None when the recording has neither IMU nor estimate."""
-        return None if self.state is None else self.state.check(t_ns)
+        state = self.state
+        return None if state is None else state.check(t_ns)
 
     def judge_landing(self, t_ns: int) -> Optional[LandingVerdict]:
         """Return the judgement of the landing detection; None when the recording has no range."""
-        return None if self.landing is None else self.landing.evaluate(t_ns)
+        landing = self.landing
+        return None if landing is None else landing.evaluate(t_ns)
 
     def facts(self, t_ns: int, *, flown: bool) -> Dict[str, Any]:
         """Return what the recording tells of the vehicle now, by name; None: it should, but it is silent.
@@ -124,6 +273,7 @@ class Monitors:
             t_ns: now.
             flown: the engine has commanded a takeoff; only then does a height say anything of the ground.
         """
+        self._caught_up(BatteryMonitor)
         told: Dict[str, Any] = {}
         readings = self._plan.topic_map.readings
         for name in ("armed", "landed", "height"):
@@ -156,24 +306,23 @@ class Monitors:
     def _made_feeds(self) -> List[Feed]:
         readings = self._plan.topic_map.readings
         feeds: List[Feed] = [
-            ComponentFeed(self.watchdog, spec.name, topic.topic, topic.period_ns)
+            ComponentFeed(self._watchdog, spec.name, topic.topic, topic.period_ns)
             for spec in self._plan.components
             for topic in spec.topics
         ]
         told = self._plan.topic_map.statuses.get("autopilot")
         if told is not None and any(spec.autopilot is not None for spec in self._plan.components):
-            feeds.append(HealthFeed(self.watchdog, told))
-        if self.landing is not None:
-            feeds.append(RangeFeed(self.landing, readings["range"]))
-        if self.landing is not None and "orientation" in (readings["imu"].fields if "imu" in readings else {}):
-            feeds.append(TiltFeed(self.landing, readings["imu"]))
-        if self.state is not None and "imu" in readings:
-            spec = self.state.spec
-            feeds.append(ImuFeed(self.state.add_imu, readings["imu"], spec.imu_mounting_rpy_rad, spec.gravity_m_s2))
-        if self.state is not None and "estimate" in readings:
-            feeds.append(EstimateFeed(self.state, readings["estimate"]))
-        if self.battery is not None:
-            feeds.append(BatteryFeed(self.battery, readings["battery"], self._facts))
+            feeds.append(HealthFeed(self._watchdog, told))
+        if self._landing is not None:
+            feeds.append(RangeFeed(self._landing, readings["range"]))
+        if self._landing is not None and "orientation" in (readings["imu"].fields if "imu" in readings else {}):
+            feeds.append(TiltFeed(self._landing, readings["imu"]))
+        if self._state is not None and "imu" in readings:
+            feeds.append(ImuFeed(self._state, readings["imu"]))
+        if self._state is not None and "estimate" in readings:
+            feeds.append(EstimateFeed(self._state, readings["estimate"]))
+        if self._battery is not None:
+            feeds.append(BatteryFeed(self._battery, readings["battery"], self._facts))
         feeds += [
             FactFeed(name, readings[name], self._facts) for name in ("height", "armed", "landed") if name in readings
         ]

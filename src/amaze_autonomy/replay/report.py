@@ -44,7 +44,7 @@ def _rows(outcome: Outcome) -> List[Tuple[str, str, str]]:
 def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[str]:
     """Return what stands below the timeline: the recording's figures, the checks, damage, the verdict."""
     length_s = (outcome.end_ns - outcome.start_ns) / _S
-    lines = ["", f"Recording: {length_s:.3f} s, {len(recordings.samples)} messages of {len(recordings.topics)} topics"]
+    lines = ["", f"Recording: {length_s:.3f} s, {recordings.count} messages of {len(recordings.topics)} topics"]
     for figures in recordings.figures():
         text = f"  {figures.topic:<{_WIDE}} {figures.messages:>7} messages"
         if figures.rate_hz is not None and figures.longest_gap_at_ns is not None:

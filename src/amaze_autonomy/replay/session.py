@@ -109,6 +109,7 @@ class Session:
         self._user = User(plan.topic_map.script)
         self._source = Source.SCRIPT
         self._monitors = Monitors(plan)
+        self._riding: Tuple[int, ...] = ()
         self._script = plan.topic_map.script
         self._log = self._read_log()
         self._begin_ns = self._beginning()
@@ -122,13 +123,15 @@ class Session:
             ReplayError: The map does not fit the recording.
         """
         self._begin()
-        samples, total = self._recordings.samples, len(self._recordings.samples)
         lights, values_of, due_ns = self._lights(), self._recordings.values, 0
+        samples = self._recordings.ordered(rank for rank in range(len(lights)) if rank not in self._riding)
+        total = len(samples)
         for number, sample in enumerate(samples):
             t_ns, rank = sample[0], sample[1]
             if t_ns >= due_ns:
                 self._until(t_ns, rank)
                 due_ns = self._due_ns()
+            self._monitors.now = t_ns, rank
             light = lights[rank]
             values = values_of(sample) if light is not None and light.readers else None
             if light is None or (values is None and light.readers):
@@ -209,7 +212,7 @@ class Session:
             recording={
                 "start_ns": recordings.start_ns,
                 "end_ns": recordings.end_ns,
-                "messages": len(recordings.samples),
+                "messages": recordings.count,
             },
         )
 
@@ -225,6 +228,11 @@ class Session:
         whole = [topic for rank, topic in enumerate(topics) if lights[rank] is None and self._takers[rank][0]]
         self._recordings.keep(whole)
         self._recordings.read({rank: light.paths for rank, light in enumerate(lights) if light and light.readers})
+        tracks = {
+            rank: self._recordings.track(rank, light.paths) for rank, light in enumerate(lights) if light is not None
+        }
+        whole_tracks = {rank: track for rank, track in tracks.items() if track is not None}
+        self._riding = self._monitors.ride(whole_tracks, topics)
         return lights
 
     def _due_ns(self) -> int:
@@ -246,8 +254,10 @@ class Session:
             task = self._agenda.next
             tick = (self._deadline_ns, Rank.TICK) if self._deadline_ns is not None else None
             if tick is not None and tick < (t_ns, rank) and (task is None or tick < task):
+                self._monitors.now = tick
                 self._feed(Tick(t_ns=tick[0]), self._world.source(tick[0]))
             elif task is not None and task < (t_ns, rank):
+                self._monitors.now = task
                 self._agenda.run()
             else:
                 return

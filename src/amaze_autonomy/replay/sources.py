@@ -10,21 +10,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from amaze_autonomy.bags import Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.bags.recording import Numbers
 
 from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
 from .telemetry import recordings_of
+from .tracks import Track
 
 __all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
 
 _S = 1_000_000_000
 _JUMP_NS = 3600 * _S
 _Rows = Sequence[Optional[Tuple[Any, ...]]]
+_Columns = Sequence[Any]
 
 
 class Sample(NamedTuple):
@@ -101,7 +104,8 @@ class Recordings:
         self.bags: List[Any] = []  # bags, and telemetry logs with the face of bags
         self.topics, self.muted = tuple(topics), tuple(muted)
         self.damage: Dict[str, Damage] = {}
-        self._columns: Dict[Tuple[int, int], _Rows] = {}
+        self._numbers: Dict[Tuple[int, int], Optional[Numbers]] = {}
+        self._rows: Dict[Tuple[int, int], _Rows] = {}
         self._read: Dict[int, Tuple[str, ...]] = {}
         try:
             self._open(paths)
@@ -118,12 +122,13 @@ class Recordings:
             if topic not in known:
                 raise UnknownTopicError(topic, known)
         self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
-        self.samples: List[Sample] = self._ordered()
-        if not self.samples:
+        self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
+        if not self.count:
             raise self._nothing()
         self._check_times()
 
-    _figures: Optional[Tuple[List[Sample], Tuple[TopicFigures, ...]]] = None
+    _samples: Optional[List[Sample]] = None
+    _figures: Optional[Tuple[TopicFigures, ...]] = None
 
     def __enter__(self) -> Recordings:  # noqa: PYI034  (Self is not in 3.8)
         return self
@@ -148,6 +153,31 @@ class Recordings:
         last: int = max(bag.end_ns for bag in self.bags if bag.end_ns is not None)
         return last
 
+    @property
+    def count(self) -> int:
+        """Number of messages of all wanted topics."""
+        return sum(len(self.times(rank)) for rank in range(len(self.topics)))
+
+    @property
+    def samples(self) -> List[Sample]:
+        """All messages in their order."""
+        if self._samples is None:
+            self._samples = self.ordered(range(len(self.topics)))
+        return self._samples
+
+    def times(self, rank: int) -> Any:
+        """Return the times of a topic's messages, an array."""
+        return self._parts[rank][0]
+
+    def ordered(self, ranks: Iterable[int]) -> List[Sample]:
+        """Return the messages of some topics in their order."""
+        parts = [self._parts[rank] for rank in sorted(ranks)]
+        if not parts:
+            return []
+        columns = [np.concatenate(column) for column in zip(*parts)]
+        order = np.argsort(columns[0], kind="stable")
+        return list(map(partial(tuple.__new__, Sample), zip(*(column[order].tolist() for column in columns))))
+
     def topic(self, sample: Sample) -> str:
         """Return the topic of a sample."""
         return self.topics[sample.rank]
@@ -167,9 +197,10 @@ class Recordings:
         self._read.update(new)
         for number, bag in enumerate(self.bags):
             if isinstance(bag, Recording):
-                found = bag.columns({self.topics[rank]: paths for rank, paths in new.items()})
+                found = bag.numbers({self.topics[rank]: paths for rank, paths in new.items()})
                 for rank in new:
-                    self._columns[number, rank] = found.get(self.topics[rank], [])
+                    self._numbers[number, rank] = found.get(self.topics[rank])
+                    self._rows.pop((number, rank), None)
 
     def keep(self, topics: Sequence[str]) -> None:
         """Make whole messages of some topics fast, where tapes are wanted."""
@@ -179,30 +210,46 @@ class Recordings:
 
     def values(self, sample: Sample) -> Optional[Tuple[Any, ...]]:
         """Return the numbers of a message; None when `message` must be asked."""
-        rows = self._columns.get((sample.bag, sample.rank))
+        rows = self._rows.get((sample.bag, sample.rank))
+        if rows is None:
+            numbers = self._numbers.get((sample.bag, sample.rank))
+            rows = self._rows[sample.bag, sample.rank] = [] if numbers is None else numbers.rows()
         return rows[sample.row] if rows else None
+
+    def track(self, rank: int, paths: Sequence[str]) -> Optional[Track]:
+        """Return a topic's messages as arrays, with the numbers that were `read`; None when some must be asked."""
+        _, _, bags, *_, rows = self._parts[rank]
+        return self._track(rank, paths, self.times(rank), bags, rows)
+
+    def _track(self, rank: int, paths: Sequence[str], times: Any, bags: Any, rows: Any) -> Optional[Track]:
+        if not paths:
+            return Track(times)
+        parts: List[Tuple[Any, List[Any]]] = []
+        for number in np.unique(bags).tolist():
+            numbers = self._numbers.get((number, rank))
+            columns = None if numbers is None else numbers.columns()
+            if columns is None:
+                return None
+            where = np.flatnonzero(bags == number)
+            parts.append((where, [column[rows[where]] for column in columns]))
+        found = Numbers(len(times), tuple(parts)).columns()
+        return None if found is None else Track(times, tuple(found))
 
     def figures(self) -> Tuple[TopicFigures, ...]:
         """Return what the index says of each wanted topic."""
-        known = self._figures
-        if known is None or known[0] is not self.samples:
-            t_ns, ranks = _times(self.samples), np.fromiter((each[1] for each in self.samples), np.int64)
-            found = tuple(_figures(topic, t_ns[ranks == rank]) for rank, topic in enumerate(self.topics))
-            self._figures = known = (self.samples, found)
-        return known[1]
+        if self._figures is None:
+            self._figures = tuple(_figures(topic, self.times(rank)) for rank, topic in enumerate(self.topics))
+        return self._figures
 
-    def _ordered(self) -> List[Sample]:
-        parts = [
-            self._part(number, rank)
-            for number in range(len(self.bags))
-            for rank, topic in enumerate(self.topics)
-            if topic not in self.muted
-        ]
-        if not parts:
-            return []
-        columns = [np.concatenate(column) for column in zip(*parts)]
-        order = np.lexsort(tuple(reversed(columns)))
-        return list(map(partial(tuple.__new__, Sample), zip(*(column[order].tolist() for column in columns))))
+    def _of_topic(self, rank: int) -> _Columns:
+        """Return the samples of a topic in all bags, as columns, in their order."""
+        muted = self.topics[rank] in self.muted
+        parts = [self._part(number, rank) for number in range(len(self.bags)) if not muted]
+        columns = [np.concatenate(column) for column in zip(*parts)] or [np.zeros(0, np.int64) for _ in Sample._fields]
+        if len(parts) > 1:
+            order = np.lexsort(tuple(reversed(columns)))
+            columns = [column[order] for column in columns]
+        return columns
 
     def _part(self, number: int, rank: int) -> Sequence[Any]:
         """Return the samples of a topic in a bag, as columns."""
@@ -215,7 +262,10 @@ class Recordings:
 
     def _check_times(self) -> None:
         """Refuse a recording in which a clock was set: virtual time would go through all the years between."""
-        times = np.concatenate(([self.start_ns], _times(self.samples), [self.end_ns]))
+        if self.end_ns - self.start_ns <= _JUMP_NS:
+            return
+        parts = [self.times(rank) for rank in range(len(self.topics))]
+        times = np.concatenate(([self.start_ns], np.sort(np.concatenate(parts)), [self.end_ns]))
         jumps = np.flatnonzero(np.diff(times) > _JUMP_NS)
         if len(jumps):
             raise TimeJumpError(self._names(), *times[jumps[0] : jumps[0] + 2].tolist())
@@ -239,10 +289,6 @@ class Recordings:
             self.damage[topic] = Damage(topic, reason, t_ns, t_ns)
         else:
             damage.count, damage.last_ns = damage.count + 1, t_ns
-
-
-def _times(samples: List[Sample]) -> Any:
-    return np.fromiter((each[0] for each in samples), np.int64, len(samples))
 
 
 def _figures(topic: str, times: Any) -> TopicFigures:

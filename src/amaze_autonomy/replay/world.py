@@ -30,8 +30,9 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, evolve
+from amaze_autonomy.monitoring.condition import FOREVER_NS
 
-from .agenda import Agenda, Rank
+from .agenda import Agenda, Rank, Task, Turns
 from .answers import Answers
 from .errors import InvalidStatusError, MisfitError
 from .evidence import Evidence, Observed
@@ -96,6 +97,8 @@ class World:
         self._components: Dict[str, ComponentStatus] = {}
         self._landed: Optional[Landed] = None
         self._followed = Follower()
+        self._turns = self._looks = Turns(0, _TURN_NS)
+        self._turn_ns = FOREVER_NS
         self._script_until_ns = recordings.start_ns + plan.topic_map.script.sensors_until_ns
         self._first_ns = self._first_times()
         self._watched = plan.component_topics or recordings.topics
@@ -109,16 +112,28 @@ class World:
                 if feed.topic == topic and feed.period_ns:
                     self._play(feed, t_ns, rank)
         peers = (
-            ("watchdog_action", _TURN_NS, Rank.WATCHDOG, self._watch),
             ("landing_detection", _PERIOD_NS, Rank.LANDING, self._tell_landed),
             ("autopilot", _PERIOD_NS, Rank.AUTOPILOT, self._tell_autopilot),
             ("mission_planner", _PERIOD_NS, Rank.PLANNER, self._tell_planner),
             ("data_recorder", _S // 2, Rank.RECORDER, self._tell_recorder),
         )
-        for _, period_ns, rank, task in peers:
-            self._agenda.every(t_ns + _LATENCY_NS, period_ns, rank, task)
+        for name, period_ns, rank, task in peers:
+            self._agenda.at(t_ns + _LATENCY_NS, rank, self._repeated(name, period_ns, rank, task))
+        self._turns = Turns(t_ns + _LATENCY_NS, _TURN_NS)
+        self._plan_turn(t_ns + _LATENCY_NS)
         if self._monitors.state is not None:
-            self._agenda.every(self._recordings.start_ns + _S, _WATCH_NS, Rank.STATE, self._follow_state)
+            self._looks = Turns(self._recordings.start_ns + _S, _WATCH_NS)
+            self._agenda.at(self._looks.first_ns, Rank.STATE, self._follow_state)
+
+    def _repeated(self, name: str, period_ns: int, rank: int, task: Task) -> Task:
+        """Return what tells a status again and again, until the recording does."""
+
+        def again(t_ns: int) -> None:
+            if not self._has(name, t_ns):
+                task(t_ns)
+                self._agenda.at(t_ns + period_ns, rank, again)
+
+        return again
 
     def source(self, t_ns: int) -> Source:
         """Return where what is known of the components comes from at a time."""
@@ -134,10 +149,10 @@ class World:
 
     def _first_times(self) -> Dict[str, int]:
         first: Dict[str, int] = {}
-        for sample in self._recordings.samples:
-            first.setdefault(self._recordings.topics[sample.rank], sample.t_ns)
-            if len(first) == len(self._recordings.topics) - len(self._recordings.missing):
-                break
+        for rank, topic in enumerate(self._recordings.topics):
+            times = self._recordings.times(rank)
+            if len(times):
+                first[topic] = int(times[0])
         return first
 
     def _play(self, feed: Feed, t_ns: int, rank: int) -> None:
@@ -210,11 +225,31 @@ class World:
 
     # --- statuses of the peers ----------------------------------------------------------------------------------------
 
+    def _plan_turn(self, t_ns: int) -> None:
+        """Let the watchdog look at a time, the next one at which anything can come of it."""
+        self._turn_ns = t_ns
+        self._agenda.at(t_ns, Rank.WATCHDOG, self._watch)
+
+    def _wake(self) -> None:
+        """Let the watchdog look at its very next turn: something was asked of it."""
+        t_ns, rank = self._monitors.now
+        next_ns = self._turns.after(t_ns - 1 if rank < Rank.WATCHDOG else t_ns)
+        if next_ns < self._turn_ns:
+            self._plan_turn(next_ns)
+
     def _watch(self, t_ns: int) -> None:
-        if self._has("watchdog_action", t_ns):
+        if t_ns != self._turn_ns or self._has("watchdog_action", t_ns):
             return
-        action, info = self._monitors.streams.poll(t_ns)
-        requests = self._monitors.watchdog.restart_requests()
+        self._poll(t_ns)
+        next_ns = self._monitors.next_poll_ns(t_ns)
+        if next_ns < FOREVER_NS:
+            self._plan_turn(self._turns.after(max(t_ns, next_ns - 1)))
+        else:
+            self._turn_ns = FOREVER_NS
+
+    def _poll(self, t_ns: int) -> None:
+        action, info = self._monitors.poll(t_ns, self._turns.left_out(t_ns))
+        requests = self._monitors.restart_requests()
         if action is None and info is None and not requests:
             return
         source = self.source(t_ns)
@@ -230,8 +265,6 @@ class World:
             self._tell(info, source)
 
     def _tell_landed(self, t_ns: int) -> None:
-        if self._has("landing_detection", t_ns):
-            return
         verdict = self._monitors.judge_landing(t_ns)
         if verdict is None:
             facts, source = self._vehicle_facts(t_ns)
@@ -254,8 +287,6 @@ class World:
         return self._vehicle.facts(t_ns, told), source
 
     def _tell_autopilot(self, t_ns: int) -> None:
-        if self._has("autopilot", t_ns):
-            return
         facts, source = self._vehicle_facts(t_ns)
         self._planner.follow(facts, self._plan.rules.limits.takeoff_height_m)
         status = AutopilotStatus(
@@ -265,12 +296,10 @@ class World:
         self._observe(t_ns)
 
     def _tell_planner(self, t_ns: int) -> None:
-        if not self._has("mission_planner", t_ns):
-            self._tell(self._planner.status(t_ns), Source.SCRIPT)
+        self._tell(self._planner.status(t_ns), Source.SCRIPT)
 
     def _tell_recorder(self, t_ns: int) -> None:
-        if not self._has("data_recorder", t_ns):
-            self._tell(self._recorder.status(t_ns), Source.SCRIPT)
+        self._tell(self._recorder.status(t_ns), Source.SCRIPT)
 
     def _has(self, name: str, t_ns: int) -> bool:
         """Return True when the recording tells a status, so that the script is silent; before it begins it may play."""
@@ -302,10 +331,15 @@ class World:
 
     def _follow_state(self, t_ns: int) -> None:
         """Note when rows of the check of the states begin or cease to pass, whether or not the engine asks."""
-        if self._monitors.state is not None:
-            rows = self._monitors.state.in_motion(t_ns)
-            for note in self._followed.take(rows, in_flight=self.state.in_flight):
+        state = self._monitors.state
+        if state is not None:
+            for note in self._followed.take(state.in_motion(t_ns), in_flight=self.state.in_flight):
                 self._say(t_ns, self.source(t_ns), note.text, note.level)
+        next_ns = self._looks.after(t_ns)
+        if self._followed.settled:
+            next_ns = self._looks.after(self._monitors.unsure_ns(next_ns, self._looks) - 1)
+        if next_ns <= self._recordings.end_ns:
+            self._agenda.at(next_ns, Rank.STATE, self._follow_state)
 
     # --- commands -----------------------------------------------------------------------------------------------------
 
@@ -354,11 +388,14 @@ class World:
             until_ns = t_ns if watchdog.started else t_ns + command.startup_time_ns
             startup_ns = command.startup_time_ns or _S
             watchdog.start(t_ns, mission.severities, command.required, mission.tolerated, startup_ns)
+            self._wake()
         due_ns = t_ns + delay_ns + _LATENCY_NS
         self._agenda.at(due_ns, Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns))
 
     def _answer(self, t_ns: int, command: RunCheck, until_ns: int) -> None:
         """Answer a check; the first one of the watchdog waits for components to come up."""
+        if command.check is CheckName.WATCHDOG:
+            self._wake()  # whoever asks it lets it judge
         waits = command.check is CheckName.WATCHDOG and not self._has("watchdog_action", t_ns)
         if waits and t_ns < until_ns and self.answers.watchdog_waits(t_ns):
             self._agenda.at(

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from random import Random
-from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
 
 from amaze_autonomy.simulation import Subject
 
 from ..sources import Recordings, Sample
+from ..tracks import Track
 from .acting import Acting
 from .edits import VALUES, Edit
 from .kinds import TOPIC
@@ -38,9 +41,10 @@ class FaultedRecordings(Recordings):
         self._end_ns = inner.end_ns if to_ns is None else min(inner.end_ns, inner.start_ns + to_ns)
         part = (sample for sample in inner.samples if self._start_ns <= sample.t_ns <= self._end_ns)
         self._items = [Item(sample.t_ns, sample, ()) for sample in part]
-        self.samples = [item.sample for item in self._items]
+        self._samples = [item.sample for item in self._items]
         self.touched: List[int] = []
         self._faulted = False
+        self._by_rank: Optional[List[List[int]]] = None
 
     @property
     def start_ns(self) -> int:
@@ -59,9 +63,37 @@ class FaultedRecordings(Recordings):
         for number, each in enumerate(acting):
             self._apply(number, each, Random(f"{seed}/{number}"))  # noqa: S311  (repeatable, not secret)
         self._items.sort(key=_place)
-        self.samples = [item.sample._replace(t_ns=item.t_ns, offset=n) for n, item in enumerate(self._items)]
-        if self.samples:
-            self._end_ns = max(self._end_ns, self.samples[-1].t_ns)
+        self._samples = [item.sample._replace(t_ns=item.t_ns, offset=n) for n, item in enumerate(self._items)]
+        self._by_rank, self._figures = None, None
+        if self._samples:
+            self._end_ns = max(self._end_ns, self._samples[-1].t_ns)
+
+    def times(self, rank: int) -> Any:
+        """Return the times of a topic's messages, an array."""
+        return np.array([self._items[place].t_ns for place in self._places(rank)], np.int64)
+
+    def ordered(self, ranks: Iterable[int]) -> List[Sample]:
+        """Return the messages of some topics in their order."""
+        wanted = sorted(place for rank in ranks for place in self._places(rank))
+        samples = self.samples
+        return [samples[place] for place in wanted]
+
+    def track(self, rank: int, paths: Sequence[str]) -> Optional[Track]:
+        """Return a topic's messages as arrays; None when some must be asked: a fault edits them."""
+        items = [self._items[place] for place in self._places(rank)]
+        if paths and any(item.edits for item in items):
+            return None
+        bags: Any = np.array([item.sample.bag for item in items], np.int64)
+        rows: Any = np.array([item.sample.row for item in items], np.int64)
+        return self._inner._track(rank, paths, self.times(rank), bags, rows)  # noqa: SLF001  (a Recordings itself)
+
+    def _places(self, rank: int) -> List[int]:
+        """Return the places of a topic's messages among all."""
+        if self._by_rank is None:
+            self._by_rank = [[] for _ in self.topics]
+            for place, item in enumerate(self._items):
+                self._by_rank[item.sample.rank].append(place)
+        return self._by_rank[rank]
 
     def message(self, sample: Sample) -> Optional[Any]:
         """Return the decoded message as the faults left it; None when it is damaged, which is noted."""
