@@ -44,6 +44,23 @@ def test_the_rate_is_known_soon(rate_hz: float, known_after_s: float):
     assert good[0] <= known_after_s * S
 
 
+def test_a_hitch_while_it_starts_is_not_a_rate_that_is_off():
+    monitor = RateMonitor(TopicSpec("/t", 5.0))
+    monitor.start(0, 10 * S)
+    hitch = [0.9, 0.95, 1.0, 1.05, *(1.25 + 0.2 * index for index in range(60))]  # what had waited comes at once
+    changes = follow(monitor, [round(t_s * S) for t_s in hitch], 12 * S)
+    assert levels(changes) == [Level.STARTING, Level.STARTING, Level.GOOD]
+
+
+def test_a_topic_that_starts_at_a_wrong_rate_is_off_after_a_whole_window():
+    spec = TopicSpec("/t", 5.0)
+    monitor = RateMonitor(spec)
+    monitor.start(0, 10 * S)
+    changes = follow(monitor, regular(7.6, 0.5, 20.0), 20 * S)
+    assert levels(changes) == [Level.STARTING, Level.STARTING, Level.OFF]
+    assert spec.rate_window_ns <= changes[-1][0] - S // 2 <= spec.rate_window_ns + S
+
+
 @pytest.mark.parametrize(
     "rate_hz,limit_s", [(200.0, 0.05), (200.0, 0.5), (30.0, 0.2), (1.0, 3.0), (0.2, 15.0), (0.2, 20.0)]
 )

@@ -11,7 +11,8 @@ Rules of this file (figures in docs/monitoring.md):
   time between two evaluations, give exactly the verdicts of single messages.
 * A new rate verdict must stand for half a window before it is given, and the way back to "as intended" is narrower than
   the way out. After a failure by silence the window begins anew: it is back after `good_samples` messages *and*
-  `settle_ns`, at the rate that it then has.
+  `settle_ns`, at the rate that it then has. A topic that starts, with the hitches of that, is not judged to be off
+  before a whole window was seen.
 * Time that jumps backwards begins the window anew and keeps the verdict.
 """
 
@@ -155,9 +156,7 @@ class RateMonitor(Source):
     def _judge(self, at: int, total: int, rate_hz: float) -> None:
         """Give the verdict on a rate once it is known, and afterwards once it has stood for half a window."""
         if not self._settled:
-            if at - self._first[0] >= self._settle_ns and total - self._first[1] + 1 >= self._good_samples:
-                self._settled = True
-                self._give(self._classify(rate_hz, Level.GOOD), rate_hz)
+            self._settle(at - self._first[0], total - self._first[1] + 1, rate_hz)
             return
         level = self._classify(rate_hz, self._level)
         verdict = level, level is Level.OFF and rate_hz > self.spec.rate_hz
@@ -167,6 +166,14 @@ class RateMonitor(Source):
             self._candidate, self._candidate_since_ns = verdict, at
         elif at - self._candidate_since_ns >= self._window_ns // 2:
             self._candidate = None
+            self._give(level, rate_hz)
+
+    def _settle(self, seen_ns: int, seen: int, rate_hz: float) -> None:
+        """Give the first verdict on a rate; while starting, none but "as intended" before a whole window was seen."""
+        level = self._classify(rate_hz, Level.GOOD)
+        hasty = level is not Level.GOOD and self._level is Level.STARTING and seen_ns < self._window_ns
+        if seen_ns >= self._settle_ns and seen >= self._good_samples and not hasty:
+            self._settled = True
             self._give(level, rate_hz)
 
     def _classify(self, rate_hz: float, now: Level) -> Level:
