@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -53,36 +52,8 @@ def test_what_is_subscribed_and_published_is_what_the_master_says():
     assert (Subscriptions().missing("/record", ("/a",)), Subscriptions().silent(("/a",))) == (None, False)
 
 
-def part(folder, entries):
-    folder.mkdir(parents=True)
-    for name in ("a-01.bag", "a-02.bag.active", "a-02.recovered.bag", "notes.txt"):
-        (folder / name).write_text("x")
-    (folder / "parts.json").write_text(json.dumps({"parts": 1, "files": entries}))
-    return folder
-
-
 def left(folder):
     return sorted(path.name for path in folder.iterdir())
-
-
-LISTED = [{"file": "a-01.bag"}, {"file": "a-02.recovered.bag", "recovered_from": "a-02.bag.active"}]
-
-
-def test_only_what_a_part_lists_is_removed_and_only_within_the_recordings(tmp_path):
-    collection = Collection(load_configuration(config_folder()), tmp_path, {})
-    inside, outside = part(tmp_path / "s1" / "main", LISTED), part(tmp_path / "x" / "y" / "z", LISTED)
-    for folder in (inside, outside):
-        collection.remove(folder)
-    assert left(inside) == ["notes.txt", "parts.json"]
-    assert len(left(outside)) == 5
-
-
-def test_a_name_in_a_list_that_leads_elsewhere_removes_nothing(tmp_path):
-    other = tmp_path / "other.bag"
-    other.write_text("x")
-    folder = part(tmp_path / "s1" / "main", [{"file": "../../other.bag"}, {"file": str(other)}])
-    Collection(load_configuration(config_folder()), tmp_path, {}).remove(folder)
-    assert other.is_file()
 
 
 def test_what_is_kept_is_read_again_and_what_cannot_be_read_is_put_aside(tmp_path):
@@ -103,7 +74,7 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
         for name in ("main", "second")
     }
     collector = SimpleNamespace(views=views, setup=SimpleNamespace(own="main"), session_id="s1", mission_id="m")
-    request = Collection(configuration, tmp_path, transfers).request(tmp_path / "s1_m", collector)
+    request = Collection(configuration, transfers).request(tmp_path / "s1_m", collector)
     assert request["output"] == str(tmp_path / "s1_m" / "s1_m.bag")
     assert [(each["platform"], each["folder"], each["fetched"]) for each in request["sources"]] == [
         ("main", "/rec/main", False),

@@ -282,3 +282,16 @@ def test_a_process_that_was_killed_while_it_closed_or_recovered_goes_on_there():
 
 def test_the_rate_is_that_of_the_last_seconds():
     assert 1.9e6 < recording().go_on(3.0).part.byte_rate < 2.1e6
+
+
+def test_a_part_is_removed_only_when_it_is_complete_and_parts_are_not_kept():
+    platform = recording()
+    not_yet = Answer(accepted=False, message="session 's1' is not complete here")
+    assert platform.machine.may_remove("s1", keep=False) == not_yet
+    platform.stop()
+    platform.go_on(0.3)
+    recovered(platform)
+    assert platform.machine.may_remove("s1", keep=False) == Answer(accepted=True)
+    kept = Answer(accepted=False, message="the configuration says keep_parts: true")
+    assert platform.machine.may_remove("s1", keep=True) == kept
+    assert not platform.machine.may_remove("s2", keep=False).accepted

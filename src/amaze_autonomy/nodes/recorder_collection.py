@@ -1,8 +1,7 @@
-"""What the collector's node does to files: the journal and the configuration into the session, parts out of it."""
+"""What the collector's node does to files: the journal and the configuration into the session."""
 
 from __future__ import annotations
 
-import logging
 import os
 import shutil
 import threading
@@ -15,12 +14,11 @@ from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.recording import Collector, RecordingError
 from amaze_autonomy.recording.clock_offset import correction_ns
-from amaze_autonomy.recording.folders import PARTS, read_json, write_json
+from amaze_autonomy.recording.folders import write_json
 
 __all__ = ["Collection"]
 
 _JOURNAL = "journal.jsonl"
-_log = logging.getLogger(__name__)
 
 
 class Collection:
@@ -28,12 +26,11 @@ class Collection:
 
     Args:
         configuration: as loaded.
-        folder: of the recordings.
         transfers: how each platform's part is fetched.
     """
 
-    def __init__(self, configuration: Configuration, folder: Path, transfers: Mapping[str, Transfer]) -> None:
-        self._configuration, self._folder, self.transfers = configuration, folder, transfers
+    def __init__(self, configuration: Configuration, transfers: Mapping[str, Transfer]) -> None:
+        self._configuration, self.transfers = configuration, transfers
         self._copying = threading.Lock()
 
     def request(self, folder: Path, collector: Collector) -> Dict[str, Any]:
@@ -83,18 +80,6 @@ class Collection:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 _copy(path, place)
         write_json(target / "effective.json", self._configuration.effective)
-
-    def remove(self, folder: Path) -> None:
-        """Remove a part: what its list names, and what that was recovered from; then the folder, if nothing is left."""
-        content = read_json(folder / PARTS)
-        if content is None or folder.parent.parent != self._folder:
-            _log.warning("%s is no part of a session here; nothing is removed", folder)
-            return
-        names = [str(entry[key]) for entry in content["files"] for key in ("file", "recovered_from") if key in entry]
-        for name in names:
-            path = folder / name
-            if path.parent == folder and path.is_file():
-                path.unlink()
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -111,6 +111,14 @@ class PlatformRecorder:
             self._enter(Phase.RECOVERING, t_ns)
         return Answer(accepted=True)
 
+    def may_remove(self, session_id: str, *, keep: bool) -> Answer:
+        """Return whether the part of a session may be removed; `keep`: parts are to be kept."""
+        if keep:
+            return Answer(accepted=False, message="the configuration says keep_parts: true")
+        if session_id != self.session_id or self.phase is not Phase.COMPLETE:
+            return Answer(accepted=False, message=f"session {session_id!r} is not complete here")
+        return Answer(accepted=True)
+
     def _begin(self, t_ns: int, session_id: str, mission_id: str) -> None:
         if session_id != self.session_id:
             self.groups = {}
@@ -235,6 +243,15 @@ class PlatformRecorder:
     def dropped(self) -> int:
         """Return the warnings that messages were dropped."""
         return sum(group.dropped for group in self.groups.values())
+
+    def facts(self) -> Dict[str, Any]:
+        """Return what the list of its part says of the recording."""
+        return {
+            "session_id": self.session_id,
+            "platform": self.setup.name,
+            "gaps": [gap for group in self.groups.values() for gap in group.gaps],
+            "dropped": self.dropped,
+        }
 
     def _troubles(self, t_ns: int) -> List[str]:
         if self.phase is Phase.IDLE:

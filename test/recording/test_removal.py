@@ -1,0 +1,42 @@
+"""What may be removed in the end: what a part lists, and nothing else."""
+
+import json
+
+from amaze_autonomy.recording.removal import remove_part
+
+LISTED = [{"file": "a-01.bag"}, {"file": "a-02.recovered.bag", "recovered_from": "a-02.bag.active"}]
+
+
+def part(folder, entries):
+    folder.mkdir(parents=True)
+    for name in ("a-01.bag", "a-02.bag.active", "a-02.recovered.bag", "notes.txt"):
+        (folder / name).write_text("x")
+    (folder / "parts.json").write_text(json.dumps({"parts": 1, "files": entries}))
+    return folder
+
+
+def left(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_only_what_a_part_lists_is_removed_and_only_within_the_recordings(tmp_path):
+    inside, outside = part(tmp_path / "s1" / "main", LISTED), part(tmp_path / "x" / "y" / "z", LISTED)
+    for folder in (inside, outside):
+        remove_part(folder, tmp_path)
+    assert left(inside) == ["notes.txt", "parts.json"]
+    assert len(left(outside)) == 5
+
+
+def test_a_name_in_a_list_that_leads_elsewhere_removes_nothing(tmp_path):
+    other = tmp_path / "other.bag"
+    other.write_text("x")
+    folder = part(tmp_path / "s1" / "main", [{"file": "../../other.bag"}, {"file": str(other)}])
+    remove_part(folder, tmp_path)
+    assert other.is_file()
+
+
+def test_a_folder_without_a_list_is_left_alone(tmp_path):
+    folder = part(tmp_path / "s1" / "main", LISTED)
+    (folder / "parts.json").unlink()
+    remove_part(folder, tmp_path)
+    assert len(left(folder)) == 4
