@@ -20,6 +20,7 @@ from amaze_autonomy.missions import (
     Waypoint,
     estimate_rounds,
 )
+from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.power import Power, PowerSettings
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.vehicle import VehicleSettings
@@ -46,12 +47,16 @@ PLANS = (
 )
 
 
-class Vehicle:
-    """The simulated PX4 at the other end."""
+PX4, ARDUPILOT = (Craft, Px4), (ArduCraft, ArduPilot)
 
-    def __init__(self, settings: Px4Settings) -> None:
-        self.craft = Craft(VehicleSettings(model=MODEL))
-        self.px4 = Px4(self.craft, Power(PowerSettings()), settings=settings)
+
+class Vehicle:
+    """The simulated autopilot at the other end."""
+
+    def __init__(self, settings: Px4Settings, kind=PX4) -> None:
+        make_craft, make_autopilot = kind
+        self.craft = make_craft(VehicleSettings(model=MODEL))
+        self.px4 = make_autopilot(self.craft, Power(PowerSettings()), settings=settings)
         self.px4.connect("planner")
 
     def take(self, t_ns: int, message: Any) -> List[Any]:
@@ -66,9 +71,11 @@ class Vehicle:
 class Flying:
     """Both of them, and what was seen."""
 
-    def __init__(self, fate: Callable[[], Tuple[int, ...]] = good, plans=PLANS, spec=None, settings=None) -> None:
+    def __init__(
+        self, fate: Callable[[], Tuple[int, ...]] = good, plans=PLANS, spec=None, settings=None, kind=PX4
+    ) -> None:
         self.planner = Sequencer(SequencerSettings(plans, spec or PlannerSpec(), MODEL, 1.0))
-        self.vehicle = Vehicle(settings or Px4Settings())
+        self.vehicle = Vehicle(settings or Px4Settings(), kind)
         self.craft = self.vehicle.craft
         self.channel = Channel(self.planner, self.vehicle, fate)
         self.phases: List[MissionPhase] = []
@@ -123,4 +130,4 @@ class Flying:
         self.until(lambda: self.phase in phases, limit_ns)
 
 
-__all__ = ["BACK", "LINE", "MS", "PLANS", "Flying", "S"]
+__all__ = ["ARDUPILOT", "BACK", "LINE", "MS", "PLANS", "PX4", "Flying", "S"]

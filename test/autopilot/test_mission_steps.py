@@ -72,7 +72,20 @@ def test_ardupilot_arms_in_guided_and_is_told_to_start():
     assert story.after(100) == [(SET_MODE, 1.0, 3.0, 0.0)]
     story.beat("AUTO.MISSION", armed=True)
     assert story.after(100) == [(START, 0.0, 0.0, 0.0)]
-    story.watch.take(story.t_ns, mavlink.MAVLink_mission_current_message(1))
+    story.watch.take(story.t_ns, mavlink.MAVLink_mission_current_message(1))  # at once, also while it waits
+    assert story.after(500) == [(START, 0.0, 0.0, 0.0)]
+    story.watch.take(story.t_ns, mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_TAKEOFF))
+    assert (story.after(100), story.procedure.progress) == ([], Progress.DONE)
+
+
+def test_an_accepted_start_ends_its_repetition_but_that_of_the_flight_before_does_not():
+    story = Story(A.TAKEOFF, copter=True)
+    story.watch.take(0, mavlink.MAVLink_command_ack_message(START, 0))
+    for mode, armed in (("OFFBOARD", False), ("OFFBOARD", True), ("AUTO.MISSION", True)):
+        story.after(100)
+        story.beat(mode, armed=armed)
+    assert story.after(100) == [(START, 0.0, 0.0, 0.0)]
+    story.watch.take(story.t_ns, mavlink.MAVLink_command_ack_message(START, 0))
     assert (story.after(100), story.procedure.progress) == ([], Progress.DONE)
 
 

@@ -11,8 +11,10 @@ from mission_channel import good
 from amaze_autonomy.autopilot.dialect import mavlink
 from amaze_autonomy.autopilot.loading import LoadRequest
 from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
-from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import MissionPhase, MissionStatus
+from amaze_autonomy.engine.answers import ANSWERS
+from amaze_autonomy.engine.commands import AnswerKind, MissionAction
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand
+from amaze_autonomy.engine.state import State
 from amaze_autonomy.missions import Controller, Home, Trajectory, Waypoint
 
 P, A = MissionPhase, MissionAction
@@ -343,6 +345,21 @@ def test_commands_of_another_session_and_in_the_wrong_phase_are_refused():
     assert flying.command(A.RESUME) == "there is nothing to resume in phase LOADED"
     assert flying.command(A.TAKEOFF) == ""
     assert flying.command(A.TAKEOFF) == "there is nothing to fly in phase TAKING_OFF"
+
+
+@BOTH
+def test_nothing_is_held_on_the_ground_the_engine_cancels_there(mission):
+    """By the engine's table of answers: before lift-off a takeoff is cancelled, never held."""
+    flying = Flying()
+    flying.take_off(mission)
+    assert flying.craft.armed is False
+    for action, word in ((A.HOLD, "hold"), (A.RESUME, "resume")):
+        assert flying.command(action) == f"there is nothing to {word} on the ground: ABORT cancels the takeoff"
+    assert flying.command(A.ABORT) == ""
+    flying.until_phase(P.LANDED, limit_ns=10 * S)
+    assert (flying.craft.armed, flying.status.waypoint) == (False, 0)
+    held = [case.answer for case in ANSWERS[UserCommand.HOLD][State.TAKEOFF] if case.when != "airborne"]
+    assert held == [AnswerKind.REFUSED]
 
 
 def test_a_second_load_takes_the_place_of_the_first():

@@ -13,13 +13,12 @@ from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 from .guidance import Guidance
 from .mission_items import waypoint_index
 from .mission_steps import is_foreign
-from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 
 __all__ = ["FlightRecord"]
 
 _COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
 _P = MissionPhase
-_AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
 
 
 class FlightRecord:
@@ -33,7 +32,7 @@ class FlightRecord:
     def __init__(self, watch: VehicleWatch, waypoints: int = 0) -> None:
         self._watch, self.waypoints = watch, waypoints
         self.guidance: Optional[Guidance] = None
-        self.armed = self.airborne = False
+        self.armed = self.airborne = self.lifted = False
         self.failure = ""
         self.reached = 0
         self._highest = 0
@@ -43,7 +42,8 @@ class FlightRecord:
         """Take notice of what the vehicle shows now."""
         watch = self._watch
         self.armed = self.armed or bool(watch.armed)
-        self.airborne = self.airborne or (self.armed and bool(watch.armed) and watch.landed in _AIRBORNE)
+        self.airborne = self.airborne or (self.armed and bool(watch.armed) and watch.landed in AIRBORNE)
+        self.lifted = self.lifted or (self.airborne and watch.landed is VehicleLanded.IN_AIR)
         if self.armed:
             self._count()
 

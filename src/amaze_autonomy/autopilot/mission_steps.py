@@ -20,13 +20,13 @@ from amaze_autonomy.missions import Controller, PlannerSpec
 
 from .dialect import Message, mavlink
 from .mission_items import Dialect
-from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 from .modes import MANUAL_MODES, NEVER_OURS
 
 __all__ = ["STEPS", "Means", "Procedure", "Progress", "Step", "is_foreign"]
 
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-_START = mavlink.MAV_CMD_MISSION_START
+_START, _TAKE_OFF = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
 _SILENT_NS = 1_500_000_000  # longer than between two heartbeats
 _NO_REASONS = ("MAV_RESULT_ACCEPTED", "MAV_RESULT_IN_PROGRESS")
 
@@ -38,16 +38,25 @@ class Means:
     Args:
         watch: the vehicle.
         lead_ns: how long set-points must have been sent.
+        takeoff_height_m: of a climb by command.
         resume_item: item of the mission to go on with; None: whatever the autopilot says.
         stream_ns: since when set-points are sent; None: they are not.
         still: the vehicle stands still by set-points.
+        lifted: the vehicle has been in the air, its takeoff over.
     """
 
     watch: VehicleWatch
     lead_ns: int
+    takeoff_height_m: float = 0.0
     resume_item: Optional[int] = None
     stream_ns: Optional[int] = None
     still: bool = False
+    lifted: bool = False
+
+    @property
+    def streams(self) -> bool:
+        """False where no set-point may be sent yet: one during ArduPilot's own takeoff would end it."""
+        return self.watch.dialect is Dialect.PX4 or self.lifted
 
 
 class Step(NamedTuple):
@@ -110,14 +119,28 @@ def _arming(*, armed: bool) -> Step:
     )
 
 
-def _began(means: Means, _: int) -> bool:
-    return means.watch.dialect is Dialect.PX4 or (means.watch.current or 0) > 0
+def _began(means: Means, command: int) -> bool:
+    """Return whether ArduPilot leaves the ground; its takeoff takes longer to show than a command may."""
+    accepted = means.watch.results.get(command) == "MAV_RESULT_ACCEPTED"
+    return means.watch.dialect is Dialect.PX4 or means.watch.landed in AIRBORNE or accepted
+
+
+def _lift_message(means: Means) -> Message:
+    return _long(means.watch, _TAKE_OFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, means.takeoff_height_m)
 
 
 _PREPARE = Step(
     "change to a mode to arm in", lambda means, _: means.watch.mode == _prepare(means), _prepare_message, _SET_MODE
 )
-_BEGIN = Step("start of the mission", _began, lambda means: _long(means.watch, _START), _START, always=False)
+#: ArduPilot in AUTO stays on the ground until it is told to begin, and in GUIDED until it is told to take off
+_BEGIN = Step(
+    "start of the mission",
+    lambda means, _: _began(means, _START),
+    lambda means: _long(means.watch, _START),
+    _START,
+    always=False,
+)
+_LIFT = Step("takeoff", lambda means, _: _began(means, _TAKE_OFF), _lift_message, _TAKE_OFF, always=False)
 _ITEM = Step(
     "return to the item where it stopped",
     lambda means, _: means.resume_item is None or means.watch.current == means.resume_item,
@@ -126,20 +149,20 @@ _ITEM = Step(
 )
 _STREAM = Step(
     "stream of set-points",
-    lambda means, t_ns: means.stream_ns is not None and t_ns - means.stream_ns >= means.lead_ns,
+    lambda means, t_ns: not means.streams or (means.stream_ns is not None and t_ns - means.stream_ns >= means.lead_ns),
     lambda _: None,
     always=False,
 )
-_STILL = Step("stop", lambda means, _: means.still, lambda _: None, always=False)
+_STILL = Step("stop", lambda means, _: means.still or not means.streams, lambda _: None, always=False)
 
 _Key = Tuple[Controller, MissionAction]
 STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.MISSION, MissionAction.TAKEOFF): (_PREPARE, _arming(armed=True), _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.HOLD): (_enter(HOLD),),
-    (Controller.MISSION, MissionAction.RESUME): (_ITEM, _enter(MISSION)),
+    (Controller.MISSION, MissionAction.RESUME): (_ITEM, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.LAND): (_enter(LAND),),
     (Controller.MISSION, MissionAction.ABORT): (_arming(armed=False),),  # on the ground; airborne it is LAND
-    (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _arming(armed=True)),
+    (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _arming(armed=True), _LIFT),
     (Controller.OFFBOARD, MissionAction.HOLD): (_STREAM, _enter(OFFBOARD), _STILL),
     (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD)),
     (Controller.OFFBOARD, MissionAction.LAND): (_enter(LAND),),
@@ -189,6 +212,7 @@ class Procedure:
         self._paused_ns = 0
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
+        self._forget_result()
 
     @property
     def running(self) -> bool:
@@ -206,12 +230,17 @@ class Procedure:
                 self.progress, self.reason = Progress.DONE, ""
                 return []
             self._since_ns, self._sent_ns, self._first_ns = t_ns, -math.inf, math.inf
+            self._forget_result()
         if self._taken():
             self.progress, self.reason = Progress.TAKEN, f"the vehicle went to {self._means.watch.mode} by itself"
             return []
         if t_ns - self._since_ns >= self._spec.command_limit_ns:
             self._late(t_ns)
         return self._send(t_ns) if self.running else []
+
+    def _forget_result(self) -> None:
+        """Forget how an earlier command was acknowledged."""
+        self._means.watch.results.pop(self._steps[self._number].command, None)
 
     def _pause(self, t_ns: int) -> None:
         """Stop the clock of the limit while the vehicle is silent, at most for two limits: nothing can show then."""
@@ -250,7 +279,5 @@ class Procedure:
         step = self._steps[self._number]
         self._sent_ns = t_ns
         self._first_ns = min(self._first_ns, t_ns)
-        if self._first_ns == t_ns:
-            self._means.watch.results.pop(step.command, None)  # that of an earlier command
         message = step.message(self._means)
         return [] if message is None else [message]

@@ -13,7 +13,8 @@ that gets stuck begins anew, until its time is over.
 
 Traps: PX4 first asks with MISSION_REQUEST, then with MISSION_REQUEST_INT, and takes MISSION_ITEM_INT for both. With no
 item marked as current it keeps the number of the mission before, and "finishes" on the ground: the first is marked, and
-MISSION_SET_CURRENT is sent and confirmed as well. An acknowledgement may be late, doubled, or of the transfer before.
+MISSION_SET_CURRENT is sent and confirmed as well; ArduPilot, told 0, which is home, says 1. An acknowledgement may be
+late, doubled, or of the transfer before.
 """
 
 from __future__ import annotations
@@ -153,7 +154,7 @@ class MissionUpload:
         return self._again(t_ns, f"the autopilot says {_result(message.type)}", wait=True)
 
     def _take_current(self, _: int, message: Message) -> List[Message]:
-        if message.seq == 0:
+        if message.seq <= self._dialect.value:  # ArduPilot begins at 1: its item 0 is home
             self.phase = UploadPhase.DONE
         return []
 

@@ -16,9 +16,10 @@ from .mission_items import Dialect
 from .modes import MANUAL_MODES, mode_name, mode_number
 from .texts import Texts
 
-__all__ = ["HOLD", "LAND", "MISSION", "OFFBOARD", "STREAMS", "TAKEN", "Pose", "VehicleWatch"]
+__all__ = ["AIRBORNE", "HOLD", "LAND", "MISSION", "OFFBOARD", "STREAMS", "TAKEN", "Pose", "VehicleWatch"]
 
 _S = 1_000_000_000
+AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
 HOLD, LAND, MISSION, OFFBOARD = "AUTO.LOITER", "AUTO.LAND", "AUTO.MISSION", "OFFBOARD"
 
 _LANDED = {
@@ -30,6 +31,8 @@ _LANDED = {
 _FAILSAFE = (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
 _RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
 _ESTIMATE_AGE_NS = 3 * _S
+_ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED  # PX4 sets the first at rest, too
+_OTHERS = {Dialect.PX4: ("EKF_STATUS_REPORT",), Dialect.ARDUPILOT: ("ESTIMATOR_STATUS",)}
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _DEG7, _MM = 1e-7, 1e-3
 
@@ -67,7 +70,6 @@ class VehicleWatch:
         self.landed_ns: Optional[int] = None
         self.pose: Optional[Pose] = None
         self.yaw_rad: Optional[float] = None
-        self.yaw_ns = 0
         self.yaw_ns = 0
         self.place: Optional[Place] = None
         self.height_m = 0.0
@@ -120,6 +122,11 @@ class VehicleWatch:
         ardupilot = self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
         return Dialect.ARDUPILOT if ardupilot else Dialect.PX4
 
+    @property
+    def unknown_streams(self) -> Tuple[str, ...]:
+        """Messages of `STREAMS` that this autopilot does not have."""
+        return _OTHERS[self.dialect]
+
     def numbers(self, mode: str) -> Optional[Tuple[int, int]]:
         """Return the parameters 2 and 3 of DO_SET_MODE; None where there is no such mode."""
         return mode_number(self.autopilot, mode)
@@ -131,7 +138,9 @@ class VehicleWatch:
 
     def _estimates(self, t_ns: int, any_of: int) -> bool:
         fresh = self.estimator is not None and t_ns - self.estimator_ns <= _ESTIMATE_AGE_NS
-        return fresh and bool((self.estimator or 0) & any_of)
+        flags = self.estimator or 0
+        disowned = self.dialect is Dialect.ARDUPILOT and bool(flags & _ARDUPILOT_BAD)
+        return fresh and bool(flags & any_of) and not disowned
 
     # --- messages -------------------------------------------------------------------------------------------------
 
@@ -195,6 +204,7 @@ STREAMS: Mapping[str, float] = {
     "ATTITUDE": 10.0,
     "GLOBAL_POSITION_INT": 5.0,
     "ESTIMATOR_STATUS": 2.0,
+    "EKF_STATUS_REPORT": 2.0,
     "HEARTBEAT": 5.0,  # PX4 beats at 1 Hz, whatever it is asked
     "MISSION_CURRENT": 2.0,
 }

@@ -72,7 +72,7 @@ class Sequencer:
         self._settings, self._spec = settings, settings.spec
         self._plans = {plan.mission.id: plan for plan in settings.plans}
         self.watch = VehicleWatch()
-        self._means = Means(self.watch, self._spec.setpoint_lead_ns)
+        self._means = Means(self.watch, self._spec.setpoint_lead_ns, settings.takeoff_height_m)
         self._phase, self._message = _P.IDLE, ""
         self._loading: Optional[Loading] = None
         self._loaded: Optional[LoadRequest] = None
@@ -106,7 +106,7 @@ class Sequencer:
         self._follow(t_ns)
         sent += self._proceed(t_ns) + self._stream(t_ns)
         asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
-        return [*sent, *self._rates.wake(t_ns, *self.watch.target)] if asks else sent
+        return [*sent, *self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)] if asks else sent
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -156,6 +156,8 @@ class Sequencer:
             return f"session {session_id!r} is not the one that is loaded"
         if self._phase not in _GOOD_IN[action]:
             return f"there is nothing to {_WORDS[action]} in phase {self._phase.name}"
+        if action in (_A.HOLD, _A.RESUME) and not self.watch.armed:
+            return f"there is nothing to {_WORDS[action]} on the ground: ABORT cancels the takeoff"
         if self.watch.armed and is_foreign(self.watch.mode):
             return f"the autopilot flies by itself (mode {self.watch.mode})"
         if action is _A.TAKEOFF and self._controller is Controller.OFFBOARD and self._pose(t_ns) is None:
@@ -191,6 +193,7 @@ class Sequencer:
     def _take_off(self, t_ns: int) -> None:
         self._phase, self._flight = _P.TAKING_OFF, FlightRecord(self.watch, self._flight.waypoints)
         self._means.resume_item = self._means.stream_ns = None
+        self._means.lifted = False
         pose, origin, loading = self._pose(t_ns), self._origin, self._loading
         if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
             waypoints, height = loading.trajectory.waypoints, self._settings.takeoff_height_m
@@ -235,6 +238,7 @@ class Sequencer:
         if self._phase not in _IN_FLIGHT or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
         flight.look()
+        self._means.lifted = flight.lifted
         if not flight.armed and not self._doing(_A.LAND):
             return  # mode and landed state are still those of the flight before
         if watch.armed is False and watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns):
@@ -284,7 +288,11 @@ class Sequencer:
     def _stream(self, t_ns: int) -> List[Message]:
         """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""
         guidance = self._flight.guidance
-        if guidance is None or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9:
+        if (
+            guidance is None
+            or not self._means.streams
+            or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9
+        ):
             return []
         if self._flight.airborne and self.watch.mode != OFFBOARD and not self._wants_offboard():
             return []

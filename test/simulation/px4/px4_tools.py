@@ -55,11 +55,12 @@ def mode_of(heartbeat):
 class Bench:
     """A simulated PX4 in virtual time, and a client on one link that keeps all it hears."""
 
-    def __init__(self, vehicle=QUICK, endurance_s=100_000.0, kind=GCS, **settings):
-        self.craft = Craft(vehicle)
+    def __init__(self, vehicle=QUICK, endurance_s=100_000.0, kind=GCS, autopilot=(Craft, Px4), **settings):
+        make_craft, make_autopilot = autopilot
+        self.craft = make_craft(vehicle)
         self.power = Power(PowerSettings(flight_endurance_s=endurance_s, idle_endurance_s=1e9, cells=4))
         self.health = dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
-        self.px4 = Px4(self.craft, self.power, 0, Px4Settings(**settings), sensors=lambda: self.health)
+        self.px4 = make_autopilot(self.craft, self.power, 0, Px4Settings(**settings), sensors=lambda: self.health)
         self.px4.connect("client")
         self.t_ns, self.heard, self.kind = 0, [], kind
         self._client = Framing(245, 191)

@@ -73,7 +73,7 @@ _GCS: Mapping[str, float] = {
     "VFR_HUD": 4.0,
     "VIBRATION": 0.1,
 }
-PRESETS: Mapping[str, Mapping[str, float]] = {"onboard": _ONBOARD, "gcs": _GCS}
+PRESETS: Mapping[str, Mapping[str, float]] = {"onboard": _ONBOARD, "gcs": _GCS, "silent": {"HEARTBEAT": 1.0}}
 
 
 class Link:
@@ -82,7 +82,7 @@ class Link:
     Args:
         name: by which the caller knows it.
         t_ns: when it begins.
-        preset: rates to begin with: onboard or gcs.
+        preset: rates to begin with: onboard or gcs; silent: ArduPilot's, a heartbeat until more is asked for.
     """
 
     def __init__(self, name: str, t_ns: int, preset: str = "onboard") -> None:

@@ -65,6 +65,8 @@ class Px4:
         unix_ns: time of the day at `t_ns`.
     """
 
+    _takers: Mapping[str, Callable[[Any, int, Link, Any], None]] = {}
+
     def __init__(
         self,
         craft: Craft,
@@ -81,10 +83,10 @@ class Px4:
         self.craft, self._power, self._sensors, self._wrong = craft, power, sensors, wrong
         self._start_ns, self._unix_ns, self._now_ns = t_ns, unix_ns, t_ns
         self._noise = random.Random(f"{seed}:px4")  # noqa: S311 - noise, not a secret
-        self.parameters = Parameters({**PARAMETERS, **self.settings.parameters})
-        self.missions = MissionServer(self.settings.mission_capacity)
+        self.parameters = self._make_parameters()
+        self.missions = self._make_missions()
         self.health = Health(t_ns)
-        self.failsafes = Failsafes(craft, self.health, self.parameters, self._say)
+        self.failsafes = self._make_failsafes()
         self._orders = Orders(craft, self.health, self.failsafes, self.parameters, self._say, self._tell)
         self._links: Dict[str, Link] = {}
         self._out: List[_Out] = []
@@ -93,6 +95,30 @@ class Px4:
         self._reached_ns: Optional[int] = None
         self._reached = -1
         self._prearm_ns = t_ns
+
+    # --- what another autopilot does in another way ---------------------------------------------------------------
+
+    def _make_parameters(self) -> Parameters:
+        return Parameters({**PARAMETERS, **self.settings.parameters})
+
+    def _make_missions(self) -> MissionServer:
+        return MissionServer(self.settings.mission_capacity)
+
+    def _make_failsafes(self) -> Failsafes:
+        return Failsafes(self.craft, self.health, self.parameters, self._say)
+
+    @property
+    def _has_gps(self) -> bool:
+        """False when a parameter switches the receiver off."""
+        return int(self.parameters["SIM_GPS_USED"]) > 0
+
+    def _results(self, t_ns: int, order: Order) -> List[int]:
+        """Carry a command out; return the results with which it is acknowledged."""
+        return results(self._orders, t_ns, order)
+
+    def _message(self, name: str, view: telemetry.View) -> Any:
+        """Make a message to stream; None when there is nothing to tell."""
+        return telemetry.make(name, view)
 
     # --- links ----------------------------------------------------------------------------------------------------
 
@@ -122,8 +148,8 @@ class Px4:
             return
         if kind in ("COMMAND_LONG", "COMMAND_INT"):
             self._obey(t_ns, link, message)
-        elif kind in _TAKERS:
-            _TAKERS[kind](self, t_ns, link, message)
+        elif kind in self._takers:
+            self._takers[kind](self, t_ns, link, message)
         elif kind.startswith("MISSION_"):
             self.missions.current = self.craft.current
             self._out.extend((name, answer) for answer in self.missions.take(t_ns, name, message))
@@ -143,7 +169,7 @@ class Px4:
         else:
             params += [message.param5, message.param6, message.param7]
         order = Order(message.command, tuple(params), link)
-        outcomes = results(self._orders, t_ns, order)
+        outcomes = self._results(t_ns, order)
         if message.command in self.settings.unacknowledged:
             return
         for outcome in outcomes:
@@ -201,7 +227,7 @@ class Px4:
     def advance(self, t_ns: int) -> List[_Out]:
         """Look at the vehicle, act where a failsafe must, and return what is sent: (link, message), in order."""
         self._now_ns = t_ns
-        has_gps = int(self.parameters["SIM_GPS_USED"]) > 0 and not self.craft.flags.gps_lost
+        has_gps = self._has_gps and not self.craft.flags.gps_lost
         self.health.follow(t_ns, gps=has_gps, armed=self.craft.armed)
         fraction = self._power.fraction if self._power.known else None
         self.failsafes.advance(t_ns, fraction, transmitter=self._transmitter)
@@ -214,7 +240,7 @@ class Px4:
             out.extend((name, text) for text in link.take_texts(t_ns))
             for message in link.due(t_ns):
                 view = view or self._view(t_ns)
-                made = telemetry.make(message, view)
+                made = self._message(message, view)
                 if made is not None:
                     out.append((name, made))
         return out
@@ -265,7 +291,7 @@ class Px4:
     def _tell(self, link: Link, name: str) -> bool:
         """Send a message once."""
         is_version = name == "AUTOPILOT_VERSION"
-        message = _version() if is_version else telemetry.make(name, self._view(self._now_ns))
+        message = _version() if is_version else self._message(name, self._view(self._now_ns))
         if message is not None:
             self._out.append((link.name, message))
         return message is not None
@@ -334,8 +360,8 @@ def _version() -> Any:
     )
 
 
-_TAKERS: Mapping[str, Callable[[Px4, int, Link, Any], None]] = {
-    "SET_MODE": Px4._take_set_mode,  # noqa: SLF001 - a table of its own methods
+Px4._takers = {  # noqa: SLF001 - a table of its own methods
+    "SET_MODE": Px4._take_set_mode,  # noqa: SLF001
     "MISSION_SET_CURRENT": Px4._take_current,  # noqa: SLF001
     "SET_POSITION_TARGET_LOCAL_NED": Px4._take_set_point,  # noqa: SLF001
     "TIMESYNC": Px4._take_timesync,  # noqa: SLF001

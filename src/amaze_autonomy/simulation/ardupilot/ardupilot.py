@@ -1,0 +1,164 @@
+"""The simulated ArduCopter: messages and times in, messages out, like `Px4`, whose links, craft and clock it uses.
+
+It streams its heartbeat and nothing else until asked, tells its texts to everybody, leaves a lost GPS healthy in
+SYS_STATUS, says pre-arm ok in STABILIZE and refuses in GUIDED, and counts its battery's fraction from what flowed, so
+that only the charge state tells the voltage.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Callable, List, Mapping, Optional
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.simulation.px4 import telemetry
+from amaze_autonomy.simulation.px4.commands import Order
+from amaze_autonomy.simulation.px4.failsafes import Failsafes
+from amaze_autonomy.simulation.px4.health import Sensors
+from amaze_autonomy.simulation.px4.links import Link
+from amaze_autonomy.simulation.px4.mission_server import MissionServer
+from amaze_autonomy.simulation.px4.modes import DESCEND
+from amaze_autonomy.simulation.px4.parameters import Parameters
+from amaze_autonomy.simulation.px4.px4 import Px4
+
+from .craft import ArduCraft
+from .modes import BLIND, base_mode, custom_mode
+from .orders import carry_out, enter
+from .store import ArduMissions, ArduParameters
+
+__all__ = ["ArduPilot"]
+
+_PARAMETERS = {
+    "ARMING_CHECK": 1,
+    "BATT_LOW_VOLT": 10.5,
+    "DISARM_DELAY": 10,
+    "FS_EKF_ACTION": 1,
+    "FS_THR_ENABLE": 1,
+    "SIM_GPS_DISABLE": 0,
+}
+_EKF_GOOD, _EKF_LOST = 0x33F, 0xA7  # attitude, velocity, position; constant position
+_FLOWN = 0.5  # how much too full it says that its battery is
+_SENSORS = 0x0120802F | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
+_PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+_CRITICAL = 2
+
+
+class ArduPilot(Px4):
+    """One autopilot; its craft is an `ArduCraft`."""
+
+    craft: ArduCraft
+
+    def connect(self, name: str, preset: str = "silent") -> Link:
+        """Have a connection: whatever rates are wished for, it begins silent."""
+        del preset
+        return super().connect(name, "silent")
+
+    def say(self, severity: int, text: str) -> None:
+        """Tell a text to everybody; there are no events."""
+        for name in self._links:
+            self._out.extend((name, chunk) for chunk in self._texts.chunks(severity, text))
+
+    def tell_problems(self, _t_ns: int) -> None:
+        """Say what stands against arming in this mode."""
+        for problem in sorted(self.craft.flags.not_ready.values()):
+            self.say(_CRITICAL, f"PreArm: {problem}")
+
+    # --- what it does in another way than PX4 ---------------------------------------------------------------------
+
+    def _make_parameters(self) -> Parameters:
+        return ArduParameters({**_PARAMETERS, **self.settings.parameters})
+
+    def _make_missions(self) -> MissionServer:
+        return ArduMissions(self.settings.mission_capacity, lambda: self.craft.home)
+
+    def _make_failsafes(self) -> Failsafes:
+        return _Failsafes(self.craft, self.health, self.parameters, self._say)
+
+    @property
+    def _has_gps(self) -> bool:
+        return int(self.parameters["SIM_GPS_DISABLE"]) == 0
+
+    def _results(self, t_ns: int, order: Order) -> List[int]:
+        return carry_out(self, t_ns, order)
+
+    def _say(self, severity: int, text: str) -> None:
+        self.say(severity, text.rstrip("\t"))
+
+    def _take_set_mode(self, _t_ns: int, _link: Link, message: Any) -> None:
+        if message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            enter(self, message.custom_mode)
+
+    def _take_set_point(self, t_ns: int, link: Link, message: Any) -> None:
+        self.craft.interrupt_takeoff()
+        super()._take_set_point(t_ns, link, message)
+
+    @property
+    def _ready(self) -> bool:
+        blind = self.craft.mode in BLIND or not self.health.position_lost
+        return not self.craft.flags.not_ready and blind
+
+    def _view(self, t_ns: int) -> telemetry.View:
+        view = super()._view(t_ns)
+        bits = _SENSORS | _PREARM
+        health = bits & ~(0 if self._ready else _PREARM) & ~(0 if self._transmitter else _RC)
+        fraction = None if view.fraction is None else min(1.0, view.fraction + _FLOWN)
+        return dataclasses.replace(view, sensors=Sensors(bits, bits, health), fraction=fraction)
+
+    def _message(self, name: str, view: telemetry.View) -> Any:
+        own = _MESSAGES.get(name)
+        return telemetry.make(name, view) if own is None else own(view)
+
+
+_RC = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+
+
+class _Failsafes(Failsafes):
+    """A lost position lands it; a low battery is told; a stream of set-points may stop as it likes."""
+
+    def advance(self, t_ns: int, fraction: Optional[float], *, transmitter: bool) -> None:
+        """Look at everything, and act."""
+        del t_ns, transmitter
+        craft = self._craft
+        if fraction is not None:
+            self.level = sum(fraction < limit for limit in (0.15, 0.07, 0.05))
+        if craft.armed and craft.airborne and self._health.position_lost and craft.mode not in (*BLIND, DESCEND):
+            self._act(DESCEND, "EKF Failsafe: changed to LAND Mode")
+
+
+def _heartbeat(view: telemetry.View) -> Any:
+    craft = view.craft
+    status = mavlink.MAV_STATE_ACTIVE if craft.airborne else mavlink.MAV_STATE_STANDBY
+    if craft.armed and (craft.failsafe or view.level):
+        status = mavlink.MAV_STATE_CRITICAL
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        base_mode(armed=craft.armed),
+        custom_mode(craft.mode),
+        status,
+        3,
+    )
+
+
+def _ekf(view: telemetry.View) -> Any:
+    flags = _EKF_LOST if view.health.position_lost else _EKF_GOOD
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.0)
+
+
+def _nothing(_: telemetry.View) -> None:
+    """Have no such message."""
+
+
+_MESSAGES: Mapping[str, Callable[[telemetry.View], Any]] = {
+    "HEARTBEAT": _heartbeat,
+    "EKF_STATUS_REPORT": _ekf,
+    "ESTIMATOR_STATUS": _nothing,
+    "CURRENT_MODE": _nothing,
+    "CURRENT_EVENT_SEQUENCE": _nothing,
+}
+ArduPilot._takers = {  # noqa: SLF001 - a table of its own methods
+    **Px4._takers,  # noqa: SLF001
+    "SET_MODE": ArduPilot._take_set_mode,  # noqa: SLF001
+    "SET_POSITION_TARGET_LOCAL_NED": ArduPilot._take_set_point,  # noqa: SLF001
+}

@@ -1,0 +1,51 @@
+"""ArduPilot's missions and parameters: item 0 is home, items lose what has no room, integers travel as floats."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Callable, Optional, Tuple
+
+from pymavlink.dialects.v20 import common as mavlink
+
+from amaze_autonomy.simulation.px4.geography import Place
+from amaze_autonomy.simulation.px4.items import Item
+from amaze_autonomy.simulation.px4.mission_server import MissionServer, Upload
+from amaze_autonomy.simulation.px4.parameters import Parameters
+
+__all__ = ["ArduMissions", "ArduParameters"]
+
+
+class ArduMissions(MissionServer):
+    """Asks for every item with MISSION_REQUEST; keeps heights in centimetres and no yaw.
+
+    Args:
+        capacity: items that can be kept.
+        home: returns what item 0 is.
+    """
+
+    def __init__(self, capacity: int, home: Callable[[], Place]) -> None:
+        super().__init__(capacity)
+        self._home = home
+
+    def _ask(self, t_ns: int) -> Any:
+        self._in_ints = False
+        return super()._ask(t_ns)
+
+    def _store(self, kind: int, items: Tuple[Item, ...], current: Optional[int]) -> None:
+        kept = tuple(dataclasses.replace(item, params=(*item.params[:3], 0.0), z=round(item.z, 2)) for item in items)
+        if kind == mavlink.MAV_MISSION_TYPE_MISSION and items:
+            home = self._home()
+            first = Item(0, mavlink.MAV_CMD_NAV_WAYPOINT, 1, (0.0,) * 4, home.lat, home.lon, home.altitude_m)
+            kept = (first, *kept[1:])
+        super()._store(kind, kept, current)
+        if self.uploaded is not None:
+            self.uploaded = Upload(kept, None)  # the number of the mission before stays, whatever is marked
+
+
+class ArduParameters(Parameters):
+    """An integer is told as the float of its value."""
+
+    def _value(self, name: str, count: int, index: int) -> Any:
+        value = self._values[name]
+        kind = mavlink.MAV_PARAM_TYPE_INT32 if isinstance(value, int) else mavlink.MAV_PARAM_TYPE_REAL32
+        return mavlink.MAVLink_param_value_message(name.encode("ascii"), float(value), kind, count, index)

@@ -1,0 +1,109 @@
+"""The autopilot node's client against the simulated ArduCopter, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from client_bench import ClientBench
+from px4_tools import S
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.autopilot.client import Reply
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.events import Landed
+from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
+
+ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+GUIDED, AUTO, LOITER = 4, 3, 5
+
+
+def bench(**more):
+    return ClientBench(autopilot=(ArduCraft, ArduPilot), **more)
+
+
+def bad(bench):
+    rows = bench.ask(bench.client.check, Landed.ON_GROUND)
+    failed = {row.name: (row.verdict.value, row.advice) for row in rows if row.verdict.value != "pass"}
+    failed.pop("time of day")  # the bench begins in 1970
+    return failed
+
+
+def order(bench, command, *parameters):
+    """Command it as a ground station does."""
+    bench.far.command(command, *parameters)
+    bench.advance(0.1)
+
+
+def fly(bench):
+    bench.advance(3.0)
+    order(bench, mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    order(bench, ARM, 1)
+    order(bench, mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5.0)
+    return bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "IN_AIR").advance(1.0)
+
+
+def test_it_streams_nothing_until_asked_and_all_once_asked():
+    silent = ClientBench(autopilot=(ArduCraft, ArduPilot))
+    silent.cut = True
+    silent.advance(5.0)
+    assert {kind for _, _, message in silent.far.heard for kind in [message.get_type()]} == {"HEARTBEAT"}
+    heard = bench().advance(8.0)
+    status = heard.vehicle.status(heard.t_ns)
+    assert (status.armed, status.landed.name, status.mode) == (False, "ON_GROUND", "STABILIZED")
+    assert abs(status.height_m) < 0.3
+    assert heard.vehicle.health(heard.t_ns) == dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
+    assert bad(heard) == {}
+
+
+def test_parameters_come_as_floats_of_their_values():
+    settings = AutopilotSettings(parameters={"FS_THR_ENABLE": 1, "BATT_LOW_VOLT": 11.0})
+    asked = bench(settings=settings).advance(5.0)
+    assert bad(asked) == {"parameters": ("warn", "BATT_LOW_VOLT is 10.5, should be 11")}
+
+
+def test_prearm_ok_in_stabilize_is_none_without_a_position():
+    lost = bench().advance(5.0)
+    lost.far.craft.lose_gps()
+    lost.advance(8.0)
+    assert lost.vehicle.system.prearm(lost.t_ns) is True
+    words = "the autopilot has no valid position: wait for its estimator"
+    assert bad(lost)["pre-arm check"] == ("fail", words)
+    order(lost, mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    assert lost.far.craft.mode == "STABILIZED"
+
+
+def test_a_lost_gps_that_stays_healthy_in_sys_status_is_seen():
+    flown = fly(bench())
+    flown.far.craft.lose_gps()
+    flown.advance(1.0)
+    assert flown.vehicle.system.healthy(flown.t_ns, (mavlink.MAV_SYS_STATUS_SENSOR_GPS,)) is True
+    assert flown.vehicle.health(flown.t_ns)["gps"] is False
+    flown.until(lambda: flown.vehicle.control.failsafe, 10.0).advance(0.5)
+    status = flown.vehicle.status(flown.t_ns)
+    assert (status.mode, status.position_x_m, status.pilot_in_control) == ("AUTO.LAND", None, False)
+
+
+@pytest.mark.parametrize("fraction, told", [(0.4, 0.9), (0.1, 0.15), (0.04, 0.05)])
+def test_the_charge_state_corrects_a_fraction_that_ignores_the_voltage(fraction, told):
+    drained = bench(endurance_s=1000.0)
+    drained.far.power.drop_to(fraction)
+    drained.advance(5.0)
+    assert drained.vehicle.battery.reading(drained.t_ns).fraction == pytest.approx(told, abs=0.011)
+
+
+def test_it_lands_by_the_second_route_and_disarms_itself():
+    flown = fly(bench())
+    flown.ask(flown.client.land)
+    flown.until(lambda: flown.vehicle.beat.mode == "AUTO.LAND", 3.0)
+    assert flown.client.land_reply() == Reply(accepted=True, message="the vehicle is in its landing mode", final=True)
+    assert not flown.vehicle.control.pilot
+    flown.until(lambda: not flown.vehicle.beat.armed)
+    assert flown.vehicle.landed(flown.t_ns).name == "ON_GROUND"
+
+
+def test_a_pilot_in_loiter_keeps_control():
+    flown = fly(bench())
+    flown.far.craft.pilot_takes_over("POSCTL", 60 * S)
+    flown.advance(1.0)
+    assert flown.vehicle.control.pilot
+    answer = flown.ask(flown.client.land)
+    assert answer == Reply(accepted=False, message="the pilot has control, in POSCTL", final=True)

@@ -1,0 +1,145 @@
+"""The planner with the simulated ArduCopter, in virtual time: each of its own ways is a story."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from flying import ARDUPILOT, BACK, LINE, Flying, S
+
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase
+
+P, A = MissionPhase, MissionAction
+BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
+
+
+def ardupilot(**more):
+    return Flying(kind=ARDUPILOT, **more)
+
+
+@BOTH
+def test_a_file_is_flown_from_takeoff_to_landing(mission):
+    flying = ardupilot()
+    flying.take_off(mission)
+    flying.until_phase(P.LANDED)
+    assert flying.phases == [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING, P.LANDED]
+    assert (flying.status.waypoint, flying.status.message, flying.craft.armed) == (3, "", False)
+    assert flying.craft.position_m[:2] == pytest.approx((8.0, 6.0), abs=0.6)
+
+
+@BOTH
+def test_it_holds_where_it_is_and_resumes_where_it_stopped(mission):
+    flying = ardupilot()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING, limit_ns=3 * S)
+    held = flying.craft.position_m
+    flying.run(10 * S)
+    assert flying.craft.position_m == pytest.approx(held, abs=1.0)
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FLYING, limit_ns=5 * S)
+    assert flying.status.waypoint == 2
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+@BOTH
+def test_it_lands_early_where_it_is(mission):
+    flying = ardupilot()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+    assert (flying.status.waypoint, flying.craft.armed) == (1, False)
+
+
+@pytest.mark.parametrize("mission", ["both", "inside twice"])
+def test_several_files_and_repetitions_with_touchdowns_between(mission):
+    flying = ardupilot()
+    for repetition in (0, 1):
+        for file_index, trajectory in enumerate((LINE, BACK)):
+            flying.take_off(mission, file_index, repetition)
+            flying.until_phase(P.LANDED)
+            last = trajectory.waypoints[-1]
+            assert flying.status.waypoint == len(trajectory.waypoints)
+            assert flying.craft.position_m[:2] == pytest.approx((last.x_m, last.y_m), abs=0.6)
+
+
+@BOTH
+def test_on_a_bad_link_it_is_flown_as_well(mission):
+    chance = Random(5)
+    flying = ardupilot(fate=lambda: () if chance.random() < 0.05 else (chance.randrange(50_000_000),))
+    flying.run(5 * S)  # a lost request for a stream is repeated after 3 s
+    flying.take_off(mission)
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+@BOTH
+def test_a_pilot_who_switches_to_loiter_is_left_alone(mission):
+    flying = ardupilot()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.craft.pilot_takes_over("POSCTL", 20 * S)
+    flying.run(2 * S)
+    assert flying.status.message == "the pilot has control (mode POSCTL)"
+    assert {flying.command(action) for action in A} == {"the pilot has control (mode POSCTL)"}
+    flying.until_phase(P.LANDED)
+
+
+def test_a_lost_position_lands_it_by_its_own_failsafe():
+    flying = ardupilot()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 1.0)
+    flying.craft.lose_gps()
+    flying.until(lambda: flying.craft.failsafe, 10 * S)
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint < 3
+
+
+def test_before_its_position_is_known_it_does_not_arm_and_says_why():
+    flying = ardupilot()
+    assert flying.load("line").accepted
+    flying.craft.lose_gps()
+    flying.run(6 * S)
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.LANDED, limit_ns=12 * S)
+    assert flying.status.waypoint == 0
+    assert flying.status.message.startswith("change to a mode to arm in: not shown within 4 s (Mode change failed")
+    assert flying.craft.armed is False
+
+
+def test_a_vehicle_that_stays_on_the_ground_is_disarmed():
+    flying = ardupilot()
+    flying.craft.flags.does_not_lift_off = True
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.armed)
+    flying.run(3 * S)
+    assert flying.phase is P.TAKING_OFF
+    assert flying.command(A.ABORT) == ""
+    flying.until_phase(P.LANDED, limit_ns=10 * S)
+    assert flying.craft.armed is False
+
+
+def test_a_set_point_before_it_is_in_the_air_would_end_its_takeoff_and_none_is_sent():
+    flying = ardupilot()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.height_m > 0.5)
+    assert "SET_POSITION_TARGET_LOCAL_NED" not in flying.channel.sent
+    flying.until_phase(P.FLYING)
+    assert "SET_POSITION_TARGET_LOCAL_NED" in flying.channel.sent
+
+
+def test_a_hold_on_the_ground_after_the_start_is_resumed():
+    flying = ardupilot()
+    flying.craft.flags.does_not_lift_off = True
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.mode == "AUTO.MISSION")
+    assert flying.command(A.HOLD) == ""
+    flying.until(lambda: flying.craft.mode == "AUTO.LOITER", 3 * S)
+    flying.craft.flags.does_not_lift_off = False
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
