@@ -39,18 +39,19 @@ class Cut(NamedTuple):
     counts: Tuple[Tuple[int, int], ...]
 
 
-def cuts(t_ns: Any, connection: Any, length: Any, *, before: int, final: bool) -> Iterator[Cut]:
+def cuts(t_ns: Any, connection: Any, length: Any, alone: Any, *, before: int, final: bool) -> Iterator[Cut]:
     """Cut messages into chunks; the last ones are left over unless `final`.
 
     Args:
         t_ns: times, ascending.
         connection: numbers.
         length: bytes of the records.
+        alone: messages that have a chunk of their own.
         before: bytes that will stand before the first message of the first chunk.
         final: whether nothing will follow.
     """
     behind = np.cumsum(length)
-    bounds: Any = _bounds(behind, before, final=final)
+    bounds: Any = _bounds(behind, alone, before, final=final)
     if len(bounds) < 2:  # noqa: PLR2004  (no whole chunk)
         return
     total = bounds[-1]
@@ -77,19 +78,28 @@ def cuts(t_ns: Any, connection: Any, length: Any, *, before: int, final: bool) -
         )
 
 
-def _bounds(behind: Any, before: int, *, final: bool) -> List[int]:
+def _bounds(behind: Any, alone: Any, before: int, *, final: bool) -> List[int]:
     """Return where chunks begin and end, as numbers of messages: a chunk ends with the message that fills it."""
-    bounds, written, count = [0], 0, len(behind)
-    while True:
+    bounds = [0]
+    for place in np.flatnonzero(alone).tolist():
+        _fill(bounds, behind[:place], before, final=True)
+        bounds.append(place + 1)
+        before = 0
+    _fill(bounds, behind, before, final=final)
+    return bounds
+
+
+def _fill(bounds: List[int], behind: Any, before: int, *, final: bool) -> None:
+    """Add bounds up to the last message."""
+    count = len(behind)
+    written = int(behind[bounds[-1] - 1]) if bounds[-1] else 0
+    while bounds[-1] < count and behind[-1] - written + before >= CHUNK_BYTES:
         last = int(np.searchsorted(behind, written + CHUNK_BYTES - before, "left")) + 1
         before = 0
-        if last > count:
-            break
         bounds.append(last)
         written = int(behind[last - 1])
     if final and bounds[-1] != count:
         bounds.append(count)
-    return bounds
 
 
 def _index_records(chunk: Any, t_ns: Any, connection: Any, offsets: Any) -> Tuple[Any, Tuple[Any, Any, Any, Any]]:

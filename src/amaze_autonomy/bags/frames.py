@@ -12,7 +12,7 @@ from typing import Any, Optional
 
 import lz4.frame
 
-__all__ = ["decompress_frame"]
+__all__ = ["decompress_frame", "lz4_library"]
 
 _VERSION = 100  # of the library's interface, unchanged since 2014
 _CREATE, _DECOMPRESS = "LZ4F_createDecompressionContext", "LZ4F_decompress"
@@ -28,12 +28,20 @@ def decompress_frame(data: bytes, size: int, target: bytearray, place: int) -> b
     return context is not None and context.decompress(data, size, target, place)
 
 
-def _library() -> Optional[Any]:
+def lz4_library() -> Optional[Any]:
+    """Return the library; None where it is not found."""
     try:
-        library = ctypes.CDLL(lz4.frame._frame.__file__)  # noqa: SLF001  (nothing public tells where it is)
+        return ctypes.CDLL(lz4.frame._frame.__file__)  # noqa: SLF001  (nothing public tells where it is)
+    except (AttributeError, OSError):
+        return None
+
+
+def _library() -> Optional[Any]:
+    library = lz4_library()
+    try:
         create, decompress = getattr(library, _CREATE), getattr(library, _DECOMPRESS)
         free, reset = getattr(library, _FREE), getattr(library, _RESET)
-    except (AttributeError, OSError):
+    except AttributeError:
         return None
     size = ctypes.c_size_t
     create.argtypes, create.restype = [ctypes.POINTER(ctypes.c_void_p), ctypes.c_uint], size

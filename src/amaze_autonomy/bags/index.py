@@ -14,6 +14,7 @@ from .errors import BagError, RecordError
 from .layout import BAG, CHUNK, CHUNK_INFO, CONNECTION, INDEX, MAGIC, Buffer, Record, record_at
 
 __all__ = [
+    "KEEP_GOOD",
     "ChunkHead",
     "ChunkInfo",
     "Index",
@@ -27,6 +28,7 @@ __all__ = [
 
 _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
 _LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
+KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
 _REMEDY = "make a new one with `amaze-bag recover`"
 
 
@@ -284,4 +286,4 @@ def require(good: bool, otherwise: str) -> None:  # noqa: FBT001
 def unusable(path: Path, position: int, error: Exception) -> BagError:
     """Return the error for a damaged chunk."""
     wrong = f"the chunk at byte {position} is damaged: {error}"
-    return BagError(str(path), wrong, "keep what is good with `amaze-bag recover --check-data`")
+    return BagError(str(path), wrong, KEEP_GOOD)

@@ -42,7 +42,9 @@ __all__ = [
     "fields_of",
     "index_data",
     "index_records",
+    "message_fields",
     "nanoseconds",
+    "pack_field",
     "pack_time",
     "record_at",
     "u32",
@@ -188,8 +190,19 @@ def _shape(fields: Dict[bytes, bytes], header: bytes) -> _Shape:
     return _Shape(struct.Struct(f"<{parts}L"), fixed, tuple(fields))
 
 
+def pack_field(name: bytes, value: bytes) -> bytes:
+    """Return a field of a header."""
+    return _U32.pack(len(name) + 1 + len(value)) + name + b"=" + value
+
+
+def message_fields(connection: int, t_ns: int) -> bytes:
+    """Return the fields of a message's header, without their length."""
+    fields = (b"conn", _U32.pack(connection)), (b"op", bytes([MESSAGE])), (b"time", pack_time(t_ns))
+    return b"".join(pack_field(*each) for each in fields)
+
+
 def _packed(fields: Iterable[Tuple[bytes, bytes]]) -> bytes:
-    parts = b"".join(_U32.pack(len(name) + 1 + len(value)) + name + b"=" + value for name, value in fields)
+    parts = b"".join(pack_field(*each) for each in fields)
     return _U32.pack(len(parts)) + parts
 
 

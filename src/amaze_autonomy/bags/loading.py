@@ -34,12 +34,21 @@ _Entries = Tuple[Any, Any, Any]
 
 
 class Block(NamedTuple):
-    """Loaded messages: a buffer, its table, the input, and where in its file the large ones begin (else -1)."""
+    """Loaded messages.
+
+    Args:
+        buffer: where they are.
+        table: of them.
+        source: number of the input.
+        origin: where in its file a large one begins that is not all in the buffer; else -1.
+        whole: size of what is not a record but a compressed chunk with just this message; else 0.
+    """
 
     buffer: bytearray
     table: Table
     source: int
     origin: Any
+    whole: Any
 
 
 class Pool:
@@ -186,7 +195,7 @@ class Loader:
             raise self._damaged(numbers, buffer, spans, parts, error) from error
         origin: Any = np.full(len(table.start), -1)
         origin[np.searchsorted(table.start, cut[:, 0])] = cut[:, 1]
-        return Block(buffer, table, self._number, origin)
+        return Block(buffer, table, self._number, origin, np.zeros(len(table.start), np.int64))
 
     def _damaged(self, numbers: List[int], buffer: Any, spans: Any, parts: Any, error: Exception) -> BagError:
         """Return the error for the first of some chunks that is damaged."""

@@ -11,10 +11,11 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
+from .carriers import Carriers
 from .errors import BagError
 from .index import Index
 from .loading import Block, Pool
@@ -94,13 +95,10 @@ def merge(
         _check(indexes, offsets, output)
         unified = unify(indexes, publishers_apart=options.publishers_apart)
         sources = _sources(indexes, offsets, unified, options)
-        needed = sum(index.head(each).size + 200 for index in indexes for each in range(len(index.chunks)))
-        out = stack.enter_context(
-            Output(output, replace=options.replace, needed=needed if options.compression in ("none", "auto") else 0)
-        )
+        needed = sum(map(Source.needed, sources)) if options.compression in ("none", "auto") else 0
+        out = stack.enter_context(Output(output, replace=options.replace, needed=needed))
         compression = "none" if options.compression == "auto" else options.compression
-        files = [index.file for index in indexes]
-        writing = Writing(out, files, unified, compression, options.duplicates, options.window_ns)
+        writing = Writing(out, indexes, unified, compression, options.duplicates, options.window_ns)
         stack.callback(writing.stop)
         _run(sources, writing, stack.enter_context(Pool()), progress)
         size = out.close(unified.connections)
@@ -131,8 +129,11 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
             and index.head(each).compression in _kept(options.compression)
             and _in_order(index, each)
         }
-        unseen = np.isin(target, watched, invert=True) & (options.compression in ("auto", "none"))
-        sources.append(Source(index, number, target, offset, verbatim, unseen))
+        unwatched: Any = np.isin(target, watched, invert=True)
+        unseen = unwatched & (options.compression in ("auto", "none"))
+        kept = options.compression in ("auto", "lz4")
+        carriers = Carriers(index, number, target, offset, unwatched) if kept else None
+        sources.append(Source(index, number, target, offset, verbatim, unseen, carriers))
     return sources
 
 

@@ -16,6 +16,7 @@ class Rows(NamedTuple):
     """Messages as arrays of one length: time, connection, record and payload in the buffer of a block, input.
 
     `origin` is where a record begins in the file of its input, when only its beginning is in the buffer; else -1.
+    `whole` is the size of a compressed chunk that is in the buffer instead of a record; else 0.
     """
 
     t_ns: Any
@@ -26,6 +27,7 @@ class Rows(NamedTuple):
     block: Any
     source: Any
     origin: Any
+    whole: Any
 
     def where(self, which: Any) -> Rows:
         """Return some of them."""
@@ -66,6 +68,7 @@ class Pending:
             np.full(count, number),
             np.full(count, block.source),
             block.origin,
+            block.whole,
         )
         self._waiting.setdefault(block.source, []).append(rows)
 

@@ -253,7 +253,7 @@ class _Scanner:
             return self._keep_cut(position, head)
         self._foreign = False
         entries, index_end, trusted = self._entries(end)
-        known = all(number in self._connections for number in distinct(entries[1]))
+        known = self._all_known(entries[1])
         if trusted and known and not self._check_data:
             self._keep_whole(position, end, index_end, entries, head)
         else:
@@ -339,7 +339,8 @@ class _Scanner:
         self._keep_whole(position, end, index_end, entries, head)
 
     def _all_known(self, connection: Any) -> bool:
-        return all(number in self._connections for number in distinct(connection))
+        """Return whether there is nothing to be learnt; a chunk without messages may be there for its connections."""
+        return len(connection) > 0 and all(number in self._connections for number in distinct(connection))
 
     def _learn(self, kept: Optional[Kept]) -> None:
         for each in (kept.connections if kept else {}).values():

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from itertools import groupby
-from typing import Any, List, NamedTuple, Set
+from typing import Any, List, NamedTuple, Optional, Set
 
-from .index import Index
+from .carriers import Carriers
+from .index import ChunkHead, Index
 from .loading import GROUP_BYTES, Block, Loader, Pool
 from .table import relabel
 
 __all__ = ["Group", "Source"]
+
+_BESIDE = 200  # bytes that the output has for a chunk beside its data
 
 
 class Group(NamedTuple):
@@ -45,11 +48,21 @@ class Source:
         shift_ns: added to record times.
         verbatim: chunks that are copied as they are.
         unseen: for each connection here, whether the bytes of its messages need not be seen.
+        carriers: loads chunks that are to stay compressed; None when none is.
     """
 
-    def __init__(self, index: Index, number: int, target: Any, shift_ns: int, verbatim: Set[int], unseen: Any) -> None:
+    def __init__(
+        self,
+        index: Index,
+        number: int,
+        target: Any,
+        shift_ns: int,
+        verbatim: Set[int],
+        unseen: Any,
+        carriers: Optional[Carriers] = None,
+    ) -> None:
         self.index, self.number = index, number
-        self._loader = Loader(index, number, unseen)
+        self._loader, self._carriers = Loader(index, number, unseen), carriers
         self._target, self._shift_ns, self._verbatim = target, shift_ns, verbatim
         chunks = index.chunks
         self._order = [
@@ -73,6 +86,20 @@ class Source:
         """Return whether something will come."""
         return self._next < len(self._order)
 
+    def needed(self) -> int:
+        """Return how many bytes an output takes that is compressed only where it stays so."""
+        return sum(self._space(self.index.head(each), each) + _BESIDE for each in self._order)
+
+    def _space(self, head: ChunkHead, number: int) -> int:
+        kept = number in self._verbatim or (self._carriers is not None and self._carriers.maybe(number))
+        return head.stored if kept else head.size
+
+    def size_of(self, number: int) -> int:
+        """Return about how many bytes a chunk brings into memory."""
+        if self._carriers and self._carriers.maybe(number):
+            return self.index.head(number).stored
+        return self._loader.size_of(number)
+
     def take(self) -> Group:
         """Return the next chunks, about as many as are worth a read."""
         if self._order[self._next] in self._verbatim:
@@ -82,7 +109,7 @@ class Source:
         while self.more and size < GROUP_BYTES and self._order[self._next] not in self._verbatim:
             number = self._order[self._next]
             taken.append(number)
-            size += self._loader.size_of(number)
+            size += self.size_of(number)
             self._next += 1
         return Group(self, taken, verbatim=False)
 
@@ -93,10 +120,22 @@ class Source:
             BagError: A chunk is damaged.
         """
         blocks: List[Block] = []
-        for plain, run in groupby(numbers, key=lambda number: self.index.head(number).compression == "none"):
-            load = self._loader.plain if plain else self._loader.compressed
-            blocks.append(self._relabelled(load(list(run), pool)))
+        for kind, run in groupby(numbers, key=self._kind):
+            blocks += self._loaded(kind, list(run), pool)
         return blocks
+
+    def _kind(self, number: int) -> str:
+        if self.index.head(number).compression == "none":
+            return "plain"
+        return "carrier" if self._carriers and self._carriers.has(number) else "compressed"
+
+    def _loaded(self, kind: str, numbers: List[int], pool: Pool) -> List[Block]:
+        if self._carriers and kind == "carrier":
+            block = self._carriers.load(numbers, pool)
+            if block is not None:
+                return [block]
+        load = self._loader.plain if kind == "plain" else self._loader.compressed
+        return [self._relabelled(load(numbers, pool))]
 
     def _relabelled(self, block: Block) -> Block:
         connection = self._target[block.table.connection]

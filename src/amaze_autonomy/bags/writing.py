@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Deque, Dict, List, Optional, Tuple
+from typing import Any, Deque, Dict, List, Optional, Sequence, Tuple
 from zlib import crc32
 
 import numpy as np
 
 from .chunking import Cut, cuts
-from .compression import compressed
+from .compression import compressed, decompressed
 from .connections import Connection
 from .duplicates import Duplicates
-from .index import Index
+from .errors import BagError, RecordError
+from .index import KEEP_GOOD, Index
 from .layout import connection_record, distinct, index_records
 from .loading import BEGINNING, Block, Pool
 from .output import Output, Stretch
@@ -25,7 +26,7 @@ __all__ = ["Writing"]
 
 _COMPRESSORS = 2
 
-_Chunk = Tuple[Cut, int, List[Any]]  # with its size, and its records in pieces
+_Chunk = Tuple[Cut, int, List[Any], int]  # with its size, its records in pieces, and what it is whole
 
 
 class Writing:
@@ -33,7 +34,7 @@ class Writing:
 
     Args:
         out: the new bag.
-        files: descriptors of the inputs.
+        inputs: open.
         unified: its connections.
         compression: of its chunks.
         duplicates: count, drop or ignore.
@@ -43,13 +44,13 @@ class Writing:
     def __init__(
         self,
         out: Output,
-        files: List[int],
+        inputs: Sequence[Index],
         unified: Unified,
         compression: str,
         duplicates: str,
         window_ns: int,
     ) -> None:
-        self._out, self._files = out, files
+        self._out, self._inputs = out, inputs
         self._connections, self._compression = unified.connections, compression
         self._drop = duplicates == "drop"
         self._finder = None
@@ -80,10 +81,10 @@ class Writing:
         self._pending.release({*distinct(self._rows.block), *written}, pool)
 
     def copy(self, index: Index, number: int) -> None:
-        """Copy a chunk behind everything that was added."""
-        self._write(None, final=True)
-        self._wait()
+        """Copy a chunk that overlaps nothing behind all that comes before it."""
         chunk = index.chunks[number]
+        self._write(chunk.start_ns, final=True)
+        self._wait()
         head, times = index.head(number), (chunk.start_ns, chunk.end_ns)
         records = index_records(*index.entries(number))
         end = head.data + head.stored
@@ -108,39 +109,51 @@ class Writing:
             rows = self._without_duplicates(rows)
         self._rows = joined([self._rows, rows]) if len(rows.t_ns) else self._rows
         rows, length = self._rows, self._rows.end - self._rows.start
-        chunks = list(cuts(rows.t_ns, rows.connection, length, before=len(self._prefix), final=final))
         self._wait()
+        alone = rows.whole > 0
+        chunks = list(cuts(rows.t_ns, rows.connection, length, alone, before=len(self._prefix), final=final))
         if not chunks:
             return []
         bounds = [0, *(cut.last for cut in chunks)]
-        pieces = _pieces(rows, bounds, self._pending.buffers, self._files)
-        sizes = [cut.size for cut in chunks]
+        pieces = _pieces(rows, bounds, self._pending.buffers, [index.file for index in self._inputs])
+        sizes, whole = [cut.size for cut in chunks], rows.whole[bounds[:-1]].tolist()
         if self._prefix:
+            if whole[0]:
+                pieces[0], sizes[0], whole[0] = [self._opened(pieces[0], rows)], whole[0], 0
             pieces[0].insert(0, self._prefix)
             sizes[0], self._prefix = sizes[0] + len(self._prefix), b""
-        self._job = self._writer.submit(self._put, list(zip(chunks, sizes, pieces)))
+        self._job = self._writer.submit(self._put, list(zip(chunks, sizes, pieces, whole)))
         self.messages += bounds[-1]
         self._rows = rows.where(slice(bounds[-1], None))
         return distinct(rows.block[: bounds[-1]])
 
+    def _opened(self, frame: List[Any], rows: Rows) -> Any:
+        """Return the record in the finished chunk that is to be the first, where connections have to be described."""
+        try:
+            return decompressed("lz4", b"".join(frame), int(rows.whole[0]))
+        except RecordError as error:
+            path = self._inputs[int(rows.source[0])].path
+            raise BagError(str(path), f"its first chunk is damaged: {error}", KEEP_GOOD) from error
+
     def _put(self, chunks: List[_Chunk]) -> None:
-        waiting: Deque[Tuple[Cut, int, Any]] = deque()
-        for cut, size, parts in chunks:
-            if self._compression == "none":
-                self._put_chunk(cut, size, parts)
-                continue
-            waiting.append((cut, size, self._compressors.submit(compressed, self._compression, b"".join(parts))))
+        waiting: Deque[Tuple[Cut, int, Any, str]] = deque()
+        for cut, size, parts, whole in chunks:
+            if whole:
+                waiting.append((cut, whole, parts, "lz4"))
+            elif self._compression == "none":
+                waiting.append((cut, size, parts, "none"))
+            else:
+                data = self._compressors.submit(compressed, self._compression, b"".join(parts))
+                waiting.append((cut, size, data, self._compression))
             if len(waiting) > 2 * _COMPRESSORS:
-                self._put_compressed(*waiting.popleft())
+                self._put_chunk(*waiting.popleft())
         while waiting:
-            self._put_compressed(*waiting.popleft())
+            self._put_chunk(*waiting.popleft())
 
-    def _put_compressed(self, cut: Cut, size: int, data: Any) -> None:
-        self._put_chunk(cut, size, [data.result()])
-
-    def _put_chunk(self, cut: Cut, size: int, parts: List[Any]) -> None:
+    def _put_chunk(self, cut: Cut, size: int, data: Any, compression: str) -> None:
+        parts = data if isinstance(data, list) else [data.result()]
         times = (cut.start_ns, cut.end_ns)
-        self._out.chunk(self._compression, size, parts, cut.records, times=times, counts=cut.counts)
+        self._out.chunk(compression, size, parts, cut.records, times=times, counts=cut.counts)
 
     def _without_duplicates(self, rows: Rows) -> Rows:
         places = self._duplicates_in(rows)
@@ -169,7 +182,7 @@ class Writing:
         columns = (column.tolist() for column in (candidates, *picked))
         return [
             place
-            for place, t_ns, connection, _, payload, end, block, source, _ in zip(*columns)
+            for place, t_ns, connection, _, payload, end, block, source, *_ in zip(*columns)
             if finder.known(t_ns, connection, source, memoryview(buffers[block])[payload:end])
         ]
 
