@@ -1,4 +1,4 @@
-"""Makes the helpers of this folder importable, and lets the laws of the engine watch every story."""
+"""Makes the helpers of this folder importable; the laws of the engine, and its stepper, watch every story."""
 
 import sys
 from pathlib import Path
@@ -6,6 +6,8 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parent))
 
 import engine_laws
+import engine_stepper
 import engine_story
 
 engine_story.ALWAYS.append(engine_laws.watch)
+engine_story.ALWAYS.append(engine_stepper.follow)
