@@ -1,9 +1,15 @@
-"""Faults of processes that are real nodes here: killed by SIGKILL; silent or stuck by SIGSTOP, until the fault ends."""
+"""Faults of processes that are real nodes here.
+
+Killed is SIGKILL, and what roslaunch starts in its place is stopped as soon as it can be found; silent and stuck are
+SIGSTOP; until the fault ends.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
+import threading
+import time
 from contextlib import suppress
 from functools import partial
 from typing import Dict, Mapping, Optional, Tuple
@@ -18,6 +24,7 @@ from .workers import Workers
 __all__ = ["RealPeers"]
 
 _LIMIT_S = 1.0
+_PERIOD_S = 0.1
 _STOPS = ("silent", "stuck")
 
 
@@ -32,6 +39,7 @@ class RealPeers:
         self._nodes = dict(nodes)
         self._acting: Dict[str, Tuple[str, ...]] = {}
         self._stopped: Dict[str, LocalProcess] = {}
+        self._lock = threading.Lock()
         self._workers = Workers("real peer")
 
     def look_after(self, troubles: Mapping[str, Tuple[str, ...]]) -> None:
@@ -46,18 +54,43 @@ class RealPeers:
                 self._acting[name] = now
                 self._workers.submit(partial(self._act, name, now))
 
+    def end(self) -> None:
+        """Let go on whatever is stopped: it is to end now, and cannot while it is."""
+        for name in self._nodes:
+            self._acting[name] = ()
+            self._go_on(name)
+
     def _act(self, name: str, kinds: Tuple[str, ...]) -> None:
         if "killed" in kinds:
-            _send(name, _find(self._nodes[name]), signal.SIGKILL)
+            dead = _find(self._nodes[name])
+            _send(name, dead, signal.SIGKILL)
+            self._keep_down(name, kinds, dead)
         elif any(kind in _STOPS for kind in kinds):
-            process = _find(self._nodes[name])
-            if process is not None:
-                self._stopped[name] = process
-            _send(name, process, signal.SIGSTOP)
+            self._stop(name, kinds, _find(self._nodes[name]))
         elif kinds:
             rospy.logwarn("%s is a real node: its fault %s does nothing", name, ", ".join(kinds))
-        if not kinds and name in self._stopped:
-            _send(name, self._stopped.pop(name), signal.SIGCONT)
+        else:
+            self._go_on(name)
+
+    def _keep_down(self, name: str, kinds: Tuple[str, ...], dead: Optional[LocalProcess]) -> None:
+        while dead is not None and self._acting[name] == kinds and not rospy.is_shutdown():
+            time.sleep(_PERIOD_S)
+            process = _find(self._nodes[name])
+            if process is not None and process.pid != dead.pid:
+                self._stop(name, kinds, process)
+                return
+
+    def _stop(self, name: str, kinds: Tuple[str, ...], process: Optional[LocalProcess]) -> None:
+        with self._lock:
+            if self._acting[name] == kinds:
+                _send(name, process, signal.SIGSTOP)
+                if process is not None:
+                    self._stopped[name] = process
+
+    def _go_on(self, name: str) -> None:
+        with self._lock:
+            if name in self._stopped:
+                _send(name, self._stopped.pop(name), signal.SIGCONT)
 
 
 def _send(name: str, process: Optional[LocalProcess], number: signal.Signals) -> None:

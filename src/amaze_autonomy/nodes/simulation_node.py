@@ -206,6 +206,7 @@ class SimulationNode:
         if self._server is not None:
             self._server.stop()
         self._live.stop()
+        self._real.end()
         if self._drivers is not None:
             self._drivers.end()
 

@@ -1,0 +1,87 @@
+"""Faults of processes that are real nodes: killed and kept down, stopped, and let go on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from amaze_autonomy.nodes import real_peers
+from amaze_autonomy.nodes.local_process import LocalProcess
+from amaze_autonomy.nodes.real_peers import RealPeers
+
+
+class Node:
+    """A process with a name, that somebody starts again when it ends."""
+
+    def __init__(self) -> None:
+        self.processes = []
+        self.start()
+
+    def start(self) -> None:
+        self.processes.append(subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE))
+
+    def state(self) -> str:
+        """R, S: runs; T: stopped; of the last one."""
+        return Path(f"/proc/{self.processes[-1].pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+
+
+@pytest.fixture
+def node(monkeypatch):
+    made = Node()
+    monkeypatch.setattr(real_peers, "_find", lambda _: LocalProcess.of(made.processes[-1].pid))
+    yield made
+    for process in made.processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def peers():
+    made = RealPeers({"autopilot": "autopilot"})
+    yield made
+    made.end()
+
+
+def wait(condition, what: str, limit_s: float = 10.0) -> None:
+    ends_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < ends_s, f"{what} did not come"
+        time.sleep(0.01)
+
+
+def test_what_is_killed_stays_down_until_the_fault_ends_whoever_starts_it_again(node, peers):
+    peers.look_after({"autopilot": ("killed",)})
+    assert node.processes[0].wait(10.0) == -9
+    node.start()
+    wait(lambda: node.state() == "T", "the stop of what was started again")
+    peers.look_after({"autopilot": ("killed",)})
+    assert node.state() == "T"
+    peers.look_after({})
+    wait(lambda: node.state() in "RS", "its going on")
+
+
+@pytest.mark.parametrize("kind", ["silent", "stuck"])
+def test_what_is_silent_or_stuck_is_stopped_until_the_fault_ends(node, peers, kind):
+    peers.look_after({"autopilot": (kind,)})
+    wait(lambda: node.state() == "T", "the stop")
+    peers.look_after({})
+    wait(lambda: node.state() in "RS", "its going on")
+
+
+def test_at_the_end_nothing_stays_stopped(node, peers):
+    peers.look_after({"autopilot": ("silent",)})
+    wait(lambda: node.state() == "T", "the stop")
+    peers.end()
+    wait(lambda: node.state() in "RS", "its going on")
+
+
+def test_a_fault_that_a_real_node_cannot_be_given_is_told(node, peers, monkeypatch):
+    told = []
+    monkeypatch.setattr(real_peers.rospy, "logwarn", lambda words, *values: told.append(words % values))
+    peers.look_after({"autopilot": ("slow",)})
+    wait(lambda: told, "the warning")
+    assert (told, node.state() in "RS") == (["autopilot is a real node: its fault slow does nothing"], True)
