@@ -34,6 +34,12 @@ class _CountedTopic(_SubscriberImpl):
         connection.receive_loop = lambda _callback: self._take_over(connection)
         return super().add_connection(connection)
 
+    def get_stats(self) -> Any:
+        """Return what getBusStats says of it; messages are counted by topic, here on the first connection."""
+        counts = [self._tally.total] + [0] * len(self.connections)
+        rows = [(c.id, c.stat_bytes, count, -1, not c.done) for c, count in zip(self.connections, counts)]
+        return self.resolved_name, rows
+
     def _take_over(self, connection: Any) -> None:
         sock, buffer = connection.socket, connection.read_buff
         if sock is None or connection.done:

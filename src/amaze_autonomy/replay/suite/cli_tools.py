@@ -1,4 +1,4 @@
-"""The verbs of `amaze-replay` that ask questions of scenarios: what-if, sweep, shrink."""
+"""The verbs of `amaze-replay` that ask questions of scenarios and of runs: what-if, sweep, shrink, agree."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any, List
 
 from ..files import write_whole
+from ..journal_source import read_journals
 from ..scenario import Case, load_cases
 from ..terminal import show_lines
+from .agree import agree, agreement_lines
 from .choice import add_choice, add_configuration, chosen, options_of
 from .result import Verdict
 from .shrink import MOST_LINES, shrink
@@ -26,6 +28,7 @@ def add_tools(commands: Any) -> None:
     _add_what_if(commands)
     _add_sweep(commands)
     _add_shrink(commands)
+    _add_agree(commands)
 
 
 def _add_what_if(commands: Any) -> None:
@@ -92,6 +95,22 @@ def _shrink(options: argparse.Namespace) -> int:
     long = "" if len(lines) < MOST_LINES else f", more than {MOST_LINES}"
     sys.stderr.write(f"{result.before} events became {len(result.events)}; {len(lines)} lines{long}\n")
     return 0
+
+
+def _add_agree(commands: Any) -> None:
+    parser = commands.add_parser("agree", help="two journals, live and replayed: the same decisions at the same times?")
+    parser.add_argument("one", type=Path, metavar="FILE", help="journal of a run, or a bag with it")
+    parser.add_argument("other", type=Path, metavar="FILE", help="journal of the other one, on the same clock")
+    words = "how far apart the times of a decision may be (default: 0.15)"
+    parser.add_argument("--tolerance", type=float, default=0.15, metavar="S", help=words)
+    parser.set_defaults(command=_agree)
+
+
+def _agree(options: argparse.Namespace) -> int:
+    one, other = (read_journals(path)[-1] for path in (options.one, options.other))
+    result = agree(one, other, options.tolerance)
+    show_lines(agreement_lines(result))
+    return 0 if result.agreed else 1
 
 
 def _add_file(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,34 @@
+"""What a node has received, out of its answer to getBusStats."""
+
+from __future__ import annotations
+
+from amaze_autonomy.nodes.played import Reception, receptions, unconnected
+
+STATS = [
+    [["/watchdog/info", 100, [[7, 100, 2, True]]]],
+    [
+        ["/lrf/range", [[3, 4000, 355, -1, True]]],
+        ["/clock", [[1, 9, 8, -1, True], [2, 9, 1, -1, False]]],
+        ["/odom", []],
+    ],
+    [],
+]
+
+
+def test_messages_are_told_by_topic_over_all_its_connections():
+    assert receptions("/watchdog", STATS) == (
+        Reception("/clock", "/watchdog", 9, 2),
+        Reception("/lrf/range", "/watchdog", 355, 1),
+        Reception("/odom", "/watchdog", 0, 0),
+    )
+    assert receptions("/watchdog", []) == ()
+
+
+def test_who_is_not_connected_to_what_it_wants_is_named():
+    there = receptions("/watchdog", STATS)
+    assert unconnected({"/watchdog": ["/lrf/range"]}, there) == []
+    assert unconnected({"/watchdog": ["/odom", "/imu"], "/autonomy": ["/clock"]}, there) == [
+        "/watchdog to /odom",
+        "/watchdog to /imu",
+        "/autonomy to /clock",
+    ]

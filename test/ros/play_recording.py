@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""A recording played into the live nodes, and the offline replay of the same recording: the same decisions.
+
+This is the example of docs/tester.md. Nothing of the recording may be lost on the way: what went over each connection
+is counted against what the bag holds.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+from typing import Any, Dict, List
+
+import rostest
+import yaml
+from stack import HERE
+
+from amaze_autonomy.bags import Recording
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.cli import main as replay
+from amaze_autonomy.replay.journal_source import read_journals
+from amaze_autonomy.replay.scenario import load_cases
+from amaze_autonomy.replay.suite.agree import agree, agreement_lines
+
+SCENARIO = HERE.parent / "scenarios" / "demo_flight_anew.scenario.yaml"
+TOLERANCE_S = 0.15
+"""A message through two processes on a busy machine, a tick of the clock, a turn of the watchdog; measured: 0.04 s."""
+LISTENERS = ("/watchdog", "/landing_detection", "/state_estimation", "/autonomy")
+LIVE = ("/watchdog/action", "/watchdog/info", "/landing_detection/landed")  # said anew by the nodes themselves
+LEAST_DECISIONS, LIMIT_S = 20, 60.0
+MISSION, SELECT_AT_S = "1", 3.5
+
+
+def desk(configuration: Path, to: Path) -> None:
+    """Copy a configuration for a desk: no component has a node or a driver, every restart is a command that works."""
+    shutil.copytree(configuration, to)
+    sensors = yaml.safe_load((to / "sensors.yaml").read_text())
+    for component in sensors["components"].values():
+        component.pop("node", None)
+        component.pop("driver", None)
+        if "restart" in component:
+            component["restart"].update(policy="command", command=["true"])
+    (to / "sensors.yaml").write_text(yaml.safe_dump(sensors, sort_keys=False))
+
+
+class PlayedRecording(unittest.TestCase):
+    """One play for all its tests."""
+
+    folder: Path
+
+    @classmethod
+    def setUpClass(cls) -> None:
+        cls.folder = Path(tempfile.mkdtemp(prefix="amaze_played_"))
+        cls.case = load_cases(SCENARIO)[0]
+        cls.bag = cls.case.bags[0].path
+        cls.overrides = [f"{key}={value}" for key, value in cls.case.overrides.items()]
+        with Recording(cls.bag) as recording:
+            cls.held = recording.topics
+        cls.sensors = {topic.name for topic in cls.held if not topic.kind.startswith("amaze_autonomy/")}
+        desk(config_folder(), cls.folder / "config")
+        cls.status = cls.play()
+
+    @classmethod
+    def play(cls) -> int:
+        """Play it into the nodes as they are launched on the vehicle; return roslaunch's exit status."""
+        arguments = {
+            "bag": cls.bag,
+            "mission": MISSION,
+            "select_at_s": SELECT_AT_S,
+            "config": cls.folder / "config",
+            "overrides": "; ".join(cls.overrides),
+            "output": cls.folder / "live",
+            "received": cls.folder / "received.json",
+        }
+        command = ["roslaunch", "--screen", str(HERE.parents[1] / "launch" / "play_recording.launch")]
+        command += [f"{name}:={value}" for name, value in arguments.items()]
+        with (cls.folder / "roslaunch.log").open("wb") as log:
+            launch = subprocess.Popen(command, stdout=log, stderr=log)
+            try:
+                return launch.wait(LIMIT_S)
+            except subprocess.TimeoutExpired:
+                launch.send_signal(signal.SIGINT)  # the nodes have groups of their own: it has to end them
+                launch.wait(LIMIT_S)
+                return -1
+
+    @classmethod
+    def tearDownClass(cls) -> None:
+        shutil.rmtree(cls.folder, ignore_errors=True)
+
+    def test_everything_that_the_bag_holds_came_to_every_node_that_listens(self) -> None:
+        self.assertEqual(self.status, 0, self.log())
+        held = {topic.name: topic.messages for topic in self.held}
+        received: List[Dict[str, Any]] = json.loads((self.folder / "received.json").read_text())
+        counts = {
+            (row["listener"], row["topic"]): row["messages"]
+            for row in received
+            if row["topic"].replace("/recorded/", "/") in held and row["topic"] not in LIVE
+        }
+        expected = {key: held[key[1].replace("/recorded/", "/")] for key in counts}
+        print(f"{sum(counts.values())} of {sum(expected.values())} messages on {len(counts)} ways", file=sys.stderr)
+        self.assertEqual(counts, expected, "lost on the way")
+        self.assertEqual(set(LISTENERS) | {"/recorded_peers"}, {listener for listener, _ in counts})
+        self.assertEqual(len(self.sensors - {topic for _, topic in counts}), 0, "nobody listens to these")
+
+    def test_live_nodes_and_replay_agree_decision_by_decision(self) -> None:
+        self.assertEqual(self.status, 0, self.log())
+        ran = replay(
+            [
+                "run",
+                str(self.bag),
+                *("--map", str(SCENARIO.parent / self.case.topic_map)),
+                *("--config", str(self.folder / "config")),
+                *(word for text in self.overrides for word in ("--set", text)),
+                *("--mission", MISSION, "--out", str(self.folder / "replay")),
+            ]
+        )
+        self.assertEqual(ran, 0)
+        live, replayed = (read_journals(self.folder / name / "journal.jsonl")[0] for name in ("live", "replay"))
+        result = agree(live, replayed, TOLERANCE_S)
+        print("\n".join(agreement_lines(result)), file=sys.stderr)
+        self.assertTrue(result.agreed, "\n".join(agreement_lines(result)))
+        self.assertGreaterEqual(len(result.changes), LEAST_DECISIONS)
+
+    def log(self) -> str:
+        return (self.folder / "roslaunch.log").read_text(errors="replace")[-3000:]
+
+
+if __name__ == "__main__":
+    rostest.rosrun("amaze_autonomy", "play_recording", PlayedRecording, sys.argv)
