@@ -16,6 +16,8 @@ from px4_vehicle import Px4Vehicle
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
+from amaze_autonomy.simulation.px4 import Craft, Px4
 
 MISSIONS = """\
 flight:
@@ -33,6 +35,10 @@ missions:
     description: The same without GPS
     files: [trajectories/hop.csv]
     controller: offboard
+  "twice":
+    description: Up, around, down, and once more
+    files: [trajectories/hop.csv]
+    repetitions: 2
 """
 STATUS, COMMAND = msg.MissionStatus, srv.MissionCommandRequest
 TAKEOFF, HOLD, RESUME, LAND = COMMAND.TAKEOFF, COMMAND.HOLD, COMMAND.RESUME, COMMAND.LAND
@@ -55,7 +61,8 @@ class TestMissionPlanner(unittest.TestCase):
             f"autopilot.planner_link.url=udpin:127.0.0.1:{planner}",
             f"autopilot.link.url=udpin:127.0.0.1:{autopilot}",
         ]
-        self.vehicle = Px4Vehicle(f"udpout:127.0.0.1:{planner}", f"udpout:127.0.0.1:{autopilot}")
+        kind = (ArduCraft, ArduPilot) if "ardupilot" in self._testMethodName else (Craft, Px4)
+        self.vehicle = Px4Vehicle(f"udpout:127.0.0.1:{planner}", f"udpout:127.0.0.1:{autopilot}", kind=kind)
         rospy.Subscriber(f"{self.space}/mission_planner/status", STATUS, self.statuses.append)
         self.planner = OneNode("mission_planner", self.space, self.overrides, missions=MISSIONS)
         self.nodes = [self.planner]
@@ -119,6 +126,29 @@ class TestMissionPlanner(unittest.TestCase):
         stamps = [status.header.stamp.to_sec() for status in self.statuses]
         gaps = [later - earlier for earlier, later in zip(stamps, stamps[1:])]
         self.assertLess(max(gaps), 0.5)  # 5 Hz
+
+    def test_an_ardupilot_is_flown_held_and_landed_as_well(self):
+        self.take_off("hop")
+        self.command(HOLD)
+        self.wait_phase(STATUS.HOLDING, 3.0)
+        self.command(RESUME)
+        self.assert_flown()
+
+    def test_started_again_between_two_flights_it_goes_on_with_the_session(self):
+        self.take_off("twice")
+        self.command(LAND)
+        self.wait_phase(STATUS.LANDED)
+        self.planner.process.kill()
+        self.planner.process.wait()
+        self.nodes.append(OneNode("mission_planner", self.space, self.overrides, missions=MISSIONS))
+        said = []
+
+        def loaded():
+            rospy.wait_for_service(f"{self.space}/mission_planner/load", 20.0)
+            said.append(self.load("s1", "twice", 0, 1))
+            return said[-1].accepted
+
+        wait_for(loaded, f"the second flight {said[-1:]}")
 
     def test_without_gps_it_is_flown_by_set_points(self):
         self.take_off("indoors")

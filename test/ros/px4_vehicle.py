@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable, List, Tuple, Type
 
 from amaze_autonomy.missions import FlightModel
 from amaze_autonomy.simulation.power import Power, PowerSettings
@@ -29,12 +29,16 @@ class Px4Vehicle:
 
     Args:
         addresses: e.g. udpout:127.0.0.1:14541.
+        kind: classes of craft and autopilot.
     """
 
-    def __init__(self, *addresses: str) -> None:
+    def __init__(self, *addresses: str, kind: Tuple[Type[Craft], Type[Px4]] = (Craft, Px4)) -> None:
         self.lock = threading.Lock()
-        self.craft = Craft(VehicleSettings(model=QUICK), time.monotonic_ns())
-        px4 = Px4(self.craft, Power(PowerSettings()), time.monotonic_ns(), Px4Settings(), unix_ns=time.time_ns())
+        make_craft, make_autopilot = kind
+        self.craft = make_craft(VehicleSettings(model=QUICK), time.monotonic_ns())
+        px4 = make_autopilot(
+            self.craft, Power(PowerSettings()), time.monotonic_ns(), Px4Settings(), unix_ns=time.time_ns()
+        )
         self._server = VehicleServer(px4, addresses, self)
         self._server.start()
 

@@ -16,7 +16,7 @@ from .endpoint import parse_endpoint
 from .hosting import Client, ClientHost
 from .peers import Identity, Peers
 from .ports import make_port, wait_readable
-from .signing import SigningKey
+from .signing import SigningKey, Stamps
 from .wire import Wire
 
 __all__ = ["Connection", "LinkState", "heartbeat"]
@@ -68,6 +68,7 @@ class Connection(ClientHost):
         client: what lives on it.
         wanted: names of the messages that the client wants; None: all.
         key: for signing; None: unsigned.
+        stamps: where the time stamp of signatures is kept; None: in memory.
         kind: MAV_TYPE of the own heartbeat.
         now_ns: the clock that stamps what the client is given.
         complain: is told of each new kind of exception of the client.
@@ -84,13 +85,14 @@ class Connection(ClientHost):
         *,
         wanted: Optional[Iterable[str]] = None,
         key: Optional[SigningKey] = None,
+        stamps: Optional[Stamps] = None,
         kind: int = mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         now_ns: Callable[[], int] = time.monotonic_ns,
         complain: Callable[[str], None] = lambda _: None,
     ) -> None:
         super().__init__(client, now_ns, complain)
         self._port = make_port(parse_endpoint(url))
-        self._wire = Wire(identity.system, identity.component, _with_heartbeat(wanted), key)
+        self._wire = Wire(identity.system, identity.component, _with_heartbeat(wanted), key, stamps)
         self._peers, self._kind = Peers(identity), kind
         self._problem, self._unsent = "not opened yet", 0
         self._beat_ns = self._wake_ns = self._open_ns = self._heard_ns = 0  # on the monotonic clock, as all pauses
@@ -150,6 +152,8 @@ class Connection(ClientHost):
         finally:
             with self._changed:
                 self._drop("closed")
+                if self._wire.verifier is not None:
+                    self._wire.verifier.close()
                 os.close(self._reader)
                 os.close(self._writer)
 

@@ -18,6 +18,8 @@ from .mission_vehicle import VehicleWatch
 
 __all__ = ["LoadRequest", "Loading", "Origin", "Readiness"]
 
+_SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart
+
 
 class LoadRequest(NamedTuple):
     """Which file of which mission of which session; indices from 0."""
@@ -36,19 +38,22 @@ class Origin:
         session_id: its session.
         home: on the earth; None for a flight by set-points.
         local: in the estimator's frame (ENU); None for a mission of the autopilot.
+        boot_ns: wall time at which the autopilot was switched on, which made that frame; None: unknown.
     """
 
     session_id: str
     home: Optional[Home] = None
     local: Optional[Tuple[float, float, float]] = None
+    boot_ns: Optional[int] = None
 
 
 class Readiness(NamedTuple):
-    """The vehicle, and what it must be like."""
+    """The vehicle, and what it must be like; wall time minus the clock of the messages."""
 
     watch: VehicleWatch
     spec: PlannerSpec
     in_flight: bool
+    wall_ns: int = 0
 
 
 class Loading:
@@ -181,7 +186,7 @@ class Loading:
         problem = self._find_local(t_ns) if offboard else self._find_home(t_ns, plan)
         if problem or self.origin is not None:
             return problem
-        return "the place of the session's first takeoff is not known: the planner was started after it"
+        return "the place of the session's first takeoff is not known"
 
     def _first(self) -> bool:
         return self.request.file_index == 0 and self.request.repetition == 0
@@ -190,8 +195,12 @@ class Loading:
         pose = self._readiness.watch.local(t_ns, self._readiness.spec.pose_age_limit_ns)
         if pose is None:
             return "there is no fresh and valid local position"
+        watch = self._readiness.watch
+        boot_ns = None if watch.boot_ns is None else watch.boot_ns + self._readiness.wall_ns
         if self._first():
-            self.origin = Origin(self.request.session_id, local=pose.position_m)
+            self.origin = Origin(self.request.session_id, local=pose.position_m, boot_ns=boot_ns)
+        elif self.origin is not None and _restarted(self.origin.boot_ns, boot_ns):
+            return "the autopilot was started again since the session's first takeoff: its local frame is another one"
         return ""
 
     def _find_home(self, t_ns: int, plan: MissionPlan) -> str:
@@ -209,3 +218,7 @@ class Loading:
             )
         self.origin = Origin(self.request.session_id, home=home)
         return ""
+
+
+def _restarted(before_ns: Optional[int], now_ns: Optional[int]) -> bool:
+    return before_ns is not None and now_ns is not None and abs(now_ns - before_ns) > _SAME_BOOT_NS

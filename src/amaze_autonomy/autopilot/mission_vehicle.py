@@ -69,6 +69,7 @@ class VehicleWatch:
         self.landed = VehicleLanded.UNKNOWN
         self.landed_ns: Optional[int] = None
         self.pose: Optional[Pose] = None
+        self.boot_ns: Optional[int] = None
         self.yaw_rad: Optional[float] = None
         self.yaw_ns = 0
         self.place: Optional[Place] = None
@@ -157,6 +158,8 @@ class VehicleWatch:
         values = (message.y, message.x, -message.z, message.vy, message.vx, -message.vz)
         if all(map(math.isfinite, values)):
             self.pose = Pose(t_ns, values[:3], values[3:])
+        if message.time_boot_ms:  # through mavros it is not known
+            self.boot_ns = t_ns - message.time_boot_ms * 1_000_000
 
     def _attitude(self, t_ns: int, message: Message) -> None:
         if math.isfinite(message.yaw):

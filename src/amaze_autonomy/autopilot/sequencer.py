@@ -9,7 +9,7 @@ exceptions that the offboard flight needs: it lands after the last waypoint, and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
@@ -66,17 +66,24 @@ class Sequencer:
 
     Args:
         settings: what it knows.
+        origin: of the last session, kept from before a restart.
+        wall_minus_clock_ns: wall time minus the clock of the messages.
     """
 
-    def __init__(self, settings: SequencerSettings) -> None:
-        self._settings, self._spec = settings, settings.spec
+    def __init__(
+        self,
+        settings: SequencerSettings,
+        origin: Optional[Origin] = None,
+        wall_minus_clock_ns: Callable[[], int] = lambda: 0,
+    ) -> None:
+        self._settings, self._spec, self._wall = settings, settings.spec, wall_minus_clock_ns
         self._plans = {plan.mission.id: plan for plan in settings.plans}
         self.watch = VehicleWatch()
         self._means = Means(self.watch, self._spec.setpoint_lead_ns, settings.takeoff_height_m)
         self._phase, self._message = _P.IDLE, ""
         self._loading: Optional[Loading] = None
         self._loaded: Optional[LoadRequest] = None
-        self._origin: Optional[Origin] = None
+        self._origin = origin
         self._procedure: Optional[Procedure] = None
         self._flight = FlightRecord(self.watch)
         self._setpoint_ns = 0
@@ -113,7 +120,8 @@ class Sequencer:
     def load(self, t_ns: int, request: LoadRequest) -> Tuple[Loading, Sequence[Message]]:
         """Begin to send a waypoint file; the loading says when it is over, and how it ended."""
         plan = self._plans.get(request.mission_id)
-        readiness = Readiness(self.watch, self._spec, self._phase in _IN_FLIGHT and bool(self.watch.armed))
+        in_flight = self._phase in _IN_FLIGHT and bool(self.watch.armed)
+        readiness = Readiness(self.watch, self._spec, in_flight, self._wall())
         origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
         loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
         if loading.refused:

@@ -11,13 +11,13 @@ import hashlib
 import hmac
 import stat
 from pathlib import Path
-from typing import Dict, Optional, Tuple
+from typing import Dict, Optional, Protocol, Tuple
 
 from .dialect import mavlink
 from .errors import KeyFileError
 from .framing import Frame
 
-__all__ = ["KEY_BYTES", "SigningKey", "Verifier", "read_key"]
+__all__ = ["KEY_BYTES", "SigningKey", "Stamps", "Verifier", "read_key"]
 
 KEY_BYTES = 32
 _EPOCH_2015_S = 1_420_070_400
@@ -59,17 +59,31 @@ def time_stamp(unix_ns: int) -> int:
     return max(0, (unix_ns - _EPOCH_2015_S * 1_000_000_000) // _UNIT_NS)
 
 
+class Stamps(Protocol):
+    """Whoever keeps the time stamp over a restart."""
+
+    newest: int
+
+    def use(self, stamp: int) -> None:
+        """Note that a time stamp is used."""
+
+    def close(self) -> None:
+        """Note that none will follow."""
+
+
 class Verifier:
     """Judges the signatures of what comes in, and keeps the time stamp of what goes out.
 
     Args:
         key: shared with the vehicle.
+        stamps: where the time stamp is kept; None: in memory.
     """
 
-    def __init__(self, key: SigningKey) -> None:
+    def __init__(self, key: SigningKey, stamps: Optional[Stamps] = None) -> None:
         self.key = key
         self.refused = 0
-        self._newest = 0
+        self._stamps = stamps
+        self._newest = 0 if stamps is None else stamps.newest
         self._streams: Dict[Tuple[int, int, int], int] = {}
 
     def accepts(self, frame: Frame, unix_ns: int) -> bool:
@@ -81,7 +95,14 @@ class Verifier:
     def stamp(self, unix_ns: int) -> int:
         """Return the time stamp of the next frame that goes out."""
         self._newest = max(self._newest + 1, time_stamp(unix_ns))
+        if self._stamps is not None:
+            self._stamps.use(self._newest)
         return self._newest
+
+    def close(self) -> None:
+        """Keep the time stamp; nothing more goes out."""
+        if self._stamps is not None:
+            self._stamps.close()
 
     def _verified(self, frame: Frame, unix_ns: int) -> bool:
         signed, tail = frame.raw[:-_TAIL], frame.raw[-_TAIL:]

@@ -9,7 +9,7 @@ from typing import Any, Dict, FrozenSet, Iterable, List, Optional, Tuple
 
 from .dialect import Message, mavlink, message_id
 from .framing import Frame, FrameReader, FrameTally
-from .signing import SigningKey, Verifier
+from .signing import SigningKey, Stamps, Verifier
 
 __all__ = ["Wire"]
 
@@ -24,6 +24,7 @@ class Wire:
         component: own component id.
         wanted: names of the messages to decode; None: all.
         key: for signing; None: neither signed nor verified.
+        stamps: where the time stamp of signatures is kept; None: in memory.
     """
 
     def __init__(
@@ -32,9 +33,10 @@ class Wire:
         component: int,
         wanted: Optional[Iterable[str]] = None,
         key: Optional[SigningKey] = None,
+        stamps: Optional[Stamps] = None,
     ) -> None:
         self.tally = FrameTally()
-        self.verifier = None if key is None else Verifier(key)
+        self.verifier = None if key is None else Verifier(key, stamps)
         self._wanted: Optional[FrozenSet[int]] = None if wanted is None else frozenset(map(message_id, wanted))
         self._readers: Dict[Any, FrameReader] = {}
         self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)

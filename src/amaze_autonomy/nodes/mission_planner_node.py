@@ -13,11 +13,13 @@ How it works: docs/planner.md.
 
 from __future__ import annotations
 
+import time
 from typing import Any, Tuple
 
 import rospy
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.autopilot.keeping import keep, origin_from, origin_to, read_kept
 from amaze_autonomy.autopilot.loading import Loading, LoadRequest
 from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.config import Configuration
@@ -29,6 +31,7 @@ from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .node_main import run_node
+from .output import default_parent
 from .vehicle_link import LevelLoop, Link, make_link
 
 __all__ = ["MissionPlannerNode", "main"]
@@ -52,7 +55,9 @@ class MissionPlannerNode:
         self._spec = spec = configuration.planner
         self._exit_s = configuration.autopilot.commands.exit_limit_ns / _S
         height_m = configuration.rules.limits.takeoff_height_m
-        self.planner = Sequencer(SequencerSettings(configuration.plans, spec, configuration.flight, height_m))
+        settings = SequencerSettings(configuration.plans, spec, configuration.flight, height_m)
+        self._kept = default_parent() / f"{rospy.get_name().strip('/').replace('/', '.')}.json"
+        self.planner = Sequencer(settings, origin_from(read_kept(self._kept)), lambda: time.time_ns() - clock.now_ns())
         autopilot = configuration.autopilot
         self._link: Link = make_link(autopilot, autopilot.planner_link, self.planner, PLANNER_MESSAGES, clock)
         period_ns = round(_S / configuration.streams.planner_status_rate_hz)
@@ -70,6 +75,8 @@ class MissionPlannerNode:
         loading: Loading = self._link.ask(lambda t_ns: self.planner.load(t_ns, wanted))
         self._link.wait_for(lambda: loading.over or self._loop.ended, self._spec.transfer_limit_ns / _S + _ANSWER_S)
         accepted, reason = loading.accepted, loading.reason or "the planner ends"
+        if accepted:
+            self._keep(loading)
         _log(f"load mission {wanted.mission_id}, file {wanted.file_index + 1}", "" if accepted else reason)
         return srv.LoadMissionResponse(
             accepted=accepted,
@@ -77,6 +84,15 @@ class MissionPlannerNode:
             estimated_duration=loading.duration_s,
             message="" if accepted else reason,
         )
+
+    def _keep(self, loading: Loading) -> None:
+        """Keep the session's origin for a planner that is started again between its files."""
+        kept = {} if loading.origin is None else origin_to(loading.origin)
+        if kept and kept != read_kept(self._kept):
+            try:
+                keep(self._kept, kept)
+            except OSError as error:
+                rospy.logwarn("%s: %s; a planner that starts again will not know the session", self._kept, error)
 
     def _command(self, request: Any) -> Any:
         action = _ACTIONS.get(request.command)

@@ -9,6 +9,7 @@ import rospy
 
 from amaze_autonomy.autopilot import AutopilotError, Client, Connection, Identity, LinkState, read_key
 from amaze_autonomy.autopilot.dialect import Message, mavlink
+from amaze_autonomy.autopilot.stamp_file import StampFile
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.config.autopilot_schema import LinkSettings
 
@@ -64,12 +65,15 @@ def make_link(
             from .mavros_link import MavrosLink  # noqa: PLC0415 - mavros_msgs is needed by nobody else
 
             return MavrosLink(settings.mavros, client, wanted, clock.now_ns, rospy.logerr)
+        key_file = Path(link.key_file).expanduser() if link.key_file else None
+        stamps = key_file.with_name(f"{key_file.name}.{link.component_id}.stamp") if key_file else None
         return Connection(
             link.url,
             Identity(link.system_id, link.component_id, link.vehicle_id),
             client,
             wanted=wanted,
-            key=read_key(Path(link.key_file).expanduser()) if link.key_file else None,
+            key=read_key(key_file) if key_file else None,
+            stamps=StampFile(stamps) if stamps else None,
             kind=mavlink.MAV_TYPE_GCS if link.ground_station else mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
             now_ns=clock.now_ns,
             complain=rospy.logerr,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Dict, Mapping, Optional, Tuple, Union
+from typing import Dict, Mapping, Optional, Tuple, Type, Union
 
 from amaze_autonomy.autopilot.endpoint import EndpointKind, parse_endpoint
 from amaze_autonomy.autopilot.errors import EndpointError
@@ -35,12 +35,17 @@ def fly_world(
     unix_ns: int = 0,
     without: Tuple[str, ...] = (),
     live: bool = False,
+    kind: Tuple[Type[Craft], Type[Px4]] = (Craft, Px4),
 ) -> Tuple[World, Px4]:
-    """Make a world whose vehicle is flown over MAVLink, and its PX4; faults, physics and battery are the world's."""
+    """Make a world whose vehicle is flown over MAVLink, and its PX4; faults, physics and battery are the world's.
+
+    `kind` are the classes of another autopilot and its craft.
+    """
     chosen = settings or Px4Settings()
+    make_craft, make_autopilot = kind
 
     def craft(vehicle: VehicleSettings, t_ns: int) -> Craft:
-        return Craft(vehicle, t_ns, chosen.geography)
+        return make_craft(vehicle, t_ns, chosen.geography)
 
     world = World(configuration, seed, scenario, start_ns=start_ns, without=without, live=live, make_vehicle=craft)
     cells = world.power.cells
@@ -57,7 +62,7 @@ def fly_world(
         good = {name for name in _SENSORS if name not in watched or (name == "gps" and vehicle.flags.gps_lost)}
         return {name: True if name in good else healthy for name, healthy in world.sensor_health().items()}
 
-    px4 = Px4(
+    px4 = make_autopilot(
         vehicle,
         world.power,
         start_ns,

@@ -1,0 +1,73 @@
+"""What must outlive its process: small JSON files that are whole or not there, and the origin of a session in one."""
+
+from __future__ import annotations
+
+import json
+import os
+from math import isfinite
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+from amaze_autonomy.missions import Home
+
+from .loading import Origin
+
+__all__ = ["keep", "origin_from", "origin_to", "read_kept"]
+
+
+def keep(path: Path, value: Dict[str, Any]) -> None:
+    """Write a file so that a reader finds the old one or the new one.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    half = path.with_name(f".{path.name}.new")
+    with half.open("w", encoding="utf-8") as file:
+        json.dump(value, file, sort_keys=True)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+    half.replace(path)
+
+
+def read_kept(path: Path) -> Dict[str, Any]:
+    """Return what a file holds; nothing when there is none, or it is damaged."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
+def origin_to(origin: Origin) -> Dict[str, Any]:
+    """Return an origin as it is kept."""
+    home = origin.home
+    return {
+        "session_id": origin.session_id,
+        "home": None if home is None else [home.latitude_deg, home.longitude_deg],
+        "local": None if origin.local is None else list(origin.local),
+        "boot_ns": origin.boot_ns,
+    }
+
+
+def origin_from(kept: Dict[str, Any]) -> Optional[Origin]:
+    """Return the origin that was kept; None when it is none.
+
+    A local one without the time at which the autopilot was switched on is none: nobody can say that its frame still is.
+    """
+    session, home, local, boot_ns = (kept.get(name) for name in ("session_id", "home", "local", "boot_ns"))
+    if not isinstance(session, str) or not session:
+        return None
+    place, position = _numbers(home), _numbers(local)
+    if len(place) == len(("latitude", "longitude")):
+        return Origin(session, home=Home(*place))
+    if len(position) == len("xyz") and isinstance(boot_ns, int):
+        return Origin(session, local=(position[0], position[1], position[2]), boot_ns=boot_ns)
+    return None
+
+
+def _numbers(value: Any) -> List[float]:
+    """Return a list of finite numbers; empty when it is none."""
+    good = isinstance(value, list) and all(isinstance(each, (int, float)) and isfinite(each) for each in value)
+    return [float(each) for each in value] if good else []
