@@ -41,6 +41,7 @@ class Platform:
         self.silent = dict.fromkeys(groups, False)
         self.full = dict.fromkeys(groups, False)
         self.dropped = dict.fromkeys(groups, 0)
+        self.idle = dict.fromkeys(groups, None)
         self.obeys = dict.fromkeys(groups, ("INT", "TERM", "KILL"))
         self.commands = []
         self.phases = [PHASE.IDLE]
@@ -61,6 +62,7 @@ class Platform:
             running=self.running[name],
             ending=self.endings[name],
             size=self.sizes[name],
+            idle_ns=self.idle[name],
             missing=self.missing[name],
             silent=self.silent[name],
             dropped=self.dropped[name],

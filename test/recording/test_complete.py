@@ -6,7 +6,7 @@ import shutil
 import pytest
 from bag_tools import contents, digest, multiset, rows
 from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
-from replay_bags import write_empty_bag
+from replay_bags import START_NS, write_empty_bag
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.recording.complete import Plan, Source, collect
@@ -64,12 +64,24 @@ def test_losses_are_in_the_summary_and_in_the_manifest(tmp_path):
     summary = collect(plan(session))
     lost = [
         "second/realsense-02.recovered.bag: an unknown number of messages",
-        "second/realsense: 1.5 s, in which nothing was recorded (killed by SIGKILL)",
-        "second/1 warning of dropped messages",
+        "second/realsense: 5.7 s, in which nothing was recorded (killed by SIGKILL)",
+        "second/at least 1 message dropped (warnings of the recorder: 1)",
     ]
     assert (list(summary.lost), manifest(session)["lost"]) == (lost, lost)
     assert summary.messages == 949
     assert summary.message.endswith("verified; lost: " + "; ".join(lost))
+
+
+def test_a_part_that_ends_before_the_recording_did_is_a_loss_by_the_clock_of_its_platform(tmp_path):
+    session = two_platforms(tmp_path)
+    (session / "second" / "realsense-01.bag").unlink()
+    killed(session / "second", "realsense-01.bag.active", rows("/c", 101, first_ms=3000))  # until 4 s, 3 s ahead
+    close_parts(session / "second", {**FACTS, "platform": "second"})
+    clock = {"start": {"offset_ns": 3 * S, "error_ns": 1000, "at_ns": 1}}
+    sources = (Source("main", session / "main"), Source("second", session / "second", fetched=True, clock=clock))
+    facts = {"stopped_ns": START_NS + 5 * S}
+    summary = collect(Plan(session / "s1_m.bag", sources, facts=facts))
+    assert list(summary.lost) == ["second/realsense: up to 4.0 s at the end (its last file was not closed)"]
 
 
 def test_clocks_that_are_three_seconds_apart_are_corrected_when_that_is_asked(tmp_path):

@@ -9,7 +9,8 @@ from replay_bags import write_empty_bag
 
 from amaze_autonomy.recording.errors import TransferError
 from amaze_autonomy.recording.folders import PARTS
-from amaze_autonomy.recording.parts import check_arrived, close_parts, losses, whole_bags
+from amaze_autonomy.recording.lost import losses
+from amaze_autonomy.recording.parts import check_arrived, close_parts, whole_bags
 
 
 def listed(folder):
@@ -21,6 +22,7 @@ def test_closed_bags_are_listed_with_bytes_messages_and_checksums(tmp_path):
     assert close_parts(tmp_path, FACTS) == listed(tmp_path)
     assert listed(tmp_path) == {
         "parts": 1, "session_id": "s1", "platform": "main", "gaps": [], "dropped": 0, "logs": [],
+        "missing": {}, "open_ends": {},
         "files": [
             {"file": "states-01.bag", "bytes": path.stat().st_size, "messages": 20, "sha256": digest(path), "lost": 0}
         ],
@@ -88,14 +90,3 @@ def test_what_did_not_arrive_or_is_different_is_named_and_put_aside(tmp_path):
     (folder / PARTS).unlink()
     with pytest.raises(TransferError, match="nobody knows whether the part is whole"):
         check_arrived(folder)
-
-
-def test_gaps_and_dropped_messages_are_losses():
-    gap = {"group": "cameras", "file": 2, "seconds": 0.42, "ending": "killed by SIGKILL"}
-    other = {**gap, "group": "states"}
-    assert losses({"files": [{"file": "a", "lost": 3}], "gaps": [gap, other, gap], "dropped": 2}) == [
-        "a: 3 messages",
-        "cameras: 2 times, together 0.8 s, in which nothing was recorded (killed by SIGKILL)",
-        "states: 0.4 s, in which nothing was recorded (killed by SIGKILL)",
-        "2 warnings of dropped messages",
-    ]

@@ -2,7 +2,7 @@
 
 import json
 
-from recording_story import PHASE, Platform, recorded_memory, recording, recovered
+from recording_story import PHASE, Platform, S, recorded_memory, recording, recovered
 
 from amaze_autonomy.recording import Answer
 from amaze_autonomy.recording.commands import Recover, Signal, StartChild
@@ -184,7 +184,7 @@ def test_dropped_messages_are_counted():
     platform = recording()
     platform.dropped["cameras"] = 3
     platform.turn()
-    assert (platform.part.dropped, platform.part.message) == (3, "cameras: messages were dropped, 3 warnings")
+    assert (platform.part.dropped, platform.part.message) == (3, "cameras: messages were dropped, at least 3")
 
 
 def test_a_recorder_that_does_not_close_its_file_is_made_to():
@@ -257,6 +257,18 @@ def test_another_process_keeps_recorders_that_run_and_starts_those_that_ended():
     assert second.commands == [StartChild("cameras", 2)]
     assert second.part.growing
     assert second.machine.groups["cameras"].gaps[0]["ending"] == "it ended while this node was away"
+
+
+def test_a_recorder_that_ended_while_nobody_watched_has_a_gap_since_its_files_grew_last():
+    first, second = recording(), Platform()
+    second.running, second.sizes = dict(first.running), dict(first.sizes)
+    second.kill("cameras", "it ended while this node was away")
+    second.idle["cameras"] = 20 * S
+    second.machine.remember(0, recorded_memory(first), same_boot=True)
+    second.go_on(1.0)
+    (gap,) = second.machine.groups["cameras"].gaps
+    assert gap == {"group": "cameras", "file": 2, "seconds": 20.2, "ending": "it ended while this node was away"}
+    assert second.machine.groups["states"].gaps == []
 
 
 def test_after_a_start_of_the_system_what_was_recorded_is_made_whole():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
@@ -161,18 +162,20 @@ class RecorderChildren:
         folder = self._folder
         if folder is None:
             return Sight()
-        sizes = _sizes(folder)
-        groups = {name: self._see(name, sizes, subscriptions) for name in self._groups}
+        files = _files(folder)
+        groups = {name: self._see(name, files, subscriptions) for name in self._groups}
         return Sight(groups, space_of(folder))
 
-    def _see(self, name: str, sizes: Mapping[str, int], subscriptions: Subscriptions) -> GroupSight:
+    def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupSight:
+        mine = [files[each] for each in files_of(name, list(files))]
         running = self._is_running(name)
         log, topics = self._logs[name].read(), self._topics[name]
         ending = "" if running else "; ".join(each for each in (self._endings.get(name, ""), log.error) if each)
         return GroupSight(
             running=running,
             ending=ending,
-            size=sum(sizes[each] for each in files_of(name, list(sizes))),
+            size=sum(each.st_size for each in mine),
+            idle_ns=max(0, time.time_ns() - max(each.st_mtime_ns for each in mine)) if mine else None,
             missing=subscriptions.missing(self._nodes[name], topics) if running else tuple(topics),
             silent=subscriptions.silent(topics),
             dropped=log.dropped,
@@ -207,13 +210,13 @@ def _ending(status: int) -> str:
     return f"it ended with status {status}"
 
 
-def _sizes(folder: Path) -> Dict[str, int]:
-    found: Dict[str, int] = {}
+def _files(folder: Path) -> Dict[str, os.stat_result]:
+    found: Dict[str, os.stat_result] = {}
     try:
         with os.scandir(folder) as entries:
             for entry in entries:
                 with suppress(OSError):
-                    found[entry.name] = entry.stat().st_size
+                    found[entry.name] = entry.stat()
     except OSError:
         pass
     return found

@@ -44,6 +44,7 @@ class Collection:
             "facts": {
                 "session_id": collector.session_id,
                 "mission_id": collector.mission_id,
+                "stopped_ns": collector.stopped_ns,
                 "configuration_hash": self._configuration.hash,
             },
         }

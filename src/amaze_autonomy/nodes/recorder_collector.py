@@ -62,7 +62,7 @@ class RecorderCollector:
 
     def _stop(self, session_id: str) -> Answer:
         with self._share.lock:
-            return self.machine.stop(self._share.now_ns(), session_id)
+            return self.machine.stop(self._share.now_ns(), session_id, self._share.stamp_ns())
 
     def _heard(self, platform: str, status: Status) -> None:
         with self._share.lock:
@@ -183,7 +183,7 @@ class RecorderCollector:
 
     def interrupt(self) -> None:
         """Take notice that the node ends."""
-        self.machine.interrupted(self._share.now_ns())
+        self.machine.interrupted(self._share.now_ns(), self._share.stamp_ns())
 
     def close(self) -> None:
         """Copy what the engine wrote until now; forget the others."""

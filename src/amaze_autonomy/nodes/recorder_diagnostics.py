@@ -62,6 +62,6 @@ def _row(part: PlatformStatus, *, writing: bool) -> Any:
             KeyValue("bytes", str(part.written_bytes)),
             KeyValue("bytes per second", f"{part.byte_rate:.0f}"),
             KeyValue("free fraction", free),
-            KeyValue("warnings of dropped messages", str(part.dropped)),
+            KeyValue("messages dropped, at least", str(part.dropped)),
         ],
     )

@@ -75,6 +75,7 @@ class Collector:
         self._tries = 0
         self._copied = False
         self._summary: Mapping[str, Any] = {}
+        self.stopped_ns: Optional[int] = None
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -89,17 +90,18 @@ class Collector:
         if session_id != self.session_id:
             self.views = {name: view.fresh() for name, view in self.views.items()}
             self.location, self._copied, self._summary = "", False, {}
-        self.session_id, self.mission_id = session_id, mission_id
+        self.session_id, self.mission_id, self.stopped_ns = session_id, mission_id, None
         for view in self.views.values():
             view.refusal = ""
         self._enter(Phase.STARTING, t_ns)
         return Answer(accepted=True)
 
-    def stop(self, t_ns: int, session_id: str) -> Answer:
-        """End the session and collect it; after FAILED go on where it stopped."""
+    def stop(self, t_ns: int, session_id: str, wall_ns: Optional[int] = None) -> Answer:
+        """End the session and collect it; after FAILED go on where it stopped. `wall_ns` is the clock that stamps."""
         if not session_id or session_id != self.session_id:
             return Answer(accepted=False, message=f"session {session_id!r} was not recorded here")
         if self.phase in (*WRITING, Phase.FAILED):
+            self.stopped_ns = wall_ns if self.stopped_ns is None else self.stopped_ns
             for view in self.views.values():
                 view.refusal, view.asked_ns = "", None
                 view.fetched, view.fetched_fraction, view.fetch_again_ns = False, 0.0, 0
@@ -168,9 +170,10 @@ class Collector:
         self._enter(Phase.COMPLETE, t_ns)
         self.location, self._message = str(summary.get("location", "")), str(summary.get("message", ""))
 
-    def interrupted(self, t_ns: int) -> None:
+    def interrupted(self, t_ns: int, wall_ns: Optional[int] = None) -> None:
         """Take notice that the process ends: what it recorded waits for somebody to ask for it."""
         if self.phase in WRITING:
+            self.stopped_ns = wall_ns
             self._fail(t_ns, "the recorder node was ended while it recorded; its part is closed, retry collects it")
 
     def step(self, t_ns: int) -> Tuple[Command, ...]:
@@ -383,6 +386,7 @@ class Collector:
             "location": self.location,
             "message": self._message,
             "summary": dict(self._summary),
+            "stopped_ns": self.stopped_ns,
             "platforms": {view.name: view.memory() for view in self.views.values()},
         }
 
@@ -399,7 +403,7 @@ class Collector:
             phase = Phase.TRANSFERRING
         self._enter(phase, t_ns)
         self.location, self._message = str(memory["location"]), str(memory["message"])
-        self._summary = dict(memory["summary"])
+        self._summary, self.stopped_ns = dict(memory["summary"]), memory.get("stopped_ns")
 
 
 _TURNS: Mapping[Phase, Callable[[Collector, int], List[Command]]] = {

@@ -20,7 +20,8 @@ from amaze_autonomy.bags.verify import verify
 from amaze_autonomy.engine.events import RecordingPhase as Phase
 
 from .errors import RecordingError
-from .parts import Part, check_arrived, losses, whole_bags
+from .lost import losses
+from .parts import Part, check_arrived, whole_bags
 
 __all__ = ["Plan", "Source", "Summary", "collect"]
 
@@ -106,7 +107,7 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
     for source in plan.sources:
         content = check_arrived(source.folder, checksums=source.fetched)
         parts = whole_bags(source.folder, plan.output.parent / source.platform)
-        gone = _lost_here(content, parts)
+        gone = _lost_here(content, parts, _end_ns(plan, source))
         inputs += [part.path for part in parts]
         offsets += [source.correction_ns] * len(parts)
         lost += [f"{source.platform}/{words}" for words in gone]
@@ -115,6 +116,7 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
             "correction_ns": source.correction_ns,
             "gaps": content.get("gaps", []),
             "dropped_warnings": content.get("dropped", 0),
+            "missing_numbers": content.get("missing", {}),
             "lost": gone,
         }
     if not inputs:
@@ -122,14 +124,21 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
     return inputs, tuple(offsets), platforms, lost
 
 
-def _lost_here(content: Mapping[str, Any], parts: Sequence[Part]) -> List[str]:
+def _end_ns(plan: Plan, source: Source) -> Optional[int]:
+    """Return when the recording was to end, on the clock of a platform; None when nobody knows."""
+    stopped_ns = plan.facts.get("stopped_ns")
+    offsets = [int(each["offset_ns"]) for each in source.clock.values()]
+    return None if stopped_ns is None else int(stopped_ns) + (sum(offsets) // len(offsets) if offsets else 0)
+
+
+def _lost_here(content: Mapping[str, Any], parts: Sequence[Part], end_ns: Optional[int]) -> List[str]:
     """Return the losses of a part, with what was lost in bags that were recovered here."""
     known = {part.path.name.split(".")[0]: part.lost for part in parts}
     files = [
         {**entry, "lost": known.get(str(entry["file"]).split(".")[0])} if entry.get("open") else entry
         for entry in content["files"]
     ]
-    return losses({**content, "files": files})
+    return losses({**content, "files": files}, end_ns)
 
 
 def _usable_manifest(output: Path, inputs: Sequence[Path], offsets: Sequence[int]) -> Optional[Dict[str, Any]]:

@@ -43,7 +43,7 @@ class Group:
         self._grew_ns: Optional[int] = None
         self._gap_ns: Optional[int] = None
         self._full_size = 0
-        self._told = False
+        self._told = self._taken_over = False
 
     def begin(self) -> None:
         """Forget the last recorder: a recording begins, or goes on."""
@@ -81,12 +81,14 @@ class Group:
         """Take what is seen of it; `writing`: it shall record."""
         before, self._sight = self._sight, sight
         if sight.size > before.size:
-            self._grew_ns = t_ns
+            self._grew_ns = t_ns if not self._taken_over or sight.idle_ns is None else t_ns - sight.idle_ns
+            self._taken_over = False
         if self.running and not sight.running:
             self._died(t_ns, writing=writing)
         elif writing and sight.full and not before.full and self._gap_ns is None:
             self._full_size = sight.size
             self._open_gap(t_ns, _FULL, self.number)
+            self.gaps[-1]["inside"] = True
         if sight.running and self._born_size is None:
             self._came(t_ns, sight.size)
         self.running = sight.running
@@ -133,8 +135,7 @@ class Group:
             lost_s = sum(each["seconds"] for each in closed)
             found.append(f"{self.name}: its recording was interrupted {times}, {lost_s:.1f} s are missing")
         if self.dropped:
-            warnings = "1 warning" if self.dropped == 1 else f"{self.dropped} warnings"
-            found.append(f"{self.name}: messages were dropped, {warnings}")
+            found.append(f"{self.name}: messages were dropped, at least {self.dropped}")
         return found
 
     def _trouble(self) -> str:
@@ -162,4 +163,5 @@ class Group:
         group.number, group.dropped = int(memory["number"]), int(memory["dropped"])
         group.gaps = [dict(each) for each in memory["gaps"]]
         group.running = writing  # if it is not any more, that is seen
+        group._taken_over = True  # nobody saw when its files grew last; they know
         return group

@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recover import recover
 
+from .accounts import Written, account, written
 from .errors import TransferError
 from .folders import PARTS, read_json, write_json
+from .header_numbers import Numbers, Stream, header_numbers
 
-__all__ = ["Part", "check_arrived", "close_parts", "losses", "open_bags", "whole_bags"]
+__all__ = ["Part", "check_arrived", "close_parts", "open_bags", "whole_bags"]
 
 _PIECE = 1 << 20
 _RECOVERED = ".recovered.bag"
@@ -92,14 +94,37 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
     """
     paths = open_bags(folder)
     meter = _Meter(sum(path.stat().st_size for path in paths), progress)
-    entries = []
+    entries: List[Dict[str, Any]] = []
+    files: List[Written] = []
     for path in paths:
-        entries += _listed(folder, path)
+        listed = _listed(folder, path)
+        entries += listed
+        files += _written(folder, path, listed)
         meter.add(path.stat().st_size)
+    known = account(files, facts.get("gaps", []))
     logs = sorted(path.name for path in folder.glob("*.log"))
-    content = {"parts": 1, **facts, "files": entries, "logs": logs}
+    content = {"parts": 1, **facts, **known._asdict(), "files": entries, "logs": logs}
     write_json(folder / PARTS, content)
     return content
+
+
+def _written(folder: Path, path: Path, listed: Sequence[Mapping[str, Any]]) -> List[Written]:
+    """Return what is known of a file that a recorder wrote: times and numbers of what is whole of it."""
+    file = written(path.name)
+    if file is None:
+        return []
+    times: List[int] = []
+    numbers: Dict[Stream, Numbers] = {}
+    for entry in listed:
+        if not entry.get("open"):
+            whole = folder / str(entry["file"])
+            with Index(whole) as index:
+                filled = [chunk for chunk in index.chunks if chunk.messages]
+                times += [each for chunk in filled for each in (chunk.start_ns, chunk.end_ns)]
+            numbers = header_numbers(whole)
+            if file.closed and entry.get("lost") != 0:  # damage is told as such
+                numbers = {stream: each._replace(missing=0) for stream, each in numbers.items()}
+    return [file._replace(first_ns=min(times, default=None), last_ns=max(times, default=None), numbers=numbers)]
 
 
 def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
@@ -161,31 +186,3 @@ class _Meter:
         self._done += size
         if self._report is not None:
             self._report(self._done, self._total)
-
-
-def losses(content: Mapping[str, Any]) -> List[str]:
-    """Return what a part has lost, in words."""
-    words = []
-    for entry in content["files"]:
-        lost = entry.get("lost", 0)
-        if lost is None:
-            words.append(f"{entry['file']}: an unknown number of messages")
-        elif lost:
-            words.append(f"{entry['file']}: {lost:,} messages")
-    words += _gaps(content.get("gaps", []))
-    if content.get("dropped"):
-        warnings = "1 warning" if content["dropped"] == 1 else f"{content['dropped']} warnings"
-        words.append(f"{warnings} of dropped messages")
-    return words
-
-
-def _gaps(gaps: Sequence[Mapping[str, Any]]) -> List[str]:
-    """Return the times in which a group was not recorded, one line for each group and cause."""
-    found: Dict[Tuple[str, str], List[float]] = {}
-    for gap in gaps:
-        found.setdefault((gap["group"], gap["ending"]), []).append(gap["seconds"])
-    return [
-        f"{group}: {'' if len(seconds) == 1 else f'{len(seconds)} times, together '}{sum(seconds):.1f} s, "
-        f"in which nothing was recorded ({ending})"
-        for (group, ending), seconds in found.items()
-    ]

@@ -241,7 +241,7 @@ class PlatformRecorder:
 
     @property
     def dropped(self) -> int:
-        """Return the warnings that messages were dropped."""
+        """Return how many messages were dropped, at least: a recorder warns once in five seconds."""
         return sum(group.dropped for group in self.groups.values())
 
     def facts(self) -> Dict[str, Any]:

@@ -24,6 +24,7 @@ class GroupSight:
         running: a process of it is there.
         ending: how its last process ended, in words; empty while it runs.
         size: bytes of all its files.
+        idle_ns: since something was written to one of them; None: unknown.
         missing: topics that it is not subscribed to; None: the master does not say.
         silent: nobody publishes any of its topics.
         dropped: warnings in its log that messages were dropped.
@@ -33,6 +34,7 @@ class GroupSight:
     running: bool
     ending: str = ""
     size: int = 0
+    idle_ns: Optional[int] = None
     missing: Optional[Tuple[str, ...]] = None
     silent: bool = False
     dropped: int = 0

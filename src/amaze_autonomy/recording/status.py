@@ -24,7 +24,7 @@ class PlatformStatus:
         free_fraction: of its storage; None: unknown.
         location: folder of its part, as the platform names it.
         message: what is wrong; may be empty.
-        dropped: warnings of its recorders that messages were dropped; each stands for one message or more.
+        dropped: at least so many messages were dropped: its recorders warned so often.
     """
 
     platform: str
@@ -61,5 +61,5 @@ class Status:
 
     @property
     def dropped(self) -> int:
-        """Return the warnings of all platforms."""
+        """Return how many messages of all platforms were dropped, at least."""
         return sum(each.dropped for each in self.platforms)
