@@ -73,7 +73,9 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
         name: SimpleNamespace(began=True, offsets={}, part=PlatformStatus(name, location=f"/rec/{name}"))
         for name in ("main", "second")
     }
-    collector = SimpleNamespace(views=views, setup=SimpleNamespace(own="main"), session_id="s1", mission_id="m")
+    collector = SimpleNamespace(
+        views=views, setup=SimpleNamespace(own="main"), session_id="s1", mission_id="m", stopped_ns=5
+    )
     request = Collection(configuration, transfers).request(tmp_path / "s1_m", collector)
     assert request["output"] == str(tmp_path / "s1_m" / "s1_m.bag")
     assert [(each["platform"], each["folder"], each["fetched"]) for each in request["sources"]] == [
