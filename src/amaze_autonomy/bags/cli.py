@@ -44,6 +44,8 @@ examples:
 examples:
   amaze-bag recover flight.bag.active                 writes flight.bag
   amaze-bag recover broken.bag -o good.bag --check-data
+  amaze-bag recover --in-place flight.bag.active      no copy: flight.bag, and flight.bag.undo
+  amaze-bag recover --undo flight.bag                 flight.bag.active as it was
 """,
     "merge": """\
 examples:
@@ -83,9 +85,12 @@ def _parser() -> argparse.ArgumentParser:
     doctor.add_argument("bags", nargs="+", type=Path, metavar="BAG")
     doctor.add_argument("--quick", action="store_true", help="do not read the data of whole chunks")
 
-    recover = _command(adder, "recover", "write what is good into a new bag", "recover_bag")
-    recover.add_argument("bag", type=Path, metavar="BAG", help="is only read")
-    recover.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
+    recover = _command(adder, "recover", "write what is good into a new bag, or close a bag in place", "recover_bag")
+    recover.add_argument("bag", type=Path, metavar="BAG", help="is only read, but for --in-place and --undo")
+    where = recover.add_mutually_exclusive_group()
+    where.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
+    where.add_argument("--in-place", action="store_true", help="no copy: change the end of the bag, keep x.bag.undo")
+    where.add_argument("--undo", action="store_true", help="make the original of what was recovered in place")
     recover.add_argument("--check-data", action="store_true", help="check the data of whole chunks, too (reads it all)")
     recover.add_argument("--force", action="store_true", help="replace an existing output")
 

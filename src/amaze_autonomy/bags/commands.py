@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 from .errors import BagError
+from .inplace import recover_in_place
 from .manifest import (
     declared_duplicates,
     manifest_path,
@@ -16,7 +17,7 @@ from .manifest import (
     write_manifest,
 )
 from .merge import MergeOptions, merge
-from .recover import recover, recovered_name
+from .recover import Recovered, recover, recovered_name
 from .report import (
     info_lines,
     info_result,
@@ -29,6 +30,7 @@ from .report import (
 )
 from .scan import scan
 from .terminal import progress_bar
+from .undo import restore
 from .verify import Verified, verify
 
 __all__ = ["doctor", "info", "merge_bags", "recover_bag", "verify_bag"]
@@ -58,13 +60,23 @@ def doctor(options: argparse.Namespace) -> bool:
 
 
 def recover_bag(options: argparse.Namespace) -> bool:
-    """Write what is good into a new bag."""
-    output = options.output or recovered_name(options.bag)
+    """Write what is good into a new bag, or close a bag in place, or undo that."""
+    if options.undo:
+        original = restore(options.bag)
+        show([f"{original}: as it was"], {"file": str(original), "restored": True}, as_json=options.json)
+        return False
     with progress_bar(f"recover {options.bag.name}") as progress:
-        done = recover(options.bag, output, check_data=options.check_data, replace=options.force, progress=progress)
+        done = _recovered(options, progress)
     result = {**scan_result(done.scan), "output": str(done.path), "output_bytes": done.size}
     show(recover_lines(done), result, as_json=options.json)
     return not done.complete
+
+
+def _recovered(options: argparse.Namespace, progress: Any) -> Recovered:
+    if options.in_place:
+        return recover_in_place(options.bag, check_data=options.check_data, progress=progress)
+    output = options.output or recovered_name(options.bag)
+    return recover(options.bag, output, check_data=options.check_data, replace=options.force, progress=progress)
 
 
 def merge_bags(options: argparse.Namespace) -> bool:

@@ -13,7 +13,7 @@ from .connections import Connection
 from .errors import BagError
 from .layout import FIRST_RECORD, bag_header, chunk_header, chunk_info, connection_record
 
-__all__ = ["Output", "Stretch", "temporary_name"]
+__all__ = ["Output", "Stretch", "index_of", "sync_folder", "temporary_name"]
 
 _PIECE = 128 << 10  # larger writes make the page cache slower, not faster
 _SEGMENTS = 1000  # the system takes 1024 in one call
@@ -184,11 +184,7 @@ class Output:
     def close(self, connections: Dict[int, Connection]) -> int:
         """Write the index, wait until all is on the disk, give the bag its name; return its size."""
         begin = self.position
-        records = [
-            connection_record(number, each.topic.encode("utf-8", "surrogateescape"), each.header)
-            for number, each in sorted(connections.items())
-        ]
-        self.position += self._write([b"".join(records), b"".join(self._infos)])
+        self.position += self._write([index_of(connections, self._infos)])
         header = bag_header(begin, len(connections), len(self._infos))
         if os.pwrite(self._file, header, 0) != len(header):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -198,11 +194,21 @@ class Output:
         self._part.replace(self.path)
         os.close(self._file)
         self._file = -1
-        _sync_folder(self.path.parent)
+        sync_folder(self.path.parent)
         return self.position
 
 
-def _sync_folder(folder: Path) -> None:
+def index_of(connections: Dict[int, Connection], infos: List[bytes]) -> bytes:
+    """Return the index of a bag; `infos` are its chunks' records."""
+    records = [
+        connection_record(number, each.topic.encode("utf-8", "surrogateescape"), each.header)
+        for number, each in sorted(connections.items())
+    ]
+    return b"".join([*records, *infos])
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until names in a folder are on the disk."""
     file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(file)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Callable, List, NamedTuple, Optional
+from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Tuple
 
 from .compression import decompressed
 from .errors import BagError
@@ -14,8 +14,9 @@ from .layout import FIRST_RECORD, record_at
 from .output import Output
 from .salvage import kept_by_walk, rewritten
 from .scan import Found, Scan, scan
+from .undo import is_interrupted
 
-__all__ = ["Recovered", "recover", "recovered_name"]
+__all__ = ["Recovered", "Sink", "beginning", "recover", "recovered_name", "write_kept"]
 
 _HEAD = 4096
 Progress = Callable[[int, int], None]
@@ -64,11 +65,13 @@ def recover(
     """
     if output.exists() and output.samefile(path):
         raise BagError(str(output), "is the bag to be recovered, which is never changed", "choose another name")
+    if is_interrupted(path):
+        raise BagError(str(path), "is half changed by a recovery in place", "finish that with --in-place, or --undo it")
     found = scan(path, check_data=check_data, progress=progress)
     file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         with Output(output, replace=replace, needed=_needed(found)) as out:
-            _write(out, file, found)
+            write_kept(out, file, found)
             size = out.close(found.connections)
     finally:
         os.close(file)
@@ -79,13 +82,34 @@ def _needed(found: Scan) -> int:
     return sum(len(each.data) if each.data is not None else each.data_end - each.position for each in found.chunks)
 
 
-def _write(out: Output, file: int, found: Scan) -> None:
-    beginning = _beginning(found)
-    if beginning:
-        out.copy_beginning(file, beginning[-1].end)
-    for chunk in beginning:
+class Sink(Protocol):
+    """What takes chunks: a new bag, or the end of an old one."""
+
+    def copy_beginning(self, file: int, end: int) -> None:
+        """Take the first bytes of a bag, as they are."""
+
+    def note_chunk(self, position: int, *, times: Tuple[int, int], counts: Any) -> None:
+        """Take a chunk in them into the index."""
+
+    def chunk(
+        self, compression: str, size: int, parts: List[Any], index: Any, *, times: Tuple[int, int], counts: Any
+    ) -> None:
+        """Take a new chunk."""
+
+    def copy_chunk(
+        self, file: int, start: int, end: int, *, times: Tuple[int, int], counts: Any, index: bytes = b""
+    ) -> None:
+        """Take a chunk of the bag."""
+
+
+def write_kept(out: Sink, file: int, found: Scan) -> None:
+    """Write all that is good in a file."""
+    kept = beginning(found)
+    if kept:
+        out.copy_beginning(file, kept[-1].end)
+    for chunk in kept:
         out.note_chunk(chunk.position, times=(chunk.start_ns, chunk.end_ns), counts=chunk.counts)
-    for chunk in found.chunks[len(beginning) :]:
+    for chunk in found.chunks[len(kept) :]:
         times = (chunk.start_ns, chunk.end_ns)
         if chunk.drop:
             _write_rest(out, file, chunk)
@@ -98,7 +122,7 @@ def _write(out: Output, file: int, found: Scan) -> None:
             out.copy_chunk(file, chunk.position, end, times=times, counts=chunk.counts, index=records)
 
 
-def _beginning(found: Scan) -> List[Found]:
+def beginning(found: Scan) -> List[Found]:
     """Return the chunks that can stay where they are: good ones from the first place on, without anything between."""
     chunks: List[Found] = []
     place = FIRST_RECORD
@@ -110,7 +134,7 @@ def _beginning(found: Scan) -> List[Found]:
     return chunks
 
 
-def _write_rest(out: Output, file: int, chunk: Found) -> None:
+def _write_rest(out: Sink, file: int, chunk: Found) -> None:
     """Write a chunk without the messages that are to be dropped."""
     data = chunk.data
     if data is None:
