@@ -19,7 +19,7 @@ from .columns import Wanted, read_columns, wanted_of
 from .errors import MessageError
 from .fields import layout_of
 from .opened import Indexed, Link, opened
-from .tapes import tapes_of
+from .tapes import Tapes, tapes_of
 
 __all__ = ["Entry", "Numbers", "Recording", "Table", "Topic"]
 
@@ -123,6 +123,11 @@ class Recording:
     def close(self) -> None:
         """Close the file."""
         self._bag.close()
+
+    @property
+    def tapes(self) -> Optional[Tapes]:
+        """Tapes of the bag; None where none are wanted."""
+        return self._tapes
 
     @property
     def start_ns(self) -> Optional[int]:

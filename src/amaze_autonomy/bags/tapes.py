@@ -82,6 +82,18 @@ class Tapes:
         }
         self._store("messages", list(topics), arrays)
 
+    def text(self, kind: str, what: Any) -> Optional[str]:
+        """Return a text that was kept; None when there is none. `what` says what it was made of, and by which code."""
+        arrays = self._load(kind, what)
+        try:
+            return None if arrays is None else arrays["text"].tobytes().decode()
+        except _BROKEN:
+            return None
+
+    def keep_text(self, kind: str, what: Any, text: str) -> None:
+        """Keep a text."""
+        self._store(kind, what, {"text": np.frombuffer(text.encode(), np.uint8)})
+
     def _load(self, kind: str, what: Any) -> Optional[Dict[str, Any]]:
         try:
             with self._path(kind, what).open("rb") as opened, np.load(opened, allow_pickle=False) as file:

@@ -13,7 +13,7 @@ from math import isfinite
 from operator import attrgetter
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union, get_type_hints
 
-__all__ = ["CodecError", "from_plain", "to_plain"]
+__all__ = ["CodecError", "decoder_of", "from_plain", "plain_fields", "to_plain"]
 
 Encoder = Callable[[Any], Any]
 Decoder = Callable[[Any, str], Any]
@@ -60,6 +60,16 @@ def from_plain(kind: type, data: Any, where: str = "") -> Any:
         return kind(**values)
     except (TypeError, ValueError) as error:
         raise CodecError(where, str(error)) from error
+
+
+def plain_fields(kind: type) -> Dict[str, bool]:
+    """Return the names of a dataclass' fields, sorted, and for each whether its values are JSON's as they are."""
+    return {name: encoder is None for name, encoder in _encoding_plan(kind)}
+
+
+def decoder_of(kind: type, name: str) -> Decoder:
+    """Return what makes a field's value of its JSON value; it takes that and a path for errors."""
+    return _decoding_plan(kind)[name][0]
 
 
 def _path(where: str, name: str) -> str:

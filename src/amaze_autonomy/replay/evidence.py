@@ -6,7 +6,7 @@ Only what the recording tells counts. Where it tells nothing of the vehicle, no 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Optional
+from typing import List, NamedTuple, Optional
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
@@ -21,8 +21,7 @@ _LAND_LIMIT_NS = 5 * _S
 _LANDING_PHASES = (MissionPhase.LANDING, MissionPhase.LANDED)
 
 
-@dataclass(frozen=True)
-class Observed:
+class Observed(NamedTuple):
     """What the recording shows at a time; None: nothing."""
 
     t_ns: int
@@ -62,6 +61,8 @@ class Evidence:
     def observe(self, seen: Observed) -> None:
         """Take what the recording shows now."""
         self._last = seen
+        if not self._waiting:
+            return
         self._waiting = [each for each in self._waiting if not self._shows(each, seen)]
         for each in self._waiting:
             if seen.t_ns >= each.until_ns:

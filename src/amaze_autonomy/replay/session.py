@@ -111,6 +111,7 @@ class Session:
         self._source = Source.SCRIPT
         self._monitors = Monitors(plan)
         self._riding: Tuple[int, ...] = ()
+        self._names: Dict[int, str] = {}
         self._script = plan.topic_map.script
         self._log = self._read_log()
         self._begin_ns = self._beginning()
@@ -227,7 +228,11 @@ class Session:
         topics = self._recordings.topics
         lights = [None if self._world.decodes(topic) else self._monitors.light(topic) for topic in topics]
         whole = [topic for rank, topic in enumerate(topics) if lights[rank] is None and self._takers[rank][0]]
-        self._recordings.keep(whole)
+        names = {rank: self._world.status_of(topic) for rank, topic in enumerate(topics) if topic in whole}
+        told = {rank: name for rank, name in names.items() if name and not self._monitors.decodes(topics[rank])}
+        taped = [topics[rank] for rank in self._recordings.read_statuses(told)]
+        self._names = told
+        self._recordings.keep([topic for topic in whole if topic not in taped])
         self._recordings.read({rank: light.paths for rank, light in enumerate(lights) if light and light.readers})
         tracks = {
             rank: self._recordings.track(rank, light.paths) for rank, light in enumerate(lights) if light is not None
@@ -244,6 +249,11 @@ class Session:
 
     def _take(self, sample: Sample) -> None:
         decodes, topic = self._takers[sample.rank]
+        event = self._recordings.status(sample) if sample.rank in self._names else None
+        if event is not None:
+            self._monitors.take(topic, sample.t_ns, None)
+            self._world.take_status(self._names[sample.rank], sample.t_ns, event)
+            return
         message = self._recordings.message(sample) if decodes else None
         self._monitors.take(topic, sample.t_ns, message)
         if message is not None:

@@ -17,8 +17,10 @@ import numpy as np
 from amaze_autonomy.bags import Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.recording import Numbers
+from amaze_autonomy.engine.events import Event
 
 from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
+from .status_tapes import taped_statuses
 from .telemetry import recordings_of
 from .tracks import Track
 
@@ -107,6 +109,7 @@ class Recordings:
         self._numbers: Dict[Tuple[int, int], Optional[Numbers]] = {}
         self._rows: Dict[Tuple[int, int], _Rows] = {}
         self._read: Dict[int, Tuple[str, ...]] = {}
+        self._statuses: Dict[Tuple[int, int], List[Event]] = {}
         try:
             self._open(paths)
         except BaseException:
@@ -201,6 +204,25 @@ class Recordings:
                 for rank in new:
                     self._numbers[number, rank] = found.get(self.topics[rank])
                     self._rows.pop((number, rank), None)
+
+    def read_statuses(self, wanted: Mapping[int, str]) -> Tuple[int, ...]:
+        """Read recorded statuses as events, by rank the name of each; return the ranks of which `status` has all."""
+        whole: List[int] = []
+        for rank, name in wanted.items():
+            bags = [number for number, bag in enumerate(self.bags) if len(bag.entries(self.topics[rank]))]
+            for number in bags:
+                bag = self.bags[number]
+                found = taped_statuses(bag, self.topics[rank], name) if isinstance(bag, Recording) else None
+                if found is not None:
+                    self._statuses[number, rank] = found
+            if all((number, rank) in self._statuses for number in bags):
+                whole.append(rank)
+        return tuple(whole)
+
+    def status(self, sample: Sample) -> Optional[Event]:
+        """Return a recorded status as an event; None when `message` must be asked."""
+        found = self._statuses.get((sample.bag, sample.rank))
+        return None if found is None else found[sample.row]
 
     def keep(self, topics: Sequence[str]) -> None:
         """Make whole messages of some topics fast, where tapes are wanted."""

@@ -183,8 +183,17 @@ class World:
         if name is None or name not in EVENT_OF:
             return
         event = self._read(name, topic, t_ns, message)
-        if event is None:
-            return
+        if event is not None:
+            self.take_status(name, t_ns, event)
+
+    def status_of(self, topic: str) -> str:
+        """Return the name of the status that a topic carries; empty when there is none."""
+        name = self._statuses.get(topic, "")
+        return name if name in EVENT_OF else ""
+
+    def take_status(self, name: str, t_ns: int, event: Event) -> None:
+        """Take a recorded status as an event."""
+        event = self._ours(event)
         self._heard[name] = event
         if isinstance(event, WatchdogInfo):
             self.answers.recorded_info = event
@@ -200,7 +209,7 @@ class World:
     def _read(self, name: str, topic: str, t_ns: int, message: Any) -> Optional[Event]:
         """Return a recorded status as an event; None when it holds what cannot be, which is noted."""
         try:
-            return self._ours(EVENT_OF[name](message, t_ns))
+            return EVENT_OF[name](message, t_ns)
         except InvalidStatusError as error:
             self._recordings.note(topic, t_ns, str(error))
             return None
@@ -215,13 +224,14 @@ class World:
         return evolve(event, session_id=self._sessions.setdefault(recorded, self.state.session_id))
 
     def _observe(self, t_ns: int) -> None:
-        told = self._monitors.facts(t_ns, flown=True)
         autopilot, planner = self._heard.get("autopilot"), self._heard.get("mission_planner")
-        seen = Observed(t_ns, told.get("landed"), told.get("height_m"))
-        if isinstance(autopilot, AutopilotStatus):
-            seen = Observed(t_ns, autopilot.landed, autopilot.height_m, autopilot.mode)
         phase = planner.phase if isinstance(planner, MissionStatus) else None
-        self.evidence.observe(evolve(seen, phase=phase))
+        if isinstance(autopilot, AutopilotStatus):
+            seen = Observed(t_ns, autopilot.landed, autopilot.height_m, autopilot.mode, phase)
+        else:
+            told = self._monitors.facts(t_ns, flown=True)
+            seen = Observed(t_ns, told.get("landed"), told.get("height_m"), None, phase)
+        self.evidence.observe(seen)
 
     # --- statuses of the peers ----------------------------------------------------------------------------------------
 

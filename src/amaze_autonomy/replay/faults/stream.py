@@ -12,6 +12,7 @@ from typing import Any, Callable, Iterable, List, Mapping, Optional, Sequence, T
 
 import numpy as np
 
+from amaze_autonomy.engine.events import Event
 from amaze_autonomy.simulation import Subject
 
 from ..sources import Recordings, Sample
@@ -119,6 +120,19 @@ class FaultedRecordings(Recordings):
             return self._inner.values(sample)
         item = self._items[sample.offset]
         return None if item.edits else self._inner.values(item.sample)
+
+    def read_statuses(self, wanted: Mapping[int, str]) -> Tuple[int, ...]:
+        """Read recorded statuses as events."""
+        whole = self._inner.read_statuses(wanted)
+        return () if self._faulted else whole
+
+    def status(self, sample: Sample) -> Optional[Event]:
+        """Return a recorded status as an event; None when `message` must be asked: a fault moves or edits it."""
+        if not self._faulted:
+            return self._inner.status(sample)
+        item = self._items[sample.offset]
+        moved = item.edits or item.t_ns != item.sample.t_ns
+        return None if moved else self._inner.status(item.sample)
 
     def _apply(self, number: int, acting: Acting, chance: Random) -> None:
         name = acting.fault.kind.name

@@ -1,0 +1,82 @@
+"""The recorded statuses of a bag as events, from a tape where tapes are wanted: neither decoded nor checked again."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+from typing import List, Mapping, Optional, Sequence
+
+from amaze_autonomy.bags import Recording
+from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.engine import bundle, checks, codec, events, severity
+from amaze_autonomy.engine.bundle import bundled, unbundled
+from amaze_autonomy.engine.events import (
+    AutopilotStatus,
+    Event,
+    LandedStatus,
+    MissionStatus,
+    RecordingStatus,
+    WatchdogAction,
+    WatchdogInfo,
+)
+
+from . import statuses
+from .errors import InvalidStatusError
+from .statuses import EVENT_OF
+
+__all__ = ["taped_statuses"]
+
+_KIND = "statuses"
+_CLASSES: Mapping[str, type] = {
+    "watchdog_action": WatchdogAction,
+    "watchdog_info": WatchdogInfo,
+    "mission_planner": MissionStatus,
+    "autopilot": AutopilotStatus,
+    "landing_detection": LandedStatus,
+    "data_recorder": RecordingStatus,
+}
+
+
+def taped_statuses(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
+    """Return all statuses of a topic in the order of its entries, each with the session that was recorded.
+
+    Returns:
+        None without tapes, and when a message is damaged or holds what cannot be: then each is asked by itself.
+    """
+    tapes = bag.tapes
+    if tapes is None or name not in _CLASSES:
+        return None
+    what = [topic, name, _code()]
+    found = _unbundled(_CLASSES[name], tapes.text(_KIND, what))
+    if found is not None and len(found) == len(bag.table(topic).t_ns):
+        return found
+    found = _read(bag, topic, name)
+    if found is not None:
+        tapes.keep_text(_KIND, what, bundled(found))
+    return found
+
+
+def _unbundled(kind: type, text: Optional[str]) -> Optional[List[Event]]:
+    try:
+        return None if text is None else unbundled(kind, text)
+    except ValueError:  # damaged: made anew
+        return None
+
+
+def _read(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
+    make = EVENT_OF[name]
+    try:
+        return [make(bag.message(entry), entry.t_ns) for entry in bag.entries(topic)]
+    except (MessageError, InvalidStatusError, AttributeError, TypeError):
+        return None
+
+
+@lru_cache(maxsize=None)
+def _code() -> str:
+    """Return a digest of the code that makes the events: a tape of another version is another tape."""
+    digest = hashlib.sha256()
+    modules: Sequence[object] = (bundle, checks, codec, events, severity, statuses)
+    for module in modules:
+        digest.update(Path(str(getattr(module, "__file__", ""))).read_bytes())
+    return digest.hexdigest()
