@@ -11,9 +11,27 @@ from amaze_autonomy.config import AutopilotSettings, load_configuration
 
 
 def test_the_shipped_file_says_the_defaults_and_the_parameters_that_matter():
-    shipped = load_configuration(paths.config_folder()).autopilot
-    assert replace(shipped, parameters={}) == AutopilotSettings()
-    assert sorted(shipped.parameters) == ["COM_DISARM_LAND", "COM_DISARM_PRFLT", "COM_LOW_BAT_ACT"]
+    shipped = load_configuration(paths.config_folder(), ["missions.missions.5.controller=mission"]).autopilot
+    assert replace(shipped, parameters={}, offboard_parameters={}) == AutopilotSettings()
+    assert sorted(shipped.parameters) == [
+        "BAT_CRIT_THR",
+        "BAT_EMERGEN_THR",
+        "BAT_LOW_THR",
+        "COM_DISARM_LAND",
+        "COM_DISARM_PRFLT",
+        "COM_LOW_BAT_ACT",
+        "COM_RC_OVERRIDE",
+        "NAV_RCL_ACT",
+    ]
+    assert shipped.parameters["BAT_LOW_THR"] == shipped.battery.low_fraction
+
+
+def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
+    ways = [f"missions.missions.5.controller={way}" for way in ("mission", "offboard")]
+    by_mission, by_setpoints = (load_configuration(paths.config_folder(), [way]).autopilot for way in ways)
+    assert "COM_OBL_RC_ACT" not in by_mission.parameters
+    assert (by_setpoints.parameters["COM_OBL_RC_ACT"], by_setpoints.parameters["COM_RC_OVERRIDE"]) == (4, 3)
+    assert by_setpoints.parameters["COM_LOW_BAT_ACT"] == by_mission.parameters["COM_LOW_BAT_ACT"]
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ class TestAutopilot(unittest.TestCase):
         self.vehicle = Px4Vehicle(f"udpout:{self.url}")
         rospy.Subscriber(f"{self.space}/autopilot/status", STATUS, self.statuses.append)
         overrides = [f"autopilot.link.url=udpin:{self.url}", "autopilot.parameters.COM_LOW_BAT_ACT=0"]
-        overrides += ["sensors.battery.cells=6"]
+        overrides += ["sensors.battery.cells=6", "missions.missions.5.controller=mission"]
         self.node = OneNode("autopilot", self.space, overrides)
 
     def tearDown(self):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Mapping, Tuple
 
 from .binding import Row, bind, group_of, make, refuse_at
@@ -159,7 +159,8 @@ class AutopilotSettings:
         commands: land and disarm.
         needs: before a takeoff.
         rates_hz: messages that are asked for.
-        parameters: of the autopilot, by name, and their values.
+        parameters: of the autopilot, by name, and their values; with those for set-points where they are used.
+        offboard_parameters: that matter besides when a mission is flown by set-points.
     """
 
     backend: str = "mavlink"
@@ -173,6 +174,11 @@ class AutopilotSettings:
     needs: TakeoffNeeds = field(default_factory=TakeoffNeeds)
     rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(_RATES))
     parameters: Mapping[str, float] = field(default_factory=dict)
+    offboard_parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def with_offboard(self) -> AutopilotSettings:
+        """Return the settings for missions that are flown by set-points."""
+        return replace(self, parameters={**self.parameters, **self.offboard_parameters})
 
 
 _FRACTION = Number(minimum=0.0, maximum=1.0)
@@ -258,6 +264,13 @@ AUTOPILOT = Group(
             "failsafes that somebody changed",
             {},
         ),
+        Key(
+            "offboard_parameters",
+            Named("parameters of the autopilot", r"[A-Z][A-Z0-9_]{0,15}", _PARAMETER),
+            "the same, when one of the missions is flown by set-points (controller: offboard)",
+            "what the autopilot does when the stream stops is never left to chance",
+            {},
+        ),
     ),
 )
 
@@ -302,4 +315,5 @@ def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings
         needs=group("needs", TakeoffNeeds),
         rates_hz=dict(values["rates_hz"]),
         parameters=dict(values["parameters"]),
+        offboard_parameters=dict(values["offboard_parameters"]),
     )

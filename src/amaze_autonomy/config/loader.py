@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, Mapping, Sequence, Tuple, Union
 
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.missions import Bounds, FlightModel, PlannerSpec
+from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 from .autonomy_schema import AUTONOMY, Streams
@@ -129,6 +129,9 @@ def _configuration(
     rules = rules_of(autonomy, sensors)
     components = components_of(sensors, places["sensors"])
     names = tuple(component.name for component in components)
+    plans = plans_of(folder, missions, files, rules.limits, names, places["missions"])
+    autopilot = autopilot_of(values["autopilot"], places["autopilot"])
+    by_setpoints = any(plan.controller is Controller.OFFBOARD for plan in plans)
     effective = {**values, "trajectories": {name: digest for name, (_, digest) in files.items()}}
     return Configuration(
         folder=folder,
@@ -141,9 +144,9 @@ def _configuration(
         flight=make(FlightModel, missions["flight"], ("flight",), places["missions"]),
         bounds=make(Bounds, missions["bounds"], ("bounds",), places["missions"]),
         planner=make(PlannerSpec, missions["planner"], ("planner",), places["missions"]),
-        plans=plans_of(folder, missions, files, rules.limits, names, places["missions"]),
+        plans=plans,
         recording=recording_of(values["recording"], places["recording"]),
-        autopilot=autopilot_of(values["autopilot"], places["autopilot"]),
+        autopilot=autopilot.with_offboard() if by_setpoints else autopilot,
         effective=effective,
         hash=hash_of(effective),
     )

@@ -74,6 +74,17 @@ def test_offboard_goes_where_the_set_points_say_and_falls_back_a_second_after_th
     assert bench.last("HEARTBEAT").system_status == mavlink.MAV_STATE_UNINIT
 
 
+@pytest.mark.parametrize("action, mode", [(3, "AUTO.RTL"), (4, "AUTO.LAND"), (5, "AUTO.LOITER")])
+def test_a_stream_that_stops_ends_as_its_parameter_says(action, mode):
+    bench = Bench(parameters={"COM_OBL_RC_ACT": action}).take_off()
+    for _ in range(10):
+        set_point(bench, north=3.0)
+        bench.advance(0.1)
+    assert bench.mode(OFFBOARD) == [OK, OK]
+    bench.until(lambda: bench.craft.mode == mode, 2.0)
+    assert bench.craft.failsafe
+
+
 def test_set_points_of_velocity_move_it_as_long_as_they_say():
     bench = Bench().take_off()
 

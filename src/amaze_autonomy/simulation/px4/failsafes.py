@@ -22,6 +22,8 @@ _WITH_POSITION = (Mode.MISSION, Mode.LOITER, Mode.TAKEOFF, Mode.RTL, Mode.LAND, 
 _LAND_AT = {2: 2, 3: 3}  # COM_LOW_BAT_ACT -> level at which it lands
 _RETURN_AT = {1: 2, 3: 2}  # COM_LOW_BAT_ACT -> level at which it returns
 
+_AFTER_OFFBOARD = {3: Mode.RTL, 4: Mode.LAND, 5: Mode.LOITER}  # COM_OBL_RC_ACT
+
 _Say = Callable[[int, str], None]
 
 
@@ -58,7 +60,7 @@ class Failsafes:
         if self._hold_until_ns is not None and not self._craft.failsafe:
             self._hold_until_ns = None  # somebody chose another mode meanwhile
         if self._craft.mode == OFFBOARD and not self.offboard_ready(t_ns):
-            self._act(Mode.POSITION)
+            self._act(_AFTER_OFFBOARD.get(int(self._parameters["COM_OBL_RC_ACT"]), Mode.POSITION))
         elif self._health.position_lost and self._craft.airborne and self._craft.mode in _WITH_POSITION:
             self._act(DESCEND)
         elif self._hold_until_ns is not None and t_ns >= self._hold_until_ns and self._after_hold is not None:

@@ -1,0 +1,106 @@
+"""What a real PX4 was seen to do and that looks like something else: texts withheld, a home that moves, more."""
+
+from __future__ import annotations
+
+import pytest
+from client_bench import ClientBench
+from flying import Flying, S
+from px4_tools import LOITER
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase
+
+GCS, ONBOARD = mavlink.MAV_TYPE_GCS, mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+
+
+def texts(bench):
+    return [text.text for text in bench.vehicle.texts.recent(bench.t_ns, 60 * S)]
+
+
+@pytest.mark.parametrize("kind, said", [(ONBOARD, []), (GCS, ["Armed by external command"])])
+def test_texts_are_withheld_where_no_ground_station_beats(kind, said):
+    bench = ClientBench(kind=kind).advance(3.0)
+    bench.far.arm()
+    bench.advance(2.0)
+    assert texts(bench) == said
+
+
+def test_texts_that_were_withheld_come_when_a_ground_station_is_heard():
+    bench = ClientBench(kind=ONBOARD).advance(3.0)
+    bench.far.arm()
+    bench.advance(2.0)
+    bench.far.kind = GCS
+    bench.advance(2.0)
+    assert texts(bench) == ["Armed by external command"]
+
+
+def test_a_home_that_moves_half_a_metre_at_the_arming_moves_nothing_else():
+    bench = ClientBench().advance(5.0)
+    seen, homes = [], set()
+    bench.far.mode(LOITER)
+    bench.far.arm()
+    for _ in range(60):
+        bench.advance(0.1)
+        status = bench.vehicle.status(bench.t_ns)
+        seen.append(max(abs(status.height_m), abs(status.position_x_m), abs(status.position_y_m)))
+        homes.add(round(bench.vehicle.position._home[2], 2))
+    assert max(homes) - min(homes) == pytest.approx(0.45, abs=0.01)
+    assert max(seen) < 0.1  # the noise of the position
+    assert bench.vehicle.control.pilot is False
+
+
+def test_a_home_that_moves_does_not_change_what_the_planner_has_left():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.armed)
+    before, origin = flying.status, flying.planner._origin
+    flying.run(S // 2)
+    assert flying.planner._origin == origin
+    assert abs(flying.status.distance_left_m - before.distance_left_m) < 0.8  # the climb
+    flying.until_phase(MissionPhase.LANDED)
+    assert flying.status.waypoint == 3
+
+
+def parameter(name, value):
+    return mavlink.MAVLink_param_value_message(name, value, mavlink.MAV_PARAM_TYPE_REAL32, 900, 65535)
+
+
+def test_parameters_that_nobody_asked_for_are_taken_when_they_are_compared_and_else_left_alone():
+    bench = ClientBench(settings=AutopilotSettings(parameters={"COM_DISARM_LAND": 2.0})).advance(5.0)
+    bench.sent.clear()
+    for number in range(300):
+        assert bench.client.receive(bench.t_ns, parameter(f"UNKNOWN_{number}".encode(), 1.0)) == []
+    bench.client.receive(bench.t_ns, parameter(b"COM_DISARM_LAND", 7.0))
+    states = [(one.name, one.value, one.agrees) for one in bench.client._parameters.states]
+    assert states == [("COM_DISARM_LAND", 7.0, False)]
+
+
+def test_motors_that_px4_stops_by_itself_before_the_takeoff_are_no_flight():
+    flying = Flying()
+    flying.craft.flags.does_not_lift_off = True
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.armed)
+    armed_ns = flying.t_ns
+    flying.until(lambda: flying.craft.mode == "AUTO.MISSION")
+    assert flying.command(MissionAction.HOLD) == ""  # so that it waits for nothing any more
+    flying.until_phase(MissionPhase.LANDED, limit_ns=15 * S)
+    assert flying.status.message == "disarmed before it lifted off"
+    assert (flying.t_ns - armed_ns) / S == pytest.approx(10.0, abs=1.5)
+    assert (flying.status.waypoint, flying.craft.armed) == (0, False)
+
+
+@pytest.mark.parametrize("action, wait_s", [(MissionAction.LAND, 2.0), (None, 0.05)])
+def test_px4_disarms_by_itself_after_the_landing_and_only_then_it_is_landed(action, wait_s):
+    flying = Flying()
+    flying.take_off("line")
+    flying.until_phase(MissionPhase.FLYING)
+    if action is not None:
+        assert flying.command(action) == ""
+    flying.until(lambda: flying.craft.landed.name == "ON_GROUND")
+    down_ns = flying.t_ns
+    assert flying.phase is MissionPhase.LANDING
+    flying.until(lambda: not flying.craft.armed)
+    assert (flying.t_ns - down_ns) / S == pytest.approx(wait_s, abs=0.1)
+    flying.until_phase(MissionPhase.LANDED, limit_ns=3 * S)
