@@ -54,6 +54,22 @@ def test_a_sweep_finds_the_boundary(folder, capsys):
     assert boundary["before_s"] - boundary["after_s"] <= 2
 
 
+def test_a_sweep_is_drawn_with_its_boundary_in_one_page_that_loads_nothing(folder):
+    words = ["sweep", str(folder / "lrf.scenario.yaml"), "--to", "40", "--step", "20", "--resolution", "2"]
+    assert main([*words, "--json", "map.json", "--html", "map.html"]) == 0
+    (boundary,) = json.loads(Path("map.json").read_text())["boundaries"]
+    page = Path("map.html").read_text()
+    picture = ET.fromstring(page[page.index("<svg") : page.index("</svg>") + len("</svg>")])
+    titles = [each.text for each in picture.iter("title")]
+    assert {"TAKEOFF HOLD LAND", "TAKEOFF"} < set(titles)
+    assert "fault 0 s: HOLD from 11.5 s to 11.6 s" in titles
+    assert len(picture.findall("line")) == 1
+    assert [each.text for each in picture.iter("text") if each.text.endswith(" s")] == [f"{boundary['before_s']:.2f} s"]
+    assert f"<td>{boundary['after_s']:.3f} s</td><td>{boundary['before_s']:.3f} s</td><td>A &rarr; B</td>" in page
+    for loaded in ("http://", "https://", "src=", "@import", "url(", "<script"):
+        assert loaded not in page
+
+
 def test_a_sweep_of_a_fault_that_there_is_not_is_wrong_use(folder, capsys):
     assert main(["sweep", str(folder / "lrf.scenario.yaml"), "--fault", "2", "--to", "4"]) == 2
     assert "there is no fault 2; it has 1" in capsys.readouterr().err
@@ -92,8 +108,19 @@ def test_the_page_holds_everything_and_loads_nothing(folder):
     hold = next(each for each in test["moments"] if each["rule"] == "hold")
     assert hold["commands"] == ["MissionCommand(HOLD)"]
     assert "waits at most 15 s" in hold["values"]
+    assert "gps" in test["quiet"]
+    assert "lrf" not in test["quiet"]
     for loaded in ("http://", "https://", "src=", "@import", "url("):
         assert loaded not in page.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_the_report_shows_waivers_that_lie_beside_the_scenarios(folder):
+    (folder / "waivers.yaml").write_text("waivers:\n  - {item: rule touchdown, reason: one landing is enough here}\n")
+    for words in ([], ["--waivers", str(folder / "waivers.yaml")]):
+        assert main(["test", str(folder), "--html", "r.html", *words]) == 1
+        content = json.loads(Path("r.html").read_text().split("const CONTENT = ")[1].split(";\n")[0])
+        waived = [[name, why] for name, _, _, why in content["coverage"] if why]
+        assert waived == [["rule touchdown", "one landing is enough here"]]
 
 
 def test_a_text_cannot_end_the_script(folder):

@@ -17,6 +17,7 @@ from ..scenario import load_cases
 from ..suite.coverage import Coverage
 from ..suite.result import Result, Verdict
 from ..timeline import value_text
+from .colours import STATE_COLOURS
 
 __all__ = ["page_content"]
 
@@ -29,6 +30,7 @@ def page_content(results: Sequence[Result], coverage: Optional[Coverage], wall_s
     ordered = sorted(results, key=lambda result: _RANK[result.verdict])
     return {
         "tests": [_test(result) for result in ordered],
+        "colours": dict(STATE_COLOURS),
         "wall_s": round(wall_s, 1),
         "flown_s": round(sum(result.figures.flown_s for result in results), 1),
         "coverage": []
@@ -49,7 +51,7 @@ def _test(result: Result) -> Dict[str, Any]:
 def _lanes(result: Result) -> Dict[str, Any]:
     """Return what is drawn; nothing for a test that did not run."""
     if not result.story:
-        return {"end_s": 0.0, "states": [], "golden": [], "codes": {}, "moments": [], "height": []}
+        return {"end_s": 0.0, "states": [], "golden": [], "codes": {}, "quiet": [], "moments": [], "height": []}
     trace = trace_of(result.story, result.start_ns)
     golden = _golden(result)
     before = {} if golden is None else {change.after: change.kind.value for change in align(golden, trace.decisions)}
@@ -61,6 +63,7 @@ def _lanes(result: Result) -> Dict[str, Any]:
         "codes": {
             name: _bars(spans, trace) for name, spans in trace.codes.items() if any(s.value != "1" for s in spans)
         },
+        "quiet": [name for name, spans in trace.codes.items() if all(s.value == "1" for s in spans)],
         "moments": [_moment(each, trace, before.get(each, "")) for each in trace.decisions]
         + [_moment(each, trace, "removed") for each in lost],
         "height": _thinned([(round(trace.seconds(t), 2), round(v, 2)) for t, v in trace.readings.get("height_m", ())]),

@@ -1,12 +1,10 @@
 "use strict";
 const SVG = "http://www.w3.org/2000/svg";
-const COLOURS = {
-  MISSION_INPUT: "#dee2e6", PREFLIGHT: "#a5d8ff", OUTREACH: "#ffd8a8", READY: "#b2f2bb", START_RECORDING: "#99e9f2",
-  LOAD_MISSION: "#91a7ff", TAKEOFF: "#74c0fc", MISSION: "#69db7c", HOLD: "#ffe066", LAND: "#ffa94d", PILOT: "#e599f7",
-  DATA_CLEANUP: "#c5b8a5", MISSION_ENDED: "#ced4da",
-};
+const COLOURS = CONTENT.colours;
 const CODES = { 1: "#d3f9d8", 2: "#fff3bf", 4: "#ffe066", 8: "#ffa94d", 16: "#ff6b6b" };
-const LEFT = 170, ROW = 26;
+const CODE_NAMES = { 1: "1 nominal", 2: "2 non-critical", 4: "4 inconvenient", 8: "8 hold", 16: "16 abort" };
+const MARKS = { fault: ["faults", "#f783ac"], user: ["user", "#748ffc"], counterfactual: ["another flight", "#dee2e6"] };
+const LEFT = 170, ROW = 26, NEAR = 9, STEP = 11;
 const $ = (id) => document.getElementById(id);
 
 function element(name, text, attributes) {
@@ -38,12 +36,21 @@ function list(filter) {
 }
 
 function lanes(test) {
-  const rows = [];
-  if (test.golden.length) rows.push(["golden", test.golden, (value) => COLOURS[value.split("/")[0]]]);
-  rows.push(["state", test.states, (value) => COLOURS[value.split("/")[0]]]);
-  const faults = test.marks.map(([kind, begin, end, text]) => [begin, end === null ? test.end_s : end, text, kind]);
-  if (faults.length) rows.push(["faults, user", faults, () => "#f783ac"]);
-  for (const [name, spans] of Object.entries(test.codes)) rows.push([name, spans, (value) => CODES[value]]);
+  const rows = [], state = (value) => COLOURS[value.split("/")[0]];
+  if (test.golden.length) rows.push(["states, golden", test.golden, state]);
+  rows.push([test.golden.length ? "states, new" : "states", test.states, state]);
+  for (const [kind, [name, colour]] of Object.entries(MARKS)) {
+    const bars = test.marks.filter((mark) => mark[0] === kind);
+    const spans = bars.map(([, begin, end, text]) => [begin, end === null ? test.end_s : end, text]);
+    if (spans.length) rows.push([name, spans, () => colour]);
+  }
+  for (const [name, spans] of Object.entries(test.codes)) {
+    rows.push([name, spans.map(([begin, end, code]) => [begin, end, CODE_NAMES[code]]), (value) => CODES[value.split(" ")[0]]]);
+  }
+  if (test.quiet.length) {
+    const name = Object.keys(test.codes).length ? "other components" : "components";
+    rows.push([name, [[0, test.end_s, `1 nominal: ${test.quiet.join(", ")}`]], () => CODES[1]]);
+  }
   test.expectations.forEach((each, number) => {
     const [begin, end] = test.windows[number];
     if (begin !== null) {
@@ -54,11 +61,27 @@ function lanes(test) {
   return rows;
 }
 
+function fitted(text, width) {
+  const most = Math.floor(width / 6.4);
+  if (text.length <= most) return text;
+  return most >= 4 ? `${text.slice(0, most - 1)}…` : "";
+}
+
+function stacked(moments, x) {
+  const ends = [];
+  return moments.map((moment) => {
+    const at = x(moment.t);
+    let level = ends.findIndex((end) => at - end > NEAR);
+    if (level < 0) level = ends.length;
+    ends[level] = at;
+    return [moment, at, level];
+  });
+}
+
 function chart(test, told) {
   const rows = lanes(test);
   const svg = document.createElementNS(SVG, "svg");
-  const height = (rows.length + 1) * ROW + 96;
-  svg.setAttribute("height", height);
+  const first = test.moments.filter((each) => each.change).sort((one, other) => one.t - other.t)[0];
   let begin = 0, end = Math.max(test.end_s, 0.001);
   const draw = () => {
     svg.replaceChildren();
@@ -73,33 +96,41 @@ function chart(test, told) {
         const bar = drawn(svg, "rect", { x: left, y: row * ROW + 3, width: right - left, height: ROW - 6, fill: colour(span[2]) || "#adb5bd", class: "mark" });
         drawn(bar, "title", {}, `${span[2]}: ${span[0]} s to ${span[1]} s`);
         bar.onclick = () => { told.textContent = `${name}: ${span[2]}\nfrom ${span[0]} s to ${span[1]} s`; };
-        if (right - left > span[2].length * 6.2) drawn(svg, "text", { x: left + 4, y: row * ROW + 17, "pointer-events": "none" }, span[2]);
+        drawn(svg, "text", { x: left + 4, y: row * ROW + 17, "pointer-events": "none" }, fitted(span[2], right - left - 4));
       }
     });
     const base = rows.length * ROW;
     drawn(svg, "text", { x: 6, y: base + 17 }, "decisions");
-    for (const moment of test.moments) {
-      if (moment.t < begin || moment.t > end) continue;
+    const dots = stacked(test.moments.filter((each) => each.t >= begin && each.t <= end), x);
+    const levels = Math.max(1, ...dots.map((dot) => dot[2] + 1));
+    const height = base + 14 + levels * STEP + 96;
+    svg.setAttribute("height", height);
+    if (first !== undefined && first.t >= begin && first.t <= end) {
+      drawn(svg, "line", { x1: x(first.t), x2: x(first.t), y1: 0, y2: height - 18, stroke: "#c92a2a", "stroke-dasharray": "4 3" });
+    }
+    for (const [moment, at, level] of dots) {
       const colour = moment.change === "removed" ? "#868e96" : moment.change ? "#c92a2a" : "#364fc7";
-      const dot = drawn(svg, "circle", { cx: x(moment.t), cy: base + ROW / 2, r: moment.change ? 7 : 5, fill: colour, class: "mark" });
-      drawn(dot, "title", {}, `${moment.t} s ${moment.move} by ${moment.rule}`);
+      const size = { cx: at, cy: base + ROW / 2 + level * STEP, r: moment.change ? 6 : 4.5 };
+      const dot = drawn(svg, "circle", { ...size, fill: colour, stroke: "#fff", class: "mark" });
+      drawn(dot, "title", {}, `${moment.t} s ${moment.move} by ${moment.rule}${moment.change ? `, ${moment.change}` : ""}`);
       dot.onclick = () => { told.textContent = describe(moment); };
     }
-    heights(svg, test, base + ROW, x, begin, end);
+    heights(svg, test, base + 14 + levels * STEP, x, begin, end);
     for (let n = 0; n <= 6; n += 1) {
       const t = begin + ((end - begin) * n) / 6;
       drawn(svg, "text", { x: x(t) - (n === 6 ? 40 : 12), y: height - 4 }, `${t.toFixed(end - begin < 10 ? 2 : 1)} s`);
     }
   };
-  svg.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    const box = svg.getBoundingClientRect();
-    const at = begin + ((event.clientX - box.left - LEFT) / (box.width - LEFT)) * (end - begin);
-    const factor = event.deltaY > 0 ? 1.25 : 0.8;
+  const zoom = (at, factor) => {
     begin = Math.max(0, at - (at - begin) * factor);
     end = Math.min(test.end_s, at + (end - at) * factor);
     if (end - begin < 0.02) end = begin + 0.02;
     draw();
+  };
+  svg.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const box = svg.getBoundingClientRect();
+    zoom(begin + ((event.clientX - box.left - LEFT) / (box.width - LEFT)) * (end - begin), event.deltaY > 0 ? 1.25 : 0.8);
   }, { passive: false });
   let held = null;
   svg.onpointerdown = (event) => { held = [event.clientX, begin, end]; };
@@ -110,8 +141,21 @@ function chart(test, told) {
     [begin, end] = [held[1] + shift, held[2] + shift];
     draw();
   };
-  svg.ondblclick = () => { begin = 0; end = test.end_s; draw(); };
-  return [svg, draw];
+  const whole = () => { begin = 0; end = test.end_s; draw(); };
+  svg.ondblclick = whole;
+  const tools = element("p", "Wheel: zoom. Drag: move. Double click: all of it. ", { class: "hint" });
+  const tool = (text, act) => { tools.appendChild(element("button", text)).onclick = act; };
+  tool("+", () => zoom((begin + end) / 2, 0.5));
+  tool("−", () => zoom((begin + end) / 2, 2));
+  tool("all", whole);
+  if (first !== undefined) {
+    tool("first difference", () => {
+      [begin, end] = [Math.max(0, first.t - 2), Math.min(test.end_s, first.t + 3)];
+      told.textContent = describe(first);
+      draw();
+    });
+  }
+  return [svg, draw, tools];
 }
 
 function heights(svg, test, top, x, begin, end) {
@@ -119,7 +163,7 @@ function heights(svg, test, top, x, begin, end) {
   if (!points.length) return;
   const most = Math.max(1, ...test.height.map(([, value]) => value));
   const path = points.map(([t, value]) => `${x(t)},${top + 62 - (Math.max(value, 0) / most) * 56}`).join(" ");
-  drawn(svg, "text", { x: 6, y: top + 20 }, `height, up to ${most} m`);
+  drawn(svg, "text", { x: 6, y: top + 20 }, `height, up to ${Math.max(...test.height.map(([, value]) => value))} m`);
   drawn(svg, "polyline", { points: path, fill: "none", stroke: "#1971c2", "stroke-width": 1.5 });
 }
 
@@ -142,9 +186,9 @@ function show(number) {
   head.appendChild(document.createTextNode(test.headline));
   if (test.states.length) {
     const told = element("pre", "Click a bar or a decision for its values.");
-    const [svg, draw] = chart(test, told);
+    const [svg, draw, tools] = chart(test, told);
     main.appendChild(svg);
-    main.appendChild(element("p", "Wheel: zoom. Drag: move. Double click: all of it.", { class: "hint" }));
+    main.appendChild(tools);
     main.appendChild(told);
     draw();
   }
@@ -168,22 +212,29 @@ function expectations(main, test) {
   });
 }
 
-function table(title, head, rows, missing) {
+function table(title, head, rows, kind) {
   const main = $("main");
   main.replaceChildren(element("h2", title));
   const made = main.appendChild(element("table"));
   const first = made.appendChild(element("tr"));
   for (const text of head) first.appendChild(element("th", text));
   for (const values of rows) {
-    const row = made.appendChild(element("tr", undefined, missing(values) ? { class: "missing" } : {}));
+    const row = made.appendChild(element("tr", undefined, { class: kind(values) }));
     for (const text of values) row.appendChild(element("td", text));
   }
 }
 
 function coverage() {
-  const rows = CONTENT.coverage.map(([name, places, values, waiver]) => [name, places.length, places.slice(0, 3).join(", "), waiver || values]);
-  const fired = rows.filter((row) => row[1]).length;
-  table(`${fired} of ${rows.length} rows fired`, ["Row", "Scenarios", "First", "What its guard looked at, or why it is waived"], rows, (row) => !row[1]);
+  const rows = CONTENT.coverage.map(([name, places, values, waiver]) => {
+    const how = places.length ? "fired" : waiver ? "waived" : "missing";
+    return [name, how, places.length, places.slice(0, 3).join(", "), how === "waived" ? waiver : values];
+  });
+  const many = (how) => rows.filter((row) => row[1] === how).length;
+  const title = `${many("fired")} of ${rows.length} rows fired, ${many("waived")} waived, ${many("missing")} missing`;
+  const head = ["Row", "", "Scenarios", "First", "What its guard looked at, or why it is waived"];
+  const order = { missing: 0, waived: 1, fired: 2 };
+  rows.sort((one, other) => order[one[1]] - order[other[1]]);
+  table(title, head, rows, (row) => row[1]);
 }
 
 function speed() {
@@ -191,7 +242,7 @@ function speed() {
     const { flown_s: flown, wall_s: wall, cpu_s: cpu, peak_mb: peak } = test.figures;
     return [test.id, flown.toFixed(1), wall.toFixed(3), (flown / Math.max(wall, 1e-9)).toFixed(0), cpu.toFixed(3), peak.toFixed(0)];
   });
-  table("Speed", ["Scenario", "flight s", "wall s", "x real time", "CPU s", "peak MB"], rows, () => false);
+  table("Speed", ["Scenario", "flight s", "wall s", "x real time", "CPU s", "peak MB"], rows, () => "");
 }
 
 const counts = {};

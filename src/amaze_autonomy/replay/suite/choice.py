@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, Tuple
+from typing import Any, Dict, Mapping, Tuple
 
+from .coverage import read_waivers
 from .task import Options, Task, tasks_of
 
-__all__ = ["add_choice", "add_configuration", "chosen", "is_full", "options_of"]
+__all__ = ["add_choice", "add_configuration", "add_waivers", "chosen", "is_full", "options_of", "waivers_of"]
+
+_WAIVERS = "waivers.yaml"
 
 
 def add_choice(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +27,26 @@ def add_configuration(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", type=Path, metavar="DIR", help="decide by it instead of each scenario's own")
     words = "replace a value of the configuration; repeatable"
     parser.add_argument("--set", action="append", default=[], metavar="FILE.KEY=VALUE", help=words)
+
+
+def add_waivers(parser: argparse.ArgumentParser) -> None:
+    """Add the file of waivers."""
+    words = f"rows and mutants that need not, with reasons; default: {_WAIVERS} beside the scenarios"
+    parser.add_argument("--waivers", type=Path, metavar="FILE", help=words)
+
+
+def waivers_of(options: argparse.Namespace) -> Mapping[str, str]:
+    """Return the reason of each waiver, by name: of the file that was given, else of those beside the scenarios.
+
+    Raises:
+        ConfigError: the first mistake in a file.
+    """
+    folders = [path if path.is_dir() else path.parent for path in options.paths]
+    beside = [folder / _WAIVERS for folder in dict.fromkeys(folders) if (folder / _WAIVERS).is_file()]
+    found: Dict[str, str] = {}
+    for path in [options.waivers] if options.waivers is not None else beside:
+        found.update(read_waivers(path))
+    return found
 
 
 def chosen(options: argparse.Namespace, run: Options) -> Tuple[Task, ...]:

@@ -8,13 +8,13 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, List, Sequence
+from typing import Any, List, Mapping, Sequence
 
 from ..files import write_whole
 from ..pages.page import write_page
 from ..terminal import show_lines
 from .accept import accept, lonely_goldens
-from .choice import add_choice, add_configuration, chosen, is_full, options_of
+from .choice import add_choice, add_configuration, add_waivers, chosen, is_full, options_of, waivers_of
 from .cli_coverage import add_coverage_commands
 from .cli_tools import add_tools
 from .coverage import coverage_of
@@ -48,6 +48,7 @@ def _add_test(commands: _Parsers) -> None:
     test.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML")
     test.add_argument("--markdown", type=Path, metavar="FILE", help="write a summary")
     test.add_argument("--html", type=Path, metavar="FILE", help="write the report: one page, nothing else is needed")
+    add_waivers(test)
     test.set_defaults(command=_test)
 
 
@@ -55,6 +56,7 @@ def _test(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if options.json is not None:
         write_whole(options.json, _STARTED)
+    waivers = waivers_of(options) if options.html is not None else {}
     goldens = not (options.no_goldens or options.config or options.set)
     tasks = chosen(options, options_of(options, goldens=goldens, story=options.html is not None))
     results = run_tasks(tasks, options.jobs or os.cpu_count() or 1, lambda each: _say(each, verbose=options.verbose))
@@ -65,7 +67,7 @@ def _test(options: argparse.Namespace) -> int:
         results += lonely
     wall_s = time.perf_counter() - began
     show_lines([summary_line(results, wall_s)])
-    _write(options, results, wall_s)
+    _write(options, results, waivers, wall_s)
     if not results:
         sys.stderr.write("amaze-replay: no scenario was chosen\n")
         return 2
@@ -77,9 +79,9 @@ def _say(result: Result, *, verbose: bool) -> None:
     sys.stdout.flush()
 
 
-def _write(options: argparse.Namespace, results: Sequence[Result], wall_s: float) -> None:
+def _write(options: argparse.Namespace, results: Sequence[Result], waivers: Mapping[str, str], wall_s: float) -> None:
     if options.html is not None:
-        write_page(options.html, results, coverage_of(results), wall_s)
+        write_page(options.html, results, coverage_of(results, waivers), wall_s)
     if options.junit is not None:
         write_whole(options.junit, as_junit(results))
     if options.markdown is not None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from pathlib import Path
 from typing import Any, Mapping, Tuple
 
 from ..terminal import show_lines
-from .choice import add_choice, chosen
-from .coverage import Coverage, coverage_lines, coverage_of, read_waivers
+from .choice import add_choice, add_waivers, chosen, waivers_of
+from .coverage import Coverage, coverage_lines, coverage_of
 from .mutation import hunts_of, mutation_lines, run_hunts
 from .result import Result
 from .runner import run_tasks
@@ -37,12 +36,12 @@ def add_coverage_commands(commands: Any) -> None:
 
 def _add(parser: argparse.ArgumentParser) -> None:
     add_choice(parser)
-    parser.add_argument("--waivers", type=Path, metavar="FILE", help="rows and mutants that need not, with reasons")
+    add_waivers(parser)
     parser.add_argument("-j", "--jobs", type=int, default=1, metavar="N", help=_JOBS)
 
 
 def _covered(options: argparse.Namespace) -> Tuple[Tuple[Task, ...], Tuple[Result, ...], Coverage, Mapping[str, str]]:
-    waivers = read_waivers(options.waivers) if options.waivers is not None else {}
+    waivers = waivers_of(options)
     tasks = chosen(options, Options(goldens=False))
     results = run_tasks(tasks, _jobs(options))
     return tasks, results, coverage_of(results, waivers), waivers

@@ -11,6 +11,7 @@ from typing import Any, List
 
 from ..files import write_whole
 from ..journal_source import read_journals
+from ..pages.sweep_page import write_sweep_page
 from ..scenario import Case, load_cases
 from ..terminal import show_lines
 from .agree import agree, agreement_lines
@@ -59,16 +60,22 @@ def _add_sweep(commands: Any) -> None:
     words = "how closely boundaries are found (default: 0.05)"
     parser.add_argument("--resolution", type=float, default=0.05, metavar="S", help=words)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the map")
+    parser.add_argument(
+        "--html", type=Path, metavar="FILE", help="write the map as a picture: one page, no more needed"
+    )
     parser.set_defaults(command=_sweep)
 
 
 def _sweep(options: argparse.Namespace) -> int:
     count = int((options.last_s - options.first_s) / options.step + 1e-9) if options.step > 0 else 0
     times = [round(options.first_s + number * options.step, 6) for number in range(max(0, count) + 1)]
-    result = sweep(_case(options), options.fault, times, options.resolution, _progress)
+    case = _case(options)
+    result = sweep(case, options.fault, times, options.resolution, _progress)
     show_lines(sweep_lines(result))
     if options.json is not None:
         write_whole(options.json, json.dumps(sweep_plain(result), indent=1) + "\n")
+    if options.html is not None:
+        write_sweep_page(options.html, case.id, result)
     return 0
 
 

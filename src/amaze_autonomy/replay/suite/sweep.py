@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from ..errors import ReplayError
+from ..expect.trace import Trace
 from ..scenario import Case
 from .play import play
 from .task import Options
 from .whatif import motions
 
-__all__ = ["Boundary", "Sweep", "sweep", "sweep_lines", "sweep_plain"]
+__all__ = ["Boundary", "Flight", "Sweep", "sweep", "sweep_lines", "sweep_plain"]
 
 _S = 1_000_000_000
 
@@ -32,6 +33,23 @@ class Boundary:
 
 
 @dataclass(frozen=True)
+class Flight:
+    """One run, as it is drawn.
+
+    Args:
+        t_s: time of the fault that was asked for.
+        began_s: when it began in the flight; None: it did not.
+        outcome: the motions that were commanded.
+        states: (begin and end in seconds, state), in order.
+    """
+
+    t_s: float
+    began_s: Optional[float]
+    outcome: str
+    states: Tuple[Tuple[float, float, str], ...]
+
+
+@dataclass(frozen=True)
 class Sweep:
     """What came of a sweep.
 
@@ -40,14 +58,19 @@ class Sweep:
         clock: what the times count from, in words.
         points: (time in seconds, outcome), in order.
         boundaries: between them.
-        runs: how many there were.
+        flights: of the grid and of the search for boundaries, by time.
     """
 
     fault: str
     clock: str
     points: Tuple[Tuple[float, str], ...]
     boundaries: Tuple[Boundary, ...]
-    runs: int
+    flights: Tuple[Flight, ...]
+
+    @property
+    def runs(self) -> int:
+        """How many there were."""
+        return len(self.flights)
 
 
 def sweep(
@@ -80,7 +103,7 @@ def sweep(
         boundaries += runner.between(t_s, one, next_s, other, resolution_s)
     trigger = case.faults[number - 1].trigger
     clock = "from the start" if trigger.at_ns is not None else f"after {trigger.event or trigger.state}"
-    return Sweep(str(case.faults[number - 1]), clock, tuple(points), tuple(boundaries), runner.runs)
+    return Sweep(str(case.faults[number - 1]), clock, tuple(points), tuple(boundaries), runner.flights)
 
 
 class _Runner:
@@ -88,19 +111,26 @@ class _Runner:
 
     def __init__(self, case: Case, number: int, told: Optional[Callable[[float, str], None]]) -> None:
         self._case, self._number, self._told = case, number - 1, told
-        self._known: Dict[float, str] = {}
+        self._known: Dict[float, Flight] = {}
 
     @property
-    def runs(self) -> int:
-        return len(self._known)
+    def flights(self) -> Tuple[Flight, ...]:
+        return tuple(flight for _, flight in sorted(self._known.items()))
 
     def outcome(self, t_s: float) -> str:
         if t_s not in self._known:
-            decisions = play(self._at(t_s), Options()).trace.decisions
-            self._known[t_s] = " ".join(motions(decisions)) or "no motion"
+            trace = play(self._at(t_s), Options()).trace
+            self._known[t_s] = self._flight(t_s, trace)
             if self._told is not None:
-                self._told(t_s, self._known[t_s])
-        return self._known[t_s]
+                self._told(t_s, self._known[t_s].outcome)
+        return self._known[t_s].outcome
+
+    def _flight(self, t_s: float, trace: Trace) -> Flight:
+        began_ns = trace.faults[self._number] if self._number < len(trace.faults) else None
+        spans = [(trace.seconds(span.begin_ns), trace.seconds(span.end_ns), span.value) for span in trace.states]
+        states = tuple((round(begin, 3), round(end, 3), value.split("/")[0]) for begin, end, value in spans)
+        began_s = None if began_ns is None else round(trace.seconds(began_ns), 3)
+        return Flight(t_s, began_s, " ".join(motions(trace.decisions)) or "no motion", states)
 
     def between(self, t_s: float, one: str, next_s: float, other: str, resolution_s: float) -> List[Boundary]:
         """Return the boundaries between two times; a third outcome in the middle makes two of one."""
