@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from decimal import Decimal, InvalidOperation
+from importlib import import_module
 from pathlib import Path
 from typing import Any, List, Optional, Sequence, Tuple
 
@@ -66,10 +67,11 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command line; return the exit status."""
     options = _parser().parse_args(arguments)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # starting its threads takes longer than many a command
-    from . import commands  # noqa: PLC0415  (numpy has to come after that)
+    module, function = options.command.split(".")  # loaded after that, and only what this command needs
 
     def command() -> int:
-        return LOST if getattr(commands, options.command)(options) else DONE
+        lost = getattr(import_module(f".{module}", __package__), function)(options)
+        return LOST if lost else DONE
 
     return run_command("amaze-bag", command, (BagError,), wrong=IMPOSSIBLE)
 
@@ -78,14 +80,16 @@ def _parser() -> argparse.ArgumentParser:
     parser = _with_help(argparse.ArgumentParser(prog="amaze-bag", description=__doc__.split("`: ", 1)[1]), None)
     adder = parser.add_subparsers(metavar="COMMAND", dest="name", required=True)
 
-    info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", "info")
+    info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", "looking.info")
     info.add_argument("bags", nargs="+", type=Path, metavar="BAG")
 
-    doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", "doctor")
+    doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", "looking.doctor")
     doctor.add_argument("bags", nargs="+", type=Path, metavar="BAG")
     doctor.add_argument("--quick", action="store_true", help="do not read the data of whole chunks")
 
-    recover = _command(adder, "recover", "write what is good into a new bag, or close a bag in place", "recover_bag")
+    recover = _command(
+        adder, "recover", "write what is good into a new bag, or close a bag in place", "recovering.recover_bag"
+    )
     recover.add_argument("bag", type=Path, metavar="BAG", help="is only read, but for --in-place and --undo")
     where = recover.add_mutually_exclusive_group()
     where.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
@@ -96,7 +100,7 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_merge(adder)
     verify = _command(
-        adder, "verify", "compare a merged bag with its inputs, and readers with each other", "verify_bag"
+        adder, "verify", "compare a merged bag with its inputs, and readers with each other", "merging.verify_bag"
     )
     verify.add_argument("bag", type=Path, metavar="BAG")
     verify.add_argument("inputs", nargs="*", type=Path, metavar="INPUT", help="default: those of the manifest")
@@ -106,7 +110,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_merge(adder: Any) -> None:
-    merge = _command(adder, "merge", "several bags into one, in order of time", "merge_bags")
+    merge = _command(adder, "merge", "several bags into one, in order of time", "merging.merge_bags")
     merge.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="is only read")
     merge.add_argument("-o", "--output", type=Path, required=True)
     merge.add_argument(

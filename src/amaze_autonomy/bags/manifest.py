@@ -7,17 +7,19 @@ import json
 import os
 import platform
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence
 
 import lz4
 import numpy as np
 
-from .count import Counted
 from .errors import BagError
 from .index import Index
-from .merge import Merged, MergeOptions
 from .tally import Tally, TopicKey
-from .verify import Verified
+
+if TYPE_CHECKING:  # loading them all would be a good part of a short run
+    from .count import Counted
+    from .merge import Merged, MergeOptions
+    from .verify import Verified
 
 __all__ = [
     "declared_duplicates",

@@ -15,7 +15,6 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Se
 
 import numpy as np
 
-from .carriers import Carriers
 from .errors import BagError
 from .index import Index
 from .loading import Block, Pool
@@ -131,8 +130,11 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
         }
         unwatched: Any = np.isin(target, watched, invert=True)
         unseen = unwatched & (options.compression in ("auto", "none"))
-        kept = options.compression in ("auto", "lz4")
-        carriers = Carriers(index, number, target, offset, unwatched) if kept else None
+        carriers = None
+        if options.compression in ("auto", "lz4") and _has_lz4(index):
+            from .carriers import Carriers  # noqa: PLC0415  (needs ctypes, which is slow to load and seldom wanted)
+
+            carriers = Carriers(index, number, target, offset, unwatched)
         sources.append(Source(index, number, target, offset, verbatim, unseen, carriers))
     return sources
 
@@ -140,6 +142,10 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
 def _kept(compression: str) -> Tuple[str, ...]:
     """Return the compressions of chunks that are worth copying as they are."""
     return {"auto": ("lz4", "bz2"), "lz4": ("lz4",), "bz2": ("bz2",)}.get(compression, ())
+
+
+def _has_lz4(index: Index) -> bool:
+    return any(index.head(number).compression == "lz4" for number in range(len(index.chunks)))
 
 
 def _in_order(index: Index, number: int) -> bool:

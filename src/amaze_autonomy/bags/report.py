@@ -6,15 +6,17 @@ import json
 import sys
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
 from .index import Index
-from .merge import Merged
-from .recover import Recovered
-from .scan import Scan
-from .verify import Verified
+
+if TYPE_CHECKING:  # loading them all would be a good part of a short run
+    from .merge import Merged
+    from .recover import Recovered
+    from .scan import Scan
+    from .verify import Verified
 
 __all__ = [
     "info_lines",

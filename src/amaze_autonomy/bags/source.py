@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import groupby
-from typing import Any, List, NamedTuple, Optional, Set
+from typing import TYPE_CHECKING, Any, List, NamedTuple, Optional, Set
 
-from .carriers import Carriers
 from .index import ChunkHead, Index
 from .loading import GROUP_BYTES, Block, Loader, Pool
 from .table import relabel
+
+if TYPE_CHECKING:
+    from .carriers import Carriers
 
 __all__ = ["Group", "Source"]
 

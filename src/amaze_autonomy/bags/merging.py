@@ -1,13 +1,12 @@
-"""What the commands of `amaze-bag` do; each returns whether data was lost, is damaged, or differs."""
+"""What `amaze-bag merge` and `amaze-bag verify` do; each returns whether something differs."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Tuple
 
 from .errors import BagError
-from .inplace import recover_in_place
 from .manifest import (
     declared_duplicates,
     manifest_path,
@@ -17,66 +16,13 @@ from .manifest import (
     write_manifest,
 )
 from .merge import MergeOptions, merge
-from .recover import Recovered, recover, recovered_name
-from .report import (
-    info_lines,
-    info_result,
-    merge_lines,
-    recover_lines,
-    scan_lines,
-    scan_result,
-    show,
-    verify_lines,
-)
-from .scan import scan
+from .report import merge_lines, show, verify_lines
 from .terminal import progress_bar
-from .undo import restore
-from .verify import Verified, verify
 
-__all__ = ["doctor", "info", "merge_bags", "recover_bag", "verify_bag"]
+if TYPE_CHECKING:
+    from .verify import Verified
 
-
-def info(options: argparse.Namespace) -> bool:
-    """Show topics, counts, times and rates."""
-    results = [info_result(path) for path in options.bags]
-    lines: List[str] = []
-    for result in results:
-        lines += [*([""] if lines else []), *info_lines(result)]
-    show(lines, results, as_json=options.json)
-    return False
-
-
-def doctor(options: argparse.Namespace) -> bool:
-    """Show what is damaged."""
-    lines, results, damaged = [], [], False
-    for path in options.bags:
-        with progress_bar(f"look through {path.name}") as progress:
-            found = scan(path, check_data=not options.quick, progress=progress)
-        lines += scan_lines(found)
-        results.append(scan_result(found))
-        damaged = damaged or bool(found.damages) or not found.closed
-    show(lines, results, as_json=options.json)
-    return damaged
-
-
-def recover_bag(options: argparse.Namespace) -> bool:
-    """Write what is good into a new bag, or close a bag in place, or undo that."""
-    if options.undo:
-        original = restore(options.bag)
-        show([f"{original}: as it was"], {"file": str(original), "restored": True}, as_json=options.json)
-        return False
-    with progress_bar(f"recover {options.bag.name}") as progress:
-        done = _recovered(options, progress)
-    result = {**scan_result(done.scan), "output": str(done.path), "output_bytes": done.size}
-    show(recover_lines(done), result, as_json=options.json)
-    return not done.complete
-
-
-def _recovered(options: argparse.Namespace, progress: Any) -> Recovered:
-    if options.in_place:
-        return recover_in_place(options.bag, check_data=options.check_data, progress=progress)
-    output = options.output or recovered_name(options.bag)
-    return recover(options.bag, output, check_data=options.check_data, replace=options.force, progress=progress)
+__all__ = ["merge_bags", "verify_bag"]
 
 
 def merge_bags(options: argparse.Namespace) -> bool:
@@ -126,6 +72,8 @@ def _verified(
     bag: Path, inputs: List[Path], offsets: Tuple[int, ...], manifest: Optional[Dict[str, Any]], readers: str
 ) -> Tuple[Verified, Dict[str, Any]]:
     duplicates = declared_duplicates(manifest) if manifest else {}
+    from .verify import verify  # noqa: PLC0415  (as long to load as all the rest, and not always wanted)
+
     with progress_bar("verify") as progress:
         verified = verify(bag, inputs, offsets_ns=offsets, duplicates=duplicates, readers=readers, progress=progress)
     new = verified_manifest(manifest, verified)
