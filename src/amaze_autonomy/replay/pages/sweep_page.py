@@ -19,6 +19,7 @@ __all__ = ["sweep_page", "write_sweep_page"]
 
 _LEFT, _TOP, _WIDE, _HIGH = 60, 64, 1080, 460
 _TICKS = 10
+_LETTER = 6.6
 _BANDS = ("#dbe4ff", "#ffe8cc", "#d3f9d8", "#ffe3e3", "#eebefa", "#c5f6fa", "#fff3bf", "#e9ecef")
 _STYLE = """body { font: 14px/1.4 system-ui, sans-serif; color: #1c2430; margin: 1.2rem; }
 svg { display: block; max-width: 100%; } svg text { font: 12px system-ui, sans-serif; fill: #1c2430; }
@@ -60,52 +61,88 @@ def sweep_page(title: str, result: Sweep) -> str:
     return "\n".join(parts) + "\n"
 
 
+class _Frame:
+    """Where things are: the time of the fault across, the flight down."""
+
+    def __init__(self, flights: Sequence[Flight]) -> None:
+        self.first_s, self.last_s = flights[0].t_s, flights[-1].t_s
+        self.end_s = max((flight.states[-1][1] for flight in flights if flight.states), default=0.0) or 1.0
+
+    def x(self, t_s: float) -> float:
+        return _LEFT + _WIDE * (t_s - self.first_s) / (self.last_s - self.first_s)
+
+    def y(self, t_s: float) -> float:
+        return _TOP + _HIGH * t_s / self.end_s
+
+
 def _picture(result: Sweep, letters: Dict[str, str]) -> List[str]:
-    flights = result.flights
-    first_s, last_s = flights[0].t_s, flights[-1].t_s
-    end_s = max((flight.states[-1][1] for flight in flights if flight.states), default=1.0) or 1.0
-
-    def x(t_s: float) -> float:
-        return _LEFT + _WIDE * (t_s - first_s) / (last_s - first_s)
-
-    def y(t_s: float) -> float:
-        return _TOP + _HIGH * t_s / end_s
-
+    frame = _Frame(result.flights)
     wide, high = _LEFT + _WIDE + 20, _TOP + _HIGH + 44
-    lines = [f'<svg viewBox="0 0 {wide} {high}" width="{wide}" height="{high}" role="img">']
-    for flight, (left, right) in zip(flights, _columns(result)):
-        for begin_s, until_s, state in flight.states:
-            words = f"fault {flight.t_s:g} s: {state} from {begin_s:g} s to {until_s:g} s"
-            lines.append(_rect(x(left), y(begin_s), x(right), y(until_s), STATE_COLOURS.get(state, "#adb5bd"), words))
+    return [
+        f'<svg viewBox="0 0 {wide} {high}" width="{wide}" height="{high}" role="img">',
+        *_flights(result.flights, frame),
+        *_bands(result, letters, frame),
+        *_boundaries(result, frame),
+        *_axes(result.clock, frame),
+        "</svg>",
+    ]
+
+
+def _flights(flights: Sequence[Flight], frame: _Frame) -> List[str]:
+    lines = [
+        _rect(
+            (frame.x(left), frame.y(begin_s), frame.x(right), frame.y(until_s)),
+            STATE_COLOURS.get(state, "#adb5bd"),
+            f"fault {flight.t_s:g} s: {state} from {begin_s:g} s to {until_s:g} s",
+        )
+        for flight, (left, right) in zip(flights, _columns(flights))
+        for begin_s, until_s, state in flight.states
+    ]
     began = [(flight.t_s, flight.began_s) for flight in flights if flight.began_s is not None]
-    points = " ".join(f"{x(t_s):.1f},{y(at_s):.1f}" for t_s, at_s in began)
-    lines.append(f'<polyline points="{points}" fill="none" stroke="#1c2430" stroke-width="1.5"/>')
-    for left, right, outcome in _regions(result):
+    points = " ".join(f"{frame.x(t_s):.1f},{frame.y(at_s):.1f}" for t_s, at_s in began)
+    return [*lines, f'<polyline points="{points}" fill="none" stroke="#1c2430" stroke-width="1.5"/>']
+
+
+def _bands(result: Sweep, letters: Dict[str, str], frame: _Frame) -> List[str]:
+    lines: List[str] = []
+    for left_s, right_s, outcome in _regions(result):
+        left, right = frame.x(left_s), frame.x(right_s)
         colour = _BANDS[list(letters).index(outcome) % len(_BANDS)]
-        lines.append(_rect(x(left), _TOP - 26, x(right), _TOP - 6, colour, outcome))
-        words = f"{letters[outcome]}  {outcome}"
-        fits = words if len(words) * 6.6 < x(right) - x(left) else letters[outcome]
-        lines.append(
-            f'<text x="{(x(left) + x(right)) / 2:.1f}" y="{_TOP - 11}" text-anchor="middle">{escape(fits)}</text>'
-        )
+        whole = f"{letters[outcome]}  {outcome}"
+        said = whole if len(whole) * _LETTER < right - left else letters[outcome]
+        lines += [
+            _rect((left, _TOP - 26, right, _TOP - 6), colour, outcome),
+            _text((left + right) / 2, _TOP - 11, said),
+        ]
+    return lines
+
+
+def _boundaries(result: Sweep, frame: _Frame) -> List[str]:
+    lines: List[str] = []
     for number, each in enumerate(result.boundaries):
-        at = x((each.after_s + each.before_s) / 2)
-        lines.append(
-            f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{_TOP - 28}" y2="{_TOP + _HIGH}" stroke="#c92a2a" '
-            'stroke-width="1.5" stroke-dasharray="5 3"/>'
-        )
-        level = _TOP - 32 - 13 * (number % 2)
-        lines.append(f'<text x="{at:.1f}" y="{level}" text-anchor="middle">{each.before_s:.2f} s</text>')
-    for t_s in _ticks(first_s, last_s):
-        lines.append(f'<text x="{x(t_s):.1f}" y="{_TOP + _HIGH + 16}" text-anchor="middle">{t_s:g}</text>')
-    for at_s in _ticks(0.0, end_s):
-        lines.append(f'<text x="{_LEFT - 6}" y="{y(at_s) + 4:.1f}" text-anchor="end">{at_s:g}</text>')
-    middle = _LEFT + _WIDE / 2
-    lines.append(
-        f'<text x="{middle}" y="{_TOP + _HIGH + 36}" text-anchor="middle">time of the fault, '
-        f"{escape(result.clock)} [s]; the line is the fault itself; down: the flight [s]</text>"
-    )
-    return [*lines, "</svg>"]
+        at = frame.x((each.after_s + each.before_s) / 2)
+        place = f'x1="{at:.1f}" x2="{at:.1f}" y1="{_TOP - 28}" y2="{_TOP + _HIGH}"'
+        lines.append(f'<line {place} stroke="#c92a2a" stroke-width="1.5" stroke-dasharray="5 3"/>')
+        lines.append(_text(at, _TOP - 32 - 13 * (number % 2), f"{each.before_s:.2f} s"))
+    return lines
+
+
+def _axes(clock: str, frame: _Frame) -> List[str]:
+    below = _TOP + _HIGH
+    lines = [_text(frame.x(t_s), below + 16, f"{t_s:g}") for t_s in _ticks(frame.first_s, frame.last_s)]
+    lines += [_text(_LEFT - 6, frame.y(at_s) + 4, f"{at_s:g}", "end") for at_s in _ticks(0.0, frame.end_s)]
+    words = f"time of the fault, {clock} [s]; the line is the fault itself; down: the flight [s]"
+    return [*lines, _text(_LEFT + _WIDE / 2, below + 36, words)]
+
+
+def _text(x: float, y: float, words: str, anchor: str = "middle") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(words)}</text>'
+
+
+def _rect(box: Tuple[float, float, float, float], colour: str, words: str) -> str:
+    left, top, right, bottom = box
+    size = f'width="{max(right - left, 0.5):.1f}" height="{max(bottom - top, 0.2):.1f}"'
+    return f'<rect x="{left:.1f}" y="{top:.1f}" {size} fill="{colour}"><title>{escape(words)}</title></rect>'
 
 
 def _ticks(low: float, high: float) -> List[float]:
@@ -115,14 +152,9 @@ def _ticks(low: float, high: float) -> List[float]:
     return [round(number * step, 6) for number in range(ceil(low / step - 1e-9), int(high / step + 1e-9) + 1)]
 
 
-def _rect(left: float, top: float, right: float, bottom: float, colour: str, words: str) -> str:
-    size = f'width="{max(right - left, 0.5):.1f}" height="{max(bottom - top, 0.2):.1f}"'
-    return f'<rect x="{left:.1f}" y="{top:.1f}" {size} fill="{colour}"><title>{escape(words)}</title></rect>'
-
-
-def _columns(result: Sweep) -> List[Tuple[float, float]]:
+def _columns(flights: Sequence[Flight]) -> List[Tuple[float, float]]:
     """Return from where to where each flight stands: half-way to its neighbours."""
-    times = [flight.t_s for flight in result.flights]
+    times = [flight.t_s for flight in flights]
     middles = [(one + other) / 2 for one, other in zip(times, times[1:])]
     return list(zip([times[0], *middles], [*middles, times[-1]]))
 
