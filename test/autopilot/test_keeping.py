@@ -133,5 +133,5 @@ def test_a_damaged_file_begins_with_the_clock(tmp_path, text):
 
 def test_a_file_that_cannot_be_kept_is_told_at_the_start(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(KeyFileError, match="stamp: .*; the time stamp of signatures is kept there: permit it"):
+    with pytest.raises(KeyFileError, match=r"stamp: .*; the time stamp of signatures is kept there: permit it"):
         StampFile(tmp_path / "file" / "stamp")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from amaze_autonomy.autopilot.mission_steps import STEPS, Means, Procedure, Progress, is_foreign
+from amaze_autonomy.autopilot.mission_steps import STEPS, Means
 from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
+from amaze_autonomy.autopilot.modes import is_foreign
+from amaze_autonomy.autopilot.procedure import Procedure, Progress
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.missions import Controller, PlannerSpec
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from recorded import S, recording
 
 from amaze_autonomy.autopilot.flight_record import FlightRecord
-from amaze_autonomy.autopilot.mission_steps import STEPS, Means, Procedure, Progress
+from amaze_autonomy.autopilot.mission_steps import STEPS, Means
 from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.peers import Identity, Peers
+from amaze_autonomy.autopilot.procedure import Procedure, Progress
 from amaze_autonomy.autopilot.tlog import read_tlog
 from amaze_autonomy.autopilot.wire import decode
 from amaze_autonomy.engine.commands import MissionAction

@@ -12,8 +12,8 @@ from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 
 from .guidance import Guidance
 from .mission_items import waypoint_index
-from .mission_steps import is_foreign
 from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+from .modes import is_foreign
 
 __all__ = ["FlightRecord"]
 

@@ -10,7 +10,7 @@ from typing import FrozenSet, Mapping, Optional, Tuple
 
 from .dialect import mavlink
 
-__all__ = ["LAND", "MANUAL_MODES", "NEVER_OURS", "mode_name", "mode_number", "px4_number"]
+__all__ = ["LAND", "MANUAL_MODES", "NEVER_OURS", "is_foreign", "mode_name", "mode_number", "px4_number"]
 
 LAND = "AUTO.LAND"
 
@@ -66,6 +66,11 @@ MANUAL_MODES: FrozenSet[str] = frozenset(
 NEVER_OURS: FrozenSet[str] = frozenset(
     ["AUTO.RTL", "AUTO.RTGS", "AUTO.FOLLOW_TARGET", "AUTO.VTOL_TAKEOFF", "AUTO.READY", "TERMINATION"]
 )
+
+
+def is_foreign(mode: str) -> bool:
+    """Return whether a mode is one that we never command."""
+    return mode in MANUAL_MODES or mode in NEVER_OURS
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:

@@ -2,28 +2,31 @@
 
 Everything it says is read from the vehicle: a file is loaded when it reads back the same, a flight is over when the
 vehicle is disarmed on the ground. Commands are tables of steps (`mission_steps.py`); which command is good in which
-phase is a table here. It never commands a vehicle that a pilot flies, and never sends what nobody asked for, with two
-exceptions that the offboard flight needs: it lands after the last waypoint, and when the pose stays away.
+phase is a table in `admission.py`. It never commands a vehicle that a pilot flies, and never sends what nobody asked
+for, with two exceptions that the offboard flight needs: it lands after the last waypoint, and when the pose stays away.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Iterable, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
+from .admission import Standing, refusal
 from .dialect import Message
 from .flight_record import FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
-from .mission_steps import STEPS, Means, Procedure, Progress, is_foreign
+from .mission_steps import STEPS, Means
 from .mission_upload import UPLOAD_MESSAGES
 from .mission_vehicle import LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .modes import is_foreign
+from .outlook import IN_FLIGHT, Outlook
+from .procedure import Procedure, Progress
 from .rates import Rates
-from .remaining import Here, remaining
 
 __all__ = ["PLANNER_MESSAGES", "Sequencer", "SequencerSettings"]
 
@@ -33,15 +36,6 @@ PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
 _S = 1_000_000_000
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _P, _A = MissionPhase, MissionAction
-_IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
-
-#: phases in which a command is taken; any other refuses it. LAND and ABORT are taken always.
-_GOOD_IN: Mapping[MissionAction, Tuple[MissionPhase, ...]] = {
-    _A.TAKEOFF: (_P.LOADED,),
-    _A.HOLD: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
-    _A.RESUME: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
-}
-_WORDS: Mapping[MissionAction, str] = {_A.TAKEOFF: "fly", _A.HOLD: "hold", _A.RESUME: "resume"}
 
 
 @dataclass(frozen=True)
@@ -120,7 +114,7 @@ class Sequencer:
     def load(self, t_ns: int, request: LoadRequest) -> Tuple[Loading, Sequence[Message]]:
         """Begin to send a waypoint file; the loading says when it is over, and how it ended."""
         plan = self._plans.get(request.mission_id)
-        in_flight = self._phase in _IN_FLIGHT and bool(self.watch.armed)
+        in_flight = self._phase in IN_FLIGHT and bool(self.watch.armed)
         readiness = Readiness(self.watch, self._spec, in_flight, self._wall())
         origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
         loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
@@ -147,30 +141,20 @@ class Sequencer:
 
     def command(self, t_ns: int, session_id: str, action: MissionAction) -> Tuple[str, Sequence[Message]]:
         """Begin to carry out a command; return why it is refused, empty when it is taken."""
-        problem = self._refusal(t_ns, session_id, action)
+        problem = refusal(self._standing(t_ns), session_id, action)
         if problem:
             return problem, ()
         self._begin(t_ns, self._meant(t_ns, action))
         return "", self._proceed(t_ns)
 
-    def _refusal(self, t_ns: int, session_id: str, action: MissionAction) -> str:
-        if not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
-            return "the vehicle is silent"
-        if self.watch.armed and self.watch.pilot:
-            return f"the pilot has control (mode {self.watch.mode})"
-        if action not in _GOOD_IN:
-            return ""
-        if self._loaded is None or session_id != self._loaded.session_id:
-            return f"session {session_id!r} is not the one that is loaded"
-        if self._phase not in _GOOD_IN[action]:
-            return f"there is nothing to {_WORDS[action]} in phase {self._phase.name}"
-        if action in (_A.HOLD, _A.RESUME) and not self.watch.armed:
-            return f"there is nothing to {_WORDS[action]} on the ground: ABORT cancels the takeoff"
-        if self.watch.armed and is_foreign(self.watch.mode):
-            return f"the autopilot flies by itself (mode {self.watch.mode})"
-        if action is _A.TAKEOFF and self._controller is Controller.OFFBOARD and self._pose(t_ns) is None:
-            return "there is no fresh local position"
-        return ""
+    def _standing(self, t_ns: int) -> Standing:
+        return Standing(
+            watch=self.watch,
+            known=self.watch.known(t_ns, self._spec.vehicle_age_limit_ns),
+            phase=self._phase,
+            session_id=self._loaded.session_id if self._loaded else None,
+            lost=self._controller is Controller.OFFBOARD and self._pose(t_ns) is None,
+        )
 
     def _meant(self, t_ns: int, action: MissionAction) -> MissionAction:
         """Return what is done: before lift-off landing and aborting disarm; in flight, or where unknown, they land."""
@@ -219,7 +203,7 @@ class Sequencer:
 
     def shutdown(self, t_ns: int) -> Tuple[bool, Sequence[Message]]:
         """Land before the process ends, unless it is on the ground, or a pilot flies; return whether it lands."""
-        if self._phase not in _IN_FLIGHT or not self.watch.armed or self.watch.pilot:
+        if self._phase not in IN_FLIGHT or not self.watch.armed or self.watch.pilot:
             return False, ()
         self._begin(t_ns, self._meant(t_ns, _A.LAND))
         return True, self._proceed(t_ns)
@@ -227,7 +211,7 @@ class Sequencer:
     @property
     def landing_shown(self) -> bool:
         """True once the vehicle lands, has landed, or is somebody else's."""
-        over = self._phase not in _IN_FLIGHT or not self.watch.armed
+        over = self._phase not in IN_FLIGHT or not self.watch.armed
         return over or self.watch.mode == LAND or is_foreign(self.watch.mode)
 
     # --- what the vehicle does ------------------------------------------------------------------------------------
@@ -243,7 +227,7 @@ class Sequencer:
     def _follow(self, t_ns: int) -> None:
         """Read the phase from the vehicle."""
         watch, flight, procedure = self.watch, self._flight, self._procedure
-        if self._phase not in _IN_FLIGHT or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+        if self._phase not in IN_FLIGHT or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
         flight.look()
         self._means.lifted = flight.lifted
@@ -265,7 +249,7 @@ class Sequencer:
         if not self._flight.airborne and not self._doing(_A.LAND, _A.ABORT):
             self._flight.failure = "disarmed before it lifted off"
         self._message = self._flight.failure
-        if self._phase in (*_IN_FLIGHT, _P.LOADED):
+        if self._phase in (*IN_FLIGHT, _P.LOADED):
             self._phase = _P.LANDED
         self._procedure = self._flight.guidance = None
         self._means.stream_ns = None
@@ -327,48 +311,14 @@ class Sequencer:
 
     def status(self, t_ns: int) -> MissionStatus:
         """Return what is to be known of it, level-based."""
-        distance, seconds = self._left(t_ns)
-        loaded = self._loaded
-        return MissionStatus(
-            t_ns=t_ns,
-            session_id=loaded.session_id if loaded else "",
-            mission_id=loaded.mission_id if loaded else "",
+        outlook = Outlook(
+            watch=self.watch,
+            age_limit_ns=self._spec.vehicle_age_limit_ns,
+            model=self._settings.model,
+            loading=self._loading,
+            origin=self._origin,
+            flight=self._flight,
             phase=self._phase,
-            waypoint=self._waypoint(),
-            waypoints=self._flight.waypoints,
-            file_index=loaded.file_index if loaded else 0,
-            repetition=loaded.repetition if loaded else 0,
-            distance_left_m=distance,
-            time_left_s=seconds,
-            message=self._message if self.watch.known(t_ns, self._spec.vehicle_age_limit_ns) else _SILENT,
+            message=self._message,
         )
-
-    def _waypoint(self) -> int:
-        """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
-        if self._phase is _P.LANDED:
-            return self._flight.reached
-        return min(self._flight.reached + 1, self._flight.waypoints) if self._phase in _IN_FLIGHT else 0
-
-    def _left(self, t_ns: int) -> Tuple[Optional[float], Optional[float]]:
-        loading, origin = self._loading, self._origin
-        if loading is None or origin is None or not loading.accepted:
-            return None, None
-        waypoints = loading.trajectory.waypoints[self._flight.reached :]
-        if self._phase is _P.LANDED:
-            waypoints = ()
-        return remaining(self._here(t_ns, origin), waypoints, self._settings.model)
-
-    def _here(self, t_ns: int, origin: Origin) -> Optional[Here]:
-        watch, limit_ns = self.watch, self._spec.vehicle_age_limit_ns
-        yaw = watch.yaw_rad or 0.0
-        if origin.local is not None:
-            pose = watch.local(t_ns, limit_ns)
-            if pose is None:
-                return None
-            x, y, z = (at - start for at, start in zip(pose.position_m, origin.local))
-            return Here(x, y, z, yaw)
-        place = watch.somewhere(t_ns, limit_ns)
-        return None if place is None or origin.home is None else Here(*origin.home.to_local(place), watch.height_m, yaw)
-
-
-_SILENT = "the vehicle is silent"
+        return outlook.status(t_ns, self._loaded)
