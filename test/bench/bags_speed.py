@@ -65,6 +65,24 @@ int main(int argc, char** argv) {  // writes a bag again, and is killed when it 
   }
 }
 """
+CPP_READ = r"""
+#include <rosbag/bag.h>
+#include <rosbag/view.h>
+int main(int argc, char** argv) {  // reads bags as `rosbag play` does: all of them in order of time
+  std::vector<std::shared_ptr<rosbag::Bag>> in;
+  rosbag::View view;
+  for (int i = 1; i < argc; ++i) {
+    in.push_back(std::make_shared<rosbag::Bag>(argv[i], rosbag::bagmode::Read));
+    view.addQuery(*in.back());
+  }
+  std::vector<uint8_t> buffer;
+  for (const rosbag::MessageInstance& m : view) {
+    buffer.resize(m.size());
+    ros::serialization::OStream stream(buffer.data(), buffer.size());
+    m.write(stream);
+  }
+}
+"""
 # bag.h wants a header of another package for one member, its last but one; only the library itself ever uses that.
 SHIM = """
 #pragma once
@@ -72,6 +90,12 @@ SHIM = """
 namespace pluginlib {
 template <class T> struct ClassLoader { char opaque[4096]; ClassLoader(const std::string&, const std::string&) {} };
 }
+"""
+PY_READ = """
+import sys, rosbag
+for path in sys.argv[1:]:
+    for message in rosbag.Bag(path).read_messages(raw=True):
+        pass
 """
 PY_MERGE = """
 import sys, rosbag
@@ -163,13 +187,17 @@ def ours(*arguments: object) -> None:
     subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": str(ROOT / "src")}, stdout=subprocess.DEVNULL)
 
 
-def repack(path: Path, kind: str) -> None:
+def repack(path: Path, kind: str, programs: dict) -> None:
+    """Write a bag again as the recorder does with --lz4 --chunksize=64; the rosbags library's lz4 is another."""
     packed = path.with_suffix(".packed.bag")
-    ours("merge", path, "-o", packed, "--compression", kind)
+    if "record" in programs:
+        subprocess.run(list(map(str, (programs["record"], packed, path, kind, 64, 1 << 40))), check=True)
+    else:
+        ours("merge", path, "-o", packed, "--compression", kind)
     packed.replace(path)
 
 
-def timed(command: list, synced: Path | None = None) -> tuple[float, float, float]:
+def timed(command: list, synced: Path | None = None, *, may_fail: bool = False) -> tuple[float, float, float]:
     """Return seconds, seconds of computing, and megabytes of a process; until a file that it wrote is on the disk."""
     before = time.perf_counter()
     process = subprocess.Popen(
@@ -180,7 +208,7 @@ def timed(command: list, synced: Path | None = None) -> tuple[float, float, floa
     )
     error = process.stderr.read()
     _, status, usage = os.wait4(process.pid, 0)
-    if status:
+    if status and not may_fail:
         sys.exit(f"{command[0]} failed: {error.decode()[-400:]}")
     if synced and synced.is_file():
         file = os.open(synced, os.O_RDONLY)
@@ -228,11 +256,24 @@ def merge_tools(inputs: list, output: Path, programs: dict, compression: str = "
     return tools
 
 
+def reading(inputs: list, output: Path, programs: dict) -> None:
+    """Measure how long others take to read a merged bag, against its inputs."""
+    ours("merge", *inputs, "-o", output)
+    print(f"\n| Read {output.stat().st_size / 1e6:.0f} MB, merged | The inputs | The merged bag |\n|---|---|---|")
+    tools = {"librosbag (C++)": [programs["read"]]} if "read" in programs else {}
+    if "python" in programs:
+        tools["rosbag in Python"] = [programs["python"], "-c", PY_READ]
+    for name, command in tools.items():
+        best = [min(timed([*command, *paths])[0] for _ in range(ROUNDS)) for paths in (inputs, [output])]
+        print(f"| {name} | {best[0]:.2f} s | {best[1]:.2f} s |")
+    output.unlink()
+
+
 def compiled(folder: Path) -> dict:
     programs = {}
     (folder / "shim" / "pluginlib").mkdir(parents=True)
     (folder / "shim" / "pluginlib" / "class_loader.hpp").write_text(SHIM)
-    for name, text in (("merge", CPP_MERGE), ("record", CPP_RECORD)):
+    for name, text in (("merge", CPP_MERGE), ("record", CPP_RECORD), ("read", CPP_READ)):
         source, program = folder / f"{name}.cpp", folder / name
         source.write_text(text)
         libraries = [
@@ -257,35 +298,31 @@ def recovery(folder: Path, source: Path, programs: dict, kind: str, chunk_kb: in
     active = folder / "killed.bag.active"
     command = [programs["record"], active, source, kind, chunk_kb, messages]
     assert subprocess.run(list(map(str, command)), check=False).returncode == -signal.SIGKILL
-    began = time.perf_counter()
-    recovered = folder / "killed.bag"
-    subprocess.run(
-        [sys.executable, "-m", "amaze_autonomy.bags.cli", "recover", str(active), "--force"],
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
-        stdout=subprocess.DEVNULL,
-    )
-    ours_s = time.perf_counter() - began
-    work = folder / "reindexed.bag"
+    os.sync()
+    recover = [sys.executable, "-m", "amaze_autonomy.bags.cli", "recover", "--force"]
+    recovered, work = folder / "killed.bag", folder / "reindexed.bag"
     shutil.copy(active, work)
-    began = time.perf_counter()
-    subprocess.run(["rosbag", "reindex", "-q", str(work)], check=False, capture_output=True)
-    theirs_s = time.perf_counter() - began
+    ours_s = timed([*recover, active], recovered, may_fail=True)[0]
+    theirs_s = timed(["rosbag", "reindex", "-q", work], work, may_fail=True)[0]
     kept = [in_process("count", path)[1] for path in (recovered, work)]
-    scan_s = in_process("scan", active)[0]
+    recovered.unlink()
+    here_s, there_s = in_process("in_place", active)[0], timed([*recover, "--in-place", active], may_fail=True)[0]
     print(
-        f"| {source.stem}, {kind}, {chunk_kb} kB chunks | {active.stat().st_size / 1e6:.0f} MB | "
-        f"{messages - kept[0]} | {messages - kept[1]} | {ours_s:.2f} s | {scan_s:.3f} s | {theirs_s:.2f} s |"
+        f"| {source.stem}, {kind}, {chunk_kb} kB chunks | {work.stat().st_size / 1e6:.0f} MB | "
+        f"{messages - kept[0]} | {messages - kept[1]} | {ours_s:.2f} s | {there_s:.2f} s | {here_s:.3f} s | "
+        f"{theirs_s:.2f} s |"
     )
-    for path in folder.glob("killed*"):
-        path.unlink()
-    for path in folder.glob("reindexed*"):
+    for path in (*folder.glob("killed*"), *folder.glob("reindexed*")):
         path.unlink()
 
 
 SCRIPTS = {
     "count": "from amaze_autonomy.bags.index import Index\nwith Index(path) as index: n = len(index.messages().t_ns)",
-    "scan": "from amaze_autonomy.bags.scan import scan\nn = scan(path, check_data=False).messages",
+    "in_place": (
+        "from amaze_autonomy.bags.inplace import recover_in_place; from amaze_autonomy.bags.undo import restore\n"
+        "done = recover_in_place(path); n = done.scan.messages; spent = time.perf_counter(); restore(done.path); "
+        "began += time.perf_counter() - spent"
+    ),
 }
 
 
@@ -329,14 +366,19 @@ def run(folder: Path, seconds: int) -> None:
         camera = [folder / f"camera{each}.bag" for each in "12"]
         for each, path in enumerate(camera):
             apart(write_camera, path, f"computer_{'x' * each}", seconds)
-            if kind != "none":  # the rosbags library writes lz4 that librosbag cannot read
-                repack(path, kind)
+            if kind != "none":
+                repack(path, kind, programs)
         size = sum(path.stat().st_size for path in camera) / 1e6
         tools = merge_tools(camera, output, {key: programs[key] for key in programs if key != "python"})
+        if kind == "lz4" and "merge" in programs:
+            tools["librosbag (C++), lz4 again"] = [[programs["merge"], output, "-lz4", *camera]]
         table(f"Camera recordings, {kind}, {size:.0f} MB", compare(tools, output), "cp")
+        reading(camera, output, programs)
         if kind == "none" and "record" in programs:
-            print("\n| Killed recorder | Size | Lost | Lost by reindex | recover | its scan alone | rosbag reindex |")
-            print("|---|---|---|---|---|---|---|")
+            print(
+                "\n| Killed recorder | Size | Lost | Lost by reindex | recover | in place | in process | rosbag reindex |"
+            )
+            print("|---|---|---|---|---|---|---|---|")
             for chunks in (("none", 768), ("lz4", 768), ("lz4", 64), ("bz2", 768)):
                 recovery(folder, small[0], programs, *chunks, 15 * seconds * 430 - 1234)
             for chunks in (("none", 768), ("lz4", 64)):
