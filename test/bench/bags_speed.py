@@ -375,9 +375,7 @@ def run(folder: Path, seconds: int) -> None:
         table(f"Camera recordings, {kind}, {size:.0f} MB", compare(tools, output), "cp")
         reading(camera, output, programs)
         if kind == "none" and "record" in programs:
-            print(
-                "\n| Killed recorder | Size | Lost | Lost by reindex | recover | in place | in process | rosbag reindex |"
-            )
+            print("\n| Killed | Size | Lost | By reindex | recover | in place | in process | rosbag reindex |")
             print("|---|---|---|---|---|---|---|---|")
             for chunks in (("none", 768), ("lz4", 768), ("lz4", 64), ("bz2", 768)):
                 recovery(folder, small[0], programs, *chunks, 15 * seconds * 430 - 1234)
