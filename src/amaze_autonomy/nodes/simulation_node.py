@@ -7,6 +7,7 @@ Offers the services and publishes the status topics of `interface.py` for the pe
     ~drivers    publish those of components with a node by processes of that name (default: false)
     ~real       peers that are real nodes, as ~peers; faults of their processes are signals
     ~mavlink    the vehicle speaks MAVLink, where autopilot.yaml says that the nodes wait for it (default: false)
+    ~vehicle    which autopilot it has then: px4 or ardupilot (default: px4)
     ~rates      of its messages: onboard or gcs (default: gcs; the nodes ask for what they need)
     ~faults     file with a scenario; empty: nothing goes wrong
     ~seed       of noise and latencies (default: 0)
@@ -34,6 +35,7 @@ from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import Event, Outcome
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
+from amaze_autonomy.simulation.autopilots import AUTOPILOTS
 from amaze_autonomy.simulation.px4 import Px4
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 from amaze_autonomy.simulation.px4_udp import VehicleServer
@@ -274,8 +276,12 @@ def _flown(
     configuration: Configuration, scenario: Optional[Scenario], seed: int, start_ns: int
 ) -> Tuple[World, Callable[[LiveWorld], VehicleServer]]:
     """Make a world whose vehicle speaks MAVLink, and what makes its server."""
+    name = str(rospy.get_param("~vehicle", "px4"))
+    if name not in AUTOPILOTS:
+        raise StartError(f"~vehicle: is {name!r}; must be one of {', '.join(AUTOPILOTS)}")
+    unix_ns, kind = time.time_ns() - _HISTORY_NS, AUTOPILOTS[name]
     world, px4 = fly_world(
-        configuration, None, scenario, seed=seed, start_ns=start_ns, unix_ns=time.time_ns() - _HISTORY_NS, live=True
+        configuration, None, scenario, seed=seed, start_ns=start_ns, unix_ns=unix_ns, live=True, kind=kind
     )
     return world, functools.partial(_server, configuration, world, px4)
 

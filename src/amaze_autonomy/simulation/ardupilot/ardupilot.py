@@ -67,7 +67,8 @@ class ArduPilot(Px4):
     # --- what it does in another way than PX4 ---------------------------------------------------------------------
 
     def _make_parameters(self) -> Parameters:
-        return ArduParameters({**_PARAMETERS, **self.settings.parameters})
+        given = {name: value for name, value in self.settings.parameters.items() if name in _PARAMETERS}
+        return ArduParameters({**_PARAMETERS, **given})
 
     def _make_missions(self) -> MissionServer:
         return ArduMissions(self.settings.mission_capacity, lambda: self.craft.home)

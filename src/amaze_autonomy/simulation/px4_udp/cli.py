@@ -14,10 +14,10 @@ from typing import Any, Callable, List, Optional, Sequence, Tuple
 from amaze_autonomy import paths
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
-from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
+from amaze_autonomy.simulation.autopilots import AUTOPILOTS
 from amaze_autonomy.simulation.cli import scenario_file
 from amaze_autonomy.simulation.errors import SimulationError
-from amaze_autonomy.simulation.px4 import Craft, Geography, Place, Px4, Px4Settings
+from amaze_autonomy.simulation.px4 import Geography, Place, Px4, Px4Settings
 from amaze_autonomy.simulation.px4.links import PRESETS
 from amaze_autonomy.simulation.px4.pairing import fly_world
 from amaze_autonomy.simulation.scenario import Scenario
@@ -30,7 +30,6 @@ from .server import VehicleServer
 __all__ = ["main"]
 
 _OK, _USAGE = 0, 2
-_KINDS = {"px4": (Craft, Px4), "ardupilot": (ArduCraft, ArduPilot)}
 _DEFAULT = "udpin:127.0.0.1:14540"
 _EPILOG = f"""\
 examples:
@@ -93,7 +92,7 @@ def _make(options: argparse.Namespace) -> Tuple[World, Px4]:
         seed=options.seed,
         unix_ns=time.time_ns(),
         without=PEERS,
-        kind=_KINDS[options.autopilot],
+        kind=AUTOPILOTS[options.autopilot],
     )
 
 
@@ -119,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--link", action="append", default=[], dest="links", metavar="URL", help=words)
     words = "rates of its messages: those for a computer on board, or the lower ones for a ground station"
     parser.add_argument("--rates", choices=tuple(PRESETS), default="onboard", help=words)
-    parser.add_argument("--autopilot", choices=tuple(_KINDS), default="px4", help="which one (default: px4)")
+    parser.add_argument("--autopilot", choices=tuple(AUTOPILOTS), default="px4", help="which one (default: px4)")
     parser.add_argument("--system", type=int, default=1, help="MAVLink system id (default: 1)")
     words = "latitude, longitude, altitude where it stands"
     parser.add_argument("--home", default="47.397743,8.545594,489.4", metavar="LAT,LON,ALT", help=words)
