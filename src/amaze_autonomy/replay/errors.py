@@ -2,6 +2,7 @@
 
 ReplayError          base
   FieldError         a field that the topic map names is not in the message
+  EditError          a fault asks for a value that a field cannot have
   UnknownTopicError  a topic that the map needs is not in any of the bags
   NoMessagesError    the bags hold no message that the map needs
   JournalGapError    lines are missing in a journal from a bag
@@ -15,6 +16,7 @@ from typing import Tuple
 
 __all__ = [
     "DamagedInputError",
+    "EditError",
     "FieldError",
     "GoldenError",
     "InvalidStatusError",
@@ -43,6 +45,20 @@ class FieldError(ReplayError):
     def __init__(self, path: str, kind: str, known: Tuple[str, ...]) -> None:
         super().__init__(f"{path}: {kind} has no such field; it has {', '.join(known) or 'none'}")
         self.path, self.kind, self.known = path, kind, known
+
+
+class EditError(ReplayError):
+    """A fault of a scenario asks for a value that a field of the messages cannot have.
+
+    Args:
+        path: of the field.
+        fault: its kind.
+        reason: what does not fit, and what would.
+    """
+
+    def __init__(self, path: str, fault: str, reason: str) -> None:
+        super().__init__(f"fault {fault}: {path} {reason}")
+        self.path, self.fault, self.reason = path, fault, reason
 
 
 class MisfitError(ReplayError):

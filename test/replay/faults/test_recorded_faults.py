@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import inf, isinf, isnan
+from random import Random
 from types import SimpleNamespace
 
 import pytest
 
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.document import parse
-from amaze_autonomy.replay.errors import FieldError
+from amaze_autonomy.replay.errors import EditError, FieldError
 from amaze_autonomy.replay.faults import RECORDED_FAULT, RECORDED_KINDS, TOPIC
 from amaze_autonomy.replay.faults.acting import Acting
+from amaze_autonomy.replay.faults.edits import VALUES as EDITS
 from amaze_autonomy.replay.faults.stream import FaultedRecordings
 from amaze_autonomy.replay.sources import Sample
 from amaze_autonomy.simulation import Subject
@@ -129,6 +131,8 @@ VALUES = {
     "swapped, field: z, with: x": [1.0, 1.0, 1.0, 1.0],
     "infinite, field: z": [inf] * 4,
     "garbage, field: z": [8191.0] * 4,
+    "undefined, field: z": [255] * 4,
+    "undefined, field: z, value: 7": [7] * 4,
 }
 
 
@@ -136,7 +140,40 @@ VALUES = {
 def test_what_messages_say(text):
     found = played(f"topic: /imu, fault: {text}")
     assert [z for _, z in imu(found)] == [0.0, 1.0, *VALUES[text], 6.0, 7.0, 8.0, 9.0]
-    assert found[1] == 4
+    changed = sum(new != old for new, old in zip(VALUES[text], (2.0, 3.0, 4.0, 5.0)))
+    assert found[1] == (4 if text == "stuck" else changed)
+
+
+def test_a_list_becomes_empty_and_a_number_in_it_none_that_is_known():
+    empty, _ = faulted("topic: /imu, fault: garbage, field: values")
+    assert [empty.message(sample).values for sample in empty.samples[4:6]] == [[], [1, 2, 3]]
+
+
+def test_only_what_changed_is_counted():
+    found = played("topic: /imu, fault: saturated, field: z, lowest: 3, highest: 9")
+    assert [z for _, z in imu(found)][2:6] == [3.0, 3.0, 4.0, 5.0]
+    assert found[1] == 1
+    assert played("topic: /imu, fault: biased, field: z, by: 0")[1] == 0
+    assert played("topic: /imu, fault: swapped, field: x, with: x")[1] == 0
+
+
+def test_a_message_without_header_freezes_with_its_own_clock_running():
+    times = (200 * MS, 300 * MS)
+    beats = [SimpleNamespace(z=float(n), time_boot_ms=t_ns // MS) for n, t_ns in enumerate(times)]
+    for text, clock in (("running", [200, 300]), ("frozen", [200, 200])):
+        acting = Acting(fault(f"topic: /imu, fault: stuck, stamp: {text}"), times[0], None, ("/imu",))
+        edits = EDITS["stuck"](acting, times, Random(1), lambda: beats[0])
+        found = [edit(beat) for edit, beat in zip(edits, beats)]
+        assert [(each.z, each.time_boot_ms) for each in found] == [(0.0, each) for each in clock]
+
+
+def test_what_a_fault_makes_unreadable_is_no_damage_of_the_recording():
+    stream, _ = faulted("topic: /imu, fault: undefined, field: z")
+    stream.note("/imu", 300 * MS, "z is 255")
+    assert stream.damage == {}
+    for topic, t_ms in (("/imu", 100), ("/lrf", 250)):
+        stream.note(topic, t_ms * MS, "a chunk is damaged")
+    assert {topic: each.count for topic, each in stream.damage.items()} == {"/imu": 1, "/lrf": 1}
 
 
 def test_nan_is_nan_and_infinity_is_not():
@@ -181,6 +218,25 @@ def test_a_field_that_is_not_there_is_named():
     stream, _ = faulted("topic: /imu, fault: nan, field: q")
     with pytest.raises(FieldError, match="Message has no such field; it has z, x, values, header"):
         stream.message(stream.samples[4])
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("nan, field: 'values[0]'", r"fault nan: values\[0\] is a whole number, which cannot be nan; use undefined"),
+        ("biased, field: values, by: 1", "fault biased: values is no number but list; name a number, or use garbage"),
+    ],
+)
+def test_a_value_that_the_field_cannot_have_is_said(text, words):
+    stream, _ = faulted(f"topic: /imu, fault: {text}")
+    with pytest.raises(EditError, match=words):
+        stream.message(stream.samples[4])
+
+
+def test_a_whole_number_stays_one():
+    stream, _ = faulted("topic: /imu, fault: scaled, field: 'values[2]', factor: 0.5")
+    value = stream.message(stream.samples[4]).values[2]
+    assert (value, type(value)) == (2, int)
 
 
 def test_the_clock_of_the_recorder():

@@ -178,6 +178,15 @@ def test_a_golden_without_a_scenario_fails_a_full_run_and_is_pruned_with_a_reaso
     assert main(["test", str(accepted)]) == 0
 
 
+def test_a_damaged_golden_is_replaced_by_accepting_the_run_anew(accepted, capsys):
+    path = accepted / "goldens" / "lrf.golden.jsonl"
+    whole = path.read_bytes()
+    path.write_text("{broken\n")
+    assert main(["accept", str(accepted), REASON]) == 0
+    assert "lrf: the old golden is damaged, no difference can be shown: " in capsys.readouterr().out
+    assert path.read_bytes() == whole
+
+
 def test_a_damaged_golden_is_an_error_with_its_path(accepted, capsys):
     (accepted / "goldens" / "lrf.golden.jsonl").write_text("{}\n")
     capsys.readouterr()

@@ -8,10 +8,13 @@ from __future__ import annotations
 import copy
 import re
 from math import inf, isfinite, nan
+from numbers import Integral, Real
 from random import Random
 from typing import Any, Callable, List, Mapping, Optional, Sequence, Union
 
-from ..errors import FieldError
+import numpy as np
+
+from ..errors import EditError, FieldError
 from ..fields import getter, kind_of
 from .acting import Acting
 
@@ -23,17 +26,21 @@ _Make = Callable[[Acting, Sequence[int], Random, _Read], List[Edit]]
 _STEP = re.compile(r"[A-Za-z]\w*|\[\d+\]")
 _S = 1_000_000_000
 _SILLY = 8191  # what range sensors of several makes say for "nothing seen"
+_CLOCKS = ("header", "stamp", "time_boot_ms", "time_usec", "time_unix_usec")  # of ROS, and of MAVLink: it has no header
 
 
 def changed(message: Any, path: str, change: Callable[[Any], Any]) -> Any:
-    """Return a copy of a message with the value at a path changed.
+    """Return a copy of a message with the value at a path changed; the message itself when it stays what it was.
 
     Raises:
         FieldError: the message has no such field.
     """
-    getter(path)(message)  # says which field is not there
+    old = getter(path)(message)  # says which field is not there
+    new = change(old)
+    if isinstance(new, (int, float, str)) and new == old:
+        return message
     steps: List[Union[str, int]] = [int(s[1:-1]) if s[0] == "[" else s for s in _STEP.findall(path)]
-    return _changed(message, steps, change, path)
+    return _changed(message, steps, lambda _: new, path)
 
 
 def _changed(value: Any, steps: Sequence[Union[str, int]], change: Callable[[Any], Any], path: str) -> Any:
@@ -60,14 +67,42 @@ def _number_edit(of: Callable[[Acting, Random], Callable[[float, int], float]]) 
         drawn = [chance.gauss(0.0, 1.0) for _ in times] if acting.fault.kind.name == "noisy" else []
 
         def edit(number: int, t_ns: int) -> Edit:
-            if drawn:
-                by = drawn[number] * acting.fault.number("sigma")
-                return lambda message: changed(message, path, lambda value: value + by)
-            return lambda message: changed(message, path, lambda value: change(value, t_ns - acting.begin_ns))
+            by = drawn[number] * acting.fault.number("sigma") if drawn else 0.0
+
+            def new(value: Any) -> Any:
+                number = _number(value, path, acting.fault.kind.name)
+                wanted = number + by if drawn else change(number, t_ns - acting.begin_ns)
+                return _fitting(value, wanted, path, acting.fault.kind.name)
+
+            return lambda message: changed(message, path, new)
 
         return [edit(number, t_ns) for number, t_ns in enumerate(times)]
 
     return make
+
+
+def _number(value: Any, path: str, fault: str) -> Any:
+    """Return a number of a message.
+
+    Raises:
+        EditError: it is none.
+    """
+    if isinstance(value, Real) and not isinstance(value, (bool, np.bool_)):
+        return value
+    raise EditError(path, fault, f"is no number but {kind_of(value)}; name a number, or use garbage")
+
+
+def _fitting(old: Any, new: float, path: str, fault: str) -> float:
+    """Return a new value as the field can hold it: a whole number stays one.
+
+    Raises:
+        EditError: it cannot hold it.
+    """
+    if not isinstance(old, Integral):
+        return new
+    if not isfinite(new):
+        raise EditError(path, fault, f"is a whole number, which cannot be {new}; use undefined, or garbage")
+    return round(new)
 
 
 def _constant(value: float) -> _Make:
@@ -148,11 +183,22 @@ def _stuck(acting: Acting, times: Sequence[int], _: Random, read: _Read) -> List
         if not held:
             held.append(read())
         first = held[0] if held[0] is not None else message
-        if running and hasattr(message, "header") and hasattr(first, "header"):
-            return changed(first, "header", lambda _: message.header)
-        return first
+        return _at_the_time_of(message, first) if running else first
 
     return [stick] * len(times)
+
+
+def _at_the_time_of(message: Any, first: Any) -> Any:
+    """Return the first message with the header and times of the other one, as far as it has any."""
+    for name in _CLOCKS:
+        if hasattr(message, name) and hasattr(first, name):
+            first = changed(first, name, lambda _, name=name: getattr(message, name))  # type: ignore[misc]
+    return first
+
+
+def _undefined(acting: Acting, _: Random) -> Callable[[float, int], float]:
+    number = int(acting.fault.number("value"))
+    return lambda _, __: number
 
 
 VALUES: Mapping[str, _Make] = {
@@ -160,6 +206,7 @@ VALUES: Mapping[str, _Make] = {
     "nan": _constant(nan),
     "infinite": _constant(inf),
     "garbage": _garbage,
+    "undefined": _number_edit(_undefined),
     "biased": _number_edit(_biased),
     "drifting": _number_edit(_drifting),
     "noisy": _number_edit(_noisy),

@@ -68,11 +68,16 @@ _VALUES: Tuple[Tuple[str, str, Tuple[Parameter, ...]], ...] = (
     (
         "stuck",
         "its messages repeat the one of the moment at which it stuck",
-        (Parameter("stamp", "running", "whether their header's time goes on", choices=("running", "frozen")),),
+        (Parameter("stamp", "running", "whether their times go on", choices=("running", "frozen")),),
     ),
     ("nan", "a number in it is NaN", (_FIELD,)),
     ("infinite", "a number in it is infinite", (_FIELD,)),
     ("garbage", "a number in it is one that no reader expects, a list is empty", (_FIELD,)),
+    (
+        "undefined",
+        "a number in it that stands for a word, e.g. a phase, stands for none",
+        (_FIELD, Parameter("value", 255.0, "the number", low=0.0, high=4294967295.0)),
+    ),
     ("biased", "a number in it is off by a constant", (_FIELD, _number("by", "added, in the unit of the field"))),
     ("drifting", "a number in it is off by more and more", (_FIELD, _number("by_per_s", "added for each second"))),
     ("noisy", "a number in it is off by chance", (_FIELD, _number("sigma", "standard deviation", 0.0))),

@@ -96,6 +96,12 @@ class FaultedRecordings(Recordings):
                 self._by_rank[item.sample.rank].append(place)
         return self._by_rank[rank]
 
+    def note(self, topic: str, t_ns: int, reason: str) -> None:
+        """Note that a message could not be read: of the recording, not what a fault has made of it."""
+        edited = (item for item in self._items if item.edits and item.t_ns == t_ns)
+        if not any(self.topics[item.sample.rank] == topic for item in edited):
+            super().note(topic, t_ns, reason)
+
     def message(self, sample: Sample) -> Optional[Any]:
         """Return the decoded message as the faults left it; None when it is damaged, which is noted."""
         if not self._faulted:
@@ -125,6 +131,10 @@ class FaultedRecordings(Recordings):
         """Read recorded statuses as events."""
         whole = self._inner.read_statuses(wanted)
         return () if self._faulted else whole
+
+    def tell_statuses(self, wanted: Mapping[int, str]) -> None:
+        """Make events of recorded statuses."""
+        self._inner.tell_statuses(wanted)
 
     def status(self, sample: Sample) -> Optional[Event]:
         """Return a recorded status as an event; None when `message` must be asked: a fault moves or edits it."""
@@ -163,8 +173,9 @@ class FaultedRecordings(Recordings):
 
     def _counted(self, number: int, edit: Edit) -> Edit:
         def counting(message: Any) -> Any:
-            self.touched[number] += 1
-            return edit(message)
+            edited = edit(message)
+            self.touched[number] += edited is not message
+            return edited
 
         return counting
 
