@@ -22,10 +22,10 @@ SET_MODE, ARM, START = 176, 400, 300
 class Story:
     """A watch that is told heartbeats, and one procedure on it."""
 
-    def __init__(self, action, controller=Controller.MISSION, *, copter=False, **means):
+    def __init__(self, action, controller=Controller.MISSION, *, copter=False, mode="", **means):
         self.watch, self.t_ns, self.copter = VehicleWatch(), 0, copter
         self.means = Means(self.watch, S, **means)
-        self.beat("AUTO.LOITER" if not copter else "OFFBOARD")
+        self.beat(mode or ("AUTO.LOITER" if not copter else "OFFBOARD"))
         persistent = action in (A.LAND, A.ABORT)
         steps = STEPS[controller, action]
         self.procedure = Procedure(action, steps, self.means, PlannerSpec(), 0, persistent=persistent)
@@ -160,3 +160,13 @@ def test_foreign_are_the_modes_that_we_never_command():
     ours = ("AUTO.LOITER", "AUTO.MISSION", "AUTO.LAND", "OFFBOARD", "AUTO.TAKEOFF")
     assert not any(map(is_foreign, ours))
     assert all(map(is_foreign, ("POSCTL", "MANUAL", "ALTCTL", "STABILIZED", "ACRO", "AUTO.RTL")))
+
+
+def test_a_pilot_who_returns_to_the_mode_that_it_stood_in_has_taken_it():
+    story = Story(A.TAKEOFF, mode="POSCTL")
+    assert story.after(0) == [(SET_MODE, 1.0, 4.0, 3.0)]
+    story.beat("AUTO.LOITER")
+    assert story.after(100) == [(ARM, 1.0, 0.0, 0.0)]
+    story.beat("POSCTL", armed=True)
+    assert (story.after(100), story.procedure.progress) == ([], Progress.TAKEN)
+    assert story.procedure.reason == "the vehicle went to POSCTL by itself"

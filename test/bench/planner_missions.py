@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Missions in a row with the simulated PX4 over a bad link, in virtual time: none lost, none stuck, none armed twice.
 
-    planner_missions.py [MISSIONS [SEED]]      default: 200 missions, seed 0
+    planner_missions.py [MISSIONS [SEED [ardupilot]]]      default: 200 missions, seed 0, px4
 
 Each has 5 % of packets lost, up to 50 ms of jitter, and one cut of the link of 0.5 s to 4 s at any moment, the loading
 included. Exit status 1 when one did not end as it should.
@@ -16,7 +16,7 @@ from random import Random
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "autopilot"))
 
-from flying import MS, Flying, S
+from flying import ARDUPILOT, MS, PX4, Flying, S
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
@@ -27,10 +27,10 @@ LOSS, JITTER_MS, LONGEST_MS = 0.05, 50, 60_000
 class Row:
     """One vehicle and one planner, and mission after mission."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, kind) -> None:
         self.random = Random(seed)
         self.cut_ns = (0, 0)
-        self.flying = Flying()
+        self.flying = Flying(kind=kind)
         self.flying.channel.fate = self.fate
         self.armings = 0
         set_armed = self.flying.craft._set_armed
@@ -69,9 +69,10 @@ class Row:
 
 def main() -> int:
     """Fly them all; return the exit status."""
-    given = [int(each) for each in sys.argv[1:]]
+    kind = ARDUPILOT if "ardupilot" in sys.argv else PX4
+    given = [int(each) for each in sys.argv[1:] if each != "ardupilot"]
     missions, seed = given[0] if given else 200, given[1] if len(given) > 1 else 0
-    begin_s, row, failed = time.monotonic(), Row(seed), 0
+    begin_s, row, failed = time.monotonic(), Row(seed, kind), 0
     for number in range(missions):
         wrong = row.fly(number)
         failed += bool(wrong)

@@ -113,8 +113,10 @@ class Procedure:
 
     def _taken(self) -> bool:
         watch = self._means.watch
-        if watch.mode in (self._start_mode, self._steps[self._number].mode):
+        if watch.mode == self._steps[self._number].mode:
             return False
+        if watch.mode == self._start_mode:  # a vehicle stands in any mode before it is armed
+            return bool(watch.armed) and watch.pilot
         return is_foreign(watch.mode) or (watch.failsafe and bool(watch.armed))
 
     def _late(self, t_ns: int) -> None:

@@ -22,7 +22,7 @@ _NUMBERS: Mapping[str, int] = {
     Mode.LAND: 9,
     Mode.LOITER: 17,  # BRAKE
 }
-_SHOWN: Mapping[str, str] = {Mode.TAKEOFF: GUIDED, DESCEND: Mode.LAND}
+_SHOWN: Mapping[str, str] = {Mode.TAKEOFF: GUIDED, DESCEND: Mode.LAND, "MANUAL": STABILIZE}
 _NAMES: Mapping[int, str] = {number: name for name, number in _NUMBERS.items()}
 
 #: modes in which it can be armed; AUTO only where AUTO_OPTIONS says so
