@@ -138,12 +138,15 @@ def test_a_platform_that_falls_silent_in_flight_is_said_and_one_that_forgot_is_a
 
 
 def test_parts_are_fetched_again_until_the_limit_and_a_retry_fetches_what_is_missing():
-    fleet = transferring(transfer_limit_ns=10_000_000_000)
+    fleet, said = transferring(transfer_limit_ns=10_000_000_000), set()
     for _ in range(200):
         if fleet.collector.views["second"].fetching:
             fleet.collector.transfer_ended(fleet.now_ns, "second", "rsync: connection timed out")
         fleet.turn()
+        if len(fleet.asked(Transfer)) == 2:
+            said.add(fleet.status.platforms[1].message)
     assert 4 <= len(fleet.asked(Transfer)) <= 6
+    assert "its part does not come (rsync: connection timed out); tried again for 7 s" in said
     assert (fleet.status.phase, fleet.status.message) == (
         PHASE.FAILED,
         "the part of second is missing: rsync: connection timed out. Nothing was removed; "

@@ -72,6 +72,17 @@ def test_losses_are_in_the_summary_and_in_the_manifest(tmp_path):
     assert summary.message.endswith("verified; lost: " + "; ".join(lost))
 
 
+def test_what_another_platform_recovered_is_in_it_although_its_original_stays_there(tmp_path):
+    session, there = two_platforms(tmp_path), tmp_path / "there"
+    killed(there, "realsense-02.bag.active", rows("/d", 50, first_ms=9000))
+    content = close_parts(there, {**FACTS, "platform": "second"})
+    shutil.rmtree(session / "second")
+    (session / "second").mkdir()
+    for name in ["parts.json", *(entry["file"] for entry in content["files"])]:
+        shutil.copy(there / name, session / "second")
+    assert collect(plan(session)).messages == 650
+
+
 def test_a_part_that_ends_before_the_recording_did_is_a_loss_by_the_clock_of_its_platform(tmp_path):
     session = two_platforms(tmp_path)
     (session / "second" / "realsense-01.bag").unlink()

@@ -33,6 +33,17 @@ def test_numbers_that_are_missing_count_more_than_warnings_that_come_every_five_
     ]
 
 
+def test_the_end_of_an_open_file_is_told_by_the_gap_that_follows_it():
+    entries = [
+        {"file": f"cameras-0{n}.recovered.bag", "recovered_from": f"cameras-0{n}.bag.active", "lost": None}
+        for n in (1, 2)
+    ]
+    gap = "cameras: 0.4 s, in which nothing was recorded (killed by SIGKILL)"
+    content = {"files": entries, "gaps": [GAP], "open_ends": {"cameras": START_NS}}
+    assert losses(content) == ["cameras-02.recovered.bag: an unknown number of messages", gap]
+    assert losses(content, START_NS + S) == [gap, "cameras: up to 1.0 s at the end (its last file was not closed)"]
+
+
 def test_what_was_not_closed_may_have_missed_all_until_the_end():
     content = {"files": [], "open_ends": {"cameras": START_NS}}
     assert losses(content, START_NS + 12 * S) == ["cameras: up to 12.0 s at the end (its last file was not closed)"]

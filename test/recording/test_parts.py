@@ -73,7 +73,7 @@ def test_without_space_for_a_recovered_bag_the_open_one_is_listed_and_made_whole
         (entry,) = content["files"]
         assert (entry["file"], entry["open"], entry["lost"]) == ("states-01.bag.active", True, None)
         assert "there is no space for it" in entry["problem"]
-        (found,) = whole_bags(folder, tmp_path / "elsewhere")
+        (found,) = whole_bags(folder, content, tmp_path / "elsewhere")
         assert len(contents(found.path)) == 3000
 
 

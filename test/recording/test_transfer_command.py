@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from amaze_autonomy.config.recording_schema import Transfer
-from amaze_autonomy.recording.transfer_command import progress_of, transfer_command
+from amaze_autonomy.recording.transfer_command import problem_of, progress_of, transfer_command
 
 NAMES, TARGET = Path("/here/.wanted"), Path("/here")
 S = 1_000_000_000
@@ -34,3 +34,12 @@ def test_nothing_is_ever_removed_at_the_source():
 def test_progress_is_the_last_percentage():
     assert progress_of("      1000  12%  1.00MB/s 0:00:01\r  2000  25%  1.0MB/s 0:00:01") == 0.25
     assert progress_of("no figures") is None
+
+
+def test_a_problem_is_told_in_the_words_of_who_knows_it():
+    rsync = "rsync: connection unexpectedly closed (0 bytes received so far) [Receiver]\nrsync error: unexplained error"
+    assert problem_of(f"ssh: connect to host second port 22: Connection refused\n{rsync}\n", 255) == (
+        "ssh: connect to host second port 22: Connection refused"
+    )
+    assert problem_of(f"{rsync}\n", 255) == "; ".join(rsync.split("\n"))
+    assert problem_of("\n", 12) == "status 12"

@@ -44,7 +44,7 @@ apply_clock_offset: true
 keep_parts: {keep}
 platforms:
   main: {{groups: [one]}}
-  second: {{groups: [two]}}
+  second: {{groups: [two]{transfer}}}
 groups:
   one: {{topics: [main/numbers], expected_mb_s: 0.0}}
   two: {{topics: [second/numbers], expected_mb_s: 0.0}}
@@ -101,14 +101,20 @@ class Recorders:
     """The nodes of one test in a namespace and a folder of their own."""
 
     def __init__(
-        self, name: str, reserve_mb: int = 0, storage: Optional[Path] = None, size: int = 100, keep: str = "true"
+        self,
+        name: str,
+        reserve_mb: int = 0,
+        storage: Optional[Path] = None,
+        size: int = 100,
+        keep: str = "true",
+        transfer: str = "",
     ) -> None:
         self.name = name
         self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{name}_"))
         self.storage = storage or self.folder / "storage"
         self._config = self.folder / "config"
         shutil.copytree(config_folder(), self._config)
-        text = CONFIGURATION.format(folder=self.storage, reserve=reserve_mb, keep=keep)
+        text = CONFIGURATION.format(folder=self.storage, reserve=reserve_mb, keep=keep, transfer=transfer)
         text = text.replace("main/numbers", f"/{name}/main/numbers").replace(
             "second/numbers", f"/{name}/second/numbers"
         )
@@ -132,7 +138,10 @@ class Recorders:
         command = [roslib.packages.find_node("amaze_autonomy", "data_recorder")[0], f"__name:=data_recorder_{platform}"]
         variables = {**os.environ, "ROS_NAMESPACE": f"/{self.name}", **environment}
         with (self.folder / f"{platform}.log").open("ab") as log:
-            self.nodes[platform] = subprocess.Popen(command, env=variables, stdout=log, stderr=log)
+            self.nodes[platform] = self._spawn(platform, command, env=variables, stdout=log, stderr=log)
+
+    def _spawn(self, _platform: str, command: List[str], **more: Any) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(command, **more)
 
     def ask(self, verb: str, session: str = "s1") -> Any:
         service = {"start": srv.StartRecording, "stop": srv.StopRecording}[verb]
@@ -190,6 +199,14 @@ class Recorders:
             for pid, _ in ((read_json(path) or {}).get("processes") or {}).values():
                 assert not Path(f"/proc/{pid}").exists(), "a recorder was left behind"
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def another_clock(folder: Path) -> Path:
+    """Return a library whose users have a clock that is 3 s ahead."""
+    library = folder / "another_clock.so"
+    command = ["cc", "-shared", "-fPIC", "-o", str(library), "-xc", "-", "-ldl"]
+    subprocess.run(command, input=ANOTHER_CLOCK.encode(), check=True)
+    return library
 
 
 def holes(numbers: Set[int]) -> List[int]:
@@ -312,9 +329,7 @@ class TestRecorder(unittest.TestCase):
         self,
     ) -> None:
         recorders = self.recorders("clocks", keep="false")
-        library = recorders.folder / "another_clock.so"
-        command = ["cc", "-shared", "-fPIC", "-o", str(library), "-xc", "-", "-ldl"]
-        subprocess.run(command, input=ANOTHER_CLOCK.encode(), check=True)
+        library = another_clock(recorders.folder)
         recorders.start_node("main")
         recorders.start_node("second", LD_PRELOAD=str(library))
         self.assertTrue(recorders.ask("start").accepted)

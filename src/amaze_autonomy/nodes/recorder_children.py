@@ -104,9 +104,10 @@ class RecorderChildren:
     def enter(self, folder: Path) -> None:
         """Work in a session's folder from now on."""
         if folder != self._folder:
+            if self._folder is not None:
+                self._endings = {}
             self._folder = folder
             self._logs = {name: _Log(folder / log_name(name)) for name in self._groups}
-            self._endings = {}
 
     def start(self, name: str, number: int) -> str:
         """Start a recorder; return why that is not possible, or an empty text."""

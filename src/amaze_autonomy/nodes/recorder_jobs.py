@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, List, Mapping, Sequence, Set
 
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.recording.folders import PARTS, read_json
-from amaze_autonomy.recording.transfer_command import mounted, progress_of, transfer_command
+from amaze_autonomy.recording.transfer_command import mounted, problem_of, progress_of, transfer_command
 
 __all__ = ["RecorderJobs"]
 
@@ -79,7 +79,8 @@ class RecorderJobs:
                     progress(said)
         status = self._wait(process)
         if not result:
-            why = f"killed by {signal.Signals(-status).name}" if status < 0 else last.text() or f"status {status}"
+            words = "; ".join(last.text().splitlines()[-2:])
+            why = f"killed by {signal.Signals(-status).name}" if status < 0 else words or f"status {status}"
             result = {"problem": f"the process that works on the bags has ended ({why})", "killed": status < 0}
         ended(result)
 
@@ -128,7 +129,7 @@ class RecorderJobs:
                 progress(done)
         status = self._wait(process)
         listing.unlink()
-        return "" if status == 0 else f"rsync: {last.text() or f'status {status}'}"
+        return "" if status == 0 else f"rsync: {problem_of(last.text(), status)}"
 
     # --- processes ------------------------------------------------------------------------------------------------
 
@@ -171,4 +172,4 @@ class _Tail:
     def text(self) -> str:
         self._thread.join(1.0)
         lines = [line.strip() for line in self._data.decode("utf-8", "replace").splitlines() if line.strip()]
-        return "; ".join(lines[-2:])
+        return "\n".join(lines)

@@ -371,6 +371,10 @@ class Collector:
         return (t_ns - self._since_ns) / _S * (1.0 - self._progress) / self._progress
 
     def _part(self, view: PlatformView, t_ns: int) -> PlatformStatus:
+        if self.phase is Phase.TRANSFERRING and view.fetch_again_ns and not view.fetched:
+            left_s = max(0, self._since_ns + self.setup.transfer_limit_ns - t_ns) / _S
+            words = f"its part does not come ({view.problem}); tried again for {left_s:.0f} s"
+            return replace(view.part, growing=False, message=words)
         if self.phase not in WRITING or self._records(view, t_ns):
             return replace(view.part, growing=view.part.growing and self.phase in WRITING)
         return replace(view.part, growing=False, message=self._why_not(view, t_ns))

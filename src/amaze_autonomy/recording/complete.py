@@ -106,7 +106,7 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
     lost: List[str] = []
     for source in plan.sources:
         content = check_arrived(source.folder, checksums=source.fetched)
-        parts = whole_bags(source.folder, plan.output.parent / source.platform)
+        parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
         gone = _lost_here(content, parts, _end_ns(plan, source))
         inputs += [part.path for part in parts]
         offsets += [source.correction_ns] * len(parts)

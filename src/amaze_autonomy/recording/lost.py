@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+
+from .accounts import written
 
 __all__ = ["losses"]
 
@@ -17,14 +19,28 @@ def losses(content: Mapping[str, Any], end_ns: Optional[int] = None) -> List[str
         content: its list (`parts.py`).
         end_ns: when the recording was to end, on the platform's clock; None: unknown.
     """
-    found = [words for entry in content["files"] for words in _of_file(entry)]
+    known = _accounted(content, end_ns)
+    found = [words for entry in content["files"] for words in _of_file(entry, known)]
     found += _of_gaps(content.get("gaps", []))
     found += _of_ends(content.get("open_ends", {}), end_ns)
     return found + _of_drops(content.get("dropped", 0), content.get("missing", {}))
 
 
-def _of_file(entry: Mapping[str, Any]) -> List[str]:
-    lost = entry.get("lost", 0)
+def _accounted(content: Mapping[str, Any], end_ns: Optional[int]) -> Set[Tuple[str, int]]:
+    """Return the open files, by group and number, after which a gap is told: what their ends lack is in it."""
+    found = {(str(gap["group"]), int(gap["file"]) - 1) for gap in content.get("gaps", []) if not gap.get("inside")}
+    if end_ns is not None:
+        for entry in content["files"]:
+            file = written(str(entry.get("recovered_from", "")))
+            if file is not None and file.group in content.get("open_ends", {}):
+                found.add((file.group, file.number))
+    return found
+
+
+def _of_file(entry: Mapping[str, Any], accounted: Set[Tuple[str, int]]) -> List[str]:
+    lost, file = entry.get("lost", 0), written(str(entry.get("recovered_from", "")))
+    if lost is None and file is not None and not file.closed and (file.group, file.number) in accounted:
+        return []
     if lost is None:
         return [f"{entry['file']}: an unknown number of messages"]
     return [f"{entry['file']}: {lost:,} messages"] if lost else []

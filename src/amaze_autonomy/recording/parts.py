@@ -39,18 +39,16 @@ def open_bags(folder: Path) -> List[Path]:
     return sorted(path for path in found if not path.name.endswith(_RECOVERED) and not path.name.startswith("."))
 
 
-def whole_bags(folder: Path, target: Path, progress: Optional[Progress] = None) -> List[Part]:
-    """Return a whole bag for each that was recorded, recovering into `target` what was not closed or is damaged.
+def whole_bags(
+    folder: Path, content: Mapping[str, Any], target: Path, progress: Optional[Progress] = None
+) -> List[Part]:
+    """Return a whole bag for each that the list of a part names, recovering into `target` what was left open.
 
     Raises:
         BagError: One cannot be recovered.
     """
-    found = []
-    for path in open_bags(folder):
-        part = _whole(path, target, progress)
-        if part is not None:
-            found.append(part)
-    return found
+    found = [_whole(folder / str(entry["file"]), target, progress) for entry in content["files"]]
+    return [part for part in found if part is not None]
 
 
 def _whole(path: Path, target: Path, progress: Optional[Progress]) -> Optional[Part]:

@@ -12,9 +12,11 @@ from typing import List, Optional
 
 from amaze_autonomy.config.recording_schema import Transfer
 
-__all__ = ["mounted", "progress_of", "transfer_command"]
+__all__ = ["mounted", "problem_of", "progress_of", "transfer_command"]
 
 _PARTIAL = ".partial"
+_SHELL = re.compile(r"^(rsync: |rsync error: )")  # what rsync says when ssh has failed says nothing
+_WORDS = 2
 _PERCENT = re.compile(r"\s(\d{1,3})%\s")
 
 
@@ -52,6 +54,13 @@ def _ssh(transfer: Transfer, stall_s: int) -> str:
     if transfer.ssh_key:
         words += ["-oIdentitiesOnly=yes", "-i", str(Path(transfer.ssh_key).expanduser())]
     return " ".join(f'"{word}"' if " " in word else word for word in words)
+
+
+def problem_of(said: str, status: int) -> str:
+    """Return why it failed, from what rsync and ssh said: the last lines of ssh and others, else of rsync."""
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    others = [line for line in lines if not _SHELL.match(line)]
+    return "; ".join((others or lines)[-_WORDS:]) or f"status {status}"
 
 
 def progress_of(text: str) -> Optional[float]:
