@@ -5,11 +5,12 @@ Each is made by name, so that a name is all that is sent to another process. Tab
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Any, Dict, Iterator, List, MutableMapping, Optional, Tuple, cast
 
-from amaze_autonomy.engine import failures, transitions
+from amaze_autonomy.engine import failures, fitness, transitions
+from amaze_autonomy.engine import severity as severities
 from amaze_autonomy.engine.rules import LOSSES, Limits, Rules
 from amaze_autonomy.engine.severity import SEVERITIES, Severity, Verb
 
@@ -86,7 +87,9 @@ def mutated(mutant: Mutant, rules: Rules) -> Iterator[Rules]:
         severity = Severity(mutant.name)
         row = SEVERITIES[severity]
         other = replace(row, verb=_OTHER_VERB[row.verb], then=None if row.then is None else _OTHER_VERB[row.then])
-        with _patched(cast(Dict[Any, Any], SEVERITIES), {severity: other}):
+        with ExitStack() as stack:  # for what decides; the configuration is checked by the table as it is
+            for module in (severities, failures, fitness):
+                stack.enter_context(_set(module, "SEVERITIES", {**SEVERITIES, severity: other}))
             yield rules
     else:
         yield _changed_rules(mutant, rules)
