@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import MessageError
-from amaze_autonomy.bags.fields import Leaf, Piece, layout_of
+from amaze_autonomy.bags.fields import TEXT, Leaf, Piece, layout_of
 from amaze_autonomy.bags.opened import Indexed, Library
 from amaze_autonomy.replay.fields import getter
 
@@ -34,7 +34,7 @@ def paths_of(recording, topic):
     for link in recording._bag.links:
         layout = layout_of(link.definition, link.kind) if link.topic == topic else None
         if layout is not None:
-            found.update(layout.leaves)
+            found.update({path: leaf for path, leaf in layout.leaves.items() if leaf.dtype != TEXT})
     return sorted(found)
 
 
@@ -256,7 +256,12 @@ def test_the_library_reads_what_our_index_refuses(tmp_path, monkeypatch):
 def test_layouts_are_those_of_the_definitions():
     layout = layout_of("uint8 a\nstring b\nfloat64[2] c\nuint16[] d", "x/T")
     assert layout.pieces == (Piece(1, 1, text=True), Piece(16, 2, text=False), Piece(0, 0, text=False))
-    assert layout.leaves == {"a": Leaf(0, 0, "<u1"), "c[0]": Leaf(1, 0, "<f8"), "c[1]": Leaf(1, 8, "<f8")}
+    assert layout.leaves == {
+        "a": Leaf(0, 0, "<u1"),
+        "b": Leaf(0, 1, TEXT),
+        "c[0]": Leaf(1, 0, "<f8"),
+        "c[1]": Leaf(1, 8, "<f8"),
+    }
 
 
 @pytest.mark.parametrize(
@@ -273,3 +278,29 @@ def test_layouts_are_those_of_the_definitions():
 )
 def test_irregular_types_have_no_layout(definition):
     assert layout_of(definition, "x/T") is None
+
+
+def test_texts_are_those_of_the_library_where_they_are_asked_for(tmp_path):
+    words = ["", "a", "AUTO.LAND", "x" * 256, "x" * 257, "zero\0", "\0", "in\0side", "körper", "\x7f"]
+    rows = [(START_NS + each * S, "/a", make("std_msgs/msg/String", data=word)) for each, word in enumerate(words)]
+    with Recording(write_bag(tmp_path / "x.bag", rows, "lz4")) as recording:
+        found = recording.numbers({"/a": ["data"]}, ["/a"])["/a"].rows()
+        assert recording.columns({"/a": ["data"]}) == {}, "unasked a text is no number"
+    left = [word for word, row in zip(words, found) if row is None]
+    assert left == ["x" * 257, "zero\0", "\0", "körper"], "they are left to the library"
+    assert [row for row in found if row is not None] == [(word,) for word in words if word not in left]
+
+
+def test_small_messages_of_plain_chunks_are_read_without_the_chunk(tmp_path, monkeypatch):
+    rows = [
+        (START_NS + each, "/a", make("std_msgs/msg/String", data="x" * size)) for each, size in enumerate((9, 9000))
+    ]
+    with Recording(write_bag(tmp_path / "x.bag", rows)) as recording:
+        loaded = []
+        inner = recording._chunks._load
+        monkeypatch.setattr(recording._chunks, "_load", lambda position: loaded.append(position) or inner(position))
+        small, large = recording.entries("/a")
+        assert recording.message(small).data == "x" * 9
+        assert loaded == []
+        assert recording.message(large).data == "x" * 9000
+        assert loaded == [large.chunk]

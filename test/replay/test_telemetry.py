@@ -16,10 +16,11 @@ from amaze_autonomy.autopilot.tlog import read_tlog
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.opening import recordings_of, topics_of
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.sources import Recordings
-from amaze_autonomy.replay.telemetry import Telemetry, recordings_of, topics_of
+from amaze_autonomy.replay.telemetry import Telemetry
 from amaze_autonomy.replay.topic_map import load_map
 
 DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).parents[3] / "shared" / "data"))

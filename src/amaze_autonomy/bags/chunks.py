@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import OrderedDict
-from typing import Callable, Dict, Tuple
+from typing import Callable, Dict, Optional, Tuple
 
 from .errors import MessageError
 
@@ -12,6 +12,7 @@ __all__ = ["ChunkCache"]
 
 _UINT32 = struct.Struct("<L")
 _CONNECTION, _MESSAGE = 7, 2
+_SMALL = 2048
 _KEPT_BYTES = (
     64_000_000  # decompressed; recordings whose chunks overlap in time would else be decompressed over and over
 )
@@ -22,10 +23,14 @@ class ChunkCache:
 
     Args:
         load: returns the data of the chunk at a position, decompressed; raises what it likes.
+        peek: returns some bytes from an offset in the data of a chunk on, without loading all of it; None where that
+            cannot be, and it must be loaded.
     """
 
-    def __init__(self, load: Callable[[int], bytes]) -> None:
-        self._load = load
+    def __init__(
+        self, load: Callable[[int], bytes], peek: Callable[[int, int, int], Optional[bytes]] = lambda *_: None
+    ) -> None:
+        self._load, self._peek = load, peek
         self._kept: OrderedDict[int, bytes] = OrderedDict()
         self._size = 0
         self._damaged: Dict[int, str] = {}
@@ -36,6 +41,10 @@ class ChunkCache:
         Raises:
             MessageError: The chunk or the record is damaged.
         """
+        if chunk not in self._kept:
+            found = self._peeked(chunk, offset)
+            if found is not None:
+                return found
         data = self._chunk(chunk)
         try:
             op, offset = _skip_header(data, offset)
@@ -47,6 +56,18 @@ class ChunkCache:
         if op != _MESSAGE or start + size > len(data):
             raise MessageError(f"record at {chunk}+{offset} is no whole message")
         return data[start : start + size]
+
+    def _peeked(self, chunk: int, offset: int) -> Optional[bytes]:
+        """Return the bytes of a small message without its chunk; None when that is not to be had, or not good."""
+        data = self._peek(chunk, offset, _SMALL)
+        if data is None:
+            return None
+        try:
+            op, place = _skip_header(data, 0)
+            start, size = place + 4, _size(data, place)
+        except (struct.error, ValueError, IndexError):
+            return None
+        return data[start : start + size] if op == _MESSAGE and start + size <= len(data) else None
 
     def _chunk(self, position: int) -> bytes:
         data = self._kept.get(position)

@@ -1,4 +1,4 @@
-"""Numbers out of many messages at once, as columns, without making an object of any message.
+"""Numbers and texts out of many messages at once, as columns, without making an object of any message.
 
 The value of each is bit for bit what the rosbags library says. What that library would refuse - a message of a wrong
 size, a text that may not be UTF-8 - has no row here, so that whoever asks can let the library say what is wrong.
@@ -11,7 +11,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from .errors import BagError
-from .fields import Layout
+from .fields import TEXT, Layout
 from .index import Index
 from .layout import words
 from .loading import GROUP_BYTES, Block, Loader, Pool
@@ -19,6 +19,7 @@ from .loading import GROUP_BYTES, Block, Loader, Pool
 __all__ = ["Wanted", "read_columns", "wanted_of"]
 
 _WORD = 4
+_COARSE = 1 << 10  # bytes per message that make large ones likely: nobody wants them, so they are never read
 _LARGEST_TEXT = 256  # longer ones are left to the library
 
 
@@ -46,7 +47,7 @@ def read_columns(index: Index, messages: Any, wanted: Dict[int, Wanted]) -> Dict
     unseen[list(wanted)] = False
     parts: Dict[int, List[Tuple[Any, List[Any]]]] = {number: [] for number in wanted}
     with Pool() as pool:
-        loader = Loader(index, 0, unseen)
+        loader = Loader(index, 0, unseen, _COARSE)
         for group in _groups(index, loader, unseen):
             for numbers, block in _loaded(index, loader, group, pool):
                 bounds: Any = np.searchsorted(chunk_of, np.array((numbers[0], numbers[-1] + 1)))
@@ -117,12 +118,27 @@ def _decoded(buffer: Any, start: Any, end: Any, wanted: Wanted) -> Tuple[Any, Li
             kept = np.flatnonzero(whole)
             place, end, good, begins = place[kept], end[kept], good[kept], [each[kept] for each in begins]
             place = place + count[kept] * piece.element
-    kept = np.flatnonzero(place == end)
-    columns = [
-        _gathered(buffer, begins[leaf.piece][kept] + leaf.offset, leaf.dtype)
-        for leaf in (wanted.layout.leaves[path] for path in wanted.paths)
-    ]
-    return good[kept], columns
+    leaves = [wanted.layout.leaves[path] for path in wanted.paths]
+    whole = place == end
+    for leaf in leaves:
+        if leaf.dtype == TEXT:  # numpy's would lose zeros at the end
+            place = begins[leaf.piece] + leaf.offset
+            count = numbers[place].astype(np.int64)
+            whole &= (count == 0) | (np.frombuffer(buffer, np.uint8)[place + _WORD + count - 1] != 0)
+    kept = np.flatnonzero(whole)
+    read = ((_texts if leaf.dtype == TEXT else _gathered, leaf) for leaf in leaves)
+    return good[kept], [take(buffer, begins[leaf.piece][kept] + leaf.offset, leaf.dtype) for take, leaf in read]
+
+
+def _texts(buffer: Any, places: Any, _: str) -> Any:
+    """Return texts by the places of their lengths."""
+    count = words(buffer)[places].astype(np.int64)
+    size = max(1, int(count.max()) if len(count) else 1)
+    column: Any = np.arange(size)
+    view: Any = np.frombuffer(buffer, np.uint8)
+    inside = np.minimum(places[:, None] + _WORD + column, len(view) - 1)
+    found = np.where(column < count[:, None], view[inside], 0).astype(np.uint8)
+    return found.view(f"S{size}").reshape(len(places))
 
 
 def _gathered(buffer: Any, places: Any, dtype: str) -> Any:
@@ -150,8 +166,10 @@ def _joined(parts: Sequence[Tuple[Any, List[Any]]], wanted: Wanted) -> Tuple[Any
     return places, [np.concatenate(columns) for columns in zip(*(columns for _, columns in parts))]
 
 
-def wanted_of(layout: Optional[Layout], paths: Sequence[str]) -> Optional[Wanted]:
-    """Return what is wanted; None when the layout does not have it."""
+def wanted_of(layout: Optional[Layout], paths: Sequence[str], *, texts: bool = False) -> Optional[Wanted]:
+    """Return what is wanted; None when the layout does not have it, or has a text where none is expected."""
     if layout is None or any(path not in layout.leaves for path in paths):
+        return None
+    if not texts and any(layout.leaves[path].dtype == TEXT for path in paths):
         return None
     return Wanted(layout, tuple(paths))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
-__all__ = ["Layout", "Leaf", "Piece", "layout_of"]
+__all__ = ["TEXT", "Layout", "Leaf", "Piece", "layout_of"]
 
 _NUMBERS = {
     "bool": "?",
@@ -33,8 +33,11 @@ _LARGEST = 4096  # pieces and numbers of a layout; what has more is no message t
 _Field = Tuple[str, Optional[int], str]  # type, length of an array (-1: any; None: no array), name
 
 
+TEXT = "S"
+
+
 class Leaf(NamedTuple):
-    """One number: in which piece, how many bytes from its beginning, numpy's type."""
+    """One number, or a text: in which piece, how many bytes from its beginning, numpy's type or TEXT."""
 
     piece: int
     offset: int
@@ -50,7 +53,7 @@ class Piece(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """The layout of a type: its pieces, and its numbers by path, e.g. "pose.pose.position.z"."""
+    """The layout of a type: its pieces, and its numbers and texts by path, e.g. "pose.pose.position.z"."""
 
     pieces: Tuple[Piece, ...]
     leaves: Dict[str, Leaf]
@@ -122,6 +125,7 @@ class _Builder:
                 self.leaves[f"{path}.{name}"] = Leaf(len(self.pieces), self.size, dtype)
                 self.size += 4
         elif field == "string":
+            self.leaves[path] = Leaf(len(self.pieces), self.size, TEXT)
             self._end(1, text=True)
         else:
             self.add_type(_resolved(self._sections, field, within), path)

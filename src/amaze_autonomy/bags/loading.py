@@ -84,10 +84,11 @@ class Loader:
         index: of the bag.
         number: of the input.
         unseen: for each connection of the bag, whether the bytes of its messages need not be seen.
+        coarse: bytes per message of a chunk that make it worth looking for large ones.
     """
 
-    def __init__(self, index: Index, number: int, unseen: Any) -> None:
-        self._index, self._number, self._unseen = index, number, unseen
+    def __init__(self, index: Index, number: int, unseen: Any, coarse: int = _COARSE) -> None:
+        self._index, self._number, self._unseen, self._coarse = index, number, unseen, coarse
 
     def size_of(self, number: int) -> int:
         """Return about how many bytes a chunk brings along: less than it has, where not all of it is read."""
@@ -152,7 +153,7 @@ class Loader:
 
     def _is_coarse(self, number: int) -> bool:
         chunk, head = self._index.chunks[number], self._index.head(number)
-        large = head.compression == "none" and head.stored >= max(_LARGE, _COARSE * chunk.messages)
+        large = head.compression == "none" and head.stored >= max(_LARGE, self._coarse * chunk.messages)
         return large and any(self._unseen[connection] for connection, _ in chunk.counts)
 
     def _read_coarse(self, buffer: bytearray, span: Span, data: int, connection: Any, offset: Any) -> Any:

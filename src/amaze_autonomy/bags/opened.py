@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -72,6 +72,13 @@ class Indexed:
         if len(stored) != head.stored:
             raise EOFError(f"{len(stored)} bytes of {head.stored}")
         return bytes(decompressed(head.compression, stored, head.size))
+
+    def peek(self, position: int, offset: int, size: int) -> Optional[bytes]:
+        """Return up to some bytes from an offset in the data of a chunk on; None when it is compressed."""
+        head = self.index.head(self._numbers[position])
+        if head.compression != "none" or head.stored != head.size:
+            return None
+        return os.pread(self.index.file, max(0, min(size, head.stored - offset)), head.data + offset)
 
     def close(self) -> None:
         """Close the file."""

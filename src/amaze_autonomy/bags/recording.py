@@ -10,7 +10,7 @@ from __future__ import annotations
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -79,7 +79,7 @@ class Numbers(NamedTuple):
         """Return for each message the values; None where it has none."""
         found: List[Optional[Tuple[Any, ...]]] = [None] * self.messages
         for where, columns in self.parts:
-            for place, values in zip(where.tolist(), zip(*(column.tolist() for column in columns))):
+            for place, values in zip(where.tolist(), zip(*map(_listed, columns))):
                 found[place] = values
         return found
 
@@ -87,10 +87,24 @@ class Numbers(NamedTuple):
         """Return a column for each path; None when a message has no values, or not all have the same types."""
         if sum(len(where) for where, _ in self.parts) != self.messages:
             return None
-        if len({tuple(column.dtype for column in columns) for _, columns in self.parts}) != 1:
+        if len({tuple(_type_of(column) for column in columns) for _, columns in self.parts}) != 1:
             return None
         order = np.argsort(np.concatenate([where for where, _ in self.parts]), kind="stable")
         return [np.concatenate(each)[order] for each in zip(*(columns for _, columns in self.parts))]
+
+
+def _listed(column: Any) -> List[Any]:
+    """Return a column as Python's numbers or texts."""
+    values: List[Any] = column.tolist()
+    if column.dtype.kind != "S":
+        return values
+    known = {value: value.decode("ascii") for value in set(values)}
+    return [known[value] for value in values]
+
+
+def _type_of(column: Any) -> str:
+    """Return the type of a column; texts of all lengths are of one."""
+    return str(column.dtype.kind if column.dtype.kind == "S" else column.dtype.str)
 
 
 class Recording:
@@ -106,7 +120,7 @@ class Recording:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._bag = opened(path)
-        self._chunks = ChunkCache(self._bag.load)
+        self._chunks = ChunkCache(self._bag.load, *([self._bag.peek] if isinstance(self._bag, Indexed) else []))
         self._links: Dict[int, Link] = {each.number: each for each in self._bag.links}
         self._decoders: Dict[int, _Decode] = {}
         self._tapes = tapes_of(path)
@@ -179,7 +193,7 @@ class Recording:
             kind = self._links[entry.connection].kind
             raise MessageError(f"{kind} cannot be decoded: {error or type(error).__name__}") from error
 
-    def columns(self, wanted: Dict[str, Sequence[str]]) -> Dict[str, List[Optional[Tuple[Any, ...]]]]:
+    def columns(self, wanted: Mapping[str, Sequence[str]]) -> Dict[str, List[Optional[Tuple[Any, ...]]]]:
         """Return numbers of all messages of some topics, much faster than message by message.
 
         Args:
@@ -191,14 +205,15 @@ class Recording:
         """
         return {topic: found.rows() for topic, found in self.numbers(wanted).items()}
 
-    def numbers(self, wanted: Dict[str, Sequence[str]]) -> Dict[str, Numbers]:
-        """Return the same, not yet put into rows."""
+    def numbers(self, wanted: Mapping[str, Sequence[str]], texts: Collection[str] = ()) -> Dict[str, Numbers]:
+        """Return the same, not yet put into rows; of the topics in `texts` the paths may be those of texts, too."""
         if not isinstance(self._bag, Indexed):
             return {}
         numbers: Dict[int, Wanted] = {}
         for topic, paths in wanted.items():
             for link in self._links.values():
-                found = wanted_of(layout_of(link.definition, link.kind), paths) if link.topic == topic else None
+                layout = layout_of(link.definition, link.kind) if link.topic == topic else None
+                found = wanted_of(layout, paths, texts=topic in texts)
                 if found is not None:
                     numbers[link.number] = found
         read = self._columns(numbers) if numbers else {}

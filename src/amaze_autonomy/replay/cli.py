@@ -27,29 +27,31 @@ from .compare import Comparison, compare
 from .errors import ReplayError
 from .files import write_whole
 from .journal_source import read_journals
+from .opening import topics_of
 from .plan import Plan, make_plan
 from .report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text
 from .session import Outcome, Session
 from .sources import Recordings
-from .suite.cli import add_commands
-from .suite.cli_corpus import add_corpus, add_tapes, use_tapes
-from .telemetry import topics_of
+from .tape_option import add_tapes, use_tapes
 from .terminal import progress_bar, show_lines, show_timeline
 from .topic_map import TopicMap, load_map, map_names
 
 __all__ = ["main"]
 
+_ALONE = (["run"], ["journal"], ["maps"])
 DONE, DIFFERENT, IMPOSSIBLE, PARTIAL = 0, 1, 2, 3
 _KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command line; return the exit status."""
-    options = _parser().parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    options = _parser(scenarios=given[:1] not in _ALONE).parse_args(given)
     return run_command("amaze-replay", lambda: int(options.command(options)), _KNOWN, wrong=IMPOSSIBLE)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
+    """Return the command line; the verbs about scenarios are loaded only where one of them may be meant."""
     parser = argparse.ArgumentParser(
         prog="amaze-replay",
         description="Replays recorded bags and journals through the decision code of the flight, without ROS.",
@@ -59,8 +61,12 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_run(commands)
     _add_journal(commands)
-    add_commands(commands)
-    add_corpus(commands)
+    if scenarios:
+        from .suite.cli import add_commands  # noqa: PLC0415
+        from .suite.cli_corpus import add_corpus  # noqa: PLC0415
+
+        add_commands(commands)
+        add_corpus(commands)
     maps = commands.add_parser("maps", help="list the topic maps that ship with the package")
     maps.set_defaults(command=_maps)
     return parser

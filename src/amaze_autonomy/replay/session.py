@@ -41,6 +41,7 @@ from .monitors import Light, Monitors
 from .parting import Parting, part
 from .plan import Plan
 from .sources import Recordings, Sample
+from .statuses import FLAT
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
 from .user import User
 from .world import World
@@ -230,10 +231,13 @@ class Session:
         whole = [topic for rank, topic in enumerate(topics) if lights[rank] is None and self._takers[rank][0]]
         names = {rank: self._world.status_of(topic) for rank, topic in enumerate(topics) if topic in whole}
         told = {rank: name for rank, name in names.items() if name and not self._monitors.decodes(topics[rank])}
-        taped = [topics[rank] for rank in self._recordings.read_statuses(told)]
+        taped = self._recordings.read_statuses(told)
+        flat = {rank: name for rank, name in told.items() if rank not in taped and name in FLAT}
         self._names = told
-        self._recordings.keep([topic for topic in whole if topic not in taped])
-        self._recordings.read({rank: light.paths for rank, light in enumerate(lights) if light and light.readers})
+        self._recordings.keep([topic for rank, topic in enumerate(topics) if topic in whole and rank not in taped])
+        wanted = {rank: light.paths for rank, light in enumerate(lights) if light and light.readers}
+        self._recordings.read({**wanted, **{rank: FLAT[name] for rank, name in flat.items()}}, tuple(flat))
+        self._recordings.tell_statuses(flat)
         tracks = {
             rank: self._recordings.track(rank, light.paths) for rank, light in enumerate(lights) if light is not None
         }

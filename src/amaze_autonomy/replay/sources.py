@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from amaze_autonomy.bags.recording import Numbers
 from amaze_autonomy.engine.events import Event
 
 from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
-from .status_tapes import taped_statuses
-from .telemetry import recordings_of
+from .opening import recordings_of
+from .status_tapes import status_rows, taped_statuses
 from .tracks import Track
 
 __all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
@@ -109,7 +109,7 @@ class Recordings:
         self._numbers: Dict[Tuple[int, int], Optional[Numbers]] = {}
         self._rows: Dict[Tuple[int, int], _Rows] = {}
         self._read: Dict[int, Tuple[str, ...]] = {}
-        self._statuses: Dict[Tuple[int, int], List[Event]] = {}
+        self._statuses: Dict[Tuple[int, int], Sequence[Optional[Event]]] = {}
         try:
             self._open(paths)
         except BaseException:
@@ -194,13 +194,14 @@ class Recordings:
             self.note(self.topic(sample), sample.t_ns, str(error))
             return None
 
-    def read(self, wanted: Mapping[int, Tuple[str, ...]]) -> None:
-        """Read numbers of all messages of some topics, by rank the paths; `values` gives them afterwards."""
+    def read(self, wanted: Mapping[int, Tuple[str, ...]], texts: Collection[int] = ()) -> None:
+        """Read numbers of all messages of some topics, by rank the paths, of those in `texts` texts as well."""
         new = {rank: paths for rank, paths in wanted.items() if self._read.get(rank) != paths}
         self._read.update(new)
         for number, bag in enumerate(self.bags):
             if isinstance(bag, Recording):
-                found = bag.numbers({self.topics[rank]: paths for rank, paths in new.items()})
+                paths_of = {self.topics[rank]: paths for rank, paths in new.items()}
+                found = bag.numbers(paths_of, [self.topics[rank] for rank in texts])
                 for rank in new:
                     self._numbers[number, rank] = found.get(self.topics[rank])
                     self._rows.pop((number, rank), None)
@@ -218,6 +219,13 @@ class Recordings:
             if all((number, rank) in self._statuses for number in bags):
                 whole.append(rank)
         return tuple(whole)
+
+    def tell_statuses(self, wanted: Mapping[int, str]) -> None:
+        """Make events of recorded statuses of which the columns `statuses.FLAT` were `read`."""
+        for (number, rank), numbers in self._numbers.items():
+            if rank in wanted and numbers is not None:
+                times = self.bags[number].table(self.topics[rank]).t_ns.tolist()
+                self._statuses[number, rank] = status_rows(wanted[rank], times, numbers.rows())
 
     def status(self, sample: Sample) -> Optional[Event]:
         """Return a recorded status as an event; None when `message` must be asked."""

@@ -1,11 +1,11 @@
-"""The recorded statuses of a bag as events, from a tape where tapes are wanted: neither decoded nor checked again."""
+"""The recorded statuses of a bag as events, many at once: out of columns of their messages, and out of tapes."""
 
 from __future__ import annotations
 
 import hashlib
 from functools import lru_cache
 from pathlib import Path
-from typing import List, Mapping, Optional, Sequence
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import MessageError
@@ -23,9 +23,9 @@ from amaze_autonomy.engine.events import (
 
 from . import statuses
 from .errors import InvalidStatusError
-from .statuses import EVENT_OF
+from .statuses import EVENT_OF, FLAT, Flat
 
-__all__ = ["taped_statuses"]
+__all__ = ["status_rows", "taped_statuses"]
 
 _KIND = "statuses"
 _CLASSES: Mapping[str, type] = {
@@ -54,6 +54,18 @@ def taped_statuses(bag: Recording, topic: str, name: str) -> Optional[List[Event
     found = _read(bag, topic, name)
     if found is not None:
         tapes.keep_text(_KIND, what, bundled(found))
+    return found
+
+
+def status_rows(name: str, times: Sequence[int], rows: Sequence[Optional[Tuple[Any, ...]]]) -> List[Optional[Event]]:
+    """Return statuses out of the columns `FLAT` of their messages; None for what must be asked for by itself."""
+    make, names = EVENT_OF[name], [path.rpartition(".")[2] for path in FLAT[name]]
+    found: List[Optional[Event]] = []
+    for t_ns, row in zip(times, rows):
+        try:
+            found.append(None if row is None else make(Flat(dict(zip(names, row))), t_ns))
+        except InvalidStatusError:
+            found.append(None)
     return found
 
 

@@ -25,7 +25,7 @@ from amaze_autonomy.engine.severity import Code, Restart
 
 from .errors import InvalidStatusError
 
-__all__ = ["EVENT_OF", "health_of"]
+__all__ = ["EVENT_OF", "FLAT", "Flat", "health_of"]
 
 E = TypeVar("E", bound=Enum)
 _S = 1_000_000_000
@@ -165,6 +165,41 @@ EVENT_OF: Mapping[str, Callable[[Any, int], Event]] = {
     "data_recorder": _data_recorder,
 }
 """By the name of the status in a topic map: message and time of recording to event."""
+
+
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+FLAT: Mapping[str, Tuple[str, ...]] = {
+    "mission_planner": (
+        *_STAMP,
+        *("session_id", "mission_id", "phase", "waypoint", "waypoints", "file_index", "repetition"),
+        *("distance_left", "time_left", "message"),
+    ),
+    "autopilot": (
+        *_STAMP,
+        *("armed", "armed_known", "landed", "mode", "pilot_in_control", "failsafe", "link_age"),
+        *("height", "height_valid", "position_x", "position_y", "position_valid", "vertical_speed"),
+        *("battery_fraction", "battery_voltage", "battery_age"),
+    ),
+    "landing_detection": (*_STAMP, "landed", "distance", "reason"),
+}
+"""Every field of a status that is looked at, for those that have no list in them: such are read as columns."""
+
+
+class Flat:
+    """A message by its fields alone, with the face of a whole one; the stamp is in the message itself."""
+
+    def __init__(self, fields: Dict[str, Any]) -> None:
+        self.__dict__.update(fields)
+
+    @property
+    def header(self) -> Flat:
+        """The header, in which only the stamp is."""
+        return self
+
+    @property
+    def stamp(self) -> Flat:
+        """The stamp, `sec` and `nanosec`."""
+        return self
 
 
 def health_of(message: Any) -> Dict[str, Optional[bool]]:

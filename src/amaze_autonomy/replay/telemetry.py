@@ -23,9 +23,8 @@ from amaze_autonomy.config import AutopilotSettings
 
 from .telemetry_messages import Status, imu, status
 
-__all__ = ["MAVLINK_KIND", "Telemetry", "recordings_of", "topics_of"]
+__all__ = ["Telemetry", "topics_of_log"]
 
-MAVLINK_KIND = "mavros_msgs/Mavlink"
 _S = 1_000_000_000
 _STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
 _PERIOD_NS = _S // 5
@@ -177,37 +176,7 @@ class _Teller:
             self._tell(t_ns, vehicle)
 
 
-def recordings_of(path: Path) -> List[Any]:
-    """Return a file as recordings: a telemetry log, or a bag and, where it carries MAVLink, that as another one.
-
-    Raises:
-        BagError: It cannot be read.
-    """
-    if path.suffix == ".tlog":
-        return [Telemetry.of_log(path)]
-    bag = Recording(path)
-    topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
-    return [bag, Telemetry.of_bag(bag, topics)] if topics else [bag]
-
-
-def topics_of(paths: Iterable[Path]) -> Tuple[str, ...]:
-    """Return every topic of some files, each once.
-
-    Raises:
-        BagError: One cannot be read.
-    """
-    names: List[str] = []
-    for path in paths:
-        if path.suffix == ".tlog":
-            names += _topics_of_log(path)
-            continue
-        for recording in recordings_of(path):
-            names += [topic.name for topic in recording.topics]
-            recording.close()
-    return tuple(dict.fromkeys(names))
-
-
-def _topics_of_log(path: Path) -> List[str]:
+def topics_of_log(path: Path) -> List[str]:
     """Return the topics that a log may have, without listening to it."""
     numbers = {frame.number for _, frame in _frames(path)[0]}
     return [_STATUS, _IMU, *sorted(_PREFIX + _name(number) for number in numbers)]

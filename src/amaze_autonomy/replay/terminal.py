@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import sys
 from contextlib import contextmanager
-from typing import Callable, Iterator, List, Sequence
-
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.text import Text
+from typing import TYPE_CHECKING, Callable, Iterator, List, Sequence
 
 from .session import Outcome
 from .timeline import Line, LineKind, written
+
+if TYPE_CHECKING:
+    from rich.text import Text
 
 __all__ = ["progress_bar", "show_lines", "show_timeline"]
 
@@ -27,6 +26,9 @@ def progress_bar(what: str) -> Iterator[Report]:
     if not sys.stderr.isatty():
         yield lambda _done, _total: None
         return
+    from rich.console import Console  # noqa: PLC0415  (slow to load, and only terminals need it)
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -43,6 +45,8 @@ def show_timeline(outcome: Outcome) -> None:
     if not sys.stdout.isatty():
         show_lines([f"{time}  {source:<10}  {text}" for time, source, text in _rows(outcome)])
         return
+    from rich.console import Console  # noqa: PLC0415
+
     console = Console(highlight=False)
     for line in outcome.timeline:
         console.print(_styled(line, outcome.start_ns), soft_wrap=True)
@@ -53,6 +57,8 @@ def _rows(outcome: Outcome) -> List[Sequence[str]]:
 
 
 def _styled(line: Line, start_ns: int) -> Text:
+    from rich.text import Text  # noqa: PLC0415
+
     time, source, text = written(line, start_ns)
     base = "dim" if line.counterfactual else ""
     moves = line.kind is LineKind.DECISION and " -> " in text.partition("  by ")[0]

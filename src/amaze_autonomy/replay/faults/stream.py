@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from random import Random
-from typing import Any, Callable, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Collection, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -112,9 +112,9 @@ class FaultedRecordings(Recordings):
             message = edit(message)
         return message
 
-    def read(self, wanted: Mapping[int, Tuple[str, ...]]) -> None:
-        """Read numbers of all messages of some topics."""
-        self._inner.read(wanted)
+    def read(self, wanted: Mapping[int, Tuple[str, ...]], texts: Collection[int] = ()) -> None:
+        """Read numbers of all messages of some topics, and texts of some."""
+        self._inner.read(wanted, texts)
 
     def keep(self, topics: Sequence[str]) -> None:
         """Make whole messages of some topics fast, where tapes are wanted."""

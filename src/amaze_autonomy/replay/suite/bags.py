@@ -19,11 +19,11 @@ from ..faults.acting import Acting
 from ..faults.kinds import TOPIC
 from ..faults.story import Story
 from ..faults.stream import FaultedRecordings
+from ..opening import topics_of
 from ..plan import Plan, make_plan
 from ..scenario.model import Case
 from ..session import Outcome, Session
 from ..sources import Recordings
-from ..telemetry import topics_of
 from ..topic_map import TopicMap, load_map, map_names
 from .played import Mark, Played, configuration_of, missions_of
 from .task import Options

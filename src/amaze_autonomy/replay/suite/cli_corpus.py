@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, List, Sequence, Tuple
 
-from amaze_autonomy.bags.tapes import VARIABLE
 from amaze_autonomy.config.errors import ConfigError
 
 from ..errors import ReplayError
 from ..files import write_whole
+from ..tape_option import add_tapes, use_tapes
 from ..terminal import progress_bar, show_lines
 from .choice import add_choice, add_configuration, chosen, options_of
 from .cluster import run_on_cluster
@@ -25,21 +25,9 @@ from .runner import run_tasks
 from .task import Task
 from .told import as_json, result_lines
 
-__all__ = ["add_corpus", "add_tapes", "use_tapes"]
+__all__ = ["add_corpus"]
 
 _STARTED = '{"version": 1, "verdict": "ERROR", "headline": "the run has not ended"}\n'
-
-
-def add_tapes(parser: argparse.ArgumentParser) -> None:
-    """Add where tapes are kept."""
-    words = f"keep what is taken out of bags, and take it from there the next time; default: ${VARIABLE}, else nowhere"
-    parser.add_argument("--tapes", type=Path, metavar="DIR", help=words)
-
-
-def use_tapes(options: argparse.Namespace) -> None:
-    """Tell this process, and those that it starts, where tapes are kept."""
-    if options.tapes is not None:
-        os.environ[VARIABLE] = str(options.tapes.resolve())
 
 
 def add_corpus(commands: Any) -> None:
