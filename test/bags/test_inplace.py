@@ -9,6 +9,7 @@ import shutil
 import pytest
 from bag_tools import COMPRESSIONS, bag, contents, digest, left_over, rows, unclosed
 
+from amaze_autonomy.bags import chunking
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
@@ -21,8 +22,10 @@ from amaze_autonomy.bags.undo import restore, undo_path
 
 def recording(folder, compression="none"):
     """Write a bag laid out as recorders do, of several chunks."""
-    plain = bag(folder / "plain.bag", rows("/a", 30_000, 1), rows("/b", 25, 23))
-    whole = merge([plain], folder / "whole.bag", MergeOptions(compression=compression)).path
+    plain = bag(folder / "plain.bag", rows("/a", 1000, 1), rows("/b", 25, 23))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chunking, "CHUNK_BYTES", 40_000)
+        whole = merge([plain], folder / "whole.bag", MergeOptions(compression=compression)).path
     plain.unlink()
     return whole
 
@@ -54,7 +57,7 @@ def test_it_is_the_bag_that_a_copy_would_be(tmp_path, active):
 def test_the_undo_file_is_small_and_makes_the_original_again(tmp_path, active):
     before = digest(active)
     done = recover_in_place(active)
-    assert undo_path(done.path).stat().st_size < 800_000 + 5000
+    assert undo_path(done.path).stat().st_size < 40_000 + 5000
     for named in (done.path, active, undo_path(done.path)):
         assert restore(named) == active
         assert names(tmp_path) == ["flight.bag.active"]
@@ -202,7 +205,7 @@ def test_a_taken_name_is_refused(tmp_path, active):
 
 
 def test_damage_in_the_middle_of_a_large_bag_needs_a_copy(active, monkeypatch):
-    monkeypatch.setattr("amaze_autonomy.bags.inplace._MOST", 100_000)
+    monkeypatch.setattr("amaze_autonomy.bags.inplace._MOST", 10_000)
     raw = bytearray(active.read_bytes())
     raw[4117:4140] = bytes(23)
     active.write_bytes(raw)
