@@ -7,6 +7,7 @@ import struct
 
 import lz4.block
 import lz4.frame
+import numpy as np
 import pytest
 from bag_tools import MS, bag, contents, digest, multiset, rows, text
 from hypothesis import given
@@ -20,6 +21,7 @@ from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.layout import index_data, record_at
 from amaze_autonomy.bags.merge import MergeOptions, merge
+from amaze_autonomy.bags.output import Output
 from amaze_autonomy.bags.recover import recover
 from amaze_autonomy.bags.scan import scan
 from amaze_autonomy.bags.verify import verify
@@ -222,9 +224,6 @@ def test_blocks_of_any_size(tmp_path, two, block):
 
 def repacked(path, output, compress):
     """Write a bag again with other frames: everything keeps its order, places are told anew."""
-    import numpy as np  # noqa: PLC0415
-
-    from amaze_autonomy.bags.output import Output  # noqa: PLC0415
 
     with Index(path) as index, Output(output) as out:
         raw = path.read_bytes()
@@ -292,6 +291,20 @@ def test_the_new_header_is_one_of_the_format(tmp_path, two):
     assert (record.number(b"conn"), record.time_ns(b"time")) == (connection.tolist()[0], t_ns.tolist()[0])
     assert (offset.tolist(), record.end) == ([0], len(content))
     assert struct.unpack("<L", content[:4])[0] == record.data - 8
+
+
+def test_the_space_that_is_asked_for_is_what_is_needed(tmp_path, two, monkeypatch):
+    asked = []
+    opened = Output.__init__
+    monkeypatch.setattr(
+        Output, "__init__", lambda out, *path, needed, **options: asked.append(needed) or opened(out, *path, **options)
+    )
+    several = [(START_NS + each * MS, "/c", image("c", each, 70_000)) for each in range(8)]
+    three = write_bag(tmp_path / "3.bag", several, "lz4", chunk_bytes=400_000)
+    for inputs in (two, [three, *two]):
+        size = merge(inputs, tmp_path / "merged.bag", MergeOptions(replace=True)).size
+        assert asked[-1] < 1.02 * size
+        assert asked[-1] > size - 250_000  # the first image is opened
 
 
 def test_small_and_middling_messages_are_not_worth_it(tmp_path):

@@ -12,7 +12,7 @@ from .errors import BagError, RecordError
 from .index import ChunkHead, Index
 from .loading import Block, Pool
 from .table import Span, Table, relabel, tabulate
-from .wrapping import LARGE, ROOM, Message, Wrapped, wrapped
+from .wrapping import HIDDEN, LARGE, ROOM, Message, Wrapped, wrapped
 
 __all__ = ["Carriers"]
 
@@ -75,7 +75,9 @@ class Carriers:
             return None  # to be said by those who decompress it
         order = np.argsort(columns[2], kind="stable")
         carrier = _Carrier(number, self._index.head(number), *(column[order] for column in columns))
-        return carrier if carrier.head.size - carrier.before >= LARGE and self._unseen[carrier.connection[-1]] else None
+        size, before = carrier.head.size, carrier.before
+        fits = size - before >= LARGE and before * HIDDEN <= size and self._unseen[carrier.connection[-1]]
+        return carrier if fits else None
 
     def load(self, numbers: List[int], pool: Pool) -> Optional[Block]:
         """Return the messages of such chunks; None when one of them has to be decompressed after all."""

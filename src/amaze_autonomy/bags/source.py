@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import groupby
+from functools import cached_property
+from itertools import groupby, islice
 from typing import TYPE_CHECKING, Any, List, NamedTuple, Optional, Set
 
 from .index import ChunkHead, Index
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Group", "Source"]
 
+_SAMPLE = 3
 _BESIDE = 200  # bytes that the output has for a chunk beside its data
 
 
@@ -93,12 +95,20 @@ class Source:
         return sum(self._space(self.index.head(each), each) + _BESIDE for each in self._order)
 
     def _space(self, head: ChunkHead, number: int) -> int:
-        kept = number in self._verbatim or (self._carriers is not None and self._carriers.maybe(number))
-        return head.stored if kept else head.size
+        return head.stored if number in self._verbatim or (self._keeps and self._is_maybe(number)) else head.size
+
+    @cached_property
+    def _keeps(self) -> bool:
+        """Return whether large messages stay compressed here, by the first of them."""
+        some = list(islice(filter(self._is_maybe, self._order), _SAMPLE))
+        return self._carriers is not None and all(map(self._carriers.has, some))
+
+    def _is_maybe(self, number: int) -> bool:
+        return self._carriers is not None and self._carriers.maybe(number)
 
     def size_of(self, number: int) -> int:
         """Return about how many bytes a chunk brings into memory."""
-        if self._carriers and self._carriers.maybe(number):
+        if self._is_maybe(number):
             return self.index.head(number).stored
         return self._loader.size_of(number)
 

@@ -24,10 +24,10 @@ from .errors import RecordError
 from .layout import MESSAGE, Record, message_fields, pack_field, record_at, u32
 from .xxh32 import STRIPE, lengthened, neutral_stripe
 
-__all__ = ["LARGE", "ROOM", "Message", "Wrapped", "wrapped"]
+__all__ = ["HIDDEN", "LARGE", "ROOM", "Message", "Wrapped", "wrapped"]
 
 LARGE = 64 << 10  # bytes of a message that are worth it
-_HIDDEN = 16  # times less is hidden at most
+HIDDEN = 16  # times less is hidden at most
 _HEADER = 512  # bytes of a message's header, mostly
 _FRAME = b"\x04\x22\x4d\x18\x64"  # what roslz4 reads: independent blocks, a checksum of the content, nothing else
 _FRAME_HEADER = 7
@@ -78,7 +78,7 @@ def wrapped(
     blocks = _blocks(buffer, start, end)
     if not blocks:
         return None
-    content = _beginning(blocks, message.offset, size // _HIDDEN)
+    content = _beginning(blocks, message.offset, size // HIDDEN)
     record = _record(content, message)
     if record is None or record.end != size or record.size < LARGE:
         return None
