@@ -104,7 +104,8 @@ class MavrosVehicle:
             now_ns = time.monotonic_ns()
             self.craft.advance(now_ns)
             said = [message for _, message in self.px4.advance(now_ns)]
-            self._heard = [*self._heard, *said][-500:]
+            answers = [each for each in said if each.get_type().startswith(("MISSION_", "COMMAND_ACK"))]
+            self._heard = [*self._heard, *answers][-500:]
             for message in said:
                 make = _MAKES.get(message.get_type())
                 if make is not None:
@@ -117,14 +118,13 @@ class MavrosVehicle:
                 self.px4.receive(time.monotonic_ns(), "mavros", decoded)
 
     def _wait(self, *names, seq=None):
-        """Return the next message of these names."""
+        """Return the next message of these names; services wait beside each other, so the others stay."""
         deadline_s = time.monotonic() + _LIMIT_S
         while time.monotonic() < deadline_s:
             with self.lock:
                 for number, message in enumerate(self._heard):
                     if message.get_type() in names and (seq is None or message.seq == seq):
-                        del self._heard[: number + 1]
-                        return message
+                        return self._heard.pop(number)
             time.sleep(0.002)
         return None
 
@@ -139,13 +139,15 @@ class MavrosVehicle:
     def command(self, request):
         parameters = [getattr(request, f"param{number}") for number in range(1, 8)]
         with self.lock:
-            self._heard.clear()
+            self._heard = [each for each in self._heard if each.get_type() != "COMMAND_ACK"]
             self._send(mavlink.MAVLink_command_long_message(1, 1, request.command, 0, *parameters))
         ack = self._wait("COMMAND_ACK")
         return self._services.CommandLongResponse(success=ack is not None and ack.result == 0, result=ack.result)
 
     def push(self, request):
         self.called.append("push")
+        with self.lock:
+            self._heard = [each for each in self._heard if not each.get_type().startswith("MISSION_")]
         waypoints = request.waypoints
         if self.spoils:
             self.spoils -= 1
@@ -173,6 +175,8 @@ class MavrosVehicle:
 
     def set_current(self, request):
         self.called.append("set_current")
+        with self.lock:
+            self._heard = [each for each in self._heard if each.get_type() != "MISSION_CURRENT"]
         self._send(mavlink.MAVLink_mission_set_current_message(1, 1, request.wp_seq))
         self._current = self._wait("MISSION_CURRENT", seq=request.wp_seq).seq
         self._publish_waypoints()

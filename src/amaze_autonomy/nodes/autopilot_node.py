@@ -30,8 +30,9 @@ from amaze_autonomy.engine.events import Landed
 from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
+from .level_loop import LevelLoop
 from .node_main import run_node
-from .vehicle_link import LevelLoop, Link, make_link
+from .vehicle_link import Link, make_link
 
 __all__ = ["AutopilotNode", "main"]
 

@@ -30,9 +30,10 @@ from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
+from .level_loop import LevelLoop
 from .node_main import run_node
 from .output import default_parent
-from .vehicle_link import LevelLoop, Link, make_link
+from .vehicle_link import Link, make_link
 
 __all__ = ["MissionPlannerNode", "main"]
 
