@@ -116,7 +116,10 @@ def test_what_is_no_request_changes_nothing():
 
 @pytest.mark.parametrize(
     "fault, words",
-    [("component: lidar, fault: silent", "scenario:3: there is no component 'lidar'; there is gps, camera, lrf")],
+    [
+        ("component: lidar, fault: silent", "scenario:3: there is no component 'lidar'; there is gps, camera, lrf"),
+        ("component: lfr, fault: silent", "scenario:3: there is no component 'lfr'; did you mean lrf?"),
+    ],
 )
 def test_a_scenario_that_names_what_is_not_there_is_an_error(fault, words):
     with pytest.raises(UnknownTargetError) as error:

@@ -10,6 +10,7 @@ Mistakes in a scenario file are `amaze_autonomy.config.errors.ConfigError`, with
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from typing import Tuple
 
 __all__ = ["NoEffectError", "SimulatedTimeError", "SimulationError", "UnknownTargetError"]
@@ -44,7 +45,9 @@ class UnknownTargetError(SimulationError):
 
     def __init__(self, what: str, name: str, known: Tuple[str, ...], where: str = "") -> None:
         place = f"{where}: " if where else ""
-        super().__init__(f"{place}there is no {what} {name!r}; there is {', '.join(known) or 'none'}")
+        close = get_close_matches(name, known, 1)
+        right = f"did you mean {close[0]}?" if close else f"there is {', '.join(known) or 'none'}"
+        super().__init__(f"{place}there is no {what} {name!r}; {right}")
         self.what, self.name, self.known, self.where = what, name, known, where
 
 

@@ -92,6 +92,7 @@ MISTAKES = {
     "expectations: [{expect: response, when: {rule: hold}, then: {rule: land}}]": "within_s: is missing",
     "expectations: [{expect: exists, of: {rule: hold}, from: nowhere}]": "nowhere is no anchor; must be one of none",
     "anchors: {one: {fault: 1}}": "anchors.one.fault: is 1; there is no fault",
+    "bags: [{path: a.bag}]\nfrom_s: 6\nto_s: 3": "to_s: is 3; must be above from_s (6)",
     "anchors: {one: {value: height_m}}": "has no level; must have above or below with value only",
     "anchors: {one: {}}": "has nothing; must have one of at_s, happens, fault, value",
     "matrix: {seed: [1]}": "must be a list of at least two values",

@@ -178,6 +178,23 @@ def test_a_golden_without_a_scenario_fails_a_full_run_and_is_pruned_with_a_reaso
     assert main(["test", str(accepted)]) == 0
 
 
+def test_without_expectations_and_goldens_nothing_is_judged_and_a_golden_alone_can_be_accepted(folder, capsys):
+    path = folder / "lrf.scenario.yaml"
+    path.write_text(path.read_text().partition("expectations:")[0])
+    assert main(["test", str(folder), "--no-goldens"]) == 1
+    words = "VACUOUS      lrf: it has no expectations, and no golden is compared: nothing was judged"
+    assert capsys.readouterr().out.startswith(words)
+    assert main(["accept", str(folder), REASON]) == 0
+    assert main(["test", str(folder)]) == 0
+
+
+def test_the_command_to_reproduce_can_be_pasted(folder, capsys):
+    other = folder / "two words.scenario.yaml"
+    (folder / "lrf.scenario.yaml").rename(other)
+    assert main(["test", str(other)]) == 1
+    assert f"reproduce: amaze-replay test '{other}'" in capsys.readouterr().out
+
+
 def test_a_damaged_golden_is_replaced_by_accepting_the_run_anew(accepted, capsys):
     path = accepted / "goldens" / "lrf.golden.jsonl"
     whole = path.read_bytes()

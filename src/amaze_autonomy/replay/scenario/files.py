@@ -127,6 +127,9 @@ def _case(tree: Entry, path: Path, variant: str) -> Case:
     configuration = values["configuration"] or {}
     anchors: Tuple[Anchor, ...] = tuple((values["anchors"] or {}).values())
     expectations: Tuple[Expectation, ...] = tuple(values["expectations"])
+    from_s, to_s = values.get("from_s") or 0.0, values.get("to_s")
+    if to_s is not None and to_s <= from_s:
+        refuse(tree, ("to_s",), f"is {to_s:g}", f"must be above from_s ({from_s:g})")
     _check_anchors(tree, anchors, expectations, len(values.get("faults", ())))
     return Case(
         path=path,

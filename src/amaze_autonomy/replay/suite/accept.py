@@ -107,7 +107,8 @@ def _check(tasks: Sequence[Task], reason: str, *, prune: bool, full: bool, envir
 
 def _refusal(result: Result) -> str:
     """Return why a run cannot be a golden; empty: it can."""
-    return "" if result.verdict is Verdict.PASS else f"{result.verdict.value}: {result.headline}"
+    by_golden_alone = result.verdict is Verdict.VACUOUS and not result.findings and not result.problems
+    return "" if result.verdict is Verdict.PASS or by_golden_alone else f"{result.verdict.value}: {result.headline}"
 
 
 def _accept(case: Case, task: Task, result: Result, reason: str, say: Say) -> str:

@@ -7,6 +7,7 @@ import time
 import traceback
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.errors import BagError, MessageError
@@ -14,7 +15,7 @@ from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.engine.journal import JournalError, encode_decision
 from amaze_autonomy.simulation.errors import SimulationError
 
-from ..errors import DamagedInputError, ReplayError
+from ..errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
 from ..expect import Finding, Grade, judge
 from ..golden import compare_with_golden
 from ..scenario import Case, load_cases
@@ -28,7 +29,7 @@ from .task import Task
 __all__ = ["case_of", "digest_of", "run_case", "run_task"]
 
 _KNOWN = (ConfigError, ReplayError, SimulationError, JournalError, OSError)
-_INPUT = (BagError, MessageError, DamagedInputError)
+_INPUT = (BagError, MessageError, DamagedInputError, NoMessagesError, TimeJumpError)
 
 
 def run_task(task: Task) -> Result:
@@ -88,7 +89,7 @@ def run_case(case: Case, task: Task) -> Result:
     findings = tuple(judge(each, trace, anchors) for each in case.expectations)
     lines = tuple(encode_decision(decision) for decision in trace.decisions)
     difference = compare_with_golden(case, lines, command_of(task), trace.start_ns) if task.options.goldens else ()
-    verdict, headline = _verdict(findings, played, difference)
+    verdict, headline = _verdict(findings, played, difference, golden=task.options.goldens)
     return Result(
         id=case.id,
         path=task.path,
@@ -118,15 +119,17 @@ def digest_of(lines: Sequence[str]) -> str:
 
 def command_of(task: Task) -> str:
     """Return the command that runs a task alone."""
-    words = ["amaze-replay", "test", task.path]
+    words = ["amaze-replay", "test", quote(task.path)]
     if task.variant:
         words += ["--variant", f"'{task.variant}'"]
     if task.options.configuration:
-        words += ["--config", task.options.configuration]
+        words += ["--config", quote(task.options.configuration)]
     return " ".join([*words, *(f"--set '{text}'" for text in task.options.overrides)])
 
 
-def _verdict(findings: Tuple[Finding, ...], played: Played, difference: Tuple[str, ...]) -> Tuple[Verdict, str]:
+def _verdict(
+    findings: Tuple[Finding, ...], played: Played, difference: Tuple[str, ...], *, golden: bool
+) -> Tuple[Verdict, str]:
     """Return the verdict and its first reason: what was put in comes first, then what came out."""
     if played.broken:
         return Verdict.INCONCLUSIVE, played.broken[0]
@@ -141,6 +144,8 @@ def _verdict(findings: Tuple[Finding, ...], played: Played, difference: Tuple[st
             return Verdict.VACUOUS, f"{finding.expectation}: {finding.text}"
     if difference:
         return Verdict.FAIL, difference[0]
+    if not findings and not golden:
+        return Verdict.VACUOUS, "it has no expectations, and no golden is compared: nothing was judged"
     return Verdict.PASS, _good(findings, len(played.trace.decisions))
 
 
