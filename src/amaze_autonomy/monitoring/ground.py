@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from math import cos, isfinite
-from typing import Deque, Iterable, Optional, Tuple
+from typing import Deque, Iterable, Optional, Sequence, Tuple
 
 from .specs import LandingSpec
 
@@ -81,6 +81,17 @@ class GroundDistance:
         while len(window) > spec.min_samples and window[0][0] < oldest_ns:
             window.popleft()
         while window[0][0] < t_ns - spec.age_limit_ns - spec.window_ns:
+            window.popleft()
+
+    def extend(self, times: Sequence[int], heights_m: Sequence[float]) -> None:
+        """Add heights above the ground that were seen one after the other, in order of time."""
+        window, spec, last_ns = self._window, self._spec, times[-1]
+        window.extend(zip(times, heights_m))
+        self.reading_ns = self.seen_ns = last_ns
+        oldest_ns = last_ns - spec.window_ns
+        while len(window) > spec.min_samples and window[0][0] < oldest_ns:
+            window.popleft()
+        while window[0][0] < oldest_ns - spec.age_limit_ns:
             window.popleft()
 
     def clear(self) -> None:

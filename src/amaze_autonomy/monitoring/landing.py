@@ -16,7 +16,7 @@ most once per `STEP_NS`, and does not depend on how often somebody asks.
 from __future__ import annotations
 
 from math import isfinite
-from typing import NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.events import Landed, VehicleLanded
@@ -83,6 +83,32 @@ class LandingDetector:
         self._distance_m = self._ground.distance_m()
         self._judge(t_ns)
         return self._landed is not before
+
+    @property
+    def steady(self) -> Landed:
+        """The judgement that stands for as long as every distance agrees with it; UNKNOWN when none does yet."""
+        if self._landed is Landed.ON_GROUND and self._near_since_ns is not None and not self._was_airborne:
+            return Landed.ON_GROUND
+        if self._landed is Landed.AIRBORNE and self._far_since_ns is not None and self._was_airborne:
+            return Landed.AIRBORNE
+        return Landed.UNKNOWN
+
+    def skip(self, times: Sequence[int], heights_m: Sequence[float]) -> None:
+        """Add readings of which every median agrees with the steady judgement: only the last one is asked for.
+
+        Args:
+            times: of the readings.
+            heights_m: what they say, scaled and corrected by the mounting.
+        """
+        judged, judged_ns = 0, self._judged_ns
+        for place, t_ns in enumerate(times, 1):
+            if t_ns - judged_ns >= STEP_NS:
+                judged, judged_ns = place, t_ns
+        if judged:
+            self._ground.extend(times[:judged], heights_m[:judged])
+            self._judged_ns, self._distance_m = judged_ns, self._ground.distance_m()
+        if judged < len(times):
+            self._ground.extend(times[judged:], heights_m[judged:])
 
     def add_tilt(self, t_ns: int, tilt_rad: float) -> None:
         """Add the angle between the vehicle's z axis and the vertical."""

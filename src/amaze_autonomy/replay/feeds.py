@@ -21,6 +21,7 @@ from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimation
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from .fields import Getter, getter, number, orientation, quaternion, vector
+from .footing import Footing
 from .pace import Pace
 from .statuses import health_of
 from .topic_map import Reading
@@ -177,15 +178,26 @@ class RangeFeed(Feed):
         super().__init__(reading.topic, _S // 20, paths=(reading.fields["distance"], "min_range", "max_range"))
         self._detector, self._get = detector, getter(reading.fields["distance"])
         self.tilt: Optional[TiltFeed] = None
+        self._footing: Optional[Footing] = None
 
     def take_many(self, begin: int, end: int) -> None:
         """Take readings of the track, each with the tilt of its time."""
         if self.tilt is None:
-            super().take_many(begin, end)
+            self._take_level(begin, end)
             return
         for place in range(begin, end):
             self.tilt.until((self.track.listed[place], self.rank))
             super().take_many(place, place + 1)
+
+    def _take_level(self, begin: int, end: int) -> None:
+        if self._footing is None:
+            self._footing = Footing(self._detector, self.track)
+        while begin < end:
+            taken = self._footing.skipped(begin, end)
+            if taken == begin:
+                taken += 1
+                super().take_many(begin, taken)
+            begin = taken
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take a reading; what is no number is nothing seen."""
