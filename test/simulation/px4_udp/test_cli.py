@@ -12,15 +12,18 @@ from udp_tools import Client, free_port
 COMMAND = [sys.executable, "-m", "amaze_autonomy.simulation.px4_udp.cli"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_serves_until_it_is_told_to_end(number):
+@pytest.mark.parametrize(
+    "number, autopilot", [(signal.SIGINT, "px4"), (signal.SIGTERM, "px4"), (signal.SIGTERM, "ardupilot")]
+)
+def test_it_serves_until_it_is_told_to_end(number, autopilot):
     port = free_port()
-    arguments = ["--link", f"udpin:127.0.0.1:{port}", "--system", "7", "--no-transmitter"]
+    arguments = ["--link", f"udpin:127.0.0.1:{port}", "--system", "7", "--no-transmitter", "--autopilot", autopilot]
     process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout.readline() == f"vehicle: system 7, udpin:127.0.0.1:{port}\n"
         with Client(port) as client:
-            assert client.hear("HEARTBEAT").get_srcSystem() == 7
+            heartbeat = client.hear("HEARTBEAT")
+            assert (heartbeat.get_srcSystem(), heartbeat.autopilot) == (7, {"px4": 12, "ardupilot": 3}[autopilot])
     finally:
         process.send_signal(number)
         assert process.wait(10) == 0
