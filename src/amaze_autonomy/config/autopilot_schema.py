@@ -194,7 +194,7 @@ _LINK_ROWS: Tuple[Row, ...] = (
     ("system_id", Whole(1, 255), "own system id", "by convention that of the vehicle"),
     ("component_id", Whole(1, 255), "own component id", "another for each node that speaks on a link"),
     ("vehicle_id", Whole(0, 255), "system id of the vehicle; 0: the first that is heard", "several vehicles may share a radio"),
-    ("key_file", Text("a file", r"[^\x00-\x1f\x7f]*"), "with the key for signing; empty: nothing is signed or verified", "chmod 600"),
+    ("key_file", Text("a file", r"[^\x00-\x1f\x7f]*"), "with the key for signing; empty: nothing is signed or verified", "chmod 600; the time stamp of signatures is kept beside it"),
     ("ground_station", Flag(), "announce itself as a ground station", "PX4 withholds its texts on a link where it hears none, but then also misses no lost ground station"),
 )
 _LIMIT_ROWS: Tuple[Row, ...] = (
