@@ -29,8 +29,8 @@ from amaze_autonomy.replay.scenario import load_cases
 from amaze_autonomy.replay.suite.agree import agree, agreement_lines
 
 SCENARIO = HERE.parent / "scenarios" / "demo_flight_anew.scenario.yaml"
-TOLERANCE_S = 0.15
-"""A message through two processes on a busy machine, a tick of the clock, a turn of the watchdog; measured: 0.04 s."""
+TOLERANCE_S = 0.3
+"""Measured: 0.04 s, and 0.15 s for a rate that comes back through its limit (docs/tester.md, Timing)."""
 LISTENERS = ("/watchdog", "/landing_detection", "/state_estimation", "/autonomy")
 LIVE = ("/watchdog/action", "/watchdog/info", "/landing_detection/landed")  # said anew by the nodes themselves
 LEAST_DECISIONS, LIMIT_S = 20, 60.0
