@@ -87,6 +87,6 @@ def test_the_verb_compares_journals_of_two_runs(folder, capsys):
         (task,) = tasks_of([folder], Options(overrides=override, goldens=False, story=True))
         Path(name).write_text("".join(f"{line}\n" for line in run_task(task).story))
     assert main(["agree", "one", "one"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("agree: 16 of 16 decisions are the same within 0.15 s")
+    assert capsys.readouterr().out.splitlines()[-1].startswith("agree: 16 of 16 decisions are the same within 0.3 s")
     assert main(["agree", "one", "other"]) == 1
     assert capsys.readouterr().out.splitlines()[-1].startswith("DIFFER: ")

@@ -108,8 +108,8 @@ def _add_agree(commands: Any) -> None:
     parser = commands.add_parser("agree", help="two journals, live and replayed: the same decisions at the same times?")
     parser.add_argument("one", type=Path, metavar="FILE", help="journal of a run, or a bag with it")
     parser.add_argument("other", type=Path, metavar="FILE", help="journal of the other one, on the same clock")
-    words = "how far apart the times of a decision may be (default: 0.15)"
-    parser.add_argument("--tolerance", type=float, default=0.15, metavar="S", help=words)
+    words = "how far apart the times of a decision may be (default: 0.3)"
+    parser.add_argument("--tolerance", type=float, default=0.3, metavar="S", help=words)
     parser.set_defaults(command=_agree)
 
 
