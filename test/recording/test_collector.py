@@ -1,6 +1,7 @@
 """The collector: all platforms record, all parts come, one recording is made; what fails is named, a retry goes on."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from recording_story import PHASE, Fleet
@@ -168,6 +169,19 @@ def test_progress_of_a_transfer_and_the_remaining_time_of_a_merge_are_told():
     fleet.go_on(3.0)
     fleet.collector.job_progress(fleet.now_ns, PHASE.MERGING, 0.25)
     assert fleet.status.remaining_s == pytest.approx(9.0, abs=0.5)
+    fleet.collector.job_progress(fleet.now_ns, PHASE.VERIFYING, 1.0)
+    assert (fleet.status.progress, fleet.status.remaining_s) == (1.0, None)
+
+
+def test_progress_of_a_recovery_is_that_of_all_platforms():
+    fleet = recording()
+    fleet.stop()
+    for name, done in (("main", 0.5), ("second", 0.1)):
+        fleet.answer = lambda _: None
+        fleet.say(name, PHASE.RECOVERING)
+        fleet.said[name] = replace(fleet.said[name], progress=done)
+    fleet.go_on(0.3)
+    assert (fleet.status.phase, fleet.status.progress) == (PHASE.RECOVERING, pytest.approx(0.3))
 
 
 def test_a_job_that_is_killed_is_started_again_and_one_that_fails_is_not():

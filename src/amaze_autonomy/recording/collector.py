@@ -241,6 +241,8 @@ class Collector:
             self._fail(t_ns, self._missing(waiting, t_ns))
         elif all(self._closing(view) and view.status.phase is not Phase.STOPPING for view in waiting):
             self.phase = Phase.RECOVERING
+            done = [1.0 if self._closed(view) else view.status.progress or 0.0 for view in self.views.values()]
+            self._progress = sum(done) / len(done)
         return commands
 
     def _failed(self, view: PlatformView) -> bool:
@@ -366,8 +368,8 @@ class Collector:
         )
 
     def _remaining_s(self, t_ns: int) -> Optional[float]:
-        if self.phase not in _COLLECTING or self._progress is None or not 0.0 < self._progress <= 1.0:
-            return None
+        if self.phase not in _COLLECTING or self._progress is None or not 0.0 < self._progress < 1.0:
+            return None  # also at its end: what is left to do then, e.g. by other readers of the bag, has no measure
         return (t_ns - self._since_ns) / _S * (1.0 - self._progress) / self._progress
 
     def _part(self, view: PlatformView, t_ns: int) -> PlatformStatus:
