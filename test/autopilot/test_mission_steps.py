@@ -159,7 +159,7 @@ def test_every_command_has_its_steps_for_each_way_of_flying():
 def test_foreign_are_the_modes_that_we_never_command():
     ours = ("AUTO.LOITER", "AUTO.MISSION", "AUTO.LAND", "OFFBOARD", "AUTO.TAKEOFF")
     assert not any(map(is_foreign, ours))
-    assert all(map(is_foreign, ("POSCTL", "MANUAL", "ALTCTL", "STABILIZED", "ACRO", "AUTO.RTL")))
+    assert all(map(is_foreign, ("POSCTL", "MANUAL", "ALTCTL", "STABILIZED", "ACRO", "AUTO.RTL", "MODE.25")))
 
 
 def test_a_pilot_who_returns_to_the_mode_that_it_stood_in_has_taken_it():

@@ -276,6 +276,7 @@ def test_the_quickest_answer_tells_the_clock():
         (PX4, 99 << 16 | 3 << 24, "MODE.99.3"),
         (ARDUPILOT, 4, "OFFBOARD"),
         (ARDUPILOT, 5, "POSCTL"),
+        (ARDUPILOT, 24, "POSCTL"),
         (ARDUPILOT, 999, "MODE.999"),
     ],
 )
@@ -298,6 +299,9 @@ def test_modes_have_numbers_to_command_them():
         ("AUTO.RTL", True, 4, "pilot"),
         ("AUTO.RTL", True, 5, "failsafe"),
         ("AUTO.LAND", False, 8, "ours"),
+        ("MODE.25", True, 4, "pilot"),
+        ("MODE.25", True, 5, "failsafe"),
+        ("MODE.25", False, 3, "ours"),
     ],
 )
 def test_who_has_control(mode, armed, status, control):

@@ -2,8 +2,8 @@
 
 The failsafe flag is the system status CRITICAL, or worse, while armed: PX4 sets it when it acts by itself, whatever the
 mode (a lost OFFBOARD stream leads to POSCTL without any pilot). Without it, a mode that is flown by the sticks, and one
-that nobody of us ever commands, is the pilot's; so is any mode after ours was confirmed and left again. Disarmed, the
-mode shows what the user intended last and says nothing about control.
+that nobody of us ever commands or knows, is the pilot's; so is any mode after ours was confirmed and left again.
+Disarmed, the mode shows what the user intended last and says nothing about control.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import FrozenSet, Mapping, NamedTuple, Optional, Tuple
 
 from .dialect import Message, mavlink
-from .modes import MANUAL_MODES, NEVER_OURS, mode_name
+from .modes import is_foreign, mode_name
 
 __all__ = ["Control", "Heartbeat"]
 
@@ -71,7 +71,7 @@ class Control:
         beat = self.beat
         if beat is None or not beat.armed or beat.status in _FAILSAFE:
             return False
-        if beat.mode in MANUAL_MODES or beat.mode in NEVER_OURS:
+        if is_foreign(beat.mode):
             return True
         return self._confirmed and beat.mode not in (self._commanded, *_SAME.get(self._commanded or "", ()))
 

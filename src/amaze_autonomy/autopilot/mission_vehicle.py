@@ -13,7 +13,7 @@ from amaze_autonomy.missions import Place
 
 from .dialect import Message, mavlink, source_of
 from .mission_items import Dialect
-from .modes import MANUAL_MODES, mode_name, mode_number
+from .modes import is_piloted, mode_name, mode_number
 from .texts import Texts
 
 __all__ = ["AIRBORNE", "HOLD", "LAND", "MISSION", "OFFBOARD", "STREAMS", "TAKEN", "Pose", "VehicleWatch"]
@@ -115,7 +115,7 @@ class VehicleWatch:
     @property
     def pilot(self) -> bool:
         """True in a mode that pilots choose, unless a failsafe chose it."""
-        return self.mode in MANUAL_MODES and not self.failsafe
+        return is_piloted(self.mode) and not self.failsafe
 
     @property
     def dialect(self) -> Dialect:

@@ -10,7 +10,7 @@ from typing import FrozenSet, Mapping, Optional, Tuple
 
 from .dialect import mavlink
 
-__all__ = ["LAND", "MANUAL_MODES", "NEVER_OURS", "is_foreign", "mode_name", "mode_number", "px4_number"]
+__all__ = ["LAND", "MANUAL_MODES", "NEVER_OURS", "is_foreign", "is_piloted", "mode_name", "mode_number", "px4_number"]
 
 LAND = "AUTO.LAND"
 
@@ -56,10 +56,14 @@ _ARDUPILOT: Mapping[int, str] = {
     18: "THROW",
     20: "OFFBOARD",  # GUIDED_NOGPS
     21: "AUTO.RTL",  # SMART_RTL
+    22: "POSCTL",  # FLOWHOLD
+    23: "AUTO.FOLLOW_TARGET",
+    24: "POSCTL",  # ZIGZAG
     27: "AUTO.RTL",  # AUTO_RTL
 }
 _ARDUPILOT_NUMBERS: Mapping[str, int] = {"AUTO.LAND": 9, "AUTO.MISSION": 3, "OFFBOARD": 4, "AUTO.LOITER": 17}
 
+_UNKNOWN = "MODE."
 MANUAL_MODES: FrozenSet[str] = frozenset(
     {"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE", "ORBIT", "DRIFT", "SPORT", "FLIP", "THROW"}
 )
@@ -68,20 +72,25 @@ NEVER_OURS: FrozenSet[str] = frozenset(
 )
 
 
+def is_piloted(mode: str) -> bool:
+    """Return whether a mode is one that pilots choose; one that nobody knows (`MODE.n`) was not chosen by us either."""
+    return mode in MANUAL_MODES or mode.startswith(_UNKNOWN)
+
+
 def is_foreign(mode: str) -> bool:
     """Return whether a mode is one that we never command."""
-    return mode in MANUAL_MODES or mode in NEVER_OURS
+    return is_piloted(mode) or mode in NEVER_OURS
 
 
 def mode_name(autopilot: int, custom_mode: int) -> str:
     """Return the name of a heartbeat's mode; one that nobody knows is named by its number, never left empty."""
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        return _ARDUPILOT.get(custom_mode, f"MODE.{custom_mode}")
+        return _ARDUPILOT.get(custom_mode, f"{_UNKNOWN}{custom_mode}")
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     name = _AUTO.get(sub) if main == _AUTO_MAIN else _MAIN.get(main)
     if name == "POSCTL" and sub == 1:
         return "ORBIT"
-    return name or f"MODE.{main}.{sub}"
+    return name or f"{_UNKNOWN}{main}.{sub}"
 
 
 def px4_number(name: str) -> Optional[Tuple[int, int]]:
