@@ -164,6 +164,16 @@ def test_merged_bags_can_be_merged_again_and_recovered(tmp_path, two):
     assert scan(result.path, check_data=True).damages == []
 
 
+@pytest.mark.parametrize("output", ["none", "bz2"])
+def test_merged_bags_are_decompressed_like_others(tmp_path, two, output):
+    first = merge(two, tmp_path / "first.bag").path
+    third = camera(tmp_path / "3.bag", "c", first_ms=11)
+    result = merged(tmp_path, [third, first], compression=output, offsets_ns=(0, 1_000_000))
+    shifted = [(t_ns + 1_000_000, topic, raw) for t_ns, topic, raw in contents(first)]
+    assert sorted(contents(result.path)) == sorted(contents(third) + shifted)
+    assert set(compressions(result.path)) == {output}
+
+
 def test_times_are_shifted_without_decompressing(tmp_path, two):
     result = merged(tmp_path, two, offsets_ns=(0, -5_000_000))
     shifted = [(t_ns - 5_000_000, topic, raw) for t_ns, topic, raw in contents(two[1])]

@@ -19,6 +19,7 @@ from .layout import CONNECTION, LARGEST_HEADER, MESSAGE, Buffer, Record, record_
 __all__ = ["Span", "Table", "Walk", "columns", "relabel", "tabulate", "walk"]
 
 _WORD = 4
+_LONGEST = 128  # bytes of a header; what recorders write has 50
 
 
 class Table(NamedTuple):
@@ -90,7 +91,7 @@ def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
     except IndexError:
         raise RecordError("the index points behind its end") from None
     fields, fixed = _layout(buffer, int(start[0]))
-    uniform = all((numbers[start + at] == value).all() for at, value in fixed)
+    uniform = bool(fixed) and all((numbers[start + at] == value).all() for at, value in fixed)
     if uniform:
         said = numbers[start + fields[0]], numbers[start + fields[1]], numbers[start + fields[1] + 4]
     else:  # several writers in one chunk
@@ -102,12 +103,17 @@ def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
 
 
 def _layout(buffer: Buffer, start: int) -> Tuple[Tuple[int, int], List[Tuple[int, int]]]:
-    """Return where connection and time are in a message, and all four-byte numbers of the rest of its header."""
+    """Return where connection and time are in a message, and all four-byte numbers of the rest of its header.
+
+    None of them of a long header, which is never that of all messages (wrapping.py writes such).
+    """
     record = record_at(buffer, start, len(buffer))
     header = bytes(buffer[start : record.data - 4])
     fields = header.find(b"\x09\0\0\0conn=") + 9, header.find(b"\x0d\0\0\0time=") + 9
     if record.op != MESSAGE or min(fields) < 9:  # noqa: PLR2004  (not found)
         raise RecordError("the index points at a record that is no message")
+    if len(header) > _LONGEST:
+        return fields, []
     connection, time = fields
     first, second = sorted(((connection, connection + 4), (time, time + 8)))
     places: List[int] = []
