@@ -23,7 +23,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import rosgraph
 import rospy
@@ -32,13 +32,15 @@ from std_srvs.srv import SetBool, Trigger, TriggerResponse
 from amaze_autonomy import msg, srv
 from amaze_autonomy.bags import BagError, Recording
 
-from .errors import CallError, NodeError, StartError
+from .errors import BrokenCallError, CallError, NodeError, StartError
 from .played import Reception, receptions, unconnected
 from .xmlrpc_call import call
 
 __all__ = ["RecordedPeers", "main"]
 
 _LOOK_S = 0.1
+_STEADY_LOOKS = 10
+_CLOCK = "/clock"
 _AFTER_NS = 300_000_000  # what is on its way at the end of the recording arrives
 _CALL_S = 1.0
 _PREFIX = "recorded/"
@@ -119,30 +121,48 @@ class RecordedPeers:
         self._write()
 
     def _wait_connected(self) -> None:
+        """Wait until every node reads what it wants of the recording, and has asked for nothing new for a while."""
         deadline_s = time.monotonic() + float(rospy.get_param("~limit_s", 20.0))
-        missing = ["the player"]
-        while missing and not rospy.is_shutdown():
+        wanted: Dict[str, List[str]] = {}
+        steady, missing = 0, ["the player"]
+        while (missing or steady < _STEADY_LOOKS) and not rospy.is_shutdown():
             if time.monotonic() > deadline_s:
                 raise StartError(f"not connected in time, the recording is not played: {', '.join(missing)}")
             time.sleep(_LOOK_S)
             try:
-                missing = self._missing()
-            except CallError as error:
+                before, wanted = wanted, self._wanted()
+                steady = steady + 1 if wanted == before else 0
+                missing = self._missing(wanted)
+            except (CallError, rosgraph.MasterException) as error:
                 missing = [str(error)]
+        self._check_use(wanted)
 
-    def _missing(self) -> List[str]:
+    def _wanted(self) -> Dict[str, List[str]]:
+        """Return which topics of the player each node has subscribed to."""
+        published, subscribed, _ = rosgraph.Master(rospy.get_name()).getSystemState()
+        topics = [topic for topic, nodes in published if self._player in nodes]
+        return {name: [topic for topic in topics if name in dict(subscribed).get(topic, ())] for name in self._all()}
+
+    def _missing(self, wanted: Mapping[str, Sequence[str]]) -> List[str]:
         """Return what is not yet there: the clock, nodes, connections."""
         if not self._now_ns():
             return ["the player's clock"]
-        master = rosgraph.Master(rospy.get_name())
-        published, subscribed, services = master.getSystemState()
-        topics = [topic for topic, nodes in published if self._player in nodes]
-        wanted = {name: [topic for topic in topics if name in dict(subscribed).get(topic, ())] for name in self._all()}
-        offered = {name for name, _ in services}
-        missing = [name for name in self._all() if not wanted[name]]
-        if rospy.resolve_name("autonomy/select_mission") not in offered:
-            missing.append("autonomy/select_mission")
+        select = rospy.resolve_name("autonomy/select_mission")
+        offered = {name for name, _ in rosgraph.Master(rospy.get_name()).getSystemState()[2]}
+        missing = [name for name in self._all() if not wanted[name]] + [
+            each for each in [select] if each not in offered
+        ]
         return missing + unconnected(wanted, self._receptions())
+
+    def _check_use(self, wanted: Mapping[str, Sequence[str]]) -> None:
+        """Say who reads nothing of the recording; refuse to play it to nobody."""
+        idle = [name for name in self._listeners if not [topic for topic in wanted.get(name, ()) if topic != _CLOCK]]
+        if len(idle) == len(self._listeners):
+            raise StartError(
+                "no node reads a topic of the recording: is it of this vehicle, and the configuration, too?"
+            )
+        if idle:
+            rospy.logwarn("no topic of the recording is read by %s", ", ".join(idle))
 
     def _all(self) -> Tuple[str, ...]:
         return (*self._listeners, rospy.get_name())
@@ -152,8 +172,11 @@ class RecordedPeers:
         master, me = rosgraph.get_master_uri(), rospy.get_name()
         found: List[Reception] = []
         for name in self._all():
-            uri = call(master, "lookupNode", (me, name), _CALL_S)
-            found += receptions(name, call(uri, "getBusStats", (me,), _CALL_S))
+            try:
+                uri = call(master, "lookupNode", (me, name), _CALL_S)
+                found += receptions(name, call(uri, "getBusStats", (me,), _CALL_S))
+            except CallError as error:
+                raise BrokenCallError(f"{name}: {error}") from error
         return tuple(found)
 
     def _wait_until(self, t_ns: int) -> None:
