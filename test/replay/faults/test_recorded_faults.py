@@ -149,6 +149,11 @@ def test_a_list_becomes_empty_and_a_number_in_it_none_that_is_known():
     assert [empty.message(sample).values for sample in empty.samples[4:6]] == [[], [1, 2, 3]]
 
 
+def test_what_is_true_or_false_becomes_the_other_one():
+    (edit,) = EDITS["garbage"](Acting(fault("topic: /imu, fault: garbage, field: z"), 0, None), (0,), Random(1), list)
+    assert [edit(Message(value)).z for value in (True, False)] == [False, True]
+
+
 def test_only_what_changed_is_counted():
     found = played("topic: /imu, fault: saturated, field: z, lowest: 3, highest: 9")
     assert [z for _, z in imu(found)][2:6] == [3.0, 3.0, 4.0, 5.0]

@@ -139,6 +139,8 @@ def _garbage(acting: Acting, times: Sequence[int], _: Random, __: _Read) -> List
     def silly(value: Any) -> Any:
         if isinstance(value, str):
             return "\x00"
+        if isinstance(value, (bool, np.bool_)):
+            return not value
         if hasattr(value, "__len__"):
             return value[:0]
         return type(value)(_SILLY) if isinstance(value, (int, float)) else value

@@ -72,7 +72,7 @@ _VALUES: Tuple[Tuple[str, str, Tuple[Parameter, ...]], ...] = (
     ),
     ("nan", "a number in it is NaN", (_FIELD,)),
     ("infinite", "a number in it is infinite", (_FIELD,)),
-    ("garbage", "a number in it is one that no reader expects, a list is empty", (_FIELD,)),
+    ("garbage", "a number in it is one that no reader expects, a list is empty, yes is no", (_FIELD,)),
     (
         "undefined",
         "a number in it that stands for a word, e.g. a phase, stands for none",
