@@ -224,6 +224,10 @@ def test_an_undo_file_of_another_bag_or_a_damaged_one_changes_nothing(tmp_path, 
         undo.write_bytes(bad)
         with pytest.raises(BagError, match=r"flight\.bag\.undo: is (no undo file|damaged)"):
             restore(done.path)
+    for name in ("", "..", "../flight.bag", "/etc/passwd"):
+        undo.write_bytes(good.replace(b'"flight.bag.active"', (b'"%s"' % name.encode()).ljust(19)))
+        with pytest.raises(BagError, match=r"flight\.bag\.undo: is (no undo file|damaged|for)"):
+            restore(done.path)
     undo.write_bytes(good)
     shutil.copy(done.path, tmp_path / "kept.bag")
     raw = bytearray(whole.read_bytes())

@@ -119,7 +119,7 @@ def read_undo(path: Path) -> Undo:
             raw[begin:],
         )
         good = raw.startswith(_MAGIC) and zlib.crc32(undo.end, zlib.crc32(undo.head)) == facts["crc"]
-        good = good and len(undo.end) == undo.size - undo.place and "/" not in undo.name
+        good = good and len(undo.end) == undo.size - undo.place and Path(undo.name).name == undo.name != ""
     except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
         raise BagError(str(path), f"is no undo file ({error})", "name the bag that was recovered in place") from error
     if not good:
