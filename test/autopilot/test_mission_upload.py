@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from random import Random
 
 import pytest
@@ -63,8 +64,9 @@ def test_places_of_a_file_in_latitude_and_longitude_are_sent_as_they_stand_there
     assert (waypoint.latitude_e7, waypoint.longitude_e7) == (471234567, 87654321)
 
 
-def test_before_ardupilots_mission_stands_its_home():
-    assert items(Dialect.ARDUPILOT)[1:] == items()
+def test_before_ardupilots_mission_stands_its_home_and_its_holds_are_whole_seconds():
+    takeoff, first, second, third, land = items()
+    assert items(Dialect.ARDUPILOT)[1:] == (takeoff, first, replace(second, hold_s=1.0), third, land)
     assert waypoint_index(2, Dialect.ARDUPILOT) == 0
     home_moved = MissionItem(16, 1, 2, 488.0).message(0, TARGET)
     assert difference(items(Dialect.ARDUPILOT), 0, home_moved, Dialect.ARDUPILOT) == ""

@@ -91,7 +91,7 @@ def mission_items(
             _WAYPOINT,
             *_integers(place),
             waypoint.z_m,
-            waypoint.hold_s,
+            _hold_s(waypoint.hold_s, dialect),
             radius_m,
             (90.0 - math.degrees(waypoint.yaw_rad)) % 360.0,
         )
@@ -101,6 +101,11 @@ def mission_items(
     land = MissionItem(_LAND, *_integers(places[-1]), 0.0)
     place_holder = MissionItem(_WAYPOINT, *_integers(start), 0.0)
     return (*(place_holder,) * dialect.value, takeoff, *waypoints, land)
+
+
+def _hold_s(hold_s: float, dialect: Dialect) -> float:
+    """Return a hold as an autopilot keeps it: ArduPilot cuts off parts of a second, so it is told the next whole one."""
+    return float(math.ceil(hold_s)) if dialect is Dialect.ARDUPILOT else hold_s
 
 
 def _integers(place: Place) -> Tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any, Callable, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -16,7 +17,7 @@ __all__ = ["ArduMissions", "ArduParameters"]
 
 
 class ArduMissions(MissionServer):
-    """Asks for every item with MISSION_REQUEST; keeps heights in centimetres and no yaw.
+    """Asks for every item with MISSION_REQUEST; keeps whole seconds, heights in centimetres and no yaw.
 
     Args:
         capacity: items that can be kept.
@@ -32,7 +33,7 @@ class ArduMissions(MissionServer):
         return super()._ask(t_ns)
 
     def _store(self, kind: int, items: Tuple[Item, ...], current: Optional[int]) -> None:
-        kept = tuple(dataclasses.replace(item, params=(*item.params[:3], 0.0), z=round(item.z, 2)) for item in items)
+        kept = tuple(_kept(item) for item in items)
         if kind == mavlink.MAV_MISSION_TYPE_MISSION and items:
             home = self._home()
             first = Item(0, mavlink.MAV_CMD_NAV_WAYPOINT, 1, (0.0,) * 4, home.lat, home.lon, home.altitude_m)
@@ -40,6 +41,13 @@ class ArduMissions(MissionServer):
         super()._store(kind, kept, current)
         if self.uploaded is not None:
             self.uploaded = Upload(kept, None)  # the number of the mission before stays, whatever is marked
+
+
+def _kept(item: Item) -> Item:
+    """Return what is left of an item: whole seconds or degrees, no yaw, centimetres."""
+    first, second, third, _ = item.params
+    whole = float(int(first)) if math.isfinite(first) else 0.0
+    return dataclasses.replace(item, params=(whole, second, third, 0.0), z=round(item.z, 2))
 
 
 class ArduParameters(Parameters):
