@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
 from pathlib import Path
 from typing import Any, Callable, List, Optional, Tuple
 
@@ -69,6 +70,7 @@ def _check_unused(path: Path) -> None:
     except OSError as error:
         raise BagError(str(path), f"cannot be read ({error.strerror})", "name a bag that you may change") from error
     try:
+        fcntl.fcntl(file, fcntl.F_SETSIG, signal.SIGURG)  # who is told of a writer that comes now must not die of it
         fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_RDLCK)
         fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_UNLCK)
     except BlockingIOError as error:
