@@ -104,7 +104,7 @@ def mission_items(
 
 
 def _hold_s(hold_s: float, dialect: Dialect) -> float:
-    """Return a hold as an autopilot keeps it: ArduPilot cuts off parts of a second, so it is told the next whole one."""
+    """Return a hold as an autopilot keeps it: ArduPilot cuts parts of a second off, so it is told the next one."""
     return float(math.ceil(hold_s)) if dialect is Dialect.ARDUPILOT else hold_s
 
 
