@@ -61,10 +61,25 @@ function lanes(test) {
   return rows;
 }
 
+function wide(text) {
+  let sum = 0;
+  for (const letter of text) sum += /[A-Z_]/.test(letter) ? 7.9 : 6.1;
+  return sum;
+}
+
 function fitted(text, width) {
-  const most = Math.floor(width / 6.4);
-  if (text.length <= most) return text;
-  return most >= 4 ? `${text.slice(0, most - 1)}…` : "";
+  let most = text.length;
+  while (most > 2 && wide(text.slice(0, most)) + (most < text.length ? 8 : 0) > width) most -= 1;
+  if (most === text.length) return text;
+  return most > 2 ? `${text.slice(0, most)}…` : "";
+}
+
+function ticks(low, high) {
+  const rough = (high - low) / 8, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((base) => base * power).find((each) => each >= rough);
+  const found = [];
+  for (let number = Math.ceil(low / step - 1e-9); number * step <= high + step * 1e-9; number += 1) found.push(number * step);
+  return [found, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
 }
 
 function stacked(moments, x) {
@@ -116,10 +131,8 @@ function chart(test, told) {
       dot.onclick = () => { told.textContent = describe(moment); };
     }
     heights(svg, test, base + 14 + levels * STEP, x, begin, end);
-    for (let n = 0; n <= 6; n += 1) {
-      const t = begin + ((end - begin) * n) / 6;
-      drawn(svg, "text", { x: x(t) - (n === 6 ? 40 : 12), y: height - 4 }, `${t.toFixed(end - begin < 10 ? 2 : 1)} s`);
-    }
+    const [times, digits] = ticks(begin, end);
+    for (const t of times) drawn(svg, "text", { x: x(t), y: height - 4, "text-anchor": "middle" }, `${t.toFixed(digits)} s`);
   };
   const zoom = (at, factor) => {
     begin = Math.max(0, at - (at - begin) * factor);
@@ -150,7 +163,7 @@ function chart(test, told) {
   tool("all", whole);
   if (first !== undefined) {
     tool("first difference", () => {
-      [begin, end] = [Math.max(0, first.t - 2), Math.min(test.end_s, first.t + 3)];
+      [begin, end] = [Math.max(0, first.t - 2.5), Math.min(test.end_s, first.t + 2.5)];
       told.textContent = describe(first);
       draw();
     });
