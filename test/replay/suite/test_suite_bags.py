@@ -54,6 +54,11 @@ def test_another_file_than_the_scenario_was_written_for_is_inconclusive():
     )
 
 
+def test_a_recording_without_a_message_is_inconclusive():
+    found = result("", f"{{path: {DATA / 'no_messages.bag'}}}")
+    assert (found.verdict.value, found.headline) == ("INCONCLUSIVE", "no_messages.bag: there is no message in it")
+
+
 SEEN = {
     "service: mission_planner/load, fault: refuses": ["planner_refused"],
     "service: mission_planner/load, fault: hangs": ["planner_silent"],
