@@ -35,7 +35,7 @@ from amaze_autonomy.recording.folders import read_json  # noqa: E402
 URI = f"http://{NEAR}:11311"
 MESSAGE_BYTES = 10_000
 PIECE_BYTES = 500_000  # recorded on the far platform before the next thing happens
-TRANSFER = ", transfer: {by: rsync, host: second, bandwidth_mb_s: 1.5, stall_limit_s: 2.0, limit_s: 60.0}"
+TRANSFER = ", transfer: {by: rsync, host: second, bandwidth_mb_s: 2.5, stall_limit_s: 2.0, limit_s: 60.0}"
 AHEAD_NS = 3_000_000_000
 
 
