@@ -3,15 +3,16 @@
     python test/bench/replay_ratios.py [--repetitions 2] [--folder FOLDER]
 
 Writes a flight by `flight_bag.py`, 280 s for each repetition of its survey, with and without images, plain and lz4.
-Replays each as a process of its own, its start included, the best of three interleaved rounds, and prints seconds of
-flight per second, by the wall and by the computing of the process: on a busy machine only that says something. "plain
-iteration" is the same replay with every message deserialised by the rosbags library, one by one. All must write the
-same journal. Then the engine alone: decisions per second, and what each part of a replay takes.
+Replays each by `amaze-replay run`, its result files included, in a process of its own, the best of five interleaved
+rounds. Prints seconds of flight per second of computing: of the whole process with the start of Python, and of the
+command alone, once all code is loaded. "Plain iteration" is the same replay with every message deserialised by
+the rosbags library, one by one. All must write the same journal. Then the engine alone, and the parts of a replay.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import hashlib
 import json
 import os
@@ -23,16 +24,26 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "src"))
+BASE = "plain iteration by rosbags"
 MAP = ROOT / "test" / "bench" / "flight.yaml"
-ROUNDS = 3
+ROUNDS = 5
 
+COMMAND = """
+import sys, time
+import rosbags.rosbag1, rosbags.typesys
+from amaze_autonomy.replay.cli import main
+
+began = time.process_time()
+status = main(sys.argv[1:])
+sys.stderr.write(f"{time.process_time() - began}\\n")
+raise SystemExit(status)
+"""
 PLAIN = """
-import sys
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from amaze_autonomy.bags.recording import Recording
-from amaze_autonomy.replay.cli import main
 from amaze_autonomy.replay.monitors import Monitors
+from amaze_autonomy.replay.sources import Recordings
 
 messages = {}
 def opened(self, path, inner=Recording.__init__):
@@ -49,33 +60,34 @@ def message(self, entry):
     return messages[self._links[entry.connection].topic, entry.t_ns][0]
 Recording.__init__, Recording.message = opened, message
 Monitors.light = lambda *_: None
-raise SystemExit(main(sys.argv[1:]))
+Recordings.tell_statuses = lambda *_: None
 """
 
 
 def once(command: list, environment: dict) -> tuple[float, float]:
-    began = time.perf_counter()
-    process = subprocess.Popen([str(part) for part in command], env=environment, stdout=subprocess.DEVNULL)
+    """Return the computing of a process, and of the command in it."""
+    process = subprocess.Popen(
+        [str(part) for part in command], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    said = process.stderr.read().split()
     _, status, usage = os.wait4(process.pid, 0)
     assert status == 0, command
-    return time.perf_counter() - began, usage.ru_utime + usage.ru_stime
+    return usage.ru_utime + usage.ru_stime, float(said[-1]) if said else 0.0
 
 
 def measure(bags: dict, folder: Path) -> dict:
-    """Return the best wall and computing seconds of each way, and the journal's hash."""
+    """Return the best of both of each way."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
     environment.pop("AMAZE_TAPES", None)
     out, best = folder / "out", {}
     rest = ["--map", MAP, "--mission", "4", "--out", out]
-    ways = {name: ([sys.executable, "-m", "amaze_autonomy.replay.cli"], bag, []) for name, bag in bags.items()}
-    for name in ("plain", "lz4"):
-        warm = ["--tapes", folder / "tapes"]
-        ways[f"{name}, with its tape"] = ([sys.executable, "-m", "amaze_autonomy.replay.cli"], bags[name], warm)
-    ways["plain iteration by rosbags"] = ([sys.executable, "-c", PLAIN], bags["plain"], [])
+    ways = {f"cold, {name}": (COMMAND, bag, []) for name, bag in bags.items()}
+    ways.update({f"warm, {name}": (COMMAND, bag, ["--tapes", folder / "tapes"]) for name, bag in bags.items()})
+    ways[BASE] = (PLAIN + COMMAND, bags["plain"], [])
     hashes = set()
     for number in range(ROUNDS + 1):  # the first one fills the caches
         for name, (program, bag, more) in ways.items():
-            took = once([*program, "run", bag, *rest, *more], environment)
+            took = once([sys.executable, "-c", program, "run", bag, *rest, *more], environment)
             hashes.add(hashlib.sha256((out / "journal.jsonl").read_bytes()).hexdigest())
             if number:
                 best[name] = tuple(map(min, best.get(name, took), took))
@@ -87,10 +99,9 @@ def parts(bag: Path) -> list:
     """Return what parts of a replay take in this process, computing only."""
     from amaze_autonomy.bags import Recording  # noqa: PLC0415
     from amaze_autonomy.config.loader import load_configuration  # noqa: PLC0415
-    from amaze_autonomy.engine.decide import decide  # noqa: PLC0415
     from amaze_autonomy.engine.events import Event  # noqa: PLC0415
     from amaze_autonomy.engine.journal import encode_event, read  # noqa: PLC0415
-    from amaze_autonomy.engine.state import EngineState  # noqa: PLC0415
+    from amaze_autonomy.engine.stepper import Stepper  # noqa: PLC0415
     from amaze_autonomy.paths import config_folder  # noqa: PLC0415
     from amaze_autonomy.replay.plan import make_plan  # noqa: PLC0415
     from amaze_autonomy.replay.session import Session  # noqa: PLC0415
@@ -100,6 +111,7 @@ def parts(bag: Path) -> list:
     with Recording(bag) as recording:
         topics = tuple(topic.name for topic in recording.topics)
     plan = make_plan(load_configuration(config_folder()), load_map(str(MAP)), "4", topics)
+    gc.disable()  # as `amaze-replay run` does
     laps, began = [], time.process_time()
 
     def lap(what: str) -> None:
@@ -115,17 +127,31 @@ def parts(bag: Path) -> list:
         outcome = session.run()
         lap("monitors, peers, engine, journal")
     events = [line.payload for line in read("\n".join(outcome.journal) + "\n").lines if isinstance(line.payload, Event)]
-    began = time.process_time()
-    for _ in range(ROUNDS):
-        state = EngineState()
-        for event in events:
-            state, _ = decide(state, event, plan.rules)
-    laps.append((f"of that, the engine: {len(events)} events", (time.process_time() - began) / ROUNDS))
+    for what, engine in (("the engine", Stepper(plan.rules).decide), ("(by `decide` alone)", decide_by(plan.rules))):
+        took = min(decided(events, engine) for _ in range(ROUNDS))
+        laps.append((f"of that, {what}: {len(events)} events, {len(events) / took:,.0f} a second", took))
     began = time.process_time()
     for event in events:
         encode_event(event)
     lap("of that, writing events as JSON")
     return laps
+
+
+def decide_by(rules: object) -> object:
+    """Return the engine without a stepper."""
+    from amaze_autonomy.engine.decide import decide  # noqa: PLC0415
+
+    return lambda state, event: decide(state, event, rules)
+
+
+def decided(events: list, engine: object) -> float:
+    """Return how long it takes to decide events."""
+    from amaze_autonomy.engine.state import EngineState  # noqa: PLC0415
+
+    began, state = time.process_time(), EngineState()
+    for event in events:
+        state, _ = engine(state, event)
+    return time.process_time() - began
 
 
 def main() -> None:
@@ -147,13 +173,14 @@ def run(folder: Path, repetitions: int) -> None:
     result = json.loads((folder / "out" / "result.json").read_text())
     length_s = (result["end_ns"] - result["start_ns"]) / 1e9
     print(f"{length_s:.0f} s of flight, {sum(each['messages'] for each in result['topics'])} messages that are used\n")
-    print("| Bag | Size | Time | Times real time | Computing | Times real time | Times as fast as plain iteration |")
-    print("|---|---|---|---|---|---|---|")
-    base = best["plain iteration by rosbags"][1]
-    for name, (wall_s, cpu_s) in best.items():
-        size = bags.get(name.split(",")[0], bags["plain"]).stat().st_size / 1e6
-        ratios = f"{length_s / wall_s:.0f} | {cpu_s:.2f} s | {length_s / cpu_s:.0f} | {base / cpu_s:.1f}"
-        print(f"| {name} | {size:.0f} MB | {wall_s:.2f} s | {ratios} |")
+    print("| Replay | Computing | Times real time | Times plain iteration | Process | Times real time |")
+    print("|---|---|---|---|---|---|")
+    base_s = best[BASE][1]
+    for name, (process_s, command_s) in best.items():
+        ratios = f"{length_s / command_s:,.0f} | {base_s / command_s:.1f}"
+        print(f"| {name} | {command_s:.2f} s | {ratios} | {process_s:.2f} s | {length_s / process_s:,.0f} |")
+    sizes = ", ".join(f"{name} {path.stat().st_size / 1e6:,.0f} MB" for name, path in bags.items())
+    print(f"\nSizes: {sizes}")
     print("\n| Part, in process | Computing |\n|---|---|")
     for what, took_s in parts(bags["plain"]):
         print(f"| {what} | {took_s:.3f} s |")
