@@ -114,3 +114,26 @@ def test_the_engine_need_not_be_woken_before_the_horizon(place):
     state, rules = at(place).state, at(place).rules
     deadline_ns = next_deadline(state, rules)
     assert state.t_ns < horizon_ns(state, rules) <= (deadline_ns or horizon_ns(state, rules))
+
+
+def test_the_last_waypoint_is_news_to_a_vehicle_that_has_landed():
+    story = at("MISSION flying")
+    planner, vehicle = vars(story.state.planner), vars(story.state.autopilot)
+    landed = {"armed": False, "landed": ev.VehicleLanded.ON_GROUND, "height_m": 0.0, "vertical_speed_m_s": 0.0}
+    for last in (1, 1, 1, 0):
+        story.now += S // 10
+        story.feed(ev.LandedStatus, landed=ev.Landed.ON_GROUND)
+        story.feed(ev.AutopilotStatus, **{**vehicle, **landed, "t_ns": story.now})
+        waypoint = {"waypoint": 3 - last, "waypoints": 3, "phase": ev.MissionPhase.LANDED}
+        story.feed(ev.MissionStatus, **{**planner, **waypoint, "t_ns": story.now})
+        assert story.is_in("MISSION") is (last > 0)
+
+
+def test_a_recorder_that_stays_failed_is_news_when_it_has_been_long_enough():
+    story = at("DATA_CLEANUP")
+    failed = {"session_id": story.state.session_id, "phase": ev.RecordingPhase.FAILED, "message": "disk"}
+    story.state = evolve(story.state, recording_progressed=False)
+    for _ in range(80):
+        story.now += S // 10
+        story.feed(ev.RecordingStatus, **failed)
+    story.expect("OUTREACH")
