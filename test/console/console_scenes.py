@@ -262,6 +262,20 @@ SCENES: Dict[str, Desk] = {
         ),
         collecting=Collecting(_MISSION.session_id, "MERGING", 72.6, NOW_S - 0.3),
     ),
+    "data-cleanup-trouble": _desk(
+        replace(
+            _MISSION,
+            state="DATA_CLEANUP",
+            time_left_s=1750.0,
+            message="On the ground: recording is stopped, data is collected.",
+            recording_phase="TRANSFERRING",
+            recording_progress=0.43,
+            data_location="main:/data/20261121T101431-001",
+        ),
+        collecting=Collecting(
+            _MISSION.session_id, "TRANSFERRING", None, NOW_S - 0.3, ("second: the cable is cut: tried again for 20 s",)
+        ),
+    ),
     "mission-ended": _desk(
         replace(
             _MISSION,

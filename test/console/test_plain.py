@@ -104,6 +104,15 @@ def test_progress_of_a_merge_names_the_time_that_it_still_takes():
     assert lines(desk, after) == ["RECORDING merging 40 %, about 1 min 12 s left"]
 
 
+def test_what_is_wrong_with_a_recording_is_told_once_and_only_of_this_one():
+    before, after = SCENES["data-cleanup-merging"], SCENES["data-cleanup-trouble"]
+    trouble = "RECORDER  second: the cable is cut: tried again for 20 s"
+    assert trouble in changes(before, NOW_S, after, NOW_S)
+    assert trouble not in changes(after, NOW_S, after, NOW_S + 0.1)
+    other = replace(after, collecting=replace(after.collecting, session_id="another"))
+    assert trouble not in changes(before, NOW_S, other, NOW_S)
+
+
 def test_the_end_names_result_and_data():
     assert lines(SCENES["data-cleanup"], replace(SCENES["mission-ended"], interactive=False)) == [
         "STATE     MISSION_ENDED, mission 1 Short square, less than a minute",

@@ -147,6 +147,17 @@ def test_answers(number, verdict):
         (SimpleNamespace(session_id="s-1", phase=2, remaining=nan), Collecting("s-1", "RECORDING", None)),
         (SimpleNamespace(session_id=1, phase=99, remaining=-1.0), Collecting("", "", None)),
         (object(), Collecting("", "IDLE", None)),
+        (
+            SimpleNamespace(
+                session_id="s-1",
+                phase=5,
+                platforms=[
+                    SimpleNamespace(platform="main", message=""),
+                    SimpleNamespace(platform="second", message="does not answer: tried again for 20 s"),
+                ],
+            ),
+            Collecting("s-1", "TRANSFERRING", None, troubles=("second: does not answer: tried again for 20 s",)),
+        ),
     ],
 )
 def test_a_recorder_status_becomes_what_it_says_of_its_phase(message, collecting):

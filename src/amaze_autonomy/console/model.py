@@ -94,12 +94,21 @@ class Snapshot:
 
 @dataclass(frozen=True)
 class Collecting:
-    """What the recorder says of the phase that it is in; fields as in msg/RecordingStatus.msg, `at_s` when it came."""
+    """What the recorder says of the phase that it is in; fields as in msg/RecordingStatus.msg.
+
+    Args:
+        session_id: of the recording.
+        phase: by its name.
+        remaining_s: time left of the phase; None: unknown.
+        at_s: when it came.
+        troubles: what is wrong on which platform, a line each.
+    """
 
     session_id: str = ""
     phase: str = ""
     remaining_s: Optional[float] = None
     at_s: float = 0.0
+    troubles: Tuple[str, ...] = ()
 
 
 class Verdict(enum.Enum):
@@ -233,6 +242,13 @@ class Desk:
         if (said.session_id, said.phase) != (shown.session_id, shown.recording_phase):
             return None
         return max(0.0, said.remaining_s - max(0.0, now_s - said.at_s))
+
+    def troubles(self, now_s: float) -> Tuple[str, ...]:
+        """Return what is wrong with the recording of this session, a line each; a silent recorder says nothing."""
+        said, shown = self.collecting, self.snapshot
+        if said is None or shown is None or now_s - said.at_s > STALE_AFTER_S or said.session_id != shown.session_id:
+            return ()
+        return said.troubles
 
     def stale(self, now_s: float) -> bool:
         """Return True when the engine was heard and is silent now."""

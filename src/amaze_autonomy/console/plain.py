@@ -23,6 +23,7 @@ def changes(before: Desk, before_s: float, after: Desk, after_s: float) -> List[
     return [
         *_contact(before, before_s, after, after_s),
         *_engine(before.snapshot, after, after_s),
+        *_recorders(before.troubles(before_s), after.troubles(after_s)),
         *_dialog(before, before_s, after, after_s),
     ]
 
@@ -114,6 +115,12 @@ def _progress(old: Snapshot, new: Snapshot, left_s: Optional[float]) -> Iterator
         done = "" if new.recording_progress is None else f" {fraction(new.recording_progress)}"
         left = "" if left_s is None else f", about {seconds(left_s)} left"
         yield f"RECORDING {new.recording_phase.lower()}{done}{left}"
+
+
+def _recorders(old: Tuple[str, ...], new: Tuple[str, ...]) -> Iterator[str]:
+    for trouble in new:
+        if trouble not in old:
+            yield f"RECORDER  {trouble}"
 
 
 def _dialog(before: Desk, before_s: float, after: Desk, after_s: float) -> Iterator[str]:

@@ -7,18 +7,20 @@ from typing import List, Optional
 from rich.console import Group, RenderableType
 from rich.padding import Padding
 
-from .model import Snapshot
+from .model import Desk, Snapshot
 from .style import Style, Tone
 from .words import fraction, seconds
 
 __all__ = ["progress"]
 
 _COLLECTING = ("STOPPING", "RECOVERING", "TRANSFERRING", "MERGING", "VERIFYING", "COMPLETE")
+_TROUBLE = "recorder   "
 _FLYING = ("TAKEOFF", "MISSION", "HOLD", "LAND", "PILOT")
 
 
-def progress(snapshot: Snapshot, left_s: Optional[float], width: int, style: Style) -> List[RenderableType]:
-    """Return the lines of progress that matter in the present state; `left_s`: of the recording's phase."""
+def progress(desk: Desk, snapshot: Snapshot, now_s: float, width: int, style: Style) -> List[RenderableType]:
+    """Return the lines of progress that matter in the present state."""
+    left_s = desk.remaining_s(now_s)
     bar = min(40, max(10, width - 45))
     lines: List[str] = []
     if snapshot.state in _FLYING and snapshot.waypoints > 0:
@@ -28,6 +30,7 @@ def progress(snapshot: Snapshot, left_s: Optional[float], width: int, style: Sty
         lines.append(f"recording  {_recording(snapshot, bar, style)}")
         if left_s is not None and snapshot.recording_phase in _COLLECTING:
             lines.append(f"time left  about {seconds(left_s)} of this step")
+    lines.extend(f"{_TROUBLE}{trouble}" for trouble in desk.troubles(now_s))
     if snapshot.data_location:
         lines.append(f"data       {snapshot.data_location}")
     texts = [style.text(line, _tone(snapshot, line)) for line in lines]
@@ -35,6 +38,8 @@ def progress(snapshot: Snapshot, left_s: Optional[float], width: int, style: Sty
 
 
 def _tone(snapshot: Snapshot, line: str) -> Tone:
+    if line.startswith(_TROUBLE):
+        return Tone.WARN
     return Tone.STRONG if snapshot.state == "MISSION_ENDED" and line.startswith("data") else Tone.PLAIN
 
 

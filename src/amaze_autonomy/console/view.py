@@ -69,7 +69,7 @@ class Screen:
         if snapshot.failures:
             yield ""
             yield failures_table(snapshot, self._desk.age_s(self._now_s), self._style)
-        yield from progress(snapshot, self._desk.remaining_s(self._now_s), width, self._style)
+        yield from progress(self._desk, snapshot, self._now_s, width, self._style)
 
     def _checks(self, width: int, room: int) -> Iterator[RenderableType]:
         snapshot = self._desk.snapshot

@@ -102,6 +102,11 @@ def collecting_of(message: Any) -> Collecting:
         session_id=_text(message, "session_id", 60),
         phase=_PHASES.get(_count(message, "phase"), ""),
         remaining_s=remaining_s if remaining_s is not None and remaining_s >= 0.0 else None,
+        troubles=tuple(
+            f"{_text(row, 'platform', 40)}: {_text(row, 'message')}"
+            for row in _rows(message, "platforms")
+            if _text(row, "message")
+        ),
     )
 
 
