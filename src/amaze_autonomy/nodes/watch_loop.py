@@ -77,9 +77,10 @@ class WatchLoop:
 
     def run(self) -> None:
         """Turn until it is stopped."""
+        now_ns = self._clock.now_ns()
         while not self._stopped:
             limit_s = self._limit_s()
-            due_ns = self._clock.now_ns() + round(limit_s * _S)
+            due_ns = now_ns + round(limit_s * _S)  # from the last turn on: it may have been stopped within that, too
             self._reader.wait(limit_s)
             now_ns = self._clock.now_ns()
             if now_ns - due_ns > _STALL_NS:
