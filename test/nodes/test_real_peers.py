@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("rospy", reason="needs ROS")
+
 from amaze_autonomy.nodes import real_peers
 from amaze_autonomy.nodes.local_process import LocalProcess
 from amaze_autonomy.nodes.real_peers import RealPeers
