@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import socket
 import struct
+from typing import ClassVar
 
 import pytest
 
@@ -18,6 +19,8 @@ def framed(messages):
 class Wire:
     """A publisher and a reader with one connection between them."""
 
+    made: ClassVar[list] = []
+
     def __init__(self, wanted=0):
         with socket.socket() as server:
             server.bind(("127.0.0.1", 0))
@@ -30,6 +33,11 @@ class Wire:
             sock, self.tally, lambda data: self.seen.append(bytes(data)), lambda: self.closed.append(True)
         )
         self.reader = TopicReader(slice_s=0.0)
+        self.made.append(self)
+
+    def close(self):
+        self.publisher.close()
+        self.reader.close()
 
     def begin(self, data=b""):
         self.reader.add(self.stream, data)
@@ -50,6 +58,13 @@ class Wire:
                 return
             self.reader.wait(0.01)
         raise AssertionError((self.tally.total, self.tally.streams))
+
+
+@pytest.fixture(autouse=True)
+def closed_wires():
+    yield
+    while Wire.made:
+        Wire.made.pop().close()
 
 
 MESSAGES = [
