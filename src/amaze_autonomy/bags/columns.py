@@ -1,33 +1,44 @@
 """Numbers and texts out of many messages at once, as columns, without making an object of any message.
 
+Messages that are wanted as a whole, because they hold lists, are a column of objects.
+
 The value of each is bit for bit what the rosbags library says. What that library would refuse - a message of a wrong
 size, a text that may not be UTF-8 - has no row here, so that whoever asks can let the library say what is wrong.
 """
 
 from __future__ import annotations
 
+import struct
+from contextlib import suppress
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from .errors import BagError
-from .fields import TEXT, Layout
+from .fields import TEXT, Layout, layout_of
 from .index import Index
 from .layout import words
 from .loading import GROUP_BYTES, Block, Loader, Pool
+from .whole import Read, reader_of
 
-__all__ = ["Wanted", "read_columns", "wanted_of"]
+__all__ = ["WHOLE", "Wanted", "read_columns", "wanted_of"]
 
 _WORD = 4
 _COARSE = 1 << 10  # bytes per message that make large ones likely: nobody wants them, so they are never read
+_BETWEEN = 4  # times as much room is taken for chunks of which only what lies between large messages is read
 _LARGEST_TEXT = 256  # longer ones are left to the library
 
 
+WHOLE = ("",)
+"""The path of a message as a whole."""
+
+
 class Wanted(NamedTuple):
-    """What is wanted of the messages of a connection: its layout, and the paths of numbers in it."""
+    """What is wanted of the messages of a connection: its layout, and paths in it; or what reads them as a whole."""
 
     layout: Layout
     paths: Tuple[str, ...]
+    read: Optional[Read] = None
 
 
 def read_columns(index: Index, messages: Any, wanted: Dict[int, Wanted]) -> Dict[int, Tuple[Any, List[Any]]]:
@@ -46,8 +57,8 @@ def read_columns(index: Index, messages: Any, wanted: Dict[int, Wanted]) -> Dict
     unseen: Any = np.ones(max(index.connections, default=0) + 1, bool)
     unseen[list(wanted)] = False
     parts: Dict[int, List[Tuple[Any, List[Any]]]] = {number: [] for number in wanted}
-    with Pool() as pool:
-        loader = Loader(index, 0, unseen, _COARSE)
+    with Pool(_BETWEEN * 2 * GROUP_BYTES) as pool:
+        loader = Loader(index, 0, unseen, _COARSE, messages)
         for group in _groups(index, loader, unseen):
             for numbers, block in _loaded(index, loader, group, pool):
                 bounds: Any = np.searchsorted(chunk_of, np.array((numbers[0], numbers[-1] + 1)))
@@ -73,7 +84,7 @@ def _groups(index: Index, loader: Loader, unseen: Any) -> List[List[int]]:
             groups.append([])
             size, plain = 0, kind
         groups[-1].append(number)
-        size += loader.size_of(number)
+        size += index.head(number).size // (_BETWEEN if loader.is_coarse(number) else 1)
     return groups
 
 
@@ -98,8 +109,20 @@ def _columns(block: Block, places: Any, wanted: Dict[int, Wanted]) -> List[Tuple
     return found
 
 
+def _read(buffer: Any, start: Any, end: Any, read: Read) -> Tuple[Any, List[Any]]:
+    """Return which messages can be read, and a column of them."""
+    good, found, view = [], [], memoryview(buffer)
+    for place, bounds in enumerate(zip(start.tolist(), end.tolist())):
+        with suppress(ValueError, struct.error):
+            found.append(read(bytes(view[slice(*bounds)])))
+            good.append(place)
+    return np.array(good, np.int64), [np.array([*found, None], object)[:-1]]
+
+
 def _decoded(buffer: Any, start: Any, end: Any, wanted: Wanted) -> Tuple[Any, List[Any]]:
     """Return which messages are as their layout says, and their columns."""
+    if wanted.read is not None:
+        return _read(buffer, start, end, wanted.read)
     numbers = words(buffer)
     good: Any = np.arange(len(start))
     begins: List[Any] = []
@@ -161,13 +184,18 @@ def _is_plain(buffer: Any, place: Any, count: Any) -> Any:
 def _joined(parts: Sequence[Tuple[Any, List[Any]]], wanted: Wanted) -> Tuple[Any, List[Any]]:
     if not parts:
         empty: Any = np.zeros(0, np.int64)
-        return empty, [np.zeros(0, wanted.layout.leaves[path].dtype) for path in wanted.paths]
+        kinds = [wanted.layout.leaves[path].dtype if path else "O" for path in wanted.paths]
+        return empty, [np.zeros(0, kind) for kind in kinds]
     places = np.concatenate([each for each, _ in parts])
     return places, [np.concatenate(columns) for columns in zip(*(columns for _, columns in parts))]
 
 
-def wanted_of(layout: Optional[Layout], paths: Sequence[str], *, texts: bool = False) -> Optional[Wanted]:
-    """Return what is wanted; None when the layout does not have it, or has a text where none is expected."""
+def wanted_of(definition: str, kind: str, paths: Sequence[str], *, texts: bool = False) -> Optional[Wanted]:
+    """Return what is wanted of a type; None when it does not have it, or has a text where none is expected."""
+    if paths == WHOLE:
+        read = reader_of(definition, kind)
+        return None if read is None else Wanted(Layout((), {}), WHOLE, read)
+    layout = layout_of(definition, kind)
     if layout is None or any(path not in layout.leaves for path in paths):
         return None
     if not texts and any(layout.leaves[path].dtype == TEXT for path in paths):

@@ -9,9 +9,20 @@ from __future__ import annotations
 import re
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
-__all__ = ["TEXT", "Layout", "Leaf", "Piece", "layout_of"]
+__all__ = [
+    "NUMBERS",
+    "TEXT",
+    "Field",
+    "IrregularError",
+    "Layout",
+    "Leaf",
+    "Piece",
+    "layout_of",
+    "resolved",
+    "sections_of",
+]
 
-_NUMBERS = {
+NUMBERS = {
     "bool": "?",
     "int8": "<i1",
     "uint8": "<u1",
@@ -26,12 +37,11 @@ _NUMBERS = {
 }
 _SIZES = {"bool": 1, "int8": 1, "uint8": 1, "byte": 1, "char": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4}
 _SIZES.update({"float32": 4, "int64": 8, "uint64": 8, "float64": 8})
-_TIMES = {"time": ("<u4", "<u4"), "duration": ("<i4", "<i4")}
+_TIMES = {"time": ("<i4", "<u4"), "duration": ("<i4", "<u4")}
 _FIELD = re.compile(r"^([A-Za-z][\w/]*)(\[(\d*)\])?\s+([A-Za-z]\w*)$")
 _LARGEST = 4096  # pieces and numbers of a layout; what has more is no message that somebody looks into
 
-_Field = Tuple[str, Optional[int], str]  # type, length of an array (-1: any; None: no array), name
-
+Field = Tuple[str, Optional[int], str]  # type, length of an array (-1: any; None: no array), name
 
 TEXT = "S"
 
@@ -59,7 +69,7 @@ class Layout(NamedTuple):
     leaves: Dict[str, Leaf]
 
 
-class _IrregularError(Exception):
+class IrregularError(Exception):
     """A type that has no layout."""
 
 
@@ -71,15 +81,20 @@ def layout_of(definition: str, kind: str) -> Optional[Layout]:
         kind: the type, e.g. "sensor_msgs/Imu".
     """
     try:
-        builder = _Builder(_sections(definition, kind))
+        builder = _Builder(sections_of(definition, kind))
         builder.add_type(kind, "")
-    except (_IrregularError, RecursionError):
+    except (IrregularError, RecursionError):
         return None
     return Layout((*builder.pieces, Piece(builder.size, 0, text=False)), builder.leaves)
 
 
-def _sections(definition: str, kind: str) -> Dict[str, List[_Field]]:
-    sections: Dict[str, List[_Field]] = {kind: []}
+def sections_of(definition: str, kind: str) -> Dict[str, List[Field]]:
+    """Return the fields of each type in a definition, by its name; constants are left out.
+
+    Raises:
+        IrregularError: A line is not understood.
+    """
+    sections: Dict[str, List[Field]] = {kind: []}
     name = kind
     for line in definition.splitlines():
         words = line.split("#", 1)[0].strip()
@@ -89,14 +104,14 @@ def _sections(definition: str, kind: str) -> Dict[str, List[_Field]]:
         elif words and not words.startswith("===") and "=" not in words:  # else a constant
             match = _FIELD.match(words)
             if match is None:
-                raise _IrregularError
+                raise IrregularError
             count = None if match[2] is None else int(match[3]) if match[3] else -1
             sections[name].append((match[1], count, match[4]))
     return sections
 
 
 class _Builder:
-    def __init__(self, sections: Dict[str, List[_Field]]) -> None:
+    def __init__(self, sections: Dict[str, List[Field]]) -> None:
         self._sections = sections
         self.pieces: List[Piece] = []
         self.leaves: Dict[str, Leaf] = {}
@@ -115,10 +130,10 @@ class _Builder:
 
     def _add(self, field: str, within: str, path: str) -> None:
         if len(self.leaves) > _LARGEST or len(self.pieces) > _LARGEST:
-            raise _IrregularError
+            raise IrregularError
         if field in _SIZES:
-            if field in _NUMBERS:
-                self.leaves[path] = Leaf(len(self.pieces), self.size, _NUMBERS[field])
+            if field in NUMBERS:
+                self.leaves[path] = Leaf(len(self.pieces), self.size, NUMBERS[field])
             self.size += _SIZES[field]
         elif field in _TIMES:
             for name, dtype in zip(("sec", "nanosec"), _TIMES[field]):
@@ -128,36 +143,40 @@ class _Builder:
             self.leaves[path] = Leaf(len(self.pieces), self.size, TEXT)
             self._end(1, text=True)
         else:
-            self.add_type(_resolved(self._sections, field, within), path)
+            self.add_type(resolved(self._sections, field, within), path)
 
     def _end(self, element: int, *, text: bool) -> None:
         self.pieces.append(Piece(self.size, element, text))
         self.size = 0
 
 
-def _fixed_size(sections: Dict[str, List[_Field]], field: str, within: str) -> int:
+def _fixed_size(sections: Dict[str, List[Field]], field: str, within: str) -> int:
     """Return the size of an element of an array; such elements have no texts and no arrays of any length."""
     if field in _SIZES:
         return _SIZES[field]
     if field in _TIMES:
         return 8
     if field == "string":
-        raise _IrregularError
-    kind = _resolved(sections, field, within)
+        raise IrregularError
+    kind = resolved(sections, field, within)
     size = 0
     for inner, count, _ in sections[kind]:
         if count == -1:
-            raise _IrregularError
+            raise IrregularError
         size += _fixed_size(sections, inner, kind) * (1 if count is None else count)
     if not size:
-        raise _IrregularError
+        raise IrregularError
     return size
 
 
-def _resolved(sections: Dict[str, List[_Field]], field: str, within: str) -> str:
-    """Return the full name of a type: as it is, of the same package, or the header."""
+def resolved(sections: Dict[str, List[Field]], field: str, within: str) -> str:
+    """Return the full name of a type: as it is, of the same package, or the header.
+
+    Raises:
+        IrregularError: There is none.
+    """
     names = (field, f"{within.split('/', 1)[0]}/{field}", f"std_msgs/{field}" if field == "Header" else field)
     for name in names:
         if name in sections and name != within:
             return name
-    raise _IrregularError
+    raise IrregularError

@@ -11,7 +11,7 @@ import numpy as np
 
 from .connections import Connection, connection_of
 from .errors import BagError, RecordError
-from .layout import BAG, CHUNK, CHUNK_INFO, CONNECTION, INDEX, MAGIC, Buffer, Record, record_at
+from .layout import BAG, CHUNK, CHUNK_INFO, CONNECTION, MAGIC, SECOND, Buffer, Record, index_record_at, record_at
 
 __all__ = [
     "KEEP_GOOD",
@@ -27,9 +27,12 @@ __all__ = [
 ]
 
 _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
+_ENTRY = 12  # bytes: time and offset
 _LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
 KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
 _REMEDY = "make a new one with `amaze-bag recover`"
+
+_Part = Tuple[int, memoryview]  # connection, entries of it
 
 
 class ChunkInfo(NamedTuple):
@@ -171,19 +174,10 @@ class Index:
         Raises:
             BagError: The index behind a chunk is damaged.
         """
-        parts: List[Tuple[Any, Any, Any]] = []
-        chunks: List[int] = []
-        for number, chunk in enumerate(self.chunks):
-            if chunk.counts:
-                entries = self.entries(number)
-                parts.append(entries)
-                chunks.append(len(entries[0]))
-        if not parts:
-            empty: Any = np.zeros(0, np.int64)
-            return Messages(empty, empty, empty, empty)
-        t_ns, connection, offset = (np.concatenate(each) for each in zip(*parts))
         filled = [number for number, chunk in enumerate(self.chunks) if chunk.counts]
-        return Messages(t_ns, connection, np.repeat(filled, chunks), offset)
+        parts = [part for number in filled for part in self._entries(number)]
+        t_ns, connection, offset = _joined(parts)
+        return Messages(t_ns, connection, np.repeat(filled, [self.chunks[each].messages for each in filled]), offset)
 
     def entries(self, number: int) -> Tuple[Any, Any, Any]:
         """Return times, connections and offsets of the messages of a chunk.
@@ -191,11 +185,14 @@ class Index:
         Raises:
             BagError: The index behind the chunk is damaged.
         """
+        return _joined(self._entries(number))
+
+    def _entries(self, number: int) -> List[_Part]:
         chunk, head = self.chunks[number], self.head(number)
         begin = head.data + head.stored
         raw = os.pread(self.file, chunk.end - begin, begin)
         try:
-            return index_entries(raw, 0, len(raw), dict(chunk.counts))[:3]
+            return _parts(raw, 0, len(raw), dict(chunk.counts))[0]
         except (RecordError, struct.error, ValueError) as error:
             raise unusable(self.path, chunk.position, error) from error
 
@@ -260,21 +257,35 @@ def index_entries(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]
     Raises:
         RecordError: They do not have these numbers of messages by connection.
     """
-    parts, numbers, lengths = [], [], []
-    missing = dict(counts)
+    parts, place = _parts(buffer, place, limit, counts)
+    return (*_joined(parts), place)
+
+
+def _parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) -> Tuple[List[_Part], int]:
+    """Return connection and entries of each index record behind a chunk, and where these end."""
+    parts: List[_Part] = []
+    missing, view = dict(counts), memoryview(buffer)
     while missing:
-        record = record_at(buffer, place, limit)
-        if record.op != INDEX or record.end > limit:
+        connection, data, size = index_record_at(buffer, place, limit)
+        if data + size > limit:
             raise RecordError("the index behind it ends too early")
-        connection, count = record.number(b"conn"), record.size // 12
+        count = size // _ENTRY
         if count and missing.pop(connection, None) != count:
             raise RecordError("the index behind it is not what the bag's index says")
-        parts.append(np.frombuffer(buffer, "<u4", 3 * count, record.data))
-        numbers.append(connection)
-        lengths.append(count)
-        place = record.end
-    entries: Any = (np.concatenate(parts) if parts else np.zeros(0, "<u4")).reshape(-1, 3).astype(np.int64)
-    return entries[:, 0] * 1_000_000_000 + entries[:, 1], np.repeat(numbers, lengths), entries[:, 2], place
+        parts.append((connection, view[data : data + _ENTRY * count]))
+        place = data + size
+    return parts, place
+
+
+def _joined(parts: List[_Part]) -> Tuple[Any, Any, Any]:
+    """Return times, connections and offsets of entries."""
+    entries: Any = np.frombuffer(b"".join([part for _, part in parts]), "<u4").reshape(-1, 3).astype(np.int64)
+    numbers: Any = np.array([connection for connection, _ in parts], np.int64)
+    return (
+        entries[:, 0] * SECOND + entries[:, 1],
+        np.repeat(numbers, [len(part) // _ENTRY for _, part in parts]),
+        entries[:, 2],
+    )
 
 
 def require(good: bool, otherwise: str) -> None:  # noqa: FBT001

@@ -41,6 +41,7 @@ __all__ = [
     "distinct",
     "fields_of",
     "index_data",
+    "index_record_at",
     "index_records",
     "message_fields",
     "nanoseconds",
@@ -168,6 +169,48 @@ def record_at(buffer: Buffer, position: int, limit: int) -> Record:
     if size <= _LARGEST_SHAPE:
         _shapes[size] = _shape(fields, bytes(buffer[position + 4 : data - 4]))
     return Record(fields, data, u32(buffer, data - 4))
+
+
+def index_record_at(buffer: Buffer, position: int, limit: int) -> Tuple[int, int, int]:
+    """Read the header of an index record: whose it is, where its data starts, and the length of the data.
+
+    Raises:
+        RecordError: There is no such record.
+    """
+    for shape in _index_shapes:
+        data = position + shape.packed.size
+        if data <= limit:
+            values = shape.packed.unpack_from(buffer, position)
+            if values[::2] == shape.fixed:
+                return values[shape.place], data, values[-1]
+    record = record_at(buffer, position, limit)
+    if record.op != INDEX:
+        raise RecordError("the index behind it ends too early")
+    if not _index_shapes:
+        _index_shapes.extend(_index_shape(bytes(buffer[position : record.data - 4])))
+    return record.number(b"conn"), record.data, record.size
+
+
+class _IndexShape(NamedTuple):
+    """How the first index record looked, nearly all do: there is one for each connection and chunk."""
+
+    packed: struct.Struct
+    fixed: Tuple[bytes, ...]  # all but numbers, which lie between
+    place: int  # of the connection among the parts
+
+
+_index_shapes: List[_IndexShape] = []
+
+
+def _index_shape(header: bytes) -> List[_IndexShape]:
+    """Return the shape of a header, its length before it; nothing when it has not each number once."""
+    values = sorted((header.find(name) + len(name), name) for name in (b"\x09\0\0\0conn=", b"\x0a\0\0\0count="))
+    (first, name), (second, _) = values
+    fixed = (header[:first], header[first + 4 : second], header[second + 4 :])
+    if sorted(fields_of(header, 4, len(header))) != [b"conn", b"count", b"op", b"ver"] or first < 13:  # noqa: PLR2004
+        return []
+    packed = struct.Struct("<{}sL{}sL{}sL".format(*map(len, fixed)))
+    return [_IndexShape(packed, fixed, 1 if b"conn" in name else 3)]
 
 
 class _Shape(NamedTuple):

@@ -9,14 +9,14 @@ from __future__ import annotations
 import os
 import struct
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, List, NamedTuple, Tuple
+from typing import Any, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from .compression import decompress_into
 from .errors import BagError, RecordError
-from .index import ChunkHead, Index, index_entries, require, unusable
-from .layout import words
+from .index import ChunkHead, Index, Messages, index_entries, require, unusable
+from .layout import Buffer, words
 from .table import Span, Table, tabulate
 
 __all__ = ["BEGINNING", "GROUP_BYTES", "Block", "Loader", "Pool"]
@@ -52,10 +52,15 @@ class Block(NamedTuple):
 
 
 class Pool:
-    """Buffers that are used again, because new memory costs as much as reading into it; and threads that fill them."""
+    """Buffers that are used again, because new memory costs as much as reading into it; and threads that fill them.
 
-    def __init__(self) -> None:
+    Args:
+        largest: bytes of a buffer that is worth keeping.
+    """
+
+    def __init__(self, largest: int = 2 * _SPARSE * GROUP_BYTES) -> None:
         self._free: List[bytearray] = []
+        self._largest = largest
         self.workers = ThreadPoolExecutor(_DECOMPRESSORS)
 
     def __enter__(self) -> Pool:  # noqa: PYI034  (Self is not in 3.8)
@@ -73,7 +78,7 @@ class Pool:
 
     def put(self, buffer: bytearray) -> None:
         """Take a buffer back."""
-        if len(self._free) < _KEPT and len(buffer) <= 2 * _SPARSE * GROUP_BYTES:
+        if len(self._free) < _KEPT and len(buffer) <= self._largest:
             self._free.append(buffer)
 
 
@@ -85,15 +90,22 @@ class Loader:
         number: of the input.
         unseen: for each connection of the bag, whether the bytes of its messages need not be seen.
         coarse: bytes per message of a chunk that make it worth looking for large ones.
+        messages: all of the index, where they were read before; else a chunk's are read with it.
     """
 
-    def __init__(self, index: Index, number: int, unseen: Any, coarse: int = _COARSE) -> None:
+    def __init__(
+        self, index: Index, number: int, unseen: Any, coarse: int = _COARSE, messages: Optional[Messages] = None
+    ) -> None:
         self._index, self._number, self._unseen, self._coarse = index, number, unseen, coarse
+        self._messages = messages
+        if messages is not None:
+            bounds: Any = np.searchsorted(messages.chunk, np.arange(len(index.chunks) + 1))
+            self._bounds: List[int] = bounds.tolist()
 
     def size_of(self, number: int) -> int:
         """Return about how many bytes a chunk brings along: less than it has, where not all of it is read."""
         size = self._index.head(number).size
-        return size // _SPARSE if self._is_coarse(number) else size
+        return size // _SPARSE if self.is_coarse(number) else size
 
     def compressed(self, numbers: List[int], pool: Pool) -> Block:
         """Return the messages of compressed chunks.
@@ -114,7 +126,7 @@ class Loader:
         raw = os.pread(self._index.file, chunk.end - head.data, head.data)
         try:
             decompress_into(buffer, place, head.compression, raw[: head.stored], head.size)
-            t_ns, connection, offset, _ = index_entries(raw, head.stored, len(raw), dict(chunk.counts))
+            t_ns, connection, offset = self._entries(number, raw, head.stored, len(raw))
             require(not len(offset) or int(offset.max()) < head.size, "the index points behind its end")
         except _BROKEN as error:
             raise unusable(self._index.path, chunk.position, error) from error
@@ -130,17 +142,17 @@ class Loader:
         heads = [self._index.head(number) for number in numbers]
         places = np.cumsum([0, *(chunk.end - chunk.position for chunk in chunks)]).tolist()
         buffer = pool.get(places[-1])
-        apart = {each for each, number in enumerate(numbers) if self._is_coarse(number)}
+        apart = {each for each, number in enumerate(numbers) if self.is_coarse(number)}
         self._read_all(buffer, [each for each in range(len(chunks)) if each not in apart], numbers, places)
         spans, parts, cut = [], [], []
         for each, (chunk, head, place) in enumerate(zip(chunks, heads, places)):
             span = Span(place + head.data - chunk.position, place + head.data - chunk.position + head.stored)
             try:
                 require(head.size == head.stored, "its sizes differ although it is not compressed")
-                if each in apart:
+                if each in apart and self._messages is None:
                     self._read(buffer, span.end, head.data + head.stored, chunk.end - head.data - head.stored)
                 limit = place + chunk.end - chunk.position
-                t_ns, connection, offset, _ = index_entries(buffer, span.end, limit, dict(chunk.counts))
+                t_ns, connection, offset = self._entries(numbers[each], buffer, span.end, limit)
                 require(not len(offset) or int(offset.max()) < head.stored, "the index points behind its end")
             except _BROKEN as error:
                 raise unusable(self._index.path, chunk.position, error) from error
@@ -151,7 +163,15 @@ class Loader:
                 cut.append(np.stack((large + span.start, large + head.data), 1))
         return self._block(numbers, buffer, spans, parts, np.concatenate([*cut, np.zeros((0, 2), np.int64)]))
 
-    def _is_coarse(self, number: int) -> bool:
+    def _entries(self, number: int, buffer: Buffer, place: int, limit: int) -> _Entries:
+        """Return times, connections and offsets of a chunk's messages; what is behind the chunk lies in a buffer."""
+        if self._messages is None:
+            return index_entries(buffer, place, limit, dict(self._index.chunks[number].counts))[:3]
+        rows = slice(*self._bounds[number : number + 2])
+        return self._messages.t_ns[rows], self._messages.connection[rows], self._messages.offset[rows]
+
+    def is_coarse(self, number: int) -> bool:
+        """Return True when of a chunk only what lies between large messages is read."""
         chunk, head = self._index.chunks[number], self._index.head(number)
         large = head.compression == "none" and head.stored >= max(_LARGE, self._coarse * chunk.messages)
         return large and any(self._unseen[connection] for connection, _ in chunk.counts)

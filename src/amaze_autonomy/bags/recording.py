@@ -15,9 +15,8 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, O
 import numpy as np
 
 from .chunks import ChunkCache
-from .columns import Wanted, read_columns, wanted_of
+from .columns import WHOLE, Wanted, read_columns, wanted_of
 from .errors import MessageError
-from .fields import layout_of
 from .opened import Indexed, Link, opened
 from .tapes import Tapes, tapes_of
 
@@ -206,29 +205,34 @@ class Recording:
         return {topic: found.rows() for topic, found in self.numbers(wanted).items()}
 
     def numbers(self, wanted: Mapping[str, Sequence[str]], texts: Collection[str] = ()) -> Dict[str, Numbers]:
-        """Return the same, not yet put into rows; of the topics in `texts` the paths may be those of texts, too."""
+        """Return the same, not yet put into rows; of the topics in `texts` the paths may be those of texts, too.
+
+        The path `columns.WHOLE` is that of the message itself, whatever it holds.
+        """
         if not isinstance(self._bag, Indexed):
             return {}
         numbers: Dict[int, Wanted] = {}
         for topic, paths in wanted.items():
             for link in self._links.values():
-                layout = layout_of(link.definition, link.kind) if link.topic == topic else None
-                found = wanted_of(layout, paths, texts=topic in texts)
-                if found is not None:
-                    numbers[link.number] = found
+                if link.topic == topic:
+                    found = wanted_of(link.definition, link.kind, tuple(paths), texts=topic in texts)
+                    numbers.update({} if found is None else {link.number: found})
         read = self._columns(numbers) if numbers else {}
         topics = [topic for topic in wanted if any(self._links[number].topic == topic for number in read)]
         return {topic: self._placed(topic, read) for topic in topics}
 
     def _columns(self, wanted: Dict[int, Wanted]) -> Dict[int, Tuple[Any, List[Any]]]:
         """Return columns from a tape; without one, read them, and keep them where tapes are wanted."""
-        what = {number: each.paths for number, each in wanted.items()}
-        found = self._tapes.columns(what) if self._tapes is not None else None
+        if self._tapes is None:
+            return read_columns(self._bag.index, self._bag.messages, wanted)
+        taped = {number: each for number, each in wanted.items() if each.paths != WHOLE}
+        what = {number: each.paths for number, each in taped.items()}
+        found = self._tapes.columns(what)
         if found is None:
-            found = read_columns(self._bag.index, self._bag.messages, wanted)
-            if self._tapes is not None:
-                self._tapes.keep_columns(what, found)
-        return found
+            found = read_columns(self._bag.index, self._bag.messages, taped)
+            self._tapes.keep_columns(what, found)
+        rest = {number: each for number, each in wanted.items() if each.paths == WHOLE}
+        return {**found, **(read_columns(self._bag.index, self._bag.messages, rest) if rest else {})}
 
     def keep(self, topics: Sequence[str]) -> None:
         """Make `message` of some topics fast where tapes are wanted: all of them will be asked for."""

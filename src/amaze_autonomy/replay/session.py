@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
+from amaze_autonomy.bags.columns import WHOLE
 from amaze_autonomy.engine.checks import Check, CheckName
 from amaze_autonomy.engine.codec import to_plain
 from amaze_autonomy.engine.commands import (
@@ -232,12 +233,13 @@ class Session:
         names = {rank: self._world.status_of(topic) for rank, topic in enumerate(topics) if topic in whole}
         told = {rank: name for rank, name in names.items() if name and not self._monitors.decodes(topics[rank])}
         taped = self._recordings.read_statuses(told)
-        flat = {rank: name for rank, name in told.items() if rank not in taped and name in FLAT}
+        read = {rank: name for rank, name in told.items() if rank not in taped}
         self._names = told
         self._recordings.keep([topic for rank, topic in enumerate(topics) if topic in whole and rank not in taped])
         wanted = {rank: light.paths for rank, light in enumerate(lights) if light and light.readers}
-        self._recordings.read({**wanted, **{rank: FLAT[name] for rank, name in flat.items()}}, tuple(flat))
-        self._recordings.tell_statuses(flat)
+        paths = {rank: FLAT.get(name, WHOLE) for rank, name in read.items()}
+        self._recordings.read({**wanted, **paths}, tuple(read))
+        self._recordings.tell_statuses(read)
         tracks = {
             rank: self._recordings.track(rank, light.paths) for rank, light in enumerate(lights) if light is not None
         }

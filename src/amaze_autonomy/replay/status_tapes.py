@@ -58,13 +58,14 @@ def taped_statuses(bag: Recording, topic: str, name: str) -> Optional[List[Event
 
 
 def status_rows(name: str, times: Sequence[int], rows: Sequence[Optional[Tuple[Any, ...]]]) -> List[Optional[Event]]:
-    """Return statuses out of the columns `FLAT` of their messages; None for what must be asked for by itself."""
-    make, names = EVENT_OF[name], [path.rpartition(".")[2] for path in FLAT[name]]
+    """Return statuses out of their messages, or the columns `FLAT`; None for what must be asked for by itself."""
+    make, names = EVENT_OF[name], [path.rpartition(".")[2] for path in FLAT.get(name, ())]
     found: List[Optional[Event]] = []
     for t_ns, row in zip(times, rows):
         try:
-            found.append(None if row is None else make(Flat(dict(zip(names, row))), t_ns))
-        except InvalidStatusError:
+            whole = None if row is None else Flat(dict(zip(names, row))) if names else row[0]
+            found.append(None if whole is None else make(whole, t_ns))
+        except (InvalidStatusError, AttributeError, TypeError):  # of another type than the map says
             found.append(None)
     return found
 
