@@ -257,9 +257,11 @@ class Recording:
                 continue
             own = np.flatnonzero(table.connection == number)  # same messages in another order
             places = self._bag.rows(number)
-            rank: Any = np.empty(len(places), np.int64)
             t_ns, chunk, offset = self._bag.places(number)
-            rank[np.lexsort((offset, chunk, t_ns))] = own
+            rank = own
+            if not (np.diff(t_ns) > 0).all():
+                rank = np.empty(len(places), np.int64)
+                rank[np.lexsort((offset, chunk, t_ns))] = own
             parts.append((rank[np.searchsorted(places, rows)], columns))
         return Numbers(len(table.t_ns), tuple(parts))
 
