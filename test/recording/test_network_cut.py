@@ -38,11 +38,14 @@ def missing():
         tools.append("sshd (openssh-server)")
     if tools:
         return f"missing: {', '.join(tools)}"
-    done = subprocess.run(["ip", "netns", "add", f"{NAME}probe"], capture_output=True, text=True, check=False)
+    probe = f"{NAME}probe"
+    done = subprocess.run(["ip", "netns", "add", probe], capture_output=True, text=True, check=False)
     if done.returncode:
         return f"no network namespaces here: {done.stderr.strip()}"
-    subprocess.run(["ip", "netns", "delete", f"{NAME}probe"], check=True)
-    return ""
+    # to enter one takes a root that is a mount point: a chroot is not
+    done = subprocess.run(["ip", "-n", probe, "link", "show"], capture_output=True, text=True, check=False)
+    subprocess.run(["ip", "netns", "delete", probe], check=True)
+    return f"no network namespace can be entered here: {done.stderr.strip()}" if done.returncode else ""
 
 
 def ip(*words):
