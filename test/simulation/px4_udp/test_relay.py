@@ -44,7 +44,7 @@ def test_nothing_gets_through_a_cut_and_the_same_seed_loses_the_same():
 
 def test_a_relay_passes_both_ways_and_cuts():
     with served() as (owner, port):
-        relay = BadRelay(("127.0.0.1", port), Quality(loss=0.05, jitter_ns=20 * MS, cuts=((2 * S, 3 * S),)))
+        relay = BadRelay(("127.0.0.1", port), Quality(loss=0.05, jitter_ns=20 * MS, cuts=((2 * S, 6 * S),)))
         relay.start()
         begin_s = time.monotonic()
         try:
@@ -54,8 +54,8 @@ def test_a_relay_passes_both_ways_and_cuts():
                 assert owner.craft.armed
                 while time.monotonic() - begin_s < 2.2 or client.hear("ATTITUDE", 0.05) is not None:
                     client.hear("ATTITUDE", 0.05)  # what was on its way before the cut
-                assert time.monotonic() - begin_s < 3.0
-                assert client.hear("ATTITUDE", 2.0) is not None
+                assert time.monotonic() - begin_s < 6.0
+                assert client.hear("ATTITUDE", 10.0) is not None
         finally:
             relay.stop()
         assert relay.lost > 0
