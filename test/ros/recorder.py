@@ -351,14 +351,15 @@ class TestRecorder(unittest.TestCase):
 
 def _jobs_of(pid: int) -> Set[int]:
     """Return the children of a process that work on bags."""
-    children = Path(f"/proc/{pid}/task").glob("*/children")
-    found = [int(word) for path in children for word in path.read_text().split()]
-    return {each for each in found if b"recording.job" in _command(each)}
+    children = [_read(path) for path in Path(f"/proc/{pid}/task").glob("*/children")]
+    found = [int(word) for words in children for word in words.split()]
+    return {each for each in found if b"recording.job" in _read(Path(f"/proc/{each}/cmdline"))}
 
 
-def _command(pid: int) -> bytes:
+def _read(path: Path) -> bytes:
+    """Return what /proc says, which is nothing when the process or thread has just ended."""
     try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
+        return path.read_bytes()
     except OSError:
         return b""
 
