@@ -27,3 +27,9 @@ def test_a_disk_that_is_full_leaves_the_old_file(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space left on device"):
         write_whole(path, "new\n")
     assert path.read_text() == "old\n"
+
+
+def test_what_cannot_be_written_is_named_as_it_was_asked_for(tmp_path):
+    with pytest.raises(FileNotFoundError) as told:
+        write_whole(tmp_path / "no" / "report.html", "text")
+    assert told.value.filename == str(tmp_path / "no" / "report.html")

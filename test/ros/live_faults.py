@@ -46,7 +46,11 @@ def _options() -> argparse.Namespace:
     parser.add_argument("-j", "--jobs", type=int, default=1, help="flights at the same time")
     parser.add_argument("--limit-s", type=float, default=150.0, help="after that a flight is told to end")
     parser.add_argument("--output", help="folder for what they write (default: a temporary one)")
-    return parser.parse_args()
+    options = parser.parse_args()
+    unknown = [name for name in options.names if not (ROOT / "config" / "faults" / f"{name}.yaml").exists()]
+    if unknown:
+        parser.error(f"not in config/faults: {', '.join(unknown)}")
+    return options
 
 
 def _fly(name: str, folder: Path, port: int, limit_s: float) -> bool:

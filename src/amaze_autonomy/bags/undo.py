@@ -120,7 +120,10 @@ def read_undo(path: Path) -> Undo:
         )
         good = raw.startswith(_MAGIC) and zlib.crc32(undo.end, zlib.crc32(undo.head)) == facts["crc"]
         good = good and len(undo.end) == undo.size - undo.place and Path(undo.name).name == undo.name != ""
-    except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
+    except OSError as error:
+        wrong = f"is no undo file, it cannot be read ({error.strerror})"
+        raise BagError(str(path), wrong, "name the bag that was recovered in place") from error
+    except (ValueError, KeyError, TypeError, struct.error) as error:
         raise BagError(str(path), f"is no undo file ({error})", "name the bag that was recovered in place") from error
     if not good:
         raise BagError(str(path), "is damaged", "the bag was recovered as far as it could be; keep it")
