@@ -83,6 +83,7 @@ def test_every_event_is_read_as_it_was_written(kind):
         assert journal.decode(line, 7) == journal.JournalLine("event", event, 7)
         assert journal.encode_event(journal.decode(line).payload) == line
         assert line == json.dumps(json.loads(line), sort_keys=True, separators=(",", ":"))
+        assert line == journal._encode_event(event), "the form of its class says what the encoder says"
 
     check()
 

@@ -13,7 +13,16 @@ from math import isfinite
 from operator import attrgetter
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Union, get_type_hints
 
-__all__ = ["CodecError", "decoder_of", "from_plain", "plain_fields", "to_plain"]
+__all__ = [
+    "CodecError",
+    "decoder_of",
+    "field_types",
+    "from_plain",
+    "optional_item",
+    "plain_fields",
+    "to_plain",
+    "tuple_items",
+]
 
 Encoder = Callable[[Any], Any]
 Decoder = Callable[[Any, str], Any]
@@ -67,6 +76,12 @@ def plain_fields(kind: type) -> Dict[str, bool]:
     return {name: encoder is None for name, encoder in _encoding_plan(kind)}
 
 
+def field_types(kind: Any) -> Dict[str, Any]:
+    """Return the fields of a dataclass with their annotations."""
+    hints = get_type_hints(kind)
+    return {field.name: hints[field.name] for field in fields(kind)}
+
+
 def decoder_of(kind: type, name: str) -> Decoder:
     """Return what makes a field's value of its JSON value; it takes that and a path for errors."""
     return _decoding_plan(kind)[name][0]
@@ -95,11 +110,11 @@ def _encoder(hint: Any) -> Optional[Encoder]:
         return attrgetter("_name_")
     if is_dataclass(hint):
         return to_plain
-    item = _optional(hint)
+    item = optional_item(hint)
     if item is not None:
         inner = _encoder(item)
         return None if inner is None else _encode_optional(inner)
-    items = _tuple_items(hint)
+    items = tuple_items(hint)
     if items is None:
         return None
     encoders = [_encoder(each) for each in items]
@@ -155,11 +170,11 @@ def _decoder(hint: Any) -> Decoder:
         return _decode_enum(hint)
     if is_dataclass(hint):
         return _decode_structure(hint)
-    item = _optional(hint)
+    item = optional_item(hint)
     if item is not None:
         inner = _decoder(item)
         return lambda value, where: None if value is None else inner(value, where)
-    items = _tuple_items(hint)
+    items = tuple_items(hint)
     if items is None:
         raise TypeError(f"no codec for {hint!r}")
     if len(items) == 2 and items[1] is ...:  # noqa: PLR2004
@@ -226,7 +241,7 @@ def _is_enum(hint: Any) -> bool:
     return isinstance(hint, type) and issubclass(hint, enum.Enum)
 
 
-def _optional(hint: Any) -> Any:
+def optional_item(hint: Any) -> Any:
     """Return X of Optional[X], else None."""
     if getattr(hint, "__origin__", None) is not Union:
         return None
@@ -234,5 +249,6 @@ def _optional(hint: Any) -> Any:
     return items[0] if len(items) == 1 and len(hint.__args__) == 2 else None  # noqa: PLR2004
 
 
-def _tuple_items(hint: Any) -> Optional[Tuple[Any, ...]]:
+def tuple_items(hint: Any) -> Optional[Tuple[Any, ...]]:
+    """Return the items of Tuple[...], else None."""
     return hint.__args__ if getattr(hint, "__origin__", None) is tuple else None

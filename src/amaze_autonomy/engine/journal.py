@@ -23,6 +23,7 @@ from . import events as _events
 from .codec import CodecError, from_plain, to_plain
 from .commands import Decision
 from .events import Event
+from .lines import Form, form_of
 from .rules import Rules
 
 __all__ = [
@@ -61,6 +62,8 @@ _EVENTS: Mapping[str, type] = {
     for name, kind in sorted(vars(_events).items())
     if isinstance(kind, type) and issubclass(kind, Event) and kind is not Event
 }
+
+_forms: Dict[type, Form] = {}
 
 
 class JournalError(ValueError):
@@ -106,8 +109,22 @@ def encode_event(event: Event) -> str:
     Raises:
         JournalError: It is not an event of `events.py`, or a field holds what its annotation forbids.
     """
-    if _EVENTS.get(type(event).__name__) is not type(event):
-        raise JournalError(f"{type(event).__name__} is no event of the engine")
+    form = _forms.get(type(event))
+    if form is None:
+        form = _forms[type(event)] = _form(type(event))
+    try:
+        return form(event)
+    except (KeyError, ValueError):  # of another type than annotated
+        return _encode_event(event)
+
+
+def _form(kind: type) -> Form:
+    if _EVENTS.get(kind.__name__) is not kind:
+        raise JournalError(f"{kind.__name__} is no event of the engine")
+    return form_of(kind, (("event", kind.__name__), ("kind", "event"))) or _encode_event
+
+
+def _encode_event(event: Event) -> str:
     return _encode(event, {"event": type(event).__name__, "kind": "event"})
 
 
