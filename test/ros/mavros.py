@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import tempfile
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import rospy
 import rostest
+from at_once import at_once
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from mavros_definitions import install
 from one_node import OneNode, wait_for
@@ -33,13 +33,13 @@ PREARM = 1 << 28
 
 
 class FakeMavros:
-    """A mavros with a vehicle behind it."""
+    """A mavros with a vehicle behind it, in a namespace."""
 
-    def __init__(self):
+    def __init__(self, namespace):
         self.mode, self.armed, self.landed, self.height_m, self.fixed = "AUTO.LOITER", False, 1, 0.0, 3
         self.asked, self.ended = [], threading.Event()
         self.publishers = {
-            topic: rospy.Publisher(f"/mavros/{topic}", kind, queue_size=5)
+            topic: rospy.Publisher(f"{namespace}/{topic}", kind, queue_size=5)
             for topic, kind in (
                 ("state", mavros.State),
                 ("extended_state", mavros.ExtendedState),
@@ -54,9 +54,9 @@ class FakeMavros:
             )
         }
         self.services = [
-            rospy.Service("/mavros/set_mode", services.SetMode, self.set_mode),
-            rospy.Service("/mavros/cmd/command", services.CommandLong, self.command),
-            rospy.Service("/mavros/param/get", services.ParamGet, self.parameter),
+            rospy.Service(f"{namespace}/set_mode", services.SetMode, self.set_mode),
+            rospy.Service(f"{namespace}/cmd/command", services.CommandLong, self.command),
+            rospy.Service(f"{namespace}/param/get", services.ParamGet, self.parameter),
         ]
         threading.Thread(target=self.run, daemon=True).start()
 
@@ -102,29 +102,23 @@ class FakeMavros:
         }
 
 
+@at_once(4)
 class TestMavros(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        cls.mavros = FakeMavros()
-
     def setUp(self):
-        self.mavros.__dict__.update(mode="AUTO.LOITER", armed=False, landed=1, height_m=0.0, fixed=3, asked=[])
         self.space, self.statuses = f"/{self._testMethodName[:24]}", []
+        self.mavros = FakeMavros(f"{self.space}/mavros")
         rospy.Subscriber(f"{self.space}/autopilot/status", STATUS, self.statuses.append)
-        before = os.environ.get("PYTHONPATH", "")
-        os.environ["PYTHONPATH"] = f"{PATH}:{before}"
-        try:
-            self.node = OneNode("autopilot", self.space, ["autopilot.backend=mavros"])
-        finally:
-            os.environ["PYTHONPATH"] = before
+        overrides = ["autopilot.backend=mavros", f"autopilot.mavros={self.space}/mavros"]
+        self.node = OneNode("autopilot", self.space, overrides, modules=PATH)
 
     def tearDown(self):
+        self.mavros.ended.set()
         if self.node.process.poll() is None:
             self.node.process.kill()
             self.node.process.wait()
 
     def wait(self, condition, what):
-        words = f"{what}: {self.statuses[-1:]} {self.node.log}"
+        words = lambda: f"{what}: {self.statuses[-1:]} {self.node.log}"  # noqa: E731
         wait_for(lambda: self.statuses and condition(self.statuses[-1]), words)
 
     def call(self, name, kind=Trigger, *arguments):

@@ -7,8 +7,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["install"]
+__all__ = ["ESTIMATOR_FLAGS", "install"]
 
+#: of EstimatorStatus, in the order of their bits in ESTIMATOR_STATUS; each name ends in _status_flag
+ESTIMATOR_FLAGS = (
+    "attitude",
+    "velocity_horiz",
+    "velocity_vert",
+    "pos_horiz_rel",
+    "pos_horiz_abs",
+    "pos_vert_abs",
+    "pos_vert_agl",
+    "const_pos_mode",
+    "pred_pos_horiz_rel",
+    "pred_pos_horiz_abs",
+    "gps_glitch",
+    "accel_error",
+)
 HEADER = "std_msgs/Header header\n"
 MESSAGES = {
     "State": HEADER + "bool connected\nbool armed\nbool guided\nbool manual_input\nstring mode\nuint8 system_status\n",
@@ -17,24 +32,7 @@ MESSAGES = {
     + "uint32 sensors_present\nuint32 sensors_enabled\nuint32 sensors_health\nuint16 load\n"
     + "uint16 voltage_battery\nint16 current_battery\nint8 battery_remaining\n",
     "StatusText": HEADER + "uint8 severity\nstring text\n",
-    "EstimatorStatus": HEADER
-    + "".join(
-        f"bool {name}_status_flag\n"
-        for name in (
-            "attitude",
-            "velocity_horiz",
-            "velocity_vert",
-            "pos_horiz_rel",
-            "pos_horiz_abs",
-            "pos_vert_abs",
-            "pos_vert_agl",
-            "const_pos_mode",
-            "pred_pos_horiz_rel",
-            "pred_pos_horiz_abs",
-            "gps_glitch",
-            "accel_error",
-        )
-    ),
+    "EstimatorStatus": HEADER + "".join(f"bool {name}_status_flag\n" for name in ESTIMATOR_FLAGS),
     "GPSRAW": HEADER
     + "uint8 fix_type\nint32 lat\nint32 lon\nint32 alt\nuint16 eph\nuint16 epv\nuint16 vel\nuint16 cog\n"
     + "uint8 satellites_visible\n",

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 import unittest
@@ -11,10 +10,11 @@ from pathlib import Path
 
 import rospy
 import rostest
+from at_once import at_once
 from mavros_definitions import install
 from mavros_vehicle import MavrosVehicle
 from one_node import OneNode, wait_for
-from px4_vehicle import QUICK
+from px4_vehicle import MISSIONS, QUICK
 
 from amaze_autonomy import msg, srv
 
@@ -24,38 +24,17 @@ sys.path[:0] = PATH.split(":")
 from mavros_msgs import msg as messages  # noqa: E402
 from mavros_msgs import srv as services  # noqa: E402
 
-MISSIONS = """\
-flight:
-  cruise_speed_m_s: 5.0
-  climb_speed_m_s: 4.0
-  descent_speed_m_s: 4.0
-  landing_speed_m_s: 2.0
-  acceleration_m_s2: 10.0
-  turn_rate_rad_s: 8.0
-missions:
-  "hop":
-    description: Up, around, down
-    files: [trajectories/hop.csv]
-  "indoors":
-    description: The same without GPS
-    files: [trajectories/hop.csv]
-    controller: offboard
-"""
 STATUS, COMMAND = msg.MissionStatus, srv.MissionCommandRequest
 
 
+@at_once(2)
 class TestMavrosPlanner(unittest.TestCase):
     def setUp(self):
         self.space, self.statuses = f"/{self._testMethodName[:24]}", []
         self.vehicle = MavrosVehicle(f"{self.space}/mavros", QUICK, messages, services)
         rospy.Subscriber(f"{self.space}/mission_planner/status", STATUS, self.statuses.append)
         overrides = ["autopilot.backend=mavros", f"autopilot.mavros={self.space}/mavros"]
-        before = os.environ.get("PYTHONPATH", "")
-        os.environ["PYTHONPATH"] = f"{PATH}:{before}"
-        try:
-            self.node = OneNode("mission_planner", self.space, overrides, missions=MISSIONS)
-        finally:
-            os.environ["PYTHONPATH"] = before
+        self.node = OneNode("mission_planner", self.space, overrides, missions=MISSIONS, modules=PATH)
         self.load = self.service("load", srv.LoadMission)
         self.order = self.service("command", srv.MissionCommand)
 
@@ -96,9 +75,9 @@ class TestMavrosPlanner(unittest.TestCase):
         transfers = [name for name in self.vehicle.called if name in ("push", "pull")]
         self.assertEqual(transfers, ["push", "pull"] * 2)  # the first came back changed
         self.command(COMMAND.HOLD)
-        self.wait_phase(STATUS.HOLDING, 4.0)
+        self.wait_phase(STATUS.HOLDING)
         self.command(COMMAND.RESUME)
-        self.wait_phase(STATUS.FLYING, 6.0)
+        self.wait_phase(STATUS.FLYING)
         self.wait_phase(STATUS.LANDED)
         self.assertEqual((self.statuses[-1].waypoint, self.statuses[-1].waypoints), (4, 4))
         self.assertFalse(self.vehicle.craft.armed)

@@ -9,6 +9,7 @@ import time
 
 import rospy
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from mavros_definitions import ESTIMATOR_FLAGS
 from pymavlink.dialects.v20 import common as mavlink
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
@@ -22,20 +23,6 @@ from amaze_autonomy.simulation.vehicle import VehicleSettings
 __all__ = ["MavrosVehicle"]
 
 _LIMIT_S = 5.0
-_FLAGS = (
-    "attitude",
-    "velocity_horiz",
-    "velocity_vert",
-    "pos_horiz_rel",
-    "pos_horiz_abs",
-    "pos_vert_abs",
-    "pos_vert_agl",
-    "const_pos_mode",
-    "pred_pos_horiz_rel",
-    "pred_pos_horiz_abs",
-    "gps_glitch",
-    "accel_error",
-)
 
 
 class MavrosVehicle:
@@ -214,7 +201,7 @@ class MavrosVehicle:
         self._publish("extended_state", self._messages.ExtendedState(landed_state=said.landed_state))
 
     def _estimator(self, said):
-        flags = {f"{name}_status_flag": bool(said.flags >> bit & 1) for bit, name in enumerate(_FLAGS)}
+        flags = {f"{name}_status_flag": bool(said.flags >> bit & 1) for bit, name in enumerate(ESTIMATOR_FLAGS)}
         self._publish("estimator_status", self._messages.EstimatorStatus(**flags))
 
     def _local(self, said):

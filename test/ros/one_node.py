@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Sequence
+from typing import Any, Callable, Dict, Sequence, Union
 
 import roslib.packages
 import rospy
@@ -27,6 +27,7 @@ class OneNode:
         sensors: text of sensors.yaml; empty: the one that ships.
         missions: likewise.
         parameters: private ones.
+        modules: folders where it finds further modules, with colons.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class OneNode:
         sensors: str = "",
         missions: str = "",
         parameters: Dict[str, Any] = {},  # noqa: B006
+        modules: str = "",
     ) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix=f"amaze_{kind}_"))
         shutil.copytree(config_folder(), self.folder, dirs_exist_ok=True)
@@ -49,6 +51,8 @@ class OneNode:
         self._log = (self.folder / "log").open("wb")
         command = [roslib.packages.find_node("amaze_autonomy", kind)[0]]
         environment = {**os.environ, "ROS_NAMESPACE": namespace or "/"}
+        if modules:
+            environment["PYTHONPATH"] = f"{modules}:{environment.get('PYTHONPATH', '')}"
         self.process = subprocess.Popen(command, env=environment, stdout=self._log, stderr=self._log)
 
     @property
@@ -69,12 +73,13 @@ class OneNode:
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def wait_for(condition: Callable[[], Any], what: str, limit_s: float = 20.0) -> Any:
-    """Wait for something that becomes true; return it."""
+def wait_for(condition: Callable[[], Any], what: Union[str, Callable[[], str]], limit_s: float = 20.0) -> Any:
+    """Wait for something that becomes true; return it. Words that are a function are asked when it did not come."""
     deadline_s = time.monotonic() + limit_s
     while True:
         found = condition()
         if found:
             return found
-        assert time.monotonic() < deadline_s, f"{what} did not come within {limit_s} s"
+        if time.monotonic() >= deadline_s:
+            raise AssertionError(f"{what if isinstance(what, str) else what()} did not come within {limit_s} s")
         time.sleep(0.005)

@@ -12,7 +12,7 @@ from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.vehicle import VehicleSettings
 
-__all__ = ["QUICK", "Px4Vehicle"]
+__all__ = ["MISSIONS", "QUICK", "Px4Vehicle"]
 
 QUICK = FlightModel(
     cruise_speed_m_s=5.0,
@@ -22,6 +22,27 @@ QUICK = FlightModel(
     acceleration_m_s2=10.0,
     turn_rate_rad_s=8.0,
 )
+MISSIONS = f"""\
+flight:
+  cruise_speed_m_s: {QUICK.cruise_speed_m_s}
+  climb_speed_m_s: {QUICK.climb_speed_m_s}
+  descent_speed_m_s: {QUICK.descent_speed_m_s}
+  landing_speed_m_s: {QUICK.landing_speed_m_s}
+  acceleration_m_s2: {QUICK.acceleration_m_s2}
+  turn_rate_rad_s: {QUICK.turn_rate_rad_s}
+missions:
+  "hop":
+    description: Up, around, down
+    files: [trajectories/hop.csv]
+  "indoors":
+    description: The same without GPS
+    files: [trajectories/hop.csv]
+    controller: offboard
+  "twice":
+    description: Up, around, down, and once more
+    files: [trajectories/hop.csv]
+    repetitions: 2
+"""
 
 
 class Px4Vehicle:
