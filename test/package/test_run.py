@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
+
+from amaze_autonomy.simulation.autopilots import AUTOPILOTS
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,6 +35,45 @@ def test_what_is_no_job_is_refused_with_the_list(tmp_path, job):
 
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == run(folder=tmp_path).stdout
+
+
+@pytest.mark.parametrize(
+    "argument, words",
+    [
+        ("vehicle:=px5", "there is no vehicle px5: px4 or ardupilot"),
+        ("faults:=lfr", "there is no scenario lfr: name a file, or one of config/faults by its name"),
+    ],
+)
+def test_a_demo_that_cannot_be_is_refused_before_anything_starts(tmp_path, argument, words):
+    result = run("demo", argument, folder=tmp_path)
+
+    assert (result.returncode, result.stdout, result.stderr) == (2, "", f"run: {words}\n")
+
+
+@pytest.mark.parametrize(
+    "argument, words",
+    [
+        ("vehicle:=px5", "vehicle:=px5 is none of px4, ardupilot"),
+        ("flight:=no", "flight:=no is none of real, simulated"),
+    ],
+)
+def test_a_launch_that_cannot_be_is_refused_before_anything_starts(argument, words):
+    substitution = pytest.importorskip("roslaunch.substitution_args", reason="needs ROS")
+    checked = ET.parse(ROOT / "launch" / "autonomy.launch").getroot().findall("arg")
+    values = {each.get("name"): each.get("default") for each in checked if each.get("default") is not None}
+    name, _, given = argument.partition(":=")
+    check = next(each.get("value") for each in checked if each.get("name") == f"_checked_{name}")
+
+    assert substitution.resolve_args(check, {"arg": values}) == "True"
+    with pytest.raises(KeyError) as caught:
+        substitution.resolve_args(check, {"arg": {**values, name: given}})
+    assert caught.value.args == (words,)
+
+
+def test_the_launch_file_knows_every_simulated_vehicle():
+    text = (ROOT / "launch" / "autonomy.launch").read_text()
+
+    assert f"arg('vehicle') in {tuple(AUTOPILOTS)!r}" in text
 
 
 @pytest.mark.builds
