@@ -14,7 +14,8 @@ state that `decide` would make, and leaves the table alone; everything else goes
   of its own (link, battery), its end counts as well.
 
 So rows, failures and limits would look at the same values with the same outcome. test/engine/test_stepper.py lets both
-decide every story of the tests, and random ones.
+decide every story of the tests, and random ones; test_stepper_news.py and test_stepper_times.py say of each field and
+of each limit whether the table must be asked.
 """
 
 from __future__ import annotations
