@@ -158,6 +158,8 @@ def _texts(buffer: Any, places: Any, _: str) -> Any:
     """Return texts by the places of their lengths."""
     count = words(buffer)[places].astype(np.int64)
     size = max(1, int(count.max()) if len(count) else 1)
+    if len(count) and int(count.min()) == size:
+        return _bytes(buffer, places + _WORD, size).view(f"S{size}")
     column: Any = np.arange(size)
     view: Any = np.frombuffer(buffer, np.uint8)
     inside = np.minimum(places[:, None] + _WORD + column, len(view) - 1)
@@ -166,15 +168,25 @@ def _texts(buffer: Any, places: Any, _: str) -> Any:
 
 
 def _gathered(buffer: Any, places: Any, dtype: str) -> Any:
-    size = np.dtype(dtype).itemsize
+    return _bytes(buffer, places, np.dtype(dtype).itemsize).view(dtype)
+
+
+def _bytes(buffer: Any, places: Any, size: int) -> Any:
+    """Return so many bytes from each place."""
     raw: Any = np.ndarray((max(len(buffer) - size + 1, 0),), f"V{size}", buffer, 0, (1,))
-    return raw[places].view(dtype)
+    return raw[places]
 
 
 def _is_plain(buffer: Any, place: Any, count: Any) -> Any:
     """Return which texts are ASCII and not long."""
     found = count <= _LARGEST_TEXT
     size = int(count[found].max()) if found.any() else 0
+    if (
+        size
+        and int(count.min()) == size == int(count.max())
+        and _bytes(buffer, place, size).view(np.uint8).max() < 0x80
+    ):  # noqa: PLR2004
+        return found
     view: Any = np.frombuffer(buffer, np.uint8)
     for each in range(size):
         inside = np.flatnonzero(found & (count > each))

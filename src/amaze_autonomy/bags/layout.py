@@ -15,6 +15,7 @@ The format has no checksums. We write fields in the order of the C++ library.
 from __future__ import annotations
 
 import struct
+from functools import lru_cache
 from typing import Any, Dict, Iterable, List, NamedTuple, Tuple, Union
 
 import numpy as np
@@ -271,8 +272,14 @@ def connection_record(number: int, topic: bytes, header: bytes) -> bytes:
 
 def chunk_header(compression: str, size: int, stored: int) -> bytes:
     """Return what stands before the data of a chunk: `size` bytes, `stored` when compressed."""
-    fields = ((b"compression", compression.encode()), (b"op", bytes([CHUNK])), (b"size", _U32.pack(size)))
-    return _packed(fields) + _U32.pack(stored)
+    return b"".join((_head_fields(compression), _U32.pack(size), _U32.pack(stored)))
+
+
+@lru_cache(maxsize=None)
+def _head_fields(compression: str) -> bytes:
+    """Return all of a chunk's header but the two sizes at its end."""
+    fields = ((b"compression", compression.encode()), (b"op", bytes([CHUNK])), (b"size", _U32.pack(0)))
+    return _packed(fields)[:-4]
 
 
 def index_data(connection: int, t_ns: Any, offsets: Any) -> bytes:
@@ -303,16 +310,21 @@ def index_records(t_ns: Any, connection: Any, offsets: Any) -> bytes:
     return b"".join([index_data(number, t_ns[each], offsets[each]) for number, each in parts_of])
 
 
-def chunk_info(position: int, start_ns: int, end_ns: int, counts: List[Tuple[int, int]]) -> bytes:
+def chunk_info(position: int, start_ns: int, end_ns: int, counts: Iterable[Tuple[int, int]]) -> bytes:
     """Return what the index says of a chunk; `counts` are messages by connection."""
     flat = [number for each in counts for number in each]
     return b"".join(
         (
-            _INFO[0] + _U64.pack(position),
-            _INFO[1] + _U32.pack(len(counts)),
-            _INFO[2] + pack_time(end_ns),
-            _INFO[3] + pack_time(start_ns),
-            _INFO[4] + struct.pack(f"<L{len(flat)}L", 4 * len(flat), *flat),
+            _INFO[0],
+            _U64.pack(position),
+            _INFO[1],
+            _U32.pack(len(flat) // 2),
+            _INFO[2],
+            pack_time(end_ns),
+            _INFO[3],
+            pack_time(start_ns),
+            _INFO[4],
+            struct.pack(f"<L{len(flat)}L", 4 * len(flat), *flat),
         )
     )
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import struct
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, List, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -16,18 +15,16 @@ import numpy as np
 from .compression import decompress_into
 from .errors import BagError, RecordError
 from .index import ChunkHead, Index, Messages, index_entries, require, unusable
-from .layout import Buffer, words
+from .layout import Buffer, distinct, words
+from .pool import GROUP_BYTES, Pool
 from .table import Span, Table, tabulate
 
 __all__ = ["BEGINNING", "GROUP_BYTES", "Block", "Loader", "Pool"]
 
-GROUP_BYTES = 4 << 20  # that much is loaded together
 BEGINNING = 512  # bytes of a large message that are read; its header has about 50
 _LARGE = 64 << 10  # what is worth a copy by the system
 _COARSE = 16 << 10  # bytes per message that make it worth looking for large ones
-_SPARSE = 2  # times as much room is taken for chunks of which little is read
-_KEPT = 16
-_DECOMPRESSORS = 2
+_SPARSE = 8  # times as much is loaded together of chunks of which little is read
 _BROKEN = (RecordError, struct.error, ValueError)
 
 _Entries = Tuple[Any, Any, Any]
@@ -51,37 +48,6 @@ class Block(NamedTuple):
     whole: Any
 
 
-class Pool:
-    """Buffers that are used again, because new memory costs as much as reading into it; and threads that fill them.
-
-    Args:
-        largest: bytes of a buffer that is worth keeping.
-    """
-
-    def __init__(self, largest: int = 2 * _SPARSE * GROUP_BYTES) -> None:
-        self._free: List[bytearray] = []
-        self._largest = largest
-        self.workers = ThreadPoolExecutor(_DECOMPRESSORS)
-
-    def __enter__(self) -> Pool:  # noqa: PYI034  (Self is not in 3.8)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.workers.shutdown()
-
-    def get(self, size: int) -> bytearray:
-        """Return a buffer of at least this size."""
-        for place, buffer in enumerate(self._free):
-            if len(buffer) >= size:
-                return self._free.pop(place)
-        return bytearray(max(size + (size >> 3), GROUP_BYTES))
-
-    def put(self, buffer: bytearray) -> None:
-        """Take a buffer back."""
-        if len(self._free) < _KEPT and len(buffer) <= self._largest:
-            self._free.append(buffer)
-
-
 class Loader:
     """Loads chunks of a bag.
 
@@ -98,6 +64,7 @@ class Loader:
     ) -> None:
         self._index, self._number, self._unseen, self._coarse = index, number, unseen, coarse
         self._messages = messages
+        self._passed = frozenset(np.flatnonzero(unseen).tolist())
         if messages is not None:
             bounds: Any = np.searchsorted(messages.chunk, np.arange(len(index.chunks) + 1))
             self._bounds: List[int] = bounds.tolist()
@@ -139,29 +106,28 @@ class Loader:
             BagError: One is damaged.
         """
         chunks = [self._index.chunks[number] for number in numbers]
-        heads = [self._index.head(number) for number in numbers]
         places = np.cumsum([0, *(chunk.end - chunk.position for chunk in chunks)]).tolist()
-        buffer = pool.get(places[-1])
-        apart = {each for each, number in enumerate(numbers) if self.is_coarse(number)}
-        self._read_all(buffer, [each for each in range(len(chunks)) if each not in apart], numbers, places)
-        spans, parts, cut = [], [], []
-        for each, (chunk, head, place) in enumerate(zip(chunks, heads, places)):
+        apart = [each for each, number in enumerate(numbers) if self.is_coarse(number)]
+        buffer = pool.sparse(places[-1]) if apart else pool.get(places[-1])
+        skipped = set(apart)
+        self._read_all(buffer, [each for each in range(len(chunks)) if each not in skipped], numbers, places)
+        spans, parts = [], []
+        for each, (number, chunk, place) in enumerate(zip(numbers, chunks, places)):
+            head = self._index.head(number)
             span = Span(place + head.data - chunk.position, place + head.data - chunk.position + head.stored)
             try:
                 require(head.size == head.stored, "its sizes differ although it is not compressed")
-                if each in apart and self._messages is None:
+                if each in skipped and self._messages is None:
                     self._read(buffer, span.end, head.data + head.stored, chunk.end - head.data - head.stored)
                 limit = place + chunk.end - chunk.position
-                t_ns, connection, offset = self._entries(numbers[each], buffer, span.end, limit)
+                t_ns, connection, offset = self._entries(number, buffer, span.end, limit)
                 require(not len(offset) or int(offset.max()) < head.stored, "the index points behind its end")
             except _BROKEN as error:
                 raise unusable(self._index.path, chunk.position, error) from error
             spans.append(span)
             parts.append((t_ns, connection, offset + span.start))
-            if each in apart:
-                large = self._read_coarse(buffer, span, head.data, connection, offset)
-                cut.append(np.stack((large + span.start, large + head.data), 1))
-        return self._block(numbers, buffer, spans, parts, np.concatenate([*cut, np.zeros((0, 2), np.int64)]))
+        cut = self._read_coarse(buffer, numbers, [(each, spans[each], parts[each]) for each in apart])
+        return self._block(numbers, buffer, spans, parts, cut)
 
     def _entries(self, number: int, buffer: Buffer, place: int, limit: int) -> _Entries:
         """Return times, connections and offsets of a chunk's messages; what is behind the chunk lies in a buffer."""
@@ -173,22 +139,41 @@ class Loader:
     def is_coarse(self, number: int) -> bool:
         """Return True when of a chunk only what lies between large messages is read."""
         chunk, head = self._index.chunks[number], self._index.head(number)
-        large = head.compression == "none" and head.stored >= max(_LARGE, self._coarse * chunk.messages)
-        return large and any(self._unseen[connection] for connection, _ in chunk.counts)
+        if head.compression != "none" or head.stored < max(_LARGE, self._coarse * chunk.messages):
+            return False
+        return any(connection in self._passed for connection, _ in chunk.counts)
 
-    def _read_coarse(self, buffer: bytearray, span: Span, data: int, connection: Any, offset: Any) -> Any:
-        """Read a chunk without what is large in it; return the offsets of the messages of which that is missing."""
-        order = np.argsort(offset)
-        start: Any = offset[order]
-        follows: Any = np.append(start[1:], span.end - span.start)
-        large = np.flatnonzero((follows - start >= _LARGE) & self._unseen[connection[order]])
-        stops = [*(start[large] + BEGINNING).tolist(), span.end - span.start]
-        for begin, stop in zip([0, *follows[large].tolist()], stops):
-            self._read(buffer, span.start + begin, data + begin, stop - begin)
-        if _are_whole(buffer, span.start + start[large], span.start + follows[large]):
-            return start[large]
-        self._read(buffer, span.start, data, span.end - span.start)  # there is more in it than messages, or damage
-        return start[:0]
+    def _read_coarse(self, buffer: Any, numbers: List[int], apart: List[Tuple[int, Span, _Entries]]) -> Any:
+        """Read chunks without what is large in them; return where in the buffer, and in the file, that begins."""
+        if not apart:
+            return np.zeros((0, 2), np.int64)
+        begins: Any = np.array([span.start for _, span, _ in apart])
+        ends: Any = np.array([span.end for _, span, _ in apart])
+        shifts: Any = np.array([self._index.head(numbers[each]).data - span.start for each, span, _ in apart])
+        start: Any = np.concatenate([part[2] for _, _, part in apart])
+        order = np.argsort(start)
+        start = start[order]
+        connection = np.concatenate([part[1] for _, _, part in apart])[order]
+        chunk = np.searchsorted(begins, start, "right") - 1
+        follows: Any = np.minimum(np.append(start[1:], ends[-1]), ends[chunk])
+        large = np.flatnonzero((follows - start >= _LARGE) & self._unseen[connection])
+        start, follows, chunk = start[large], follows[large], chunk[large]
+        self._read_between(buffer, np.append(begins, follows), np.append(start + BEGINNING, ends), begins, shifts)
+        torn = distinct(chunk[~_are_whole(buffer, start, follows)])
+        for each in torn:  # there is more in it than messages, or damage
+            begin, size = int(begins[each]), int(ends[each] - begins[each])
+            self._read(buffer, begin, begin + int(shifts[each]), size)
+        good = ~np.isin(chunk, torn)
+        return np.stack((start[good], start[good] + shifts[chunk[good]]), 1)
+
+    def _read_between(self, buffer: Any, first: Any, last: Any, begins: Any, shifts: Any) -> None:
+        """Read what lies between places of a buffer; `shifts` is how far behind them it lies in the file, by chunk."""
+        first, last = np.sort(first), np.sort(last)
+        file, view = self._index.file, memoryview(buffer)
+        position = first + shifts[np.searchsorted(begins, first, "right") - 1]
+        for begin, end, at in zip(first.tolist(), last.tolist(), position.tolist()):
+            if begin < end and os.preadv(file, [view[begin:end]], at) != end - begin:
+                raise self._shorter()
 
     def _read_all(self, buffer: bytearray, which: List[int], numbers: List[int], places: List[int]) -> None:
         """Read chunks as they are, neighbours in one go."""
@@ -204,7 +189,10 @@ class Loader:
 
     def _read(self, buffer: bytearray, place: int, position: int, size: int) -> None:
         if size and os.preadv(self._index.file, [memoryview(buffer)[place : place + size]], position) != size:
-            raise BagError(str(self._index.path), "became shorter while it was read", "try again")
+            raise self._shorter()
+
+    def _shorter(self) -> BagError:
+        return BagError(str(self._index.path), "became shorter while it was read", "try again")
 
     def _block(
         self, numbers: List[int], buffer: bytearray, spans: List[Span], parts: List[_Entries], cut: Any
@@ -228,10 +216,9 @@ class Loader:
         return unusable(self._index.path, self._index.chunks[numbers[0]].position, error)
 
 
-def _are_whole(buffer: bytearray, start: Any, follows: Any) -> bool:
-    """Return whether messages end where the next begin, by what stands in their beginnings."""
+def _are_whole(buffer: bytearray, start: Any, follows: Any) -> Any:
+    """Return for each message whether it ends where the next begins, by what stands in its beginning."""
     numbers = words(buffer)
     header = numbers[start].astype(np.int64)
-    if (header > BEGINNING - 8).any():
-        return False
-    return bool((start + 8 + header + numbers[start + 4 + header] == follows).all())
+    short = header <= BEGINNING - 8
+    return short & (start + 8 + header + numbers[np.where(short, start + 4 + header, start)] == follows)

@@ -18,7 +18,7 @@ __all__ = ["Output", "Stretch", "index_of", "sync_folder", "temporary_name"]
 _PIECE = 128 << 10  # larger writes make the page cache slower, not faster
 _SEGMENTS = 1000  # the system takes 1024 in one call
 _RANGE = 1 << 30
-_BUFFER = 1 << 18  # stays in the processor's cache: as fast as a copy by the system where nothing can be shared
+_UNABLE = (errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM)  # said by systems that cannot copy
 
 
 def temporary_name(path: Path) -> Path:
@@ -53,7 +53,8 @@ class Output:
         self._part = temporary_name(path)
         self.position = FIRST_RECORD
         self._infos: List[bytes] = []
-        self._buffer = bytearray(_BUFFER)
+        self._batch: List[Any] = []
+        self._waiting = 0
         try:
             self._file = os.open(self._part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
@@ -108,18 +109,15 @@ class Output:
         Of data that is not compressed, parts may be stretches of files.
         """
         stored = size if compression == "none" else sum(len(part) for part in parts)
-        pieces = [chunk_header(compression, size, stored), *parts, index]
-        if len(parts) > _SEGMENTS // 2 and not any(isinstance(part, Stretch) for part in parts):
-            pieces = [b"".join(pieces)]
-        self._infos.append(chunk_info(self.position, *times, list(counts)))
-        self.position += self._write(pieces)
+        self._infos.append(chunk_info(self.position, *times, counts))
+        self.position += self._write((chunk_header(compression, size, stored), *parts, index))
 
     def copy_chunk(
         self, file: int, start: int, end: int, *, times: Tuple[int, int], counts: Any, index: bytes = b""
     ) -> None:
         """Copy a chunk from another bag; `index` follows it where the bytes copied have none."""
         self._infos.append(chunk_info(self.position, *times, list(counts)))
-        self.position += self._write([Stretch(file, start, end - start), index])
+        self.position += self._write((Stretch(file, start, end - start), index))
 
     def copy_beginning(self, file: int, end: int) -> None:
         """Copy the first bytes of another bag; the chunks in them keep their places.
@@ -137,54 +135,72 @@ class Output:
         self._infos.append(chunk_info(position, *times, list(counts)))
 
     def _share(self, file: int, start: int, count: int) -> int:
-        """Let the system copy bytes of a file; return how many it did, 0 when it cannot."""
+        """Let the system share or copy bytes of a file; return how many it did, 0 when it cannot."""
         try:
             return os.copy_file_range(file, self._file, count, start)  # type: ignore[attr-defined,unused-ignore]
         except OSError as error:
-            if error.errno not in (errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM):
+            if error.errno not in _UNABLE:
                 raise
             return 0
 
     def _copy(self, stretch: Stretch) -> int:
-        view, done = memoryview(self._buffer), 0
+        done = 0
         while done < stretch.size:
-            part = view[: stretch.size - done]
-            read = os.preadv(stretch.file, [part], stretch.start + done)
-            if not read:
+            more = self._send(stretch.file, stretch.start + done, min(stretch.size - done, _RANGE))
+            if not more:
                 raise BagError(str(self.path), "an input became shorter while it was read", "try again")
-            done += self._flush([part[:read]], read)
+            done += more
         return done
 
-    def _write(self, parts: List[Any]) -> int:
-        total, size = 0, 0
-        batch: List[Any] = []
+    def _send(self, file: int, start: int, count: int) -> int:
+        """Copy bytes of a file in one call: of many an interpreter's lock would be fought for."""
+        try:
+            return os.sendfile(self._file, file, start, count)
+        except OSError as error:
+            if error.errno not in _UNABLE:
+                raise
+        data = os.pread(file, min(count, _PIECE), start)
+        return self._put([data], len(data))
+
+    def _write(self, parts: Iterable[Any]) -> int:
+        """Take bytes, of which the last ones may wait for more before they go to the system; return how many."""
+        total = 0
         for part in parts:
             if isinstance(part, Stretch):
-                total += self._flush(batch, size) + self._copy(part)
-                batch, size = [], 0
-                continue
-            view = memoryview(part).cast("B")
-            while len(view):
-                piece = view[: _PIECE - size]
-                batch.append(piece)
-                size += len(piece)
-                view = view[len(piece) :]
-                if size == _PIECE or len(batch) == _SEGMENTS:
-                    total += self._flush(batch, size)
-                    batch, size = [], 0
-        return total + self._flush(batch, size)
+                self.flush()
+                total += self._copy(part)
+            else:
+                size = len(part)
+                self._batch.append(part)
+                self._waiting += size
+                total += size
+                if self._waiting >= _PIECE or len(self._batch) == _SEGMENTS:
+                    self.flush()
+        return total
 
-    def _flush(self, batch: List[Any], size: int) -> int:
-        done = os.writev(self._file, batch) if batch else 0
+    def flush(self) -> None:
+        """Give to the system what waits; until then nobody may change it."""
+        batch, size = self._batch, self._waiting
+        self._batch, self._waiting = [], 0
+        if size <= 2 * _PIECE:
+            self._put(batch, size)
+            return
+        for part in batch:
+            view = memoryview(part)
+            for begin in range(0, len(view), _PIECE):
+                self._put([view[begin : begin + _PIECE]], min(_PIECE, len(view) - begin))
+
+    def _put(self, batch: List[Any], size: int) -> int:
+        done = os.writev(self._file, batch) if size else 0
         while done < size:  # the disk is nearly full, or a signal came
-            more = os.write(self._file, b"".join(batch)[done:])
-            done += more
+            done += os.write(self._file, b"".join(batch)[done:])
         return size
 
     def close(self, connections: Dict[int, Connection]) -> int:
         """Write the index, wait until all is on the disk, give the bag its name; return its size."""
         begin = self.position
         self.position += self._write([index_of(connections, self._infos)])
+        self.flush()
         header = bag_header(begin, len(connections), len(self._infos))
         if os.pwrite(self._file, header, 0) != len(header):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -8,7 +8,8 @@ connection, and each message must say the connection and time that the index say
 from __future__ import annotations
 
 import struct
-from typing import Any, Dict, List, NamedTuple, Tuple
+from functools import lru_cache
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -83,27 +84,57 @@ def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
     """
     if not len(start):
         return Table(t_ns, connection, start, start, start, (-1, -1))
+    found = _alike(buffer, t_ns, connection, start)
+    return _each(buffer, t_ns, connection, start) if found is None else found
+
+
+def _alike(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Optional[Table]:
+    """Return the table of messages whose headers are the same but for connection and time, as the index says them.
+
+    Returns:
+        None when something is otherwise.
+    """
+    try:
+        fields, fixed, size = _layout(buffer, int(start[0]))
+        at_each_byte: Any = np.ndarray((max(0, len(buffer) - size + 1),), f"V{size}", buffer, 0, (1,))
+        header = at_each_byte[start].view(_header_type(fields, tuple(place for place, _ in fixed), size))
+    except (RecordError, struct.error, IndexError):
+        return None
+    if not fixed or not all((header[f"at {place}"] == value).all() for place, value in fixed):
+        return None
+    said_ns = header["seconds"].astype(np.int64) * 1_000_000_000 + header["fraction"]
+    if not ((header["connection"] == connection).all() and (said_ns == t_ns).all()):
+        return None
+    payload = start + size
+    return Table(t_ns, connection, start, payload, payload + header["size"], fields)
+
+
+@lru_cache(maxsize=16)
+def _header_type(fields: Tuple[int, int], places: Tuple[int, ...], size: int) -> Any:
+    """Return numpy's type of a header with the length of the data behind it."""
+    connection, time = fields
+    offsets = {"connection": connection, "seconds": time, "fraction": time + 4, "size": size - 4}
+    offsets.update({f"at {place}": place for place in places})
+    names, formats = list(offsets), ["<u4"] * len(offsets)
+    return np.dtype({"names": names, "formats": formats, "offsets": list(offsets.values()), "itemsize": size})
+
+
+def _each(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the table of messages of several writers, header by header."""
     numbers = words(buffer)
     try:
-        header = numbers[start].astype(np.int64)
-        payload = start + 8 + header
+        payload = start + 8 + numbers[start].astype(np.int64)
         end = payload + numbers[payload - 4]
     except IndexError:
         raise RecordError("the index points behind its end") from None
-    fields, fixed = _layout(buffer, int(start[0]))
-    uniform = bool(fixed) and all((numbers[start + at] == value).all() for at, value in fixed)
-    if uniform:
-        said = numbers[start + fields[0]], numbers[start + fields[1]], numbers[start + fields[1] + 4]
-    else:  # several writers in one chunk
-        fields = (-1, -1)
-        said = _said_one_by_one(buffer, start.tolist())
+    said = _said_one_by_one(buffer, start.tolist())
     if not ((said[0] == connection).all() and (said[1].astype(np.int64) * 1_000_000_000 + said[2] == t_ns).all()):
         raise RecordError("a message is another one than the index says")
-    return Table(t_ns, connection, start, payload, end, fields)
+    return Table(t_ns, connection, start, payload, end, (-1, -1))
 
 
-def _layout(buffer: Buffer, start: int) -> Tuple[Tuple[int, int], List[Tuple[int, int]]]:
-    """Return where connection and time are in a message, and all four-byte numbers of the rest of its header.
+def _layout(buffer: Buffer, start: int) -> Tuple[Tuple[int, int], List[Tuple[int, int]], int]:
+    """Return where connection and time are in a message, all four-byte numbers of the rest of its header, its size.
 
     None of them of a long header, which is never that of all messages (wrapping.py writes such).
     """
@@ -113,14 +144,14 @@ def _layout(buffer: Buffer, start: int) -> Tuple[Tuple[int, int], List[Tuple[int
     if record.op != MESSAGE or min(fields) < 9:  # noqa: PLR2004  (not found)
         raise RecordError("the index points at a record that is no message")
     if len(header) > _LONGEST:
-        return fields, []
+        return fields, [], len(header) + _WORD
     connection, time = fields
     first, second = sorted(((connection, connection + 4), (time, time + 8)))
     places: List[int] = []
     for begin, end in ((0, first[0]), (first[1], second[0]), (second[1], len(header))):
         if end - begin >= _WORD:
             places += [*range(begin, end - 3, 4), end - 4]
-    return fields, [(place, u32(header, place)) for place in places]
+    return fields, [(place, u32(header, place)) for place in places], len(header) + _WORD
 
 
 def _said_one_by_one(buffer: Buffer, starts: List[int]) -> Tuple[Any, Any, Any]:

@@ -149,6 +149,7 @@ class Writing:
                 self._put_chunk(*waiting.popleft())
         while waiting:
             self._put_chunk(*waiting.popleft())
+        self._out.flush()
 
     def _put_chunk(self, cut: Cut, size: int, data: Any, compression: str) -> None:
         parts = data if isinstance(data, list) else [data.result()]
