@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 import shutil
@@ -194,3 +195,32 @@ def test_a_frame_that_is_not_whole_good_or_of_this_size_is_refused():
         damaged[place] ^= 0x40
         assert not decompress_frame(bytes(damaged), len(PLAIN), target, 0)
     assert decompress_frame(bytes(frame), len(PLAIN), target, 0)
+
+
+@pytest.mark.parametrize("error", [errno.EINVAL, errno.ENOSYS])
+def test_they_are_merged_where_the_system_cannot_copy_from_file_to_file(tmp_path, monkeypatch, error):
+    inputs = [camera(tmp_path / "1.bag", "a"), camera(tmp_path / "2.bag", "b", first_ms=7)]
+    merge(inputs, tmp_path / "m.bag")
+
+    def refuse(*_):
+        raise OSError(error, os.strerror(error))
+
+    monkeypatch.setattr(os, "sendfile", refuse)
+    merge(inputs, tmp_path / "n.bag")
+    assert digest(tmp_path / "m.bag") == digest(tmp_path / "n.bag")
+
+
+def test_those_of_several_chunks_are_left_out_together(tmp_path):
+    """But for the first chunk: behind its large messages connections are described, so it is read as a whole."""
+    path = camera(tmp_path / "1.bag", "a")
+    with Index(path) as index, Pool() as pool:
+        block = Loader(index, 0, np.full(max(index.connections) + 1, True)).plain([*range(len(index.chunks))], pool)
+    raw = path.read_bytes()
+    left = np.flatnonzero(block.origin >= 0)
+    begun = zip(block.table.start[left].tolist(), block.origin[left].tolist(), block.table.end[left].tolist())
+    assert len(left) == large_ones(path) == 18
+    for start, origin, end in begun:
+        assert block.buffer[start : start + BEGINNING] == raw[origin : origin + BEGINNING]
+        assert not any(block.buffer[start + BEGINNING : end])
+    seen = np.flatnonzero(block.origin < 0).tolist()
+    assert all(block.buffer[block.table.start[each] : block.table.end[each]] in raw for each in seen)
