@@ -158,6 +158,7 @@ def test_every_status_that_nothing_came_of_settles(asked, kind):
 
 def test_nothing_is_known_after_a_command(asked):
     story = settled("LAND commanding")
+    asked.clear()
     story.now += S // 2
     assert story.feed(ev.Tick)
     again(story, "landing", 0)
@@ -184,10 +185,9 @@ def counting(counts, name):
 
 def test_what_is_looked_up_is_not_looked_up_again_and_again(monkeypatch):
     """What makes the stepper fast: a horizon is found once, components are looked at when they change."""
-    counts = {"horizon_ns": 0, "_is_calm": 0}
+    story, counts = settled("MISSION flying"), {"horizon_ns": 0, "_is_calm": 0}
     for name in counts:
         monkeypatch.setattr(module, name, counting(counts, name))
-    story = settled("MISSION flying")
     for _ in range(20):
         for peer in ("action", "planner", "autopilot", "landing"):
             again(story, peer, S // 1000)
