@@ -267,7 +267,7 @@ STAMPS = {
 @pytest.mark.parametrize("stamp", STAMPS)
 def test_each_status_grows_too_old_after_its_limit(stamp):
     limit_ns = getattr(LIMITS, STAMPS[stamp])
-    heard_ns = FAR - limit_ns // 2
+    heard_ns = FAR - 3 * limit_ns // 4
     state = evolve(EngineState(t_ns=FAR, entered_ns=FAR), **{stamp: heard_ns})
     assert horizon_ns(state, SHIPPED) == heard_ns + limit_ns + 1
     assert horizon_ns(evolve(state, t_ns=heard_ns + limit_ns), SHIPPED) == heard_ns + limit_ns + 1

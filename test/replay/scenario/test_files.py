@@ -87,6 +87,9 @@ MISTAKES = {
     "expectations: [{expect: exists, of: {state: HOLD, rule: hold}}]": "has state and rule; must have one of",
     "expectations: [{expect: exists, of: {}}]": "is empty; must have one of state, rule, command, failure, component",
     "expectations: [{expect: exists, of: {component: lrf}}]": "code: is missing",
+    "expectations: [{expect: count, of: {state: HOLD}, at_least: 5, at_most: 2}]": "expectations.0: has at_least 5 and "
+    "at_most 2; no run can hold it",
+    "matrix: {faults.3.at_s: [1.0, 2.0]}": "matrix.faults.3.at_s: addresses nothing; must be a key of the scenario",
     "expectations: [{expect: always, of: {rule: hold}}]": "must be what lasts: a state or a component's code",
     "expectations: [{expect: count, of: {rule: hold}}]": "has no limit; must have at_least or at_most",
     "expectations: [{expect: response, when: {rule: hold}, then: {rule: land}}]": "within_s: is missing",

@@ -90,7 +90,7 @@ def test_a_fault_that_touches_nothing_is_vacuous(fault):
 
 
 WRONG = {
-    "topic: /imu, fault: silent": "the map reads no topic /imu; it reads /cf1/imu, /cf1/log_ranges",
+    "topic: /imu, fault: silent": "the map reads no topic /imu; did you mean /cf1/imu?",
     "component: gps, fault: silent": "the map has no component gps; it has imu, lrf",
     "component: lrf, fault: silent, after: {event: airborne}": "a recording has no events; use at_s, or after",
 }

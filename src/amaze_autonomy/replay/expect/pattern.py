@@ -13,7 +13,7 @@ from amaze_autonomy.engine.commands import Decision
 
 from .trace import Span, Trace
 
-__all__ = ["Pattern", "instants", "spans"]
+__all__ = ["Pattern", "about", "instants", "spans"]
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,12 @@ def _times(pattern: Pattern, decision: Decision) -> int:
     if pattern.rule:
         return int(decision.rule == pattern.rule)
     if pattern.failure:
-        return int(_about(decision) == pattern.failure)
+        return int(about(decision) == pattern.failure)
     return sum(_is_command(pattern.command, text) for text in decision.commands)
 
 
-def _about(decision: Decision) -> Optional[str]:
+def about(decision: Decision) -> Optional[str]:
+    """Return the name of the failure that a decision is about; None: of none."""
     return next((str(value.value) for value in decision.values if value.name == "failure"), None)
 
 

@@ -150,6 +150,9 @@ class ExpectationEntry(Kind):
         numbers = tuple((key, float(values[key])) for key in kind.numbers if values[key] is not None)
         if kind.needs and not any(key in kind.needs for key, _ in numbers):
             refuse(entry, address, "has no limit", f"must have {' or '.join(kind.needs)}")
+        if len(kind.needs) > 1 and len(numbers) > 1 and numbers[0][1] > numbers[1][1]:
+            (least, low), (most, high) = numbers
+            refuse(entry, address, f"has {least} {low:g} and {most} {high:g}", "no run can hold it: must leave room")
         end: Optional[Instant] = values["to"]
         return Expectation(kind, tuple(patterns), numbers, values["from"], end, str(entry.place))
 

@@ -101,10 +101,19 @@ def _set(tree: Entry, address: str, value: Entry) -> Entry:
         path = ("configuration", "set", address)
     if path[0] in ("matrix", "version", "description"):
         refuse(value, ("matrix", address), "cannot vary", "must address anything else of the scenario")
-    changed = replace(tree, path, value)
+    changed = replace(tree, path, value) if _leads(tree, path) else None
     if changed is None:
         refuse(value, ("matrix", address), "addresses nothing", "must be a key of the scenario, e.g. faults.0.at_s")
     return changed
+
+
+def _leads(tree: Entry, path: Tuple[str, ...]) -> bool:
+    """Return True when a path leads through no list that is not there: "faults.0.at_s" where there are no faults."""
+    if not isinstance(tree, Table):
+        return True
+    if path[0] not in tree.entries:
+        return not any(each.isdecimal() for each in path)
+    return len(path) == 1 or _leads(tree.entries[path[0]][1], path[1:])
 
 
 def _text(entry: Entry) -> str:

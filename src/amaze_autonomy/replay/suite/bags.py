@@ -22,6 +22,7 @@ from ..faults.stream import FaultedRecordings
 from ..opening import topics_of
 from ..plan import Plan, make_plan
 from ..scenario.model import Case
+from ..scenario.places import meant, place_of
 from ..session import Outcome, Session
 from ..sources import Recordings
 from ..topic_map import TopicMap, load_map, map_names
@@ -43,10 +44,11 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
         DamagedInputError: a bag is not the one that the scenario was written for.
         ReplayError: the case does not fit the recording.
     """
-    _check_bags(case)
     configuration = configuration_of(case, options)
+    topic_map, missions = _map(case), missions_of(case, configuration)
+    _check_bags(case)
     paths = [bag.path for bag in case.bags]
-    plan = make_plan(configuration, _map(case), missions_of(case, configuration)[0].id, topics_of(paths))
+    plan = make_plan(configuration, topic_map, missions[0].id, topics_of(paths))
     if rules is not None:
         plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
     with Recordings(paths, plan.topics) as recordings:
@@ -95,6 +97,9 @@ def _map(case: Case) -> TopicMap:
     name = case.topic_map or case.bags[0].path.stem
     if not case.topic_map and name not in map_names():
         raise ReplayError(f"{case.path}: which topics are what? Name a topic map with map: {', '.join(map_names())}")
+    if name not in map_names() and not Path(name).is_file():
+        place = place_of(case.path, ("map",), ("matrix", "map"))
+        raise ReplayError(f"{place}: map: {name} is no topic map and no file; {meant(name, map_names())}")
     return load_map(name)
 
 
@@ -105,7 +110,10 @@ def _needs(case: Case, part: FaultedRecordings) -> List[str]:
     for need in case.needs:
         found = figures.get(need.topic)
         if found is None or not found.messages:
-            broken.append(f"{need.topic}: is needed, and the map does not read it or the recording does not have it")
+            right = meant(need.topic, (topic for topic in figures if figures[topic].messages))
+            broken.append(
+                f"{need.topic}: is needed, and the map does not read it or the recording does not have it; {right}"
+            )
             continue
         rate_hz, gap_s = found.rate_hz or 0.0, found.longest_gap_s or 0.0
         if rate_hz < need.rate_hz:
@@ -161,14 +169,16 @@ def _topics_of(fault: Fault, plan: Plan) -> Tuple[str, ...]:
     if fault.kind.subject == TOPIC:
         if fault.target not in plan.topics:
             raise ReplayError(
-                f"{fault.where}: the map reads no topic {fault.target}; it reads {', '.join(plan.topics)}"
+                f"{fault.where}: the map reads no topic {fault.target}; {meant(fault.target, plan.topics, 'it reads')}"
             )
         return (fault.target,)
     if fault.kind.subject != Subject.COMPONENT:
         return ()
     known: Dict[str, Tuple[str, ...]] = {s.name: tuple(t.topic for t in s.topics) for s in plan.components}
     if fault.target not in known:
-        raise ReplayError(f"{fault.where}: the map has no component {fault.target}; it has {', '.join(known)}")
+        raise ReplayError(
+            f"{fault.where}: the map has no component {fault.target}; {meant(fault.target, known, 'it has')}"
+        )
     return known[fault.target]
 
 

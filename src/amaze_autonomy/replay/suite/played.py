@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Optional, Tuple
 
+from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.mission import Mission
@@ -13,10 +14,12 @@ from amaze_autonomy.paths import config_folder
 from ..errors import ReplayError
 from ..expect.trace import Trace
 from ..scenario.model import Case
+from ..scenario.places import meant, place_of
 from .task import Options
 
 __all__ = ["Mark", "Played", "configuration_of", "missions_of"]
 
+_OVERRIDE = "override "
 Mark = Tuple[str, float, Optional[float], str]
 
 
@@ -46,10 +49,22 @@ def configuration_of(case: Case, options: Options) -> Configuration:
         ConfigError: it has a mistake.
     """
     folder = options.configuration or case.configuration or config_folder()
-    if not options.overrides:
-        return load_configuration(folder, case.overrides)
-    own = [f"{key}={_written(value)}" for key, value in case.overrides.items()]
-    return load_configuration(folder, [*own, *options.overrides])
+    try:
+        if not options.overrides:
+            return load_configuration(folder, case.overrides)
+        own = [f"{key}={_written(value)}" for key, value in case.overrides.items()]
+        return load_configuration(folder, [*own, *options.overrides])
+    except ConfigError as error:
+        raise _placed(error, case) from error
+
+
+def _placed(error: ConfigError, case: Case) -> ConfigError:
+    """Return a mistake in an override of the scenario's own with its line in the scenario."""
+    key = error.file[len(_OVERRIDE) :].partition("=")[0]
+    if not error.file.startswith(_OVERRIDE) or key not in case.overrides:
+        return error
+    place = place_of(case.path, ("configuration", "set", key), ("matrix", key))
+    return ConfigError(place, f"{key.partition('.')[0]}.{error.key}" if error.key else key, error.wrong, error.right)
 
 
 def _written(value: Any) -> str:
@@ -70,5 +85,6 @@ def missions_of(case: Case, configuration: Configuration) -> Tuple[Mission, ...]
     known = {mission.id: mission for mission in configuration.missions}
     for name in case.missions:
         if name not in known:
-            raise ReplayError(f"{case.path}: there is no mission {name!r}; there is {', '.join(known)}")
+            place = place_of(case.path, ("missions",), ("matrix", "missions"))
+            raise ReplayError(f"{place}: there is no mission {name!r}; {meant(name, known)}")
     return tuple(known[name] for name in case.missions) or configuration.missions[:1]

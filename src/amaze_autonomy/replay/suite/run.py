@@ -21,8 +21,9 @@ from ..golden import compare_with_golden
 from ..scenario import Case, load_cases
 from .anchors import anchor_times
 from .figures import peak_mb
+from .names import check_names
 from .play import play
-from .played import Played
+from .played import Played, configuration_of
 from .result import Figures, Result, Verdict
 from .task import Task
 
@@ -85,6 +86,7 @@ def run_case(case: Case, task: Task) -> Result:
     """
     played = play(case, task.options)
     trace = played.trace
+    check_names(case, trace, lambda: [row.name for row in configuration_of(case, task.options).rules.components])
     anchors = anchor_times(case.anchors, trace)
     findings = tuple(judge(each, trace, anchors) for each in case.expectations)
     lines = tuple(encode_decision(decision) for decision in trace.decisions)
