@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from amaze_autonomy.autopilot.mission_steps import STEPS, Means
+from amaze_autonomy.autopilot.mission_items import Dialect
+from amaze_autonomy.autopilot.mission_steps import Means, steps_of
 from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.modes import is_foreign
 from amaze_autonomy.autopilot.procedure import Procedure, Progress
@@ -27,7 +30,7 @@ class Story:
         self.means = Means(self.watch, S, **means)
         self.beat(mode or ("AUTO.LOITER" if not copter else "OFFBOARD"))
         persistent = action in (A.LAND, A.ABORT)
-        steps = STEPS[controller, action]
+        steps = steps_of(controller, action, self.watch.dialect)
         self.procedure = Procedure(action, steps, self.means, PlannerSpec(), 0, persistent=persistent)
 
     def beat(self, mode, *, armed=False, status=mavlink.MAV_STATE_ACTIVE):
@@ -143,6 +146,22 @@ def test_a_resume_goes_back_to_its_item_when_the_autopilot_has_forgotten_it():
     assert story.after(100) == [(SET_MODE, 1.0, 4.0, 4.0)]
 
 
+def test_a_resume_of_an_ardupilot_goes_back_to_the_turn_before_its_item_wherever_it_is():
+    story = Story(A.RESUME, copter=True, mode="AUTO.LOITER", resume_item=5)
+    story.watch.take(0, mavlink.MAVLink_mission_current_message(5))
+    assert story.after(0) == [("MISSION_SET_CURRENT", 4)]
+    assert story.after(100) == []
+    story.beat("AUTO.LOITER")
+    assert story.after(100) == [(SET_MODE, 1.0, 3.0, 0.0)]
+
+
+def test_a_resume_of_an_ardupilot_that_was_in_no_mission_changes_the_mode_alone():
+    story = Story(A.RESUME, copter=True, mode="AUTO.LOITER", resume_item=None)
+    assert story.after(0) == []
+    story.beat("AUTO.LOITER")
+    assert story.after(100) == [(SET_MODE, 1.0, 3.0, 0.0)]
+
+
 def test_offboard_waits_for_its_stream():
     story = Story(A.TAKEOFF, Controller.OFFBOARD)
     assert story.after(100) == []
@@ -153,7 +172,7 @@ def test_offboard_waits_for_its_stream():
 
 
 def test_every_command_has_its_steps_for_each_way_of_flying():
-    assert set(STEPS) == {(controller, action) for controller in Controller for action in MissionAction}
+    assert all(steps_of(*each) for each in product(Controller, MissionAction, Dialect))
 
 
 def test_foreign_are_the_modes_that_we_never_command():

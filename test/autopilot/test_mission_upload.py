@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from mission_channel import MS, TARGET, Channel, S, Vehicle, good
 
 from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.mission_items import Dialect, MissionItem, difference, mission_items, waypoint_index
+from amaze_autonomy.autopilot.mission_items import (
+    Dialect,
+    MissionItem,
+    beginning,
+    difference,
+    mission_items,
+    waypoint_index,
+)
 from amaze_autonomy.autopilot.mission_upload import MissionUpload, UploadPhase
 from amaze_autonomy.missions import Home, Place, Trajectory, Waypoint
 
@@ -64,12 +71,41 @@ def test_places_of_a_file_in_latitude_and_longitude_are_sent_as_they_stand_there
     assert (waypoint.latitude_e7, waypoint.longitude_e7) == (471234567, 87654321)
 
 
-def test_before_ardupilots_mission_stands_its_home_and_its_holds_are_whole_seconds():
+def turn(heading_deg):
+    return MissionItem(115, 0, 0, 0.0, hold_s=heading_deg, heading_deg=0.0)
+
+
+def test_before_ardupilots_mission_stands_its_home_before_each_waypoint_a_turn_and_holds_are_whole_seconds():
     takeoff, first, second, third, land = items()
-    assert items(Dialect.ARDUPILOT)[1:] == (takeoff, first, replace(second, hold_s=1.0), third, land)
-    assert waypoint_index(2, Dialect.ARDUPILOT) == 0
+    south = turn(pytest.approx(261.887, abs=1e-3))
+    flown = (turn(90.0), first, turn(0.0), replace(second, hold_s=1.0), south, third)
+    assert items(Dialect.ARDUPILOT)[1:] == (takeoff, *flown, land)
     home_moved = MissionItem(16, 1, 2, 488.0).message(0, TARGET)
     assert difference(items(Dialect.ARDUPILOT), 0, home_moved, Dialect.ARDUPILOT) == ""
+
+
+def test_a_turn_is_absolute_to_the_nearer_side_and_as_fast_as_the_vehicle_turns():
+    sent = items(Dialect.ARDUPILOT)[6].message(6, TARGET)
+    assert (sent.command, sent.param1) == (mavlink.MAV_CMD_CONDITION_YAW, pytest.approx(261.887, abs=1e-3))
+    assert (sent.param2, sent.param3, sent.param4, sent.x, sent.y, sent.z) == (0.0, 0.0, 0.0, 0, 0, 0.0)
+
+
+@pytest.mark.parametrize("field, value", [("param1", 91.0), ("param4", 1.0)])
+def test_a_turn_that_came_back_as_another_one_is_none(field, value):
+    mission = items(Dialect.ARDUPILOT)
+    read = mission[2].message(2, TARGET)
+    read.frame = 0  # ArduPilot does not keep it
+    assert difference(mission, 2, read, Dialect.ARDUPILOT) == ""
+    setattr(read, field, value)
+    assert difference(mission, 2, read, Dialect.ARDUPILOT).startswith(f"item 2 came back with {field} {value:g}")
+
+
+def test_items_of_ardupilot_are_counted_as_the_waypoints_that_they_belong_to():
+    home, takeoff, *flown, land = range(9)
+    indices = [waypoint_index(number, Dialect.ARDUPILOT) for number in (home, takeoff, *flown, land)]
+    assert indices == [-1, -1, 0, 0, 1, 1, 2, 2, 3]
+    assert [beginning(number, Dialect.ARDUPILOT) for number in range(9)] == [0, 1, 2, 2, 4, 4, 6, 6, 8]
+    assert [beginning(number, Dialect.PX4) for number in range(5)] == [0, 1, 2, 3, 4]
 
 
 def test_over_a_good_link_it_is_sent_read_back_and_begins_at_its_beginning():

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from random import Random
 
 import pytest
-from flying import ARDUPILOT, BACK, LINE, Flying, S
+from flying import ARDUPILOT, BACK, LINE, PX4, Flying, S, plan
 
+from amaze_autonomy.autopilot.dialect import mavlink
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
+from amaze_autonomy.missions import Controller, Trajectory, Waypoint
 
 P, A = MissionPhase, MissionAction
 BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
@@ -65,6 +68,48 @@ def test_several_files_and_repetitions_with_touchdowns_between(mission):
             last = trajectory.waypoints[-1]
             assert flying.status.waypoint == len(trajectory.waypoints)
             assert flying.craft.position_m[:2] == pytest.approx((last.x_m, last.y_m), abs=0.6)
+
+
+ASIDE = Trajectory("aside.csv", tuple(Waypoint(8.0 * n, 0.0, 2.0, yaw, 1.0) for n, yaw in enumerate((2.0, -1.0, 0.5))))
+
+
+def heading_of(flying):
+    return pytest.approx(math.remainder(flying.craft.yaw_rad, math.tau), abs=0.01)
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+def test_at_each_waypoint_it_looks_where_the_file_says(kind):
+    flying = Flying(kind=kind, plans=(plan("aside", (ASIDE,), Controller.MISSION),))
+    flying.take_off("aside")
+    for number, waypoint in enumerate(ASIDE.waypoints, 1):
+        flying.until(lambda there=number: flying.craft.reached == there)
+        assert (waypoint.yaw_rad, flying.status.waypoint) == (heading_of(flying), number)
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+@pytest.mark.parametrize("held_s", [0.0, 6.0])
+def test_held_on_its_way_it_looks_where_the_file_says_all_the_same(held_s):
+    flying = ardupilot(plans=(plan("aside", (ASIDE,), Controller.MISSION),))
+    flying.take_off("aside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.command(A.HOLD)
+    flying.until_phase(P.HOLDING)
+    flying.run(round(held_s * S))
+    flying.command(A.RESUME)
+    flying.until(lambda: flying.craft.reached == 2)
+    assert (heading_of(flying), flying.status.waypoint) == (-1.0, 2)
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
+def test_a_turn_that_is_told_as_reached_is_no_waypoint():
+    flying = ardupilot(plans=(plan("aside", (ASIDE,), Controller.MISSION),))
+    flying.take_off("aside")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    turn = flying.craft.current - 1
+    flying.planner.receive(flying.t_ns, mavlink.MAVLink_mission_item_reached_message(turn))
+    assert flying.status.waypoint == 2
 
 
 @BOTH

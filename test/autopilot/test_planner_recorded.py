@@ -5,7 +5,8 @@ from __future__ import annotations
 from recorded import S, recording
 
 from amaze_autonomy.autopilot.flight_record import FlightRecord
-from amaze_autonomy.autopilot.mission_steps import STEPS, Means
+from amaze_autonomy.autopilot.mission_items import Dialect
+from amaze_autonomy.autopilot.mission_steps import Means, steps_of
 from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.peers import Identity, Peers
 from amaze_autonomy.autopilot.procedure import Procedure, Progress
@@ -66,7 +67,7 @@ def enter_offboard(recorded, begin_s: float, end_s: float):
     procedure, said = None, []
     for t_ns, _ in recorded:
         if procedure is None and t_ns >= begin_s * S:
-            steps = STEPS[Controller.OFFBOARD, MissionAction.RESUME]
+            steps = steps_of(Controller.OFFBOARD, MissionAction.RESUME, Dialect.PX4)
             procedure = Procedure(MissionAction.RESUME, steps, means, spec, t_ns)
         if procedure is not None and t_ns <= end_s * S:
             procedure.wake(t_ns)

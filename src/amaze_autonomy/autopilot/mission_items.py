@@ -1,7 +1,9 @@
 """A flight as items of the MAVLink mission protocol: takeoff, waypoints with holds, landing; and how they compare.
 
 Autopilots keep items in types of their own, so what is read back may be rounded; what may differ by how much is one
-table below. ArduPilot's item 0 is home: a place holder that it overwrites, sent and never compared.
+table below. ArduPilot's item 0 is home: a place holder that it overwrites, sent and never compared. It flies no yaw of
+a waypoint: before each stands a turn (CONDITION_YAW), which it begins when it sets out for that waypoint. It forgets a
+turn when it leaves AUTO, so that it is sent back to the turn (`beginning`) to go on.
 """
 
 from __future__ import annotations
@@ -15,12 +17,14 @@ from amaze_autonomy.missions import Home, Place, Trajectory
 
 from .dialect import Message, mavlink
 
-__all__ = ["Dialect", "MissionItem", "difference", "mission_items", "waypoint_index"]
+__all__ = ["Dialect", "MissionItem", "beginning", "difference", "mission_items", "waypoint_index"]
 
 _FRAME = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
 _FRAMES = {_FRAME: 3, 3: 3}  # with and without _INT in its name is the same
 _DEGREES = 1e7
 _TAKEOFF, _WAYPOINT, _LAND = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_LAND
+_TURN = mavlink.MAV_CMD_CONDITION_YAW
+_NOWHERE = (_LAND, _TURN)  # commands whose frame an autopilot may forget
 
 
 class Dialect(enum.Enum):
@@ -28,6 +32,10 @@ class Dialect(enum.Enum):
 
     PX4 = 0
     ARDUPILOT = 1
+
+
+#: items of each waypoint
+_EACH: Mapping[Dialect, int] = {Dialect.PX4: 1, Dialect.ARDUPILOT: 2}
 
 
 @dataclass(frozen=True)
@@ -97,10 +105,17 @@ def mission_items(
         )
         for place, waypoint in zip(places, trajectory.waypoints)
     )
+    if dialect is Dialect.ARDUPILOT:
+        waypoints = tuple(item for waypoint in waypoints for item in (_turn(waypoint), waypoint))
     takeoff = MissionItem(_TAKEOFF, *_integers(start), takeoff_height_m)
     land = MissionItem(_LAND, *_integers(places[-1]), 0.0)
     place_holder = MissionItem(_WAYPOINT, *_integers(start), 0.0)
     return (*(place_holder,) * dialect.value, takeoff, *waypoints, land)
+
+
+def _turn(waypoint: MissionItem) -> MissionItem:
+    """Return the turn before a waypoint: param1 is the heading, param4 that it is none relative to the present one."""
+    return MissionItem(_TURN, 0, 0, 0.0, hold_s=waypoint.heading_deg or 0.0, heading_deg=0.0)
 
 
 def _hold_s(hold_s: float, dialect: Dialect) -> float:
@@ -114,7 +129,13 @@ def _integers(place: Place) -> Tuple[int, int]:
 
 def waypoint_index(number: int, dialect: Dialect) -> int:
     """Return which waypoint an item is, from 0; negative before the first, their count for the landing."""
-    return number - dialect.value - 1
+    return (number - dialect.value - 1) // _EACH[dialect]
+
+
+def beginning(number: int, dialect: Dialect) -> int:
+    """Return the item with which a waypoint begins: the turn before it, where there is one."""
+    after_takeoff = number - dialect.value
+    return number - 1 if dialect is Dialect.ARDUPILOT and after_takeoff > 1 and after_takeoff % 2 == 0 else number
 
 
 _Same = Callable[[float, float], bool]
@@ -143,6 +164,9 @@ _KEPT: Tuple[Tuple[str, Mapping[Dialect, _Same]], ...] = (
 )
 
 
+_KEPT_OF_TURN = (*_KEPT[:-1], ("param4", dict.fromkeys(Dialect, _whole)))  # param4 is no yaw there
+
+
 def _turned(sent: float, read: float) -> float:
     """Return the angle between two headings; no heading differs from none."""
     if math.isnan(sent):
@@ -154,10 +178,10 @@ def difference(items: Sequence[MissionItem], number: int, read: Message, dialect
     """Return how an item that was read back differs from what was sent; empty when it does not."""
     if number < dialect.value:
         return ""
-    if _FRAMES.get(read.frame) is None and read.command != _LAND:
+    if _FRAMES.get(read.frame) is None and read.command not in _NOWHERE:
         return f"item {number} came back in frame {read.frame}"
     sent = items[number].message(number, (0, 0))
-    for field, kept in _KEPT:
+    for field, kept in _KEPT_OF_TURN if sent.command == _TURN else _KEPT:
         before, after = getattr(sent, field), getattr(read, field)
         if not kept[dialect](before, after):
             return f"item {number} came back with {field} {_shown(after)} instead of {_shown(before)}"

@@ -12,10 +12,10 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.missions import Controller
 
 from .dialect import Message, mavlink
-from .mission_items import Dialect
+from .mission_items import Dialect, beginning
 from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 
-__all__ = ["STEPS", "Means", "Step"]
+__all__ = ["Means", "Step", "steps_of"]
 
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 _START, _TAKE_OFF = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
@@ -59,6 +59,7 @@ class Step(NamedTuple):
         command: MAV_CMD whose acknowledgement gives the reason; 0: none.
         mode: that it leads to; empty: none.
         always: sent even when the vehicle shows it already, because another command may be under way.
+        only: the autopilots that need it; None: all.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Step(NamedTuple):
     command: int = 0
     mode: str = ""
     always: bool = True
+    only: Optional[Dialect] = None
 
 
 # --- steps ------------------------------------------------------------------------------------------------------------
@@ -106,8 +108,11 @@ def _arming(*, armed: bool) -> Step:
 
 def _began(means: Means, command: int) -> bool:
     """Return whether ArduPilot leaves the ground; its takeoff takes longer to show than a command may."""
-    accepted = means.watch.results.get(command) == "MAV_RESULT_ACCEPTED"
-    return means.watch.dialect is Dialect.PX4 or means.watch.landed in AIRBORNE or accepted
+    return means.watch.landed in AIRBORNE or means.watch.results.get(command) == "MAV_RESULT_ACCEPTED"
+
+
+def _beginning(means: Means) -> int:
+    return beginning(means.resume_item or 0, means.watch.dialect)
 
 
 def _lift_message(means: Means) -> Message:
@@ -124,13 +129,34 @@ _BEGIN = Step(
     lambda means: _long(means.watch, _START),
     _START,
     always=False,
+    only=Dialect.ARDUPILOT,
 )
-_LIFT = Step("takeoff", lambda means, _: _began(means, _TAKE_OFF), _lift_message, _TAKE_OFF, always=False)
+_LIFT = Step(
+    "takeoff",
+    lambda means, _: _began(means, _TAKE_OFF),
+    _lift_message,
+    _TAKE_OFF,
+    always=False,
+    only=Dialect.ARDUPILOT,
+)
 _ITEM = Step(
     "return to the item where it stopped",
     lambda means, _: means.resume_item is None or means.watch.current == means.resume_item,
     lambda means: mavlink.MAVLink_mission_set_current_message(*means.watch.target, means.resume_item or 0),
     always=False,
+    only=Dialect.PX4,
+)
+#: ArduPilot is sent to it also where it is there already: it has forgotten its heading; what it says then is the item
+#: that it was told, and the waypoint behind it from then on
+_TURN = Step(
+    "return to the item where it stopped, and to its heading",
+    lambda means, _: means.resume_item is None or means.watch.current in (means.resume_item, _beginning(means)),
+    lambda means: (
+        None
+        if means.resume_item is None
+        else mavlink.MAVLink_mission_set_current_message(*means.watch.target, _beginning(means))
+    ),
+    only=Dialect.ARDUPILOT,
 )
 _STREAM = Step(
     "stream of set-points",
@@ -141,10 +167,10 @@ _STREAM = Step(
 _STILL = Step("stop", lambda means, _: means.still or not means.streams, lambda _: None, always=False)
 
 _Key = Tuple[Controller, MissionAction]
-STEPS: Mapping[_Key, Tuple[Step, ...]] = {
+_STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.MISSION, MissionAction.TAKEOFF): (_PREPARE, _arming(armed=True), _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.HOLD): (_enter(HOLD),),
-    (Controller.MISSION, MissionAction.RESUME): (_ITEM, _enter(MISSION), _BEGIN),
+    (Controller.MISSION, MissionAction.RESUME): (_ITEM, _TURN, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.LAND): (_enter(LAND),),
     (Controller.MISSION, MissionAction.ABORT): (_arming(armed=False),),  # on the ground; airborne it is LAND
     (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _arming(armed=True), _LIFT),
@@ -153,3 +179,8 @@ STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.OFFBOARD, MissionAction.LAND): (_enter(LAND),),
     (Controller.OFFBOARD, MissionAction.ABORT): (_arming(armed=False),),
 }
+
+
+def steps_of(controller: Controller, action: MissionAction, dialect: Dialect) -> Tuple[Step, ...]:
+    """Return what is done for a command, one after the other."""
+    return tuple(step for step in _STEPS[controller, action] if step.only in (None, dialect))

@@ -20,7 +20,7 @@ from .dialect import Message
 from .flight_record import FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
-from .mission_steps import STEPS, Means
+from .mission_steps import Means, steps_of
 from .mission_upload import UPLOAD_MESSAGES
 from .mission_vehicle import LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .modes import is_foreign
@@ -178,7 +178,7 @@ class Sequencer:
         if action is _A.RESUME and self._means.resume_item is not None:
             self._means.resume_item = max(self._means.resume_item, self.watch.current or 0)  # told late, it was passed
         persistent = action in (_A.LAND, _A.ABORT)
-        steps = STEPS[self._controller, action]
+        steps = steps_of(self._controller, action, self.watch.dialect)
         self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
         self._message = self._flight.hands_off()
 

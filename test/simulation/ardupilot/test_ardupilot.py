@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from px4_tools import Bench, S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -11,6 +13,7 @@ from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 OK, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_FAILED
 STABILIZE, AUTO, GUIDED, LOITER, LAND, BRAKE = 0, 3, 4, 5, 9, 17
 SET_MODE, ARM, TAKE_OFF = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 22
+TURN = mavlink.MAV_CMD_CONDITION_YAW
 START, INTERVAL = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
@@ -55,10 +58,83 @@ def test_every_item_is_asked_for_in_the_old_way_and_the_first_becomes_home():
 
 
 def test_told_to_begin_with_home_it_begins_with_the_item_behind_it():
-    vehicle = bench()
+    vehicle = bench(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
     items(vehicle, 2.0)
     vehicle.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 0))
-    assert vehicle.advance(0.1).last("MISSION_CURRENT").seq == 1
+    vehicle.heard.clear()
+    assert [each.seq for each in vehicle.advance(1.5).of("MISSION_CURRENT")][:2] == [0, 1]  # first what it was told
+
+
+def send(bench, *mission):
+    """Upload (command, parameters 1 to 4, metres east, height) after a place holder for home."""
+    bench.tell(mavlink.MAVLink_mission_count_message(1, 1, len(mission) + 1))
+    for number, (command, parameters, east, height) in enumerate([(16, (0, 0, 0, 0), 0.0, 0.0), *mission]):
+        bench.advance(0.05)
+        head = (1, 1, number, 6, command, number == 0, 1, *parameters)
+        bench.tell(mavlink.MAVLink_mission_item_int_message(*head, *bench.place(east, 0.0), height))
+    return bench.advance(0.05)
+
+
+NONE = (0, 0, 0, 0)
+EAST = (TAKE_OFF, NONE, 0.0, 2.0), (16, NONE, 9.0, 2.0), (16, (0, 0, 0, 123), 18.0, 2.0), (21, NONE, 18.0, 0.0)
+
+
+def fly(bench):
+    bench.tell(mavlink.MAVLink_mission_set_current_message(1, 1, 0))
+    mode(bench, GUIDED)
+    assert bench.command(ARM, 1) == [OK]
+    mode(bench, AUTO)
+    assert bench.command(START) == [OK]
+    return bench.until(lambda: bench.craft.reached == 1)
+
+
+def looks(bench):
+    return round(math.degrees(bench.craft.yaw_rad)) % 360
+
+
+def turned(heading_deg, direction=0, relative=0):
+    """Return a mission with a turn before the first waypoint."""
+    return EAST[0], (TURN, (heading_deg, 0, direction, relative), 0.0, 0.0), *EAST[1:]
+
+
+def test_it_looks_along_its_way_whatever_yaw_a_waypoint_has():
+    vehicle = fly(send(bench(), *EAST))
+    assert looks(vehicle) == 0
+    vehicle.until(lambda: vehicle.craft.reached == 2)
+    assert looks(vehicle) == 0
+
+
+@pytest.mark.parametrize("turn, looks_deg", [((30.0,), 60), ((30.0, 1, 1), 330), ((30.0, -1, 1), 30)])
+def test_a_turn_before_a_waypoint_is_good_for_that_one_alone(turn, looks_deg):
+    vehicle = fly(send(bench(), *turned(*turn)))
+    assert (looks(vehicle), vehicle.craft.current) == (looks_deg, 4)
+    vehicle.until(lambda: vehicle.craft.reached == 2)
+    assert looks(vehicle) == 0
+
+
+def test_a_turn_is_forgotten_when_it_leaves_auto_and_begins_anew_when_it_is_sent_back_to_it():
+    vehicle = bench(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
+    send(vehicle, EAST[0], EAST[1], (TURN, (30.0, 0, 0, 0), 0.0, 0.0), *EAST[2:])
+    fly(vehicle).advance(1.0)
+    for number, looks_deg in ((None, 0), (3, 60)):
+        mode(vehicle, BRAKE)
+        if number is not None:
+            vehicle.heard.clear()
+            vehicle.tell(mavlink.MAVLink_mission_set_current_message(1, 1, number))
+            vehicle.advance(1.5)
+            told = [message.seq for message in vehicle.of("MISSION_CURRENT")]
+            assert (told[0], set(told[1:])) == (number, {4})  # once what it was told, then where it flies to
+        mode(vehicle, AUTO)
+        vehicle.advance(0.1)
+        assert round(math.degrees(vehicle.craft._current_task().yaw_rad)) == looks_deg
+
+
+def test_a_turn_is_kept_but_for_its_place():
+    vehicle = send(bench(), *turned(30.5))
+    vehicle.tell(mavlink.MAVLink_mission_request_int_message(1, 1, 2))
+    turn = vehicle.advance(0.1).last("MISSION_ITEM_INT")
+    assert (turn.frame, turn.command, turn.param1, turn.param4) == (0, TURN, 30.5, 0.0)
+    assert (turn.x, turn.y, turn.z) == (0, 0, 0.0)
 
 
 def test_in_auto_it_does_not_arm_and_stands_until_it_is_told_to_start():

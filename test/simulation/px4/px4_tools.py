@@ -212,6 +212,7 @@ def recording(name):
     while True:
         message = log.recv_match()
         if message is None:
+            log.close()
             return vehicle, client
         begin = message._timestamp if begin is None else begin
         row = (message._timestamp - begin, message)

@@ -90,6 +90,13 @@ class ArduPilot(Px4):
         if message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             enter(self, message.custom_mode)
 
+    def _take_current(self, t_ns: int, link: Link, message: Any) -> None:
+        """Say once the very number that it was told, as if it were at it."""
+        said = len(self._out)
+        super()._take_current(t_ns, link, message)
+        for _, answer in self._out[said:]:
+            answer.seq = message.seq
+
     def _take_set_point(self, t_ns: int, link: Link, message: Any) -> None:
         self.craft.interrupt_takeoff()
         super()._take_set_point(t_ns, link, message)
@@ -161,5 +168,6 @@ _MESSAGES: Mapping[str, Callable[[telemetry.View], Any]] = {
 ArduPilot._takers = {  # noqa: SLF001 - a table of its own methods
     **Px4._takers,  # noqa: SLF001
     "SET_MODE": ArduPilot._take_set_mode,  # noqa: SLF001
+    "MISSION_SET_CURRENT": ArduPilot._take_current,  # noqa: SLF001
     "SET_POSITION_TARGET_LOCAL_NED": ArduPilot._take_set_point,  # noqa: SLF001
 }

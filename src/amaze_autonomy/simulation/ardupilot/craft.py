@@ -1,17 +1,27 @@
-"""The vehicle as ArduCopter flies it: what lifts off when, and where a mission begins."""
+"""The vehicle as ArduCopter flies it: what lifts off when, where a mission begins, and where it looks.
+
+It looks along its way (WP_YAW_BEHAVIOR), but for a waypoint that it set out for with a turn (CONDITION_YAW) before it.
+A turn is good for that waypoint, and forgotten when it leaves AUTO.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from typing import Optional
 
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.flight import Mode, VehicleSettings
 from amaze_autonomy.simulation.px4.craft import Craft
 from amaze_autonomy.simulation.px4.geography import Geography
+from amaze_autonomy.simulation.px4.items import Item, Task
 
 from .modes import ARMABLE, GUIDED, STABILIZE
+from .store import TURN
 
 __all__ = ["ArduCraft"]
+
+_NEAR_M = 0.1
 
 
 class ArduCraft(Craft):
@@ -29,6 +39,8 @@ class ArduCraft(Craft):
         super().__init__(settings, t_ns, geography)
         self.mode = self.intended = STABILIZE
         self.started = False
+        self._heading_rad: Optional[float] = None
+        self._way_rad: Optional[float] = None
 
     def arm(self) -> str:
         """Turn the motors on, on the ground."""
@@ -41,13 +53,15 @@ class ArduCraft(Craft):
     def set_current(self, number: int) -> None:
         """Go on with an item; with 0, home, the mission begins anew, at 1."""
         super().set_current(1 if number == 0 and len(self.items) > 1 else number)
+        self.reached = max(0, self.reached - 1)  # home is no waypoint
+        self._set_out()
 
     def fall_into(self, mode: str) -> None:
         """Enter a mode, whoever wants it."""
         if mode == Mode.MISSION and self.current == 0:
             self.set_current(0)
         if mode != Mode.MISSION:
-            self.started = False
+            self.started, self._heading_rad = False, None
         super().fall_into(mode)
 
     def start_mission(self) -> None:
@@ -66,6 +80,41 @@ class ArduCraft(Craft):
         if self.mode == GUIDED or (self.mode == Mode.MISSION and not self.started):
             return False
         return super()._wants_up()
+
+    # --- the mission ----------------------------------------------------------------------------------------------
+
+    def _set_out(self) -> None:
+        """Fly to the next place; the first turn on the way there is begun, any other passed over."""
+        self._heading_rad = self._way_rad = None
+        while self.current + 1 < len(self.items) and self.items[self.current].command == TURN:
+            if self._heading_rad is None:
+                self._heading_rad = self._heading(self.items[self.current])
+            self.current += 1
+
+    def _heading(self, turn: Item) -> float:
+        """Return where a turn leads, counter-clockwise from east; clockwise by its angle where it is relative."""
+        angle_rad, direction = math.radians(turn.params[0]), turn.params[2]
+        if turn.params[3]:
+            return self.yaw_rad - math.copysign(angle_rad, direction)
+        return math.pi / 2 - angle_rad
+
+    def _next(self, *, took_off: bool = False) -> None:
+        super()._next(took_off=took_off)
+        if not self.mission_over:
+            self._set_out()
+
+    def _current_task(self) -> Optional[Task]:
+        task = super()._current_task()
+        return task if task is None else dataclasses.replace(task, yaw_rad=self._looks(task))
+
+    def _looks(self, task: Task) -> Optional[float]:
+        """Return where it looks on its way to a place; None: as it does."""
+        if task.what != "waypoint" or self._heading_rad is not None:
+            return self._heading_rad
+        east, north = (there - here for there, here in zip(task.across or self.position_m, self.position_m))
+        if math.hypot(east, north) >= _NEAR_M:
+            self._way_rad = math.atan2(north, east)
+        return self._way_rad
 
     def _finish_on_ground(self) -> None:
         if self.started:  # else it only waits

@@ -1,4 +1,7 @@
-"""ArduPilot's missions and parameters: item 0 is home, items lose what has no room, integers travel as floats."""
+"""ArduPilot's missions and parameters: item 0 is home, items lose what has no room, integers travel as floats.
+
+It knows CONDITION_YAW, which PX4 refuses.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,13 @@ from amaze_autonomy.simulation.px4.items import Item
 from amaze_autonomy.simulation.px4.mission_server import MissionServer, Upload
 from amaze_autonomy.simulation.px4.parameters import Parameters
 
-__all__ = ["ArduMissions", "ArduParameters"]
+__all__ = ["TURN", "ArduMissions", "ArduParameters"]
+
+TURN = mavlink.MAV_CMD_CONDITION_YAW
 
 
 class ArduMissions(MissionServer):
-    """Asks for every item with MISSION_REQUEST; keeps whole seconds, heights in centimetres and no yaw.
+    """Asks for every item with MISSION_REQUEST; keeps whole seconds, heights in centimetres and no yaw of a waypoint.
 
     Args:
         capacity: items that can be kept.
@@ -32,6 +37,9 @@ class ArduMissions(MissionServer):
         self._in_ints = False
         return super()._ask(t_ns)
 
+    def _problem(self, item: Item) -> int:
+        return 0 if item.command == TURN else super()._problem(item)
+
     def _store(self, kind: int, items: Tuple[Item, ...], current: Optional[int]) -> None:
         kept = tuple(_kept(item) for item in items)
         if kind == mavlink.MAV_MISSION_TYPE_MISSION and items:
@@ -44,7 +52,9 @@ class ArduMissions(MissionServer):
 
 
 def _kept(item: Item) -> Item:
-    """Return what is left of an item: whole seconds or degrees, no yaw, centimetres."""
+    """Return what is left of an item: whole seconds, no yaw, centimetres; of a turn all but its place."""
+    if item.command == TURN:
+        return dataclasses.replace(item, frame=0, x=0, y=0, z=0.0)
     first, second, third, _ = item.params
     whole = float(int(first)) if math.isfinite(first) else 0.0
     return dataclasses.replace(item, params=(whole, second, third, 0.0), z=round(item.z, 2))

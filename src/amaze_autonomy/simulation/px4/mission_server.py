@@ -115,7 +115,7 @@ class MissionServer:
             return [self._ask(t_ns)] if message.seq > self._seq else []
         self._in_ints = message.get_type() == "MISSION_ITEM_INT"
         item = _item_of(message)
-        problem = problem_of(item) if kind == _MISSION else 0
+        problem = self._problem(item) if kind == _MISSION else 0
         if problem:
             self._partner = None
             return [_ack(partner, problem, kind)]
@@ -124,6 +124,10 @@ class MissionServer:
             self._current = message.seq
         self._seq += 1
         return [self._ask(t_ns)] if self._seq < self._count else self._end(partner)
+
+    def _problem(self, item: Item) -> int:
+        """Return the MAV_MISSION_RESULT with which an item is refused; 0 when it is taken."""
+        return problem_of(item)
 
     def _end(self, partner: Partner) -> List[Any]:
         self._store(self._kind, tuple(self._items), self._current)
