@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from contextlib import suppress
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -18,17 +18,20 @@ from .errors import BagError
 from .fields import TEXT, Layout, layout_of
 from .index import Index
 from .layout import words
-from .loading import GROUP_BYTES, Block, Loader, Pool
+from .loading import Loader
+from .plain import PlainChunks, grouped
+from .pool import Pool
+from .table import Table
 from .whole import Read, reader_of
 
 __all__ = ["WHOLE", "Wanted", "read_columns", "wanted_of"]
 
 _WORD = 4
-_COARSE = 1 << 10  # bytes per message that make large ones likely: nobody wants them, so they are never read
 _OFFSET_BITS = 32  # of an offset in a chunk, as the index has it
-_BETWEEN = 4  # times as much room is taken for chunks of which only what lies between large messages is read
 _LARGEST_TEXT = 256  # longer ones are left to the library
 
+_Loaded = Tuple[Any, Table]  # a buffer, and the messages in it in the order of the file
+_Load = Callable[[List[int]], _Loaded]
 
 WHOLE = ("",)
 """The path of a message as a whole."""
@@ -54,58 +57,63 @@ def read_columns(index: Index, messages: Any, wanted: Dict[int, Wanted]) -> Dict
         By connection: the places in `messages` that have a row, and a column for each path.
     """
     order = np.argsort((messages.chunk << _OFFSET_BITS) + messages.offset, kind="stable")  # chunks in turn: nearly so
-    chunk_of = messages.chunk[order]
     unseen: Any = np.ones(max(index.connections, default=0) + 1, bool)
     unseen[list(wanted)] = False
     parts: Dict[int, List[Tuple[Any, List[Any]]]] = {number: [] for number in wanted}
-    with Pool(_BETWEEN * 2 * GROUP_BYTES) as pool:
-        loader = Loader(index, 0, unseen, _COARSE, messages)
-        for group in _groups(index, loader, unseen):
-            for numbers, block in _loaded(index, loader, group, pool):
-                bounds: Any = np.searchsorted(chunk_of, np.array((numbers[0], numbers[-1] + 1)))
-                first, last = bounds.tolist()
-                places = order[first:last]
-                if len(numbers) != numbers[-1] + 1 - numbers[0]:
-                    places = places[np.isin(chunk_of[first:last], numbers)]
-                for number, part in _columns(block, places, wanted):
+    chunks = [number for number, each in enumerate(index.chunks) if any(of in wanted for of, _ in each.counts)]
+    plain = PlainChunks(index, messages, order, unseen)
+    with Pool() as pool:
+        for load, groups in _loads(index, messages, plain, chunks, pool):
+            for numbers, (buffer, table) in (found for group in groups for found in _loaded(load, group)):
+                for number, part in _columns(buffer, table, order[plain.rows(numbers)], wanted):
                     parts[number].append(part)
-                pool.put(block.buffer)
+                pool.put(buffer)
     return {number: _joined(parts[number], wanted[number]) for number in wanted}
 
 
-def _groups(index: Index, loader: Loader, unseen: Any) -> List[List[int]]:
-    """Return the chunks in which something is wanted, in the order of the file, a few megabytes at a time."""
-    groups: List[List[int]] = []
-    size, plain = GROUP_BYTES, True
-    for number, chunk in enumerate(index.chunks):
-        if all(unseen[connection] for connection, _ in chunk.counts):
-            continue
-        kind = index.head(number).compression == "none"
-        if size >= GROUP_BYTES or kind is not plain:
-            groups.append([])
-            size, plain = 0, kind
-        groups[-1].append(number)
-        size += index.head(number).size // (_BETWEEN if loader.is_coarse(number) else 1)
-    return groups
+def _loads(
+    index: Index, messages: Any, plain: PlainChunks, chunks: List[int], pool: Pool
+) -> List[Tuple[_Load, Iterable[List[int]]]]:
+    """Return what loads chunks, and which of them together: those that are not compressed, and the others."""
+    loader = Loader(index, 0, np.zeros(max(index.connections, default=0) + 1, bool), messages=messages)
+
+    def compressed(numbers: List[int]) -> _Loaded:
+        block = loader.compressed(numbers, pool)
+        return block.buffer, block.table
+
+    def not_compressed(numbers: List[int]) -> _Loaded:
+        try:
+            return plain.load(numbers, pool)
+        except BagError:
+            if len(numbers) > 1:
+                raise
+        block = loader.plain(numbers, pool)  # the whole of it
+        return block.buffer, block.table
+
+    heads = [(number, index.head(number)) for number in chunks]
+    small = [number for number, head in heads if head.compression == "none"]
+    others = [(number, head.size) for number, head in heads if head.compression != "none"]
+    return [(not_compressed, plain.groups(small)), (compressed, grouped(others))]
 
 
-def _loaded(index: Index, loader: Loader, numbers: List[int], pool: Pool) -> List[Tuple[List[int], Block]]:
+def _loaded(load: _Load, numbers: List[int]) -> List[Tuple[List[int], _Loaded]]:
     """Return chunks that were loaded; damaged ones are left out."""
-    load = loader.plain if index.head(numbers[0]).compression == "none" else loader.compressed
     try:
-        return [(numbers, load(numbers, pool))]
+        return [(numbers, load(numbers))]
     except BagError:
         if len(numbers) == 1:
             return []
-    return [found for number in numbers for found in _loaded(index, loader, [number], pool)]
+    return [found for number in numbers for found in _loaded(load, [number])]
 
 
-def _columns(block: Block, places: Any, wanted: Dict[int, Wanted]) -> List[Tuple[int, Tuple[Any, List[Any]]]]:
-    table, found = block.table, []
+def _columns(
+    buffer: Any, table: Table, places: Any, wanted: Dict[int, Wanted]
+) -> List[Tuple[int, Tuple[Any, List[Any]]]]:
+    found = []
     for number, what in wanted.items():
         rows = np.flatnonzero(table.connection == number)
         if len(rows):
-            good, columns = _decoded(block.buffer, table.payload[rows], table.end[rows], what)
+            good, columns = _decoded(buffer, table.payload[rows], table.end[rows], what)
             found.append((number, (places[rows[good]], columns)))
     return found
 
@@ -181,17 +189,17 @@ def _is_plain(buffer: Any, place: Any, count: Any) -> Any:
     """Return which texts are ASCII and not long."""
     found = count <= _LARGEST_TEXT
     size = int(count[found].max()) if found.any() else 0
-    if (
-        size
-        and int(count.min()) == size == int(count.max())
-        and _bytes(buffer, place, size).view(np.uint8).max() < 0x80
-    ):  # noqa: PLR2004
+    if size and int(count.min()) == size == int(count.max()) and _is_ascii(_bytes(buffer, place, size)):
         return found
     view: Any = np.frombuffer(buffer, np.uint8)
     for each in range(size):
         inside = np.flatnonzero(found & (count > each))
         found[inside[view[place[inside] + each] > 0x7F]] = False  # noqa: PLR2004
     return found
+
+
+def _is_ascii(texts: Any) -> bool:
+    return bool(texts.view(np.uint8).max() < 0x80)  # noqa: PLR2004
 
 
 def _joined(parts: Sequence[Tuple[Any, List[Any]]], wanted: Wanted) -> Tuple[Any, List[Any]]:

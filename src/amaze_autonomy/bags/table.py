@@ -17,7 +17,7 @@ from .connections import Connection, connection_of
 from .errors import RecordError
 from .layout import CONNECTION, LARGEST_HEADER, MESSAGE, Buffer, Record, record_at, u32, words
 
-__all__ = ["Span", "Table", "Walk", "columns", "relabel", "tabulate", "walk"]
+__all__ = ["Span", "Table", "Walk", "columns", "relabel", "tabulate", "tabulated", "walk"]
 
 _WORD = 4
 _LONGEST = 128  # bytes of a header; what recorders write has 50
@@ -71,8 +71,18 @@ def tabulate(buffer: Buffer, spans: List[Span], t_ns: Any, connection: Any, star
         RecordError: Index and data contradict each other.
     """
     order = np.argsort(start, kind="stable")
-    table = columns(buffer, t_ns[order], connection[order], start[order])
-    _check_tiling(buffer, spans, table)
+    begins, ends = (np.array(each, np.int64) for each in ([span.start for span in spans], [span.end for span in spans]))
+    return tabulated(buffer, begins, ends, t_ns[order], connection[order], start[order])
+
+
+def tabulated(buffer: Buffer, begins: Any, ends: Any, t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the same of stretches given by where they begin and end; messages in the order of their places.
+
+    Raises:
+        RecordError: Index and data contradict each other.
+    """
+    table = columns(buffer, t_ns, connection, start)
+    _check_tiling(buffer, begins, ends, table)
     return table
 
 
@@ -166,10 +176,8 @@ def _said_one_by_one(buffer: Buffer, starts: List[int]) -> Tuple[Any, Any, Any]:
     return said[:, 0], said[:, 1], said[:, 2]
 
 
-def _check_tiling(buffer: Buffer, spans: List[Span], table: Table) -> None:
+def _check_tiling(buffer: Buffer, begins: Any, ends: Any, table: Table) -> None:
     """Check that messages and connections fill the chunks, and that no message is missing from the index."""
-    begins: Any = np.array([span.start for span in spans])
-    ends: Any = np.array([span.end for span in spans])
     place: Any = np.append(np.searchsorted(table.start, begins), len(table.start))  # of each chunk's first message
     filled = np.flatnonzero(place[1:] > place[:-1])
     follows: Any = np.append(table.start[1:], 0)  # a message ends where the next begins, or with its chunk
