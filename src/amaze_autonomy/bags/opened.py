@@ -19,6 +19,7 @@ from .layout import fields_of
 __all__ = ["Indexed", "Library", "Link", "opened"]
 
 _Place = Tuple[Any, Any, Any]
+_NO_ROWS: Any = np.zeros(0, np.int64)
 
 
 class Link(NamedTuple):
@@ -48,6 +49,8 @@ class Indexed:
         except BagError:
             self.index.close()
             raise
+        self._rows = _by_connection(self.messages.connection)
+        self._places: Dict[int, _Place] = {}
         self._chunk_positions: Any = np.array([chunk.position for chunk in self.index.chunks], np.int64)
         self._numbers = {chunk.position: number for number, chunk in enumerate(self.index.chunks)}
         self.links: Tuple[Link, ...] = tuple(
@@ -57,13 +60,14 @@ class Indexed:
 
     def rows(self, number: int) -> Any:
         """Return the places of a connection's messages in `messages`."""
-        return np.flatnonzero(self.messages.connection == number)
+        return self._rows.get(number, _NO_ROWS)
 
     def places(self, number: int) -> _Place:
         """Return times, positions of chunks, and offsets in them of a connection's messages."""
-        rows = self.rows(number)
-        found = self.messages
-        return found.t_ns[rows], self._chunk_positions[found.chunk[rows]], found.offset[rows]
+        if number not in self._places:
+            rows, found = self.rows(number), self.messages
+            self._places[number] = found.t_ns[rows], self._chunk_positions[found.chunk[rows]], found.offset[rows]
+        return self._places[number]
 
     def load(self, position: int) -> bytes:
         """Return the data of a chunk, decompressed."""
@@ -126,6 +130,15 @@ class Library:
     def close(self) -> None:
         """Close the file."""
         self._reader.close()
+
+
+def _by_connection(connection: Any) -> Dict[int, Any]:
+    """Return the places of each number in an array."""
+    small = connection.astype(np.uint16) if len(connection) and connection.max() < 1 << 16 else connection
+    order = np.argsort(small, kind="stable")  # of small numbers in no time
+    ordered = connection[order]
+    firsts = np.flatnonzero(np.diff(ordered, prepend=-1))
+    return dict(zip(ordered[firsts].tolist(), np.split(order, firsts[1:])))
 
 
 def opened(path: Path) -> Any:

@@ -88,6 +88,8 @@ class Numbers(NamedTuple):
             return None
         if len({tuple(_type_of(column) for column in columns) for _, columns in self.parts}) != 1:
             return None
+        if len(self.parts) == 1 and (np.diff(self.parts[0][0]) > 0).all():
+            return self.parts[0][1]
         order = np.argsort(np.concatenate([where for where, _ in self.parts]), kind="stable")
         return [np.concatenate(each)[order] for each in zip(*(columns for _, columns in self.parts))]
 
@@ -170,7 +172,7 @@ class Recording:
                 parts.append((t_ns, np.full(len(t_ns), rank), chunk, offset, np.full(len(t_ns), number)))
         if not parts:
             return Table(*(np.zeros(0, np.int64) for _ in Table._fields))
-        columns = [np.concatenate(each) for each in zip(*parts)]
+        columns = list(parts[0]) if len(parts) == 1 else [np.concatenate(each) for each in zip(*parts)]
         if (np.diff(columns[0]) > 0).all():
             return Table(*columns)
         order = np.lexsort(tuple(reversed(columns)))
@@ -262,7 +264,7 @@ class Recording:
             if not (np.diff(t_ns) > 0).all():
                 rank = np.empty(len(places), np.int64)
                 rank[np.lexsort((offset, chunk, t_ns))] = own
-            parts.append((rank[np.searchsorted(places, rows)], columns))
+            parts.append((rank if np.array_equal(places, rows) else rank[np.searchsorted(places, rows)], columns))
         return Numbers(len(table.t_ns), tuple(parts))
 
     def _decoder(self, connection: int) -> _Decode:
