@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,25 @@ def test_every_row_fires_or_has_a_reason_not_to_and_no_two_files_tell_one_story(
 
 def test_there_are_more_than_sixty_files(results):
     assert len({result.path for result in results}) >= 60
+
+
+def test_two_files_of_one_story_are_twins_and_two_variants_of_one_file_are_not(results):
+    lrf = next(result for result in results if result.id == "lrf")
+    variant = replace(lrf, id="lrf[seed=2]", variant="seed=2")
+    twin = replace(lrf, id="twin", path="twin.scenario.yaml")
+    assert coverage_of([lrf, variant]).twins == ()
+    coverage = coverage_of([lrf, variant, twin], {item.name: "elsewhere" for item in coverage_of([lrf]).missing})
+    assert (coverage.twins, coverage.missing, coverage.passed) == ((("lrf", "twin"),), (), False)
+    assert [line for line in coverage_lines(coverage) if "lrf" in line and "twin" in line]
+
+
+def test_times_and_numbers_make_no_story_of_their_own_but_commands_do(results):
+    lrf = next(result for result in results if result.id == "lrf")
+    later = tuple(re.sub(r'"t_ns":(\d+)', lambda found: f'"t_ns":{int(found[1]) + 1}', line) for line in lrf.lines)
+    other = tuple(line.replace('"MissionCommand(HOLD)', '"MissionCommand(LAND)') for line in lrf.lines)
+    for lines, same in ((later, True), (other, False)):
+        assert lines != lrf.lines
+        assert bool(coverage_of([lrf, replace(lrf, path="other.scenario.yaml", lines=lines)]).twins) is same
 
 
 def test_what_is_left_out_is_missing_and_a_waiver_that_is_not_needed_is_stale(results):

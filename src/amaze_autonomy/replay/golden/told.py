@@ -44,7 +44,7 @@ def told(changes: Sequence[Change], start_ns: int, command: str = "", name: str 
     before = [change.before for change in changes if change.before is not None]
     after = [change.after for change in changes if change.after is not None]
     lines = [_headline(first, start_ns), *_side(name, first.before, start_ns), *_side("new", first.after, start_ns)]
-    lines += [f"decisions: {counted(changes)}", *waveform(before, after, start_ns)]
+    lines += [f"decisions: {counted(changes)}", *waveform(before, after, start_ns, name)]
     rest = [change for change in changes if change.kind not in _QUIET and change is not first]
     lines += [f"also {_headline(change, start_ns)}" for change in rest[:5]]
     if len(rest) > 5:  # noqa: PLR2004

@@ -27,8 +27,10 @@ LETTERS = {
 _WIDTH = 72
 
 
-def waveform(before: Sequence[Decision], after: Sequence[Decision], start_ns: int) -> Tuple[str, ...]:
-    """Return the lines: time from begin to end, the golden's states, the new ones', what differs, the legend."""
+def waveform(
+    before: Sequence[Decision], after: Sequence[Decision], start_ns: int, name: str = "golden"
+) -> Tuple[str, ...]:
+    """Return the lines: time from begin to end, the states before and now, what differs, the legend."""
     ends = [decisions[-1].t_ns for decisions in (before, after) if decisions]
     if not ends:
         return ()
@@ -37,7 +39,7 @@ def waveform(before: Sequence[Decision], after: Sequence[Decision], start_ns: in
     marks = "".join("^" if left != right else " " for left, right in zip(one, other)).rstrip()
     legend = ", ".join(f"{letter} {state.value}" for state, letter in LETTERS.items() if letter in one + other)
     length = f"{(end_ns - start_ns) / 1e9:.3f} s"
-    lines = [f"states   0 s{length:>{_WIDTH - 3}}", f"golden   {one}", f"new      {other}"]
+    lines = [f"states   0 s{length:>{_WIDTH - 3}}", f"{name:<8} {one}", f"new      {other}"]
     return (*lines, *([f"         {marks}"] if marks else []), f"         {legend}")
 
 

@@ -95,7 +95,8 @@ def _check(tasks: Sequence[Task], reason: str, *, prune: bool, full: bool, envir
     if found is not None:
         raise GoldenError(f"goldens are not accepted in CI ({found} is set); accept them at a desk and commit them")
     if len(reason.strip()) < _LEAST:
-        raise GoldenError("why are these decisions right now? Say it with --reason, in a sentence")
+        least = f"a sentence of {_LEAST} letters or more"
+        raise GoldenError(f"why are these decisions right now? Say it with --reason, in {least}")
     if prune and not full:
         raise GoldenError("--prune deletes goldens of no scenario: give it whole folders, without --tag and --variant")
     for task in tasks:

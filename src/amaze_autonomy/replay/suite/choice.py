@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
-from typing import Any, Dict, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
+from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.paths import config_folder
+
+from ..errors import ReplayError
 from .coverage import read_waivers
+from .run import case_of
 from .task import Options, Task, tasks_of
 
-__all__ = ["add_choice", "add_configuration", "add_waivers", "chosen", "is_full", "options_of", "waivers_of"]
+__all__ = [
+    "add_choice",
+    "add_configuration",
+    "add_waivers",
+    "check_options",
+    "chosen",
+    "finite",
+    "is_full",
+    "options_of",
+    "waivers_of",
+]
 
 _WAIVERS = "waivers.yaml"
 
@@ -53,10 +70,43 @@ def chosen(options: argparse.Namespace, run: Options) -> Tuple[Task, ...]:
     """Return the tasks that were chosen.
 
     Raises:
-        ReplayError: there is no scenario at one of the paths.
+        ReplayError: there is no scenario at one of the paths, or none with this tag and variant.
     """
     tasks = tasks_of(options.paths, run, tuple(options.tag))
-    return tuple(task for task in tasks if options.variant is None or task.variant == options.variant)
+    found = tuple(task for task in tasks if options.variant is None or task.variant == options.variant)
+    if not found:
+        variants = dict.fromkeys(repr(task.variant) for task in tasks if task.variant)
+        known = f"; the variants are {', '.join(variants)}" if tasks and variants else ""
+        raise ReplayError(f"no scenario was chosen{known}")
+    return found
+
+
+def check_options(run: Options, tasks: Sequence[Task]) -> None:
+    """Refuse a configuration that fits none of the tasks: a mistyped key is wrong use, not an error of each scenario.
+
+    Raises:
+        ConfigError: the folder is none, or an override names or gives what cannot be, for all of them.
+    """
+    if not (run.configuration or run.overrides):
+        return
+    own = [] if run.configuration else [case_of(task).configuration for task in tasks if not task.error]
+    wrong: List[ConfigError] = []
+    folders = dict.fromkeys(run.configuration or folder or config_folder() for folder in own or [None])
+    for folder in folders:
+        try:
+            load_configuration(folder, run.overrides)
+        except ConfigError as error:
+            wrong.append(error)
+    if len(wrong) == len(folders) and (run.configuration or wrong[0].file.startswith("override ")):
+        raise wrong[0]
+
+
+def finite(text: str) -> float:
+    """Return a number of the command line; NaN and infinity are none."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text} is no number of seconds")
+    return value
 
 
 def is_full(options: argparse.Namespace) -> bool:

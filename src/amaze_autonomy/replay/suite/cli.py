@@ -14,7 +14,16 @@ from ..files import write_whole
 from ..pages.page import write_page
 from ..terminal import show_lines
 from .accept import accept, lonely_goldens
-from .choice import add_choice, add_configuration, add_waivers, chosen, is_full, options_of, waivers_of
+from .choice import (
+    add_choice,
+    add_configuration,
+    add_waivers,
+    check_options,
+    chosen,
+    is_full,
+    options_of,
+    waivers_of,
+)
 from .cli_coverage import add_coverage_commands
 from .cli_tools import add_tools
 from .coverage import coverage_of
@@ -52,6 +61,9 @@ def _add_test(commands: _Parsers) -> None:
     test.set_defaults(command=_test)
 
 
+_NOT_COMPARED = "; goldens not compared: they are of each scenario's own configuration"
+
+
 def _test(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if options.json is not None:
@@ -59,6 +71,7 @@ def _test(options: argparse.Namespace) -> int:
     waivers = waivers_of(options) if options.html is not None else {}
     goldens = not (options.no_goldens or options.config or options.set)
     tasks = chosen(options, options_of(options, goldens=goldens, story=options.html is not None))
+    check_options(options_of(options), tasks)
     results = run_tasks(tasks, options.jobs or os.cpu_count() or 1, lambda each: _say(each, verbose=options.verbose))
     if goldens and is_full(options):
         lonely = lonely_goldens(tasks)
@@ -66,11 +79,8 @@ def _test(options: argparse.Namespace) -> int:
             _say(each, verbose=False)
         results += lonely
     wall_s = time.perf_counter() - began
-    show_lines([summary_line(results, wall_s)])
+    show_lines([summary_line(results, wall_s) + ("" if goldens or options.no_goldens else _NOT_COMPARED)])
     _write(options, results, waivers, wall_s)
-    if not results:
-        sys.stderr.write("amaze-replay: no scenario was chosen\n")
-        return 2
     return exit_status(result.verdict for result in results)
 
 

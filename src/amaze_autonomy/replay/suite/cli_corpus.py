@@ -16,7 +16,7 @@ from ..errors import ReplayError
 from ..files import write_whole
 from ..tape_option import add_tapes, use_tapes
 from ..terminal import progress_bar, show_lines
-from .choice import add_choice, add_configuration, chosen, options_of
+from .choice import add_choice, add_configuration, check_options, chosen, options_of
 from .cluster import run_on_cluster
 from .corpus import bags_of, examined, time_table
 from .fetch import data_folder, fetch_bags
@@ -55,6 +55,7 @@ def _corpus(options: argparse.Namespace) -> int:
     jobs = options.jobs or os.cpu_count() or 1
     with data_folder(options.data):
         tasks = chosen(options, options_of(options, goldens=goldens))
+        check_options(options_of(options), tasks)
         if options.data and not options.dask:
             tasks = _fetched(tasks, options.data)
         if not (options.no_doctor or options.dask):  # the bags need not be on this machine
@@ -66,9 +67,6 @@ def _corpus(options: argparse.Namespace) -> int:
     sys.stderr.write("".join(f"{line}\n" for line in time_table(results, wall_s, workers)))
     if options.json is not None:
         write_whole(options.json, as_json(results, wall_s=wall_s, workers=workers))
-    if not results:
-        sys.stderr.write("amaze-replay: no scenario was chosen\n")
-        return 2
     return exit_status(result.verdict for result in results)
 
 

@@ -9,19 +9,24 @@ import sys
 from pathlib import Path
 from typing import Any, List
 
+from ..errors import ReplayError
 from ..files import write_whole
 from ..journal_source import read_journals
 from ..pages.sweep_page import write_sweep_page
 from ..scenario import Case, load_cases
 from ..terminal import show_lines
 from .agree import agree, agreement_lines
-from .choice import add_choice, add_configuration, chosen, options_of
-from .result import Verdict
+from .choice import add_choice, add_configuration, check_options, chosen, finite, options_of
+from .run import case_of
 from .shrink import MOST_LINES, shrink
 from .sweep import sweep, sweep_lines, sweep_plain
-from .whatif import what_if, what_if_lines
+from .task import Task
+from .whatif import other_options, what_if, what_if_lines, what_if_status
 
 __all__ = ["add_tools"]
+
+
+_MOST_RUNS = 10_000
 
 
 def add_tools(commands: Any) -> None:
@@ -43,22 +48,24 @@ def _add_what_if(commands: Any) -> None:
 
 
 def _what_if(options: argparse.Namespace) -> int:
-    tasks = chosen(options, options_of(options, goldens=False))
+    run = options_of(options, goldens=False)
+    tasks = chosen(options, run)
+    for each in (run, other_options(run, options.against)):
+        check_options(each, tasks)
     forks = what_if(tasks, options.against, options.jobs or os.cpu_count() or 1)
     show_lines(what_if_lines(forks))
-    broken = any(Verdict.ERROR in (fork.one.verdict, fork.other.verdict) for fork in forks)
-    return 1 if broken or any(fork.difference for fork in forks) else 0
+    return what_if_status(forks)
 
 
 def _add_sweep(commands: Any) -> None:
     parser = commands.add_parser("sweep", help="begin a fault at each time of a grid: what is commanded, by its time")
     _add_file(parser)
     parser.add_argument("--fault", type=int, default=1, metavar="N", help="number of the fault, from 1 (default: 1)")
-    parser.add_argument("--from", type=float, default=0.0, dest="first_s", metavar="S", help="first time (default: 0)")
-    parser.add_argument("--to", type=float, required=True, dest="last_s", metavar="S", help="last time")
-    parser.add_argument("--step", type=float, default=1.0, metavar="S", help="of the grid (default: 1)")
+    parser.add_argument("--from", type=finite, default=0.0, dest="first_s", metavar="S", help="first time (default: 0)")
+    parser.add_argument("--to", type=finite, required=True, dest="last_s", metavar="S", help="last time")
+    parser.add_argument("--step", type=finite, default=1.0, metavar="S", help="of the grid (default: 1)")
     words = "how closely boundaries are found (default: 0.05)"
-    parser.add_argument("--resolution", type=float, default=0.05, metavar="S", help=words)
+    parser.add_argument("--resolution", type=finite, default=0.05, metavar="S", help=words)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the map")
     parser.add_argument(
         "--html", type=Path, metavar="FILE", help="write the map as a picture: one page, no more needed"
@@ -68,6 +75,8 @@ def _add_sweep(commands: Any) -> None:
 
 def _sweep(options: argparse.Namespace) -> int:
     count = int((options.last_s - options.first_s) / options.step + 1e-9) if options.step > 0 else 0
+    if count > _MOST_RUNS:
+        raise ReplayError(f"a sweep of {count + 1} runs: must be at most {_MOST_RUNS}; take a larger --step")
     times = [round(options.first_s + number * options.step, 6) for number in range(max(0, count) + 1)]
     case = _case(options)
     result = sweep(case, options.fault, times, options.resolution, _progress)
@@ -109,7 +118,7 @@ def _add_agree(commands: Any) -> None:
     parser.add_argument("one", type=Path, metavar="FILE", help="journal of a run, or a bag with it")
     parser.add_argument("other", type=Path, metavar="FILE", help="journal of the other one, on the same clock")
     words = "how far apart the times of a decision may be (default: 0.3)"
-    parser.add_argument("--tolerance", type=float, default=0.3, metavar="S", help=words)
+    parser.add_argument("--tolerance", type=finite, default=0.3, metavar="S", help=words)
     parser.set_defaults(command=_agree)
 
 
@@ -126,5 +135,4 @@ def _add_file(parser: argparse.ArgumentParser) -> None:
 
 
 def _case(options: argparse.Namespace) -> Case:
-    cases = load_cases(options.file)
-    return next((case for case in cases if case.variant == options.variant), cases[0])
+    return load_cases(options.file)[0] if options.variant is None else case_of(Task(str(options.file), options.variant))

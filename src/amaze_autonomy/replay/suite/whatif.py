@@ -13,7 +13,7 @@ from .result import Result, Verdict
 from .runner import run_tasks
 from .task import Options, Task
 
-__all__ = ["Fork", "motions", "other_options", "what_if", "what_if_lines"]
+__all__ = ["Fork", "motions", "other_options", "what_if", "what_if_lines", "what_if_status"]
 
 _MOTIONS = ("TAKEOFF", "HOLD", "RESUME", "LAND", "ABORT", "AutopilotLand")
 
@@ -62,10 +62,24 @@ def what_if(
 def _fork(one: Result, other: Result) -> Fork:
     before, after = decisions_of(one.lines), decisions_of(other.lines)
     changes = align(before, after)
-    if first_difference(changes) is None or Verdict.ERROR in (one.verdict, other.verdict):
+    if first_difference(changes) is None or _broken(one, other) is not None:
         return Fork(one, other, (), None)
     ends = (ending(before), ending(after))
     return Fork(one, other, told(changes, one.start_ns, other.command, "before"), None if ends[0] == ends[1] else ends)
+
+
+def _broken(*results: Result) -> Optional[Result]:
+    """Return the first run that says nothing: it could not be run, or what was put in is missing or damaged."""
+    silent = (Verdict.ERROR, Verdict.INCONCLUSIVE)
+    return next((each for each in results if each.verdict in silent and not each.lines), None)
+
+
+def what_if_status(forks: Sequence[Fork]) -> int:
+    """Return the exit status: 1 when something is different or cannot be run, 3 when a recording is missing."""
+    broken = [each.verdict for each in (_broken(fork.one, fork.other) for fork in forks) if each is not None]
+    if any(fork.difference for fork in forks) or Verdict.ERROR in broken:
+        return 1
+    return 3 if broken else 0
 
 
 def motions(decisions: Sequence[Decision]) -> Tuple[str, ...]:
@@ -90,7 +104,7 @@ def what_if_lines(forks: Sequence[Fork]) -> List[str]:
     """Return what would be different, for a person: flights that end differently first."""
     lines: List[str] = []
     for fork in sorted(forks, key=lambda fork: fork.ends is None):
-        broken = next((each for each in (fork.one, fork.other) if each.verdict is Verdict.ERROR), None)
+        broken = _broken(fork.one, fork.other)
         if broken is not None:
             lines.append(f"CANNOT       {fork.one.id}: {broken.headline}")
         elif fork.ends is not None:
@@ -100,4 +114,6 @@ def what_if_lines(forks: Sequence[Fork]) -> List[str]:
             lines.append(f"DECIDES OTHERWISE  {fork.one.id}: {fork.difference[0]}")
     ends = sum(fork.ends is not None for fork in forks)
     others = sum(bool(fork.difference) for fork in forks) - ends
-    return [*lines, f"{len(forks)} flights: {ends} end otherwise, {others} decide otherwise and end alike"]
+    cannot = sum(_broken(fork.one, fork.other) is not None for fork in forks)
+    said = f", {cannot} cannot be run" if cannot else ""
+    return [*lines, f"{len(forks)} flights: {ends} end otherwise, {others} decide otherwise and end alike{said}"]
