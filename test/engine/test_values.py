@@ -42,6 +42,34 @@ def test_events_and_commands_take_keywords_only_and_do_not_change():
         EngineState().t_ns = 1
 
 
+STATUSES = (
+    ev.AutopilotStatus(t_ns=3, armed=None, landed=ev.VehicleLanded.IN_AIR, battery_age_s=-0.1, height_m=1.0, age_ns=2),
+    ev.LandedStatus(t_ns=3, landed=ev.Landed.AIRBORNE, distance_m=0.5, reason="seen"),
+    ev.MissionStatus(t_ns=3, session_id="s", mission_id="1", phase=ev.MissionPhase.FLYING, time_left_s=4.0),
+    ev.RecordingStatus(t_ns=3, session_id="s", phase=ev.RecordingPhase.RECORDING, progress=0.25),
+    ev.WatchdogAction(t_ns=3, sequence=1, loop_counter=2, code=Code.HOLD),
+)
+
+
+@pytest.mark.parametrize("status", STATUSES, ids=lambda status: type(status).__name__)
+def test_an_event_that_is_made_of_all_its_fields_is_what_its_constructor_makes(status):
+    kind, said = type(status), dict(vars(status))
+    assert (ev.made(kind, **said), vars(ev.made(kind, **said))) == (status, said)
+    strange = {name: nan if isinstance(value, float) else value for name, value in said.items()}
+    assert vars(ev.made(kind, **strange)) == vars(kind(**strange))
+    with pytest.raises(ev.InvalidEventError, match="must be a whole number"):
+        ev.made(kind, **{**said, "t_ns": -1})
+
+
+def test_an_event_is_made_of_all_its_fields():
+    with pytest.raises(
+        TypeError, match="LandedStatus is made of all its fields: t_ns, landed, distance_m, reason, age"
+    ):
+        ev.made(ev.LandedStatus, t_ns=3, landed=ev.Landed.AIRBORNE)
+    with pytest.raises(TypeError, match="missing 1 required"):
+        ev.made(ev.LandedStatus, t_ns=3)
+
+
 @pytest.mark.parametrize("value", [nan, inf, -inf, None])
 def test_unknown_is_none_in_every_field_of_a_status(value):
     said = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Optional, Tuple
 
-from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo
+from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo, made
 from amaze_autonomy.engine.severity import Code
 
 from .watchdog import Watchdog
@@ -30,6 +30,8 @@ class Streams:
         self._action_due_ns = self._info_due_ns = 0
         self._action_sequence = self._info_sequence = 0
         self._sent: Tuple[ComponentStatus, ...] = ()
+        self._judged: Tuple[ComponentStatus, ...] = ()
+        self._issues: Tuple[ComponentStatus, ...] = ()  # of those that were judged last
 
     @property
     def next_ns(self) -> int:
@@ -56,20 +58,25 @@ class Streams:
 
     def _action(self, t_ns: int, statuses: Tuple[ComponentStatus, ...]) -> WatchdogAction:
         self._action_due_ns = t_ns + self._action_period_ns
-        issues = tuple(status for status in statuses if status.code >= Code.INCONVENIENT)
+        if statuses is not self._judged:
+            self._judged, self._issues = statuses, tuple(each for each in statuses if each.code >= Code.INCONVENIENT)
         self._action_sequence += 1
-        return WatchdogAction(
+        return made(
+            WatchdogAction,
             t_ns=t_ns,
             sequence=self._action_sequence,
             loop_counter=self._watchdog.loop_counter,
-            code=max((status.code for status in issues), default=Code.NOMINAL),
+            code=max(status.code for status in self._issues) if self._issues else Code.NOMINAL,
             latest_component=self._watchdog.latest_component,
-            components=issues,
+            components=self._issues,
+            age_ns=0,
         )
 
     def _info(self, t_ns: int, statuses: Tuple[ComponentStatus, ...]) -> WatchdogInfo:
         self._info_due_ns = t_ns + self._info_period_ns
-        sent = {status.name: status for status in self._sent}
-        changed = tuple(status.name for status in statuses if sent.get(status.name) != status)
+        changed: Tuple[str, ...] = ()
+        if statuses is not self._sent:
+            sent = {status.name: status for status in self._sent}
+            changed = tuple(status.name for status in statuses if sent.get(status.name) != status)
         self._info_sequence += 1
         return WatchdogInfo(t_ns=t_ns, sequence=self._info_sequence, changed=changed, components=statuses)

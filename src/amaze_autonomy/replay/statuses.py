@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from functools import lru_cache
 from math import isfinite
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple, Type, TypeVar
 
@@ -20,6 +21,7 @@ from amaze_autonomy.engine.events import (
     VehicleLanded,
     WatchdogAction,
     WatchdogInfo,
+    made,
 )
 from amaze_autonomy.engine.severity import Code, Restart
 
@@ -34,16 +36,20 @@ _HEALTH: Tuple[Optional[bool], ...] = (None, True, False)
 
 
 def _enum(kind: Type[E], field: str, value: Any) -> E:
+    members: Dict[int, E] = _members(kind)
     try:
-        return kind(int(value))
-    except ValueError:
-        raise InvalidStatusError(
-            f"{field} is {value!r}, must be one of {', '.join(str(m.value) for m in kind)}"
-        ) from None
+        return members[int(value)]
+    except (KeyError, ValueError):
+        raise InvalidStatusError(f"{field} is {value!r}, must be one of {', '.join(map(str, members))}") from None
+
+
+@lru_cache(maxsize=None)
+def _members(kind: Any) -> Dict[int, Any]:
+    return {member.value: member for member in kind}
 
 
 def _age_ns(message: Any, t_ns: int) -> int:
-    stamp = message.header.stamp
+    stamp = message if message.__class__ is Flat else message.header.stamp
     return t_ns - (int(stamp.sec) * _S + int(stamp.nanosec))
 
 
@@ -62,7 +68,8 @@ def _component(message: Any, t_ns: int) -> ComponentStatus:
 
 
 def _watchdog_action(message: Any, t_ns: int) -> Event:
-    return WatchdogAction(
+    return made(
+        WatchdogAction,
         t_ns=t_ns,
         sequence=int(message.sequence),
         loop_counter=int(message.loop_counter),
@@ -74,7 +81,8 @@ def _watchdog_action(message: Any, t_ns: int) -> Event:
 
 
 def _watchdog_info(message: Any, t_ns: int) -> Event:
-    return WatchdogInfo(
+    return made(
+        WatchdogInfo,
         t_ns=t_ns,
         sequence=int(message.sequence),
         changed=tuple(str(name) for name in message.changed),
@@ -84,7 +92,8 @@ def _watchdog_info(message: Any, t_ns: int) -> Event:
 
 
 def _mission_planner(message: Any, t_ns: int) -> Event:
-    return MissionStatus(
+    return made(
+        MissionStatus,
         t_ns=t_ns,
         session_id=str(message.session_id),
         mission_id=str(message.mission_id),
@@ -102,7 +111,8 @@ def _mission_planner(message: Any, t_ns: int) -> Event:
 
 def _autopilot(message: Any, t_ns: int) -> Event:
     placed = bool(message.position_valid)
-    return AutopilotStatus(
+    return made(
+        AutopilotStatus,
         t_ns=t_ns,
         armed=bool(message.armed) if message.armed_known else None,
         landed=_enum(VehicleLanded, "landed", message.landed),
@@ -122,7 +132,8 @@ def _autopilot(message: Any, t_ns: int) -> Event:
 
 
 def _landing_detection(message: Any, t_ns: int) -> Event:
-    return LandedStatus(
+    return made(
+        LandedStatus,
         t_ns=t_ns,
         landed=_enum(Landed, "landed", message.landed),
         distance_m=float(message.distance),
@@ -132,7 +143,8 @@ def _landing_detection(message: Any, t_ns: int) -> Event:
 
 
 def _data_recorder(message: Any, t_ns: int) -> Event:
-    return RecordingStatus(
+    return made(
+        RecordingStatus,
         t_ns=t_ns,
         session_id=str(message.session_id),
         phase=_enum(RecordingPhase, "phase", message.phase),

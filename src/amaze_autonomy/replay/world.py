@@ -27,6 +27,7 @@ from amaze_autonomy.engine.events import (
     Reply,
     VehicleLanded,
     WatchdogInfo,
+    made,
 )
 from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, evolve
@@ -282,9 +283,8 @@ class World:
             status = LandedStatus(t_ns=t_ns, landed=landed, distance_m=facts["height_m"], reason="scripted")
         else:
             source = self._source_of((self._plan.topic_map.readings["range"].topic,), t_ns)
-            status = LandedStatus(
-                t_ns=t_ns, landed=verdict.landed, distance_m=verdict.distance_m, reason=verdict.reason
-            )
+            told = {"landed": verdict.landed, "distance_m": verdict.distance_m, "reason": verdict.reason}
+            status = made(LandedStatus, t_ns=t_ns, age_ns=0, **told)
             self._note_landed(verdict.landed, verdict.reason, t_ns, source)
         self._tell(status, source)
 
