@@ -60,6 +60,12 @@ def test_parameters_come_as_floats_of_their_values():
     assert bad(asked) == {"parameters": ("warn", "BATT_LOW_VOLT is 10.5, should be 11")}
 
 
+def test_px4_s_parameters_are_not_its_own_and_that_is_said():
+    asked = bench(settings=AutopilotSettings(parameters={"COM_LOW_BAT_ACT": 3, "NAV_RCL_ACT": 2})).advance(5.0)
+    words = "this ArduPilot knows none of those in autopilot.yaml: name its own there (docs/autopilot.md)"
+    assert bad(asked) == {"parameters": ("warn", words)}
+
+
 def test_prearm_ok_in_stabilize_is_none_without_a_position():
     lost = bench().advance(5.0)
     lost.far.craft.lose_gps()

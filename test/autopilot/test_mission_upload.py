@@ -163,10 +163,27 @@ def test_it_ends_within_its_limit_and_never_believes_a_mission_that_is_not_there
         assert "no end within the limit" in upload.reason
 
 
-def test_five_hundred_waypoints_arrive_in_order():
+def test_a_hundred_and_fifty_waypoints_arrive_in_order():
     many = Trajectory("many.csv", tuple(Waypoint(i * 0.1, 0.0, 2.0, 0.0, 0.0) for i in range(150)))
     upload, vehicle, _ = transfer(mission=items(trajectory=many))
     assert (upload.phase, len(vehicle.server.items)) == (UploadPhase.DONE, 152)
+
+
+CUTS = [(UploadPhase.ITEMS, 4.0), (UploadPhase.READ, 4.0), (UploadPhase.READ, 7.0)]
+
+
+@pytest.mark.parametrize("phase, silent_s", CUTS)
+def test_a_link_that_is_cut_for_seconds_costs_what_was_under_way_and_not_what_has_arrived(phase, silent_s):
+    upload, vehicle = MissionUpload(items(), TARGET, 0, 500 * MS, 20 * S), Vehicle()
+    channel = Channel(upload, vehicle)
+    channel.ours(upload.start(0))
+    channel.run(lambda: upload.phase is phase, S)
+    channel.fate = lambda: ()
+    channel.run(lambda: False, round(silent_s * S))
+    channel.fate = good
+    channel.run(lambda: upload.over, 2 * S)
+    assert (upload.phase, on_vehicle(vehicle)) == (UploadPhase.DONE, EXPECTED)
+    assert channel.sent.count("MISSION_COUNT") == 1
 
 
 def test_a_mission_that_is_refused_says_why_when_its_time_is_over():

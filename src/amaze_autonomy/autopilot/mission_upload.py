@@ -2,7 +2,7 @@
 
 Times and messages go in, messages to send come out. No acknowledgement is believed: the mission is there when it reads
 back as it was sent, and it begins at its beginning when MISSION_CURRENT says so. What is lost is sent again; a transfer
-that gets stuck begins anew, until its time is over.
+that gets stuck begins anew, reading back by itself, until its time is over.
 
     COUNT      we say how many items        until the vehicle asks for one
     ITEMS      we answer what it asks for   until the last one was sent, and acknowledged or not
@@ -29,7 +29,7 @@ __all__ = ["UPLOAD_MESSAGES", "MissionUpload", "UploadPhase"]
 
 _MISSION = mavlink.MAV_MISSION_TYPE_MISSION
 _ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
-_RESENDS = 6  # of one message, before the transfer begins anew
+_RESENDS = 9  # of one message, before the transfer begins anew: PX4 forgets one after 5 s without a word
 _ACK_PATIENCE = 2  # how long the acknowledgement is waited for, in pauses
 
 
@@ -105,8 +105,12 @@ class MissionUpload:
         self._resends += 1
         if self.phase is UploadPhase.ITEMS and self._last == len(self._items) - 1 and self._resends >= _ACK_PATIENCE:
             return self._enter(t_ns, UploadPhase.LIST)  # the acknowledgement may be lost: look what is there
-        if self._resends > _RESENDS and self.phase is not UploadPhase.CURRENT:
+        stuck = self._resends > _RESENDS  # the vehicle may have forgotten the transfer
+        if stuck and self.phase is UploadPhase.ITEMS:
             return self._again(t_ns, "no answer")
+        if stuck and self.phase is UploadPhase.READ:
+            self.reason = "no answer"
+            return self._enter(t_ns, UploadPhase.LIST)
         return self._send(t_ns)
 
     # --- what comes -----------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ _S = 1_000_000_000
 _COMPLAINTS_NS = 60 * _S
 _CHARGING = 7
 _LONGEST_ADVICE = 300
+_OTHER_NAMES = "this ArduPilot knows none of those in autopilot.yaml: name its own there (docs/autopilot.md)"
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,11 @@ def preflight_rows(known: Preflight) -> Tuple[Check, ...]:
     return tuple(row(known) for row in _ROWS)
 
 
+def _is_ardupilot(known: Preflight) -> bool:
+    beat = known.vehicle.beat
+    return beat is not None and beat.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+
 def _link(known: Preflight) -> Check:
     limit = known.settings.limits.link_age_limit_ns / _S
     verdict = Verdict.PASS if known.connected else Verdict.FAIL
@@ -85,8 +91,7 @@ def _prearm(known: Preflight) -> Check:
     """Ask the verdict; ArduPilot gives that of the present mode, and refuses in GUIDED when it has no position."""
     vehicle = known.vehicle
     good = vehicle.system.prearm(known.t_ns)
-    beat = vehicle.beat
-    if good and beat is not None and beat.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+    if good and _is_ardupilot(known):
         good = vehicle.position.valid(known.t_ns)
     texts = vehicle.texts.complaints(known.t_ns, _COMPLAINTS_NS)
     return _row(known, "pre-arm check", _said(texts, known), good=good)
@@ -132,6 +137,8 @@ def _parameters(known: Preflight) -> Check:
     wrong = [f"{one.name} is {one.value:g}, should be {one.expected:g}" for one in states if one.agrees is False]
     unread = [one.name for one in states if one.agrees is None]
     words = wrong + ([f"not read: {', '.join(unread)}"] if unread else [])
+    if unread and len(unread) == len(states) and _is_ardupilot(known):
+        words = [_OTHER_NAMES]
     return _row(known, "parameters", "; ".join(words), good=not words, needed=False)
 
 
