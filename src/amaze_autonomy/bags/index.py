@@ -18,9 +18,12 @@ __all__ = [
     "ChunkHead",
     "ChunkInfo",
     "Index",
+    "IndexPart",
     "Messages",
     "chunk_head",
     "index_entries",
+    "index_parts",
+    "joined_parts",
     "read_head",
     "require",
     "unusable",
@@ -32,7 +35,7 @@ _LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have ta
 KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
 _REMEDY = "make a new one with `amaze-bag recover`"
 
-_Part = Tuple[int, memoryview]  # connection, entries of it
+IndexPart = Tuple[int, memoryview]  # connection, entries of it
 
 
 class ChunkInfo(NamedTuple):
@@ -176,7 +179,7 @@ class Index:
         """
         filled = [number for number, chunk in enumerate(self.chunks) if chunk.counts]
         parts = [part for number in filled for part in self._entries(number)]
-        t_ns, connection, offset = _joined(parts)
+        t_ns, connection, offset = joined_parts(parts)
         return Messages(t_ns, connection, np.repeat(filled, [self.chunks[each].messages for each in filled]), offset)
 
     def entries(self, number: int) -> Tuple[Any, Any, Any]:
@@ -185,14 +188,14 @@ class Index:
         Raises:
             BagError: The index behind the chunk is damaged.
         """
-        return _joined(self._entries(number))
+        return joined_parts(self._entries(number))
 
-    def _entries(self, number: int) -> List[_Part]:
+    def _entries(self, number: int) -> List[IndexPart]:
         chunk, head = self.chunks[number], self.head(number)
         begin = head.data + head.stored
         raw = os.pread(self.file, chunk.end - begin, begin)
         try:
-            return _parts(raw, 0, len(raw), dict(chunk.counts))[0]
+            return index_parts(raw, 0, len(raw), dict(chunk.counts))[0]
         except (RecordError, struct.error, ValueError) as error:
             raise unusable(self.path, chunk.position, error) from error
 
@@ -257,13 +260,13 @@ def index_entries(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]
     Raises:
         RecordError: They do not have these numbers of messages by connection.
     """
-    parts, place = _parts(buffer, place, limit, counts)
-    return (*_joined(parts), place)
+    parts, place = index_parts(buffer, place, limit, counts)
+    return (*joined_parts(parts), place)
 
 
-def _parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) -> Tuple[List[_Part], int]:
+def index_parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) -> Tuple[List[IndexPart], int]:
     """Return connection and entries of each index record behind a chunk, and where these end."""
-    parts: List[_Part] = []
+    parts: List[IndexPart] = []
     missing, view = dict(counts), memoryview(buffer)
     while missing:
         connection, data, size = index_record_at(buffer, place, limit)
@@ -277,7 +280,7 @@ def _parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) -> Tu
     return parts, place
 
 
-def _joined(parts: List[_Part]) -> Tuple[Any, Any, Any]:
+def joined_parts(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:
     """Return times, connections and offsets of entries."""
     entries: Any = np.frombuffer(b"".join([part for _, part in parts]), "<u4").reshape(-1, 3).astype(np.int64)
     numbers: Any = np.array([connection for connection, _ in parts], np.int64)

@@ -313,20 +313,16 @@ def index_records(t_ns: Any, connection: Any, offsets: Any) -> bytes:
 def chunk_info(position: int, start_ns: int, end_ns: int, counts: Iterable[Tuple[int, int]]) -> bytes:
     """Return what the index says of a chunk; `counts` are messages by connection."""
     flat = [number for each in counts for number in each]
-    return b"".join(
-        (
-            _INFO[0],
-            _U64.pack(position),
-            _INFO[1],
-            _U32.pack(len(flat) // 2),
-            _INFO[2],
-            pack_time(end_ns),
-            _INFO[3],
-            pack_time(start_ns),
-            _INFO[4],
-            struct.pack(f"<L{len(flat)}L", 4 * len(flat), *flat),
-        )
-    )
+    start, end = divmod(start_ns, SECOND), divmod(end_ns, SECOND)
+    one, two, three, four, five = _INFO
+    pack = _info_struct(len(flat)).pack
+    return pack(one, position, two, len(flat) // 2, three, *end, four, *start, five, 4 * len(flat), *flat)
+
+
+@lru_cache(maxsize=64)
+def _info_struct(numbers: int) -> struct.Struct:
+    sizes = "{}sQ{}sL{}sLL{}sLL{}sL".format(*map(len, _INFO))
+    return struct.Struct(f"<{sizes}{numbers}L")
 
 
 def _info_parts() -> List[bytes]:

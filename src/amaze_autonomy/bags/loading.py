@@ -14,7 +14,17 @@ import numpy as np
 
 from .compression import decompress_into
 from .errors import BagError, RecordError
-from .index import ChunkHead, Index, Messages, index_entries, require, unusable
+from .index import (
+    ChunkHead,
+    Index,
+    IndexPart,
+    Messages,
+    index_entries,
+    index_parts,
+    joined_parts,
+    require,
+    unusable,
+)
 from .layout import Buffer, distinct, words
 from .pool import GROUP_BYTES, Pool
 from .table import Span, Table, tabulate
@@ -86,7 +96,8 @@ class Loader:
         jobs = [pool.workers.submit(self._decompress, *job, buffer) for job in zip(numbers, heads, places)]
         parts = [job.result() for job in jobs]
         spans = [Span(place, place + head.size) for place, head in zip(places, heads)]
-        return self._block(numbers, buffer, spans, parts, np.zeros((0, 2), np.int64))
+        entries: Any = tuple(np.concatenate(each) for each in zip(*parts))
+        return self._block(numbers, buffer, spans, entries, np.zeros((0, 2), np.int64))
 
     def _decompress(self, number: int, head: ChunkHead, place: int, buffer: bytearray) -> _Entries:
         chunk = self._index.chunks[number]
@@ -106,28 +117,48 @@ class Loader:
             BagError: One is damaged.
         """
         chunks = [self._index.chunks[number] for number in numbers]
+        heads = [self._index.head(number) for number in numbers]
         places = np.cumsum([0, *(chunk.end - chunk.position for chunk in chunks)]).tolist()
-        apart = [each for each, number in enumerate(numbers) if self.is_coarse(number)]
-        buffer = pool.sparse(places[-1]) if apart else pool.get(places[-1])
-        skipped = set(apart)
-        self._read_all(buffer, [each for each in range(len(chunks)) if each not in skipped], numbers, places)
-        spans, parts = [], []
-        for each, (number, chunk, place) in enumerate(zip(numbers, chunks, places)):
-            head = self._index.head(number)
-            span = Span(place + head.data - chunk.position, place + head.data - chunk.position + head.stored)
+        coarse = [self.is_coarse(number) for number in numbers]
+        buffer = pool.sparse(places[-1]) if any(coarse) else pool.get(places[-1])
+        self._read_all(buffer, [each for each, few in enumerate(coarse) if not few], numbers, places)
+        begins = [place + head.data - chunk.position for chunk, head, place in zip(chunks, heads, places)]
+        spans = [Span(begin, begin + head.stored) for begin, head in zip(begins, heads)]
+        entries = self._plain_entries(numbers, buffer, spans, coarse)
+        cut: Any = np.zeros((0, 2), np.int64)
+        if any(coarse):
+            shifts: Any = np.array([head.data - begin for begin, head in zip(begins, heads)])
+            cut = self._read_coarse(buffer, spans, shifts, np.array(coarse), entries)
+        return self._block(numbers, buffer, spans, entries, cut)
+
+    def _plain_entries(self, numbers: List[int], buffer: Any, spans: List[Span], coarse: List[bool]) -> _Entries:
+        """Return times, connections and places in the buffer of all messages; of coarse chunks their index is read."""
+        parts: List[IndexPart] = []
+        for number, span, few in zip(numbers, spans, coarse):
+            chunk, head = self._index.chunks[number], self._index.head(number)
+            behind = chunk.end - head.data - head.stored
             try:
                 require(head.size == head.stored, "its sizes differ although it is not compressed")
-                if each in skipped and self._messages is None:
-                    self._read(buffer, span.end, head.data + head.stored, chunk.end - head.data - head.stored)
-                limit = place + chunk.end - chunk.position
-                t_ns, connection, offset = self._entries(number, buffer, span.end, limit)
-                require(not len(offset) or int(offset.max()) < head.stored, "the index points behind its end")
+                if self._messages is None:
+                    if few:
+                        self._read(buffer, span.end, head.data + head.stored, behind)
+                    parts += index_parts(buffer, span.end, span.end + behind, dict(chunk.counts))[0]
             except _BROKEN as error:
                 raise unusable(self._index.path, chunk.position, error) from error
-            spans.append(span)
-            parts.append((t_ns, connection, offset + span.start))
-        cut = self._read_coarse(buffer, numbers, [(each, spans[each], parts[each]) for each in apart])
-        return self._block(numbers, buffer, spans, parts, cut)
+        t_ns, connection, offset = joined_parts(parts) if self._messages is None else self._known(numbers)
+        counts = [self._index.chunks[number].messages for number in numbers]
+        begin: Any = np.repeat([span.start for span in spans], counts)
+        beyond = np.flatnonzero(begin + offset >= np.repeat([span.end for span in spans], counts))
+        if len(beyond):
+            number = numbers[int(np.searchsorted(np.cumsum(counts), beyond[0], "right"))]
+            wrong = RecordError("the index points behind its end")
+            raise unusable(self._index.path, self._index.chunks[number].position, wrong)
+        return t_ns, connection, offset + begin
+
+    def _known(self, numbers: List[int]) -> _Entries:
+        """Return times, connections and offsets of the messages of chunks, all of which were read before."""
+        parts = [self._entries(number, b"", 0, 0) for number in numbers]
+        return tuple(np.concatenate(each) for each in zip(*parts))
 
     def _entries(self, number: int, buffer: Buffer, place: int, limit: int) -> _Entries:
         """Return times, connections and offsets of a chunk's messages; what is behind the chunk lies in a buffer."""
@@ -143,22 +174,18 @@ class Loader:
             return False
         return any(connection in self._passed for connection, _ in chunk.counts)
 
-    def _read_coarse(self, buffer: Any, numbers: List[int], apart: List[Tuple[int, Span, _Entries]]) -> Any:
-        """Read chunks without what is large in them; return where in the buffer, and in the file, that begins."""
-        if not apart:
-            return np.zeros((0, 2), np.int64)
-        begins: Any = np.array([span.start for _, span, _ in apart])
-        ends: Any = np.array([span.end for _, span, _ in apart])
-        shifts: Any = np.array([self._index.head(numbers[each]).data - span.start for each, span, _ in apart])
-        start: Any = np.concatenate([part[2] for _, _, part in apart])
-        order = np.argsort(start)
-        start = start[order]
-        connection = np.concatenate([part[1] for _, _, part in apart])[order]
+    def _read_coarse(self, buffer: Any, spans: List[Span], shifts: Any, coarse: Any, entries: _Entries) -> Any:
+        """Read coarse chunks without what is large in them; return where in the buffer and the file that begins."""
+        begins: Any = np.array([span.start for span in spans])
+        ends: Any = np.array([span.end for span in spans])
+        order = np.argsort(entries[2])
+        start, connection = entries[2][order], entries[1][order]
         chunk = np.searchsorted(begins, start, "right") - 1
         follows: Any = np.minimum(np.append(start[1:], ends[-1]), ends[chunk])
-        large = np.flatnonzero((follows - start >= _LARGE) & self._unseen[connection])
+        large = np.flatnonzero((follows - start >= _LARGE) & self._unseen[connection] & coarse[chunk])
         start, follows, chunk = start[large], follows[large], chunk[large]
-        self._read_between(buffer, np.append(begins, follows), np.append(start + BEGINNING, ends), begins, shifts)
+        bounds = np.append(begins[coarse], follows), np.append(start + BEGINNING, ends[coarse])
+        self._read_between(buffer, *bounds, begins, shifts)
         torn = distinct(chunk[~_are_whole(buffer, start, follows)])
         for each in torn:  # there is more in it than messages, or damage
             begin, size = int(begins[each]), int(ends[each] - begins[each])
@@ -194,25 +221,27 @@ class Loader:
     def _shorter(self) -> BagError:
         return BagError(str(self._index.path), "became shorter while it was read", "try again")
 
-    def _block(
-        self, numbers: List[int], buffer: bytearray, spans: List[Span], parts: List[_Entries], cut: Any
-    ) -> Block:
+    def _block(self, numbers: List[int], buffer: bytearray, spans: List[Span], entries: _Entries, cut: Any) -> Block:
         """Check the messages in a buffer; `cut` are places of those that are not all there, and those in the file."""
         try:
-            table = tabulate(buffer, spans, *(np.concatenate(each) for each in zip(*parts)))
+            table = tabulate(buffer, spans, *entries)
         except (*_BROKEN, IndexError) as error:
-            raise self._damaged(numbers, buffer, spans, parts, error) from error
+            raise self._damaged(numbers, buffer, spans, entries, error) from error
         origin: Any = np.full(len(table.start), -1)
         origin[np.searchsorted(table.start, cut[:, 0])] = cut[:, 1]
         return Block(buffer, table, self._number, origin, np.zeros(len(table.start), np.int64))
 
-    def _damaged(self, numbers: List[int], buffer: Any, spans: Any, parts: Any, error: Exception) -> BagError:
+    def _damaged(self, numbers: List[int], buffer: Any, spans: Any, entries: _Entries, error: Exception) -> BagError:
         """Return the error for the first of some chunks that is damaged."""
-        for number, span, part in zip(numbers, spans, parts):
+        first = 0
+        for number, span in zip(numbers, spans):
+            chunk = self._index.chunks[number]
+            rows = slice(first, first + chunk.messages)
+            first += chunk.messages
             try:
-                tabulate(buffer, [span], *part)
+                tabulate(buffer, [span], *(column[rows] for column in entries))
             except (*_BROKEN, IndexError) as found:
-                return unusable(self._index.path, self._index.chunks[number].position, found)
+                return unusable(self._index.path, chunk.position, found)
         return unusable(self._index.path, self._index.chunks[numbers[0]].position, error)
 
 

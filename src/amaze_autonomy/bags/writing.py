@@ -25,6 +25,7 @@ from .unify import Unified
 __all__ = ["Writing"]
 
 _COMPRESSORS = 2
+_AHEAD = 2  # jobs that wait to be written while the next one is put together
 
 _Chunk = Tuple[Cut, int, List[Any], int]  # with its size, its records in pieces, and what it is whole
 
@@ -60,7 +61,7 @@ class Writing:
         self._found = Tallies()
         self._prefix = _connection_records(unified.connections)  # once in a chunk, for those who rebuild an index
         self._compressors, self._writer = ThreadPoolExecutor(_COMPRESSORS), ThreadPoolExecutor(1)
-        self._job: Optional[Future[None]] = None
+        self._jobs: Deque[Tuple[Future[None], List[int]]] = deque()  # what is being written, and the blocks it needs
         self.messages = self.copied = 0
 
     @property
@@ -77,14 +78,15 @@ class Writing:
         """Take messages; write those before which nothing more will come, while the next ones are taken."""
         for block in blocks:
             self._pending.add(block)
-        written = self._write(limit_ns, final=limit_ns is None)
+        self._write(limit_ns, final=limit_ns is None)
+        written = [number for _, blocks in self._jobs for number in blocks]
         self._pending.release({*distinct(self._rows.block), *written}, pool)
 
     def copy(self, index: Index, number: int) -> None:
         """Copy a chunk that overlaps nothing behind all that comes before it."""
         chunk = index.chunks[number]
         self._write(chunk.start_ns, final=True)
-        self._wait()
+        self._wait(0)
         head, times = index.head(number), (chunk.start_ns, chunk.end_ns)
         records = index_records(*index.entries(number))
         end = head.data + head.stored
@@ -95,25 +97,25 @@ class Writing:
     def finish(self, pool: Pool) -> None:
         """Write what is left."""
         self.add([], None, pool)
-        self._wait()
+        self._wait(0)
 
-    def _wait(self) -> None:
-        job, self._job = self._job, None
-        if job is not None:
-            job.result()
+    def _wait(self, most: int) -> None:
+        """Wait until no more than so many jobs are left."""
+        while len(self._jobs) > most:
+            self._jobs.popleft()[0].result()
 
-    def _write(self, limit_ns: Optional[int], *, final: bool) -> List[int]:
-        """Begin to write what can be; return the blocks that are needed for it."""
+    def _write(self, limit_ns: Optional[int], *, final: bool) -> None:
+        """Begin to write what can be."""
         rows = self._pending.ready(limit_ns)
         if self._finder and len(rows.t_ns):
             rows = self._without_duplicates(rows)
         self._rows = joined([self._rows, rows]) if len(rows.t_ns) else self._rows
         rows, length = self._rows, self._rows.end - self._rows.start
-        self._wait()
+        self._wait(_AHEAD)
         alone = rows.whole > 0
         chunks = list(cuts(rows.t_ns, rows.connection, length, alone, before=len(self._prefix), final=final))
         if not chunks:
-            return []
+            return
         bounds = [0, *(cut.last for cut in chunks)]
         pieces = _pieces(rows, bounds, self._pending.buffers, [index.file for index in self._inputs])
         sizes, whole = [cut.size for cut in chunks], rows.whole[bounds[:-1]].tolist()
@@ -122,10 +124,10 @@ class Writing:
                 pieces[0], sizes[0], whole[0] = [self._opened(pieces[0], rows)], whole[0], 0
             pieces[0].insert(0, self._prefix)
             sizes[0], self._prefix = sizes[0] + len(self._prefix), b""
-        self._job = self._writer.submit(self._put, list(zip(chunks, sizes, pieces, whole)))
+        job = self._writer.submit(self._put, list(zip(chunks, sizes, pieces, whole)))
+        self._jobs.append((job, distinct(rows.block[: bounds[-1]])))
         self.messages += bounds[-1]
         self._rows = rows.where(slice(bounds[-1], None))
-        return distinct(rows.block[: bounds[-1]])
 
     def _opened(self, frame: List[Any], rows: Rows) -> Any:
         """Return the record in the finished chunk that is to be the first, where connections have to be described."""
@@ -138,10 +140,8 @@ class Writing:
     def _put(self, chunks: List[_Chunk]) -> None:
         waiting: Deque[Tuple[Cut, int, Any, str]] = deque()
         for cut, size, parts, whole in chunks:
-            if whole:
-                waiting.append((cut, whole, parts, "lz4"))
-            elif self._compression == "none":
-                waiting.append((cut, size, parts, "none"))
+            if whole or self._compression == "none":
+                waiting.append((cut, whole or size, parts, "lz4" if whole else "none"))
             else:
                 data = self._compressors.submit(compressed, self._compression, b"".join(parts))
                 waiting.append((cut, size, data, self._compression))
