@@ -89,18 +89,21 @@ class Node:
         for name, value in parameters.items():
             rospy.set_param(f"{NODE}/autonomy/{name}", value)
         self.peers = Peers(NODE, platforms)
-        program = roslib.packages.find_node("amaze_autonomy", "autonomy")[0]
-        environment = {**os.environ, "ROS_NAMESPACE": NODE}
+        self.process = self.start()
+        rospy.wait_for_service(f"{NODE}/autonomy/select_mission", 20.0)
+        self._select = rospy.ServiceProxy(f"{NODE}/autonomy/select_mission", srv.SelectMission, persistent=True)
+        self.peers.wait(lambda: self.peers.state == "MISSION_INPUT", "MISSION_INPUT")
+
+    def start(self) -> subprocess.Popen[bytes]:
+        """Start the node's process."""
         self.process = subprocess.Popen(
-            [program, "__name:=autonomy"],
-            env=environment,
+            [roslib.packages.find_node("amaze_autonomy", "autonomy")[0], "__name:=autonomy"],
+            env={**os.environ, "ROS_NAMESPACE": NODE},
             start_new_session=True,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        rospy.wait_for_service(f"{NODE}/autonomy/select_mission", 20.0)
-        self._select = rospy.ServiceProxy(f"{NODE}/autonomy/select_mission", srv.SelectMission, persistent=True)
-        self.peers.wait(lambda: self.peers.state == "MISSION_INPUT", "MISSION_INPUT")
+        return self.process
 
     def take_off(self) -> None:
         """Fly."""

@@ -41,6 +41,7 @@ class WireService:
     def _accept(self) -> None:
         while True:
             connection, _ = self._listener.accept()
+            connection.settimeout(None)  # rospy has set another default
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             threading.Thread(target=self._serve, args=(connection,), daemon=True).start()
 

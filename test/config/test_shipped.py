@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 
 import pytest
 import yaml
@@ -113,12 +112,6 @@ def test_all_that_is_watched_is_recorded_and_so_are_the_decisions(shipped):
 def test_every_trajectory_that_ships_is_flown_by_a_mission(shipped):
     files = sorted(path.relative_to(FOLDER).as_posix() for path in (FOLDER / "trajectories").iterdir())
     assert sorted(shipped.effective["trajectories"]) == files
-
-
-def test_loading_takes_less_than_150_ms(shipped):
-    begin = time.perf_counter()
-    assert load_configuration(FOLDER).hash == shipped.hash
-    assert time.perf_counter() - begin < 0.15
 
 
 def _commented(path):

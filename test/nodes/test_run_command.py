@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -37,15 +38,23 @@ def test_what_does_not_exist_cannot_be_run():
     assert outcome == Outcome(good=False, message="/no/such/program cannot be run: No such file or directory")
 
 
+def lives(pid):
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
 def test_what_takes_too_long_ends_with_its_children(tmp_path):
-    mark = tmp_path / "alive"
-    child = f"import time, pathlib; time.sleep(1.0); pathlib.Path({str(mark)!r}).touch()"
-    code = f"import subprocess, sys, time; subprocess.Popen([sys.executable, '-c', {child!r}]); time.sleep(60)"
+    number = tmp_path / "child"
     began_s = time.monotonic()
-    outcome = run_command(python(code), 0.5)
-    assert outcome == Outcome(good=False, message=f"{sys.executable} took longer than 0.5 s")
-    assert time.monotonic() - began_s < 10.0
-    assert not mark.exists()
+    outcome = run_command(["/bin/sh", "-c", f"sleep 60 & echo $! >'{number}'; wait"], 1.0)
+    assert outcome == Outcome(good=False, message="/bin/sh took longer than 1 s")
+    assert time.monotonic() - began_s < 30.0
+    child = int(number.read_text())
+    while lives(child):
+        assert time.monotonic() - began_s < 30.0, "a child goes on"
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("code", ["while True: print('x' * 1000)", "import time; time.sleep(60)"])
@@ -56,7 +65,5 @@ def test_the_limit_holds_however_much_it_says(code):
 
 
 def test_a_daemon_that_it_leaves_behind_is_not_waited_for():
-    code = "import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(3)'])"
-    began_s = time.monotonic()
-    assert run_command(python(code), 2.5).good is True
-    assert time.monotonic() - began_s < 2.5
+    code = "import subprocess, sys; subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(20)'])"
+    assert run_command(python(code), 15.0).good is True

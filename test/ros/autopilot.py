@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import signal
 import socket
+import time
 import unittest
 
 import rospy
 import rostest
+from at_once import at_once
+from hitches import allowed_s
 from one_node import OneNode, wait_for
 from px4_vehicle import Px4Vehicle
 from std_srvs.srv import Trigger
@@ -24,6 +27,7 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
+@at_once(4)
 class TestAutopilot(unittest.TestCase):
     """Each test has a vehicle and a node of its own."""
 
@@ -96,10 +100,10 @@ class TestAutopilot(unittest.TestCase):
         self.fly()
         refused = self.call("disarm")
         self.assertEqual((refused.success, refused.message), (False, "not on the ground: the vehicle says IN_AIR"))
-        began = rospy.get_time()
+        began_s = time.monotonic()
         answer = self.call("land")
         self.assertTrue(answer.success, answer.message)
-        self.assertLess(rospy.get_time() - began, 1.0)
+        self.assertLess(time.monotonic() - began_s, allowed_s(1.0, began_s))
         self.wait(lambda status: status.mode == "AUTO.LAND", "the landing mode", 2.0)
         self.wait(lambda status: status.landed == STATUS.ON_GROUND, "the ground")
         self.assertFalse(self.status.pilot_in_control)
@@ -108,11 +112,11 @@ class TestAutopilot(unittest.TestCase):
 
     def test_a_pilot_is_seen_within_a_second_and_not_fought(self):
         self.fly()
-        began = rospy.get_time()
+        began_s = time.monotonic()
         with self.vehicle.lock:
             self.vehicle.craft.pilot_takes_over("POSCTL", 60_000_000_000)
         self.wait(lambda status: status.pilot_in_control, "the pilot", 3.0)
-        self.assertLess(rospy.get_time() - began, 1.1)
+        self.assertLess(time.monotonic() - began_s, allowed_s(1.1, began_s))
         refused = self.call("land")
         self.assertEqual((refused.success, refused.message), (False, "the pilot has control, in POSCTL"))
         self.assertEqual(self.node.end(), 0)

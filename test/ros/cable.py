@@ -20,6 +20,7 @@ from urllib.parse import urlparse
 import rosgraph
 import rospy
 import rostest
+from hitches import allowed_s
 from one_node import OneNode, wait_for
 
 from amaze_autonomy import msg, srv
@@ -168,13 +169,14 @@ class TestCable(unittest.TestCase):
             ),
             "the camera at 4",
         )
-        self.assertLess(at_s - pulled_s, 0.3 + 0.05)
+        self.assertLess(at_s - pulled_s, allowed_s(0.3 + 0.05, pulled_s, at_s))
         wait_for(lambda: self.code("computer") == NON_CRITICAL, "the computer at 2")
-        self.assertLess(time.monotonic() - pulled_s, 1.5 + 0.5 + 0.3)
+        self.assertLess(time.monotonic() - pulled_s, allowed_s(1.5 + 0.5 + 0.3, pulled_s))
         self.assertEqual(self.reason("camera"), "no message on /far/data for longer than 0.3 s")
         self.assertEqual(self.reason("computer"), "node /far: no answer for longer than 1.5 s")
         beats = [each for each, _ in self.actions if pulled_s < each]
-        self.assertTrue(all(after - before < 0.3 for before, after in zip(beats, beats[1:])), "the heartbeat goes on")
+        for before_s, after_s in zip(beats, beats[1:]):
+            self.assertLess(after_s - before_s, allowed_s(0.3, before_s, after_s), "the heartbeat goes on")
         self.far.plug()
         wait_for(lambda: self.code("camera") == self.code("computer") == NOMINAL, "both nominal", 20.0)
 

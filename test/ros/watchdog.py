@@ -16,6 +16,7 @@ import rosgraph
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray
+from hitches import allowed_s
 from one_node import OneNode, wait_for
 from std_msgs.msg import String
 
@@ -191,14 +192,14 @@ class TestWatchdog(unittest.TestCase):
         )
         self.assertEqual([each.code for each in self.answer.components], [NOMINAL] * 6)
         self.assertEqual([row.verdict for row in self.answer.checks], [msg.Check.PASS] * 6)
-        self.assertLess(self.took_s, 12.0)
+        self.assertLess(self.took_s, 15.0, "it answers when they are there, not at the end of its time")
 
     def test_02_the_heartbeat_comes_at_5_hz_from_the_loop_that_watches(self):
         count = len(self.listener.actions)
         wait_for(lambda: len(self.listener.actions) >= count + 6, "six heartbeats", 5.0)
         beats = self.listener.actions[count : count + 6]
-        gaps = [after[0] - before[0] for before, after in zip(beats, beats[1:])]
-        self.assertTrue(all(0.15 < gap < 0.3 for gap in gaps), gaps)
+        for (before_s, _), (after_s, _) in zip(beats, beats[1:]):
+            self.assertLess(abs(after_s - before_s - 0.2), allowed_s(0.1, before_s - 0.2, after_s))
         for (_, before), (_, after) in zip(beats, beats[1:]):
             self.assertEqual(after.sequence, before.sequence + 1)
             self.assertGreater(after.loop_counter, before.loop_counter)
@@ -207,7 +208,7 @@ class TestWatchdog(unittest.TestCase):
     def test_03_later_checks_are_answered_at_once_and_know_the_mission(self):
         began_s = time.monotonic()
         answer = self.start(startup_time=15.0, mission_id="low", required=["camera"])
-        self.assertLess(time.monotonic() - began_s, 0.5)
+        self.assertLess(time.monotonic() - began_s, allowed_s(0.5, began_s))
         self.assertTrue(answer.ready)
         stopped_s = self.set_mode("fast", "silent")
         wait_for(lambda: self.listener.now("fast").code == NON_CRITICAL, "fast at 2, as the mission wants it")
@@ -223,7 +224,7 @@ class TestWatchdog(unittest.TestCase):
         os.kill(before, signal.SIGKILL)
         killed_s = time.monotonic()
         at_s, component = self.failed("fast", HOLD, killed_s)
-        self.assertLess(at_s - killed_s, 0.3 + 0.05 + 0.05)
+        self.assertLess(at_s - killed_s, allowed_s(0.3 + 0.05 + 0.05, killed_s, at_s))
         self.assertEqual(component.restart, TRYING)
         self.wait_nominal()
         self.assertNotEqual(self.pid("/fast"), before)
@@ -232,7 +233,8 @@ class TestWatchdog(unittest.TestCase):
         before = self.pid("/camera")
         os.kill(before, signal.SIGSTOP)
         at_s, component = self.failed("camera", INCONVENIENT, time.monotonic())
-        self.assertLess(at_s - self.listener.last_s["camera"], 0.3 + 0.05)
+        last_s = self.listener.last_s["camera"]
+        self.assertLess(at_s - last_s, allowed_s(0.3 + 0.05, last_s, at_s))
         self.assertEqual(component.reason, "no message on /camera/data for longer than 0.3 s")
         self.wait_nominal()
         self.assertNotEqual(self.pid("/camera"), before)
@@ -244,7 +246,7 @@ class TestWatchdog(unittest.TestCase):
         stopped_s = time.monotonic()
         wait_for(lambda: self.listener.now("slow").code == NON_CRITICAL, "slow at 2")
         self.assertIn("node /slow: no answer for longer than 1.5 s", self.listener.now("slow").reason)
-        self.assertLess(time.monotonic() - stopped_s, 1.5 + 0.5 + 0.3)
+        self.assertLess(time.monotonic() - stopped_s, allowed_s(1.5 + 0.5 + 0.3, stopped_s))
         os.kill(pid, signal.SIGCONT)
 
     def test_07_half_and_double_the_rate_are_not_critical(self):
@@ -262,21 +264,22 @@ class TestWatchdog(unittest.TestCase):
         frozen_s = self.set_mode("camera", "freeze")
         at_s, component = self.failed("camera", INCONVENIENT, frozen_s)
         self.assertEqual(component.reason, "the content of /camera/data has not changed for longer than 1 s")
-        self.assertLess(at_s - frozen_s, 1.0 + 0.2)
+        self.assertLess(at_s - frozen_s, allowed_s(1.0 + 0.2, frozen_s, at_s))
         self.wait_nominal()  # restarted, it works again
 
     def test_09_numbers_that_are_none_are_a_failure(self):
         nan_s = self.set_mode("fast", "nan")
         at_s, component = self.failed("fast", HOLD, nan_s)
         self.assertEqual(component.reason, "nothing but NaN or infinity on /fast/data for longer than 0.3 s")
-        self.assertLess(at_s - nan_s, 0.3 + 0.1)
+        self.assertLess(at_s - nan_s, allowed_s(0.3 + 0.1, nan_s, at_s))
 
     def test_10_a_silent_topic_is_seen_within_its_limit(self):
         for name, code in (("fast", HOLD), ("camera", INCONVENIENT)):
             stopped_s = self.set_mode(name, "silent")
             at_s, _ = self.failed(name, code, stopped_s)
-            delay_s = at_s - self.listener.last_s[name]
-            self.assertTrue(0.29 < delay_s < 0.3 + 0.05, delay_s)
+            last_s = self.listener.last_s[name]
+            self.assertGreater(at_s - last_s, 0.3 - allowed_s(0.01, last_s - 0.1, last_s))
+            self.assertLess(at_s - last_s, allowed_s(0.3 + 0.05, last_s, at_s))
             self.wait_nominal()
 
     def test_11_the_autopilots_word_counts_and_nothing_of_the_px4_is_restarted(self):
@@ -291,7 +294,7 @@ class TestWatchdog(unittest.TestCase):
         removed_s = time.monotonic()
         at_s, component = self.failed("disk", INCONVENIENT, removed_s)
         self.assertEqual(component.reason, "driver check test: test ended with status 1")
-        self.assertLess(at_s - removed_s, 1.0)
+        self.assertLess(at_s - removed_s, allowed_s(1.0, removed_s, at_s))
         self.wait_nominal()
         self.assertTrue(Path(FILE).exists())
 
@@ -299,7 +302,9 @@ class TestWatchdog(unittest.TestCase):
         self.node.process.send_signal(signal.SIGSTOP)
         stopped_s = time.monotonic()
         time.sleep(2.0)
-        self.assertLess(self.listener.actions[-1][0], stopped_s + 0.25, "a stopped watchdog has no heartbeat")
+        self.assertLess(
+            self.listener.actions[-1][0] - stopped_s, allowed_s(0.25, stopped_s), "a stopped watchdog has no heartbeat"
+        )
         self.node.process.send_signal(signal.SIGCONT)
         count = len(self.listener.actions)
         wait_for(lambda: len(self.listener.actions) >= count + 5, "five heartbeats", 5.0)
@@ -319,9 +324,10 @@ class TestWatchdog(unittest.TestCase):
         self.failed("lost", HOLD, killed_s, TRYING)
         at_s, component = self.failed("lost", ABORT, killed_s)
         self.assertEqual(component.restart, GIVEN_UP)
-        self.assertLess(at_s - killed_s, 3.0 + 0.6)
+        self.assertLess(at_s - killed_s, allowed_s(3.0 + 0.6, killed_s, at_s))
         beats = [each for each, _ in self.listener.actions if killed_s < each < at_s]
-        self.assertTrue(all(after - before < 0.3 for before, after in zip(beats, beats[1:])))
+        for before_s, after_s in zip(beats, beats[1:]):
+            self.assertLess(after_s - before_s, allowed_s(0.3, before_s, after_s))
         self.assertIn("restart 2 of lost", self.node.log)
         answer = self.start(startup_time=1.0, mission_id="1")  # a new take-off check: new attempts
         self.assertEqual((answer.ready, answer.fixable, answer.being_fixed), (False, True, True))

@@ -1,0 +1,31 @@
+"""How late this machine's processes run: what a reaction that is measured here may take in addition.
+
+A thread asks to be woken every 5 ms and notes by how much it was late. On a quiet machine that is nothing, so that a
+limit is the limit; where other work holds up the test, the nodes that it measures were held up as well.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import List, Tuple
+
+_EVERY_S, _USUAL_S = 0.005, 0.001
+_late: List[Tuple[float, float]] = []  # woken when, late by how much (monotonic, s)
+
+
+def allowed_s(limit_s: float, began_s: float, ended_s: float = float("inf")) -> float:
+    """Return a limit, and by how much this machine was late in the meantime (times of the monotonic clock, s)."""
+    return limit_s + sum(late_s for at_s, late_s in list(_late) if began_s < at_s and at_s - late_s < ended_s)
+
+
+def _watch() -> None:
+    while True:
+        due_s = time.monotonic() + _EVERY_S
+        time.sleep(_EVERY_S)
+        now_s = time.monotonic()
+        if now_s - due_s > _USUAL_S:
+            _late.append((now_s, now_s - due_s))
+
+
+threading.Thread(target=_watch, daemon=True).start()
