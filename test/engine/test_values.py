@@ -68,6 +68,8 @@ def test_an_event_is_made_of_all_its_fields():
         ev.made(ev.LandedStatus, t_ns=3, landed=ev.Landed.AIRBORNE)
     with pytest.raises(TypeError, match="missing 1 required"):
         ev.made(ev.LandedStatus, t_ns=3)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'distance_cm'"):
+        ev.made(ev.LandedStatus, t_ns=3, landed=ev.Landed.AIRBORNE, distance_cm=50.0, reason="", age_ns=0)
 
 
 @pytest.mark.parametrize("value", [nan, inf, -inf, None])

@@ -187,8 +187,8 @@ def made(kind: Type[E], **fields: Any) -> E:
         InvalidEventError: A field is what it cannot be.
         TypeError: A field is missing, or there is no such.
     """
-    if len(fields) != len(kind.__dataclass_fields__):
-        kind(**fields)  # says which
+    if fields.keys() != kind.__dataclass_fields__.keys():
+        kind(**fields)  # says which does not exist, or may not be left out
         raise TypeError(f"{kind.__name__} is made of all its fields: {', '.join(kind.__dataclass_fields__)}")
     event: E = object.__new__(kind)
     event.__dict__.update(fields)
