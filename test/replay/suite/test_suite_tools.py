@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from amaze_autonomy.replay.cli import main
 from amaze_autonomy.replay.pages.page import write_page
-from amaze_autonomy.replay.suite import Options, Task, run_task, tasks_of
+from amaze_autonomy.replay.suite import Options, Task, Verdict, run_task, tasks_of
 from amaze_autonomy.replay.suite.coverage import coverage_of
 from amaze_autonomy.replay.suite.shrink import MOST_LINES
 
@@ -174,3 +175,16 @@ def test_pytest_shows_the_difference_and_a_mistake_with_its_line(folder, run_pyt
     assert "Traceback" not in done.stdout
     path.write_text("version: 1\ndescriptions: x\n")
     assert "lrf.scenario.yaml:2: descriptions: is an unknown key; did you mean description?" in run_pytest().stdout
+
+
+def test_the_page_says_verdicts_by_signs_and_has_colours_for_the_dark(folder):
+    """What a test can see of it without a browser: every verdict has a sign, every colour of the text a dark one."""
+    (task,) = tasks_of([folder], Options(story=True))
+    write_page(Path("r.html"), [run_task(task)], None, 1.0)
+    page = Path("r.html").read_text()
+    signs = re.search(r"const SIGNS = \{(.*)\};", page).group(1)
+    assert re.findall(r"(\w+): ", signs) == ["PASS", "FAIL", "ERROR", "VACUOUS", "INCONCLUSIVE"]
+    assert {verdict.value for verdict in Verdict} == set(re.findall(r"(\w+): ", signs))
+    light, dark = re.findall(r":root \{(.*?)\}", page, re.DOTALL)
+    names = [set(re.findall(r"(--\w+):", text)) for text in (light, dark)]
+    assert names[0] == names[1] == set(re.findall(r"var\((--\w+)\)", page))

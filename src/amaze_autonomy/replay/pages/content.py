@@ -99,10 +99,10 @@ def _golden_bars(decisions: Sequence[Decision], trace: Trace) -> List[_Bar]:
 
 
 def _moment(decision: Decision, trace: Trace, change: str) -> Dict[str, Any]:
-    step = f"/{decision.step}" if decision.step else ""
+    after = f"{decision.after}/{decision.step}".rstrip("/")
     return {
         "t": round(trace.seconds(decision.t_ns), 3),
-        "move": f"{decision.before} -> {decision.after}{step}",
+        "move": after if decision.before == decision.after else f"{decision.before} -> {after}",
         "rule": decision.rule,
         "event": decision.event,
         "values": [value_text(value, trace.start_ns) for value in decision.values],
