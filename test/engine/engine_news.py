@@ -38,6 +38,7 @@ def settled(place, **known):
     """Return a story in which all have said the same for three seconds; `known` is put into what the engine knows."""
     if place not in _SETTLED:
         story = _SETTLED[place] = at(place)
+        story.stepper = copy(story.stepper[0]), story.stepper[1]  # other stories go on with the one that it has
         for _ in range(15):
             story.now += S // 5
             story.report()

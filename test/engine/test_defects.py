@@ -128,7 +128,7 @@ def _step(name: str) -> Any:
 
 
 def nan_is_a_number(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(events, "finite", lambda value: value)
+    patch.setattr(events, "isfinite", lambda _: True)
     row("at_takeoff_height", guard=lambda t: None if (t.vehicle().height_m or 0.0) < 1.0 else ())(patch)
 
 

@@ -19,9 +19,10 @@ from test_laws import EVENTS, SEARCH
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import stepper as module
+from amaze_autonomy.engine.horizon import horizon_ns
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import evolve
-from amaze_autonomy.engine.stepper import Stepper, horizon_ns
+from amaze_autonomy.engine.stepper import Stepper
 from amaze_autonomy.engine.timers import next_deadline
 
 KINDS = {

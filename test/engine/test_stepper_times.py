@@ -10,10 +10,10 @@ from engine_peers import SHIPPED, S
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import stepper as module
 from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.horizon import Horizon, horizon_ns
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.severity import Code, Verb
 from amaze_autonomy.engine.state import CheckRecord, EngineState, Failure, FailureKind, evolve
-from amaze_autonomy.engine.stepper import horizon_ns
 from amaze_autonomy.engine.timers import TIMERS
 
 LIMITS = Limits()
@@ -173,8 +173,8 @@ def test_when_it_is_to_be_woken_is_known_of_the_last_state_only():
     assert stepper.wakes_ns(evolve(state)) == 0
 
 
-def counting(counts, name):
-    asked = getattr(module, name)
+def counting(counts, where, name):
+    asked = getattr(where, name)
 
     def counted(*arguments):
         counts[name] += 1
@@ -185,14 +185,14 @@ def counting(counts, name):
 
 def test_what_is_looked_up_is_not_looked_up_again_and_again(monkeypatch):
     """What makes the stepper fast: a horizon is found once, components are looked at when they change."""
-    story, counts = settled("MISSION flying"), {"horizon_ns": 0, "_is_calm": 0}
-    for name in counts:
-        monkeypatch.setattr(module, name, counting(counts, name))
+    story, counts = settled("MISSION flying"), {"after": 0, "_is_calm": 0}
+    for name, where in (("after", Horizon), ("_is_calm", module)):
+        monkeypatch.setattr(where, name, counting(counts, where, name))
     for _ in range(20):
         for peer in ("action", "planner", "autopilot", "landing"):
             again(story, peer, S // 1000)
         story.feed(ev.Tick)
-    assert counts == {"horizon_ns": 19, "_is_calm": 0}, "each tick is the table's, and after it a horizon is new"
+    assert counts == {"after": 19, "_is_calm": 0}, "each tick is the table's, and after it a horizon is new"
 
 
 def test_what_is_wrong_is_looked_at_each_time_while_its_words_tell_for_how_long(asked):

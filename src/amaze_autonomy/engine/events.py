@@ -161,23 +161,27 @@ class Event:
             raise InvalidEventError(type(self).__name__, field, getattr(self, field), expected)
 
     def _unknown_is_none(self, *fields: str) -> None:
+        known = self.__dict__
         for field in fields:
-            value = getattr(self, field)
+            value = known[field]
             if value is not None and not isfinite(value):
-                object.__setattr__(self, field, None)
+                known[field] = None
 
     def _age_or_none(self, *fields: str) -> None:
         """Keep an age in seconds; one from the future (beyond what clocks differ by), or of decades, is unknown."""
+        known = self.__dict__
         for field in fields:
-            value = finite(getattr(self, field))
-            known = value is not None and -_CLOCKS_DIFFER_BY_S <= value <= _LONGEST_AGE_S
-            object.__setattr__(self, field, max(0.0, value) if value is not None and known else None)
+            value = known[field]
+            if value is not None:
+                known[field] = max(0.0, value) if -_CLOCKS_DIFFER_BY_S <= value <= _LONGEST_AGE_S else None
 
     def _fraction_or_none(self, *fields: str) -> None:
         """Keep a fraction in 0..1; anything else is unknown (batteries say -1 or -0.53 when they do not know)."""
+        known = self.__dict__
         for field in fields:
-            value = finite(getattr(self, field))
-            object.__setattr__(self, field, value if value is not None and 0.0 <= value <= 1.0 else None)
+            value = known[field]
+            if value is not None and not 0.0 <= value <= 1.0:
+                known[field] = None
 
 
 def made(kind: Type[E], **fields: Any) -> E:

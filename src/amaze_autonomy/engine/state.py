@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Any, Dict, Optional, Tuple, TypeVar
+from typing import Any, Optional, Tuple, TypeVar
 
 from .checks import Check, CheckName
 from .commands import Level, MissionAction
@@ -42,9 +42,7 @@ T = TypeVar("T")
 def evolve(value: T, **changes: Any) -> T:
     """Return a copy of a frozen dataclass with some fields changed, several times faster than `dataclasses.replace`."""
     copy: T = object.__new__(type(value))
-    fields: Dict[str, Any] = copy.__dict__
-    fields.update(value.__dict__)
-    fields.update(changes)
+    object.__setattr__(copy, "__dict__", {**value.__dict__, **changes})
     return copy
 
 

@@ -9,7 +9,7 @@ state that `decide` would make, and leaves the table alone; everything else goes
 * An event is *quiet* when all that rows, failures and limits look at in it is as in the last one of its kind
   (`_QUIET`, one function for each status, in the order of `absorb.py`). Its stream must be fresh: the first word after
   silence is news.
-* Until the *horizon* no comparison with the time comes out otherwise than before (`horizon_ns`): no timer ends, nothing
+* Until the *horizon* no comparison with the time comes out otherwise than before (`horizon.py`): no timer ends, nothing
   grows too old. Quiet events move stamps on, never back, so a horizon only moves on, too; where a status brings an age
   of its own (link, battery), its end counts as well.
 
@@ -20,7 +20,7 @@ of each limit whether the table must be asked.
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple, Type
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
 
 from .absorb import proves_recording
 from .commands import Command
@@ -38,48 +38,17 @@ from .events import (
     WatchdogAction,
     WatchdogInfo,
 )
+from .horizon import Horizon
 from .modes import MODES, ours
 from .rules import Rules
 from .severity import Code
 from .state import EngineState, FailureKind, State, evolve
-from .timers import TIMERS, check_limit_ns
 
-__all__ = ["Stepper", "horizon_ns"]
+__all__ = ["Stepper"]
 
 _NS = 1_000_000_000
-_NEVER_NS = 1 << 62
 _SURE = 1.0 - 1e-9  # a square this much below that of a limit has a root below the limit
-_STAMPS: Tuple[Tuple[str, str], ...] = (
-    ("heartbeat_ns", "watchdog_heartbeat_limit_ns"),
-    ("planner_ns", "planner_status_limit_ns"),
-    ("recorder_ns", "recorder_status_limit_ns"),
-    ("autopilot_ns", "autopilot_status_limit_ns"),
-    ("landing_ns", "landing_detection_limit_ns"),
-    ("battery_ns", "battery_age_limit_ns"),
-    ("position_ns", "position_age_limit_ns"),
-)
 Changes = Optional[Dict[str, Any]]
-
-
-def horizon_ns(state: EngineState, rules: Rules) -> int:
-    """Return the first time after the state's own at which a comparison with the time can come out otherwise."""
-    return min((end for end in _ends(state, rules) if end > state.t_ns), default=_NEVER_NS)
-
-
-def _ends(state: EngineState, rules: Rules) -> Iterator[int]:
-    for timer in TIMERS:
-        end = timer.when(state, rules)
-        if end is not None:
-            yield end
-    for stamp, limit in _STAMPS:
-        since = getattr(state, stamp)
-        if since is not None:
-            yield since + getattr(rules.limits, limit) + 1
-    for record in state.checks:
-        yield record.asked_ns + check_limit_ns(state, rules, record.check)
-    for failure in state.failures:
-        if failure.deadline_ns is not None:
-            yield failure.deadline_ns
 
 
 class Stepper:
@@ -92,6 +61,7 @@ class Stepper:
     def __init__(self, rules: Rules) -> None:
         self.rules, self.limits = rules, rules.limits
         self.horizon_ns = 0
+        self._horizon: Optional[Horizon] = None
         self.calm = self._components = _NONE
         self.told: Tuple[Tuple[ComponentStatus, ...], Tuple[ComponentStatus, ...]] = ((), ())
         self._settled: Optional[EngineState] = None
@@ -110,18 +80,32 @@ class Stepper:
         self._settle(state, event, after, commands)
         return after, commands
 
-    def wakes_ns(self, state: EngineState) -> int:
-        """Return a time that `timers.next_deadline` of a state does not come before; 0 when nothing is known."""
-        return self.horizon_ns if state is self._settled else 0
+    def wakes_ns(self, state: EngineState, t_ns: int = 0) -> int:
+        """Return a time that `timers.next_deadline` of a state does not come before; 0 when nothing is known.
+
+        Args:
+            state: the one that was made last.
+            t_ns: look again when the time that was found last is not behind this one.
+        """
+        if state is not self._settled:
+            return 0
+        if self.horizon_ns <= t_ns:
+            self._look_ahead(state)
+        return self.horizon_ns
 
     def _before_horizon(self, state: EngineState, t_ns: int) -> bool:
         if t_ns >= self.horizon_ns:
-            self.horizon_ns = horizon_ns(state, self.rules)
+            self._look_ahead(state)
         return state.t_ns <= t_ns < self.horizon_ns
+
+    def _look_ahead(self, state: EngineState) -> None:
+        if self._horizon is None:
+            self._horizon = Horizon(state, self.rules)
+        self.horizon_ns = self._horizon.after(state)
 
     def _settle(self, state: EngineState, event: Event, after: EngineState, commands: Tuple[Command, ...]) -> None:
         """See whether the state that `decide` made is settled."""
-        self._settled, self.horizon_ns = None, 0
+        self._settled, self._horizon, self.horizon_ns = None, None, 0
         if commands or not isinstance(event, _SETTLING) or not _same_failures(state, after):
             return
         self._settled = after

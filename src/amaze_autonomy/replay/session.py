@@ -270,7 +270,9 @@ class Session:
         while True:
             task = self._agenda.next
             if self._deadline_open and self._deadline_ns is not None and self._deadline_ns <= t_ns:
-                self._deadline_ns, self._deadline_open = next_deadline(self._state, self._rules), False
+                self._deadline_ns = self._stepper.wakes_ns(self._state, t_ns)
+                if self._deadline_ns <= t_ns:
+                    self._deadline_ns, self._deadline_open = next_deadline(self._state, self._rules), False
             tick = (self._deadline_ns, Rank.TICK) if self._deadline_ns is not None and not self._deadline_open else None
             if tick is not None and tick < (t_ns, rank) and (task is None or tick < task):
                 self._monitors.now = tick
