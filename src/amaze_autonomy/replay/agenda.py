@@ -49,23 +49,25 @@ class Turns:
 
 
 class Agenda:
-    """Tasks by time."""
+    """Tasks by time.
+
+    Attributes:
+        next: time and rank of the next task; None when there is none.
+    """
 
     def __init__(self) -> None:
         self._tasks: List[Tuple[int, int, int, Task]] = []
         self._entered = 0
+        self.next: Optional[Tuple[int, int]] = None
 
     def at(self, t_ns: int, rank: int, task: Task) -> None:
         """Enter a task; it is called with its time."""
         heapq.heappush(self._tasks, (t_ns, rank, self._entered, task))
         self._entered += 1
-
-    @property
-    def next(self) -> Optional[Tuple[int, int]]:
-        """Time and rank of the next task; None when there is none."""
-        return self._tasks[0][:2] if self._tasks else None
+        self.next = self._tasks[0][:2]
 
     def run(self) -> None:
         """Run the next task."""
         t_ns, _, _, task = heapq.heappop(self._tasks)
+        self.next = self._tasks[0][:2] if self._tasks else None
         task(t_ns)

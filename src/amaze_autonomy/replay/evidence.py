@@ -44,23 +44,31 @@ class Evidence:
 
     Args:
         limits: within which a command must show.
+
+    Attributes:
+        height_m: that the recording showed last; while nobody waits, it is all that counts of it.
     """
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._waiting: List[_Waiting] = []
-        self._last = Observed(0)
+        self.height_m: Optional[float] = None
         self.counterfactual_ns: Optional[int] = None
         self.action: Optional[MissionAction] = None
+
+    @property
+    def waits(self) -> bool:
+        """True when what the recording shows may be what a command waits for."""
+        return bool(self._waiting)
 
     def command(self, t_ns: int, action: MissionAction) -> None:
         """Note a command of motion; LAND is repeated, the first one counts."""
         if self.counterfactual_ns is None and all(each.action is not action for each in self._waiting):
-            self._waiting.append(_Waiting(t_ns, action, t_ns + self._limit_ns(action), self._last.height_m))
+            self._waiting.append(_Waiting(t_ns, action, t_ns + self._limit_ns(action), self.height_m))
 
     def observe(self, seen: Observed) -> None:
         """Take what the recording shows now."""
-        self._last = seen
+        self.height_m = seen.height_m
         if not self._waiting:
             return
         self._waiting = [each for each in self._waiting if not self._shows(each, seen)]

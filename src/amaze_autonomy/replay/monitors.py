@@ -217,6 +217,10 @@ class Monitors:
         self._caught_up(BatteryMonitor)
         return self._battery
 
+    def takes(self, topic: str) -> bool:
+        """Return True when somebody uses a topic."""
+        return topic in self._by_topic
+
     def decodes(self, topic: str) -> bool:
         """Return True when somebody looks into the messages of a topic."""
         return any(feed.decodes for feed in self._by_topic.get(topic, ()))

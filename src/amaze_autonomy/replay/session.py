@@ -132,11 +132,11 @@ class Session:
         total = len(samples)
         for number, sample in enumerate(samples):
             t_ns, rank = sample[0], sample[1]
+            light = lights[rank]
             if t_ns >= due_ns:
                 self._until(t_ns, rank)
-                due_ns = self._due_ns()
+                due_ns = 0 if light is None else self._due_ns()
             self._monitors.now = t_ns, rank
-            light = lights[rank]
             values = values_of(sample) if light is not None and light.readers else None
             if light is None or (values is None and light.readers):
                 self._take(sample)
@@ -257,7 +257,8 @@ class Session:
         decodes, topic = self._takers[sample.rank]
         event = self._recordings.status(sample) if sample.rank in self._names else None
         if event is not None:
-            self._monitors.take(topic, sample.t_ns, None)
+            if self._monitors.takes(topic):
+                self._monitors.take(topic, sample.t_ns, None)
             self._world.take_status(self._names[sample.rank], sample.t_ns, event)
             return
         message = self._recordings.message(sample) if decodes else None
@@ -285,11 +286,12 @@ class Session:
 
     def _feed(self, event: Event, source: Source) -> None:
         """Give an event to the engine, and carry out what it says; nobody hears it while its process is dead."""
-        heard = None if self._story.engine_down(event.t_ns) else self._story.heard(event)
-        if heard is None:
-            self._deadline_ns = None if self._story.engine_down(event.t_ns) else self._deadline_ns
-            return
-        event = heard
+        if self._story.acts:
+            heard = None if self._story.engine_down(event.t_ns) else self._story.heard(event)
+            if heard is None:
+                self._deadline_ns = None if self._story.engine_down(event.t_ns) else self._deadline_ns
+                return
+            event = heard
         if isinstance(event, EngineStarted) and not event.resumed:
             self._state = EngineState()
         self._journal.append(encode_event(event))

@@ -225,7 +225,11 @@ class World:
         return evolve(event, session_id=self._sessions.setdefault(recorded, self.state.session_id))
 
     def _observe(self, t_ns: int) -> None:
+        """Show what the recording tells now to those who wait for it."""
         autopilot, planner = self._heard.get("autopilot"), self._heard.get("mission_planner")
+        if isinstance(autopilot, AutopilotStatus) and not self.evidence.waits:
+            self.evidence.height_m = autopilot.height_m
+            return
         phase = planner.phase if isinstance(planner, MissionStatus) else None
         if isinstance(autopilot, AutopilotStatus):
             seen = Observed(t_ns, autopilot.landed, autopilot.height_m, autopilot.mode, phase)

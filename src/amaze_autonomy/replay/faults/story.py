@@ -53,6 +53,11 @@ class Story:
         self._acting, self._requests = tuple(acting), tuple(requests)
         self.touched: List[int] = [0] * len(self._acting)
 
+    @property
+    def acts(self) -> bool:
+        """False when there are no faults: everything is heard as it comes."""
+        return bool(self._acting)
+
     def events(self) -> Tuple[Event, ...]:
         """Return what is due at a time that is known: requests, the end of the process, its new start."""
         found: List[Event] = [
