@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
 from typing import Callable, Tuple, Type
 
 __all__ = ["BROKEN", "DONE", "INTERRUPTED", "run_command", "say_wrong"]
@@ -39,6 +38,8 @@ def run_command(name: str, command: Callable[[], int], known: Tuple[Type[BaseExc
     except OSError as error:
         return say_wrong(name, f"{error.filename}: {error.strerror}" if error.filename else str(error), wrong)
     except Exception:  # noqa: BLE001 - a mistake of ours, of any kind
+        import traceback  # noqa: PLC0415  (slow to load, and seldom wanted)
+
         traceback.print_exc()
         return say_wrong(name, f"this is an error in {name}, please report it with the lines above", BROKEN)
     return status

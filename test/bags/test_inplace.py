@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import subprocess
+import sys
 
 import pytest
 from bag_tools import COMPRESSIONS, bag, contents, digest, left_over, rows, unclosed
@@ -254,3 +256,13 @@ def test_the_command_line_does_and_undoes_it(tmp_path, active, capsys):
         main(["recover", "--in-place", "--undo", str(active)])
     assert main(["recover", "--undo", str(active)]) == 1
     assert "is no undo file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["recover", "--in-place"], ["recover", "--force"], ["doctor", "--quick"]])
+def test_the_command_does_not_load_numpy_which_takes_longer_than_it_does(active, arguments):
+    script = "import sys; from amaze_autonomy.bags.cli import main; status = main(sys.argv[1:])\n"
+    script += "print(status, sorted({'numpy', 'hashlib', 'rosbags', 'rich', 'traceback'} & {*sys.modules}))"
+    done = subprocess.run(
+        [sys.executable, "-c", script, *arguments, str(active)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "3 []"

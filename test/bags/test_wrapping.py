@@ -16,10 +16,11 @@ from replay_bags import START_NS, write_bag
 from test_merge import merged
 
 from amaze_autonomy.bags import blocks, chunking
+from amaze_autonomy.bags.arrays import index_data
 from amaze_autonomy.bags.blocks import block_beginning, block_end
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.layout import index_data, record_at
+from amaze_autonomy.bags.layout import record_at
 from amaze_autonomy.bags.merge import MergeOptions, merge
 from amaze_autonomy.bags.output import Output
 from amaze_autonomy.bags.recover import recover

@@ -6,7 +6,8 @@ from typing import Any, Iterator, List, NamedTuple, Tuple
 
 import numpy as np
 
-from .layout import SECOND, index_data
+from .arrays import index_data
+from .layout import SECOND
 
 __all__ = ["CHUNK_BYTES", "Cut", "cuts"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-from decimal import Decimal, InvalidOperation
 from importlib import import_module
 from pathlib import Path
 from typing import Any, List, Optional, Sequence, Tuple
@@ -155,6 +154,8 @@ def _with_help(parser: argparse.ArgumentParser, name: Optional[str]) -> argparse
 
 
 def _second(text: str) -> int:
+    from decimal import Decimal, InvalidOperation  # noqa: PLC0415  (seldom wanted)
+
     try:
         return int(Decimal(text) * 1_000_000_000)
     except (InvalidOperation, ValueError, OverflowError):

@@ -14,10 +14,10 @@ from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Optional, Se
 
 import numpy as np
 
+from .arrays import words
 from .errors import BagError
 from .fields import TEXT, Layout, layout_of
 from .index import Index
-from .layout import words
 from .loading import Loader
 from .plain import PlainChunks, grouped
 from .pool import Pool

@@ -7,8 +7,8 @@ from typing import Any, Callable, Dict, NamedTuple, Optional
 
 import numpy as np
 
+from .arrays import distinct
 from .index import Index
-from .layout import distinct
 from .loading import Block, Pool
 from .source import Source
 from .tally import Tallies, Tally, TopicKey, checksums, payload_checksums

@@ -7,11 +7,9 @@ import struct
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Tuple
 
-import numpy as np
-
 from .connections import Connection, connection_of
 from .errors import BagError, RecordError
-from .layout import BAG, CHUNK, CHUNK_INFO, CONNECTION, MAGIC, SECOND, Buffer, Record, index_record_at, record_at
+from .layout import BAG, CHUNK, CHUNK_INFO, CONNECTION, INDEX_ENTRY, MAGIC, Buffer, Record, index_record_at, record_at
 
 __all__ = [
     "KEEP_GOOD",
@@ -23,14 +21,12 @@ __all__ = [
     "chunk_head",
     "index_entries",
     "index_parts",
-    "joined_parts",
     "read_head",
     "require",
     "unusable",
 ]
 
 _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
-_ENTRY = 12  # bytes: time and offset
 _LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
 KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
 _REMEDY = "make a new one with `amaze-bag recover`"
@@ -179,8 +175,11 @@ class Index:
         """
         filled = [number for number, chunk in enumerate(self.chunks) if chunk.counts]
         parts = [part for number in filled for part in self._entries(number)]
-        t_ns, connection, offset = joined_parts(parts)
-        return Messages(t_ns, connection, np.repeat(filled, [self.chunks[each].messages for each in filled]), offset)
+        from .arrays import repeated  # noqa: PLC0415  (see below)
+
+        t_ns, connection, offset = _joined(parts)
+        numbers = repeated(filled, [self.chunks[each].messages for each in filled])
+        return Messages(t_ns, connection, numbers, offset)
 
     def entries(self, number: int) -> Tuple[Any, Any, Any]:
         """Return times, connections and offsets of the messages of a chunk.
@@ -188,7 +187,7 @@ class Index:
         Raises:
             BagError: The index behind the chunk is damaged.
         """
-        return joined_parts(self._entries(number))
+        return _joined(self._entries(number))
 
     def _entries(self, number: int) -> List[IndexPart]:
         chunk, head = self.chunks[number], self.head(number)
@@ -261,7 +260,7 @@ def index_entries(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]
         RecordError: They do not have these numbers of messages by connection.
     """
     parts, place = index_parts(buffer, place, limit, counts)
-    return (*joined_parts(parts), place)
+    return (*_joined(parts), place)
 
 
 def index_parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) -> Tuple[List[IndexPart], int]:
@@ -272,23 +271,18 @@ def index_parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) 
         connection, data, size = index_record_at(buffer, place, limit)
         if data + size > limit:
             raise RecordError("the index behind it ends too early")
-        count = size // _ENTRY
+        count = size // INDEX_ENTRY
         if count and missing.pop(connection, None) != count:
             raise RecordError("the index behind it is not what the bag's index says")
-        parts.append((connection, view[data : data + _ENTRY * count]))
+        parts.append((connection, view[data : data + INDEX_ENTRY * count]))
         place = data + size
     return parts, place
 
 
-def joined_parts(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:
-    """Return times, connections and offsets of entries."""
-    entries: Any = np.frombuffer(b"".join([part for _, part in parts]), "<u4").reshape(-1, 3).astype(np.int64)
-    numbers: Any = np.array([connection for connection, _ in parts], np.int64)
-    return (
-        entries[:, 0] * SECOND + entries[:, 1],
-        np.repeat(numbers, [len(part) // _ENTRY for _, part in parts]),
-        entries[:, 2],
-    )
+def _joined(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:
+    from .arrays import joined_parts  # noqa: PLC0415  (needs numpy, which to open a bag does not)
+
+    return joined_parts(parts)
 
 
 def require(good: bool, otherwise: str) -> None:  # noqa: FBT001

@@ -16,9 +16,7 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
-from typing import Any, Dict, Iterable, List, NamedTuple, Tuple, Union
-
-import numpy as np
+from typing import Dict, Iterable, List, NamedTuple, Tuple, Union
 
 from .errors import RecordError
 
@@ -29,6 +27,7 @@ __all__ = [
     "CONNECTION",
     "FIRST_RECORD",
     "INDEX",
+    "INDEX_ENTRY",
     "INDEX_FIELDS",
     "LARGEST_HEADER",
     "MAGIC",
@@ -39,24 +38,22 @@ __all__ = [
     "chunk_header",
     "chunk_info",
     "connection_record",
-    "distinct",
     "fields_of",
-    "index_data",
+    "index_header",
     "index_record_at",
-    "index_records",
     "message_fields",
     "nanoseconds",
     "pack_field",
     "pack_time",
     "record_at",
     "u32",
-    "words",
 ]
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 FIRST_RECORD = 4117  # where rosbag puts it
 LARGEST_HEADER = 1 << 22  # what is larger is no header
+INDEX_ENTRY = 12  # bytes of a message in an index record: time and offset
 INDEX_FIELDS = (b"conn", b"count", b"op", b"ver")  # of an index record, in our order
 SECOND = 1_000_000_000
 
@@ -111,18 +108,6 @@ def nanoseconds(seconds: int, fraction: int) -> int:
 def pack_time(t_ns: int) -> bytes:
     """Return a time as the bag has it."""
     return _TIME.pack(*divmod(t_ns, SECOND))
-
-
-def words(buffer: Any) -> Any:
-    """Return the four-byte numbers that start at *every* byte of a buffer, writable if the buffer is."""
-    return np.ndarray((max(len(buffer) - 3, 0),), "<u4", buffer, 0, (1,))
-
-
-def distinct(numbers: Any) -> List[int]:
-    """Return the different ones of an array, in order; np.unique would load numpy.ma, a fifth of a short run."""
-    ordered = np.sort(numbers)
-    found: List[int] = ordered[:1].tolist() + ordered[1:][ordered[1:] != ordered[:-1]].tolist()
-    return found
 
 
 def fields_of(buffer: Buffer, start: int, end: int) -> Dict[bytes, bytes]:
@@ -282,32 +267,15 @@ def _head_fields(compression: str) -> bytes:
     return _packed(fields)[:-4]
 
 
-def index_data(connection: int, t_ns: Any, offsets: Any) -> bytes:
-    """Return the index of one connection's messages in one chunk."""
-    count = len(t_ns)
+def index_header(connection: int, count: int) -> bytes:
+    """Return what stands before the times and offsets of one connection's messages in one chunk."""
     fields = (
         (b"conn", _U32.pack(connection)),
         (b"count", _U32.pack(count)),
         (b"op", bytes([INDEX])),
         (b"ver", _U32.pack(1)),
     )
-    entries: Any = np.empty((count, 3), "<u4")
-    entries[:, 0], entries[:, 1] = np.divmod(t_ns, SECOND)
-    entries[:, 2] = offsets
-    return bytes(_packed(fields) + _U32.pack(12 * count) + entries.tobytes())
-
-
-def index_records(t_ns: Any, connection: Any, offsets: Any) -> bytes:
-    """Return the index of all messages of one chunk, given as arrays in any order.
-
-    The rosbags library reads all index records of a bag by the layout of the first: they must not be mixed.
-    """
-    order = np.lexsort((offsets, t_ns, connection))
-    numbers: Any = connection[order]
-    firsts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
-    parts = np.split(order, firsts) if len(order) else []
-    parts_of = zip(distinct(numbers), parts)
-    return b"".join([index_data(number, t_ns[each], offsets[each]) for number, each in parts_of])
+    return _packed(fields) + _U32.pack(INDEX_ENTRY * count)
 
 
 def chunk_info(position: int, start_ns: int, end_ns: int, counts: Iterable[Tuple[int, int]]) -> bytes:

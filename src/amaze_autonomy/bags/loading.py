@@ -12,6 +12,7 @@ from typing import Any, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from .arrays import distinct, joined_parts, words
 from .compression import decompress_into
 from .errors import BagError, RecordError
 from .index import (
@@ -21,11 +22,10 @@ from .index import (
     Messages,
     index_entries,
     index_parts,
-    joined_parts,
     require,
     unusable,
 )
-from .layout import Buffer, distinct, words
+from .layout import Buffer
 from .pool import GROUP_BYTES, Pool
 from .table import Span, Table, tabulate
 

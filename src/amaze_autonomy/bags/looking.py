@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import List
 
-from .report import info_lines, info_result, scan_lines, scan_result, show
-from .scan import scan
+from .report import info_lines, scan_lines, scan_result, show
 from .terminal import progress_bar
 
 __all__ = ["doctor", "info"]
@@ -14,6 +13,8 @@ __all__ = ["doctor", "info"]
 
 def info(options: argparse.Namespace) -> bool:
     """Show topics, counts, times and rates."""
+    from .informing import info_result  # noqa: PLC0415  (each of the two needs what the other does not)
+
     results = [info_result(path) for path in options.bags]
     lines: List[str] = []
     for result in results:
@@ -24,6 +25,8 @@ def info(options: argparse.Namespace) -> bool:
 
 def doctor(options: argparse.Namespace) -> bool:
     """Show what is damaged."""
+    from .scan import scan  # noqa: PLC0415  (see above)
+
     lines, results, damaged = [], [], False
     for path in options.bags:
         with progress_bar(f"look through {path.name}") as progress:

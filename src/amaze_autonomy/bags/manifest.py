@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import platform
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence
 
@@ -149,7 +148,9 @@ def _rows(tallies: Dict[TopicKey, Tally]) -> List[Dict[str, Any]]:
 
 
 def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
+    from hashlib import sha256  # noqa: PLC0415  (slow to load, and only wanted here)
+
+    digest = sha256()
     with path.open("rb") as file:
         for piece in iter(lambda: file.read(_PIECE), b""):
             digest.update(piece)
@@ -157,4 +158,4 @@ def _sha256(path: Path) -> str:
 
 
 def _versions() -> Dict[str, str]:
-    return {"python": platform.python_version(), "numpy": np.__version__, "lz4": lz4.__version__}
+    return {"python": sys.version.split()[0], "numpy": np.__version__, "lz4": lz4.__version__}

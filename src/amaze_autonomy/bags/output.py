@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
-import shutil
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
@@ -72,7 +71,8 @@ class Output:
             raise _busy(self.path)
         os.ftruncate(self._file, 0)
         os.lseek(self._file, FIRST_RECORD, os.SEEK_SET)
-        free = shutil.disk_usage(self._part).free
+        room = os.fstatvfs(self._file)
+        free = room.f_bavail * room.f_frsize
         if free < needed:
             self._drop()
             wrong = f"there is no space for it: about {needed:,} bytes are needed, {free:,} are free"

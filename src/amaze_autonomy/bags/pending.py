@@ -6,7 +6,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Set
 
 import numpy as np
 
-from .layout import distinct
+from .arrays import distinct
 from .loading import Block, Pool
 
 __all__ = ["Pending", "Rows"]

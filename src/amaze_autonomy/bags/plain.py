@@ -13,9 +13,9 @@ from typing import Any, Iterator, List, Tuple
 
 import numpy as np
 
+from .arrays import words
 from .errors import BagError, RecordError
 from .index import Index, Messages, require, unusable
-from .layout import words
 from .loading import BEGINNING
 from .pool import GROUP_BYTES, Pool
 from .table import Table, tabulated

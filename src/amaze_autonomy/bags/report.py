@@ -5,12 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from datetime import datetime, timezone
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence
-
-import numpy as np
-
-from .index import Index
 
 if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from .merge import Merged
@@ -20,7 +15,6 @@ if TYPE_CHECKING:  # loading them all would be a good part of a short run
 
 __all__ = [
     "info_lines",
-    "info_result",
     "merge_lines",
     "recover_lines",
     "scan_lines",
@@ -34,38 +28,6 @@ def show(lines: Sequence[str], result: Any, *, as_json: bool) -> None:
     """Print one or the other; a topic whose name is not UTF-8 is shown with escapes."""
     text = json.dumps(result, indent=2) if as_json else "\n".join(lines)
     sys.stdout.write(text.encode("utf-8", "backslashreplace").decode() + "\n")
-
-
-def info_result(path: Path) -> Dict[str, Any]:
-    """Return what the index says of a bag."""
-    with Index(path) as index:
-        messages = index.messages()
-        topics = []
-        for topic, kind in sorted({(each.topic, each.kind) for each in index.connections.values()}):
-            numbers = [each.number for each in index.connections.values() if (each.topic, each.kind) == (topic, kind)]
-            times = np.sort(messages.t_ns[np.isin(messages.connection, numbers)])
-            topics.append({"topic": topic, "type": kind, "connections": len(numbers), **_rhythm(times)})
-        compressions = [index.head(number).compression for number in range(len(index.chunks))]
-        return {
-            "file": str(path),
-            "bytes": index.size,
-            "messages": len(messages.t_ns),
-            "start_ns": int(messages.t_ns.min()) if len(messages.t_ns) else None,
-            "end_ns": int(messages.t_ns.max()) if len(messages.t_ns) else None,
-            "chunks": {kind: compressions.count(kind) for kind in sorted(set(compressions))},
-            "topics": topics,
-        }
-
-
-def _rhythm(times: Any) -> Dict[str, Any]:
-    """Return count, mean rate and longest silence of messages."""
-    steps = np.diff(times)
-    length_s = int(times[-1] - times[0]) / 1e9 if len(times) else 0.0
-    return {
-        "messages": len(times),
-        "rate_hz": round(len(steps) / length_s, 3) if length_s else None,
-        "longest_gap_s": round(int(steps.max()) / 1e9, 6) if len(steps) else None,
-    }
 
 
 def info_lines(result: Dict[str, Any]) -> List[str]:

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import struct
-from typing import Any, Dict, Iterable, List, NamedTuple, Tuple
-
-import numpy as np
+from itertools import groupby
+from operator import itemgetter
+from typing import Dict, Iterable, List, NamedTuple, Sequence, Tuple
 
 from .connections import Connection
 from .errors import RecordError
-from .layout import MESSAGE, Buffer, connection_record, index_records, record_at
-from .table import walk
+from .layout import MESSAGE, Buffer, connection_record, index_header, pack_time, record_at
+from .walking import walk
 
-__all__ = ["Kept", "kept_by_index", "kept_by_walk", "rewritten"]
+__all__ = ["Kept", "Row", "kept_by_index", "kept_by_walk", "rewritten"]
 
 _ZEROS = 16  # that many at the end of a message before a run of zeros: it may not be whole
 _RUN = 4096
 
-_Row = Tuple[int, int, int]  # time, connection, offset
+_OFFSET = struct.Struct("<L")
+
+Row = Tuple[int, int, int]  # time, connection, offset
 
 
 class Kept(NamedTuple):
@@ -29,7 +31,7 @@ class Kept(NamedTuple):
         end: of the last whole record; all of the chunk's size when nothing is missing.
     """
 
-    rows: List[_Row]
+    rows: List[Row]
     connections: Dict[int, Connection]
     end: int
 
@@ -47,8 +49,12 @@ class Kept(NamedTuple):
 
     def index_bytes(self) -> bytes:
         """Return the index records of the chunk."""
-        columns: Any = np.array(self.rows, np.int64)
-        return index_records(columns[:, 0], columns[:, 1], columns[:, 2])
+        ordered = sorted((connection, t_ns, offset) for t_ns, connection, offset in self.rows)
+        parts: List[bytes] = []
+        for number, group in groupby(ordered, key=itemgetter(0)):
+            entries = [pack_time(t_ns) + _OFFSET.pack(offset) for _, t_ns, offset in group]
+            parts += [index_header(number, len(entries)), *entries]
+        return b"".join(parts)
 
     def without(self, unknown: Iterable[int]) -> Kept:
         """Return this without the messages of some connections."""
@@ -71,16 +77,15 @@ def _without_suspect(kept: Kept, data: Buffer) -> Kept:
     return kept._replace(rows=kept.rows[:-1], end=kept.rows[-1][2])
 
 
-def kept_by_index(data: Buffer, t_ns: Any, connection: Any, offset: Any) -> Kept:
+def kept_by_index(data: Buffer, rows: Sequence[Row]) -> Kept:
     """Return the messages of an index that are really there, each judged by itself."""
-    order = np.argsort(offset, kind="stable")
-    rows = list(zip(t_ns[order].tolist(), connection[order].tolist(), offset[order].tolist()))
+    rows = sorted(rows, key=itemgetter(2))
     limits = [*(row[2] for row in rows[1:]), len(data)]
     good = [row for row, limit in zip(rows, limits) if _is_good(data, row, limit)]
     return Kept(good, walk(data).connections, len(data))
 
 
-def _is_good(data: Buffer, row: _Row, limit: int) -> bool:
+def _is_good(data: Buffer, row: Row, limit: int) -> bool:
     t_ns, connection, offset = row
     try:
         record = record_at(data, offset, min(limit, len(data)))

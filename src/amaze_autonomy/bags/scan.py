@@ -13,10 +13,9 @@ import struct
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
-import numpy as np
-
 from .compression import COMPRESSIONS, decompressed, salvaged
 from .connections import Connection, connection_of
+from .entries import Entries
 from .errors import BagError, RecordError
 from .index import ChunkHead, chunk_head, read_head
 from .layout import (
@@ -25,17 +24,15 @@ from .layout import (
     CONNECTION,
     FIRST_RECORD,
     INDEX,
+    INDEX_ENTRY,
     INDEX_FIELDS,
     LARGEST_HEADER,
     MAGIC,
     MESSAGE,
     Record,
-    distinct,
-    index_records,
     record_at,
 )
 from .salvage import Kept, kept_by_index, kept_by_walk, rewritten
-from .table import Span, tabulate
 
 __all__ = ["Damage", "Found", "Scan", "scan"]
 
@@ -152,7 +149,6 @@ class _Scanner:
         self._damages: List[Damage] = []
         self._bytes_read = 0
         self._window, self._window_at = b"", 0
-        self._foreign = False
         self.file, self._size, self._first, self._index_at, self._chunk_count = self._opened()
         self._connections: Dict[int, Connection] = {}
         self._chunks: List[Found] = []
@@ -239,8 +235,8 @@ class _Scanner:
         if record.end > self._size:
             raise RecordError("the file ends within its index")
         if record.op == CHUNK_INFO:
-            counts = np.frombuffer(self._data_of(record), "<u4", 2 * (record.size // 8))
-            self._indexed[record.number(b"chunk_pos")] = int(counts[1::2].sum())
+            pairs = struct.iter_unpack("<2L", self._data_of(record)[: 8 * (record.size // 8)])
+            self._indexed[record.number(b"chunk_pos")] = sum(count for _, count in pairs)
         if record.op == CONNECTION:
             self._meet(connection_of(record, self._read(record.data, record.size)))
         return record.end
@@ -251,19 +247,17 @@ class _Scanner:
             raise RecordError(f"a chunk is compressed by {head.compression[:20]}, which is not known")
         if head.stored == 0 or end > self._size:
             return self._keep_cut(position, head)
-        self._foreign = False
-        entries, index_end, trusted = self._entries(end)
-        known = self._all_known(entries[1])
-        if trusted and known and not self._check_data:
-            self._keep_whole(position, end, index_end, entries, head)
+        entries = self._entries(end)
+        if entries.trusted and self._all_known(entries) and not self._check_data:
+            self._keep_whole(position, end, entries, head)
         else:
-            self._keep_checked(position, head, entries, index_end, trusted=trusted)
-        return index_end
+            self._keep_checked(position, head, entries)
+        return entries.end
 
-    def _entries(self, position: int) -> Tuple[Tuple[Any, Any, Any], int, bool]:
-        """Return the index records behind a chunk, where they end, and whether it is certain that they are all."""
-        parts, numbers, lengths = [], [], []
-        trusted = False
+    def _entries(self, position: int) -> Entries:
+        """Return the index records behind a chunk."""
+        parts: List[Tuple[int, bytes]] = []
+        trusted = foreign = False
         while position < self._size:
             try:
                 record = self._record(position)
@@ -272,14 +266,11 @@ class _Scanner:
             if record.op != INDEX or record.end > self._size:
                 trusted = record.op in (CHUNK, CONNECTION)
                 break
-            self._foreign = self._foreign or tuple(record.fields) != INDEX_FIELDS
-            parts.append(np.frombuffer(self._data_of(record), "<u4", 3 * (record.size // 12)))
-            numbers.append(record.number(b"conn"))
-            lengths.append(record.size // 12)
+            foreign = foreign or tuple(record.fields) != INDEX_FIELDS
+            whole = record.size - record.size % INDEX_ENTRY
+            parts.append((record.number(b"conn"), self._data_of(record)[:whole]))
             position = record.end
-        table: Any = (np.concatenate(parts) if parts else np.zeros(0, "<u4")).reshape(-1, 3).astype(np.int64)
-        t_ns = table[:, 0] * 1_000_000_000 + table[:, 1]
-        return (t_ns, np.repeat(np.array(numbers, np.int64), lengths), table[:, 2]), position, trusted
+        return Entries(tuple(parts), position, trusted, foreign)
 
     def _data_of(self, record: Record) -> bytes:
         begin = record.data - self._window_at
@@ -287,60 +278,70 @@ class _Scanner:
             return self._window[begin : begin + record.size]
         return self._read(record.data, record.size)
 
-    def _keep_whole(self, position: int, end: int, index_end: int, entries: Any, head: ChunkHead) -> None:
-        t_ns, connection, _ = entries
-        if not len(t_ns):
+    def _keep_whole(self, position: int, end: int, entries: Entries, head: ChunkHead) -> None:
+        if not entries.messages:
             return
-        ordered = np.sort(connection)
-        numbers = distinct(ordered)
-        counts = np.searchsorted(ordered, numbers, "right") - np.searchsorted(ordered, numbers, "left")
-        times = int(t_ns.min()), int(t_ns.max())
-        pairs = tuple(zip(numbers, counts.tolist()))
-        index = index_records(*entries) if self._foreign else None  # see there: they must not be mixed with ours
-        self._chunks.append(Found(position, end, index_end, *times, pairs, index, None, head.compression))
+        index = None
+        if entries.foreign:  # see there: they must not be mixed with ours
+            from .arrays import index_records  # noqa: PLC0415  (needs numpy, slow to load and seldom wanted)
 
-    def _keep_checked(self, position: int, head: ChunkHead, entries: Any, index_end: int, *, trusted: bool) -> None:
+            index = index_records(*entries.columns())
+        found = Found(position, end, entries.end, *entries.times(), entries.counts(), index, None, head.compression)
+        self._chunks.append(found)
+
+    def _keep_checked(self, position: int, head: ChunkHead, entries: Entries) -> None:
         raw = self._read(head.data, head.stored)
-        end = head.data + head.stored
-        count = len(entries[0])
+        end, count = head.data + head.stored, entries.messages
         try:
             data = decompressed(head.compression, raw, head.size)
         except RecordError as error:
             # bz2 alone has checksums of its parts; what of lz4 is good nobody knows.
             data = b"" if head.compression == "lz4" else salvaged(head.compression, raw)
-            kept = kept_by_index(data, *entries) if trusted else kept_by_walk(data)
-            self._add(position, end, index_end, kept, data, head)
+            kept = kept_by_index(data, [*entries.rows()]) if entries.trusted else kept_by_walk(data)
+            self._add(position, end, entries.end, kept, data, head)
             self._damage(position, end, f"in a chunk, {error}", count - len(kept.rows) if count else None)
             return
-        walked = kept_by_walk(data) if not trusted else None
-        if walked is not None:
-            self._add(position, end, index_end, walked, data, head)
-            if walked.end != len(data):
-                self._damage(position, end, "a chunk is damaged, and the index behind it", None)
-            elif count != len(walked.rows):
-                self._damage(end, index_end, "the index behind a chunk is cut, it was made anew", 0)
+        if entries.trusted:
+            self._keep_compared(position, head, entries, data)
             return
-        self._keep_tabulated(position, head, entries, index_end, data)
+        walked = kept_by_walk(data)
+        self._add(position, end, entries.end, walked, data, head)
+        if walked.end != len(data):
+            self._damage(position, end, "a chunk is damaged, and the index behind it", None)
+        elif count != len(walked.rows):
+            self._damage(end, entries.end, "the index behind a chunk is cut, it was made anew", 0)
 
-    def _keep_tabulated(self, position: int, head: ChunkHead, entries: Any, index_end: int, data: Any) -> None:
+    def _keep_compared(self, position: int, head: ChunkHead, entries: Entries, data: Any) -> None:
+        """Keep what a chunk and the index behind it agree on."""
         end = head.data + head.stored
-        t_ns, connection, offset = entries
-        self._learn(kept_by_walk(data) if not self._all_known(connection) else None)
-        try:
-            tabulate(data, [Span(0, len(data))], t_ns, connection, offset)
-        except _BROKEN as error:
-            kept = kept_by_index(data, *entries)
-            walked = kept_by_walk(data)
-            if 2 * len(kept.rows) < len(walked.rows):  # the index is damaged, not the messages
-                kept = walked
-            self._add(position, end, index_end, kept, data, head)
-            self._damage(position, end, f"in a chunk, {error}", max(0, len(t_ns) - len(kept.rows)))
+        error = self._contradiction(entries, data)
+        if error is None:
+            self._keep_whole(position, end, entries, head)
             return
-        self._keep_whole(position, end, index_end, entries, head)
+        kept, walked = kept_by_index(data, [*entries.rows()]), kept_by_walk(data)
+        if 2 * len(kept.rows) < len(walked.rows):  # the index is damaged, not the messages
+            kept = walked
+        self._add(position, end, entries.end, kept, data, head)
+        self._damage(position, end, f"in a chunk, {error}", max(0, entries.messages - len(kept.rows)))
 
-    def _all_known(self, connection: Any) -> bool:
+    def _contradiction(self, entries: Entries, data: Any) -> Optional[Exception]:
+        """Return what is wrong where a chunk's data is not what its index says; learn its connections."""
+        if not self._all_known(entries):
+            walked = kept_by_walk(data)
+            self._learn(walked)
+            if walked.end == len(data) and sorted(walked.rows) == sorted(entries.rows()):
+                return None
+        from .table import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
+
+        try:
+            tabulate(data, [Span(0, len(data))], *entries.columns())
+        except _BROKEN as error:
+            return error
+        return None
+
+    def _all_known(self, entries: Entries) -> bool:
         """Return whether there is nothing to be learnt; a chunk without messages may be there for its connections."""
-        return len(connection) > 0 and all(number in self._connections for number in distinct(connection))
+        return entries.messages > 0 and all(number in self._connections for number, _ in entries.counts())
 
     def _learn(self, kept: Optional[Kept]) -> None:
         for each in (kept.connections if kept else {}).values():

@@ -1,4 +1,4 @@
-"""Message records of whole chunks as arrays, checked against the index; and chunks walked record by record without one.
+"""Message records of whole chunks as arrays, checked against the index; checked.
 
 Messages are never decoded and, in a good chunk, never touched one by one: where a record starts is in the index, its
 lengths are gathered from all places at once. Every byte of the chunk must then belong to a message of the index or to a
@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from .connections import Connection, connection_of
+from .arrays import words
 from .errors import RecordError
-from .layout import CONNECTION, LARGEST_HEADER, MESSAGE, Buffer, Record, record_at, u32, words
+from .layout import CONNECTION, MESSAGE, Buffer, record_at, u32
 
-__all__ = ["Span", "Table", "Walk", "columns", "relabel", "tabulate", "tabulated", "walk"]
+__all__ = ["Span", "Table", "columns", "relabel", "tabulate", "tabulated"]
 
 _WORD = 4
 _LONGEST = 128  # bytes of a header; what recorders write has 50
@@ -47,20 +47,6 @@ class Span(NamedTuple):
     """The data of a chunk in a buffer."""
 
     start: int
-    end: int
-
-
-class Walk(NamedTuple):
-    """What was found in a chunk without its index.
-
-    Args:
-        messages: (time, connection, offset) in the order of the chunk.
-        connections: by number.
-        end: of the last whole record.
-    """
-
-    messages: List[Tuple[int, int, int]]
-    connections: Dict[int, Connection]
     end: int
 
 
@@ -216,29 +202,3 @@ def relabel(buffer: Any, table: Table, connection: Any, shift_ns: int) -> Table:
             struct.pack_into("<L", buffer, start + at[0], number)
             struct.pack_into("<LL", buffer, start + at[1], *divmod(time, 1_000_000_000))
     return table._replace(t_ns=t_ns, connection=connection)
-
-
-def walk(buffer: Buffer) -> Walk:
-    """Return the records at the beginning of a chunk, up to the first that is cut or none."""
-    found = Walk([], {}, 0)
-    position, limit = 0, len(buffer)
-    while position < limit:
-        try:
-            record = record_at(buffer, position, limit)
-            if record.end > limit or not _taken(found, record, position, buffer):
-                break
-        except RecordError:
-            break
-        position = record.end
-    return found._replace(end=position)
-
-
-def _taken(found: Walk, record: Record, position: int, buffer: Buffer) -> bool:
-    if record.op == MESSAGE:
-        found.messages.append((record.time_ns(b"time"), record.number(b"conn"), position))
-    elif record.op == CONNECTION and record.size <= LARGEST_HEADER:
-        connection = connection_of(record, bytes(buffer[record.data : record.end]))
-        found.connections.setdefault(connection.number, connection)
-    else:
-        return False
-    return True

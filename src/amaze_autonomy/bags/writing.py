@@ -9,13 +9,14 @@ from zlib import crc32
 
 import numpy as np
 
+from .arrays import distinct, index_records
 from .chunking import Cut, cuts
 from .compression import compressed, decompressed
 from .connections import Connection
 from .duplicates import Duplicates
 from .errors import BagError, RecordError
 from .index import KEEP_GOOD, Index
-from .layout import connection_record, distinct, index_records
+from .layout import connection_record
 from .loading import BEGINNING, Block, Pool
 from .output import Output, Stretch
 from .pending import Pending, Rows, joined, nothing

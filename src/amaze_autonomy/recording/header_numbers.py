@@ -14,10 +14,10 @@ from typing import Any, Dict, Iterable, Iterator, List, NamedTuple, Optional, Tu
 
 import numpy as np
 
+from amaze_autonomy.bags.arrays import words
 from amaze_autonomy.bags.connections import Connection
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.layout import words
 from amaze_autonomy.bags.loading import Loader, Pool
 
 __all__ = ["Numbers", "Stream", "between", "header_numbers", "numbers_of"]
