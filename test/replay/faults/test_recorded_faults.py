@@ -11,7 +11,7 @@ import pytest
 
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.document import parse
-from amaze_autonomy.replay.errors import EditError, FieldError
+from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.replay.faults import RECORDED_FAULT, RECORDED_KINDS, TOPIC
 from amaze_autonomy.replay.faults.acting import Acting
 from amaze_autonomy.replay.faults.edits import VALUES as EDITS
@@ -221,7 +221,7 @@ def test_an_item_of_a_list_is_a_field_and_the_recording_stays_as_it_is():
 
 def test_a_field_that_is_not_there_is_named():
     stream, _ = faulted("topic: /imu, fault: nan, field: q")
-    with pytest.raises(FieldError, match="Message has no such field; it has z, x, values, header"):
+    with pytest.raises(ReplayError, match=r"^x.yaml:1: q: Message has no such field; it has z, x, values, header$"):
         stream.message(stream.samples[4])
 
 
@@ -230,11 +230,12 @@ def test_a_field_that_is_not_there_is_named():
     [
         ("nan, field: 'values[0]'", r"fault nan: values\[0\] is a whole number, which cannot be nan; use undefined"),
         ("biased, field: values, by: 1", "fault biased: values is no number but list; name a number, or use garbage"),
+        ("garbage, field: header", "fault garbage: header is no value but SimpleNamespace; name one of its fields"),
     ],
 )
 def test_a_value_that_the_field_cannot_have_is_said(text, words):
     stream, _ = faulted(f"topic: /imu, fault: {text}")
-    with pytest.raises(EditError, match=words):
+    with pytest.raises(ReplayError, match=rf"^x.yaml:1: {words}"):
         stream.message(stream.samples[4])
 
 

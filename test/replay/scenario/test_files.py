@@ -89,6 +89,7 @@ MISTAKES = {
     "expectations: [{expect: exists, of: {component: lrf}}]": "code: is missing",
     "expectations: [{expect: count, of: {state: HOLD}, at_least: 5, at_most: 2}]": "expectations.0: has at_least 5 and "
     "at_most 2; no run can hold it",
+    "matrix: {seed: [1, 2, 1]}": "matrix.seed: has 1 twice; must have each value once",
     "matrix: {faults.3.at_s: [1.0, 2.0]}": "matrix.faults.3.at_s: addresses nothing; must be a key of the scenario",
     "expectations: [{expect: always, of: {rule: hold}}]": "must be what lasts: a state or a component's code",
     "expectations: [{expect: count, of: {rule: hold}}]": "has no limit; must have at_least or at_most",
@@ -119,6 +120,21 @@ def test_a_mistake_is_one_line(text):
 def test_the_line_of_an_anchor_that_is_not_there_is_said():
     with pytest.raises(ConfigError, match=r"yaml:5: expectations.0.from: fail is no anchor; did you mean fails"):
         simulation("anchors: {fails: {at_s: 1.0}}\nexpectations:\n  - {expect: never, of: {rule: hold}, from: fail}")
+
+
+def test_two_values_of_a_matrix_that_would_have_one_name_are_two_cases():
+    found = simulation(
+        "matrix:\n  faults:\n    - [{component: lrf, fault: silent, at_s: 1.0}]\n    - []\n"
+        "    - [{component: lrf, fault: silent, at_s: 2.0}]\n    - [{component: lrf, fault: silent, at_s: 3.0}]\n"
+    )
+    assert [case.variant for case in found] == [
+        "faults=lrf-silent",
+        "faults=",
+        "faults=lrf-silent-2",
+        "faults=lrf-silent-3",
+    ]
+    assert [case.faults[0].trigger.at_ns for case in found if case.faults] == [S, 2 * S, 3 * S]
+    assert len({case.id for case in found}) == 4
 
 
 def test_a_version_that_is_not_known_is_refused():

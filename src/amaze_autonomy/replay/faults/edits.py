@@ -143,7 +143,9 @@ def _garbage(acting: Acting, times: Sequence[int], _: Random, __: _Read) -> List
             return not value
         if hasattr(value, "__len__"):
             return value[:0]
-        return type(value)(_SILLY) if isinstance(value, (int, float)) else value
+        if isinstance(value, (int, float)):
+            return type(value)(_SILLY)
+        raise EditError(path, "garbage", f"is no value but {kind_of(value)}; name one of its fields")
 
     return [lambda message: changed(message, path, silly)] * len(times)
 

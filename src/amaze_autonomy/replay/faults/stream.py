@@ -15,6 +15,7 @@ import numpy as np
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.simulation import Subject
 
+from ..errors import EditError, FieldError, ReplayError
 from ..sources import Recordings, Sample
 from ..tracks import Track
 from .acting import Acting
@@ -167,13 +168,16 @@ class FaultedRecordings(Recordings):
     def _edit(self, number: int, acting: Acting, hit: List[Item], chance: Random) -> None:
         """Let the messages' content be changed when they are read: only then are they counted."""
         edits = VALUES[acting.fault.kind.name](acting, [item.t_ns for item in hit], chance, self._reader(hit))
-        counted = [self._counted(number, edit) for edit in edits]
+        counted = [self._counted(number, edit, acting.fault.where) for edit in edits]
         changed = {id(item): replace(item, edits=(*item.edits, edit)) for item, edit in zip(hit, counted)}
         self._items = [changed.get(id(item), item) for item in self._items]
 
-    def _counted(self, number: int, edit: Edit) -> Edit:
+    def _counted(self, number: int, edit: Edit, where: str) -> Edit:
         def counting(message: Any) -> Any:
-            edited = edit(message)
+            try:
+                edited = edit(message)
+            except (EditError, FieldError) as error:
+                raise ReplayError(f"{where}: {error}") from error
             self.touched[number] += edited is not message
             return edited
 

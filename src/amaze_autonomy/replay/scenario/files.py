@@ -79,7 +79,7 @@ def _variants(tree: Entry, matrix: Mapping[str, Sequence[Entry]]) -> List[_Varia
     labels = [
         last if lasts.count(last) == 1 and not last.isdecimal() else address for address, last in zip(matrix, lasts)
     ]
-    named = [tuple((_short(value, number), value) for number, value in enumerate(each, 1)) for each in matrix.values()]
+    named = [_named(address, values) for address, values in matrix.items()]
     variants: List[_Variant] = []
     for values in product(*named):
         changed = tree
@@ -87,6 +87,17 @@ def _variants(tree: Entry, matrix: Mapping[str, Sequence[Entry]]) -> List[_Varia
             changed = _set(changed, address, value)
         variants.append((",".join(f"{label}={word}" for label, (word, _) in zip(labels, values)), changed))
     return variants
+
+
+def _named(address: str, values: Sequence[Entry]) -> Tuple[_Variant, ...]:
+    """Return the values of an address with a name for each: two that would have one name are told apart by a number."""
+    texts = [_short(value, number) for number, value in enumerate(values, 1)]
+    names: List[str] = []
+    for number, (text, value) in enumerate(zip(texts, values)):
+        if isinstance(value, Scalar) and text in texts[:number]:
+            refuse(value, ("matrix", address), f"has {text} twice", "must have each value once")
+        names.append(f"{text}-{texts[: number + 1].count(text)}" if text in texts[:number] else text)
+    return tuple(zip(names, values))
 
 
 def _short(entry: Entry, number: int) -> str:
