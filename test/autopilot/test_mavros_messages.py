@@ -8,7 +8,7 @@ import pytest
 from amaze_autonomy.autopilot.commands import command_long, set_mode
 from amaze_autonomy.autopilot.control import Heartbeat
 from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.mavros_messages import Converter, sources_of
+from amaze_autonomy.autopilot.mavros_messages import Converter, mode_problem, sources_of
 from amaze_autonomy.autopilot.mavros_requests import Lane, Publication, Request, publication_of, request_of
 from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES
 from amaze_autonomy.autopilot.vehicle import WANTED
@@ -35,6 +35,17 @@ def test_a_mavros_without_a_vehicle_says_nothing():
 def test_a_mode_that_nobody_knows_is_none_of_ours(mode):
     message = convert("state", connected=True, armed=True, mode=mode, system_status=4)
     assert Heartbeat.of(0, message).mode == "MODE.0.0"
+
+
+@pytest.mark.parametrize("connected, mode", [(True, "AUTO.LAND"), (True, "POSCTL"), (True, ""), (False, "GUIDED")])
+def test_px4_s_modes_are_no_problem(connected, mode):
+    assert mode_problem(Said(connected=connected, mode=mode)) == ""
+
+
+@pytest.mark.parametrize("mode", ["GUIDED", "CMODE(25)"])
+def test_a_mode_of_another_autopilot_behind_mavros_is_said(mode):
+    words = f"mavros says mode {mode!r}, which is none of PX4's: whoever chose it has control (PX4 only this way)"
+    assert mode_problem(Said(connected=True, mode=mode)) == words
 
 
 def test_a_battery_keeps_what_is_unknown():

@@ -102,7 +102,7 @@ class FakeMavros:
         }
 
 
-@at_once(4)
+@at_once(5)
 class TestMavros(unittest.TestCase):
     def setUp(self):
         self.space, self.statuses = f"/{self._testMethodName[:24]}", []
@@ -147,6 +147,13 @@ class TestMavros(unittest.TestCase):
         self.wait(lambda said: said.gps == STATUS.SENSOR_FAILED, "a lost GPS")
         rows = {row.name: row.verdict for row in self.call("check", srv.CheckAutopilot).checks}
         self.assertEqual({rows[name] for name in ("autopilot link", "not armed", "pre-arm check", "RC receiver")}, {1})
+
+    def test_an_autopilot_that_is_no_px4_is_said_to_be_none(self):
+        self.wait(lambda said: said.mode == "AUTO.LOITER", "a vehicle")
+        self.mavros.mode = "GUIDED"
+        self.wait(lambda said: said.mode == "MODE.0.0", "a mode that is none of PX4's")
+        wait_for(lambda: "mavros says mode 'GUIDED', which is none of PX4's" in self.node.log, "the words")
+        self.assertEqual(self.node.log.count("mavros says"), 1)
 
     def test_it_lands_through_set_mode_and_disarms_by_command(self):
         self.fly()

@@ -49,7 +49,7 @@ class TestMavrosPlanner(unittest.TestCase):
         return rospy.ServiceProxy(name, kind)
 
     def wait_phase(self, phase, limit_s=20.0):
-        words = f"phase {phase}: {self.statuses[-1:]} {self.vehicle.called} {self.node.log}"
+        words = lambda: f"phase {phase}: {self.statuses[-1:]} {self.vehicle.called} {self.node.log}"  # noqa: E731
         wait_for(lambda: self.statuses and self.statuses[-1].phase == phase, words, limit_s)
 
     def command(self, action):
@@ -64,7 +64,7 @@ class TestMavrosPlanner(unittest.TestCase):
             return said[-1].accepted
 
         wait_for(lambda: self.statuses and not self.statuses[-1].message, "a vehicle that speaks")
-        wait_for(loaded, f"a loaded mission: {said[-1:]} {self.node.log}")  # its position takes a moment
+        wait_for(loaded, lambda: f"a loaded mission: {said[-1:]} {self.node.log}")  # its position takes a moment
         self.wait_phase(STATUS.LOADED)
         self.command(COMMAND.TAKEOFF)
         self.wait_phase(STATUS.FLYING)

@@ -72,7 +72,8 @@ class TestMissionPlanner(unittest.TestCase):
         return self.statuses[-1] if self.statuses else STATUS()
 
     def wait_phase(self, phase, limit_s=20.0):
-        wait_for(lambda: self.status.phase == phase, f"phase {phase} (now {self.status}): {self.planner.log}", limit_s)
+        words = lambda: f"phase {phase} (now {self.status}): {self.planner.log}"  # noqa: E731
+        wait_for(lambda: self.status.phase == phase, words, limit_s)
 
     def command(self, action):
         answer = self.order("s1", action)
@@ -132,7 +133,7 @@ class TestMissionPlanner(unittest.TestCase):
             said.append(self.load("s1", "twice", 0, 1))
             return said[-1].accepted
 
-        wait_for(loaded, f"the second flight {said[-1:]}")
+        wait_for(loaded, lambda: f"the second flight {said[-1:]}")
 
     def test_without_gps_it_is_flown_by_set_points(self):
         self.take_off("indoors")

@@ -12,7 +12,7 @@ from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple
 from .dialect import Message, mavlink
 from .modes import px4_number
 
-__all__ = ["VEHICLE", "WAYPOINTS", "Converter", "Source", "sources_of"]
+__all__ = ["STATE", "VEHICLE", "WAYPOINTS", "Converter", "Source", "mode_problem", "sources_of"]
 
 VEHICLE = (1, 1)
 _UNKNOWN_MV, _UNKNOWN = 65535, -1
@@ -45,6 +45,15 @@ def _state(message: Any) -> Optional[Message]:
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, base, sub << 24 | main << 16, message.system_status, 3
+    )
+
+
+def mode_problem(message: Any) -> str:
+    """Return what is wrong with the mode of a mavros_msgs/State, in words; empty when it is one of PX4's."""
+    if not message.connected or not message.mode or px4_number(message.mode) is not None:
+        return ""
+    return (
+        f"mavros says mode {message.mode!r}, which is none of PX4's: whoever chose it has control (PX4 only this way)"
     )
 
 
@@ -172,10 +181,11 @@ def _home(message: Any) -> Message:
 
 _VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped", "LOCAL_POSITION_NED", _apart)
 _HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
+STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _state)
 WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
 """What `MavrosMission` reads."""
 _SOURCES: Tuple[Source, ...] = (
-    Source("state", "mavros_msgs/State", "HEARTBEAT", _state),
+    STATE,
     Source("extended_state", "mavros_msgs/ExtendedState", "EXTENDED_SYS_STATE", _extended_state),
     Source("sys_status", "mavros_msgs/SysStatus", "SYS_STATUS", _sys_status),
     Source("battery", "sensor_msgs/BatteryState", "BATTERY_STATUS", _battery),

@@ -32,7 +32,7 @@ from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .level_loop import LevelLoop
 from .node_main import run_node
-from .vehicle_link import Link, make_link
+from .vehicle_link import Link, make_link, tell_link
 
 __all__ = ["AutopilotNode", "main"]
 
@@ -165,7 +165,7 @@ class AutopilotNode:
         problem = link_problem(self._link.state)
         if problem != self._problem:
             self._problem = problem
-            (rospy.logwarn if problem else rospy.loginfo)("link %s: %s", self._settings.link.url, problem or "up")
+            tell_link("autopilot", self._settings, self._settings.link, problem)
 
     def _leave(self) -> None:
         """Land before the link is closed, unless there is no reason to; say what came of it."""

@@ -18,7 +18,15 @@ import rospy
 from amaze_autonomy.autopilot import Client, LinkState
 from amaze_autonomy.autopilot.dialect import Message, mavlink
 from amaze_autonomy.autopilot.hosting import ClientHost
-from amaze_autonomy.autopilot.mavros_messages import VEHICLE, WAYPOINTS, Converter, Source, sources_of
+from amaze_autonomy.autopilot.mavros_messages import (
+    STATE,
+    VEHICLE,
+    WAYPOINTS,
+    Converter,
+    Source,
+    mode_problem,
+    sources_of,
+)
 from amaze_autonomy.autopilot.mavros_mission import MavrosMission
 from amaze_autonomy.autopilot.mavros_requests import Lane, Publication, Request, publication_of, request_of
 
@@ -119,6 +127,9 @@ class MavrosLink(ClientHost):
     def _made(self, source: Source, message: Any) -> Iterable[Message]:
         if source is WAYPOINTS:
             return self._mission.listed(message)
+        problem = mode_problem(message) if source is STATE else ""
+        if problem:
+            self._say(problem)
         made = self._converter.convert(source, message)
         return () if made is None else (made,)
 

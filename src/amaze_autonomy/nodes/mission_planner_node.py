@@ -19,6 +19,7 @@ from typing import Any, Tuple
 import rospy
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.autopilot.diagnosis import link_problem
 from amaze_autonomy.autopilot.keeping import keep, origin_from, origin_to, read_kept
 from amaze_autonomy.autopilot.loading import Loading, LoadRequest
 from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
@@ -33,7 +34,7 @@ from .clock import Clock
 from .level_loop import LevelLoop
 from .node_main import run_node
 from .output import default_parent
-from .vehicle_link import Link, make_link
+from .vehicle_link import Link, make_link, tell_link
 
 __all__ = ["MissionPlannerNode", "main"]
 
@@ -60,6 +61,7 @@ class MissionPlannerNode:
         self._kept = default_parent() / f"{rospy.get_name().strip('/').replace('/', '.')}.json"
         self.planner = Sequencer(settings, origin_from(read_kept(self._kept)), lambda: time.time_ns() - clock.now_ns())
         autopilot = configuration.autopilot
+        self._autopilot = autopilot
         self._link: Link = make_link(autopilot, autopilot.planner_link, self.planner, PLANNER_MESSAGES, clock)
         period_ns = round(_S / configuration.streams.planner_status_rate_hz)
         self._loop = LevelLoop(self._link, clock, period_ns, lambda t_ns: _key(self.planner.status(t_ns)), self._tell)
@@ -146,11 +148,10 @@ class MissionPlannerNode:
 
     def _tell_link(self) -> None:
         """Log what has become of the link, once for each change."""
-        state = self._link.state
-        problem = state.problem or ("" if state.heartbeat_ns is not None else "no vehicle heard yet")
+        problem = link_problem(self._link.state)
         if problem != self._problem:
             self._problem = problem
-            (rospy.logwarn if problem else rospy.loginfo)("link: %s", problem or "up")
+            tell_link("mission planner", self._autopilot, self._autopilot.planner_link, problem)
 
     def _leave(self) -> None:
         """Land before the link is closed, where it flies and no pilot does."""

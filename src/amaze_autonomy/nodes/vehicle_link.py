@@ -16,7 +16,7 @@ from amaze_autonomy.config.autopilot_schema import LinkSettings
 from .clock import Clock
 from .errors import StartError
 
-__all__ = ["Link", "make_link"]
+__all__ = ["Link", "make_link", "tell_link"]
 
 T = TypeVar("T")
 
@@ -43,6 +43,12 @@ class Link(Protocol):
     @property
     def state(self) -> LinkState:
         """How it is."""
+
+
+def tell_link(whose: str, settings: AutopilotSettings, link: LinkSettings, problem: str) -> None:
+    """Log what has become of a link, with its owner, since both nodes log into one terminal."""
+    way = f"through mavros at {settings.mavros}" if settings.backend == "mavros" else link.url
+    (rospy.logwarn if problem else rospy.loginfo)("%s's link, %s: %s", whose, way, problem or "up")
 
 
 def make_link(

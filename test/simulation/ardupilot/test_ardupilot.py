@@ -148,6 +148,7 @@ def test_in_auto_it_does_not_arm_and_stands_until_it_is_told_to_start():
     vehicle.until(lambda: vehicle.craft.airborne, 5.0)
     vehicle.until(lambda: not vehicle.craft.armed)
     assert vehicle.advance(1.1).last("HEARTBEAT").custom_mode == AUTO  # it stays in its mode
+    assert vehicle.texts()[-2:] == ["Arming motors", "Disarming motors"]
 
 
 def test_without_a_mission_there_is_no_auto():

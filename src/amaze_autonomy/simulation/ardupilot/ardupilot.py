@@ -42,6 +42,13 @@ _FLOWN = 0.5  # how much too full it says that its battery is
 _SENSORS = 0x0120802F | mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER | mavlink.MAV_SYS_STATUS_SENSOR_BATTERY
 _PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 _CRITICAL = 2
+#: what PX4 says in its words, and ArduPilot in others or not at all
+_WORDS: Mapping[str, str] = {
+    "Armed by external command": "Arming motors",
+    "Disarmed by landing": "Disarming motors",
+    **dict.fromkeys(("Executing Mission", "Takeoff detected", "Landing detected"), ""),
+    **dict.fromkeys(("Mission finished, loitering", "Mission finished, landed"), ""),
+}
 
 
 class ArduPilot(Px4):
@@ -84,7 +91,9 @@ class ArduPilot(Px4):
         return carry_out(self, t_ns, order)
 
     def _say(self, severity: int, text: str) -> None:
-        self.say(severity, text.rstrip("\t"))
+        words = _WORDS.get(text.rstrip("\t"), text.rstrip("\t"))
+        if words:
+            self.say(severity, words)
 
     def _take_set_mode(self, _t_ns: int, _link: Link, message: Any) -> None:
         if message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:

@@ -56,6 +56,12 @@ class BadRelay:
         self._begin_ns = time.monotonic_ns()
         self._thread.start()
 
+    def cut(self, after_ns: int, lasts_ns: int) -> None:
+        """Let nothing through in either direction, some time from now on."""
+        begin_ns = time.monotonic_ns() - self._begin_ns + after_ns
+        for line in (self._up, self._down):
+            line.cut(begin_ns, begin_ns + lasts_ns)
+
     def stop(self) -> None:
         """Stop, and close the sockets."""
         self._stopped.set()
