@@ -46,6 +46,8 @@ class Pieces:
         seed: of all chance.
     """
 
+    ours, nonsenses = OURS, NONSENSE  # numbers of messages that are listened to; those that say nothing of its state
+
     def __init__(self, seed):
         self.chance = random.Random(seed)
         self.client = AutopilotClient(AutopilotSettings(parameters={"A": 1.0}), BatterySpec(cells=4), lambda: (1, 1))
@@ -86,17 +88,17 @@ class Pieces:
         """Armed, in the air: but from another vehicle, another component, or a ground station."""
         system, component = self.chance.choice(((2, 1), (1, 2), (255, 190), (0, 0), (1, 191)))
         if self.chance.random() < 0.5:
-            return self.frame(self.chance.choice(OURS), system, component)
+            return self.frame(self.chance.choice(self.ours), system, component)
         wire = Wire(system, component)
         return wire.send(mavlink.MAVLink_heartbeat_message(2, 12, 209, 1 << 16, 5, 3)) + wire.send(
             mavlink.MAVLink_extended_sys_state_message(0, 2)
         )
 
     def nonsense(self):
-        return self.frame(self.chance.choice(NONSENSE))
+        return self.frame(self.chance.choice(self.nonsenses))
 
     def unwanted(self):
-        return self.frame(self.chance.choice([number for number in NUMBERS if number not in OURS]))
+        return self.frame(self.chance.choice([number for number in NUMBERS if number not in self.ours]))
 
     def good(self):
         raw = b"".join(self.vehicle.send(message) for message in GOOD)

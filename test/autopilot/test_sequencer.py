@@ -318,6 +318,18 @@ def test_a_position_that_the_estimator_disowns_is_none():
     assert refused(flying, "s1", "inside", 0, 0) == "there is no fresh and valid local position"
 
 
+@pytest.mark.parametrize("latitude, longitude", [(91.0, 8.0), (-214.0, 8.0), (89.9, 8.0), (47.0, 181.0)])
+def test_a_position_that_is_nowhere_on_the_earth_or_at_its_poles_is_none(latitude, longitude):
+    watch = VehicleWatch()
+    watch.take(S, mavlink.MAVLink_estimator_status_message(0, 0x1FF, *[0.1] * 8))
+    places = ((47.0, 8.0, S), (latitude, longitude, 2 * S))
+    for north, east, t_ns in places:
+        message = mavlink.MAVLink_global_position_int_message(0, round(north * 1e7), round(east * 1e7), *[0] * 6)
+        watch.take(t_ns, message)
+    assert watch.somewhere(2 * S, 3 * S) == (47.0, 8.0)
+    assert watch.somewhere(4 * S + 1, 3 * S) is None
+
+
 def test_a_mission_whose_home_is_elsewhere_is_not_flown():
     away = plan("away", (LINE,), Controller.MISSION, home=Home(47.0, 8.0))
     flying = Flying(plans=(away,))
@@ -459,16 +471,45 @@ def test_set_points_follow_the_legs_no_faster_than_the_model():
     assert 1.0 < fastest < 4.5
 
 
-def deaf(flying, kind) -> None:
-    """Have the planner miss messages of a kind."""
+def deaf(flying, *kinds) -> None:
+    """Have the planner miss messages of some kinds."""
     take = VehicleWatch.take
     flying.planner.watch.take = lambda t_ns, message: (
-        None if message.get_type() == kind else take(flying.planner.watch, t_ns, message)
+        None if message.get_type() in kinds else take(flying.planner.watch, t_ns, message)
     )
 
 
 def hearing(flying) -> None:
     del flying.planner.watch.take
+
+
+def landed_unheard(flying) -> None:
+    """Fly a mission whose last item is not heard of before the landing, and be silent from then on."""
+    flying.take_off("line")
+    flying.until(lambda: flying.status.waypoint == 3)
+    deaf(flying, "MISSION_CURRENT", "MISSION_ITEM_REACHED")
+    flying.until(lambda: flying.planner.watch.armed is False and flying.craft.landed.name == "ON_GROUND")
+    hearing(flying)
+    flying.channel.fate = lambda: ()
+
+
+def test_how_far_it_came_is_not_given_up_while_the_vehicle_is_silent():
+    flying = Flying()
+    landed_unheard(flying)
+    flying.run(8 * S)
+    assert flying.phase is not P.LANDED
+    flying.channel.fate = good
+    flying.until_phase(P.LANDED, limit_ns=4 * S)
+    assert (flying.status.waypoint, flying.status.message) == (3, "")
+
+
+def test_of_a_vehicle_that_says_no_more_where_in_its_mission_it_is_counts_what_was_heard():
+    flying = Flying()
+    landed_unheard(flying)
+    flying.channel.fate = good
+    deaf(flying, "MISSION_CURRENT", "MISSION_ITEM_REACHED")
+    flying.until_phase(P.LANDED, limit_ns=6 * S)
+    assert flying.status.waypoint == 2
 
 
 # --- endings ----------------------------------------------------------------------------------------------------------

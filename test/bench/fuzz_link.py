@@ -2,6 +2,7 @@
 
     python test/bench/fuzz_link.py --minutes 5             # through a UDP socket, as a vehicle's
     python test/bench/fuzz_link.py --minutes 5 --pure      # without: many more bytes
+    python test/bench/fuzz_link.py --minutes 5 --planner   # the planner's link, the mission protocol included
 
 Prints a line per seed; ends at the first crash or false state with the seed in its traceback. At the end the growth of
 the whole process since its first seed.
@@ -17,6 +18,7 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parents[1] / "autopilot")]
 from link_fuzz import Fuzz, SocketFuzz, fuzz  # noqa: E402
+from planner_fuzz import PlannerFuzz  # noqa: E402
 
 STEPS = 20_000
 
@@ -32,8 +34,9 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--pure", action="store_true", help="without a socket")
+    parser.add_argument("--planner", action="store_true", help="the planner's link, without a socket")
     options = parser.parse_args()
-    kind, begun_mb = Fuzz if options.pure else SocketFuzz, 0.0
+    kind, begun_mb = PlannerFuzz if options.planner else Fuzz if options.pure else SocketFuzz, 0.0
     end, seed, fed, heard = time.monotonic() + 60 * options.minutes, options.seed, 0, 0
     while time.monotonic() < end:
         try:

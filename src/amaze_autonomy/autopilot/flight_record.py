@@ -18,6 +18,7 @@ from .modes import is_foreign
 __all__ = ["FlightRecord"]
 
 _COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
+_COUNT_BEATS = 3  # that must be heard meanwhile: a silent vehicle may still tell
 _P = MissionPhase
 
 
@@ -37,6 +38,8 @@ class FlightRecord:
         self.reached = 0
         self._highest = 0
         self._ground_ns: Optional[int] = None
+        self._beat_ns: Optional[int] = None
+        self._beats = 0
 
     def look(self) -> None:
         """Take notice of what the vehicle shows now."""
@@ -73,8 +76,11 @@ class FlightRecord:
         if self._ground_ns is None:
             self._ground_ns = t_ns
         heard_ns = self._watch.current_ns
-        fresh = heard_ns is not None and heard_ns > self._ground_ns
-        return fresh or t_ns - self._ground_ns > _COUNT_NS
+        if heard_ns is not None and heard_ns > self._ground_ns:
+            return True
+        self._beats += self._watch.heartbeat_ns != self._beat_ns
+        self._beat_ns = self._watch.heartbeat_ns
+        return t_ns - self._ground_ns > _COUNT_NS and self._beats > _COUNT_BEATS
 
     def phase(self, before: MissionPhase) -> MissionPhase:
         """Return the phase that the vehicle shows while it is armed; the one before where it shows none of ours."""

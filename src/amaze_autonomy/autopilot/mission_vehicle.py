@@ -35,6 +35,7 @@ _ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED  # PX4 s
 _OTHERS = {Dialect.PX4: ("EKF_STATUS_REPORT",), Dialect.ARDUPILOT: ("ESTIMATOR_STATUS",)}
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _DEG7, _MM = 1e-7, 1e-3
+_POLAR_DEG, _TURN_DEG = 85.0, 180.0
 
 
 class Pose(NamedTuple):
@@ -166,8 +167,10 @@ class VehicleWatch:
             self.yaw_rad, self.yaw_ns = math.pi / 2 - message.yaw, t_ns
 
     def _global(self, t_ns: int, message: Message) -> None:
-        self.place, self.place_ns = Place(message.lat * _DEG7, message.lon * _DEG7), t_ns
-        self.height_m = message.relative_alt * _MM
+        place = Place(message.lat * _DEG7, message.lon * _DEG7)
+        if abs(place.latitude_deg) > _POLAR_DEG or abs(place.longitude_deg) > _TURN_DEG:
+            return  # what is there, or nowhere, cannot be flown around in metres
+        self.place, self.place_ns, self.height_m = place, t_ns, message.relative_alt * _MM
 
     def _estimator(self, t_ns: int, message: Message) -> None:
         self.estimator, self.estimator_ns = message.flags, t_ns
