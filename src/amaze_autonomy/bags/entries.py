@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import sys
 from array import array
-from typing import Any, Iterator, NamedTuple, Tuple
+from typing import Any, Dict, Iterator, NamedTuple, Tuple
 
 from .layout import INDEX_ENTRY, SECOND
 from .salvage import Row
@@ -35,11 +35,11 @@ class Entries(NamedTuple):
 
     def counts(self) -> Tuple[Tuple[int, int], ...]:
         """Count messages by connection."""
-        counts = dict.fromkeys(sorted(number for number, data in self.parts if data), 0)
+        counts: Dict[int, int] = {}
         for number, data in self.parts:
             if data:
-                counts[number] += len(data) // INDEX_ENTRY
-        return tuple(counts.items())
+                counts[number] = counts.get(number, 0) + len(data) // INDEX_ENTRY
+        return tuple(sorted(counts.items()))
 
     def times(self) -> Tuple[int, int]:
         """Return the earliest and the latest time; only when there is a message."""

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
-from typing import Dict, Iterable, List, NamedTuple, Tuple, Union
+from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple, Union
 
 from .errors import RecordError
 
@@ -43,6 +43,7 @@ __all__ = [
     "index_record_at",
     "message_fields",
     "nanoseconds",
+    "our_index_record",
     "pack_field",
     "pack_time",
     "record_at",
@@ -276,6 +277,21 @@ def index_header(connection: int, count: int) -> bytes:
         (b"ver", _U32.pack(1)),
     )
     return _packed(fields) + _U32.pack(INDEX_ENTRY * count)
+
+
+_OUR_INDEX = index_header(0, 0)
+_OUR_INDEX_FIXED = (_OUR_INDEX[:13], _OUR_INDEX[17:27], _OUR_INDEX[31:51])  # all but numbers, which lie between
+_OUR_INDEX_STRUCT = struct.Struct("<13sL10sL20sL")
+
+
+def our_index_record(buffer: Buffer, place: int) -> Optional[Tuple[int, int, int]]:
+    """Read the header of an index record that looks like ours: whose it is, where its data starts, and its length."""
+    if not 0 <= place <= len(buffer) - _OUR_INDEX_STRUCT.size:
+        return None
+    first, connection, second, _, third, size = _OUR_INDEX_STRUCT.unpack_from(buffer, place)
+    if (first, second, third) != _OUR_INDEX_FIXED:
+        return None
+    return connection, place + _OUR_INDEX_STRUCT.size, size
 
 
 def chunk_info(position: int, start_ns: int, end_ns: int, counts: Iterable[Tuple[int, int]]) -> bytes:

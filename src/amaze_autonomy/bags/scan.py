@@ -30,6 +30,7 @@ from .layout import (
     MAGIC,
     MESSAGE,
     Record,
+    our_index_record,
     record_at,
 )
 from .salvage import Kept, kept_by_index, kept_by_walk, rewritten
@@ -149,6 +150,7 @@ class _Scanner:
         self._damages: List[Damage] = []
         self._bytes_read = 0
         self._window, self._window_at = b"", 0
+        self._seen: Tuple[int, Record] = (-1, Record({}, 0, 0))  # the last one: what ends an index begins a chunk
         self.file, self._size, self._first, self._index_at, self._chunk_count = self._opened()
         self._connections: Dict[int, Connection] = {}
         self._chunks: List[Found] = []
@@ -184,19 +186,23 @@ class _Scanner:
 
     def _record(self, position: int) -> Record:
         """Return the record at a place in the file; its data's place is one in the file, too."""
-        window = self._window[position - self._window_at :] if position >= self._window_at else b""
-        if len(window) < min(_OVERLAP, self._size - position):
-            self._window, self._window_at = self._read(position, _READ), position
-            window = self._window
+        if position == self._seen[0]:
+            return self._seen[1]
+        at = position - self._window_at
+        if not 0 <= at <= len(self._window) - min(_OVERLAP, self._size - position):
+            self._window, self._window_at, at = self._read(position, _READ), position, 0
+        window = self._window
         try:
-            record = record_at(window, 0, len(window))
+            record = record_at(window, at, len(window))
         except RecordError:
-            need = 8 + int.from_bytes(window[:4], "little")
-            if not len(window) < need <= min(LARGEST_HEADER, self._size - position):
+            need = 8 + int.from_bytes(window[at : at + 4], "little")
+            if not len(window) - at < need <= min(LARGEST_HEADER, self._size - position):
                 raise
-            window = self._read(position, need)
-            record = record_at(window, 0, len(window))
-        return record._replace(data=record.data + position)
+            window, at = self._read(position, need), 0
+            record = record_at(window, at, len(window))
+        record = Record(record.fields, record.data - at + position, record.size)
+        self._seen = position, record
+        return record
 
     def run(self, progress: Progress) -> None:
         """Look through the file."""
@@ -235,7 +241,7 @@ class _Scanner:
         if record.end > self._size:
             raise RecordError("the file ends within its index")
         if record.op == CHUNK_INFO:
-            pairs = struct.iter_unpack("<2L", self._data_of(record)[: 8 * (record.size // 8)])
+            pairs = struct.iter_unpack("<2L", self._data_of(record.data, record.size - record.size % 8))
             self._indexed[record.number(b"chunk_pos")] = sum(count for _, count in pairs)
         if record.op == CONNECTION:
             self._meet(connection_of(record, self._read(record.data, record.size)))
@@ -259,24 +265,30 @@ class _Scanner:
         parts: List[Tuple[int, bytes]] = []
         trusted = foreign = False
         while position < self._size:
-            try:
-                record = self._record(position)
-            except _BROKEN:
-                break
-            if record.op != INDEX or record.end > self._size:
-                trusted = record.op in (CHUNK, CONNECTION)
-                break
-            foreign = foreign or tuple(record.fields) != INDEX_FIELDS
-            whole = record.size - record.size % INDEX_ENTRY
-            parts.append((record.number(b"conn"), self._data_of(record)[:whole]))
-            position = record.end
+            found = our_index_record(self._window, position - self._window_at)
+            if found is None:
+                try:
+                    record = self._record(position)
+                except _BROKEN:
+                    break
+                if record.op != INDEX or record.end > self._size:
+                    trusted = record.op in (CHUNK, CONNECTION)
+                    break
+                foreign = foreign or tuple(record.fields) != INDEX_FIELDS
+                number, data, size = record.number(b"conn"), record.data, record.size
+            else:
+                number, data, size = found[0], self._window_at + found[1], found[2]
+                if data + size > self._size:
+                    break
+            parts.append((number, self._data_of(data, size - size % INDEX_ENTRY)))
+            position = data + size
         return Entries(tuple(parts), position, trusted, foreign)
 
-    def _data_of(self, record: Record) -> bytes:
-        begin = record.data - self._window_at
-        if begin >= 0 and begin + record.size <= len(self._window):
-            return self._window[begin : begin + record.size]
-        return self._read(record.data, record.size)
+    def _data_of(self, data: int, size: int) -> bytes:
+        begin = data - self._window_at
+        if begin >= 0 and begin + size <= len(self._window):
+            return self._window[begin : begin + size]
+        return self._read(data, size)
 
     def _keep_whole(self, position: int, end: int, entries: Entries, head: ChunkHead) -> None:
         if not entries.messages:
