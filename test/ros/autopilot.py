@@ -62,10 +62,10 @@ class TestAutopilot(unittest.TestCase):
 
     def call(self, name, kind=Trigger, *arguments):
         name = f"{self.space}/autopilot/{name}"
-        rospy.wait_for_service(name, 20.0)
+        rospy.wait_for_service(name, 60.0)
         return rospy.ServiceProxy(name, kind)(*arguments)
 
-    def wait(self, condition, what, limit_s=20.0):
+    def wait(self, condition, what, limit_s=40.0):
         wait_for(lambda: condition(self.status), lambda: f"{what} (now {self.status}): {self.node.log}", limit_s)
 
     def fly(self):
@@ -118,18 +118,18 @@ class TestAutopilot(unittest.TestCase):
         answer = self.call("land")
         self.assertTrue(answer.success, answer.message)
         self.assertLess(time.monotonic() - began_s, allowed_s(1.0, began_s))
-        self.wait(lambda status: status.mode == "AUTO.LAND", "the landing mode", 2.0)
+        self.wait(lambda status: status.mode == "AUTO.LAND", "the landing mode")
         self.wait(lambda status: status.landed == STATUS.ON_GROUND, "the ground")
         self.assertFalse(self.status.pilot_in_control)
         self.assertTrue(self.call("disarm").success)
-        self.wait(lambda status: not status.armed, "a disarmed vehicle", 5.0)
+        self.wait(lambda status: not status.armed, "a disarmed vehicle")
 
     def test_a_pilot_is_seen_within_a_second_and_not_fought(self):
         self.fly()
         began_s = time.monotonic()
         with self.vehicle.lock:
             self.vehicle.craft.pilot_takes_over("POSCTL", 60_000_000_000)
-        self.wait(lambda status: status.pilot_in_control, "the pilot", 3.0)
+        self.wait(lambda status: status.pilot_in_control, "the pilot")
         self.assertLess(time.monotonic() - began_s, allowed_s(1.1, began_s))
         refused = self.call("land")
         self.assertEqual((refused.success, refused.message), (False, "the pilot has control, in POSCTL"))
@@ -139,14 +139,14 @@ class TestAutopilot(unittest.TestCase):
     def test_told_to_end_in_flight_it_commands_the_landing_mode_first(self):
         self.fly()
         self.node.process.send_signal(signal.SIGTERM)
-        self.assertEqual(self.node.process.wait(10.0), 0)
+        self.assertEqual(self.node.process.wait(40.0), 0)
         self.assertEqual(self.vehicle.craft.mode, "AUTO.LAND")
         self.assertIn("autopilot: ended in flight: the vehicle is in its landing mode", self.node.log)
 
     def test_told_to_end_on_the_ground_it_just_ends(self):
         self.wait(lambda status: status.armed_known, "a vehicle")
         self.node.process.send_signal(signal.SIGTERM)
-        self.assertEqual(self.node.process.wait(10.0), 0)
+        self.assertEqual(self.node.process.wait(40.0), 0)
         self.assertNotIn("ended in flight", self.node.log)
 
     def test_a_vehicle_that_falls_silent_is_old_and_comes_back(self):
@@ -161,7 +161,7 @@ class TestAutopilot(unittest.TestCase):
 
     def test_a_link_that_cannot_be_is_one_line(self):
         node = OneNode("autopilot", f"{self.space}/bad", ["autopilot.link.key_file=/no/such/key"])
-        self.assertEqual(node.process.wait(20.0), 2)
+        self.assertEqual(node.process.wait(40.0), 2)
         self.assertEqual(node.log, "autopilot: /no/such/key: No such file or directory; must be a file with the key\n")
 
 

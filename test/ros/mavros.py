@@ -102,6 +102,12 @@ class FakeMavros:
         }
 
 
+def says_all(said) -> bool:
+    """Return whether a message of each topic has come."""
+    known = said.armed_known and said.landed and said.position_valid and said.gps and said.prearm and said.rc
+    return bool(known) and said.vertical_speed > 0 and said.battery_fraction > 0  # not a number is neither
+
+
 @at_once(5)
 class TestMavros(unittest.TestCase):
     def setUp(self):
@@ -119,11 +125,11 @@ class TestMavros(unittest.TestCase):
 
     def wait(self, condition, what):
         words = lambda: f"{what}: {self.statuses[-1:]} {self.node.log}"  # noqa: E731
-        wait_for(lambda: self.statuses and condition(self.statuses[-1]), words)
+        wait_for(lambda: self.statuses and condition(self.statuses[-1]), words, 40.0)
 
     def call(self, name, kind=Trigger, *arguments):
         name = f"{self.space}/autopilot/{name}"
-        rospy.wait_for_service(name, 20.0)
+        rospy.wait_for_service(name, 60.0)
         return rospy.ServiceProxy(name, kind)(*arguments)
 
     def fly(self):
@@ -134,7 +140,7 @@ class TestMavros(unittest.TestCase):
         self.wait(lambda said: said.landed == STATUS.IN_AIR and said.height > 4.9, "a vehicle in the air")
 
     def test_what_it_says(self):
-        self.wait(lambda said: said.position_valid and said.gps and said.prearm and said.vertical_speed > 0, "all")
+        self.wait(says_all, "all")
         said = self.statuses[-1]
         self.assertEqual(
             (said.armed_known, said.armed, said.landed, said.mode), (True, False, STATUS.ON_GROUND, "AUTO.LOITER")
@@ -169,12 +175,12 @@ class TestMavros(unittest.TestCase):
     def test_told_to_end_in_flight_it_lands(self):
         self.fly()
         self.node.process.send_signal(signal.SIGTERM)
-        self.assertEqual(self.node.process.wait(10.0), 0)
+        self.assertEqual(self.node.process.wait(40.0), 0)
         self.assertEqual(self.mavros.mode, "AUTO.LAND")
 
     def test_without_mavros_msgs_it_says_what_to_do(self):
         node = OneNode("autopilot", f"{self.space}/bare", ["autopilot.backend=mavros"])
-        self.assertEqual(node.process.wait(20.0), 2)
+        self.assertEqual(node.process.wait(40.0), 2)
         begins = "autopilot: backend mavros: No module named 'mavros_msgs'; install"
         self.assertTrue(node.log.startswith(begins), node.log)
 

@@ -45,10 +45,10 @@ class TestMavrosPlanner(unittest.TestCase):
 
     def service(self, name, kind):
         name = f"{self.space}/mission_planner/{name}"
-        rospy.wait_for_service(name, 20.0)
+        rospy.wait_for_service(name, 60.0)
         return rospy.ServiceProxy(name, kind)
 
-    def wait_phase(self, phase, limit_s=20.0):
+    def wait_phase(self, phase, limit_s=40.0):
         words = lambda: f"phase {phase}: {self.statuses[-1:]} {self.vehicle.called} {self.node.log}"  # noqa: E731
         wait_for(lambda: self.statuses and self.statuses[-1].phase == phase, words, limit_s)
 

@@ -62,7 +62,7 @@ class TestMissionPlanner(unittest.TestCase):
 
     def service(self, name, kind):
         name = f"{self.space}/mission_planner/{name}"
-        rospy.wait_for_service(name, 20.0)
+        rospy.wait_for_service(name, 60.0)
         return rospy.ServiceProxy(name, kind)
 
     # --- in words -------------------------------------------------------------------------------------------------
@@ -71,7 +71,7 @@ class TestMissionPlanner(unittest.TestCase):
     def status(self):
         return self.statuses[-1] if self.statuses else STATUS()
 
-    def wait_phase(self, phase, limit_s=20.0):
+    def wait_phase(self, phase, limit_s=40.0):
         words = lambda: f"phase {phase} (now {self.status}): {self.planner.log}"  # noqa: E731
         wait_for(lambda: self.status.phase == phase, words, limit_s)
 
@@ -129,7 +129,7 @@ class TestMissionPlanner(unittest.TestCase):
         said = []
 
         def loaded():
-            rospy.wait_for_service(f"{self.space}/mission_planner/load", 20.0)
+            rospy.wait_for_service(f"{self.space}/mission_planner/load", 60.0)
             said.append(self.load("s1", "twice", 0, 1))
             return said[-1].accepted
 
@@ -162,14 +162,14 @@ class TestMissionPlanner(unittest.TestCase):
     def test_told_to_end_in_flight_it_lands(self):
         self.take_off("indoors")
         self.planner.process.send_signal(signal.SIGINT)
-        self.assertEqual(self.planner.process.wait(10.0), 0)
+        self.assertEqual(self.planner.process.wait(40.0), 0)
         self.assertIn("ended in flight: the vehicle lands", self.planner.log)
         self.assertEqual(self.vehicle.craft.mode, "AUTO.LAND")
 
     def test_while_it_hangs_the_autopilot_node_lands(self):
         self.nodes.append(OneNode("autopilot", self.space, self.overrides))
         land = f"{self.space}/autopilot/land"
-        rospy.wait_for_service(land, 20.0)
+        rospy.wait_for_service(land, 60.0)
         self.take_off("hop")
         os.kill(self.planner.process.pid, signal.SIGSTOP)
         wait_for(lambda: rospy.ServiceProxy(land, Trigger)().success, "an accepted landing")
