@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from bag_tools import COMPRESSIONS, bag, contents, digest, left_over, rows, unclosed
+from bag_tools import COMPRESSIONS, bag, contents, digest, every_kill, left_over, rows, unclosed
 
 from amaze_autonomy.bags import chunking
 from amaze_autonomy.bags.cli import main
@@ -88,46 +88,6 @@ def test_a_good_bag_is_left_alone(tmp_path, whole):
     assert (done.path, done.complete) == (good, True)
     assert names(tmp_path) == ["flight.bag"]
     assert digest(good) == digest(whole)
-
-
-CALLS = ("pwrite", "ftruncate", "fsync", "rename", "replace", "unlink", "open")
-KILLED = 77
-
-
-def killed_at(action, call):
-    """Do something in a process that is killed at its n-th call that changes something, half way through a write."""
-    child = os.fork()
-    if child:
-        return os.WEXITSTATUS(os.waitpid(child, 0)[1]) == KILLED
-    count = [0]
-
-    def wrapped(function):
-        def replacement(*arguments, **options):
-            count[0] += 1
-            if count[0] == call:
-                if function is pwrite:
-                    function(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2], *arguments[2:])
-                os._exit(KILLED)
-            return function(*arguments, **options)
-
-        return replacement
-
-    pwrite = os.pwrite
-    for name in CALLS:
-        setattr(os, name, wrapped(getattr(os, name)))
-    try:
-        action()
-    finally:
-        os._exit(0)
-
-
-def every_kill(action):
-    """Yield after each possible kill of an action; the caller puts things in order for the next."""
-    call = 1
-    while killed_at(action, call):
-        yield call
-        call += 1
-    assert call > 9  # it did come to all of them
 
 
 def test_killed_at_any_moment_the_original_can_be_made_again(tmp_path, active):

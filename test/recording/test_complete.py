@@ -63,7 +63,7 @@ def test_losses_are_in_the_summary_and_in_the_manifest(tmp_path):
     close_parts(session / "second", {**FACTS, "platform": "second", "gaps": [gap], "dropped": 1})
     summary = collect(plan(session))
     lost = [
-        "second/realsense-02.recovered.bag: an unknown number of messages",
+        "second/realsense-02.bag: an unknown number of messages",
         "second/realsense: 5.7 s, in which nothing was recorded (killed by SIGKILL)",
         "second/at least 1 message dropped (warnings of the recorder: 1)",
     ]
@@ -72,7 +72,7 @@ def test_losses_are_in_the_summary_and_in_the_manifest(tmp_path):
     assert summary.message.endswith("verified; lost: " + "; ".join(lost))
 
 
-def test_what_another_platform_recovered_is_in_it_although_its_original_stays_there(tmp_path):
+def test_what_another_platform_recovered_is_in_it_although_the_undo_file_stays_there(tmp_path):
     session, there = two_platforms(tmp_path), tmp_path / "there"
     killed(there, "realsense-02.bag.active", rows("/d", 50, first_ms=9000))
     content = close_parts(there, {**FACTS, "platform": "second"})

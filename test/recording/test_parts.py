@@ -1,12 +1,14 @@
 """A part is made whole and listed; what arrives elsewhere is compared with the list."""
 
 import json
+import shutil
 
 import pytest
-from bag_tools import bag, contents, digest, rows
+from bag_tools import bag, contents, digest, every_kill, rows
 from part_tools import FACTS, killed, part, small_storage
 from replay_bags import write_empty_bag
 
+from amaze_autonomy.bags.undo import restore
 from amaze_autonomy.recording.errors import TransferError
 from amaze_autonomy.recording.folders import PARTS
 from amaze_autonomy.recording.lost import losses
@@ -29,22 +31,67 @@ def test_closed_bags_are_listed_with_bytes_messages_and_checksums(tmp_path):
     }  # fmt: skip
 
 
-def test_what_a_killed_recorder_left_is_recovered_beside_it_and_never_changed(tmp_path):
+def test_what_a_killed_recorder_left_is_closed_where_it_lies_and_can_be_undone(tmp_path):
+    path = killed(tmp_path, "states-01.bag.active", rows("/a", 100))
+    before = digest(path)
+    entry = close_parts(tmp_path, FACTS)["files"][0]
+    whole = tmp_path / "states-01.bag"
+    assert entry == {
+        "file": "states-01.bag", "bytes": whole.stat().st_size, "messages": 100, "sha256": digest(whole), "lost": 0,
+        "recovered_from": "states-01.bag.active", "undo": "states-01.bag.undo",
+    }  # fmt: skip
+    assert len(contents(whole)) == 100
+    assert digest(restore(whole)) == before
+
+
+@pytest.mark.parametrize("again", ["", PARTS])
+def test_it_is_not_recovered_twice_and_the_loss_stays_known(tmp_path, again):
+    """Even when the list was not written any more."""
+    killed(tmp_path, "states-01.bag.active", rows("/a", 100), cut=30)
+    first = close_parts(tmp_path, FACTS)
+    stamp = (tmp_path / "states-01.bag").stat().st_mtime_ns
+    if again:
+        (tmp_path / again).unlink()
+    assert close_parts(tmp_path, FACTS) == first
+    assert (tmp_path / "states-01.bag").stat().st_mtime_ns == stamp
+    assert losses(first) == ["states-01.bag: an unknown number of messages"]
+    assert list(first["open_ends"]) == ["states"]
+
+
+def test_killed_at_any_moment_the_next_try_makes_the_same_of_it(tmp_path):
+    killed(tmp_path / "kept", "states-01.bag.active", rows("/a", 100), cut=30)
+    folder = tmp_path / "main"
+    shutil.copytree(tmp_path / "kept", folder)
+    expected = close_parts(folder, FACTS)
+    for call in every_kill(lambda: close_parts(folder, FACTS)):
+        assert close_parts(folder, FACTS) == expected, call
+        whole = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
+        assert whole == {"states-01.bag", "states-01.bag.undo", PARTS}, call
+        shutil.rmtree(folder)
+        shutil.copytree(tmp_path / "kept", folder)
+
+
+def test_what_cannot_be_closed_where_it_lies_is_recovered_beside_it_and_never_changed(tmp_path, monkeypatch):
+    monkeypatch.setattr("amaze_autonomy.bags.inplace._MOST", 10)
     path = killed(tmp_path, "states-01.bag.active", rows("/a", 100))
     before = digest(path)
     entry = close_parts(tmp_path, FACTS)["files"][0]
     assert (entry["file"], entry["recovered_from"]) == ("states-01.recovered.bag", "states-01.bag.active")
     assert entry["messages"] == len(contents(tmp_path / "states-01.recovered.bag")) == 100
     assert digest(path) == before
-
-
-def test_it_is_not_recovered_twice_and_the_loss_stays_known(tmp_path):
-    killed(tmp_path, "states-01.bag.active", rows("/a", 100), cut=30)
-    first = close_parts(tmp_path, FACTS)
     stamp = (tmp_path / "states-01.recovered.bag").stat().st_mtime_ns
-    assert close_parts(tmp_path, FACTS) == first
+    assert close_parts(tmp_path, FACTS)["files"] == [entry]
     assert (tmp_path / "states-01.recovered.bag").stat().st_mtime_ns == stamp
-    assert losses(first) == ["states-01.recovered.bag: an unknown number of messages"]
+
+
+def test_an_undo_file_that_is_damaged_is_no_reason_to_do_without_the_bag(tmp_path):
+    killed(tmp_path, "states-01.bag.active", rows("/a", 100), cut=30)
+    close_parts(tmp_path, FACTS)
+    (tmp_path / "states-01.bag.undo").write_bytes(b"x")
+    entry = close_parts(tmp_path, FACTS)["files"][0]
+    assert (entry["file"], entry["messages"], entry["lost"]) == ("states-01.bag", 99, None)
+    assert entry["recovered_from"] == "states-01.bag.active"
+    assert "undo" not in entry
 
 
 def test_a_bag_whose_index_is_damaged_is_recovered(tmp_path):

@@ -5,11 +5,12 @@ import json
 from amaze_autonomy.recording.removal import remove_part
 
 LISTED = [{"file": "a-01.bag"}, {"file": "a-02.recovered.bag", "recovered_from": "a-02.bag.active"}]
+LISTED += [{"file": "a-03.bag", "recovered_from": "a-03.bag.active", "undo": "a-03.bag.undo"}]
 
 
 def part(folder, entries):
     folder.mkdir(parents=True)
-    for name in ("a-01.bag", "a-02.bag.active", "a-02.recovered.bag", "notes.txt"):
+    for name in ("a-01.bag", "a-02.bag.active", "a-02.recovered.bag", "a-03.bag", "a-03.bag.undo", "notes.txt"):
         (folder / name).write_text("x")
     (folder / "parts.json").write_text(json.dumps({"parts": 1, "files": entries}))
     return folder
@@ -24,7 +25,7 @@ def test_only_what_a_part_lists_is_removed_and_only_within_the_recordings(tmp_pa
     for folder in (inside, outside):
         remove_part(folder, tmp_path)
     assert left(inside) == ["notes.txt", "parts.json"]
-    assert len(left(outside)) == 5
+    assert len(left(outside)) == 7
 
 
 def test_a_name_in_a_list_that_leads_elsewhere_removes_nothing(tmp_path):
@@ -39,4 +40,4 @@ def test_a_folder_without_a_list_is_left_alone(tmp_path):
     folder = part(tmp_path / "s1" / "main", LISTED)
     (folder / "parts.json").unlink()
     remove_part(folder, tmp_path)
-    assert len(left(folder)) == 4
+    assert len(left(folder)) == 6

@@ -89,7 +89,7 @@ def _change(path: Path, final: Path, found: Scan, place: int) -> int:
         raise BagError(str(path), f"cannot be written ({error.strerror})", _COPY) from error
     try:
         end, header = _new_end(file, found, place)
-        write_undo(final, Undo.of(file, path.name, place))
+        write_undo(final, Undo.of(file, path.name, place)._replace(lost=found.lost))
         _put(file, place, end)
         os.ftruncate(file, place + len(end))
         os.fsync(file)

@@ -7,7 +7,7 @@ import os
 import struct
 import zlib
 from pathlib import Path
-from typing import List, NamedTuple
+from typing import List, NamedTuple, Optional
 
 from .errors import BagError
 from .index import Index
@@ -32,6 +32,7 @@ class Undo(NamedTuple):
         before: CRC-32 of the last bytes before that, which were not.
         head: its first bytes.
         end: all from that place on.
+        lost: messages that the recovery could not keep; None when nobody knows how many.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Undo(NamedTuple):
     before: int
     head: bytes
     end: bytes
+    lost: Optional[int] = None
 
     @classmethod
     def of(cls, file: int, name: str, place: int) -> Undo:
@@ -84,7 +86,7 @@ def write_undo(bag: Path, undo: Undo) -> None:
     """Put an undo file on the disk: whole, or not there."""
     path = undo_path(bag)
     part = path.with_name(f".{path.name}.part")
-    facts = {"file": undo.name, "size": undo.size, "place": undo.place, "before": undo.before}
+    facts = {"file": undo.name, "size": undo.size, "place": undo.place, "before": undo.before, "lost": undo.lost}
     text = json.dumps({**facts, "crc": zlib.crc32(undo.end, zlib.crc32(undo.head))}).encode()
     try:
         with part.open("wb") as file:
@@ -117,6 +119,7 @@ def read_undo(path: Path) -> Undo:
             int(facts["before"]),
             raw[start + length : begin],
             raw[begin:],
+            facts.get("lost"),
         )
         good = raw.startswith(_MAGIC) and zlib.crc32(undo.end, zlib.crc32(undo.head)) == facts["crc"]
         good = good and len(undo.end) == undo.size - undo.place and Path(undo.name).name == undo.name != ""

@@ -1,7 +1,8 @@
 """What a platform recorded, made whole: open and damaged bags are recovered, and all are listed with their checksums.
 
-The original of what was recovered stays beside it. Where the storage has no space for a recovered bag, the open one is
-listed as it is: the collector makes it whole.
+What a recorder left open is closed where it lies: the bytes that this changes are in an undo file beside it. What is
+damaged elsewhere than at its end is recovered into a new bag, and the original stays beside that. Where the storage has
+no space for it, the open one is listed as it is: the collector makes it whole.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.inplace import recover_in_place
 from amaze_autonomy.bags.recover import recover
+from amaze_autonomy.bags.undo import read_undo, undo_path
 
 from .accounts import Written, account, written
 from .errors import TransferError
@@ -95,10 +98,11 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
     entries: List[Dict[str, Any]] = []
     files: List[Written] = []
     for path in paths:
+        size = path.stat().st_size
         listed = _listed(folder, path)
         entries += listed
         files += _written(folder, path, listed)
-        meter.add(path.stat().st_size)
+        meter.add(size)
     known = account(files, facts.get("gaps", []))
     logs = sorted(path.name for path in folder.glob("*.log"))
     content = {"parts": 1, **facts, **known._asdict(), "files": entries, "logs": logs}
@@ -108,7 +112,7 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
 
 def _written(folder: Path, path: Path, listed: Sequence[Mapping[str, Any]]) -> List[Written]:
     """Return what is known of a file that a recorder wrote: times and numbers of what is whole of it."""
-    file = written(path.name)
+    file = written(str(listed[0].get("recovered_from", path.name)) if listed else path.name)
     if file is None:
         return []
     times: List[int] = []
@@ -127,6 +131,9 @@ def _written(folder: Path, path: Path, listed: Sequence[Mapping[str, Any]]) -> L
 
 def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
     """Return the entries of one recorded bag: itself, or what was recovered from it."""
+    closed = _closed_in_place(path)
+    if closed is not None:
+        return [{**_entry(closed), **_before(closed)}]
     try:
         part = _whole(path, folder, None)
     except BagError as error:
@@ -135,6 +142,28 @@ def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:
         return []
     entry = {**_entry(part.path), "lost": part.lost}
     return [entry] if part.path == path else [{**entry, "recovered_from": path.name}]
+
+
+def _closed_in_place(path: Path) -> Optional[Path]:
+    """Return a bag that was closed where it lies, now or before; None where that cannot be, or has not to be."""
+    if path.name.endswith(".bag"):
+        return path if undo_path(path).exists() and _is_good(path) else None
+    if path.stat().st_size == 0:
+        return None
+    try:
+        return recover_in_place(path).path
+    except BagError:
+        return None  # it has to be copied, and if that cannot be either, the words are there
+
+
+def _before(path: Path) -> Dict[str, Any]:
+    """Return what the list says of a bag that was closed in place: its name before, what was lost, how to undo it."""
+    undo = undo_path(path)
+    try:
+        was = read_undo(undo)
+    except BagError:
+        return {"recovered_from": f"{path.name}.active", "lost": None}
+    return {"recovered_from": was.name, "lost": was.lost, "undo": undo.name}
 
 
 def _entry(path: Path) -> Dict[str, Any]:

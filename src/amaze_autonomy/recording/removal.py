@@ -9,16 +9,19 @@ from .folders import PARTS, read_json
 
 __all__ = ["remove_part"]
 
+_NAMES = ("file", "recovered_from", "undo")
 _log = logging.getLogger(__name__)
 
 
 def remove_part(folder: Path, recordings: Path) -> None:
-    """Remove what the list of a part names, and what that was recovered from, within the recordings."""
+    """Remove what the list of a part names, what that was recovered from, and how to undo that, in the recordings."""
     content = read_json(folder / PARTS)
     if content is None or folder.parent.parent != recordings:
         _log.warning("%s is no part of a session here; nothing is removed", folder)
         return
-    names = [str(entry[key]) for entry in content["files"] for key in ("file", "recovered_from") if key in entry]
+    names = [
+        str(entry[key]) for entry in content["files"] for key in ("file", "recovered_from", "undo") if key in entry
+    ]
     for name in names:
         path = folder / name
         if path.parent == folder and path.is_file():
