@@ -37,6 +37,7 @@ Places = Dict[Address, Place]
 _PLAIN_INT = re.compile(r"[-+]?(0|[1-9][0-9_]*)")
 _PLAIN_FLOAT = re.compile(r"[-+]?[0-9][0-9_]*(\.[0-9_]*)?([eE][-+]?[0-9]+)?|[-+]?\.[0-9]+([eE][-+]?[0-9]+)?")
 _SHOWN = 60
+_MANY = 20  # more words than a person reads for the one that was meant
 
 
 def dotted(address: Address) -> str:
@@ -217,6 +218,13 @@ class Choice(Kind):
         places[address] = entry.place
         if not isinstance(entry, Scalar) or entry.tag != "str" or entry.text not in self.options:
             close = difflib.get_close_matches(getattr(entry, "text", ""), self.options, n=1)
+            if close and len(self.options) > _MANY:
+                refuse(
+                    entry,
+                    address,
+                    described(entry),
+                    f"must be one of {len(self.options)} words; did you mean {close[0]}?",
+                )
             self._refuse(entry, address, hint=f"; did you mean {close[0]}?" if close else "")
         return entry.text
 

@@ -9,6 +9,7 @@ import pytest
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.replay.expect import Pattern
+from amaze_autonomy.replay.expect.schema import RULES
 from amaze_autonomy.replay.scenario import Anchor, Bag, Need, find_files, load_cases, parse_cases
 
 HERE = Path("folder/x.scenario.yaml")
@@ -135,6 +136,28 @@ def test_two_values_of_a_matrix_that_would_have_one_name_are_two_cases():
     ]
     assert [case.faults[0].trigger.at_ns for case in found if case.faults] == [S, 2 * S, 3 * S]
     assert len({case.id for case in found}) == 4
+
+
+PLACED = {
+    "bags: [{path: a.bag}]\nfrom_s: 9.0\nto_s: 5.0\n": "yaml:5: to_s: is 5; must be above from_s \\(9\\)",
+    "bags:\n  - {path: a.bag}\n  - {path: a.bag}\n": "yaml:5: bags.1.path: is a.bag again; must name each bag once",
+    "anchors:\n  one: {at_s: 1.0}\n  two: {fault: 2}\n": "yaml:5: anchors.two.fault: is 2; there is no fault",
+}
+
+
+@pytest.mark.parametrize("text", PLACED)
+def test_a_mistake_between_two_keys_has_the_line_of_one(text):
+    with pytest.raises(ConfigError, match=PLACED[text]):
+        simulation(text)
+
+
+def test_a_word_that_is_meant_is_named_instead_of_a_hundred():
+    with pytest.raises(ConfigError) as error:
+        simulation("expectations: [{expect: exists, of: {rule: landd}}]")
+    assert str(error.value) == (
+        "folder/x.scenario.yaml:3: expectations.0.of.rule: is the text 'landd'; "
+        f"must be one of {len(RULES)} words; did you mean landed?"
+    )
 
 
 def test_a_version_that_is_not_known_is_refused():

@@ -14,7 +14,7 @@ from amaze_autonomy.replay.scenario import find_files, load_cases
 from amaze_autonomy.replay.suite import Result, Verdict
 from amaze_autonomy.replay.suite.coverage import coverage_lines, coverage_of, read_waivers
 from amaze_autonomy.replay.suite.mutants import mutants_of, mutated
-from amaze_autonomy.replay.suite.mutation import Hunt, run_hunt
+from amaze_autonomy.replay.suite.mutation import Hunt, Survival, mutation_lines, mutation_passed, run_hunt
 from amaze_autonomy.replay.suite.run import run_task
 from amaze_autonomy.replay.suite.task import Task
 
@@ -94,11 +94,26 @@ def test_a_mutant_is_noticed_where_its_row_matters(mutant):
     assert run_hunt(Hunt(mutant, (task,), (run_task(task).digest,))).caught_by == SOME[mutant]
 
 
+def test_a_mutant_survives_with_a_waiver_only_and_a_waiver_that_is_not_needed_is_stale():
+    caught, alive = Survival("one", "lrf", 3), Survival("two", "", 7)
+    assert mutation_passed([caught, alive], {"mutant two": "for the test"})
+    assert mutation_lines([caught, alive], {"mutant two": "for the test"}) == [
+        "1 of 2 mutants caught, 1 waived, 0 survive"
+    ]
+    assert not mutation_passed([alive], {})
+    assert not mutation_passed([caught], {"mutant one": "for the test"})
+    assert mutation_lines([caught, alive], {"mutant one": "for the test"}) == [
+        "SURVIVED  two: none of 7 scenarios decides otherwise",
+        "STALE     one: a waiver says that it survives, and lrf catches it",
+        "1 of 2 mutants caught, 0 waived, 1 survive",
+    ]
+
+
 def test_tables_are_put_back(configuration):
     task = Task(str(SUITE / "lrf.scenario.yaml"))
     before = run_task(task).digest
     for mutant in mutants_of(configuration.rules):
         with mutated(mutant, configuration.rules) as rules:
             changed = rules != configuration.rules
-        assert changed == (mutant.kind in ("component", "wait", "limit")), mutant
+        assert changed == (mutant.kind in ("component", "wait", "limit", "lower")), mutant
     assert run_task(task).digest == before

@@ -11,11 +11,12 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table, parse, read, replace
 from amaze_autonomy.config.errors import ConfigError, Place
-from amaze_autonomy.config.kinds import refuse
+from amaze_autonomy.config.kinds import dotted, refuse
 
 from ..errors import ReplayError
 from ..expect.model import Expectation
 from .model import Anchor, Bag, Case, Need
+from .places import placed
 from .schema import OVERRIDE, schema_of
 
 __all__ = ["SUFFIX", "cases_of", "find_files", "load_cases", "parse_cases"]
@@ -149,7 +150,8 @@ def _case(tree: Entry, path: Path, variant: str) -> Case:
     expectations: Tuple[Expectation, ...] = tuple(values["expectations"])
     from_s, to_s = values.get("from_s") or 0.0, values.get("to_s")
     if to_s is not None and to_s <= from_s:
-        refuse(tree, ("to_s",), f"is {to_s:g}", f"must be above from_s ({from_s:g})")
+        raise ConfigError(placed(tree, ("to_s",)), "to_s", f"is {to_s:g}", f"must be above from_s ({from_s:g})")
+    _check_bags(tree, [bag["path"] for bag in values.get("bags", ())])
     _check_anchors(tree, anchors, expectations, len(values.get("faults", ())))
     return Case(
         path=path,
@@ -202,13 +204,22 @@ def _map(folder: Path, name: Optional[str]) -> str:
     return "" if name is None else str(folder / name) if name.endswith(".yaml") else name
 
 
+def _check_bags(tree: Entry, paths: Sequence[str]) -> None:
+    """Refuse a bag that is named twice: each of its messages would come twice."""
+    for number, path in enumerate(paths):
+        if path in paths[:number]:
+            address = ("bags", str(number), "path")
+            raise ConfigError(placed(tree, address), dotted(address), f"is {path} again", "must name each bag once")
+
+
 def _check_anchors(tree: Entry, anchors: Sequence[Anchor], expectations: Sequence[Expectation], faults: int) -> None:
     """Refuse an expectation about an anchor that is not there, and an anchor at a fault that is not there."""
     names = [anchor.name for anchor in anchors]
     for anchor in anchors:
         if anchor.fault > faults:
             right = f"must be one of the {faults} faults, from 1" if faults else "there is no fault"
-            refuse(tree, ("anchors", anchor.name, "fault"), f"is {anchor.fault}", right)
+            address = ("anchors", anchor.name, "fault")
+            raise ConfigError(placed(tree, address), dotted(address), f"is {anchor.fault}", right)
     for number, expectation in enumerate(expectations):
         for key, instant in (("from", expectation.begin), ("to", expectation.end)):
             if isinstance(instant, str) and instant not in names:

@@ -9,7 +9,7 @@ from typing import Iterable, Optional, Tuple
 from amaze_autonomy.config.document import Entry, Items, Table, read
 from amaze_autonomy.config.errors import ConfigError, Place
 
-__all__ = ["meant", "place_of"]
+__all__ = ["meant", "place_of", "placed"]
 
 
 def place_of(path: Path, *addresses: Tuple[str, ...]) -> Place:
@@ -20,6 +20,11 @@ def place_of(path: Path, *addresses: Tuple[str, ...]) -> Place:
         return Place(str(path))
     found = (_place(tree, address) for address in addresses)
     return next((place for place in found if place is not None), Place(str(path)))
+
+
+def placed(tree: Entry, address: Tuple[str, ...]) -> Place:
+    """Return where an address stands; where the tree begins when it has none."""
+    return _place(tree, address) or tree.place
 
 
 def _place(tree: Entry, address: Tuple[str, ...]) -> Optional[Place]:

@@ -54,7 +54,8 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     with Recordings(paths, plan.topics) as recordings:
         part = FaultedRecordings(recordings, case.from_ns, case.to_ns)
         if not part.samples:
-            raise ReplayError(f"{case.path}: there is no message between from_s and to_s")
+            place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
+            raise ReplayError(f"{place}: there is no message between from_s and to_s")
         broken = _needs(case, part)
         acting, requests = _times(case, plan, part)
         part.apply(acting, case.seed)

@@ -10,7 +10,7 @@ from typing import Any, Mapping, Tuple
 from ..terminal import show_lines
 from .choice import add_choice, add_waivers, chosen, waivers_of
 from .coverage import Coverage, coverage_lines, coverage_of
-from .mutation import hunts_of, mutation_lines, run_hunts
+from .mutation import hunts_of, mutation_lines, mutation_passed, run_hunts
 from .result import Result
 from .runner import run_tasks
 from .task import Options, Task
@@ -67,4 +67,4 @@ def _mutate(options: argparse.Namespace) -> int:
 
     survivals = run_hunts(hunts, _jobs(options), tell)
     show_lines(mutation_lines(survivals, waivers))
-    return 0 if all(each.caught_by or f"mutant {each.mutant}" in waivers for each in survivals) else 1
+    return 0 if mutation_passed(survivals, waivers) else 1

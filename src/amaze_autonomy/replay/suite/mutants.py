@@ -1,4 +1,4 @@
-"""Mutants of the engine's tables: a row deleted, a verb or a severity swapped, a threshold off by a little.
+"""Mutants of the engine's tables: a row deleted, a verb, a severity or a flag swapped, a threshold off by a little.
 
 Each is made by name, so that a name is all that is sent to another process. Tables are put back when the run has ended.
 """
@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Any, Dict, Iterator, List, MutableMapping, Optional, Tuple, cast
 
-from amaze_autonomy.engine import failures, fitness, transitions
+from amaze_autonomy.engine import failures, fitness, flight_guards, transitions
 from amaze_autonomy.engine import severity as severities
 from amaze_autonomy.engine.rules import LOSSES, Limits, Rules
 from amaze_autonomy.engine.severity import SEVERITIES, Severity, Verb
@@ -27,12 +27,15 @@ _OTHER_SEVERITY = {
 }
 
 
+_FLAGS = {"routes": "_BOTH_ROUTES", "alarm": "_ALARM"}
+
+
 @dataclass(frozen=True)
 class Mutant:
     """One change of one row.
 
     Args:
-        kind: row, loss, severity, component, wait or limit.
+        kind: row, loss, routes, alarm, severity, component, wait, limit or lower.
         name: of the row.
         item: of the coverage, whose scenarios may notice; empty: any may.
     """
@@ -48,23 +51,28 @@ class Mutant:
 _WORDS = {
     "row": "deleted row",
     "loss": "swapped verb of loss",
+    "routes": "swapped routes of loss",
+    "alarm": "swapped alarm of loss",
     "severity": "swapped verb of severity",
     "component": "swapped severity of",
     "wait": "longer wait for",
     "limit": "shifted limit",
+    "lower": "lowered limit",
 }
 
 
 def mutants_of(rules: Rules) -> Tuple[Mutant, ...]:
     """Return all mutants for some rules, in the order of the tables."""
     found: List[Mutant] = [Mutant("row", row.rule, f"rule {row.rule}") for row in transitions.TRANSITIONS]
-    found += [Mutant("loss", loss.name, f"loss {loss.name}") for loss in LOSSES]
+    for kind in ("loss", "routes", "alarm"):
+        found += [Mutant(kind, loss.name, f"loss {loss.name}") for loss in LOSSES]
     found += [Mutant("severity", severity.value) for severity in SEVERITIES]
     for row in rules.components:
         found.append(Mutant("component", row.name, f"component {row.name}"))
         if row.severity in (Severity.MODERATE, Severity.HIGH):
             found.append(Mutant("wait", row.name, f"component {row.name}"))
-    found += [Mutant("limit", each.name) for each in fields(Limits)]
+    for kind in ("limit", "lower"):
+        found += [Mutant(kind, each.name) for each in fields(Limits)]
     return tuple(found)
 
 
@@ -83,6 +91,10 @@ def mutated(mutant: Mutant, rules: Rules) -> Iterator[Rules]:
         changed = tuple(replace(x, verb=_OTHER_VERB[x.verb]) if x.name == mutant.name else x for x in LOSSES)
         with _set(failures, "LOSSES", changed):
             yield rules
+    elif mutant.kind in _FLAGS:
+        names = getattr(flight_guards, _FLAGS[mutant.kind])
+        with _set(flight_guards, _FLAGS[mutant.kind], names ^ {mutant.name}):
+            yield rules
     elif mutant.kind == "severity":
         severity = Severity(mutant.name)
         row = SEVERITIES[severity]
@@ -96,15 +108,14 @@ def mutated(mutant: Mutant, rules: Rules) -> Iterator[Rules]:
 
 
 def _changed_rules(mutant: Mutant, rules: Rules) -> Rules:
-    if mutant.kind == "limit":
-        value = getattr(rules.limits, mutant.name)
-        other = (
-            value + _TURN_NS
-            if mutant.name.endswith("_ns")
-            else value + 1
-            if isinstance(value, int)
-            else value * _LITTLE
-        )
+    if mutant.kind in ("limit", "lower"):
+        value, up = getattr(rules.limits, mutant.name), mutant.kind == "limit"
+        if mutant.name.endswith("_ns"):
+            other = value + (_TURN_NS if up else -_TURN_NS)
+        elif isinstance(value, int):
+            other = value + (1 if up else -1)
+        else:
+            other = value * _LITTLE if up else value / _LITTLE
         return replace(rules, limits=replace(rules.limits, **{mutant.name: other}))
     rows = []
     for row in rules.components:

@@ -21,7 +21,7 @@ from .result import Result
 from .run import case_of, digest_of
 from .task import Options, Task
 
-__all__ = ["Hunt", "Survival", "hunts_of", "run_hunt", "run_hunts"]
+__all__ = ["Hunt", "Survival", "hunts_of", "mutation_lines", "mutation_passed", "run_hunt", "run_hunts"]
 
 
 @dataclass(frozen=True)
@@ -124,10 +124,24 @@ def run_hunts(
 def mutation_lines(survivals: Sequence[Survival], waivers: Mapping[str, str]) -> List[str]:
     """Return what survived, and the score."""
     alive = [each for each in survivals if not each.caught_by]
-    open_ = [each for each in alive if f"mutant {each.mutant}" not in waivers]
+    open_ = [each for each in alive if not _waived(each, waivers)]
     lines = [f"SURVIVED  {each.mutant}: none of {each.tried} scenarios decides otherwise" for each in open_]
+    lines += [
+        f"STALE     {each.mutant}: a waiver says that it survives, and {each.caught_by} catches it"
+        for each in survivals
+        if each.caught_by and _waived(each, waivers)
+    ]
     caught = len(survivals) - len(alive)
     return [
         *lines,
         f"{caught} of {len(survivals)} mutants caught, {len(alive) - len(open_)} waived, {len(open_)} survive",
     ]
+
+
+def mutation_passed(survivals: Sequence[Survival], waivers: Mapping[str, str]) -> bool:
+    """Return True when each mutant is caught or has a waiver, and none has both."""
+    return all(bool(each.caught_by) is not _waived(each, waivers) for each in survivals)
+
+
+def _waived(survival: Survival, waivers: Mapping[str, str]) -> bool:
+    return f"mutant {survival.mutant}" in waivers
