@@ -35,7 +35,7 @@ from amaze_autonomy.simulation.px4_udp import BadRelay
 
 MS = 1_000_000
 LINE = Trajectory("line.csv", tuple(Waypoint(4.0 * n, 0.0, 2.0, 0.0, 0.0) for n in range(3)))
-SPEED, LOSS, JITTER_NS, LONGEST_S, CUT_WITHIN_MS = 2.0, 0.05, 50 * MS, 90.0, 12_000
+SPEED, LOSS, JITTER_NS, LONGEST_S, CUT_WITHIN_MS = 2.0, 0.05, 50 * MS, 90.0, 7_000
 ONCE = {"armed": 1, "takeoff": 1, "airborne": 1, "waypoint": 3, "land": 1, "landed": 1, "disarmed": 1}
 P = MissionPhase
 
@@ -68,11 +68,14 @@ class Row:
     def one(self, session: str, owner, relay) -> str:
         """Fly one; return what was wrong."""
         before = len(owner.craft.happened)
-        relay.cut(self.random.randrange(CUT_WITHIN_MS) * MS, self.random.randrange(500, 4000) * MS)
+        after_ns, lasts_ns = self.random.randrange(CUT_WITHIN_MS) * MS, self.random.randrange(500, 4000) * MS
+        relay.cut(after_ns, lasts_ns)
+        whole_s = time.monotonic() + (after_ns + lasts_ns) / 1e9
         problem = self.load(session)
         problem = problem or self.until(lambda: not self.order(session), "a takeoff that is taken")
         problem = problem or self.until(lambda: self.phase is P.LANDED, "landed")
         problem = problem or self.until(lambda: not owner.craft.armed, "disarmed")
+        problem = problem or self.until(lambda: time.monotonic() > whole_s, "past its cut")  # one in each
         happened = Counter(owner.craft.happened[before:])
         said = {name: happened[name] for name in ONCE}
         status = self.planner.status(time.monotonic_ns())

@@ -7,6 +7,7 @@ has others in its configuration, but for the one whose bag is replayed by the na
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
@@ -17,7 +18,9 @@ import socket
 import subprocess
 import time
 from pathlib import Path
+from typing import Any, Callable
 
+import rospy
 from behaviours import Behaviours
 from hitches import allowed_s
 from stack import HERE, QUICK, Stack
@@ -25,6 +28,13 @@ from stack import HERE, QUICK, Stack
 from amaze_autonomy.replay.cli import main as replay
 
 AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
+#: what a machine that starts others meanwhile may take
+PATIENT = (
+    *QUICK,
+    "autonomy.losses.watchdog_heartbeat_limit_s=5.0",
+    "autonomy.losses.planner_status_limit_s=5.0",
+    "autonomy.losses.autopilot_status_limit_s=5.0",
+)
 launches = Behaviours()
 _number = itertools.count()
 
@@ -63,7 +73,7 @@ def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
     config = stack.config
     if "record:=true" not in arguments:
         config, arguments = own_sensors(stack), ("record:=false", *arguments)
-    command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join(QUICK)}", *arguments]
+    command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join(PATIENT)}", *arguments]
     environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
     with (stack.folder / "autonomy.log").open("ab") as log:
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
@@ -71,12 +81,34 @@ def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
     return process
 
 
+def wait(stack: Stack, condition: Callable[[], Any], what: str) -> None:
+    """Wait as an operator does: checks that fail while the machine is busy are asked for again."""
+
+    def look() -> Any:
+        found = condition()
+        if not found and stack.state == "OUTREACH":
+            with contextlib.suppress(rospy.ServiceException):  # it has ended meanwhile
+                stack.ask("retry")
+        return found
+
+    stack.wait(look, what, LIMIT_S, alive=False)
+
+
+def in_flight(stack: Stack) -> None:
+    wait(stack, lambda: stack.state == "MISSION" or not stack.engine_lives, "MISSION")
+    assert stack.engine_lives, "it ended before"
+
+
+def ended(stack: Stack) -> None:
+    wait(stack, lambda: not stack.engine_lives, "the end of the launch")
+
+
 def whole_launch_lands(stack: Stack, number: int) -> None:
     process = roslaunch(stack, "mission:=long", "flight:=simulated", f"received:={stack.folder / 'received.jsonl'}")
-    stack.wait_state("MISSION", limit_s=LIMIT_S)
+    in_flight(stack)
     told_ns = time.monotonic_ns()
     process.send_signal(number)
-    stack.wait_end(LIMIT_S)
+    ended(stack)
     delays = stack.routes_after(told_ns)
     assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
     assert all(delay < allowed_s(1.0, told_ns / 1e9) for delay in delays.values()), f"landing was sent after {delays}"
@@ -97,9 +129,9 @@ def sigterm_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
 @launches.add(processes=(), start=False)
 def autopilot_and_planner_land_when_the_whole_launch_is_told_to_end_in_flight(stack: Stack) -> None:
     process = roslaunch(stack, "mission:=long", f"mavlink_port:={free_ports()}")
-    stack.wait_state("MISSION", limit_s=LIMIT_S)
+    in_flight(stack)
     process.send_signal(signal.SIGINT)
-    stack.wait_end(LIMIT_S)
+    ended(stack)
     assert stack.result()["exit_status"] == 8
     assert "mission_planner: ended in flight" in stack.log()
     assert "autopilot: ended in flight" in stack.log()
@@ -108,7 +140,7 @@ def autopilot_and_planner_land_when_the_whole_launch_is_told_to_end_in_flight(st
 @launches.add(processes=(), start=False)
 def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
     roslaunch(stack, "mission:=hop", "exit_when_ended:=true", f"mavlink_port:={free_ports()}")
-    stack.wait_end(LIMIT_S)
+    ended(stack)
     result = stack.result()
     assert (result["exit_status"], result["result"], result["state"]) == (0, "COMPLETE", "MISSION_ENDED")
     assert result["data"]
@@ -120,7 +152,7 @@ def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
 @launches.add(processes=(), start=False)
 def two_recorder_nodes_end_with_one_verified_bag_that_replays(stack: Stack) -> None:
     roslaunch(stack, "mission:=hop", "exit_when_ended:=true", "record:=true", "flight:=simulated")
-    stack.wait_end(LIMIT_S)
+    ended(stack)
     result = stack.result()
     bag = Path(result["data"])
     assert (result["exit_status"], result["result"]) == (0, "COMPLETE")
