@@ -121,7 +121,7 @@ def _commented(path):
         if line.strip().startswith("# "):
             block.append(line.strip()[2:])
         elif ":" in line:
-            comments.append((line.split(":")[0].strip(), " ".join(block)))
+            comments.append((line.split(":")[0].strip().lstrip("#"), " ".join(block)))  # one left out included
             block = []
         else:
             block = []

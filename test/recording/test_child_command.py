@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from amaze_autonomy.config.recording_schema import Storage, TopicGroup
 from amaze_autonomy.recording.child_command import child_command, files_of
 
@@ -26,6 +28,22 @@ def test_a_group_has_its_own_settings():
         "--output-name=/rec/s/main/states-01.bag", "--lz4", "--split", "--size=500", "--repeat-latched",
         "--exclude=/cam/secret", "--regex", "/a\\.b", "/cam.*", "__name:=record_main_states",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "storage, own, expected",
+    [
+        (Storage(), {}, 768),
+        (Storage(compression="lz4"), {}, 64),
+        (Storage(), {"compression": "lz4"}, 64),
+        (Storage(compression="lz4"), {"compression": "none"}, 768),
+        (Storage(compression="lz4", chunk_kb=256), {}, 256),
+        (Storage(chunk_kb=256), {"compression": "lz4", "chunk_kb": 32}, 32),
+    ],
+)
+def test_a_compressed_chunk_is_small_unless_it_is_asked_for_otherwise(storage, own, expected):
+    """What is in an open one is not on the disk, and an image in one of its own stays compressed in a merge."""
+    assert f"--chunksize={expected}" in command(TopicGroup("states", ("/a",), **own), storage)
 
 
 def test_the_files_of_a_group_are_those_that_its_recorders_wrote():

@@ -21,7 +21,7 @@ class Storage:
         min_free_fraction: free part of the storage below which no recording starts.
         min_free_gb: free space below which no recording starts.
         compression: of the chunks: none or lz4.
-        chunk_kb: size of a chunk.
+        chunk_kb: size of a chunk; None: what suits the compression.
         buffer_mb: what rosbag may hold in memory.
         split_mb: size at which a bag is closed and the next begun; 0: never.
         reserve_mb: free space at which rosbag stops to write.
@@ -30,7 +30,7 @@ class Storage:
     min_free_fraction: float = 0.05
     min_free_gb: float = 2.0
     compression: str = "none"
-    chunk_kb: int = 768
+    chunk_kb: Optional[int] = None
     buffer_mb: int = 256
     split_mb: int = 0
     reserve_mb: int = 200
@@ -157,7 +157,7 @@ _STORAGE_ROWS: Tuple[Row, ...] = (
     ("min_free_fraction", Number(minimum=0.0, below=1.0), "free part of the storage below which no recording starts", "file systems slow down when they are full"),
     ("min_free_gb", Number(minimum=0.0, maximum=100000.0), "free space below which no recording starts", "two cameras write 1.5 GB in a minute"),
     ("compression", Choice(("none", "lz4")), "of the chunks", "never bz2: with images the recorder loses a third of the data"),
-    ("chunk_kb", Whole(1, 65536), "size of a chunk", "what a power cut loses; 64 with lz4"),
+    ("chunk_kb", Whole(1, 65536), "size of a chunk; left out: 768, with lz4 64", "compressed, it is what a kill or a power cut loses; an image larger than a chunk stays compressed when recordings are merged"),
     ("buffer_mb", Whole(0, 65536), "what rosbag may hold in memory; 0: no limit", "a slow disk shows here"),
     ("split_mb", Whole(0, 1048576), "size at which a bag is closed and the next begun; 0: never", "some file systems take no large files"),
     ("reserve_mb", Whole(0, 1048576), "free space at which rosbag stops to write", "bags must be closed, and others write too"),

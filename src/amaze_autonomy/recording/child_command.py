@@ -10,6 +10,8 @@ from amaze_autonomy.config.recording_schema import Storage, TopicGroup
 
 __all__ = ["bag_name", "child_command", "files_of", "log_name"]
 
+_CHUNK_KB = {"none": 768, "lz4": 64}  # of a compressed chunk that is open nothing is on the disk yet
+
 
 def bag_name(group: str, number: int) -> str:
     """Return the name of a group's bag, without what splitting adds to it."""
@@ -41,7 +43,7 @@ def child_command(
         output: of the bag.
     """
     compression = storage.compression if group.compression is None else group.compression
-    chunk_kb = storage.chunk_kb if group.chunk_kb is None else group.chunk_kb
+    chunk_kb = group.chunk_kb or storage.chunk_kb or _CHUNK_KB[compression]
     buffer_mb = storage.buffer_mb if group.buffer_mb is None else group.buffer_mb
     options = [f"--buffsize={buffer_mb}", f"--chunksize={chunk_kb}", f"--min-space={storage.reserve_mb}M"]
     options += ["--tcpnodelay", f"--output-name={output}"]
