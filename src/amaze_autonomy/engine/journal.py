@@ -113,9 +113,10 @@ def encode_event(event: Event) -> str:
     if form is None:
         form = _forms[type(event)] = _form(type(event))
     try:
-        return form(event)
+        line = form(event)
     except (KeyError, ValueError):  # of another type than annotated
         return _encode_event(event)
+    return _encode_event(event) if "nan" in line or "inf" in line else line
 
 
 def _form(kind: type) -> Form:

@@ -29,8 +29,9 @@ def form_of(kind: Any, more: Tuple[Tuple[str, str], ...] = ()) -> Optional[Form]
         kind: the dataclass.
         more: names and texts that are added to its fields.
 
-    The function raises:
-        KeyError, ValueError: Something in the instance is not what its annotation says, or no number.
+    A number that is not finite is written as Python does, which is no JSON: whoever reads "nan" or "inf" in the object,
+    perhaps in a text, must ask the encoder. The function raises:
+        KeyError, ValueError: Something in the instance is not what its annotation says, or has too many digits.
     """
     hints = field_types(kind)
     names = sorted(hints)
@@ -67,11 +68,6 @@ def _named(names: Mapping[str, str]) -> Form:
     return lambda member: names[member._name_]
 
 
-def _number(value: float) -> str:
-    """Return a number; what is not finite is unknown."""
-    return float.__repr__(value) if value - value == 0.0 else "null"
-
-
 def _list(texts: _Texts) -> Form:
     """Return what writes tuples; very often it is the one that was written last."""
     last: Tuple[Tuple[Any, ...], str] = (), "[]"
@@ -90,7 +86,7 @@ def _list(texts: _Texts) -> Form:
 _SIMPLE: _Texts = {
     bool: {True: "true", False: "false"}.__getitem__,
     int: int.__repr__,
-    float: _number,
+    float: float.__repr__,
     str: encode_basestring_ascii,
     type(None): lambda _: "null",
 }

@@ -167,7 +167,7 @@ def _watchdog_info(stepper: Stepper, state: EngineState, event: WatchdogInfo) ->
 
 def _mission_status(stepper: Stepper, state: EngineState, event: MissionStatus) -> Changes:
     """The planner is in the same phase, at the same waypoint."""
-    last, t_ns = state.planner, event.t_ns
+    last, t_ns, since_ns = state.planner, event.t_ns, state.planner_ns
     if not event.session_id or event.session_id != state.session_id or not _credible(stepper, event.age_ns):
         return {}
     if (
@@ -180,7 +180,8 @@ def _mission_status(stepper: Stepper, state: EngineState, event: MissionStatus) 
         or event.repetition != last.repetition
         or event.message != last.message
         or last.t_ns <= state.motion_ns
-        or not _fresh(t_ns, state.planner_ns, stepper.limits.planner_status_limit_ns)
+        or since_ns is None
+        or t_ns - since_ns > stepper.limits.planner_status_limit_ns
     ):
         return None
     return {"planner": event, "planner_ns": t_ns}
@@ -209,11 +210,12 @@ def _recording_status(stepper: Stepper, state: EngineState, event: RecordingStat
 
 def _landed_status(stepper: Stepper, state: EngineState, event: LandedStatus) -> Changes:
     """The landing detection judges as before."""
-    last, t_ns = state.landing, event.t_ns
+    last, t_ns, since_ns = state.landing, event.t_ns, state.landing_ns
     if not _credible(stepper, event.age_ns):
         return {}
-    same = last is not None and event.landed is last.landed
-    if not same or not _fresh(t_ns, state.landing_ns, stepper.limits.landing_detection_limit_ns):
+    if last is None or event.landed is not last.landed or since_ns is None:
+        return None
+    if t_ns - since_ns > stepper.limits.landing_detection_limit_ns:
         return None
     return {"landing": event, "landing_ns": t_ns}
 

@@ -157,7 +157,8 @@ def _data_recorder(message: Any, t_ns: int) -> Event:
 
 
 def _platform(message: Any) -> PlatformRecording:
-    return PlatformRecording(
+    return made(
+        PlatformRecording,
         platform=str(message.platform),
         growing=bool(message.growing),
         written_bytes=int(message.bytes),
