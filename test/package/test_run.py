@@ -77,6 +77,19 @@ def test_the_launch_file_knows_every_simulated_vehicle():
 
 
 @pytest.mark.builds
+def test_a_demo_whose_simulated_world_does_not_start_ends_at_once_and_is_no_success(tmp_path):
+    pytest.importorskip("rospy", reason="needs ROS")
+    (tmp_path / "bad.yaml").write_text("description: a scenario with a word too much\nfalts: []\n")
+
+    few = ("monitors:=simulated", "flight:=simulated", "record:=false", "console:=false")  # nodes
+    result = run("demo", "faults:=bad.yaml", *few, "output:=out", folder=tmp_path)
+
+    assert result.returncode == 2
+    assert f"simulation: {tmp_path}/bad.yaml:2: falts: is an unknown key; did you mean faults?" in result.stderr
+    assert result.stderr.splitlines()[-1] == "run: it ended before a mission was begun"
+
+
+@pytest.mark.builds
 def test_a_demo_whose_engine_does_not_start_fails_and_says_so(tmp_path):
     pytest.importorskip("rospy", reason="needs ROS")
     (tmp_path / "empty").mkdir()
