@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.cli import main
 from amaze_autonomy.replay.pages.page import write_page
 from amaze_autonomy.replay.suite import Options, Task, Verdict, run_task, tasks_of
@@ -26,6 +28,18 @@ def test_another_rule_ends_the_flight_otherwise(folder, capsys):
     assert lines[0] == ("ENDS OTHERWISE  lrf: TAKEOFF HOLD LAND MISSION_ENDED  ->  TAKEOFF HOLD RESUME MISSION_ENDED")
     assert lines[1].startswith("    decision at +16.500 s changed value: MISSION/flying by failure_wait")
     assert lines[-1] == "1 flights: 1 end otherwise, 0 decide otherwise and end alike"
+
+
+def test_the_other_configuration_may_be_a_file(folder, capsys):
+    shutil.copytree(config_folder(), "other")
+    Path("other.yaml").write_text("folder: other\nset: {sensors.components.lrf.severity: moderate}\n")
+    assert main(["what-if", str(folder), "--against", "other.yaml"]) == 1
+    assert capsys.readouterr().out.startswith(
+        "ENDS OTHERWISE  lrf: TAKEOFF HOLD LAND MISSION_ENDED  ->  TAKEOFF HOLD RE"
+    )
+    Path("other.yaml").write_text("sets: {sensors.components.lrf.severity: moderate}\n")
+    assert main(["what-if", str(folder), "--against", "other.yaml"]) == 2
+    assert "other.yaml:1: sets: is an unknown key; did you mean set?" in capsys.readouterr().err
 
 
 def test_a_rule_that_does_not_matter_changes_nothing(folder, capsys):

@@ -33,7 +33,7 @@ from ..expect.trace import READINGS
 from ..faults.kinds import RECORDED_FAULT
 from .model import Anchor, SourceKind
 
-__all__ = ["OVERRIDE", "VERSION", "schema_of"]
+__all__ = ["CONFIGURATION", "OVERRIDE", "VERSION", "schema_of"]
 
 VERSION = 1
 OVERRIDE = r"(autonomy|sensors|missions|recording)(\.[A-Za-z0-9_/-]+)+"
@@ -129,7 +129,7 @@ class _AnchorEntry(Kind):
         )
 
 
-_CONFIGURATION = Group(
+CONFIGURATION = Group(
     "the configuration to decide by",
     (
         Key("folder", _FILE, "with its files; left out: the one that ships with the package", "", None),
@@ -156,7 +156,7 @@ _HEAD = (
     Key("description", Text("one line", longest=200), "what happens"),
     Key("tags", ListOf(Text("a word", _WORD), "words", unique=True), "to choose by", "", []),
     Key("requirements", ListOf(Text("an id", _WORD), "ids", unique=True), "what it proves", "", []),
-    Key("configuration", _CONFIGURATION, "to decide by", "", None),
+    Key("configuration", CONFIGURATION, "to decide by", "", None),
 )
 _TAIL = (
     Key("anchors", Named("instants", COMPONENT_NAME, _AnchorEntry()), "named instants", "", None),

@@ -41,8 +41,8 @@ def _add_what_if(commands: Any) -> None:
     parser = commands.add_parser("what-if", help="the same scenarios by two configurations: what would be different")
     add_choice(parser)
     add_configuration(parser)
-    words = "the other configuration: a folder, or FILE.KEY=VALUE on top of the first"
-    parser.add_argument("--against", required=True, metavar="DIR|KEY=VALUE", help=words)
+    words = "the other configuration: a folder, a YAML file with folder and set, or FILE.KEY=VALUE on top of the first"
+    parser.add_argument("--against", required=True, metavar="DIR|FILE|KEY=VALUE", help=words)
     parser.add_argument("-j", "--jobs", type=int, default=1, metavar="N", help="processes; 0: one for each core")
     parser.set_defaults(command=_what_if)
 

@@ -17,7 +17,7 @@ from ..scenario.model import Case
 from ..scenario.places import meant, place_of
 from .task import Options
 
-__all__ = ["Mark", "Played", "configuration_of", "missions_of"]
+__all__ = ["Mark", "Played", "configuration_of", "missions_of", "written"]
 
 _OVERRIDE = "override "
 Mark = Tuple[str, float, Optional[float], str]
@@ -52,7 +52,7 @@ def configuration_of(case: Case, options: Options) -> Configuration:
     try:
         if not options.overrides:
             return load_configuration(folder, case.overrides)
-        own = [f"{key}={_written(value)}" for key, value in case.overrides.items()]
+        own = [f"{key}={written(value)}" for key, value in case.overrides.items()]
         return load_configuration(folder, [*own, *options.overrides])
     except ConfigError as error:
         raise _placed(error, case) from error
@@ -67,10 +67,10 @@ def _placed(error: ConfigError, case: Case) -> ConfigError:
     return ConfigError(place, f"{key.partition('.')[0]}.{error.key}" if error.key else key, error.wrong, error.right)
 
 
-def _written(value: Any) -> str:
+def written(value: Any) -> str:
     """Return a plain value as YAML."""
     if isinstance(value, list):
-        return f"[{', '.join(_written(each) for each in value)}]"
+        return f"[{', '.join(written(each) for each in value)}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     return "null" if value is None else repr(value)

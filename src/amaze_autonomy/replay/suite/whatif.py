@@ -6,9 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence, Tuple
 
+from amaze_autonomy.config.document import read
 from amaze_autonomy.engine.commands import Decision
 
 from ..golden import align, decisions_of, first_difference, told
+from ..scenario.schema import CONFIGURATION
+from .played import written
 from .result import Result, Verdict
 from .runner import run_tasks
 from .task import Options, Task
@@ -36,8 +39,22 @@ class Fork:
 
 
 def other_options(options: Options, against: str) -> Options:
-    """Return the options of the other configuration: a folder, or "file.key=value" on top of the first."""
-    if "=" in against and not Path(against).is_dir():
+    """Return the options of the other configuration.
+
+    Args:
+        options: of the first one.
+        against: a folder, a YAML file with `folder` and `set`, or "file.key=value" on top of the first.
+
+    Raises:
+        ConfigError: the first mistake in the file.
+    """
+    path = Path(against)
+    if path.is_file():
+        said = CONFIGURATION.read(read(path), (), {})
+        folder = options.configuration if said["folder"] is None else str(path.parent / said["folder"])
+        given = tuple(f"{key}={written(value)}" for key, value in (said["set"] or {}).items())
+        return replace(options, configuration=folder, overrides=(*options.overrides, *given))
+    if "=" in against and not path.is_dir():
         return replace(options, overrides=(*options.overrides, against))
     return replace(options, configuration=against)
 
