@@ -20,13 +20,15 @@ def test_gaps_and_dropped_messages_are_losses():
         "b: an unknown number of messages",
         "cameras: 2 times, together 0.8 s, at least 1,200 messages, in which nothing was recorded (killed by SIGKILL)",
         "states: 0.4 s, in which nothing was recorded (killed by SIGKILL)",
-        "at least 2 messages dropped (warnings of the recorder: 2)",
+        "at least 2 messages dropped (warnings of the recorder: 2, one in 5 s at most; "
+        "topics without numbers are not counted)",
     ]
 
 
 def test_numbers_that_are_missing_count_more_than_warnings_that_come_every_five_seconds():
     assert losses({"files": [], "dropped": 2, "missing": {"/imu": 41, "/gps": 1}}) == [
-        "at least 42 messages dropped (by the numbers in headers: 1 of /gps, 41 of /imu; warnings of the recorder: 2)"
+        "at least 42 messages dropped (by the numbers in headers: 1 of /gps, 41 of /imu; "
+        "warnings of the recorder: 2, one in 5 s at most; topics without numbers are not counted)"
     ]
     assert losses({"files": [], "missing": {"/imu": 1}}) == [
         "at least 1 message dropped (by the numbers in headers: 1 of /imu)"

@@ -24,11 +24,23 @@ def test_closed_bags_are_listed_with_bytes_messages_and_checksums(tmp_path):
     assert close_parts(tmp_path, FACTS) == listed(tmp_path)
     assert listed(tmp_path) == {
         "parts": 1, "session_id": "s1", "platform": "main", "gaps": [], "dropped": 0, "logs": [],
-        "missing": {}, "open_ends": {},
+        "missing": {}, "open_ends": {}, "uncounted": ["/a"],
         "files": [
             {"file": "states-01.bag", "bytes": path.stat().st_size, "messages": 20, "sha256": digest(path), "lost": 0}
         ],
     }  # fmt: skip
+
+
+def test_warnings_in_a_log_that_nobody_read_count_too(tmp_path):
+    """The node was killed, or the computer started anew, before it looked."""
+    bag(tmp_path / "states-01.bag", rows("/a", 20))
+    warning = "\x1b[33m[ WARN] [1.5]: rosbag record buffer exceeded.  Dropping oldest queued message.\x1b[0m\n"
+    (tmp_path / "states.log").write_bytes(b"\xff\n" + 3 * warning.encode())
+    assert [close_parts(tmp_path, {**FACTS, "dropped": seen})["dropped"] for seen in (0, 2, 4)] == [3, 3, 4]
+    assert losses(close_parts(tmp_path, FACTS)) == [
+        "at least 3 messages dropped (warnings of the recorder: 3, one in 5 s at most; "
+        "topics without numbers are not counted)"
+    ]
 
 
 def test_what_a_killed_recorder_left_is_closed_where_it_lies_and_can_be_undone(tmp_path):

@@ -117,6 +117,7 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
             "gaps": content.get("gaps", []),
             "dropped_warnings": content.get("dropped", 0),
             "missing_numbers": content.get("missing", {}),
+            "uncounted_topics": content.get("uncounted", []),
             "lost": gone,
         }
     if not inputs:

@@ -83,6 +83,6 @@ def _of_drops(warnings: int, missing: Mapping[str, int]) -> List[str]:
         topics = ", ".join(f"{count:,} of {topic}" for topic, count in sorted(missing.items()))
         why.append(f"by the numbers in headers: {topics}")
     if warnings:
-        why.append(f"warnings of the recorder: {warnings}")
+        why.append(f"warnings of the recorder: {warnings}, one in 5 s at most; topics without numbers are not counted")
     most = max(warnings, counted)
     return [f"at least {most:,} message{'' if most == 1 else 's'} dropped ({'; '.join(why)})"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
@@ -21,6 +21,7 @@ from .accounts import Written, account, written
 from .errors import TransferError
 from .folders import PARTS, read_json, write_json
 from .header_numbers import Numbers, Stream, header_numbers
+from .log_lines import LogState, read_line
 
 __all__ = ["Part", "check_arrived", "close_parts", "open_bags", "whole_bags"]
 
@@ -104,10 +105,35 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
         files += _written(folder, path, listed)
         meter.add(size)
     known = account(files, facts.get("gaps", []))
-    logs = sorted(path.name for path in folder.glob("*.log"))
-    content = {"parts": 1, **facts, **known._asdict(), "files": entries, "logs": logs}
+    logs = sorted(folder.glob("*.log"))
+    content = {"parts": 1, **facts, **known._asdict(), "files": entries, "logs": [path.name for path in logs]}
+    content["dropped"] = max(int(facts.get("dropped", 0)), sum(map(_warnings, logs)))
+    content["uncounted"] = _uncounted(folder, entries, files)
     write_json(folder / PARTS, content)
     return content
+
+
+def _warnings(log: Path) -> int:
+    """Return how often recorders said in a log that messages were dropped, whether or not somebody read it then."""
+    state = LogState()
+    try:
+        with log.open(encoding="utf-8", errors="replace") as lines:
+            for line in lines:
+                state = read_line(state, line)
+    except OSError:
+        pass  # then what was seen has to do
+    return state.dropped
+
+
+def _uncounted(folder: Path, entries: Sequence[Mapping[str, Any]], files: Sequence[Written]) -> List[str]:
+    """Return the topics whose messages have no numbers, so that nobody can tell whether one is missing."""
+    counted = {topic for file in files for (topic, _), numbers in file.numbers.items() if numbers.counts}
+    topics: Set[str] = set()
+    for entry in entries:
+        if not entry.get("open"):
+            with Index(folder / str(entry["file"])) as index:
+                topics |= {each.topic for each in index.connections.values()}
+    return sorted(topics - counted)
 
 
 def _written(folder: Path, path: Path, listed: Sequence[Mapping[str, Any]]) -> List[Written]:
