@@ -61,7 +61,8 @@ def test_a_run_of_nothing_has_not_passed(verb):
     assert json.loads(Path("r.json").read_text())["verdict"] == "ERROR"
 
 
-def test_a_key_that_only_a_teams_own_configuration_has_is_no_wrong_use(folder, capsys):
+@pytest.mark.parametrize("verb", ["test", "corpus"])
+def test_a_key_that_only_a_teams_own_configuration_has_is_no_wrong_use(folder, capsys, verb):
     own = folder / "own"
     shutil.copytree(config_folder(), own)
     sensors = (own / "sensors.yaml").read_text()
@@ -70,7 +71,7 @@ def test_a_key_that_only_a_teams_own_configuration_has_is_no_wrong_use(folder, c
         "version: 1\ndescription: x\nconfiguration: {folder: own}\n"
         "expectations:\n  - {expect: never, of: {failure: range_finder}}\n"
     )
-    assert main(["test", "suite", "--set", "sensors.components.range_finder.severity=moderate"]) == 0
+    assert main([verb, "suite", "-j1", "--set", "sensors.components.range_finder.severity=moderate"]) == 0
     assert (
         capsys.readouterr()
         .out.splitlines()[-1]

@@ -30,7 +30,7 @@ from .coverage import coverage_of
 from .result import Result, exit_status
 from .runner import run_tasks
 from .task import Options
-from .told import as_json, as_junit, as_markdown, result_lines, summary_line
+from .told import NOT_COMPARED, as_json, as_junit, as_markdown, result_lines, summary_line
 
 __all__ = ["add_commands"]
 
@@ -61,9 +61,6 @@ def _add_test(commands: _Parsers) -> None:
     test.set_defaults(command=_test)
 
 
-_NOT_COMPARED = "; goldens not compared: they are of each scenario's own configuration"
-
-
 def _test(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if options.json is not None:
@@ -79,7 +76,7 @@ def _test(options: argparse.Namespace) -> int:
             _say(each, verbose=False)
         results += lonely
     wall_s = time.perf_counter() - began
-    show_lines([summary_line(results, wall_s) + ("" if goldens or options.no_goldens else _NOT_COMPARED)])
+    show_lines([summary_line(results, wall_s) + ("" if goldens or options.no_goldens else NOT_COMPARED)])
     _write(options, results, waivers, wall_s)
     return exit_status(result.verdict for result in results)
 

@@ -23,7 +23,7 @@ from .fetch import data_folder, fetch_bags
 from .result import Result, Verdict, exit_status
 from .runner import run_tasks
 from .task import Task
-from .told import as_json, result_lines
+from .told import NOT_COMPARED, as_json, result_lines
 
 __all__ = ["add_corpus"]
 
@@ -63,7 +63,7 @@ def _corpus(options: argparse.Namespace) -> int:
         began = time.perf_counter()
         results, workers = _run(tasks, options, jobs)
     wall_s = time.perf_counter() - began
-    show_lines([_summary(results)])
+    show_lines([_summary(results) + ("" if goldens or options.no_goldens else NOT_COMPARED)])
     sys.stderr.write("".join(f"{line}\n" for line in time_table(results, wall_s, workers)))
     if options.json is not None:
         write_whole(options.json, as_json(results, wall_s=wall_s, workers=workers))

@@ -8,9 +8,10 @@ from xml.etree import ElementTree as ET
 
 from .result import Result, Verdict, exit_status
 
-__all__ = ["as_json", "as_junit", "as_markdown", "plain", "result_lines", "summary_line"]
+__all__ = ["NOT_COMPARED", "as_json", "as_junit", "as_markdown", "plain", "result_lines", "summary_line"]
 
 _WIDE = 12
+NOT_COMPARED = "; goldens not compared: they are of each scenario's own configuration"
 
 
 def result_lines(result: Result, *, verbose: bool = False) -> List[str]:
