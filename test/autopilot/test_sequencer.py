@@ -493,6 +493,21 @@ def landed_unheard(flying) -> None:
     flying.channel.fate = lambda: ()
 
 
+def test_an_item_that_its_mission_does_not_have_is_where_nobody_is():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.status.waypoint == 2)
+    flying.planner.receive(flying.t_ns, mavlink.MAVLink_mission_current_message(65535))
+    assert (flying.status.waypoint, flying.phase) == (2, P.FLYING)
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING)
+    flying.planner.receive(flying.t_ns, mavlink.MAVLink_mission_current_message(65535))
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.FLYING, limit_ns=6 * S)
+    flying.until_phase(P.LANDED)
+    assert (flying.status.waypoint, flying.status.message) == (3, "")
+
+
 def test_how_far_it_came_is_not_given_up_while_the_vehicle_is_silent():
     flying = Flying()
     landed_unheard(flying)

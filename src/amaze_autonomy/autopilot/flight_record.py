@@ -41,6 +41,13 @@ class FlightRecord:
         self._beat_ns: Optional[int] = None
         self._beats = 0
 
+    @property
+    def item(self) -> Optional[int]:
+        """The item of its mission that the vehicle is at; None: unknown, or one that the mission does not have."""
+        current = self._watch.current
+        is_there = current is not None and waypoint_index(current, self._watch.dialect) <= self.waypoints
+        return current if is_there else None
+
     def look(self) -> None:
         """Take notice of what the vehicle shows now."""
         watch = self._watch
@@ -52,13 +59,13 @@ class FlightRecord:
 
     def _count(self) -> None:
         """Count waypoints that are done with."""
-        watch = self._watch
+        watch, item = self._watch, self.item
         if self.guidance is not None:
             self.reached = self.guidance.reached
             return
-        if watch.mode != MISSION or not self.airborne or watch.current is None:
+        if watch.mode != MISSION or not self.airborne or item is None:
             return
-        self._highest = max(self._highest, watch.current)
+        self._highest = max(self._highest, item)
         done = self._highest
         if watch.reached is not None and watch.reached == self._highest:
             done = watch.reached + 1
@@ -76,7 +83,7 @@ class FlightRecord:
         if self._ground_ns is None:
             self._ground_ns = t_ns
         heard_ns = self._watch.current_ns
-        if heard_ns is not None and heard_ns > self._ground_ns:
+        if self.item is not None and heard_ns is not None and heard_ns > self._ground_ns:
             return True
         self._beats += self._watch.heartbeat_ns != self._beat_ns
         self._beat_ns = self._watch.heartbeat_ns

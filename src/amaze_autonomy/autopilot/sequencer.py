@@ -172,11 +172,11 @@ class Sequencer:
         if action is _A.HOLD and self._flight.guidance is not None:
             self._flight.guidance.stand()
         if action is _A.HOLD and self._controller is Controller.MISSION and self._phase is not _P.HOLDING:
-            self._means.resume_item = self.watch.current
+            self._means.resume_item = self._flight.item
         if action is _A.RESUME and self._flight.guidance is not None:
             self._flight.guidance.go_on()
         if action is _A.RESUME and self._means.resume_item is not None:
-            self._means.resume_item = max(self._means.resume_item, self.watch.current or 0)  # told late, it was passed
+            self._means.resume_item = max(self._means.resume_item, self._flight.item or 0)  # told late, it was passed
         persistent = action in (_A.LAND, _A.ABORT)
         steps = steps_of(self._controller, action, self.watch.dialect)
         self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
