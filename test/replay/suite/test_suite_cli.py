@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 
 from amaze_autonomy.replay.cli import main
-from amaze_autonomy.replay.suite import cli
+from amaze_autonomy.replay.suite import Result, Verdict, cli
+from amaze_autonomy.replay.suite.told import result_lines
 
 REASON = "--reason=the first run, and it is right"
 
@@ -215,3 +217,16 @@ def test_another_configuration_is_judged_by_the_expectations_alone(accepted, cap
     capsys.readouterr()
     assert main(["test", str(accepted), "--set", "sensors.components.lrf.severity=moderate"]) == 1
     assert verdict(capsys) == "VACUOUS"
+
+
+def test_from_where_on_a_recording_is_another_flight_is_said():
+    mark = ("counterfactual", 15.4, 20.0, "the recorded vehicle did otherwise")
+    told = Result("x", "x.scenario.yaml", "", "", Verdict.FAIL, "why", marks=(mark,), command="again")
+    assert result_lines(told) == [
+        "FAIL         x: why",
+        "    NOTE     from +15.400 s on, the recorded vehicle did otherwise: "
+        "what is judged after that is another flight's",
+        "    reproduce: again",
+    ]
+    passed = replace(told, verdict=Verdict.PASS)
+    assert (len(result_lines(passed)), len(result_lines(passed, verbose=True))) == (1, 2)

@@ -204,6 +204,6 @@ def _marks(outcome: Outcome, acting: Sequence[Acting]) -> Tuple[Mark, ...]:
         if each.begin_ns != _NEVER
     ]
     if outcome.counterfactual_ns is not None:
-        words = "the recorded vehicle did otherwise from here on"
+        words = "the recorded vehicle did otherwise"
         marks.append(("counterfactual", seconds(outcome.counterfactual_ns), seconds(outcome.end_ns), words))
     return tuple(marks)

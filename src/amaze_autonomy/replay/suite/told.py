@@ -24,6 +24,11 @@ def result_lines(result: Result, *, verbose: bool = False) -> List[str]:
         + (f" ({finding.margin_text})" if finding.margin_text else "")
         for finding in result.findings
     ]
+    lines += [
+        f"    NOTE     from {begin_s:+.3f} s on, {words}: what is judged after that is another flight's"
+        for kind, begin_s, _, words in result.marks
+        if kind == "counterfactual"
+    ]
     lines += [f"    {problem}" for problem in result.problems]
     lines += [f"    {line}" for line in result.difference]
     if result.verdict is not Verdict.PASS and not any("reproduce:" in line for line in result.difference):
