@@ -34,7 +34,7 @@ __all__ = ["BEGINNING", "GROUP_BYTES", "Block", "Loader", "Pool"]
 BEGINNING = 512  # bytes of a large message that are read; its header has about 50
 _LARGE = 64 << 10  # what is worth a copy by the system
 _COARSE = 16 << 10  # bytes per message that make it worth looking for large ones
-_SPARSE = 8  # times as much is loaded together of chunks of which little is read
+_SPARSE = 12  # times as much is loaded together, at most, of chunks of which little is read
 _BROKEN = (RecordError, struct.error, ValueError)
 
 _Entries = Tuple[Any, Any, Any]
@@ -74,6 +74,7 @@ class Loader:
     ) -> None:
         self._index, self._number, self._unseen, self._coarse = index, number, unseen, coarse
         self._messages = messages
+        self._share = 0.5  # of the last coarse chunks, that was read; where that is not known, not little
         self._passed = frozenset(np.flatnonzero(unseen).tolist())
         if messages is not None:
             bounds: Any = np.searchsorted(messages.chunk, np.arange(len(index.chunks) + 1))
@@ -82,7 +83,7 @@ class Loader:
     def size_of(self, number: int) -> int:
         """Return about how many bytes a chunk brings along: less than it has, where not all of it is read."""
         size = self._index.head(number).size
-        return size // _SPARSE if self.is_coarse(number) else size
+        return int(size * self._share) if self.is_coarse(number) else size
 
     def compressed(self, numbers: List[int], pool: Pool) -> Block:
         """Return the messages of compressed chunks.
@@ -190,6 +191,8 @@ class Loader:
         for each in torn:  # there is more in it than messages, or damage
             begin, size = int(begins[each]), int(ends[each] - begins[each])
             self._read(buffer, begin, begin + int(shifts[each]), size)
+        read = (bounds[1].sum() - bounds[0].sum()) / (ends[coarse] - begins[coarse]).sum()
+        self._share = 1.0 if torn else min(1.0, max(float(read), 1 / _SPARSE))
         good = ~np.isin(chunk, torn)
         return np.stack((start[good], start[good] + shifts[chunk[good]]), 1)
 
