@@ -14,8 +14,9 @@ import pytest
 
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.cli import main
+from amaze_autonomy.replay.pages.content import page_content
 from amaze_autonomy.replay.pages.page import write_page
-from amaze_autonomy.replay.suite import Options, Task, Verdict, run_task, tasks_of
+from amaze_autonomy.replay.suite import Options, Result, Task, Verdict, run_task, tasks_of
 from amaze_autonomy.replay.suite.coverage import coverage_of
 from amaze_autonomy.replay.suite.shrink import MOST_LINES
 
@@ -202,3 +203,9 @@ def test_the_page_says_verdicts_by_signs_and_has_colours_for_the_dark(folder):
     light, dark = re.findall(r":root \{(.*?)\}", page, re.DOTALL)
     names = [set(re.findall(r"(--\w+):", text)) for text in (light, dark)]
     assert names[0] == names[1] == set(re.findall(r"var\((--\w+)\)", page))
+
+
+def test_the_page_opens_with_what_failed():
+    results = [Result(verdict.value, "x", "", "", verdict, "") for verdict in reversed(Verdict)]
+    shown = [test["id"] for test in page_content(results, None, 0.0)["tests"]]
+    assert shown == ["FAIL", "ERROR", "VACUOUS", "INCONCLUSIVE", "PASS"]

@@ -21,12 +21,12 @@ from .colours import STATE_COLOURS
 
 __all__ = ["page_content"]
 
-_RANK = {Verdict.ERROR: 0, Verdict.FAIL: 1, Verdict.VACUOUS: 2, Verdict.INCONCLUSIVE: 3, Verdict.PASS: 4}
+_RANK = {Verdict.FAIL: 0, Verdict.ERROR: 1, Verdict.VACUOUS: 2, Verdict.INCONCLUSIVE: 3, Verdict.PASS: 4}
 _Bar = Tuple[float, float, str]
 
 
 def page_content(results: Sequence[Result], coverage: Optional[Coverage], wall_s: float) -> Dict[str, Any]:
-    """Return all that the page shows; failed scenarios first."""
+    """Return all that the page shows; failed scenarios first, then those that could not be run."""
     ordered = sorted(results, key=lambda result: _RANK[result.verdict])
     return {
         "tests": [_test(result) for result in ordered],

@@ -363,7 +363,7 @@ document.onkeydown = (event) => {
 };
 window.onresize = () => { if (shown) shown.draw(); };
 
-function open() {
+function goThere() {
   const wanted = decodeURIComponent(location.hash.slice(1));
   if (wanted === "coverage") coverage();
   else if (wanted === "speed") speed();
@@ -371,5 +371,5 @@ function open() {
 }
 
 list("");
-open();
-window.onhashchange = open;
+goThere();
+window.onhashchange = goThere;
