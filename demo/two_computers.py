@@ -11,6 +11,7 @@ AMAZE_COMPUTERS: 2 flies on two or not at all; else it is on two, or on one with
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -147,7 +148,17 @@ def fly(cleanup: ExitStack, arguments: List[str]) -> int:
     status = flight.wait()
     size = f"{came(near) / 1e6:.1f} MB came from the second computer"
     print(f"{'cable':12} {size}, whose own part and log lie in {output / 'second_computer'}", flush=True)
+    if status and any((output / "second_computer").glob("*/second/*.bag*")):
+        print(f"{'one_bag':12} {by_hand(output)}", flush=True)
     return status
+
+
+def by_hand(output: Path) -> str:
+    """Return how to make one bag of what both computers recorded, when the flight did not come to that."""
+    near, far = (shlex.quote(str(output / name)) for name in ("recordings/main", "second_computer"))
+    parts = f"{near}/*/main/*.bag {far}/*/second/*.bag"
+    made = shlex.quote(str(output / "all.bag"))
+    return f"if none was made of both recordings: amaze-bag merge {parts} -o {made} --verify"
 
 
 def forget(pid: int) -> None:
