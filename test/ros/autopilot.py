@@ -150,7 +150,7 @@ class TestAutopilot(unittest.TestCase):
         self.assertNotIn("ended in flight", self.node.log)
 
     def test_a_vehicle_that_falls_silent_is_old_and_comes_back(self):
-        self.wait(lambda status: status.position_valid, "a vehicle")
+        self.wait(says_all, "a vehicle")
         self.vehicle.stop()
         self.wait(lambda status: status.link_age > 2.5 and status.landed == STATUS.UNKNOWN, "silence")
         answer = self.call("check", srv.CheckAutopilot)
