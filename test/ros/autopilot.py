@@ -69,11 +69,11 @@ class TestAutopilot(unittest.TestCase):
         wait_for(lambda: condition(self.status), lambda: f"{what} (now {self.status}): {self.node.log}", limit_s)
 
     def fly(self):
-        self.wait(lambda status: status.landed == STATUS.ON_GROUND and status.height_valid, "a vehicle at rest")
+        self.wait(says_all, "a vehicle at rest")
         with self.vehicle.lock:
             self.assertEqual(self.vehicle.craft.arm(), "")
             self.vehicle.craft.command_mode("AUTO.TAKEOFF")
-        self.wait(lambda status: status.landed == STATUS.IN_AIR, "a vehicle in the air")
+        self.wait(lambda status: status.landed == STATUS.IN_AIR and status.armed, "a vehicle in the air")
 
     # --- stories --------------------------------------------------------------------------------------------------
 

@@ -133,11 +133,13 @@ class TestMavros(unittest.TestCase):
         return rospy.ServiceProxy(name, kind)(*arguments)
 
     def fly(self):
-        self.wait(lambda said: said.height_valid, "a vehicle at rest")
+        self.wait(says_all, "a vehicle at rest")
         self.mavros.__dict__.update(armed=True, landed=2, mode="AUTO.MISSION")
         self.wait(lambda said: said.landed == STATUS.IN_AIR, "a vehicle that takes off")
         self.mavros.height_m = 5.0
-        self.wait(lambda said: said.landed == STATUS.IN_AIR and said.height > 4.9, "a vehicle in the air")
+        self.wait(
+            lambda said: said.landed == STATUS.IN_AIR and said.height > 4.9 and said.armed, "a vehicle in the air"
+        )
 
     def test_what_it_says(self):
         self.wait(says_all, "all")
