@@ -13,7 +13,7 @@ from replay_bags import S
 from amaze_autonomy.engine.events import Landed
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.specs import LandingSpec
-from amaze_autonomy.replay.feeds import RangeFeed
+from amaze_autonomy.replay.ground_feeds import RangeFeed
 from amaze_autonomy.replay.topic_map import Reading
 from amaze_autonomy.replay.tracks import Track
 

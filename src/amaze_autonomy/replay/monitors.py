@@ -19,22 +19,15 @@ from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from .agenda import Turns
 from .errors import FieldError, MisfitError
-from .feeds import (
-    BatteryFeed,
-    ComponentFeed,
-    EstimateFeed,
-    Fact,
-    FactFeed,
-    Feed,
-    HealthFeed,
-    ImuFeed,
-    RangeFeed,
-    TiltFeed,
-)
+from .fact_feeds import BatteryFeed, Fact, FactFeed
+from .feed import Feed
 from .fields import kind_of
+from .ground_feeds import RangeFeed, TiltFeed
 from .looks import unsure_looks
 from .plan import Plan
+from .state_feeds import EstimateFeed, ImuFeed
 from .tracks import Track
+from .watchdog_feeds import ComponentFeed, HealthFeed
 
 __all__ = ["Light", "Monitors"]
 

@@ -38,7 +38,7 @@ from .answers import Answers
 from .errors import InvalidStatusError, MisfitError
 from .evidence import Evidence, Observed
 from .faults.story import Story
-from .feeds import Feed
+from .feed import Feed
 from .fields import kind_of
 from .follower import Follower
 from .monitors import Monitors
