@@ -18,7 +18,6 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
-    ComponentStatus,
     Event,
     Landed,
     LandedStatus,
@@ -29,7 +28,6 @@ from amaze_autonomy.engine.events import (
     WatchdogInfo,
     made,
 )
-from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 
@@ -42,6 +40,8 @@ from .feed import Feed
 from .fields import kind_of
 from .follower import Follower
 from .monitors import Monitors
+from .notes import Notes, Say
+from .origins import Origins
 from .plan import Plan
 from .script import Planner, Recorder, Vehicle
 from .sources import Recordings
@@ -58,7 +58,6 @@ _WATCH_NS = _S // 10
 _LANDED = {VehicleLanded.UNKNOWN: Landed.UNKNOWN, VehicleLanded.ON_GROUND: Landed.ON_GROUND}
 
 Tell = Callable[[Event, Source], None]
-Say = Callable[[int, Source, str, int], None]
 
 
 class World:
@@ -95,14 +94,11 @@ class World:
         self._statuses: Dict[str, str] = {topic: name for name, topic in plan.topic_map.statuses.items()}
         self._heard: Dict[str, Event] = {}
         self._sessions: Dict[str, str] = {}
-        self._components: Dict[str, ComponentStatus] = {}
-        self._landed: Optional[Landed] = None
+        self._notes = Notes(say)
         self._followed = Follower()
         self._turns = self._looks = Turns(0, _TURN_NS)
         self._turn_ns = FOREVER_NS
-        self._script_until_ns = recordings.start_ns + plan.topic_map.script.sensors_until_ns
-        self._first_ns = self._first_times()
-        self._watched = plan.component_topics or recordings.topics
+        self._origins = Origins(plan, recordings)
 
     # --- time and sources ---------------------------------------------------------------------------------------------
 
@@ -130,7 +126,7 @@ class World:
         """Return what tells a status again and again, until the recording does."""
 
         def again(t_ns: int) -> None:
-            if not self._has(name, t_ns):
+            if not self._origins.has(name, t_ns):
                 task(t_ns)
                 self._agenda.at(t_ns + period_ns, rank, again)
 
@@ -138,27 +134,11 @@ class World:
 
     def source(self, t_ns: int) -> Source:
         """Return where what is known of the components comes from at a time."""
-        return self._source_of(self._watched, t_ns)
-
-    def _source_of(self, topics: Tuple[str, ...], t_ns: int) -> Source:
-        if t_ns >= self._script_until_ns:
-            return Source.BAG
-        begun = [topic for topic in topics if t_ns >= self._first_ns.get(topic, self._script_until_ns)]
-        if len(begun) == len(topics):
-            return Source.BAG
-        return Source.BAG | Source.SCRIPT if begun else Source.SCRIPT
-
-    def _first_times(self) -> Dict[str, int]:
-        first: Dict[str, int] = {}
-        for rank, topic in enumerate(self._recordings.topics):
-            times = self._recordings.times(rank)
-            if len(times):
-                first[topic] = int(times[0])
-        return first
+        return self._origins.source(t_ns)
 
     def _play(self, feed: Feed, t_ns: int, rank: int) -> None:
         """Play a topic as nominal until its first message, for as long as the script says."""
-        end_ns = min(self._script_until_ns, self._first_ns.get(feed.topic, self._script_until_ns))
+        end_ns = self._origins.begins_ns(feed.topic)
 
         def again(at_ns: int) -> None:
             if at_ns < end_ns:
@@ -198,10 +178,10 @@ class World:
         self._heard[name] = event
         if isinstance(event, WatchdogInfo):
             self.answers.recorded_info = event
-            self._note_components(event.components, t_ns, Source.BAG)
+            self._notes.components(event.components, t_ns, Source.BAG)
         elif isinstance(event, LandedStatus):
             self.answers.recorded_landed = event
-            self._note_landed(event.landed, event.reason, t_ns, Source.BAG)
+            self._notes.landed(event.landed, event.reason, t_ns, Source.BAG)
         elif isinstance(event, AutopilotStatus) and "mission_planner" not in self._plan.topic_map.statuses:
             self._planner.follow(vars(event), self._plan.rules.limits.takeoff_height_m)
         self._tell(event, Source.BAG)
@@ -253,7 +233,7 @@ class World:
             self._plan_turn(next_ns)
 
     def _watch(self, t_ns: int) -> None:
-        if t_ns != self._turn_ns or self._has("watchdog_action", t_ns):
+        if t_ns != self._turn_ns or self._origins.has("watchdog_action", t_ns):
             return
         self._poll(t_ns)
         next_ns = self._monitors.next_poll_ns(t_ns)
@@ -267,13 +247,13 @@ class World:
         requests = self._monitors.restart_requests()
         if action is None and info is None and not requests:
             return
-        source = self.source(t_ns)
+        source = self._origins.source(t_ns)
         for request in requests:
             self._monitors.watchdog.restart_outcome(request, t_ns, good=True)
             words = f"watchdog: restart of {request.component}, attempt {request.attempt}"
             self._say(t_ns, Source.SCRIPT, words, 1)
         if info is not None and "watchdog_info" not in self._heard:
-            self._note_components(info.components, t_ns, source)
+            self._notes.components(info.components, t_ns, source)
         if action is not None:
             self._tell(action, source)
         if info is not None:
@@ -286,15 +266,15 @@ class World:
             landed = _LANDED.get(facts["landed"], Landed.AIRBORNE)
             status = LandedStatus(t_ns=t_ns, landed=landed, distance_m=facts["height_m"], reason="scripted")
         else:
-            source = self._source_of((self._plan.topic_map.readings["range"].topic,), t_ns)
+            source = self._origins.of((self._plan.topic_map.readings["range"].topic,), t_ns)
             told = {"landed": verdict.landed, "distance_m": verdict.distance_m, "reason": verdict.reason}
             status = made(LandedStatus, t_ns=t_ns, age_ns=0, **told)
-            self._note_landed(verdict.landed, verdict.reason, t_ns, source)
+            self._notes.landed(verdict.landed, verdict.reason, t_ns, source)
         self._tell(status, source)
 
     def _vehicle_facts(self, t_ns: int) -> Tuple[Dict[str, Any], Source]:
         """Return the whole of what the vehicle says, and where it comes from."""
-        told = {} if t_ns < self._script_until_ns else self._monitors.facts(t_ns, flown=self.flown)
+        told = {} if t_ns < self._origins.script_until_ns else self._monitors.facts(t_ns, flown=self.flown)
         source = (Source.BAG if told else Source.NONE) | Source.SCRIPT
         if {"armed", "landed", "height_m", "battery_fraction"} <= told.keys():
             source = Source.BAG
@@ -315,40 +295,14 @@ class World:
     def _tell_recorder(self, t_ns: int) -> None:
         self._tell(self._recorder.status(t_ns), Source.SCRIPT)
 
-    def _has(self, name: str, t_ns: int) -> bool:
-        """Return True when the recording tells a status, so that the script is silent; before it begins it may play."""
-        topic = self._plan.topic_map.statuses.get(name)
-        if topic is None:
-            return False
-        begins_ns = min(self._script_until_ns, self._first_ns.get(topic, self._script_until_ns))
-        return t_ns >= begins_ns
-
     # --- lines of the timeline ----------------------------------------------------------------------------------------
-
-    def _note_components(self, components: Tuple[ComponentStatus, ...], t_ns: int, source: Source) -> None:
-        for status in components:
-            before = self._components.get(status.name)
-            code = before.code if before is not None else None
-            self._components[status.name] = status
-            if code is not status.code or (before is not None and before.reason != status.reason):
-                reason = f"  {status.reason}" if status.reason else ""
-                move = f"code {status.code}" if code is None or code is status.code else f"code {code} -> {status.code}"
-                level = 0 if status.code is Code.NOMINAL else 1 if status.code is Code.NON_CRITICAL else 2
-                self._say(t_ns, source, f"watchdog: {status.name} {move}{reason}", level)
-
-    def _note_landed(self, landed: Landed, reason: str, t_ns: int, source: Source) -> None:
-        if landed is not self._landed:
-            self._landed = landed
-            self._say(
-                t_ns, source, f"landing detection: {landed.name}  {reason}", 0 if landed is not Landed.UNKNOWN else 1
-            )
 
     def _follow_state(self, t_ns: int) -> None:
         """Note when rows of the check of the states begin or cease to pass, whether or not the engine asks."""
         state = self._monitors.state
         if state is not None:
             for note in self._followed.take(state.in_motion(t_ns), in_flight=self.state.in_flight):
-                self._say(t_ns, self.source(t_ns), note.text, note.level)
+                self._say(t_ns, self._origins.source(t_ns), note.text, note.level)
         next_ns = self._looks.after(t_ns)
         if self._followed.settled:
             next_ns = self._looks.after(self._monitors.unsure_ns(next_ns, self._looks) - 1)
@@ -410,7 +364,7 @@ class World:
         """Answer a check; the first one of the watchdog waits for components to come up."""
         if command.check is CheckName.WATCHDOG:
             self._wake()  # whoever asks it lets it judge
-        waits = command.check is CheckName.WATCHDOG and not self._has("watchdog_action", t_ns)
+        waits = command.check is CheckName.WATCHDOG and not self._origins.has("watchdog_action", t_ns)
         if waits and t_ns < until_ns and self.answers.watchdog_waits(t_ns):
             self._agenda.at(
                 min(t_ns + _WATCH_NS, until_ns), Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns)
@@ -427,4 +381,4 @@ class World:
             CheckName.STATE_ESTIMATION: ("imu", "estimate"),
         }.get(check, ())
         topics: List[str] = [readings[name].topic for name in names if name in readings]
-        return self._source_of(tuple(topics), t_ns) if topics else self.source(t_ns)
+        return self._origins.of(tuple(topics), t_ns) if topics else self._origins.source(t_ns)
