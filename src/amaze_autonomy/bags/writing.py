@@ -26,7 +26,7 @@ from .unify import Unified
 __all__ = ["Writing"]
 
 _COMPRESSORS = 2
-_AHEAD = 2  # jobs that wait to be written while the next one is put together
+_AHEAD = 1  # jobs in line behind the one that is written, while the next one is put together
 
 _Chunk = Tuple[Cut, int, List[Any], int]  # with its size, its records in pieces, and what it is whole
 
