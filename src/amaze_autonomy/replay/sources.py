@@ -248,16 +248,17 @@ class Recordings:
 
     def track(self, rank: int, paths: Sequence[str]) -> Optional[Track]:
         """Return a topic's messages as arrays, with the numbers that were `read`; None when some must be asked."""
-        if paths and len(self.bags) == 1:  # all of its messages, in its order
-            numbers = self._numbers.get((0, rank))
-            columns = None if numbers is None else numbers.columns()
-            return None if columns is None else Track(self.times(rank), tuple(columns))
         _, _, bags, *_, rows = self._parts[rank]
         return self._track(rank, paths, self.times(rank), bags, rows)
 
     def _track(self, rank: int, paths: Sequence[str], times: Any, bags: Any, rows: Any) -> Optional[Track]:
         if not paths:
             return Track(times)
+        if len(self.bags) == 1 and np.array_equal(rows, np.arange(len(rows))):
+            numbers = self._numbers.get((0, rank))
+            columns = None if numbers is None else numbers.columns()
+            if numbers is not None and columns is not None and numbers.messages == len(rows):  # all, in their order
+                return Track(times, tuple(columns))
         parts: List[Tuple[Any, List[Any]]] = []
         for number in np.unique(bags).tolist():
             numbers = self._numbers.get((number, rank))
