@@ -38,7 +38,7 @@ def test_a_mission_over_sockets_with_loss_jitter_and_a_cut_is_flown_once():
         link.start()
         try:
             # What the planner needs before it loads comes within seconds; until then it refuses.
-            deadline_s = time.monotonic() + 15.0
+            deadline_s = time.monotonic() + 60.0
             while True:
                 loading = link.ask(lambda t_ns: planner.load(t_ns, LoadRequest("s", "line", 0, 0)))
                 link.wait_for(lambda loading=loading: loading.over, 10.0)
@@ -47,7 +47,7 @@ def test_a_mission_over_sockets_with_loss_jitter_and_a_cut_is_flown_once():
                 assert time.monotonic() < deadline_s, loading.reason
                 link.wait_for(lambda: False, 0.3)
             assert link.ask(lambda t_ns: planner.command(t_ns, "s", MissionAction.TAKEOFF)) == ""
-            landed = link.wait_for(lambda: planner.status(time.monotonic_ns()).phase is MissionPhase.LANDED, 40.0)
+            landed = link.wait_for(lambda: planner.status(time.monotonic_ns()).phase is MissionPhase.LANDED, 120.0)
             assert landed, planner.status(time.monotonic_ns())
             assert planner.status(time.monotonic_ns()).waypoint == 2
         finally:
