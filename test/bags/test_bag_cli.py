@@ -188,3 +188,14 @@ def test_the_inputs_stay_as_they_are(capsys, tmp_path, two):
     run(capsys, "merge", *two, "-o", tmp_path / "m.bag", "--verify", "--readers", "none")
     assert [digest(path) for path in two] == before
     assert multiset(tmp_path / "m.bag") == multiset(*two)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["info"], ["doctor"], ["recover"], ["recover", "--in-place"], ["recover", "--undo"], ["verify"], ["merge", "-o"]],
+)
+@pytest.mark.parametrize("folder", [".", "/"])
+def test_a_folder_is_no_bag(capsys, two, arguments, folder):
+    more = two if arguments[0] == "merge" else []
+    expected = f"amaze-bag: {folder}: is a folder; name a bag in it\n"
+    assert run(capsys, *arguments, folder, *more) == (1, "", expected)

@@ -69,10 +69,18 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     module, function = options.command.split(".")  # loaded after that, and only what this command needs
 
     def command() -> int:
+        _check_named(options)
         lost = getattr(import_module(f".{module}", __package__), function)(options)
         return LOST if lost else DONE
 
     return run_command("amaze-bag", command, (BagError,), wrong=IMPOSSIBLE)
+
+
+def _check_named(options: argparse.Namespace) -> None:
+    """Refuse a folder that has not even a name, to which others could be given."""
+    for path in (*vars(options).values(), *getattr(options, "inputs", ()), *getattr(options, "bags", ())):
+        if isinstance(path, Path) and not path.name:
+            raise BagError(str(path), "is a folder", "name a bag in it")
 
 
 def _parser() -> argparse.ArgumentParser:
