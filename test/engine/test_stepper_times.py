@@ -119,6 +119,43 @@ def test_what_ends_later_by_now_is_looked_up_before_the_table_is_asked(asked):
     assert stepper.wakes_ns(state) == horizon_ns(state, story.rules) > first_ns
 
 
+def quiet_until(story, end_ns):
+    while story.now < end_ns:
+        for peer in ("action", "planner", "autopilot", "landing"):
+            again(story, peer, S // 100)
+
+
+def test_when_it_is_to_be_woken_is_looked_up_again_when_that_time_has_come():
+    story = settled("MISSION_ENDED")
+    again(story, "landing")
+    first_ns = story.stepper[0].wakes_ns(story.stepper[1])
+    quiet_until(story, first_ns - S // 5)
+    stepper, state = story.stepper
+    assert [stepper.wakes_ns(state), stepper.wakes_ns(state, first_ns - 1)] == [first_ns, first_ns]
+    assert stepper.wakes_ns(state, first_ns) == horizon_ns(state, story.rules) > first_ns
+
+
+def test_what_does_not_move_is_collected_once(asked, monkeypatch):
+    collected, looked = [], []
+
+    class Counted(Horizon):
+        def __init__(self, *arguments):
+            collected.append(1)
+            super().__init__(*arguments)
+
+        def after(self, state):
+            looked.append(1)
+            return super().after(state)
+
+    story = settled("MISSION_ENDED")
+    story.feed(ev.Tick)
+    monkeypatch.setattr(module, "Horizon", Counted)
+    asked.clear()
+    quiet_until(story, story.now + 3 * S // 2)
+    assert (asked, len(collected)) == ([], 1)
+    assert len(looked) > 2
+
+
 # --- what it knows -------------------------------------------------------------------------------------------------
 
 
