@@ -34,7 +34,7 @@ __all__ = ["BEGINNING", "GROUP_BYTES", "Block", "Loader", "Pool"]
 BEGINNING = 512  # bytes of a large message that are read; its header has about 50
 _LARGE = 64 << 10  # what is worth a copy by the system
 _COARSE = 16 << 10  # bytes per message that make it worth looking for large ones
-_SPARSE = 12  # times as much is loaded together, at most, of chunks of which little is read
+_SPARSE = 6  # times as much is loaded together, at most, of chunks of which little is read
 _BROKEN = (RecordError, struct.error, ValueError)
 
 _Entries = Tuple[Any, Any, Any]
