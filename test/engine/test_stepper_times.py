@@ -311,6 +311,13 @@ def test_each_status_grows_too_old_after_its_limit(stamp):
     assert horizon_ns(evolve(state, t_ns=heard_ns + limit_ns + 1), SHIPPED) > heard_ns + limit_ns + 1
 
 
+def test_what_has_ended_and_what_ends_now_is_no_horizon():
+    assert horizon_ns(EngineState(t_ns=FAR), SHIPPED) > 2 * FAR
+    silent = EngineState(t_ns=FAR, entered_ns=FAR - LIMITS.recorder_status_limit_ns - 1)
+    assert horizon_ns(silent, SHIPPED) > FAR
+    assert horizon_ns(evolve(silent, t_ns=FAR - 1), SHIPPED) == FAR
+
+
 def test_an_answer_that_is_late_and_a_wait_that_ends_are_looked_up():
     limit_ns = LIMITS.check_reply_limit_ns
     first, second = (
