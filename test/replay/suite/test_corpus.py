@@ -155,7 +155,7 @@ def test_a_bag_that_cannot_be_fetched_is_an_error_of_its_scenarios_alone(corpus,
 def cluster():
     """A real scheduler on a port of its own, with two worker processes."""
     distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install '.[cluster]'")
-    workers = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    workers = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(host="127.0.0.1", **workers) as cluster:
         yield cluster.scheduler_address
 
