@@ -8,6 +8,7 @@ no space for it, the open one is listed as it is: the collector makes it whole.
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set
 
@@ -116,12 +117,9 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
 def _warnings(log: Path) -> int:
     """Return how often recorders said in a log that messages were dropped, whether or not somebody read it then."""
     state = LogState()
-    try:
-        with log.open(encoding="utf-8", errors="replace") as lines:
-            for line in lines:
-                state = read_line(state, line)
-    except OSError:
-        pass  # then what was seen has to do
+    with suppress(OSError), log.open(encoding="utf-8", errors="replace") as lines:  # then what was seen has to do
+        for line in lines:
+            state = read_line(state, line)
     return state.dropped
 
 

@@ -19,9 +19,7 @@ def remove_part(folder: Path, recordings: Path) -> None:
     if content is None or folder.parent.parent != recordings:
         _log.warning("%s is no part of a session here; nothing is removed", folder)
         return
-    names = [
-        str(entry[key]) for entry in content["files"] for key in ("file", "recovered_from", "undo") if key in entry
-    ]
+    names = [str(entry[key]) for entry in content["files"] for key in _NAMES if key in entry]
     for name in names:
         path = folder / name
         if path.parent == folder and path.is_file():
