@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+from contextlib import suppress
 from typing import Any, Union
 
 import lz4.frame
@@ -79,11 +80,9 @@ def salvaged(kind: str, data: Buffer) -> Buffer:
         return data
     decompressor: Any = lz4.frame.LZ4FrameDecompressor() if kind == "lz4" else bz2.BZ2Decompressor()
     plain = bytearray()
-    try:
+    with suppress(*_BROKEN):  # behind it nothing is good
         for start in range(0, len(data), _STEP):
             plain += decompressor.decompress(data[start : start + _STEP])
             if decompressor.eof:
                 break
-    except _BROKEN:
-        pass
     return plain

@@ -28,8 +28,6 @@ from .specs import StateEstimationSpec, TopicSpec
 
 __all__ = ["Estimate", "StateEstimationMonitor", "StateVerdict"]
 
-_S = 1_000_000_000
-
 
 class StateVerdict(NamedTuple):
     """The answer of srv/CheckState.srv.

@@ -11,6 +11,7 @@ import os
 import signal
 import socket
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import List, Optional, Set
 from urllib.parse import urlparse
@@ -98,13 +99,11 @@ def _stat(pid: int) -> Optional[List[str]]:
 def _sockets(pid: int) -> Set[str]:
     """Return the inodes of the sockets that a process holds; none when that is not ours to see."""
     found: Set[str] = set()
-    try:
+    with suppress(OSError):  # it has ended, or is not ours
         for link in Path(f"/proc/{pid}/fd").iterdir():
             target = os.readlink(link)
             if target.startswith("socket:["):
                 found.add(target[len("socket:[") : -1])
-    except OSError:
-        pass
     return found
 
 

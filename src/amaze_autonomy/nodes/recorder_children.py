@@ -213,11 +213,8 @@ def _ending(status: int) -> str:
 
 def _files(folder: Path) -> Dict[str, os.stat_result]:
     found: Dict[str, os.stat_result] = {}
-    try:
-        with os.scandir(folder) as entries:
-            for entry in entries:
-                with suppress(OSError):
-                    found[entry.name] = entry.stat()
-    except OSError:
-        pass
+    with suppress(OSError), os.scandir(folder) as entries:  # not there yet
+        for entry in entries:
+            with suppress(OSError):
+                found[entry.name] = entry.stat()
     return found

@@ -19,7 +19,6 @@ from amaze_autonomy.recording.transfer_command import mounted, problem_of, progr
 __all__ = ["RecorderJobs"]
 
 _LAST_WORDS = 400
-_WHOLE = 1.0
 Progress = Callable[[Mapping[str, Any]], None]
 Ended = Callable[[Mapping[str, Any]], None]
 

@@ -14,6 +14,7 @@ import os
 import socket
 import struct
 import sys
+from contextlib import suppress
 from typing import Any, List
 
 import roslib.message
@@ -50,11 +51,9 @@ def _publisher(topic: str, type_name: str) -> Any:
 
 def _forget(device: socket.socket) -> None:
     """Throw away what the device said while the node was starting."""
-    try:
+    with suppress(BlockingIOError):
         while device.recv(MOST_BYTES, socket.MSG_DONTWAIT):
             pass
-    except BlockingIOError:
-        pass
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ from .vehicle import Pose
 
 __all__ = ["Sample", "Sender"]
 
-_S = 1_000_000_000
 _WIDTH, _HEIGHT = 64, 48
 _RAMP = bytes(range(256)) * ((_WIDTH * _HEIGHT) // 256 + 2)
 _HOME_LATITUDE, _HOME_LONGITUDE, _HOME_ALTITUDE_M = 46.6167, 14.2650, 446.0

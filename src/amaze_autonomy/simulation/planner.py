@@ -14,7 +14,6 @@ from .vehicle import LANDING_MODES, Mode, Vehicle
 
 __all__ = ["Planner"]
 
-_S = 1_000_000_000
 _IN_FLIGHT = (MissionPhase.TAKING_OFF, MissionPhase.FLYING, MissionPhase.HOLDING, MissionPhase.LANDING)
 
 

@@ -31,7 +31,6 @@ from .watchdog import SimulatedWatchdog
 
 __all__ = ["World"]
 
-_MS = 1_000_000
 _CLASSES: Tuple[Type[Peer], ...] = (Autopilot, LandingDetection, StateEstimation, SimulatedWatchdog, Planner, Recorder)
 
 

@@ -20,7 +20,6 @@ from amaze_autonomy.simulation.px4 import Framing, Px4, VehicleAddressError
 
 __all__ = ["VehicleServer", "VehicleTime"]
 
-_S = 1_000_000_000
 _SLICE_S, _LEAST_S = 0.02, 0.004
 _PEERS_MAX = 16
 _BYTES = 65536
