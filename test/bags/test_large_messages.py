@@ -200,7 +200,7 @@ def test_a_frame_that_is_not_whole_good_or_of_this_size_is_refused():
 def test_they_are_copied_in_pieces_of_any_size(tmp_path, monkeypatch, size):
     inputs = [camera(tmp_path / "1.bag", "a"), camera(tmp_path / "2.bag", "b", first_ms=7)]
     merge(inputs, tmp_path / "m.bag")
-    monkeypatch.setattr("amaze_autonomy.bags.output._BUFFER", size)
+    monkeypatch.setattr("amaze_autonomy.bags.ahead._PIECE", size)
     merge(inputs, tmp_path / "n.bag")
     assert digest(tmp_path / "m.bag") == digest(tmp_path / "n.bag")
 

@@ -6,8 +6,9 @@ import errno
 import fcntl
 import os
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterable, List, Optional, Tuple
 
+from .ahead import Ahead, Stretch
 from .connections import Connection
 from .errors import BagError
 from .layout import FIRST_RECORD, bag_header, chunk_header, chunk_info, connection_record
@@ -17,21 +18,12 @@ __all__ = ["Output", "Stretch", "index_of", "sync_folder", "temporary_name"]
 _PIECE = 128 << 10  # larger writes make the page cache slower, not faster
 _SEGMENTS = 1000  # the system takes 1024 in one call
 _RANGE = 1 << 30
-_BUFFER = 1 << 20  # an image at once; a copy by the system costs ext4 a third more, where nothing can be shared
 _UNABLE = (errno.EXDEV, errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM)  # said by systems that cannot copy
 
 
 def temporary_name(path: Path) -> Path:
     """Return the name under which a bag is written before it is whole."""
     return path.with_name(f".{path.name}.part")
-
-
-class Stretch(NamedTuple):
-    """Bytes of an open file, from `start` on."""
-
-    file: int
-    start: int
-    size: int
 
 
 class Output:
@@ -55,7 +47,7 @@ class Output:
         self._infos: List[bytes] = []
         self._batch: List[Any] = []
         self._waiting = 0
-        self._buffer = bytearray(_BUFFER)
+        self._ahead = Ahead(path)
         try:
             self._file = os.open(self._part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
@@ -84,6 +76,7 @@ class Output:
         return self
 
     def __exit__(self, _kind: object, error: Optional[BaseException], _trace: object) -> None:
+        self._ahead.stop()
         if self._file < 0:
             return
         self._drop()
@@ -113,6 +106,10 @@ class Output:
         stored = size if compression == "none" else sum(len(part) for part in parts)
         self._infos.append(chunk_info(self.position, *times, counts))
         self.position += self._write((chunk_header(compression, size, stored), *parts, index))
+
+    def expect(self, stretches: Iterable[Stretch]) -> None:
+        """Say which stretches the parts of the next chunks will be, in this order; they are read meanwhile."""
+        self._ahead.expect(stretches)
 
     def copy_chunk(
         self, file: int, start: int, end: int, *, times: Tuple[int, int], counts: Any, index: bytes = b""
@@ -147,16 +144,11 @@ class Output:
 
     def _copy(self, stretch: Stretch) -> int:
         """Copy bytes of a file behind what waits, in few calls: of many an interpreter's lock would be fought for."""
-        view, done = memoryview(self._buffer), 0
-        while done < stretch.size:
-            read = os.preadv(stretch.file, [view[: stretch.size - done]], stretch.start + done)
-            if not read:
-                raise BagError(str(self.path), "an input became shorter while it was read", "try again")
+        for piece in self._ahead.bytes_of(stretch):
             batch, size = self._batch, self._waiting
             self._batch, self._waiting = [], 0
-            self._put([*batch, view[:read]], size + read)
-            done += read
-        return done
+            self._put([*batch, piece], size + len(piece))
+        return stretch.size
 
     def _write(self, parts: Iterable[Any]) -> int:
         """Take bytes, of which the last ones may wait for more before they go to the system; return how many."""

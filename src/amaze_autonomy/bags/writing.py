@@ -140,6 +140,7 @@ class Writing:
 
     def _put(self, chunks: List[_Chunk]) -> None:
         waiting: Deque[Tuple[Cut, int, Any, str]] = deque()
+        self._out.expect(part for _, _, parts, _ in chunks for part in parts if isinstance(part, Stretch))
         for cut, size, parts, whole in chunks:
             if whole or self._compression == "none":
                 waiting.append((cut, whole or size, parts, "lz4" if whole else "none"))
