@@ -29,6 +29,7 @@ NUMBERS = st.floats(allow_nan=True, allow_infinity=True) | st.integers(-(10**6),
 FINITE = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**6), 10**6)
 ANYTHING = st.none() | st.booleans() | st.integers() | FINITE | st.text(max_size=8)
 SPECIAL = {
+    (events.ClockStatus, "stalled_s"): st.floats(0.0, 1e6),
     (Mission, "id"): st.text(min_size=1, max_size=8),
     (Mission, "files"): st.integers(1, 9),
     (Mission, "repetitions"): st.integers(1, 9),
@@ -70,7 +71,7 @@ def instances_of(kind):
 
 
 def test_every_event_class_is_known_to_the_journal():
-    assert len(EVENT_CLASSES) == 14
+    assert len(EVENT_CLASSES) == 15
     assert sorted(kind.__name__ for kind in EVENT_CLASSES) == sorted(journal._EVENTS)
 
 
@@ -110,7 +111,7 @@ def test_a_line_is_canonical_text_down_to_the_byte():
     assert journal.encode_event(event) == (
         '{"age_ns":0,"code":"HOLD","components":[{"code":"HOLD","name":"lrf","reason":"no message for 0.31 s, '
         'limit 0.15 s","restart":"TRYING","until_ns":99}],"event":"WatchdogAction","kind":"event",'
-        '"latest_component":"lrf","loop_counter":4,"sequence":3,"t_ns":12}'
+        '"latest_component":"lrf","loop_counter":4,"publisher":"","sequence":3,"t_ns":12}'
     )
 
 

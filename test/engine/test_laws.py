@@ -126,6 +126,7 @@ EVENTS: Dict[Any, Dict[str, Any]] = {
         "position_x_m": numbers,
         "position_y_m": numbers,
         "vertical_speed_m_s": numbers,
+        "horizontal_speed_m_s": numbers,
         "battery_fraction": st.just(0.9) | numbers,
         "battery_age_s": st.just(0.1) | numbers,
         "age_ns": ages,
@@ -136,6 +137,7 @@ EVENTS: Dict[Any, Dict[str, Any]] = {
         "reason": texts,
         "age_ns": ages,
     },
+    ev.ClockStatus: {"stalled_s": st.sampled_from([0.0, 0.5, 3.0])},
     ev.Shutdown: {"signal": st.sampled_from(["SIGINT", "SIGTERM"])},
 }
 times = st.sampled_from([0, 0, 0, 1, S // 10, S // 2, S, 5 * S, 30 * S, -1, -S, -(10**18)])

@@ -326,7 +326,15 @@ def test_a_component_of_the_info_stream_at_code_2_is_shown_and_flown_with():
 
 # --- unknown and nonsense ---------------------------------------------------------------------------------------------
 
-NUMBERS = ("height_m", "position_x_m", "position_y_m", "vertical_speed_m_s", "battery_voltage_v", "battery_fraction")
+NUMBERS = (
+    "height_m",
+    "position_x_m",
+    "position_y_m",
+    "vertical_speed_m_s",
+    "horizontal_speed_m_s",
+    "battery_voltage_v",
+    "battery_fraction",
+)
 AGES = ("link_age_s", "battery_age_s")
 
 

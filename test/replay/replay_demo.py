@@ -90,6 +90,7 @@ def _autopilot(event, at):
         position_x=_nan(event.position_x_m),
         position_y=_nan(event.position_y_m),
         vertical_speed=_nan(event.vertical_speed_m_s),
+        horizontal_speed=_nan(event.horizontal_speed_m_s),
         battery_fraction=_nan(event.battery_fraction),
         battery_voltage=_nan(event.battery_voltage_v),
         battery_age=_nan(event.battery_age_s),

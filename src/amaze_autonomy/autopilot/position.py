@@ -7,7 +7,7 @@ The takeoff place is where it stood when it was last on the ground; a link that 
 
 from __future__ import annotations
 
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Any, NamedTuple, Optional, Tuple
 
 from .dialect import mavlink
@@ -25,12 +25,13 @@ _FARTHEST_M = 1e6  # of what is believed to be a number at all
 
 
 class Place(NamedTuple):
-    """East, north and up of the takeoff place in m, and m/s upwards; None is unknown."""
+    """East, north and up of the takeoff place in m, m/s upwards and over ground; None is unknown."""
 
     east_m: Optional[float] = None
     north_m: Optional[float] = None
     up_m: Optional[float] = None
     climb_m_s: Optional[float] = None
+    ground_m_s: Optional[float] = None
 
 
 class Position:
@@ -42,7 +43,7 @@ class Position:
 
     def __init__(self, age_limit_ns: int) -> None:
         self._age_limit_ns = age_limit_ns
-        self._local: Optional[Tuple[int, Vector, float]] = None
+        self._local: Optional[Tuple[int, Vector, Vector]] = None
         self._flags: Optional[Tuple[int, int]] = None
         self._takeoff: Optional[Vector] = None
         self._home: Optional[Vector] = None
@@ -55,7 +56,7 @@ class Position:
         if not all(isfinite(value) and abs(value) < _FARTHEST_M for value in where):
             self._local = None
             return
-        self._local = (t_ns, where, message.vz)
+        self._local = (t_ns, where, (message.vx, message.vy, message.vz))
         if on_ground and self._has(t_ns, _VERTICAL):
             self._takeoff = where
 
@@ -83,14 +84,15 @@ class Position:
         start = self._takeoff or self._home
         if self._local is None or t_ns - self._local[0] > self._age_limit_ns:
             return Place()
-        _, (north, east, down), sinking = self._local
+        _, (north, east, down), (vx, vy, sinking) = self._local
         climb = -sinking if self._has(t_ns, _VELOCITY_VERTICAL) and isfinite(sinking) else None
+        speed = sqrt(vx * vx + vy * vy) if self._has(t_ns, _VELOCITY_HORIZONTAL) else None
         if start is None:
-            return Place(climb_m_s=climb)
+            return Place(climb_m_s=climb, ground_m_s=speed)
         up = start[2] - down if self._has(t_ns, _VERTICAL) else None
         if not self.valid(t_ns):
-            return Place(up_m=up, climb_m_s=climb)
-        return Place(east - start[1], north - start[0], up, climb)
+            return Place(up_m=up, climb_m_s=climb, ground_m_s=speed)
+        return Place(east - start[1], north - start[0], up, climb, speed)
 
     def forget_takeoff(self) -> None:
         """Forget the takeoff place: the autopilot has started again, and its origin with it."""

@@ -123,6 +123,7 @@ class VehicleState:
             position_x_m=place.east_m,
             position_y_m=place.north_m,
             vertical_speed_m_s=place.climb_m_s,
+            horizontal_speed_m_s=place.ground_m_s,
             battery_fraction=None if battery is None else battery.fraction,
             battery_voltage_v=None if battery is None else battery.voltage_v,
             battery_age_s=None if battery is None else _seconds(t_ns - battery.t_ns),

@@ -46,6 +46,7 @@ class Check:
         unit: e.g. "fraction", "m", "rad"; empty when it has none.
         age_s: age of the value in seconds; None when unknown.
         advice: what a person can do about it.
+        heals: it comes by itself after a start (a first message, the home position): asked again until a limit.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Check:
     unit: str = ""
     age_s: Optional[float] = None
     advice: str = ""
+    heals: bool = False
 
     def __post_init__(self) -> None:
         for field in ("value", "limit", "age_s"):

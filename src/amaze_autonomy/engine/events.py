@@ -21,6 +21,7 @@ from .severity import Code, Restart
 __all__ = [
     "AutopilotStatus",
     "CheckReply",
+    "ClockStatus",
     "ComponentStatus",
     "EngineStarted",
     "Event",
@@ -268,13 +269,17 @@ class ComponentStatus:
 
 @dataclass(frozen=True)
 class WatchdogAction(Event):
-    """The watchdog's action stream and heartbeat; `components` are all at code 4 or above."""
+    """The watchdog's action stream and heartbeat; `components` are all at code 4 or above.
+
+    `publisher` is the node that sent it: the loop counters of two watchdogs are told apart by it.
+    """
 
     sequence: int
     loop_counter: int
     code: Code
     latest_component: str = ""
     components: Tuple[ComponentStatus, ...] = ()
+    publisher: str = ""
     age_ns: int = 0
 
 
@@ -384,6 +389,7 @@ class AutopilotStatus(Event):
     position_x_m: Optional[float] = None
     position_y_m: Optional[float] = None
     vertical_speed_m_s: Optional[float] = None
+    horizontal_speed_m_s: Optional[float] = None
     battery_fraction: Optional[float] = None
     battery_voltage_v: Optional[float] = None
     battery_age_s: Optional[float] = None
@@ -396,6 +402,7 @@ class AutopilotStatus(Event):
             "position_x_m",
             "position_y_m",
             "vertical_speed_m_s",
+            "horizontal_speed_m_s",
             "battery_voltage_v",
         )
         self._age_or_none("link_age_s", "battery_age_s")
@@ -414,6 +421,17 @@ class LandedStatus(Event):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._unknown_is_none("distance_m")
+
+
+@dataclass(frozen=True)
+class ClockStatus(Event):
+    """How long the clock that decides has stood still (`use_sim_time`), in seconds of wall time; 0 when it runs."""
+
+    stalled_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._check("stalled_s", good=isfinite(self.stalled_s) and self.stalled_s >= 0.0, expected="a time in seconds")
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,7 @@ class Streams:
             code=max(status.code for status in self._issues) if self._issues else Code.NOMINAL,
             latest_component=self._watchdog.latest_component,
             components=self._issues,
+            publisher="",
             age_ns=0,
         )
 

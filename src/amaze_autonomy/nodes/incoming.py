@@ -86,6 +86,7 @@ def watchdog_action(msg: Any, t_ns: int, ros_ns: int) -> events.WatchdogAction:
         code=_look_up(_CODES, "code", msg.code),
         latest_component=msg.latest_component,
         components=tuple([component(each, t_ns - age_ns) for each in msg.components]),
+        publisher=(getattr(msg, "_connection_header", None) or {}).get("callerid", ""),
         age_ns=age_ns,
     )
 
@@ -160,6 +161,7 @@ def autopilot_status(msg: Any, t_ns: int, ros_ns: int) -> events.AutopilotStatus
         position_x_m=msg.position_x if msg.position_valid else None,
         position_y_m=msg.position_y if msg.position_valid else None,
         vertical_speed_m_s=msg.vertical_speed,
+        horizontal_speed_m_s=msg.horizontal_speed,
         battery_fraction=msg.battery_fraction,
         battery_voltage_v=msg.battery_voltage,
         battery_age_s=msg.battery_age,
@@ -188,6 +190,7 @@ def check_row(msg: Any) -> Check:
         unit=msg.unit,
         age_s=msg.age,
         advice=msg.advice,
+        heals=msg.heals,
     )
 
 

@@ -154,6 +154,7 @@ def autopilot_status(
         position_x=number(event.position_x_m),
         position_y=number(event.position_y_m),
         vertical_speed=number(event.vertical_speed_m_s),
+        horizontal_speed=number(event.horizontal_speed_m_s),
         battery_fraction=number(event.battery_fraction),
         battery_voltage=number(event.battery_voltage_v),
         battery_age=number(event.battery_age_s),
@@ -185,6 +186,7 @@ def check_row(row: Check) -> msg.Check:
         unit=row.unit,
         age=number(row.age_s),
         advice=row.advice,
+        heals=row.heals,
     )
 
 

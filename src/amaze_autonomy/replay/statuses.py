@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 from functools import lru_cache
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple, Type, TypeVar
 
 from amaze_autonomy.engine.events import (
@@ -76,6 +76,7 @@ def _watchdog_action(message: Any, t_ns: int) -> Event:
         code=_enum(Code, "code", message.code),
         latest_component=str(message.latest_component),
         components=tuple(_component(each, t_ns) for each in message.components),
+        publisher="",
         age_ns=_age_ns(message, t_ns),
     )
 
@@ -124,6 +125,7 @@ def _autopilot(message: Any, t_ns: int) -> Event:
         position_x_m=float(message.position_x) if placed else None,
         position_y_m=float(message.position_y) if placed else None,
         vertical_speed_m_s=float(message.vertical_speed),
+        horizontal_speed_m_s=float(getattr(message, "horizontal_speed", nan)),  # not in recordings of before
         battery_fraction=float(message.battery_fraction),
         battery_voltage_v=float(message.battery_voltage),
         battery_age_s=float(message.battery_age),
@@ -190,7 +192,8 @@ FLAT: Mapping[str, Tuple[str, ...]] = {
     "autopilot": (
         *_STAMP,
         *("armed", "armed_known", "landed", "mode", "pilot_in_control", "failsafe", "link_age"),
-        *("height", "height_valid", "position_x", "position_y", "position_valid", "vertical_speed"),
+        *("height", "height_valid", "position_x", "position_y", "position_valid"),
+        *("vertical_speed", "horizontal_speed"),
         *("battery_fraction", "battery_voltage", "battery_age"),
     ),
     "landing_detection": (*_STAMP, "landed", "distance", "reason"),

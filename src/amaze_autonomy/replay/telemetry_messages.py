@@ -59,6 +59,7 @@ class Status:
     position_x: float
     position_y: float
     vertical_speed: float
+    horizontal_speed: float
     battery_fraction: float
     battery_voltage: float
     battery_age: float
@@ -102,6 +103,7 @@ def status(t_ns: int, vehicle: VehicleState) -> Status:
         position_x=_number(said.position_x_m),
         position_y=_number(said.position_y_m),
         vertical_speed=_number(said.vertical_speed_m_s),
+        horizontal_speed=_number(said.horizontal_speed_m_s),
         battery_fraction=_number(said.battery_fraction),
         battery_voltage=_number(said.battery_voltage_v),
         battery_age=_number(said.battery_age_s),

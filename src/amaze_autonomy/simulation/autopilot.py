@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from math import sqrt
 from typing import Dict, List, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check, CheckName, Verdict
@@ -112,6 +113,7 @@ class Autopilot(Peer):
             position_x_m=self._noisy(vehicle.position_m[0] + away_m),
             position_y_m=self._noisy(vehicle.position_m[1]),
             vertical_speed_m_s=round(vehicle.velocity_m_s[2], 3),
+            horizontal_speed_m_s=round(sqrt(vehicle.velocity_m_s[0] ** 2 + vehicle.velocity_m_s[1] ** 2), 3),
             battery_fraction=fraction,
             battery_voltage_v=voltage,
         )
