@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Set, Tuple
 
 from proof_key import Key, make_key
-from proof_moves import BOOT, BrokenLawError, Move, Node, Observer, World, lawful, moves_of, perform
+from proof_moves import BOOT, Move, Node, Observer, World, moves_of, perform
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.state import State
+from amaze_autonomy.laws import BrokenLawError, judge
 
 __all__ = ["Broken", "Exploration", "Stats", "explore"]
 
@@ -199,7 +200,7 @@ class Exploration:
         return (*seed, *reversed(moves[:-1]))
 
     def _observer(self) -> Observer:
-        check, stats = lawful(self.stats.applied), self.stats
+        check, stats = judge(self.stats.applied), self.stats
 
         def observe(moment: Any) -> None:
             stats.events += 1

@@ -12,8 +12,7 @@ from typing import Any, Dict, List, Tuple
 
 import yaml
 from proof_explorer import Broken
-from proof_moves import BOOT, Moment, Move, lawful, perform
-from proof_witness import Witness, hear, see
+from proof_moves import BOOT, Move, perform
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import journal
@@ -21,6 +20,7 @@ from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.laws import Moment, Witness, judge, observed
 
 __all__ = ["check_journal", "journal_of", "write", "write_scenario"]
 
@@ -76,12 +76,11 @@ def check_journal(text: str) -> Dict[str, int]:
     rules = journal.rules_of(found.lines[0])
     events: List[Event] = [line.payload for line in found.lines if isinstance(line.payload, Event)]
     applied: Dict[str, int] = {}
-    observe = lawful(applied)
+    observe = judge(applied)
     state, witness = EngineState(), Witness()
     for event in events:
-        saw = see(witness, event, state, rules.limits)
         after, commands = engine.decide(state, event, rules)
-        seen = hear(saw, commands, after)
-        observe(Moment(state, event, commands, after, (witness, saw, seen), rules))
-        state, witness = after, seen
+        moment = observed(witness, state, event, commands, after, rules)
+        observe(moment)
+        state, witness = after, moment.seen
     return applied

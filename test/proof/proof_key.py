@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import Any, Callable, Dict, Optional, Tuple
 
 from proof_peers import NEVER, UNIT, Peers
-from proof_witness import Witness
 
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State, Step
+from amaze_autonomy.laws import Witness
 
 __all__ = ["Key", "make_key"]
 

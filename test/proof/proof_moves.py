@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from laws import LAWS, Moment
 from proof_peers import MISSIONS, RULES, UNIT, Peers, beat, say
-from proof_witness import Witness, hear, see
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
@@ -15,8 +13,9 @@ from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, State, Step, evolve
+from amaze_autonomy.laws import Moment, Witness, observed
 
-__all__ = ["BOOT", "BrokenLawError", "Move", "Node", "World", "moves_of", "perform"]
+__all__ = ["BOOT", "Move", "Node", "World", "moves_of", "perform"]
 
 Move = Tuple[str, ...]
 _PHYSICS = {
@@ -40,14 +39,6 @@ class Node(NamedTuple):
 
 
 BOOT = Node(EngineState(), Peers(), Witness())
-
-
-class BrokenLawError(Exception):
-    """A law does not hold."""
-
-    def __init__(self, law: str, why: str, event: ev.Event) -> None:
-        super().__init__(f"{law}: {why}")
-        self.law, self.why, self.event = law, why, event
 
 
 @dataclass(frozen=True)
@@ -204,17 +195,14 @@ def perform(node: Node, move: Move, rules: Rules, observe: Optional[Observer] = 
         event = make(peers, state, witness, old)
         if event is None:
             continue
-        saw = see(witness, event, state, rules.limits)
         after, commands = engine.decide(state, event, rules)
-        seen = hear(saw, commands, after) if commands or after.state is not state.state else saw
-        if seen is saw and after.session_id != saw.session:
-            seen = hear(saw, commands, after)
+        moment = observed(witness, state, event, commands, after, rules)
         if observe is not None:
-            observe(Moment(state, event, commands, after, (witness, saw, seen), rules))
+            observe(moment)
         old = _superseded(old, state, after)
         if after.session_id != state.session_id:
             peers = peers._replace(planner="", recorder="", done=False, leg=(0, 0))
-        state, witness = after, seen
+        state, witness = after, moment.seen
     return Node(state, peers, witness, old)
 
 
@@ -446,20 +434,3 @@ _SCRIPTS: Dict[str, Callable[[Node, Move], Iterator[Any]]] = {
     "vehicle": _vehicle,
     "wait": _wait,
 }
-_QUIET = tuple(law for law in LAWS.values() if law.always)
-_ALL = tuple(LAWS.values())
-
-
-def lawful(applied: Dict[str, int]) -> Observer:
-    """Return an observer that checks every law, and counts how often each one applied."""
-
-    def observe(moment: Moment) -> None:
-        for each in _ALL if moment.commands else _QUIET:
-            verdict = each.check(moment)
-            if verdict is None:
-                continue
-            if verdict is not True:
-                raise BrokenLawError(each.name, str(verdict), moment.event)
-            applied[each.name] = applied.get(each.name, 0) + 1
-
-    return observe

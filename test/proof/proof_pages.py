@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Dict, Iterable, List, Optional, Sequence
 
-from laws import LAWS
 from proof_defects import Caught
 from proof_run import BOUND, LARGE, Proof, expected_coverage
 from proof_worlds import WORLDS
+
+from amaze_autonomy.laws import LAWS
 
 __all__ = ["defects", "explored", "page"]
 

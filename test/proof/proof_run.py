@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Callable, Dict, List, Optional, Set, Tuple
 
-from laws import LAWS
 from proof_defects import DEFECTS, Caught, caught_by
 from proof_explorer import Broken, Exploration, Stats, explore
 from proof_liveness import loops
@@ -14,6 +13,7 @@ from proof_worlds import WORLDS
 from amaze_autonomy.engine.rules import LOSSES
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.engine.transitions import STEPS, TRANSITIONS
+from amaze_autonomy.laws import LAWS
 
 __all__ = ["BOUND", "LARGE", "Coverage", "Proof", "expected_coverage", "prove", "self_test"]
 

@@ -6,13 +6,12 @@ import json
 from pathlib import Path
 
 import pytest
-from laws import LAWS
 from proof_defects import DEFECTS
 from proof_explorer import explore
 from proof_journal import check_journal, write
-from proof_moves import BrokenLawError
 from proof_worlds import WORLDS
 
+from amaze_autonomy.laws import LAWS, BrokenLawError
 from amaze_autonomy.replay.cli import main
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.jsonl"))

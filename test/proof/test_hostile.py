@@ -14,9 +14,7 @@ from typing import Any, Dict, List, Tuple
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from laws import Moment
-from proof_moves import BOOT, Node, lawful, perform
-from proof_witness import hear, see
+from proof_moves import BOOT, Node, perform
 from proof_worlds import SEEDS, WORLDS
 
 from amaze_autonomy.config import ConfigError
@@ -24,6 +22,7 @@ from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.report import report
+from amaze_autonomy.laws import judge, observed
 from amaze_autonomy.nodes import incoming
 from amaze_autonomy.nodes.errors import InvalidMessageError
 from amaze_autonomy.replay.scenario.files import parse_cases
@@ -108,15 +107,14 @@ def at(place: str) -> Node:
 def goes_on(place: str, *events: Any) -> None:
     """Give events to the engine at a place, under all laws."""
     state, _, witness, _ = at(place)
-    observe = lawful({})
+    observe = judge({})
     for event in events:
-        saw = see(witness, event, state, RULES.limits)
         after, commands = engine.decide(state, event, RULES)
-        seen = hear(saw, commands, after)
-        observe(Moment(state, event, commands, after, (witness, saw, seen), RULES))
+        moment = observed(witness, state, event, commands, after, RULES)
+        observe(moment)
         report(after, RULES)
         journal.decode(journal.encode_event(event))
-        state, witness = after, seen
+        state, witness = after, moment.seen
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -6,11 +6,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from laws import LAWS
 from proof_defects import DEFECTS
 from proof_pages import defects, explored
 from proof_run import BOUND, prove, self_test
 from proof_worlds import WORLDS
+
+from amaze_autonomy.laws import LAWS
 
 # One process explores, another one tests the test; both are done once, on the newer Python.
 explored_once = pytest.mark.skipif(

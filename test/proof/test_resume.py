@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import List, Tuple
 
 import pytest
-from laws import Moment
-from proof_moves import BOOT, Node, lawful, perform
-from proof_witness import Witness, hear, see
+from proof_moves import BOOT, Node, perform
 from proof_worlds import SEEDS, WORLDS
 
 from amaze_autonomy.engine import decide as engine
@@ -16,6 +14,7 @@ from amaze_autonomy.engine.commands import AutopilotDisarm, LoadMission, Mission
 from amaze_autonomy.engine.events import EngineStarted, Event
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.laws import Moment, Witness, judge, observed
 
 WAYS = {
     **SEEDS,
@@ -72,9 +71,9 @@ def test_a_restart_in_the_middle_of_a_moment_that_was_not_written_is_that_moment
     applied = {}
     for number in range(3, len(events)):
         node = _lost_the_last(events, number, rules)
-        node = perform(node, ("restart",), rules, lawful(applied))
+        node = perform(node, ("restart",), rules, judge(applied))
         for move in (("vehicle", "flying"), ("wait",), ("wait",), ("wait",)):
-            node = perform(node, move, rules, lawful(applied))
+            node = perform(node, move, rules, judge(applied))
         flew = states[number - 1].in_flight
         assert not flew or node.state.state in (State.TAKEOFF, State.MISSION, State.LAND, State.PILOT, State.HOLD)
     assert applied["a_restart_starts_nothing"] == len(events) - 3
@@ -84,7 +83,7 @@ def _lost_the_last(events: List[Event], number: int, rules: Rules) -> Node:
     """Return what is known when all but one of the first events were written down; the witness saw the same."""
     state, witness = EngineState(), Witness()
     for event in events[:number]:
-        saw = see(witness, event, state, rules.limits)
-        state, commands = engine.decide(state, event, rules)
-        witness = hear(saw, commands, state)
+        after, commands = engine.decide(state, event, rules)
+        witness = observed(witness, state, event, commands, after, rules).seen
+        state = after
     return Node(state, BOOT.peers._replace(vehicle="ground"), witness)

@@ -110,6 +110,9 @@ def _fly(behaviour: Behaviour, folder: Any, *, crippled: bool) -> None:
                 stack.start()
                 stack.wait(lambda: stack.states, "the first state")
         behaviour.run(stack)
+        stack.stop()
+        if not crippled:  # there the story must notice by itself
+            stack.check_laws()
     except AssertionError as error:
         if crippled:
             stack.remove()

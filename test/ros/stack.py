@@ -28,6 +28,8 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.journal import decode
 from amaze_autonomy.nodes.interface import SERVICES
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.journal_source import read_journals
+from amaze_autonomy.replay.lawful import check_laws, law_lines
 
 HERE = Path(__file__).resolve().parent
 LIMIT_S = 40.0
@@ -280,6 +282,13 @@ class Stack:
         text = path.read_text() if path.exists() else ""
         lines = text[: text.rfind("\n") + 1].splitlines()
         return [decode(line, number).payload for number, line in enumerate(lines, 1)]
+
+    def check_laws(self) -> None:
+        """Assert that no law was broken at any event of any journal of this test."""
+        for path in sorted(self.output.glob("journal*.jsonl")):
+            for journal in read_journals(path):
+                lawful = check_laws(journal)
+                assert not lawful.judged.broken, "\n".join([f"{self.name}:", *law_lines(lawful)])
 
     def events(self, kind: type) -> List[Any]:
         return [each for each in self.journal() if isinstance(each, Event) and isinstance(each, kind)]

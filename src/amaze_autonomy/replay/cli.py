@@ -1,8 +1,8 @@
 """`amaze-replay`: recorded bags and journals through the decision code, on any machine.
 
-Exit status: 0 replayed, no difference; 1 a journal is decided differently, or a scenario fails; 2 it cannot be
-replayed, one line says why; 3 replayed, but a part of the recording or of the journal is damaged, or a scenario is
-inconclusive; 70 an error in this program.
+Exit status: 0 replayed, no difference; 1 a journal is decided differently or breaks a law, or a scenario fails; 2 it
+cannot be replayed, one line says why; 3 replayed, but a part of the recording or of the journal is damaged, or a
+scenario is inconclusive; 70 an error in this program.
 """
 
 from __future__ import annotations
@@ -21,12 +21,14 @@ from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.journal import JournalError
+from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.paths import config_folder
 
 from .compare import Comparison, compare
 from .errors import ReplayError
 from .files import write_whole
 from .journal_source import read_journals
+from .lawful import Lawful, check_laws, law_lines, laws_result
 from .opening import topics_of
 from .plan import Plan, make_plan
 from .report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text
@@ -38,7 +40,7 @@ from .topic_map import TopicMap, load_map, map_names
 
 __all__ = ["main"]
 
-_ALONE = (["run"], ["journal"], ["maps"])
+_ALONE = (["run"], ["journal"], ["laws"], ["maps"])
 DONE, DIFFERENT, IMPOSSIBLE, PARTIAL = 0, 1, 2, 3
 _KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError)
 
@@ -55,12 +57,14 @@ def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="amaze-replay",
         description="Replays recorded bags and journals through the decision code of the flight, without ROS.",
-        epilog="Exit status: 0 replayed, no difference; 1 a journal is decided differently, or a scenario fails; 2 it "
-        "cannot be replayed; 3 a part is damaged or a scenario is inconclusive; 70 an error in this program.",
+        epilog="Exit status: 0 replayed, no difference; 1 a journal is decided differently or breaks a law, or a "
+        "scenario fails; 2 it cannot be replayed; 3 a part is damaged or a scenario is inconclusive; 70 an error in "
+        "this program.",
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_run(commands)
     _add_journal(commands)
+    _add_laws(commands)
     if scenarios:
         from .suite.cli import add_commands  # noqa: PLC0415
         from .suite.cli_corpus import add_corpus  # noqa: PLC0415
@@ -94,6 +98,15 @@ def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     _add_configuration(journal, "decide with its rules; default: those in the journal's header")
     journal.add_argument("--json", action="store_true", help="print the result as JSON")
     journal.set_defaults(command=_journal)
+
+
+def _add_laws(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    laws = commands.add_parser("laws", help="check the safety laws at every event of a flight's journal")
+    laws.add_argument("file", type=Path, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
+    laws.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
+    _add_configuration(laws, "decide with its rules; default: those in the journal's header")
+    laws.add_argument("--json", action="store_true", help="print the result as JSON")
+    laws.set_defaults(command=_laws)
 
 
 def _add_configuration(parser: argparse.ArgumentParser, words: str) -> None:
@@ -159,10 +172,15 @@ def _say_speed(outcome: Outcome, took_s: float) -> None:
         sys.stderr.write(f"replayed in {took_s:.2f} s, {ratio:.0f} x real time\n")
 
 
+def _given_rules(options: argparse.Namespace) -> Optional[Rules]:
+    """Return the rules that the command line names; None: none."""
+    if options.config is None and not options.set:
+        return None
+    return load_configuration(options.config or config_folder(), options.set).rules
+
+
 def _journal(options: argparse.Namespace) -> int:
-    rules = None
-    if options.config is not None or options.set:
-        rules = load_configuration(options.config or config_folder(), options.set).rules
+    rules = _given_rules(options)
     journals = read_journals(options.file, options.topic)
     comparisons: List[Comparison] = []
     for journal in journals:
@@ -177,6 +195,24 @@ def _journal(options: argparse.Namespace) -> int:
     if any(each.differences for each in comparisons):
         return DIFFERENT
     return PARTIAL if any(each.truncated for each in comparisons) else DONE
+
+
+def _laws(options: argparse.Namespace) -> int:
+    rules = _given_rules(options)
+    found: List[Lawful] = []
+    for journal in read_journals(options.file, options.topic):
+        total = len(journal.lines)
+        with progress_bar("checking the laws") as progress:
+            found.append(check_laws(journal, rules, lambda done, of=total: progress(done, of)))  # type: ignore[misc]
+    if options.json:
+        show_lines([json.dumps([laws_result(each) for each in found], indent=1)])
+    else:
+        for each in found:
+            show_lines(law_lines(each))
+    if any(each.judged.broken for each in found):
+        return DIFFERENT
+    other = [each for each in found if each.truncated or (each.different and rules is None)]
+    return PARTIAL if other else DONE
 
 
 if __name__ == "__main__":

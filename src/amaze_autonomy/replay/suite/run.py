@@ -18,6 +18,7 @@ from amaze_autonomy.simulation.errors import SimulationError
 from ..errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
 from ..expect import Finding, Grade, judge
 from ..golden import compare_with_golden
+from ..lawful import broken_words, laws_of_lines
 from ..scenario import Case, load_cases
 from .anchors import anchor_times
 from .figures import peak_mb
@@ -86,12 +87,14 @@ def run_case(case: Case, task: Task) -> Result:
     """
     played = play(case, task.options)
     trace = played.trace
+    lawful = laws_of_lines(played.lines)
+    unlawful = tuple(broken_words(each, lawful.start_ns) for each in lawful.judged.broken)
     check_names(case, trace, lambda: [row.name for row in configuration_of(case, task.options).rules.components])
     anchors = anchor_times(case.anchors, trace)
     findings = tuple(judge(each, trace, anchors) for each in case.expectations)
     lines = tuple(encode_decision(decision) for decision in trace.decisions)
     difference = compare_with_golden(case, lines, command_of(task), trace.start_ns) if task.options.goldens else ()
-    verdict, headline = _verdict(findings, played, difference, golden=task.options.goldens)
+    verdict, headline = _verdict(findings, played, unlawful, difference, golden=task.options.goldens)
     return Result(
         id=case.id,
         path=task.path,
@@ -100,7 +103,7 @@ def run_case(case: Case, task: Task) -> Result:
         verdict=verdict,
         headline=headline,
         findings=findings,
-        problems=(*played.broken, *played.vacuous),
+        problems=(*unlawful, *played.broken, *played.vacuous),
         difference=difference,
         lines=lines,
         digest=digest_of(lines),
@@ -130,9 +133,16 @@ def command_of(task: Task) -> str:
 
 
 def _verdict(
-    findings: Tuple[Finding, ...], played: Played, difference: Tuple[str, ...], *, golden: bool
+    findings: Tuple[Finding, ...],
+    played: Played,
+    unlawful: Tuple[str, ...],
+    difference: Tuple[str, ...],
+    *,
+    golden: bool,
 ) -> Tuple[Verdict, str]:
-    """Return the verdict and its first reason: what was put in comes first, then what came out."""
+    """Return the verdict and its first reason: a broken law, then what was put in, then what came out."""
+    if unlawful:
+        return Verdict.FAIL, unlawful[0]
     if played.broken:
         return Verdict.INCONCLUSIVE, played.broken[0]
     for finding in findings:

@@ -1,0 +1,281 @@
+"""The laws of the flight: what is wrong is landed for or waited for, and who has control is left alone."""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.commands import (
+    AutopilotDisarm,
+    AutopilotLand,
+    Decision,
+    MissionAction,
+)
+from amaze_autonomy.engine.state import State, Step
+
+from .moment import FLIGHT, GROUND, Moment, Verdict, law
+from .witness import OURS
+
+A = MissionAction
+
+# --- failures in flight -----------------------------------------------------------------------------------------------
+
+
+def _handed_over(m: Moment) -> bool:
+    """Return True where nobody expects a landing any more: the pilot has it, or it is down."""
+    return m.after.state is State.PILOT or m.seen.flight != "armed"
+
+
+def _is_landed_for(m: Moment, why: str) -> Verdict:
+    if _handed_over(m):
+        return None
+    if m.after.state is not State.LAND:
+        return f"{why}, and it does not land but is in {m.after.state.value}"
+    return True if m.seen.landing else f"{why}, and LAND was not commanded"
+
+
+@law("4 table, 4.2", "An airborne vehicle with an unresolved ABORT is being landed, in every phase.", always=True)
+def abort_is_landed(m: Moment) -> Verdict:
+    bad = [name for name, code in m.saw.codes if code == 16]
+    return _is_landed_for(m, f"{bad[0]} is at 16") if bad and m.saw.flight == "armed" else None
+
+
+@law("4 decision table", "A component of the row `highest` is landed for at 4, 8 and 16.", always=True)
+def highest_is_landed_for(m: Moment) -> Verdict:
+    if m.saw.flight != "armed":
+        return None
+    rows = {rule.name: rule.severity.value for rule in m.rules.components}
+    bad = [name for name, code in m.saw.codes if code >= 4 and rows.get(name) == "highest"]
+    return _is_landed_for(m, f"{bad[0]} has failed") if bad else None
+
+
+@law(
+    "4 losses", "Heartbeat, planner, autopilot or battery lost, or a limit of the flight passed: it lands.", always=True
+)
+def losses_are_landed_for(m: Moment) -> Verdict:
+    if m.saw.flight != "armed":
+        return None
+    lost = _lost(m)
+    return _is_landed_for(m, lost) if lost else None
+
+
+def _lost(m: Moment) -> str:
+    """Return what is lost, by the witness's own clocks; empty: nothing."""
+    saw, limits, now = m.saw, m.rules.limits, m.saw.now
+    status = saw.vehicle
+    started = saw.flight_ns
+    if now - max(saw.beat_ns or 0, 0) > limits.watchdog_heartbeat_limit_ns and saw.watching:
+        return "the watchdog's heartbeat is lost"
+    if now - saw.planner_ns > limits.planner_status_limit_ns and saw.planner_ns:
+        return "the planner is silent"
+    if saw.planner is not None and saw.planner.phase is ev.MissionPhase.FAILED:
+        return "the planner failed"
+    silent = status is not None or now - saw.vehicle_ns > limits.autopilot_status_limit_ns
+    if silent and saw.fresh(limits) is None:
+        return "the autopilot is silent"
+    if now - (started if saw.battery_ns is None else saw.battery_ns) > limits.battery_age_limit_ns:
+        return "the battery level is unknown"
+    level = status.battery_fraction if status is not None else None
+    if level is not None and not level > limits.battery_critical_fraction:
+        return "the battery is critical"
+    if now - started >= limits.max_flight_time_ns:
+        return "the flight time is over"
+    return _out_of_bounds(m)
+
+
+def _out_of_bounds(m: Moment) -> str:
+    status, limits = m.saw.fresh(m.rules.limits), m.rules.limits
+    if status is None:
+        return ""
+    if status.height_m is not None and status.height_m > limits.max_height_m:
+        return "it is too high"
+    x, y = status.position_x_m, status.position_y_m
+    far = x is not None and y is not None and (x * x + y * y) ** 0.5 > limits.max_distance_m
+    return "it is too far" if far else ""
+
+
+@law("4 losses", "When planner or autopilot is lost, the landing goes out by both routes.", always=True)
+def both_routes_when_planner_or_autopilot_is_lost(m: Moment) -> Verdict:
+    if m.saw.flight != "armed" or _handed_over(m):
+        return None
+    lost = _lost(m)
+    if not lost.startswith(("the planner", "the autopilot")):
+        return None
+    return True if m.seen.second else f"{lost}, and the second route was not used"
+
+
+@law("4 losses", "When the autopilot is lost in flight, the pilot is alarmed at once.", always=True)
+def autopilot_lost_alarms(m: Moment) -> Verdict:
+    if m.saw.flight != "armed" or _handed_over(m) or _lost(m) != "the autopilot is silent":
+        return None
+    return True if m.seen.alarmed else "the autopilot is silent, and the pilot was not alarmed"
+
+
+def _waits(m: Moment) -> Optional[str]:
+    """Return a component whose verb is `wait` now and whose budget is not spent."""
+    rows = {rule.name: rule for rule in m.rules.components}
+    for name, code in m.saw.codes:
+        rule = rows.get(name)
+        severity = rule.severity.value if rule is not None else ("moderate" if code == 4 else "high")
+        budget = rule.wait_limit_ns if rule is not None else m.rules.limits.unlisted_wait_limit_ns
+        spent = dict(m.saw.waited).get(name, 0)
+        waits = code in (4, 8) and severity in ("moderate", "high")
+        if waits and spent < budget and name not in m.saw.given_up:
+            return name
+    return None
+
+
+@law(
+    "4 table",
+    "What is worth waiting for is waited for: airborne on its way, the mission holds, or does more.",
+    always=True,
+)
+def a_wait_holds(m: Moment) -> Verdict:
+    if m.saw.flight != "armed" or not m.saw.airborne or _waits(m) is None or m.saw.on_ground(m.rules.limits):
+        return None
+    if m.after.state not in (State.TAKEOFF, State.MISSION) or m.after.step is Step.CANCELLING:
+        return True
+    if _waits(m) in m.after.flown_without:
+        return None
+    return f"{_waits(m)} has failed, and it neither holds nor lands"
+
+
+@law(
+    "4 waits",
+    "A component is not waited for longer than its budget, all its failures of the flight together.",
+    always=True,
+)
+def a_wait_ends(m: Moment) -> Verdict:
+    if m.after.state is not State.HOLD or m.seen.flight != "armed":
+        return None
+    budgets = {rule.name: rule.wait_limit_ns for rule in m.rules.components}
+    for name, waited in m.saw.waited:
+        budget = budgets.get(name, m.rules.limits.unlisted_wait_limit_ns)
+        failing = dict(m.saw.codes).get(name, 1) in (4, 8)
+        held = any(f.name == name and f.verb.name == "WAIT" for f in m.after.failures)
+        if failing and held and waited >= budget:
+            return f"{name} was waited for {waited / 1e9:g} s of {budget / 1e9:g} s, and is still"
+    return True
+
+
+@law("4 waits", "A component that is high and given up, or whose budget is spent, is landed for.", always=True)
+def high_lands_in_the_end(m: Moment) -> Verdict:
+    if m.saw.flight != "armed" or not m.saw.airborne:
+        return None
+    rows = {rule.name: rule for rule in m.rules.components if rule.severity.value == "high"}
+    for name, code in m.saw.codes:
+        over = name in m.saw.given_up or dict(m.saw.waited).get(name, 0) >= getattr(rows.get(name), "wait_limit_ns", 0)
+        if name in rows and code in (4, 8) and over:
+            return _is_landed_for(m, f"{name} is not coming back")
+    return None
+
+
+@law("4 table", "It lands by itself only for something that is landed for: never for what is flown on without.")
+def a_landing_has_a_cause(m: Moment) -> Verdict:
+    rules = [c.rule for c in m.commands if isinstance(c, Decision)]
+    if "land" not in rules and "land_by_both_routes" not in rules:
+        return None
+    rows = {rule.name: rule.severity.value for rule in m.rules.components}
+    for name, code in m.saw.codes:
+        if code == 16 or (code >= 4 and rows.get(name) in ("high", "highest")) or (code == 8 and name not in rows):
+            return True
+    return True if m.was.user_hold or _lost(m) else f"landing, and only {dict(m.saw.codes)} is wrong"
+
+
+@law("4 table", "It holds by itself only for a component at 4 or 8.")
+def a_hold_has_a_cause(m: Moment) -> Verdict:
+    if not any(isinstance(c, Decision) and c.rule == "hold" for c in m.commands):
+        return None
+    held = [name for name, code in m.saw.codes if code in (4, 8)]
+    return True if held else f"holding, and {dict(m.saw.codes)} is no reason"
+
+
+# --- who has control --------------------------------------------------------------------------------------------------
+
+
+@law("4.4", "When the pilot or a failsafe takes over, the engine stops at once and shows PILOT.", always=True)
+def the_pilot_has_control(m: Moment) -> Verdict:
+    status = m.saw.fresh(m.rules.limits)
+    if not isinstance(m.event, ev.AutopilotStatus) or status is not m.event or status.armed is False:
+        return None
+    if m.saw.flight == "none" or m.before.state not in FLIGHT or not m.before.in_flight:
+        return None
+    if not (status.pilot_in_control or status.failsafe or m.saw.foreign):
+        return None
+    return True if m.after.state is State.PILOT else f"taken over, and the engine is in {m.after.state.value}"
+
+
+@law("4.4", "In PILOT nothing is commanded: no motion, no landing, no disarming.")
+def nothing_is_commanded_in_pilot(m: Moment) -> Verdict:
+    if m.after.state is not State.PILOT:
+        return None
+    moved = m.motions or m.sent(AutopilotLand) or m.sent(AutopilotDisarm)
+    return "a command while the pilot has control" if moved else True
+
+
+@law("4.4", "PILOT has a cause: the pilot, a failsafe, a foreign mode, or somebody else's arming.")
+def pilot_has_a_cause(m: Moment) -> Verdict:
+    if m.after.state is not State.PILOT or not m.moved:
+        return None
+    status = m.saw.fresh(m.rules.limits)
+    if status is None:
+        return "nothing is known freshly"
+    cause = status.pilot_in_control or status.failsafe or _not_ours(m)
+    return True if cause or (m.was.flight == "none" and status.armed is True) else f"why? the mode is {status.mode}"
+
+
+def _not_ours(m: Moment) -> bool:
+    """Return True when the mode is foreign: never ours, left after it had answered a command, or just changed."""
+    status, before = m.saw.vehicle, m.was.vehicle
+    if status is None or status.mode in OURS.get(m.was.motion, ()):
+        return False
+    changed = before is None or before.mode != status.mode
+    return status.mode not in _ANY_OF_OURS or m.was.answered or changed
+
+
+_ANY_OF_OURS = frozenset(mode for modes in OURS.values() for mode in modes)
+
+
+@law("5 PILOT", "PILOT ends only acknowledged by a person, when the last word of the vehicle was that it is down.")
+def pilot_ends_acknowledged(m: Moment) -> Verdict:
+    if m.before.state is not State.PILOT or not m.moved:
+        return None
+    asked = isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
+    last = m.saw.vehicle
+    down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
+    return True if asked and down else "left without an acknowledgement, or its last word was not that it is down"
+
+
+@law("4, 5", "On the ground no motion but the one TAKEOFF, and what cancels it before lift-off.")
+def no_motion_on_the_ground(m: Moment) -> Verdict:
+    if not m.motions:
+        return None
+    for action in m.motions:
+        if action in (A.HOLD, A.RESUME):
+            if m.saw.flight != "armed" or m.saw.on_ground(m.rules.limits):
+                return f"{action.name} on the ground"
+            if action is A.RESUME and m.saw.fresh(m.rules.limits) is None:
+                return "RESUME while nothing is known of the vehicle"
+        elif action is A.TAKEOFF and m.before.state is not State.LOAD_MISSION and m.before.step is not Step.TOUCHDOWN:
+            return f"TAKEOFF from {m.before.state.value}"
+        elif action is A.ABORT and (m.before.state is not State.TAKEOFF or m.saw.flies(m.rules.limits)):
+            return "ABORT, and it is not before lift-off"
+        elif action is A.LAND and m.before.state in GROUND and m.before.state is not State.MISSION_INPUT:
+            return f"LAND from {m.before.state.value}"
+    return True
+
+
+@law("4.1", "One moment commands one motion, never two that contradict each other.")
+def one_motion_at_a_time(m: Moment) -> Verdict:
+    if not m.motions:
+        return None
+    return True if len(set(m.motions)) == 1 else " and ".join(action.name for action in m.motions)
+
+
+@law("4.9", "Told to end in flight: LAND on both routes at once.")
+def shutdown_lands_on_both_routes(m: Moment) -> Verdict:
+    if not isinstance(m.event, ev.Shutdown) or m.before.state not in FLIGHT or not m.before.in_flight:
+        return None
+    if m.after.state is State.PILOT:
+        return None
+    return True if A.LAND in m.motions and m.sent(AutopilotLand) else "not both routes"

@@ -1,0 +1,184 @@
+"""The laws of every moment: requests, time, waits, words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.commands import (
+    Answer,
+    AnswerKind,
+    AutopilotDisarm,
+    AutopilotLand,
+    Decision,
+    LoadMission,
+    MissionAction,
+    MissionCommand,
+    Notify,
+    RunCheck,
+    StartRecording,
+    StopRecording,
+)
+from amaze_autonomy.engine.state import State
+from amaze_autonomy.engine.timers import next_deadline
+
+from .moment import ENDLESS, Moment, Verdict, law, shows_landing
+
+A = MissionAction
+
+# --- requests, time, words --------------------------------------------------------------------------------------------
+
+
+@law("4.1", "No request is sent twice without a cause, LAND excepted.")
+def no_request_twice(m: Moment) -> Verdict:
+    if not m.requests:
+        return None
+    kinds = [(type(r), getattr(r, "action", None), getattr(r, "check", None)) for r in m.requests]
+    kinds = [kind for kind in kinds if A.LAND not in kind]
+    if len(set(kinds)) != len(kinds):
+        return "the same request twice at once"
+    for request in m.requests:
+        why = _repeated(m, request)
+        if why:
+            return why
+    return True
+
+
+def _repeated(m: Moment, request: Any) -> str:
+    same_place = (m.before.state, m.before.step) == (m.after.state, m.after.step)
+    if isinstance(request, RunCheck):
+        asked = dict(m.saw.checks).get(request.check.value)
+        open_still = asked is not None and asked.answered_ns is None and m.before.state is m.after.state
+        waited = asked is not None and m.saw.now - asked.asked_ns >= m.rules.limits.check_reply_limit_ns
+        return "a check is asked again while its answer is waited for" if open_still and not waited else ""
+    if isinstance(request, (LoadMission, StartRecording)) and same_place:
+        return f"{type(request).__name__} again without a step in between"
+    if isinstance(request, StartRecording) and m.was.recording == "asked" and _records(m):
+        return "StartRecording although it records"
+    if isinstance(request, MissionCommand) and request.action is m.was.motion and request.action is not A.LAND:
+        planner = m.saw.planner
+        undone = planner is not None and planner.phase in (ev.MissionPhase.FLYING, ev.MissionPhase.TAKING_OFF)
+        new_flight = request.action in (A.TAKEOFF, A.ABORT) and not same_place
+        return "" if new_flight or (request.action is A.HOLD and undone) else f"{request.action.name} again"
+    if isinstance(request, MissionCommand) and request.action is A.LAND and m.was.landing and m.was.flight == "armed":
+        soon = m.saw.now - m.was.sent_ns < m.rules.limits.land_repeat_period_ns
+        cause = m.sent(AutopilotLand) or isinstance(m.event, (ev.Shutdown, ev.AutopilotStatus)) or m.after.both_routes
+        return "LAND again before its period" if soon and not cause else ""
+    if isinstance(request, AutopilotDisarm) and m.was.disarmed_ns is not None and m.saw.airborne:
+        soon = m.saw.now - m.was.disarmed_ns < m.rules.limits.ground_disarm_period_ns
+        return "disarm again before its period" if soon and m.was.on_ground(m.rules.limits) else ""
+    return ""
+
+
+def _records(m: Moment) -> bool:
+    fresh = m.saw.now - m.saw.recorder_ns <= m.rules.limits.recorder_status_limit_ns
+    return m.saw.growing_ns is not None and fresh
+
+
+@law("3, 6", "A late, foreign, stale or future message changes nothing.", always=True)
+def late_and_foreign_change_nothing(m: Moment) -> Verdict:
+    if not _is_noise(m):
+        return None
+    same = m.commands == () and m.before == m.after
+    return True if same else f"a {type(m.event).__name__} that does not count was listened to"
+
+
+def _is_noise(m: Moment) -> bool:
+    event, was, limits = m.event, m.was, m.rules.limits
+    if event.t_ns != m.before.t_ns:
+        return False
+    if not -limits.clock_tolerance_ns <= getattr(event, "age_ns", 0) <= limits.status_max_age_ns:
+        return True
+    if isinstance(event, (ev.MissionStatus, ev.RecordingStatus)):
+        return event.session_id != was.session or not was.session
+    if isinstance(event, ev.CheckReply):
+        asked = dict(was.checks).get(event.check.value)
+        return asked is None or asked.id != event.command_id or asked.answered_ns is not None
+    if isinstance(event, ev.Reply):
+        current = (was.motion_id, was.load.id if was.load else 0, m.before.recording_id)
+        return event.command_id not in current
+    return False
+
+
+@law("3", "One moment is decided once: the same moment again changes nothing.", always=True)
+def a_moment_is_decided_once(m: Moment) -> Verdict:
+    if not isinstance(m.event, ev.Tick) or m.event.t_ns > m.before.t_ns:
+        return None
+    return True if m.commands == () and m.before == m.after else "the engine had not come to rest"
+
+
+@law("4.5, 5", "Every state but MISSION_INPUT, OUTREACH, PILOT and MISSION_ENDED has a deadline.", always=True)
+def every_wait_has_an_end(m: Moment) -> Verdict:
+    if m.after.state in ENDLESS:
+        return None
+    end = next_deadline(m.after, m.rules)
+    if end is not None:
+        return True if end > m.after.t_ns else f"the deadline {end} has passed"
+    if m.after.state is State.LAND and shows_landing(m.saw, m.rules):
+        return None
+    return f"{m.after.state.value} {m.after.step.value} waits for ever"
+
+
+@law("3", "Time never runs back.", always=True)
+def time_never_runs_back(m: Moment) -> Verdict:
+    return True if m.after.t_ns == max(m.before.t_ns, m.event.t_ns) else "it does"
+
+
+@law("5", "Every user command is answered once, and one that is not done does nothing.")
+def every_user_is_answered(m: Moment) -> Verdict:
+    if not isinstance(m.event, (ev.UserRequest, ev.MissionSelected)):
+        return None
+    answers = [c for c in m.commands if isinstance(c, Answer)]
+    if len(answers) != 1 or answers[0].request_id != m.event.request_id or not answers[0].message:
+        return f"{len(answers)} answers"
+    others = m.requests or m.before.state is not m.after.state
+    done = answers[0].answer is AnswerKind.DONE
+    return True if done or not others or m.event.t_ns > m.before.t_ns else "not done, yet it does something"
+
+
+@law("5", "A user who lands or aborts in flight is obeyed at once.")
+def the_user_lands(m: Moment) -> Verdict:
+    if not isinstance(m.event, ev.UserRequest) or m.saw.flight != "armed" or not m.saw.airborne:
+        return None
+    if m.event.command not in (ev.UserCommand.LAND, ev.UserCommand.ABORT) or m.before.state is State.PILOT:
+        return None
+    return True if m.after.state in (State.LAND, State.PILOT) or not m.before.in_flight else "not landing"
+
+
+@law("5", "Every change of place, and every request, stands in exactly one decision of the journal.")
+def everything_is_written_down(m: Moment) -> Verdict:
+    decisions = [c for c in m.commands if isinstance(c, Decision)]
+    written = [text for decision in decisions for text in decision.commands]
+    numbers = sorted(int(text.rpartition("#")[2]) for text in written)
+    if numbers != sorted(request.id for request in m.requests):
+        return f"sent {[r.id for r in m.requests]}, written down {numbers}"
+    place = m.before.state.value
+    for decision in decisions:
+        if decision.before != place:
+            return f"from {place} to {decision.before} unwritten"
+        place = decision.after
+    return True if place == m.after.state.value else f"{m.after.state.value} is not written down"
+
+
+@law("3, 4", "Nothing but the watchdog restarts anything: the engine has no such command, and asks for no other.")
+def the_engine_restarts_nothing(m: Moment) -> Verdict:
+    for command in m.commands:
+        if type(command) not in _COMMANDS:
+            return f"{type(command).__name__} is no command of the engine"
+    return True
+
+
+_COMMANDS = frozenset(
+    {
+        Answer,
+        AutopilotDisarm,
+        AutopilotLand,
+        Decision,
+        LoadMission,
+        MissionCommand,
+        Notify,
+        RunCheck,
+        StartRecording,
+        StopRecording,
+    }
+)

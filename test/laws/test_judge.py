@@ -1,0 +1,88 @@
+"""A judge sees a whole sequence: what each law said, where one was broken first and how often, and it forgets nothing.
+
+That each law can be broken at all is shown by the defects of test/proof.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from amaze_autonomy.engine.commands import AutopilotDisarm, Decision
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import AutopilotStatus, EngineStarted, Tick, VehicleLanded
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.laws import LAWS, Broken, BrokenLawError, Judge, Judged, Witness, check, judge, observed
+
+S = 1_000_000_000
+RULES = Rules()
+DISARM = AutopilotDisarm(id=1, limit_ns=S)
+WRITTEN = Decision(
+    t_ns=S,
+    sequence=0,
+    event="Tick",
+    before="MISSION_INPUT",
+    after="MISSION_INPUT",
+    step="",
+    rule="disarm_on_ground",
+    commands=("AutopilotDisarm()#1",),
+)
+
+
+def at(t_ns):
+    return EngineState(t_ns=t_ns)
+
+
+def test_what_is_kept_is_counted():
+    sound = Judge(RULES)
+    state = EngineState()
+    for event in (
+        EngineStarted(t_ns=S),
+        AutopilotStatus(t_ns=S + 1, armed=False, landed=VehicleLanded.ON_GROUND),
+        Tick(t_ns=2 * S),
+    ):
+        after, commands = decide(state, event, RULES)
+        sound.watch(state, event, commands, after)
+        state = after
+    assert sound.judged() == Judged(3, {"time_never_runs_back": 3}, ())
+
+
+def test_a_broken_law_is_told_once_with_its_first_moment_and_how_often():
+    judge_ = Judge(RULES)
+    judge_.watch(at(0), Tick(t_ns=S), (), at(S))
+    for t_ns in (2 * S, 3 * S):
+        judge_.watch(at(t_ns - S), Tick(t_ns=t_ns), (DISARM, WRITTEN), at(t_ns))
+    why = "disarm although the vehicle does not say, freshly, armed and ON_GROUND"
+    assert judge_.judged().broken == (Broken(LAWS["disarm_on_the_ground_only"], why, 2 * S, "Tick", 2, times=2),)
+    assert judge_.judged().applied == {
+        "everything_is_written_down": 2,
+        "no_request_twice": 2,
+        "the_engine_restarts_nothing": 2,
+        "time_never_runs_back": 3,
+    }
+
+
+def test_the_explorer_stops_at_the_first_broken_law():
+    moment = observed(Witness(), at(0), Tick(t_ns=S), (DISARM, WRITTEN), at(S), RULES)
+    applied = {}
+    with pytest.raises(BrokenLawError, match="disarm although the vehicle does not say") as caught:
+        judge(applied)(moment)
+    assert (caught.value.law, caught.value.event) == ("disarm_on_the_ground_only", Tick(t_ns=S))
+
+
+def test_a_law_that_does_not_apply_says_nothing():
+    moment = observed(Witness(), at(0), Tick(t_ns=S), (), at(S), RULES)
+    assert [(law.name, why) for law, why in check(moment)] == [("time_never_runs_back", "")]
+
+
+def test_an_engine_that_begins_anew_is_judged_anew():
+    watched = Judge(RULES)
+    early = AutopilotStatus(t_ns=9 * S, armed=True, landed=VehicleLanded.ON_GROUND)
+    watched.watch(at(9 * S), early, (), at(9 * S))
+    watched.begin()
+    watched.watch(at(0), Tick(t_ns=9 * S), (DISARM, WRITTEN), at(9 * S))
+    assert [broken.law.name for broken in watched.judged().broken] == ["disarm_on_the_ground_only"]
+
+
+def test_every_law_names_its_rule():
+    assert [law.name for law in LAWS.values() if not law.source or not law.words.endswith(".")] == []

@@ -1,0 +1,91 @@
+"""`amaze-replay laws`: what holds is counted, what is broken is named with its moment, in words, status and JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from amaze_autonomy.engine import decide as engine
+from amaze_autonomy.engine.journal import JournalError
+from amaze_autonomy.laws import LAWS
+from amaze_autonomy.replay.cli import main
+from amaze_autonomy.replay.lawful import laws_of_lines
+from amaze_autonomy.replay.suite import Options, Task, Verdict, run_task
+
+ROOT = Path(__file__).parents[2]
+FLIGHT = ROOT / "test" / "proof" / "found" / "land_is_the_first_command_out-1.jsonl"
+
+
+def without(monkeypatch, rule):
+    rows = {place: tuple(row for row in found if row.rule != rule) for place, found in engine.ROWS_AT.items()}
+    monkeypatch.setattr(engine, "ROWS_AT", rows)
+
+
+def test_a_flight_that_keeps_every_law_is_counted(capsys):
+    assert main(["laws", str(FLIGHT)]) == 0
+    said = capsys.readouterr().out
+    events = FLIGHT.read_text().count('"kind":"event"')
+    assert said.startswith(f"{events} events, ")
+    assert f" of {len(LAWS)} laws applied " in said
+    assert said.endswith(" times: none broken\n")
+
+
+def test_a_broken_law_is_named_with_its_moment_and_is_the_exit_status(monkeypatch, capsys):
+    without(monkeypatch, "land")
+    assert main(["laws", str(FLIGHT)]) == 1
+    first, *others, last = capsys.readouterr().out.splitlines()
+    assert first.startswith("law broken: ")
+    assert "The law: " in first
+    assert " s, after event " in first
+    assert "decisions differ from the recorded ones" in others[-1]
+    assert last.endswith(" broken")
+
+
+def test_what_was_decided_by_another_engine_is_judged_and_said(monkeypatch, capsys):
+    without(monkeypatch, "mission_selected")
+    assert main(["laws", str(FLIGHT)]) == 3
+    assert "the laws were checked on what is decided now" in capsys.readouterr().out
+
+
+def test_a_journal_that_is_cut_off_is_judged_to_its_end(tmp_path, capsys):
+    text = FLIGHT.read_text()
+    path = tmp_path / "journal.jsonl"
+    path.write_text(text[: text.rindex('"kind"') + 8])
+    assert main(["laws", str(path)]) == 3
+    assert "the end of the journal is cut off" in capsys.readouterr().out
+
+
+def test_the_result_as_json(capsys):
+    assert main(["laws", "--json", str(FLIGHT)]) == 0
+    (result,) = json.loads(capsys.readouterr().out)
+    assert sorted(result["applied"]) == sorted(LAWS)
+    assert (result["broken"], result["different_decisions"], result["truncated"]) == ([], 0, False)
+    assert result["events"] > 0
+
+
+def test_other_rules_may_be_given(capsys):
+    assert main(["laws", "--set", "autonomy.flight.max_height_m=20.0", str(FLIGHT)]) == 0
+    assert "none broken" in capsys.readouterr().out
+
+
+def test_lines_without_rules_are_refused():
+    with pytest.raises(JournalError, match="no rules here"):
+        laws_of_lines(['{"kind":"header","version":1}'])
+
+
+def test_a_scenario_fails_when_a_law_is_broken_although_its_expectations_hold(monkeypatch, tmp_path):
+    path = tmp_path / "flight.scenario.yaml"
+    path.write_text(
+        "version: 1\ndescription: a flight\n"
+        f"journal: {FLIGHT}\n"
+        "expectations:\n  - {expect: exists, of: {command: TAKEOFF}}\n"
+    )
+    task = Task(str(path), "", Options(goldens=False))
+    assert run_task(task).verdict is Verdict.PASS
+    without(monkeypatch, "land")
+    result = run_task(task)
+    assert result.verdict is Verdict.FAIL
+    assert result.headline.startswith("law broken: ")
+    assert result.problems[0] == result.headline
