@@ -13,11 +13,11 @@ from replay_bags import START_NS, write_bag, write_empty_bag
 from rosbags.rosbag1 import Reader, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from amaze_autonomy.bags.connections import Connection
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.format import Connection
 from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.manifest import Tally
 from amaze_autonomy.bags.merge import MergeOptions, merge
-from amaze_autonomy.bags.tally import Tally
 from amaze_autonomy.bags.verify import verify
 
 

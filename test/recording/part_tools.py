@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from bag_tools import bag, rows, unclosed
 
-from amaze_autonomy.recording.complete import Plan, Source
+from amaze_autonomy.recording.job import Plan, Source
 from amaze_autonomy.recording.parts import close_parts
 
 FACTS = {"session_id": "s1", "platform": "main", "gaps": [], "dropped": 0}

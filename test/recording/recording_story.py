@@ -17,8 +17,7 @@ from amaze_autonomy.recording import (
     Sight,
     Status,
 )
-from amaze_autonomy.recording.commands import Ask, Recover, Signal, StartChild
-from amaze_autonomy.recording.sight import Space
+from amaze_autonomy.recording.status import Ask, Recover, Signal, Space, StartChild
 
 S = 1_000_000_000
 MS = 1_000_000

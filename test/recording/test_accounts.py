@@ -1,7 +1,6 @@
 """What was not recorded, from the files alone."""
 
-from amaze_autonomy.recording.accounts import Account, Written, account, written
-from amaze_autonomy.recording.header_numbers import Numbers
+from amaze_autonomy.recording.losses import Account, Numbers, Written, account, written
 
 S = 1_000_000_000
 IMU, GPS = ("/imu", "/driver"), ("/gps", "/driver")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from amaze_autonomy.config.recording_schema import Storage, TopicGroup
-from amaze_autonomy.recording.child_command import child_command, files_of
+from amaze_autonomy.recording.programs import child_command, files_of
 
 OUTPUT = Path("/rec/s/main/states-01.bag")
 

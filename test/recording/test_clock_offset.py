@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from amaze_autonomy.recording.clock_offset import Exchange, Offset, best, correction_ns
+from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -7,8 +7,8 @@ import pytest
 from recording_story import PHASE, Fleet
 
 from amaze_autonomy.recording import Answer, Collector
-from amaze_autonomy.recording.clock_offset import Offset
-from amaze_autonomy.recording.commands import Ask, Collect, CopyJournal, MeasureClock, Transfer
+from amaze_autonomy.recording.collector import Offset
+from amaze_autonomy.recording.status import Ask, Collect, CopyJournal, MeasureClock, Transfer
 
 SUMMARY = {"problem": "", "location": "/rec/s1.bag", "message": "1 MB, nothing was lost", "verified": True}
 

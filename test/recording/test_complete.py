@@ -9,8 +9,8 @@ from part_tools import FACTS, killed, part, plan, small_storage, two_platforms
 from replay_bags import START_NS, write_empty_bag
 
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.recording.complete import Plan, Source, collect
 from amaze_autonomy.recording.errors import RecordingError, TransferError
+from amaze_autonomy.recording.job import Plan, Source, collect
 from amaze_autonomy.recording.parts import close_parts
 
 S = 1_000_000_000

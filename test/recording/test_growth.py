@@ -2,7 +2,7 @@
 
 import pytest
 
-from amaze_autonomy.recording.growth import Growth
+from amaze_autonomy.recording.platform_recorder import Growth
 
 S = 1_000_000_000
 

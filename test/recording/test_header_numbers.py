@@ -5,7 +5,7 @@ import pytest
 from bag_tools import COMPRESSIONS, MS, bag, rows
 from replay_bags import START_NS, header, imu, make
 
-from amaze_autonomy.recording.header_numbers import Numbers, between, header_numbers, numbers_of
+from amaze_autonomy.recording.losses import Numbers, between, header_numbers, numbers_of
 
 
 def image(t_ns, seq):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from amaze_autonomy.recording.log_lines import LogState, read_line
+from amaze_autonomy.recording.programs import LogState, read_line
 
 FULL = "Less than 200M of space free on disk with '/rec/x.bag.active'. Disabling recording."
 WRITING = "what():  Error writing to file: writing 4096"

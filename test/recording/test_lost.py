@@ -2,7 +2,7 @@
 
 from replay_bags import START_NS
 
-from amaze_autonomy.recording.lost import losses
+from amaze_autonomy.recording.losses import losses
 
 S = 1_000_000_000
 GAP = {"group": "cameras", "file": 2, "seconds": 0.42, "ending": "killed by SIGKILL"}

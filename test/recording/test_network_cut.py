@@ -19,8 +19,8 @@ from part_tools import FACTS
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.nodes.recorder_jobs import RecorderJobs
 from amaze_autonomy.recording import parts as parts_module
-from amaze_autonomy.recording.folders import PARTS
 from amaze_autonomy.recording.parts import check_arrived
+from amaze_autonomy.recording.storage import PARTS
 
 NAME = f"amaze{os.getpid() % 10000}"
 HOST, OTHER = "10.213.7.1", "10.213.7.2"

@@ -5,7 +5,7 @@ import json
 from recording_story import PHASE, Platform, S, recorded_memory, recording, recovered
 
 from amaze_autonomy.recording import Answer
-from amaze_autonomy.recording.commands import Recover, Signal, StartChild
+from amaze_autonomy.recording.status import Recover, Signal, StartChild
 
 
 def test_goes_all_the_way_from_idle_to_a_complete_part():

@@ -2,7 +2,7 @@
 
 import json
 
-from amaze_autonomy.recording.removal import remove_part
+from amaze_autonomy.recording.storage import remove_part
 
 LISTED = [{"file": "a-01.bag"}, {"file": "a-02.recovered.bag", "recovered_from": "a-02.bag.active"}]
 LISTED += [{"file": "a-03.bag", "recovered_from": "a-03.bag.active", "undo": "a-03.bag.undo"}]

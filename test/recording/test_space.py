@@ -3,8 +3,8 @@
 import pytest
 
 from amaze_autonomy.config.recording_schema import Storage, TopicGroup
-from amaze_autonomy.recording.sight import Space
-from amaze_autonomy.recording.space import needed_bytes, time_left_s, too_little
+from amaze_autonomy.recording.status import Space
+from amaze_autonomy.recording.storage import needed_bytes, time_left_s, too_little
 
 GB = 1_000_000_000
 CAMERAS = TopicGroup("cameras", ("/c",), expected_mb_s=25.0)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from amaze_autonomy.config.recording_schema import Transfer
-from amaze_autonomy.recording.transfer_command import problem_of, progress_of, transfer_command
+from amaze_autonomy.recording.programs import problem_of, progress_of, transfer_command
 
 NAMES, TARGET = Path("/here/.wanted"), Path("/here")
 S = 1_000_000_000

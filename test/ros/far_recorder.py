@@ -30,7 +30,7 @@ from one_node import wait_for  # noqa: E402
 from recorder import PHASE, RATE_HZ, Recorders, another_clock, holes  # noqa: E402
 
 from amaze_autonomy.bags.recording import Recording  # noqa: E402
-from amaze_autonomy.recording.folders import read_json  # noqa: E402
+from amaze_autonomy.recording.storage import read_json  # noqa: E402
 
 URI = f"http://{NEAR}:11311"
 MESSAGE_BYTES = 10_000

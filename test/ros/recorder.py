@@ -28,7 +28,7 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recording import Recording
 from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.paths import config_folder
-from amaze_autonomy.recording.folders import read_json
+from amaze_autonomy.recording.storage import read_json
 
 PHASE = RecordingPhase
 PLATFORMS = ("main", "second")

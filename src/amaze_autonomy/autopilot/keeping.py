@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from math import isfinite
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
 from amaze_autonomy.missions import Home
+from amaze_autonomy.whole_file import write_whole
 
 from .loading import Origin
 
@@ -22,13 +22,7 @@ def keep(path: Path, value: Dict[str, Any]) -> None:
         OSError: It cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    half = path.with_name(f".{path.name}.new")
-    with half.open("w", encoding="utf-8") as file:
-        json.dump(value, file, sort_keys=True)
-        file.write("\n")
-        file.flush()
-        os.fsync(file.fileno())
-    half.replace(path)
+    write_whole(path, json.dumps(value, sort_keys=True) + "\n")
 
 
 def read_kept(path: Path) -> Dict[str, Any]:

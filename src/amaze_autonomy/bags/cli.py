@@ -1,16 +1,29 @@
-"""`amaze-bag`: look into bags, find damage, recover, merge, verify; on any machine, without ROS."""
+"""`amaze-bag`: look into bags, find damage, recover, merge, verify; on any machine, without ROS.
+
+A command loads only what it needs: numpy alone takes longer to load than a recovery in place takes.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
-from importlib import import_module
+import sys
+from contextlib import contextmanager
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.command_line import run_command
+from amaze_autonomy.units import MB, SECOND
 
 from .errors import BagError
+
+if TYPE_CHECKING:
+    from .merge import Merged
+    from .recover import Recovered
+    from .scan import Scan
+    from .verify import Verified
 
 __all__ = ["main"]
 
@@ -66,12 +79,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command line; return the exit status."""
     options = _parser().parse_args(arguments)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # starting its threads takes longer than many a command
-    module, function = options.command.split(".")  # loaded after that, and only what this command needs
 
     def command() -> int:
         _check_named(options)
-        lost = getattr(import_module(f".{module}", __package__), function)(options)
-        return LOST if lost else DONE
+        return LOST if options.command(options) else DONE
 
     return run_command("amaze-bag", command, (BagError,), wrong=IMPOSSIBLE)
 
@@ -87,16 +98,14 @@ def _parser() -> argparse.ArgumentParser:
     parser = _with_help(argparse.ArgumentParser(prog="amaze-bag", description=__doc__.split("`: ", 1)[1]), None)
     adder = parser.add_subparsers(metavar="COMMAND", dest="name", required=True)
 
-    info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", "looking.info")
+    info = _command(adder, "info", "topics, types, counts, rates, gaps; reads the index only", _info)
     info.add_argument("bags", nargs="+", type=Path, metavar="BAG")
 
-    doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", "looking.doctor")
+    doctor = _command(adder, "doctor", "find damage, with offsets; changes nothing", _doctor)
     doctor.add_argument("bags", nargs="+", type=Path, metavar="BAG")
     doctor.add_argument("--quick", action="store_true", help="do not read the data of whole chunks")
 
-    recover = _command(
-        adder, "recover", "write what is good into a new bag, or close a bag in place", "recovering.recover_bag"
-    )
+    recover = _command(adder, "recover", "write what is good into a new bag, or close a bag in place", _recover)
     recover.add_argument("bag", type=Path, metavar="BAG", help="is only read, but for --in-place and --undo")
     where = recover.add_mutually_exclusive_group()
     where.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
@@ -106,9 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     recover.add_argument("--force", action="store_true", help="replace an existing output")
 
     _add_merge(adder)
-    verify = _command(
-        adder, "verify", "compare a merged bag with its inputs, and readers with each other", "merging.verify_bag"
-    )
+    verify = _command(adder, "verify", "compare a merged bag with its inputs, and readers with each other", _verify)
     verify.add_argument("bag", type=Path, metavar="BAG")
     verify.add_argument("inputs", nargs="*", type=Path, metavar="INPUT", help="default: those of the manifest")
     verify.add_argument("--offsets-s", type=_seconds, default=(), metavar="S,S,...", help="that the merge applied")
@@ -117,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_merge(adder: Any) -> None:
-    merge = _command(adder, "merge", "several bags into one, in order of time", "merging.merge_bags")
+    merge = _command(adder, "merge", "several bags into one, in order of time", _merge)
     merge.add_argument("inputs", nargs="+", type=Path, metavar="INPUT", help="is only read")
     merge.add_argument("-o", "--output", type=Path, required=True)
     merge.add_argument(
@@ -131,7 +138,7 @@ def _add_merge(adder: Any) -> None:
         "--duplicates", choices=("count", "drop", "ignore"), default="count", help="messages that several inputs have"
     )
     merge.add_argument(
-        "--window-s", type=_second, default=1_000_000_000, metavar="S", help="in which duplicates are (default 1)"
+        "--window-s", type=_second, default=SECOND, metavar="S", help="in which duplicates are (default 1)"
     )
     merge.add_argument("--unify-publishers", action="store_true", help="one connection for all publishers of a topic")
     merge.add_argument("--force", action="store_true", help="replace an existing output")
@@ -148,7 +155,9 @@ def _add_readers(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _command(adder: Any, name: str, text: str, function: str) -> argparse.ArgumentParser:
+def _command(
+    adder: Any, name: str, text: str, function: Callable[[argparse.Namespace], bool]
+) -> argparse.ArgumentParser:
     parser = _with_help(adder.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."), name)
     parser.set_defaults(command=function)
     parser.add_argument("--json", action="store_true", help="for programs")
@@ -162,10 +171,10 @@ def _with_help(parser: argparse.ArgumentParser, name: Optional[str]) -> argparse
 
 
 def _second(text: str) -> int:
-    from decimal import Decimal, InvalidOperation  # noqa: PLC0415  (seldom wanted)
+    from decimal import Decimal, InvalidOperation
 
     try:
-        return int(Decimal(text) * 1_000_000_000)
+        return int(Decimal(text) * SECOND)
     except (InvalidOperation, ValueError, OverflowError):
         raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds") from None
 
@@ -173,6 +182,239 @@ def _second(text: str) -> int:
 def _seconds(text: str) -> Tuple[int, ...]:
     parts: List[str] = text.split(",")
     return tuple(_second(part) for part in parts)
+
+
+# --- info and doctor --------------------------------------------------------------------------------------------------
+
+
+def _info(options: argparse.Namespace) -> bool:
+    """Show topics, counts, times and rates."""
+    from .info import info_result
+
+    results = [info_result(path) for path in options.bags]
+    lines: List[str] = []
+    for result in results:
+        lines += [*([""] if lines else []), *_info_lines(result)]
+    _show(lines, results, as_json=options.json)
+    return False
+
+
+def _doctor(options: argparse.Namespace) -> bool:
+    """Show what is damaged."""
+    from .scan import scan
+
+    lines, results, damaged = [], [], False
+    for path in options.bags:
+        with _progress_bar(f"look through {path.name}") as progress:
+            found = scan(path, check_data=not options.quick, progress=progress)
+        lines += _scan_lines(found)
+        results.append(_scan_result(found))
+        damaged = damaged or bool(found.damages) or not found.closed
+    _show(lines, results, as_json=options.json)
+    return damaged
+
+
+# --- recover ----------------------------------------------------------------------------------------------------------
+
+
+def _recover(options: argparse.Namespace) -> bool:
+    """Write what is good into a new bag, or close a bag in place, or undo that."""
+    from .recover import restore
+
+    if options.undo:
+        original = restore(options.bag)
+        _show([f"{original}: as it was"], {"file": str(original), "restored": True}, as_json=options.json)
+        return False
+    with _progress_bar(f"recover {options.bag.name}") as progress:
+        done = _recovered(options, progress)
+    result = {**_scan_result(done.scan), "output": str(done.path), "output_bytes": done.size}
+    _show(_recover_lines(done), result, as_json=options.json)
+    return not done.complete
+
+
+def _recovered(options: argparse.Namespace, progress: Any) -> Recovered:
+    from .recover import recover, recover_in_place, recovered_name
+
+    if options.in_place:
+        return recover_in_place(options.bag, check_data=options.check_data, progress=progress)
+    output = options.output or recovered_name(options.bag)
+    return recover(options.bag, output, check_data=options.check_data, replace=options.force, progress=progress)
+
+
+# --- merge and verify -------------------------------------------------------------------------------------------------
+
+
+def _merge(options: argparse.Namespace) -> bool:
+    """Merge, write the manifest, verify if asked."""
+    from .manifest import manifest_path, merge_manifest, write_manifest
+    from .merge import MergeOptions, merge
+
+    if options.offsets_s and len(options.offsets_s) != len(options.inputs):
+        raise BagError(
+            "--offsets-s", f"{len(options.offsets_s)} offsets for {len(options.inputs)} inputs", "give one each"
+        )
+    how = MergeOptions(
+        compression=options.compression,
+        offsets_ns=options.offsets_s,
+        duplicates=options.duplicates,
+        window_ns=options.window_s,
+        publishers_apart=not options.unify_publishers,
+        replace=options.force,
+    )
+    with _progress_bar("merge") as progress:
+        merged = merge(options.inputs, options.output, how, progress)
+    manifest = merge_manifest(merged, options.inputs, how)
+    write_manifest(manifest_path(merged.path), manifest)
+    lines = _merge_lines(merged)
+    verified = None
+    if options.verify:
+        verified, manifest = _verified(merged.path, options.inputs, how.offsets_ns, manifest, options.readers)
+        lines += _verify_lines(verified)
+    _show(lines, manifest, as_json=options.json)
+    return bool(verified and verified.problems)
+
+
+def _verify(options: argparse.Namespace) -> bool:
+    """Verify a merged bag and write the verdict into its manifest."""
+    from .manifest import manifest_path, read_manifest
+
+    place = manifest_path(options.bag)
+    manifest = read_manifest(place) if place.is_file() else None
+    inputs, offsets = options.inputs, options.offsets_s
+    if not inputs and manifest:
+        inputs, offsets = _listed_inputs(manifest, options.bag.parent)
+    elif manifest and len(inputs) == len(manifest["inputs"]) and not offsets:
+        offsets = tuple(entry["offset_ns"] for entry in manifest["inputs"])
+    if offsets and len(offsets) != len(inputs):
+        raise BagError("--offsets-s", f"{len(offsets)} offsets for {len(inputs)} inputs", "give one each")
+    verified, manifest = _verified(options.bag, inputs, offsets, manifest, options.readers)
+    _show(_verify_lines(verified), manifest, as_json=options.json)
+    return bool(verified.problems)
+
+
+def _verified(
+    bag: Path, inputs: List[Path], offsets: Tuple[int, ...], manifest: Optional[Dict[str, Any]], readers: str
+) -> Tuple[Verified, Dict[str, Any]]:
+    from .manifest import declared_duplicates, manifest_path, verified_manifest, write_manifest
+    from .verify import verify
+
+    duplicates = declared_duplicates(manifest) if manifest else {}
+
+    with _progress_bar("verify") as progress:
+        verified = verify(bag, inputs, offsets_ns=offsets, duplicates=duplicates, readers=readers, progress=progress)
+    new = verified_manifest(manifest, verified)
+    if inputs:
+        write_manifest(manifest_path(bag), new)
+    return verified, new
+
+
+def _listed_inputs(manifest: Dict[str, Any], folder: Path) -> Tuple[List[Path], Tuple[int, ...]]:
+    entries = manifest["inputs"]
+    return [folder / entry["file"] for entry in entries], tuple(entry["offset_ns"] for entry in entries)
+
+
+# --- lines and JSON ---------------------------------------------------------------------------------------------------
+
+
+def _show(lines: Sequence[str], result: Any, *, as_json: bool) -> None:
+    """Print one or the other; a topic whose name is not UTF-8 is shown with escapes."""
+    text = json.dumps(result, indent=2) if as_json else "\n".join(lines)
+    sys.stdout.write(text.encode("utf-8", "backslashreplace").decode() + "\n")
+
+
+def _info_lines(result: Dict[str, Any]) -> List[str]:
+    """Return a bag as a table."""
+    start, end = result["start_ns"], result["end_ns"]
+    length = f", {(end - start) / SECOND:.2f} s from {_date(start)}" if start is not None else ""
+    chunks = ", ".join(f"{count} {kind}" for kind, count in result["chunks"].items()) or "no chunks"
+    lines = [
+        result["file"],
+        f"  {result['messages']:,} messages{length}; {_size(result['bytes'])}; chunks: {chunks}",
+    ]
+    wide = max((len(row["topic"]) for row in result["topics"]), default=0)
+    kinds = max((len(row["type"]) for row in result["topics"]), default=0)
+    for row in result["topics"]:
+        rate = "" if row["rate_hz"] is None else f"{row['rate_hz']:9.2f} Hz   longest gap {row['longest_gap_s']:.3f} s"
+        several = f"   {row['connections']} publishers" if row["connections"] > 1 else ""
+        lines.append(f"  {row['topic']:<{wide}}  {row['type']:<{kinds}}  {row['messages']:>9,}{rate}{several}")
+    return lines
+
+
+def _date(t_ns: int) -> str:
+    return datetime.fromtimestamp(t_ns // SECOND, timezone.utc).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _size(size: int) -> str:
+    return f"{size / MB:,.1f} MB"
+
+
+def _lost(lost: Optional[int]) -> str:
+    return "an unknown number of messages" if lost is None else f"{lost:,} messages"
+
+
+def _scan_result(found: Scan) -> Dict[str, Any]:
+    """Return what was found in a file."""
+    return {
+        "file": str(found.path),
+        "bytes": found.size,
+        "closed": found.closed,
+        "chunks": len(found.chunks),
+        "messages": found.messages,
+        "lost": found.lost,
+        "damages": [each._asdict() for each in found.damages],
+        "bytes_read": found.bytes_read,
+    }
+
+
+def _scan_lines(found: Scan) -> List[str]:
+    """Return the damages of a file."""
+    verdict = "is good" if not found.damages and found.closed else f"lost: {_lost(found.lost)}"
+    head = f"{found.path}: {found.messages:,} messages in {len(found.chunks):,} chunks; {verdict}"
+    return [head, *(f"  {each}" for each in found.damages)]
+
+
+def _recover_lines(done: Recovered) -> List[str]:
+    """Return what was recovered."""
+    head = f"{done.path}: {done.scan.messages:,} messages, {_size(done.size)}; lost: {_lost(done.scan.lost)}"
+    return [head, *(f"  {each}" for each in done.scan.damages)]
+
+
+def _merge_lines(merged: Merged) -> List[str]:
+    """Return what was merged."""
+    return [
+        f"{merged.path}: {merged.messages:,} messages, {_size(merged.size)}",
+        *(f"  warning: {line}" for line in merged.warnings),
+    ]
+
+
+def _verify_lines(verified: Verified) -> List[str]:
+    """Return the verdict, the problems, and who was asked."""
+    output = verified.output
+    of = f" of {len(verified.inputs)} inputs" if verified.inputs else ""
+    verdict = f"{len(verified.problems)} problems" if verified.problems else "verified"
+    lines = [f"{output.path}: {output.messages:,} messages{of}: {verdict}"]
+    lines += [f"  problem: {line}" for line in verified.problems]
+    for each in verified.readings:
+        lines.append(f"  {each.reader}: {each.error or f'{sum(each.messages.values()):,} messages'}")
+    return lines
+
+
+Report = Callable[[int, int], None]
+
+
+@contextmanager
+def _progress_bar(what: str) -> Iterator[Optional[Report]]:
+    """Show a progress bar on the standard error stream when it is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
 if __name__ == "__main__":

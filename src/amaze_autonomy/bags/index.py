@@ -1,20 +1,41 @@
-"""The index of a bag: topics, times and places of all messages, without reading the messages."""
+"""The index of a bag: topics, times and places of all messages, without reading the messages.
+
+What stands behind each chunk can be told without numpy, so that a recovery starts at once; arrays are in `read`.
+"""
 
 from __future__ import annotations
 
 import os
 import struct
+import sys
+from array import array
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
-from .connections import Connection, connection_of
+from amaze_autonomy.units import SECOND
+
 from .errors import BagError, RecordError
-from .layout import BAG, CHUNK, CHUNK_INFO, CONNECTION, INDEX_ENTRY, MAGIC, Buffer, Record, index_record_at, record_at
+from .format import (
+    BAG,
+    CHUNK,
+    CHUNK_INFO,
+    CONNECTION,
+    INDEX_ENTRY,
+    MAGIC,
+    Buffer,
+    Connection,
+    Record,
+    connection_of,
+    index_record_at,
+    record_at,
+)
+from .salvage import Row
 
 __all__ = [
     "KEEP_GOOD",
     "ChunkHead",
     "ChunkInfo",
+    "Entries",
     "Index",
     "IndexPart",
     "Messages",
@@ -25,6 +46,76 @@ __all__ = [
     "require",
     "unusable",
 ]
+
+# --- index records behind a chunk -------------------------------------------------------------------------------------
+
+
+class Entries(NamedTuple):
+    """Times and offsets of messages, as index records have them.
+
+    Args:
+        parts: connection and bytes of each record.
+        end: where the last one ends in the file.
+        trusted: whether it is certain that they are all.
+        foreign: whether one has fields in another order than ours.
+    """
+
+    parts: Tuple[Tuple[int, bytes], ...]
+    end: int
+    trusted: bool
+    foreign: bool
+
+    @property
+    def messages(self) -> int:
+        """Count the messages."""
+        return sum(len(data) for _, data in self.parts) // INDEX_ENTRY
+
+    def counts(self) -> Tuple[Tuple[int, int], ...]:
+        """Count messages by connection."""
+        counts: Dict[int, int] = {}
+        for number, data in self.parts:
+            if data:
+                counts[number] = counts.get(number, 0) + len(data) // INDEX_ENTRY
+        return tuple(sorted(counts.items()))
+
+    def times(self) -> Tuple[int, int]:
+        """Return the earliest and the latest time; only when there is a message."""
+        words = [_words(data) for _, data in self.parts if data]
+        earliest = min(_edge(each[0::3], each[1::3], min) for each in words)
+        latest = max(_edge(each[0::3], each[1::3], max) for each in words)
+        return earliest, latest
+
+    def rows(self) -> Iterator[Row]:
+        """Return (time, connection, offset) of each message."""
+        for number, data in self.parts:
+            for seconds, fraction, offset in struct.iter_unpack("<3L", data):
+                yield seconds * SECOND + fraction, number, offset
+
+    def columns(self) -> Tuple[Any, Any, Any]:
+        """Return times, connections and offsets as arrays."""
+        from .read import joined_parts  # noqa: PLC0415  (needs numpy)
+
+        return joined_parts(list(self.parts))
+
+
+def _words(data: bytes) -> Any:
+    found = array("I", data)
+    if sys.byteorder == "big":
+        found.byteswap()
+    return found
+
+
+def _edge(seconds: Any, fractions: Any, choose: Any) -> int:
+    """Return the earliest or the latest time: in a good index one of a few that lie side by side."""
+    second = choose(seconds)
+    first, count = seconds.index(second), seconds.count(second)
+    if seconds[first : first + count].count(second) == count:
+        return int(second * SECOND + choose(fractions[first : first + count]))
+    return int(second * SECOND + choose(part for each, part in zip(seconds, fractions) if each == second))
+
+
+# --- the index of a bag -----------------------------------------------------------------------------------------------
+
 
 _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer's
 _LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
@@ -175,7 +266,7 @@ class Index:
         """
         filled = [number for number, chunk in enumerate(self.chunks) if chunk.counts]
         parts = [part for number in filled for part in self._entries(number)]
-        from .arrays import repeated  # noqa: PLC0415  (see below)
+        from .read import repeated  # noqa: PLC0415  (see below)
 
         t_ns, connection, offset = _joined(parts)
         numbers = repeated(filled, [self.chunks[each].messages for each in filled])
@@ -280,7 +371,7 @@ def index_parts(buffer: Buffer, place: int, limit: int, counts: Dict[int, int]) 
 
 
 def _joined(parts: List[IndexPart]) -> Tuple[Any, Any, Any]:
-    from .arrays import joined_parts  # noqa: PLC0415  (needs numpy, which to open a bag does not)
+    from .read import joined_parts  # noqa: PLC0415  (needs numpy, which to open a bag does not)
 
     return joined_parts(parts)
 

@@ -10,23 +10,244 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
+from functools import cached_property
+from itertools import groupby, islice
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
+from amaze_autonomy.units import SECOND
+
 from .errors import BagError
-from .index import Index
-from .loading import Block, Pool
-from .output import Output
-from .source import Group, Source
-from .tally import Tally
-from .unify import Unified, unify
-from .writing import Writing
+from .format import Connection, Identity
+from .index import ChunkHead, Index
+from .manifest import Tally
+from .merge_writer import Writing
+from .read import GROUP_BYTES, Block, Loader, Pool, relabel
+from .write import Output
 
-__all__ = ["MergeOptions", "Merged", "merge"]
+if TYPE_CHECKING:  # loading them all would be a good part of a short run
+    from .lz4_chunk_copy import Carriers
 
-_LATEST_NS = (1 << 32) * 1_000_000_000
+__all__ = ["Group", "MergeOptions", "Merged", "Source", "Unified", "merge", "unify"]
+
+# --- which connections are one ----------------------------------------------------------------------------------------
+
+
+class Unified(NamedTuple):
+    """Connections of the merged bag.
+
+    Args:
+        connections: by number.
+        targets: for each input, an array from its numbers to ours.
+        comparable: numbers that several inputs have on the same topic; the same value for those whose messages may be
+            the same ones.
+        warnings: topics with more than one definition.
+    """
+
+    connections: Dict[int, Connection]
+    targets: List[Any]
+    comparable: Dict[int, int]
+    warnings: Tuple[str, ...]
+
+
+def unify(inputs: Sequence[Index], *, publishers_apart: bool) -> Unified:
+    """Give the same number to connections that are the same; keep the numbers of the first input."""
+    numbers: Dict[Identity, int] = {}
+    connections: Dict[int, Connection] = {}
+    targets = []
+    sources: Dict[int, Set[int]] = {}
+    for place, index in enumerate(inputs):
+        target: Any = np.zeros(max(index.connections, default=0) + 1, np.int64)
+        for number, connection in sorted(index.connections.items()):
+            identity = connection.identity(publishers_apart=publishers_apart)
+            if identity not in numbers:
+                numbers[identity] = number if number not in connections else _free(connections)
+                connections[numbers[identity]] = connection._replace(number=numbers[identity])
+            target[number] = numbers[identity]
+            sources.setdefault(numbers[identity], set()).add(place)
+        targets.append(target)
+    return Unified(connections, targets, _comparable(connections, sources), _warnings(connections))
+
+
+def _free(taken: Dict[int, Connection]) -> int:
+    return max(taken) + 1
+
+
+def _comparable(connections: Dict[int, Connection], sources: Dict[int, Set[int]]) -> Dict[int, int]:
+    """Group connections of one topic and definition, by publisher where every input knows it."""
+    topics: Dict[Tuple[str, str, str], List[int]] = {}
+    for number, each in connections.items():
+        topics.setdefault((each.topic, each.kind, each.md5), []).append(number)
+    groups: List[List[int]] = []
+    for members in topics.values():
+        callers: Dict[str, List[int]] = {}
+        for number in members:
+            callers.setdefault(connections[number].caller, []).append(number)
+        groups.extend([members] if "" in callers else callers.values())
+    several = [group for group in groups if len(set().union(*(sources[number] for number in group))) > 1]
+    return {number: min(group) for group in several for number in group}
+
+
+def _warnings(connections: Dict[int, Connection]) -> Tuple[str, ...]:
+    definitions: Dict[str, Set[Tuple[str, str]]] = {}
+    for each in connections.values():
+        definitions.setdefault(each.topic, set()).add((each.kind, each.md5))
+    return tuple(
+        f"{topic} has {len(found)} definitions, which stay apart: "
+        + ", ".join(f"{kind} ({md5})" for kind, md5 in sorted(found))
+        for topic, found in sorted(definitions.items())
+        if len(found) > 1
+    )
+
+
+# --- one input --------------------------------------------------------------------------------------------------------
+
+
+_SAMPLE = 3
+_BESIDE = 200  # bytes that the output has for a chunk beside its data
+
+
+class Group(NamedTuple):
+    """Chunks to be loaded together, or one to be copied as it is."""
+
+    source: Source
+    chunks: List[int]
+    verbatim: bool
+
+    @property
+    def size(self) -> int:
+        """Return its bytes in the input."""
+        chunks = self.source.index.chunks
+        return sum(chunks[number].end - chunks[number].position for number in self.chunks)
+
+    @property
+    def first_ns(self) -> int:
+        """Return the time of its first message."""
+        return self.source.start_ns(self.chunks[0])
+
+    def load(self, pool: Pool) -> List[Block]:
+        """Read, check and relabel the messages."""
+        return self.source.load(self.chunks, pool)
+
+
+class Source:
+    """Reads a bag's chunks in order of their first messages.
+
+    Args:
+        index: of the bag.
+        number: of the input.
+        target: the connection's number in the output, by its number here.
+        shift_ns: added to record times.
+        verbatim: chunks that are copied as they are.
+        unseen: for each connection here, whether the bytes of its messages need not be seen.
+        carriers: loads chunks that are to stay compressed; None when none is.
+    """
+
+    def __init__(
+        self,
+        index: Index,
+        number: int,
+        target: Any,
+        shift_ns: int,
+        verbatim: Set[int],
+        unseen: Any,
+        carriers: Optional[Carriers] = None,
+    ) -> None:
+        self.index, self.number = index, number
+        self._loader, self._carriers = Loader(index, number, unseen), carriers
+        self._target, self._shift_ns, self._verbatim = target, shift_ns, verbatim
+        chunks = index.chunks
+        self._order = [
+            each
+            for each in sorted(range(len(chunks)), key=lambda each: (chunks[each].start_ns, each))
+            if chunks[each].counts
+        ]
+        self._next = 0
+
+    @property
+    def next_ns(self) -> int:
+        """Return the time before which nothing more will come; only when there is more."""
+        return self.start_ns(self._order[self._next])
+
+    def start_ns(self, chunk: int) -> int:
+        """Return the time of a chunk's first message in the output."""
+        return self.index.chunks[chunk].start_ns + self._shift_ns
+
+    @property
+    def more(self) -> bool:
+        """Return whether something will come."""
+        return self._next < len(self._order)
+
+    def needed(self) -> int:
+        """Return how many bytes an output takes that is compressed only where it stays so."""
+        return sum(self._space(self.index.head(each), each) + _BESIDE for each in self._order)
+
+    def _space(self, head: ChunkHead, number: int) -> int:
+        return head.stored if number in self._verbatim or (self._keeps and self._is_maybe(number)) else head.size
+
+    @cached_property
+    def _keeps(self) -> bool:
+        """Return whether large messages stay compressed here, by the first of them."""
+        some = list(islice(filter(self._is_maybe, self._order), _SAMPLE))
+        return self._carriers is not None and all(map(self._carriers.has, some))
+
+    def _is_maybe(self, number: int) -> bool:
+        return self._carriers is not None and self._carriers.maybe(number)
+
+    def size_of(self, number: int) -> int:
+        """Return about how many bytes a chunk brings into memory."""
+        if self._is_maybe(number):
+            return self.index.head(number).stored
+        return self._loader.size_of(number)
+
+    def take(self) -> Group:
+        """Return the next chunks, about as many as are worth a read."""
+        if self._order[self._next] in self._verbatim:
+            self._next += 1
+            return Group(self, [self._order[self._next - 1]], verbatim=True)
+        taken, size = [], 0
+        while self.more and size < GROUP_BYTES and self._order[self._next] not in self._verbatim:
+            number = self._order[self._next]
+            taken.append(number)
+            size += self.size_of(number)
+            self._next += 1
+        return Group(self, taken, verbatim=False)
+
+    def load(self, numbers: List[int], pool: Pool) -> List[Block]:
+        """Return the messages of chunks.
+
+        Raises:
+            BagError: A chunk is damaged.
+        """
+        blocks: List[Block] = []
+        for kind, run in groupby(numbers, key=self._kind):
+            blocks += self._loaded(kind, list(run), pool)
+        return blocks
+
+    def _kind(self, number: int) -> str:
+        if self.index.head(number).compression == "none":
+            return "plain"
+        return "carrier" if self._carriers and self._carriers.has(number) else "compressed"
+
+    def _loaded(self, kind: str, numbers: List[int], pool: Pool) -> List[Block]:
+        if self._carriers and kind == "carrier":
+            block = self._carriers.load(numbers, pool)
+            if block is not None:
+                return [block]
+        load = self._loader.plain if kind == "plain" else self._loader.compressed
+        return [self._relabelled(load(numbers, pool))]
+
+    def _relabelled(self, block: Block) -> Block:
+        connection = self._target[block.table.connection]
+        return block._replace(table=relabel(block.buffer, block.table, connection, self._shift_ns))
+
+
+# --- the merge --------------------------------------------------------------------------------------------------------
+
+
+_LATEST_NS = (1 << 32) * SECOND
 Progress = Callable[[int, int], None]
 
 
@@ -45,7 +266,7 @@ class MergeOptions(NamedTuple):
     compression: str = "auto"
     offsets_ns: Tuple[int, ...] = ()
     duplicates: str = "count"
-    window_ns: int = 1_000_000_000
+    window_ns: int = SECOND
     publishers_apart: bool = True
     replace: bool = False
 
@@ -97,7 +318,15 @@ def merge(
         needed = sum(map(Source.needed, sources)) if options.compression in ("none", "auto") else 0
         out = stack.enter_context(Output(output, replace=options.replace, needed=needed))
         compression = "none" if options.compression == "auto" else options.compression
-        writing = Writing(out, indexes, unified, compression, options.duplicates, options.window_ns)
+        writing = Writing(
+            out,
+            indexes,
+            unified.connections,
+            unified.comparable,
+            compression,
+            options.duplicates,
+            options.window_ns,
+        )
         stack.callback(writing.stop)
         _run(sources, writing, stack.enter_context(Pool()), progress)
         size = out.close(unified.connections)
@@ -111,7 +340,9 @@ def _check(indexes: Sequence[Index], offsets: Sequence[int], output: Path) -> No
             raise BagError(str(output), "is one of the inputs", "choose another name")
         times = [time + offset for chunk in index.chunks for time in (chunk.start_ns, chunk.end_ns) if chunk.counts]
         if times and not 0 <= min(times) <= max(times) < _LATEST_NS:
-            raise BagError(str(index.path), f"shifted by {offset / 1e9} s it leaves the time of bags", "shift it less")
+            raise BagError(
+                str(index.path), f"shifted by {offset / SECOND} s it leaves the time of bags", "shift it less"
+            )
 
 
 def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified, options: MergeOptions) -> List[Source]:
@@ -132,7 +363,7 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
         unseen = unwatched & (options.compression in ("auto", "none"))
         carriers = None
         if options.compression in ("auto", "lz4") and _has_lz4(index):
-            from .carriers import Carriers  # noqa: PLC0415  (needs ctypes, which is slow to load and seldom wanted)
+            from .lz4_chunk_copy import Carriers  # noqa: PLC0415  (a circle, and seldom wanted)
 
             carriers = Carriers(index, number, target, offset, unwatched)
         sources.append(Source(index, number, target, offset, verbatim, unseen, carriers))

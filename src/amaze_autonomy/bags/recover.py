@@ -1,22 +1,52 @@
-"""A new bag of all that is good in a damaged one, or in one that was not closed. The original is never written to."""
+"""A bag of all that is good in a damaged one, or in one that was not closed: a new one, or the old one closed in place.
+
+A new bag is the rule; the original is never written to. In place is for the recorder: of a recording that was
+interrupted everything but its end is as it should be, and a second copy of it would take space and time that a vehicle
+between two flights does not have (docs/bags.md has the figures). So only the header, and what stands behind the last
+whole chunk, is written anew. Before, the old bytes of both go into a file beside it (`x.bag.undo`), which is put on the
+disk first. Whatever happens at whatever moment: with that file `restore` makes the original again, byte for byte, and
+a recovery that was interrupted begins with that.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import json
 import os
 import re
+import signal
+import struct
+import zlib
 from pathlib import Path
 from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Tuple
 
-from .compression import decompressed
+from amaze_autonomy.whole_file import sync_folder, write_whole
+
 from .errors import BagError
-from .index import chunk_head
-from .layout import FIRST_RECORD, record_at
-from .output import Output
+from .format import FIRST_RECORD, bag_header, chunk_header, chunk_info, decompressed, record_at
+from .index import Index, chunk_head
 from .salvage import kept_by_walk, rewritten
 from .scan import Found, Scan, scan
-from .undo import is_interrupted
+from .write import Output, index_of
 
-__all__ = ["Recovered", "Sink", "beginning", "recover", "recovered_name", "write_kept"]
+__all__ = [
+    "Recovered",
+    "Sink",
+    "Undo",
+    "beginning",
+    "is_interrupted",
+    "read_undo",
+    "recover",
+    "recover_in_place",
+    "recovered_name",
+    "restore",
+    "undo_path",
+    "write_kept",
+    "write_undo",
+]
+
+# --- into a new bag ---------------------------------------------------------------------------------------------------
+
 
 _HEAD = 4096
 Progress = Callable[[int, int], None]
@@ -145,3 +175,303 @@ def _write_rest(out: Sink, file: int, chunk: Found) -> None:
     if kept.rows:
         data, kept = rewritten(data, kept)
         out.chunk("none", len(data), [data], kept.index_bytes(), times=kept.times(), counts=kept.counts())
+
+
+# --- in place ---------------------------------------------------------------------------------------------------------
+
+
+_MOST = 64 << 20  # bytes behind the last whole chunk: one chunk that was being written has less
+_COPY = "recover it without --in-place"
+
+
+def recover_in_place(path: Path, *, check_data: bool = False, progress: Optional[Progress] = None) -> Recovered:
+    """Close a bag where it lies; x.bag.active is called x.bag then. What cannot be kept is in the undo file.
+
+    Args:
+        path: of the bag; nobody may be writing it any more.
+        check_data: whether to check the data of whole chunks, too; reads all of the file.
+        progress: called with bytes passed and all bytes.
+
+    Raises:
+        BagError: It is no bag, is still being written, is damaged elsewhere than at its end, or cannot be written.
+    """
+    final = path if path.name.endswith(".bag") else recovered_name(path)
+    _prepare(path, final)
+    found = scan(path, check_data=check_data, progress=progress)
+    kept = beginning(found)
+    if found.closed and not found.damages and len(kept) == len(found.chunks):
+        return Recovered(path, found.size, found)
+    place = kept[-1].end if kept else FIRST_RECORD
+    if found.size < FIRST_RECORD or found.size - place > _MOST:
+        raise BagError(str(path), f"more than its end is damaged, from byte {place} on", _COPY)
+    size = _change(path, final, found, place)
+    return Recovered(final, size, found)
+
+
+def _prepare(path: Path, final: Path) -> None:
+    """Undo what an interrupted recovery left; refuse what cannot be done."""
+    if is_interrupted(path):
+        restore(path)
+    elif undo_path(final).exists():
+        raise BagError(str(undo_path(final)), "exists, of an earlier recovery", "use it with --undo, or move it away")
+    if path != final and final.exists():
+        raise BagError(str(final), "exists", "move it away; it is what the recovered bag is called")
+    _check_unused(path)
+
+
+def _check_unused(path: Path) -> None:
+    """Refuse a file that a process has open for writing: the system gives no lease for reading on such a one."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        raise BagError(str(path), f"cannot be read ({error.strerror})", "name a bag that you may change") from error
+    try:
+        fcntl.fcntl(file, fcntl.F_SETSIG, signal.SIGURG)  # who is told of a writer that comes now must not die of it
+        fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_RDLCK)
+        fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_UNLCK)
+    except BlockingIOError as error:
+        raise BagError(str(path), "is still open for writing", "stop the recorder first") from error
+    except OSError:
+        pass  # of a file that is not ours, or on a network, it cannot be told
+    finally:
+        os.close(file)
+
+
+def _change(path: Path, final: Path, found: Scan, place: int) -> int:
+    """Write the new end and the header; put the original back if that is not possible."""
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    except OSError as error:
+        raise BagError(str(path), f"cannot be written ({error.strerror})", _COPY) from error
+    try:
+        end, header = _new_end(file, found, place)
+        write_undo(final, Undo.of(file, path.name, place)._replace(lost=found.lost))
+        _put(file, place, end)
+        os.ftruncate(file, place + len(end))
+        os.fsync(file)
+        _put(file, 0, header)
+        os.fsync(file)
+    except OSError as error:
+        if undo_path(final).exists():
+            restore(path)
+        raise BagError(str(path), f"cannot be written ({error.strerror})", "make space, nothing was changed") from error
+    finally:
+        os.close(file)
+    if path != final:
+        path.rename(final)
+        sync_folder(final.parent)
+    return place + len(end)
+
+
+def _put(file: int, place: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        done = os.pwrite(file, view, place)
+        view, place = view[done:], place + done
+
+
+def _new_end(file: int, found: Scan, place: int) -> Tuple[bytes, bytes]:
+    end = _End(place)
+    write_kept(end, file, found)
+    index = index_of(found.connections, end.infos)
+    header = bag_header(end.position, len(found.connections), len(end.infos))
+    return b"".join([*end.parts, index]), header
+
+
+class _End:
+    """What follows the chunks that stay, put together in memory; used like an Output.
+
+    Args:
+        position: where it begins in the file.
+    """
+
+    def __init__(self, position: int) -> None:
+        self.position = position
+        self.parts: List[bytes] = []
+        self.infos: List[bytes] = []
+
+    def copy_beginning(self, file: int, end: int) -> None:
+        """Leave it where it is."""
+
+    def note_chunk(self, position: int, *, times: Tuple[int, int], counts: Any) -> None:
+        """Take a chunk that stays into the index."""
+        self.infos.append(chunk_info(position, *times, list(counts)))
+
+    def chunk(
+        self, compression: str, size: int, parts: List[Any], index: Any, *, times: Tuple[int, int], counts: Any
+    ) -> None:
+        """Take a new chunk."""
+        data = b"".join(parts)
+        self._take([chunk_header(compression, size, len(data)), data, index], times, counts)
+
+    def copy_chunk(
+        self, file: int, start: int, end: int, *, times: Tuple[int, int], counts: Any, index: bytes = b""
+    ) -> None:
+        """Take a chunk of the old end."""
+        self._take([os.pread(file, end - start, start), index], times, counts)
+
+    def _take(self, parts: List[bytes], times: Tuple[int, int], counts: Any) -> None:
+        self.note_chunk(self.position, times=times, counts=counts)
+        self.parts += parts
+        self.position += sum(len(part) for part in parts)
+
+
+# --- the undo file ----------------------------------------------------------------------------------------------------
+
+
+_MAGIC = b"#AMAZE BAG UNDO 1\n"
+_SUFFIX = ".undo"
+_BEFORE = 4096  # bytes before the end that show that it is the same file
+_LENGTH = struct.Struct("<L")
+
+
+class Undo(NamedTuple):
+    """What a file was like.
+
+    Args:
+        name: of it.
+        size: of it.
+        place: from where on its end was changed.
+        before: CRC-32 of the last bytes before that, which were not.
+        head: its first bytes.
+        end: all from that place on.
+        lost: messages that the recovery could not keep; None when nobody knows how many.
+    """
+
+    name: str
+    size: int
+    place: int
+    before: int
+    head: bytes
+    end: bytes
+    lost: Optional[int] = None
+
+    @classmethod
+    def of(cls, file: int, name: str, place: int) -> Undo:
+        """Return what an open file is like."""
+        size = os.fstat(file).st_size
+        head, end = os.pread(file, FIRST_RECORD, 0), os.pread(file, size - place, place)
+        if len(head) + len(end) != FIRST_RECORD + size - place:
+            raise OSError(5, "it could not be read as a whole")
+        return cls(name, size, place, _before(file, place), head, end)
+
+
+def _before(file: int, place: int) -> int:
+    begin = max(FIRST_RECORD, place - _BEFORE)
+    return zlib.crc32(os.pread(file, place - begin, begin))
+
+
+def undo_path(bag: Path) -> Path:
+    """Return where the undo file of a bag lies; `x.bag.active` has that of `x.bag`."""
+    name = bag.name
+    for suffix in (".active", _SUFFIX):
+        name = name[: -len(suffix)] if name.endswith(suffix) else name
+    return bag.with_name(name + _SUFFIX)
+
+
+def is_interrupted(bag: Path) -> bool:
+    """Return whether a recovery of this bag in place was begun and not finished.
+
+    Raises:
+        BagError: Its undo file is damaged.
+    """
+    path = undo_path(bag)
+    if not path.exists() or read_undo(path).name != bag.name:
+        return False
+    try:
+        Index(bag).close()
+    except BagError:
+        return True
+    return bag.name.endswith(".active")
+
+
+def write_undo(bag: Path, undo: Undo) -> None:
+    """Put an undo file on the disk: whole, or not there."""
+    path = undo_path(bag)
+    facts = {"file": undo.name, "size": undo.size, "place": undo.place, "before": undo.before, "lost": undo.lost}
+    text = json.dumps({**facts, "crc": zlib.crc32(undo.end, zlib.crc32(undo.head))}).encode()
+    write_whole(path, [_MAGIC, _LENGTH.pack(len(text)), text, undo.head, undo.end])
+
+
+def read_undo(path: Path) -> Undo:
+    """Read an undo file.
+
+    Raises:
+        BagError: It is none, or damaged.
+    """
+    try:
+        raw = path.read_bytes()
+        start = len(_MAGIC) + _LENGTH.size
+        length = _LENGTH.unpack_from(raw, len(_MAGIC))[0]
+        facts = json.loads(raw[start : start + length])
+        begin = start + length + FIRST_RECORD
+        undo = Undo(
+            str(facts["file"]),
+            int(facts["size"]),
+            int(facts["place"]),
+            int(facts["before"]),
+            raw[start + length : begin],
+            raw[begin:],
+            facts.get("lost"),
+        )
+        good = raw.startswith(_MAGIC) and zlib.crc32(undo.end, zlib.crc32(undo.head)) == facts["crc"]
+        good = good and len(undo.end) == undo.size - undo.place and Path(undo.name).name == undo.name != ""
+    except OSError as error:
+        wrong = f"is no undo file, it cannot be read ({error.strerror})"
+        raise BagError(str(path), wrong, "name the bag that was recovered in place") from error
+    except (ValueError, KeyError, TypeError, struct.error) as error:
+        raise BagError(str(path), f"is no undo file ({error})", "name the bag that was recovered in place") from error
+    if not good:
+        raise BagError(str(path), "is damaged", "the bag was recovered as far as it could be; keep it")
+    return undo
+
+
+def restore(bag: Path) -> Path:
+    """Make the original of a bag that was recovered in place, or was about to be; return its path.
+
+    Args:
+        bag: the recovered bag, the original's name, or the undo file.
+
+    Raises:
+        BagError: There is no undo file, or it belongs to another bag, or the bag cannot be written.
+    """
+    path = undo_path(bag)
+    undo = read_undo(path)
+    original = path.with_name(undo.name)
+    current = _current(path, original)
+    try:
+        file = os.open(current, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            _write_back(file, undo, path)
+        finally:
+            os.close(file)
+        if current != original:
+            current.rename(original)
+        sync_folder(path.parent)
+        path.unlink()
+        sync_folder(path.parent)
+    except OSError as error:
+        wrong = f"cannot be written ({error.strerror})"
+        raise BagError(str(current), wrong, f"try again, all that is needed is in {path.name}") from error
+    return original
+
+
+def _current(path: Path, original: Path) -> Path:
+    recovered = path.with_name(path.name[: -len(_SUFFIX)])
+    there: List[Path] = [each for each in dict.fromkeys((original, recovered)) if each.exists()]
+    if len(there) != 1:
+        wrong = f"is for {original.name}, of which there is {'more than one' if there else 'nothing'} here"
+        raise BagError(str(path), wrong, f"put {original.name} or {recovered.name} beside it")
+    return there[0]
+
+
+def _write_back(file: int, undo: Undo, path: Path) -> None:
+    if os.fstat(file).st_size < undo.place or _before(file, undo.place) != undo.before:
+        raise BagError(str(path), "belongs to another bag", "put the bag beside it that was recovered in place")
+    for place, data in ((undo.place, undo.end), (0, undo.head)):
+        view = memoryview(data)
+        while view:
+            done = os.pwrite(file, view, place)
+            view, place = view[done:], place + done  # noqa: PLW2901  (a short write)
+    os.ftruncate(file, undo.size)
+    os.fsync(file)

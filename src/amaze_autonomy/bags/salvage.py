@@ -7,12 +7,68 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Dict, Iterable, List, NamedTuple, Sequence, Tuple
 
-from .connections import Connection
 from .errors import RecordError
-from .layout import MESSAGE, Buffer, connection_record, index_header, pack_time, record_at
-from .walking import walk
+from .format import (
+    CONNECTION,
+    LARGEST_HEADER,
+    MESSAGE,
+    Buffer,
+    Connection,
+    Record,
+    connection_of,
+    connection_record,
+    index_header,
+    pack_time,
+    record_at,
+)
 
-__all__ = ["Kept", "Row", "kept_by_index", "kept_by_walk", "rewritten"]
+__all__ = ["Kept", "Row", "Walk", "kept_by_index", "kept_by_walk", "rewritten", "walk"]
+
+# --- records in a row -------------------------------------------------------------------------------------------------
+
+
+class Walk(NamedTuple):
+    """What was found in a chunk without its index.
+
+    Args:
+        messages: (time, connection, offset) in the order of the chunk.
+        connections: by number.
+        end: of the last whole record.
+    """
+
+    messages: List[Tuple[int, int, int]]
+    connections: Dict[int, Connection]
+    end: int
+
+
+def walk(buffer: Buffer) -> Walk:
+    """Return the records at the beginning of a chunk, up to the first that is cut or none."""
+    found = Walk([], {}, 0)
+    position, limit = 0, len(buffer)
+    while position < limit:
+        try:
+            record = record_at(buffer, position, limit)
+            if record.end > limit or not _taken(found, record, position, buffer):
+                break
+        except RecordError:
+            break
+        position = record.end
+    return found._replace(end=position)
+
+
+def _taken(found: Walk, record: Record, position: int, buffer: Buffer) -> bool:
+    if record.op == MESSAGE:
+        found.messages.append((record.time_ns(b"time"), record.number(b"conn"), position))
+    elif record.op == CONNECTION and record.size <= LARGEST_HEADER:
+        connection = connection_of(record, bytes(buffer[record.data : record.end]))
+        found.connections.setdefault(connection.number, connection)
+    else:
+        return False
+    return True
+
+
+# --- what can be kept -------------------------------------------------------------------------------------------------
+
 
 _ZEROS = 16  # that many at the end of a message before a run of zeros: it may not be whole
 _RUN = 4096

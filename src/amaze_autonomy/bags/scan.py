@@ -13,14 +13,11 @@ import struct
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
-from .compression import COMPRESSIONS, decompressed, salvaged
-from .connections import Connection, connection_of
-from .entries import Entries
 from .errors import BagError, RecordError
-from .index import ChunkHead, chunk_head, read_head
-from .layout import (
+from .format import (
     CHUNK,
     CHUNK_INFO,
+    COMPRESSIONS,
     CONNECTION,
     FIRST_RECORD,
     INDEX,
@@ -29,10 +26,15 @@ from .layout import (
     LARGEST_HEADER,
     MAGIC,
     MESSAGE,
+    Connection,
     Record,
+    connection_of,
+    decompressed,
     our_index_record,
     record_at,
+    salvaged,
 )
+from .index import ChunkHead, Entries, chunk_head, read_head
 from .salvage import Kept, kept_by_index, kept_by_walk, rewritten
 
 __all__ = ["Damage", "Found", "Scan", "scan"]
@@ -295,7 +297,7 @@ class _Scanner:
             return
         index = None
         if entries.foreign:  # see there: they must not be mixed with ours
-            from .arrays import index_records  # noqa: PLC0415  (needs numpy, slow to load and seldom wanted)
+            from .read import index_records  # noqa: PLC0415  (needs numpy, slow to load and seldom wanted)
 
             index = index_records(*entries.columns())
         found = Found(position, end, entries.end, *entries.times(), entries.counts(), index, None, head.compression)
@@ -343,7 +345,7 @@ class _Scanner:
             self._learn(walked)
             if walked.end == len(data) and sorted(walked.rows) == sorted(entries.rows()):
                 return None
-        from .table import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
+        from .read import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
 
         try:
             tabulate(data, [Span(0, len(data))], *entries.columns())

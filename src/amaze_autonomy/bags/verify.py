@@ -1,18 +1,272 @@
-"""Is a merged bag what it should be: every message of its inputs once, in order of time, readable by everybody."""
+"""Is a merged bag what it should be: every message of its inputs once, in order of time, readable by everybody.
+
+Everybody: the rosbags library, Debian's and Noetic's rosbag in Python, and librosbag in C++. Each that is installed is
+asked in a process of its own, so that none can do harm and none is imported here.
+"""
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
-from .count import Counted, count
-from .readers import Reading, disagreements, read_with
-from .tally import Tallies, Tally, TopicKey
+import numpy as np
 
-__all__ = ["Verified", "verify"]
+from .errors import BagError
+from .index import Index
+from .manifest import Tallies, Tally, TopicKey, checksums, payload_checksums
+from .merge import Source
+from .read import Block, Pool, distinct
+
+__all__ = ["READERS", "Counted", "Reading", "Verified", "count", "disagreements", "read_with", "verify"]
+
+# --- all messages counted ---------------------------------------------------------------------------------------------
+
 
 Progress = Callable[[int, int], None]
+
+
+class Counted(NamedTuple):
+    """What a bag has.
+
+    Args:
+        path: of the bag.
+        size: in bytes.
+        messages: all of them.
+        start_ns: time of the first; None when there is none.
+        end_ns: time of the last; None when there is none.
+        ordered: whether they lie in the file in order of time.
+        topics: tallies by topic, type and md5; times are shifted as asked.
+        crc_sums: the sum of the CRC-32 of all messages, by topic.
+    """
+
+    path: Path
+    size: int
+    messages: int
+    start_ns: Optional[int]
+    end_ns: Optional[int]
+    ordered: bool
+    topics: Dict[TopicKey, Tally]
+    crc_sums: Dict[str, int]
+
+
+class _Counter:
+    def __init__(self, index: Index) -> None:
+        self._connections = index.connections
+        self.tallies = Tallies()
+        self.crc_sums: Dict[str, int] = {}
+        self.first: Optional[int] = None
+        self.last: Optional[int] = None
+        self.ordered = True
+
+    def add(self, block: Block) -> None:
+        table = block.table
+        if not len(table.t_ns):
+            return
+        crc = payload_checksums(block.buffer, table.payload.tolist(), table.end.tolist())
+        sums = checksums(crc, table.end - table.payload, table.t_ns)
+        for number in distinct(table.connection):
+            which = table.connection == number
+            self._add(number, int(which.sum()), int(sums[which].sum(dtype=np.uint64)), int(crc[which].sum()))
+        self._follow(table.t_ns)
+
+    def _add(self, number: int, messages: int, checksum: int, crc_sum: int) -> None:
+        each = self._connections[number]
+        self.tallies.add((each.topic, each.kind, each.md5), Tally(messages, checksum))
+        self.crc_sums[each.topic] = self.crc_sums.get(each.topic, 0) + crc_sum
+
+    def _follow(self, t_ns: Any) -> None:
+        if bool((np.diff(t_ns) < 0).any()) or (self.last is not None and int(t_ns[0]) < self.last):
+            self.ordered = False
+        first, last = int(t_ns.min()), int(t_ns.max())
+        self.first = first if self.first is None else min(self.first, first)
+        self.last = last if self.last is None else max(self.last, last)
+
+
+def count(path: Path, shift_ns: int = 0, progress: Optional[Progress] = None) -> Counted:
+    """Read all of a bag; check every chunk against its index.
+
+    Raises:
+        BagError: It is damaged.
+    """
+    with Index(path) as index, Pool() as pool:
+        counter = _Counter(index)
+        target = np.arange(max(index.connections, default=0) + 1)
+        source = Source(index, 0, target, shift_ns, set(), np.zeros(len(target), bool))
+        total, done = sum(chunk.end - chunk.position for chunk in index.chunks), 0
+        counter.ordered = _chunks_in_order(index)
+        while source.more:
+            group = source.take()
+            for block in group.load(pool):
+                counter.add(block)
+                pool.put(block.buffer)
+            done += group.size
+            if progress:
+                progress(done, total)
+        messages = sum(tally.messages for tally in counter.tallies.by_topic.values())
+        return Counted(
+            path,
+            index.size,
+            messages,
+            counter.first,
+            counter.last,
+            counter.ordered,
+            counter.tallies.by_topic,
+            counter.crc_sums,
+        )
+
+
+def _chunks_in_order(index: Index) -> bool:
+    filled = [chunk.start_ns for chunk in index.chunks if chunk.counts]
+    return filled == sorted(filled)
+
+
+# --- what other readers say -------------------------------------------------------------------------------------------
+
+
+READERS = ("rosbags", "rosbag", "librosbag")
+_LIMIT_S = 3600
+
+_ROSBAGS = """
+import json, sys, zlib
+from pathlib import Path
+from rosbags.rosbag1 import Reader
+with Reader(Path(sys.argv[1])) as reader:
+    counts, sums = {}, {}
+    for each in reader.connections:
+        counts[each.topic] = counts.get(each.topic, 0) + each.msgcount
+    if sys.argv[2] == "read":
+        counts = dict.fromkeys(counts, 0)
+        for connection, _, raw in reader.messages():
+            counts[connection.topic] += 1
+            sums[connection.topic] = sums.get(connection.topic, 0) + zlib.crc32(raw)
+json.dump({"messages": counts, "crc_sums": sums}, sys.stdout)
+"""
+_ROSBAG = """
+import json, sys, zlib
+import rosbag
+with rosbag.Bag(sys.argv[1]) as bag:
+    topics = bag.get_type_and_topic_info().topics
+    counts, sums = {name: each.message_count for name, each in topics.items()}, {}
+    if sys.argv[2] == "read":
+        counts = dict.fromkeys(counts, 0)
+        for topic, message, _ in bag.read_messages(raw=True):
+            counts[topic] += 1
+            sums[topic] = sums.get(topic, 0) + zlib.crc32(message[1])
+json.dump({"messages": counts, "crc_sums": sums}, sys.stdout)
+"""
+
+
+class Reading(NamedTuple):
+    """What a reader says.
+
+    Args:
+        reader: its name.
+        messages: by topic; those without messages are left out.
+        crc_sums: the sum of the CRC-32 of all messages by topic; empty when they were not read.
+        error: why it could not read; "" when it could.
+    """
+
+    reader: str
+    messages: Dict[str, int]
+    crc_sums: Dict[str, int]
+    error: str = ""
+
+
+def read_with(path: Path, *, every_message: bool) -> List[Reading]:
+    """Ask all readers that are installed.
+
+    Args:
+        path: of the bag.
+        every_message: whether each message is to be read, or the index alone.
+    """
+    readings = []
+    for reader, script in (("rosbags", _ROSBAGS), ("rosbag", _ROSBAG)):
+        python = _python_with(reader)
+        if python:
+            readings.append(_asked(reader, [python, "-c", script, str(path), "read" if every_message else "open"]))
+    if every_message and _librosbag():
+        readings.append(_copied_by_librosbag(path))
+    return readings
+
+
+def disagreements(counted: Counted, readings: List[Reading]) -> List[str]:
+    """Return where other readers see something else, one line each."""
+    messages: Dict[str, int] = {}
+    for (topic, _, _), tally in counted.topics.items():
+        messages[topic] = messages.get(topic, 0) + tally.messages
+    found = []
+    for each in readings:
+        if each.error:
+            found.append(f"{each.reader} cannot read it: {each.error}")
+        elif each.messages != messages:
+            found.append(f"{each.reader} counts other messages: {_difference(each.messages, messages)}")
+        elif each.crc_sums and each.crc_sums != counted.crc_sums:
+            found.append(f"{each.reader} reads other bytes: {_difference(each.crc_sums, counted.crc_sums)}")
+    return found
+
+
+def _difference(one: Dict[str, int], other: Dict[str, int]) -> str:
+    topics = [topic for topic in sorted({*one, *other}) if one.get(topic, 0) != other.get(topic, 0)]
+    return ", ".join(f"{topic} {one.get(topic, 0)} instead of {other.get(topic, 0)}" for topic in topics)
+
+
+def _python_with(module: str) -> Optional[str]:
+    """Return an interpreter that has a module: this one, else the system's."""
+    for python in (sys.executable, "/usr/bin/python3"):
+        command = [python, "-c", f"import importlib.util as u; raise SystemExit(u.find_spec({module!r}) is None)"]
+        if shutil.which(python) and subprocess.run(command, capture_output=True, check=False).returncode == 0:
+            return python
+    return None
+
+
+def _asked(reader: str, command: List[str]) -> Reading:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
+    except subprocess.TimeoutExpired:
+        return Reading(reader, {}, {}, f"no answer within {_LIMIT_S} s")
+    if done.returncode:
+        return Reading(reader, {}, {}, _last_line(done.stderr))
+    said: Dict[str, Any] = json.loads(done.stdout)
+    return Reading(reader, {topic: number for topic, number in said["messages"].items() if number}, said["crc_sums"])
+
+
+def _last_line(text: str) -> str:
+    return (text.strip().splitlines() or ["it said nothing"])[-1]
+
+
+def _librosbag() -> Optional[Path]:
+    """Return the only tool of rosbag that is C++ and needs no roscore: it reads all messages and writes them again."""
+    rosbag = shutil.which("rosbag")
+    if not rosbag:
+        return None
+    tool = Path(rosbag).resolve().parents[1] / "lib" / "rosbag" / "encrypt"
+    return tool if tool.is_file() else None
+
+
+def _copied_by_librosbag(path: Path) -> Reading:
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".librosbag-") as folder:
+        copy = Path(folder) / "copy.bag"
+        command = [str(_librosbag()), "-q", "-p", "rosbag/NoEncryptor", str(path), "-o", str(copy)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
+        if done.returncode or not copy.is_file():
+            return Reading("librosbag", {}, {}, _last_line(done.stderr))
+        try:
+            counted = count(copy)
+        except BagError as error:
+            return Reading("librosbag", {}, {}, str(error))
+    messages: Dict[str, int] = {}
+    for (topic, _, _), tally in counted.topics.items():
+        messages[topic] = messages.get(topic, 0) + tally.messages
+    return Reading("librosbag", messages, counted.crc_sums)
+
+
+# --- the verdict ------------------------------------------------------------------------------------------------------
 
 
 class Verified(NamedTuple):

@@ -34,7 +34,7 @@ import rospy
 
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.recording import Command
-from amaze_autonomy.recording.folders import STATE
+from amaze_autonomy.recording.storage import STATE
 
 from .clock import Clock
 from .node_main import run_node

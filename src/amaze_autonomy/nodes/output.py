@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Optional
@@ -12,6 +11,7 @@ import rospkg
 
 from amaze_autonomy.engine import journal as codec
 from amaze_autonomy.engine.events import Event
+from amaze_autonomy.whole_file import write_whole
 
 from .errors import StartError
 from .journal_file import JOURNAL_NAME
@@ -132,10 +132,4 @@ def write_result(folder: Path, result: Dict[str, Any]) -> None:
     Raises:
         OSError: It cannot be written.
     """
-    half = folder / f".{RESULT_NAME}.new"
-    with half.open("w", encoding="utf-8") as file:
-        json.dump(result, file, indent=2, sort_keys=True)
-        file.write("\n")
-        file.flush()
-        os.fsync(file.fileno())
-    half.replace(folder / RESULT_NAME)
+    write_whole(folder / RESULT_NAME, json.dumps(result, indent=2, sort_keys=True) + "\n")

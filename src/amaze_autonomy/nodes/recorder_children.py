@@ -17,10 +17,9 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import roslib.packages
 
 from amaze_autonomy.config.recording_schema import Storage, TopicGroup
-from amaze_autonomy.recording.child_command import bag_name, child_command, files_of, log_name
-from amaze_autonomy.recording.folders import space_of
-from amaze_autonomy.recording.log_lines import LogState, read_line
-from amaze_autonomy.recording.sight import GroupSight, Sight
+from amaze_autonomy.recording.programs import LogState, bag_name, child_command, files_of, log_name, read_line
+from amaze_autonomy.recording.status import GroupSight, Sight
+from amaze_autonomy.recording.storage import space_of
 
 from .local_process import LocalProcess
 

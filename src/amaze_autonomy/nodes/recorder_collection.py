@@ -13,8 +13,8 @@ import rospy
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.recording import Collector, RecordingError
-from amaze_autonomy.recording.clock_offset import correction_ns
-from amaze_autonomy.recording.folders import write_json
+from amaze_autonomy.recording.collector import correction_ns
+from amaze_autonomy.recording.storage import write_json
 
 __all__ = ["Collection"]
 

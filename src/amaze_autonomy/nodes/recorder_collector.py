@@ -10,9 +10,8 @@ import rospy
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording import Answer, Collector, Command, Status
-from amaze_autonomy.recording import commands as asked
-from amaze_autonomy.recording.folders import session_name
-from amaze_autonomy.recording.removal import remove_part
+from amaze_autonomy.recording import status as asked
+from amaze_autonomy.recording.storage import remove_part, session_name
 
 from .errors import CallError
 from .recorder_collection import Collection

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Set
 
 from amaze_autonomy.config.recording_schema import Transfer
-from amaze_autonomy.recording.folders import PARTS, read_json
-from amaze_autonomy.recording.transfer_command import mounted, problem_of, progress_of, transfer_command
+from amaze_autonomy.recording.programs import mounted, problem_of, progress_of, transfer_command
+from amaze_autonomy.recording.storage import PARTS, read_json
 
 __all__ = ["RecorderJobs"]
 

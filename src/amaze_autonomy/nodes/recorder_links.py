@@ -10,9 +10,8 @@ import rospy
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.events import RecordingPhase
-from amaze_autonomy.recording.clock_offset import Exchange, Offset, best
-from amaze_autonomy.recording.commands import Answer
-from amaze_autonomy.recording.status import PlatformStatus, Status
+from amaze_autonomy.recording.collector import Exchange, Offset, best
+from amaze_autonomy.recording.status import Answer, PlatformStatus, Status
 
 from .errors import CallError
 from .outgoing import ros_time

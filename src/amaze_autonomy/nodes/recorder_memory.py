@@ -9,7 +9,7 @@ from typing import Any, Dict, Optional, Tuple
 import rospy
 
 from amaze_autonomy.recording import RecordingError
-from amaze_autonomy.recording.folders import read_json, write_json
+from amaze_autonomy.recording.storage import read_json, write_json
 
 from .output import boot_id
 

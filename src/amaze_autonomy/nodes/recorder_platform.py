@@ -9,11 +9,9 @@ import rospy
 
 from amaze_autonomy import srv
 from amaze_autonomy.recording import Answer, Command, PlatformRecorder, Status
-from amaze_autonomy.recording import commands as asked
-from amaze_autonomy.recording.folders import session_name, space_of
-from amaze_autonomy.recording.removal import remove_part
-from amaze_autonomy.recording.space import needed_bytes, too_little
+from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.status import WRITING
+from amaze_autonomy.recording.storage import needed_bytes, remove_part, session_name, space_of, too_little
 
 from . import recorder_messages
 from .recorder_children import RecorderChildren, Subscriptions, recorder_program

@@ -11,7 +11,7 @@ import rospy
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.recording import CollectorSetup, GroupSetup, PlatformSetup
-from amaze_autonomy.recording.space import reserve_bytes
+from amaze_autonomy.recording.storage import reserve_bytes
 
 from .errors import StartError
 

@@ -8,11 +8,9 @@ verifies, so that the node answers at once whatever the size of the bags.
 from __future__ import annotations
 
 from .collector import Collector, CollectorSetup
-from .commands import Answer, Command
 from .errors import RecordingError
 from .platform_recorder import GroupSetup, PlatformRecorder, PlatformSetup
-from .sight import GroupSight, Sight
-from .status import PlatformStatus, Status
+from .status import Answer, Command, GroupSight, PlatformStatus, Sight, Status
 
 __all__ = [
     "Answer",

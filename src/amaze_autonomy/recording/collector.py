@@ -6,25 +6,153 @@ r"""The collector: it has every platform record, and makes one verified recordin
 It asks each platform's recorder, its own among them, over the same two requests, and believes only their statuses.
 Every wait has a limit. FAILED names what is missing and where the parts lie; asked to stop again, it goes on with the
 first thing that is not done: parts that are here are not fetched again, and a file that is whole is not made again.
+
+The offset between two computers' clocks is taken as NTP does (RFC 5905, section 8). The collector sends at t1 (its
+clock), the platform receives at t2 and answers at t3 (the platform's clock), the answer arrives at t4. The offset is
+exact where both ways take the same time, and wrong by at most half the round trip; so of several exchanges the one with
+the shortest round trip counts.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.events import RecordingPhase as Phase
+from amaze_autonomy.units import SECOND
 
-from .clock_offset import Offset
-from .commands import Answer, Ask, Collect, Command, CopyJournal, MeasureClock, Transfer
-from .platform_view import PlatformView
-from .status import WRITING, PlatformStatus, Status
+from .status import WRITING, Answer, Ask, Collect, Command, CopyJournal, MeasureClock, PlatformStatus, Status, Transfer
 
-__all__ = ["Collector", "CollectorSetup"]
+__all__ = ["Collector", "CollectorSetup", "Exchange", "Offset", "PlatformView", "best", "correction_ns"]
 
-_S = 1_000_000_000
-_ASK_AGAIN_NS = 1 * _S
-_TRANSFER_AGAIN_NS = 2 * _S
+# --- the offset between two clocks ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """The four times of one exchange, in nanoseconds since 1970 on the clock of whoever took them."""
+
+    sent_ns: int
+    received_ns: int
+    answered_ns: int
+    arrived_ns: int
+
+    @property
+    def round_trip_ns(self) -> int:
+        """Return the time on the way, both ways together."""
+        return (self.arrived_ns - self.sent_ns) - (self.answered_ns - self.received_ns)
+
+    @property
+    def offset_ns(self) -> int:
+        """Return the platform's clock minus the collector's."""
+        return ((self.received_ns - self.sent_ns) + (self.answered_ns - self.arrived_ns)) // 2
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A measured offset.
+
+    Args:
+        offset_ns: the platform's clock minus the collector's.
+        error_ns: by which it may be wrong.
+        at_ns: when it was measured, on the collector's clock.
+    """
+
+    offset_ns: int
+    error_ns: int
+    at_ns: int
+
+    def as_json(self) -> Dict[str, int]:
+        """Return it as plain values."""
+        return asdict(self)
+
+
+def best(exchanges: Sequence[Exchange]) -> Optional[Offset]:
+    """Return the offset by the exchange with the shortest round trip; None when there is no possible one."""
+    possible = [each for each in exchanges if each.round_trip_ns >= 0 and each.answered_ns >= each.received_ns]
+    if not possible:
+        return None
+    chosen = min(possible, key=lambda each: (each.round_trip_ns, each.sent_ns))
+    return Offset(chosen.offset_ns, (chosen.round_trip_ns + 1) // 2, chosen.arrived_ns)
+
+
+def correction_ns(start: Optional[Offset], stop: Optional[Offset]) -> int:
+    """Return what is to be added to a platform's record times: minus the offset, the mean where it was taken twice."""
+    known = [each.offset_ns for each in (start, stop) if each is not None]
+    return -(sum(known) // len(known)) if known else 0
+
+
+# --- one platform as the collector sees it ----------------------------------------------------------------------------
+
+
+class PlatformView:
+    """What is known of a platform, and what it was asked.
+
+    Args:
+        name: of the platform.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.status, self.heard_ns = Status(), None  # type: Status, Optional[int]
+        self.part = PlatformStatus(name)
+        self.began = self.asking = self.removed = False
+        self.asked_ns: Optional[int] = None
+        self.refusal = self.problem = ""
+        self.offsets: Dict[str, Offset] = {}
+        self.measured: List[str] = []
+        self.measuring = False
+        self.fetching = self.fetched = False
+        self.fetched_fraction = 0.0
+        self.fetch_again_ns = 0
+
+    def fresh(self) -> PlatformView:
+        """Return the view for a new session: only the status stays."""
+        view = PlatformView(self.name)
+        view.status, view.heard_ns = self.status, self.heard_ns
+        return view
+
+    def session(self, session_id: str) -> bool:
+        """Return whether its last status is of this session."""
+        return bool(session_id) and self.status.session_id == session_id
+
+    def may_ask(self, t_ns: int, period_ns: int) -> bool:
+        """Return whether it may be asked again: no question is open, and the last one is some time ago."""
+        return not self.asking and (self.asked_ns is None or t_ns - self.asked_ns >= period_ns)
+
+    def note_removal(self) -> bool:
+        """Take notice that it is asked to remove its part."""
+        self.removed = True
+        return True
+
+    def memory(self) -> Dict[str, Any]:
+        """Return what must outlive the process."""
+        return {
+            "began": self.began,
+            "fetched": self.fetched,
+            "removed": self.removed,
+            "refusal": self.refusal,
+            "part": {"platform": self.name, "location": self.part.location},
+            "offsets": {when: offset.as_json() for when, offset in sorted(self.offsets.items())},
+        }
+
+    @classmethod
+    def of_memory(cls, name: str, memory: Mapping[str, Any]) -> PlatformView:
+        """Return a view as another process left it."""
+        view = cls(name)
+        view.began, view.fetched = bool(memory["began"]), bool(memory["fetched"])
+        view.removed, view.refusal = bool(memory["removed"]), str(memory["refusal"])
+        view.part = PlatformStatus(**memory["part"])
+        view.offsets = {when: Offset(**value) for when, value in memory["offsets"].items()}
+        view.measured = list(view.offsets)
+        return view
+
+
+# --- the collector ----------------------------------------------------------------------------------------------------
+
+
+_ASK_AGAIN_NS = 1 * SECOND
+_TRANSFER_AGAIN_NS = 2 * SECOND
 _JOB_TRIES = 25
 _CLOSING = (Phase.STOPPING, Phase.RECOVERING)
 _COLLECTING = (Phase.TRANSFERRING, Phase.MERGING, Phase.VERIFYING)
@@ -48,10 +176,10 @@ class CollectorSetup:
     own: str
     platforms: Tuple[str, ...]
     fetched: Tuple[str, ...] = ()
-    start_limit_ns: int = 12 * _S
-    silent_ns: int = 5 * _S
-    stop_limit_ns: int = 30 * _S
-    transfer_limit_ns: int = 900 * _S
+    start_limit_ns: int = 12 * SECOND
+    silent_ns: int = 5 * SECOND
+    stop_limit_ns: int = 30 * SECOND
+    transfer_limit_ns: int = 900 * SECOND
     keep_parts: bool = True
 
 
@@ -370,11 +498,11 @@ class Collector:
     def _remaining_s(self, t_ns: int) -> Optional[float]:
         if self.phase not in _COLLECTING or self._progress is None or not 0.0 < self._progress < 1.0:
             return None  # also at its end: what is left to do then, e.g. by other readers of the bag, has no measure
-        return (t_ns - self._since_ns) / _S * (1.0 - self._progress) / self._progress
+        return (t_ns - self._since_ns) / SECOND * (1.0 - self._progress) / self._progress
 
     def _part(self, view: PlatformView, t_ns: int) -> PlatformStatus:
         if self.phase is Phase.TRANSFERRING and view.fetch_again_ns and not view.fetched:
-            left_s = max(0, self._since_ns + self.setup.transfer_limit_ns - t_ns) / _S
+            left_s = max(0, self._since_ns + self.setup.transfer_limit_ns - t_ns) / SECOND
             words = f"its part does not come ({view.problem}); tried again for {left_s:.0f} s"
             return replace(view.part, growing=False, message=words)
         if self.phase not in WRITING or self._records(view, t_ns):

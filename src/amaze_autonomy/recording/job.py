@@ -2,7 +2,8 @@
 
 It reads one line of JSON from its standard input, which says what to do, and writes lines of JSON: progress, and in the
 end the result. It ends when its standard input does, because then nobody waits for it any more. It can be killed at any
-moment; the next one goes on.
+moment; the next one goes on: one verified recording of all parts, with its manifest, and what is done already is not
+done again.
 """
 
 from __future__ import annotations
@@ -13,16 +14,216 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Mapping
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.manifest import (
+    declared_duplicates,
+    manifest_path,
+    merge_manifest,
+    read_manifest,
+    verified_manifest,
+    write_manifest,
+)
+from amaze_autonomy.bags.merge import MergeOptions, merge
+from amaze_autonomy.bags.verify import verify
 from amaze_autonomy.engine.events import RecordingPhase as Phase
+from amaze_autonomy.units import MB, SECOND
 
-from .complete import Plan, Source, collect
 from .errors import RecordingError
-from .parts import close_parts
+from .losses import losses
+from .parts import Part, check_arrived, close_parts, whole_bags
 
-__all__ = ["main", "plan_of", "run"]
+__all__ = ["Plan", "Source", "Summary", "collect", "main", "plan_of", "run"]
+
+# --- one verified recording -------------------------------------------------------------------------------------------
+
+
+Report = Callable[[Phase, int, int], None]
+
+
+class Source(NamedTuple):
+    """The part of one platform.
+
+    Args:
+        platform: its name.
+        folder: where it lies on this computer.
+        fetched: it came over the network, so its checksums are looked at.
+        correction_ns: added to its record times.
+        clock: what was measured of its clock, for the manifest.
+    """
+
+    platform: str
+    folder: Path
+    fetched: bool = False
+    correction_ns: int = 0
+    clock: Mapping[str, Any] = {}
+
+
+class Plan(NamedTuple):
+    """What is to be made.
+
+    Args:
+        output: path of the complete recording.
+        sources: of it.
+        duplicates: count, drop or ignore.
+        facts: for the manifest.
+    """
+
+    output: Path
+    sources: Tuple[Source, ...]
+    duplicates: str = "count"
+    facts: Mapping[str, Any] = {}
+
+
+class Summary(NamedTuple):
+    """What was made: where, how big, how long, and what was lost on the way."""
+
+    location: str
+    size: int
+    messages: int
+    seconds: float
+    platforms: Tuple[str, ...]
+    lost: Tuple[str, ...]
+
+    @property
+    def message(self) -> str:
+        """Return it as one line."""
+        lost = "lost: " + "; ".join(self.lost) if self.lost else "nothing was lost"
+        names = " and ".join(self.platforms)
+        return (
+            f"{self.size / MB:,.1f} MB, {self.seconds:.1f} s, {self.messages:,} messages of {names}, verified; {lost}"
+        )
+
+
+def collect(plan: Plan, report: Optional[Report] = None) -> Summary:
+    """Make the complete recording, or find that it is there.
+
+    Raises:
+        BagError: A bag cannot be used, or the output not be written.
+        RecordingError: A part did not arrive as it was sent, or the result is not what it should be.
+    """
+    inputs, offsets, platforms, lost = _inputs(plan)
+    manifest = _usable_manifest(plan.output, inputs, offsets)
+    if manifest is None:
+        manifest = _merged(plan, inputs, offsets, report)
+    manifest.update({**plan.facts, "platforms": platforms, "lost": lost})
+    manifest = _verified(plan, inputs, offsets, manifest, report)
+    return _summary(plan, manifest, lost)
+
+
+def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], List[str]]:
+    """Return all bags, the correction of each, and what the manifest says of the platforms."""
+    inputs: List[Path] = []
+    offsets: List[int] = []
+    platforms: Dict[str, Any] = {}
+    lost: List[str] = []
+    for source in plan.sources:
+        content = check_arrived(source.folder, checksums=source.fetched)
+        parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
+        gone = _lost_here(content, parts, _end_ns(plan, source))
+        inputs += [part.path for part in parts]
+        offsets += [source.correction_ns] * len(parts)
+        lost += [f"{source.platform}/{words}" for words in gone]
+        platforms[source.platform] = {
+            "clock": dict(source.clock),
+            "correction_ns": source.correction_ns,
+            "gaps": content.get("gaps", []),
+            "dropped_warnings": content.get("dropped", 0),
+            "missing_numbers": content.get("missing", {}),
+            "uncounted_topics": content.get("uncounted", []),
+            "lost": gone,
+        }
+    if not inputs:
+        raise RecordingError(f"{plan.output}: there is no bag on any platform, nothing was recorded; look at the logs")
+    return inputs, tuple(offsets), platforms, lost
+
+
+def _end_ns(plan: Plan, source: Source) -> Optional[int]:
+    """Return when the recording was to end, on the clock of a platform; None when nobody knows."""
+    stopped_ns = plan.facts.get("stopped_ns")
+    offsets = [int(each["offset_ns"]) for each in source.clock.values()]
+    return None if stopped_ns is None else int(stopped_ns) + (sum(offsets) // len(offsets) if offsets else 0)
+
+
+def _lost_here(content: Mapping[str, Any], parts: Sequence[Part], end_ns: Optional[int]) -> List[str]:
+    """Return the losses of a part, with what was lost in bags that were recovered here."""
+    known = {part.path.name.split(".")[0]: part.lost for part in parts}
+    files = [
+        {**entry, "lost": known.get(str(entry["file"]).split(".")[0])} if entry.get("open") else entry
+        for entry in content["files"]
+    ]
+    return losses({**content, "files": files}, end_ns)
+
+
+def _usable_manifest(output: Path, inputs: Sequence[Path], offsets: Sequence[int]) -> Optional[Dict[str, Any]]:
+    """Return the manifest of a merge of just these inputs that was finished before; None when there is none."""
+    if not output.is_file():
+        return None
+    try:
+        manifest = read_manifest(manifest_path(output))
+        made = [(str(each["file"]), each["bytes"], each["offset_ns"]) for each in manifest["inputs"]]
+    except (BagError, KeyError, TypeError):
+        return None
+    now = [(_relative(path, output.parent), path.stat().st_size, offset) for path, offset in zip(inputs, offsets)]
+    same = manifest["output"].get("bytes") == output.stat().st_size
+    return manifest if same and made == now else None
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return os.path.relpath(path.resolve(), folder.resolve())
+
+
+def _merged(plan: Plan, inputs: Sequence[Path], offsets: Tuple[int, ...], report: Optional[Report]) -> Dict[str, Any]:
+    options = MergeOptions(offsets_ns=offsets, duplicates=plan.duplicates, replace=True)
+    merged = merge(inputs, plan.output, options, _as_progress(report, Phase.MERGING))
+    manifest = merge_manifest(merged, inputs, options)
+    write_manifest(manifest_path(plan.output), manifest)
+    return manifest
+
+
+def _verified(
+    plan: Plan, inputs: Sequence[Path], offsets: Tuple[int, ...], manifest: Dict[str, Any], report: Optional[Report]
+) -> Dict[str, Any]:
+    verified = verify(
+        plan.output,
+        inputs,
+        offsets_ns=offsets,
+        duplicates=declared_duplicates(manifest),
+        progress=_as_progress(report, Phase.VERIFYING),
+    )
+    if report is not None:
+        report(Phase.VERIFYING, 1, 1)
+    manifest = verified_manifest(manifest, verified)
+    write_manifest(manifest_path(plan.output), manifest)
+    if verified.problems:
+        raise RecordingError(f"{plan.output}: {'; '.join(verified.problems)}; the parts are kept, retry merges again")
+    return manifest
+
+
+def _as_progress(report: Optional[Report], phase: Phase) -> Optional[Callable[[int, int], None]]:
+    if report is None:
+        return None
+    tell = report
+    tell(phase, 0, 1)
+    return lambda done, total: tell(phase, done, total)
+
+
+def _summary(plan: Plan, manifest: Mapping[str, Any], lost: Sequence[str]) -> Summary:
+    output = manifest["output"]
+    start, end = output["start_ns"], output["end_ns"]
+    return Summary(
+        location=str(plan.output),
+        size=output["bytes"],
+        messages=output["messages"],
+        seconds=(end - start) / SECOND if start is not None and end is not None else 0.0,
+        platforms=tuple(source.platform for source in plan.sources),
+        lost=tuple(lost),
+    )
+
+
+# --- the process ------------------------------------------------------------------------------------------------------
+
 
 _PERIOD_S = 0.2
 _FAILED = 1

@@ -14,15 +14,12 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.inplace import recover_in_place
-from amaze_autonomy.bags.recover import recover
-from amaze_autonomy.bags.undo import read_undo, undo_path
+from amaze_autonomy.bags.recover import read_undo, recover, recover_in_place, undo_path
 
-from .accounts import Written, account, written
 from .errors import TransferError
-from .folders import PARTS, read_json, write_json
-from .header_numbers import Numbers, Stream, header_numbers
-from .log_lines import LogState, read_line
+from .losses import Numbers, Stream, Written, account, header_numbers, written
+from .programs import LogState, read_line
+from .storage import PARTS, read_json, write_json
 
 __all__ = ["Part", "check_arrived", "close_parts", "open_bags", "whole_bags"]
 

@@ -1,13 +1,36 @@
-"""What a recorder says of itself; the values of msg/RecordingStatus."""
+"""What the machines of the recorder see, ask and say: plain values, the border to the node that carries them out.
+
+A status has the values of msg/RecordingStatus.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Optional, Tuple
+from dataclasses import dataclass, field
+from typing import Mapping, NamedTuple, Optional, Tuple, Union
 
 from amaze_autonomy.engine.events import RecordingPhase
 
-__all__ = ["WRITING", "PlatformStatus", "Status"]
+__all__ = [
+    "WRITING",
+    "Answer",
+    "Ask",
+    "Collect",
+    "Command",
+    "CopyJournal",
+    "GroupSight",
+    "MeasureClock",
+    "PlatformStatus",
+    "Recover",
+    "Sight",
+    "Signal",
+    "Space",
+    "StartChild",
+    "Status",
+    "Transfer",
+]
+
+# --- what a recorder says ---------------------------------------------------------------------------------------------
+
 
 WRITING = (RecordingPhase.STARTING, RecordingPhase.RECORDING)
 
@@ -63,3 +86,115 @@ class Status:
     def dropped(self) -> int:
         """Return how many messages of all platforms were dropped, at least."""
         return sum(each.dropped for each in self.platforms)
+
+
+# --- what its shell sees ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Space:
+    """The storage: bytes that are free, and as a fraction of all."""
+
+    free_bytes: int
+    free_fraction: float
+
+
+@dataclass(frozen=True)
+class GroupSight:
+    """One group as it is now.
+
+    Args:
+        running: a process of it is there.
+        ending: how its last process ended, in words; empty while it runs.
+        size: bytes of all its files.
+        idle_ns: since something was written to one of them; None: unknown.
+        missing: topics that it is not subscribed to; None: the master does not say.
+        silent: nobody publishes any of its topics.
+        dropped: warnings in its log that messages were dropped.
+        full: its log says that it stopped because the storage is full.
+    """
+
+    running: bool
+    ending: str = ""
+    size: int = 0
+    idle_ns: Optional[int] = None
+    missing: Optional[Tuple[str, ...]] = None
+    silent: bool = False
+    dropped: int = 0
+    full: bool = False
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Everything as it is now; `space` is None when the storage cannot be looked at."""
+
+    groups: Mapping[str, GroupSight] = field(default_factory=dict)
+    space: Optional[Space] = None
+
+
+# --- what is asked of its shell ---------------------------------------------------------------------------------------
+
+
+class Answer(NamedTuple):
+    """The answer to a request: it was understood, or why not. That it is done is told by the status."""
+
+    accepted: bool
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class StartChild:
+    """Start a recorder for a group into the file with this number."""
+
+    group: str
+    number: int
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Send a signal to the recorder of a group: INT, TERM or KILL."""
+
+    group: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Recover:
+    """Make whole what was not closed, and list the parts of the session."""
+
+
+@dataclass(frozen=True)
+class Ask:
+    """Ask a platform's recorder to `start`, `stop` or `remove` its part."""
+
+    platform: str
+    verb: str
+
+
+@dataclass(frozen=True)
+class MeasureClock:
+    """Measure the offset of a platform's clock, at the `start` or at the `stop` of the recording."""
+
+    platform: str
+    when: str
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Fetch a platform's part from where it says that it lies."""
+
+    platform: str
+    location: str
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Merge and verify all parts, in a process of its own."""
+
+
+@dataclass(frozen=True)
+class CopyJournal:
+    """Copy the engine's journal and configuration into the session."""
+
+
+Command = Union[StartChild, Signal, Recover, Ask, MeasureClock, Transfer, Collect, CopyJournal]

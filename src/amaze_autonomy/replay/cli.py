@@ -23,10 +23,10 @@ from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.journal import JournalError
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.whole_file import write_whole
 
 from .compare import Comparison, compare
 from .errors import ReplayError
-from .files import write_whole
 from .journal_source import read_journals
 from .lawful import Lawful, check_laws, law_lines, laws_result
 from .opening import topics_of

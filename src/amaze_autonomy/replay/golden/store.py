@@ -13,9 +13,9 @@ from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.journal import JournalError, decode
+from amaze_autonomy.whole_file import write_whole
 
 from ..errors import GoldenError
-from ..files import write_whole
 from ..scenario.model import Case
 
 __all__ = ["FOLDER", "Golden", "golden_path", "orphans", "read_golden", "write_golden"]

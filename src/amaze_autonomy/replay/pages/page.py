@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Optional, Sequence
 
-from ..files import write_whole
+from amaze_autonomy.whole_file import write_whole
+
 from ..suite.coverage import Coverage
 from ..suite.result import Result
 from .content import page_content

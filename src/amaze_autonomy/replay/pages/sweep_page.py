@@ -11,7 +11,8 @@ from math import ceil
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
-from ..files import write_whole
+from amaze_autonomy.whole_file import write_whole
+
 from ..suite.sweep import Flight, Sweep
 from .colours import STATE_COLOURS
 

@@ -10,7 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, List, Mapping, Sequence
 
-from ..files import write_whole
+from amaze_autonomy.whole_file import write_whole
+
 from ..pages.page import write_page
 from ..terminal import show_lines
 from .accept import accept, lonely_goldens

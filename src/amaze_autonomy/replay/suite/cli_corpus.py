@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, List, Sequence, Tuple
 
 from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.whole_file import write_whole
 
 from ..errors import ReplayError
-from ..files import write_whole
 from ..tape_option import add_tapes, use_tapes
 from ..terminal import progress_bar, show_lines
 from .choice import add_choice, add_configuration, check_options, chosen, options_of

@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any, List
 
+from amaze_autonomy.whole_file import write_whole
+
 from ..errors import ReplayError
-from ..files import write_whole
 from ..journal_source import read_journals
 from ..pages.sweep_page import write_sweep_page
 from ..scenario import Case, load_cases

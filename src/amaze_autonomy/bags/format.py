@@ -1,0 +1,474 @@
+"""The bytes of the ROS bag format, version 2.0 (wiki.ros.org/Bags/Format/2.0): how records are read and written.
+
+A bag is a line of magic and then records. A record is a header and data, each behind its length; a header is fields
+`name=value`, each behind its length, in any order. Numbers are little-endian. In the file lie, one after another:
+
+    BAG          where the index is (0 while the bag is being recorded), padded so that it can be written again
+    CHUNK        records CONNECTION and MESSAGE, compressed together
+    INDEX ...    behind each chunk, for each connection in it: times and offsets of its messages in the chunk
+    CONNECTION   all of them once more  } this is
+    CHUNK_INFO   one for each chunk     } the index
+
+The format has no checksums. We write fields in the order of the C++ library. Nothing here needs numpy, which takes
+longer to load than many a command takes.
+"""
+
+from __future__ import annotations
+
+import bz2
+import re
+import struct
+from contextlib import suppress
+from functools import lru_cache
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple, Union
+
+import lz4.frame
+
+from amaze_autonomy.units import SECOND
+
+from .errors import RecordError
+
+__all__ = [
+    "BAG",
+    "CHUNK",
+    "CHUNK_INFO",
+    "COMPRESSIONS",
+    "CONNECTION",
+    "FIRST_RECORD",
+    "INDEX",
+    "INDEX_ENTRY",
+    "INDEX_FIELDS",
+    "LARGEST_HEADER",
+    "MAGIC",
+    "MESSAGE",
+    "Connection",
+    "Identity",
+    "Record",
+    "bag_header",
+    "chunk_header",
+    "chunk_info",
+    "compressed",
+    "connection_of",
+    "connection_record",
+    "decompressed",
+    "fields_of",
+    "index_header",
+    "index_record_at",
+    "message_fields",
+    "nanoseconds",
+    "our_index_record",
+    "pack_field",
+    "pack_time",
+    "record_at",
+    "salvaged",
+    "u32",
+]
+
+# --- records ----------------------------------------------------------------------------------------------------------
+
+
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+FIRST_RECORD = 4117  # where rosbag puts it
+LARGEST_HEADER = 1 << 22  # what is larger is no header
+INDEX_ENTRY = 12  # bytes of a message in an index record: time and offset
+INDEX_FIELDS = (b"conn", b"count", b"op", b"ver")  # of an index record, in our order
+
+Buffer = Union[bytes, bytearray, memoryview]
+
+_U32, _U64, _TIME = struct.Struct("<L"), struct.Struct("<Q"), struct.Struct("<LL")
+
+
+class Record(NamedTuple):
+    """One record: its fields, where its data starts, and the length of the data."""
+
+    fields: Dict[bytes, bytes]
+    data: int
+    size: int
+
+    @property
+    def op(self) -> int:
+        """Say what kind of record it is."""
+        return self.fields[b"op"][0]
+
+    @property
+    def end(self) -> int:
+        """Say where it ends."""
+        return self.data + self.size
+
+    def number(self, name: bytes) -> int:
+        """Return a field of four or eight bytes."""
+        value = self.fields.get(name, b"")
+        if len(value) not in (4, 8):
+            raise RecordError(f"the field {name.decode()} is missing or no number")
+        return int.from_bytes(value, "little")
+
+    def time_ns(self, name: bytes) -> int:
+        """Return a field that is a time."""
+        value = self.fields.get(name, b"")
+        if len(value) != _TIME.size:
+            raise RecordError(f"the field {name.decode()} is missing or no time")
+        return nanoseconds(*_TIME.unpack(value))
+
+
+def u32(buffer: Buffer, position: int) -> int:
+    """Return the number at a position."""
+    value: int = _U32.unpack_from(buffer, position)[0]
+    return value
+
+
+def nanoseconds(seconds: int, fraction: int) -> int:
+    """Return a time of the bag as one number."""
+    return seconds * SECOND + fraction
+
+
+def pack_time(t_ns: int) -> bytes:
+    """Return a time as the bag has it."""
+    return _TIME.pack(*divmod(t_ns, SECOND))
+
+
+def fields_of(buffer: Buffer, start: int, end: int) -> Dict[bytes, bytes]:
+    """Return the fields of a header.
+
+    Raises:
+        RecordError: These bytes are no header.
+    """
+    fields = {}
+    while start < end:
+        if start + 4 > end:
+            raise RecordError("a header ends within a field")
+        size = u32(buffer, start)
+        start += 4
+        name, equals, value = bytes(buffer[start : start + size]).partition(b"=")
+        if not equals or start + size > end:
+            raise RecordError("a header has a field that is none")
+        fields[name] = value
+        start += size
+    return fields
+
+
+def record_at(buffer: Buffer, position: int, limit: int) -> Record:
+    """Read the header of a record and the length of its data, which may end beyond the limit.
+
+    Raises:
+        RecordError: There is no record, or its header ends beyond the limit.
+    """
+    if position + 4 > limit:
+        raise RecordError("the file ends within a record")
+    size = u32(buffer, position)
+    data = position + size + 8
+    if not 0 < size <= LARGEST_HEADER:
+        raise RecordError(f"a header of {size} bytes is none")
+    if data > limit:
+        raise RecordError("the file ends within a header")
+    shape = _shapes.get(size)
+    if shape is not None:
+        values = shape.packed.unpack_from(buffer, position + 4)
+        if values[:-1:2] == shape.fixed:
+            return Record(dict(zip(shape.names, values[1::2])), data, values[-1])
+    fields = fields_of(buffer, position + 4, data - 4)
+    if len(fields.get(b"op", b"")) != 1:
+        raise RecordError("a header does not say of what")
+    if size <= _LARGEST_SHAPE:
+        _shapes[size] = _shape(fields, bytes(buffer[position + 4 : data - 4]))
+    return Record(fields, data, u32(buffer, data - 4))
+
+
+def index_record_at(buffer: Buffer, position: int, limit: int) -> Tuple[int, int, int]:
+    """Read the header of an index record: whose it is, where its data starts, and the length of the data.
+
+    Raises:
+        RecordError: There is no such record.
+    """
+    for shape in _index_shapes:
+        data = position + shape.packed.size
+        if data <= limit:
+            values = shape.packed.unpack_from(buffer, position)
+            if values[::2] == shape.fixed:
+                return values[shape.place], data, values[-1]
+    record = record_at(buffer, position, limit)
+    if record.op != INDEX:
+        raise RecordError("the index behind it ends too early")
+    if not _index_shapes:
+        _index_shapes.extend(_index_shape(bytes(buffer[position : record.data - 4])))
+    return record.number(b"conn"), record.data, record.size
+
+
+class _IndexShape(NamedTuple):
+    """How the first index record looked, nearly all do: there is one for each connection and chunk."""
+
+    packed: struct.Struct
+    fixed: Tuple[bytes, ...]  # all but numbers, which lie between
+    place: int  # of the connection among the parts
+
+
+_index_shapes: List[_IndexShape] = []
+
+
+def _index_shape(header: bytes) -> List[_IndexShape]:
+    """Return the shape of a header, its length before it; nothing when it has not each number once."""
+    values = sorted((header.find(name) + len(name), name) for name in (b"\x09\0\0\0conn=", b"\x0a\0\0\0count="))
+    (first, name), (second, _) = values
+    fixed = (header[:first], header[first + 4 : second], header[second + 4 :])
+    if sorted(fields_of(header, 4, len(header))) != [b"conn", b"count", b"op", b"ver"] or first < 13:  # noqa: PLR2004
+        return []
+    packed = struct.Struct("<{}sL{}sL{}sL".format(*map(len, fixed)))
+    return [_IndexShape(packed, fixed, 1 if b"conn" in name else 3)]
+
+
+class _Shape(NamedTuple):
+    """How headers of one size looked last, most of a bag do: five times faster than field by field."""
+
+    packed: struct.Struct
+    fixed: Tuple[bytes, ...]  # all but values, which lie between
+    names: Tuple[bytes, ...]
+
+
+_LARGEST_SHAPE = 128  # longer ones have names of topics
+_shapes: Dict[int, _Shape] = {}
+
+
+def _shape(fields: Dict[bytes, bytes], header: bytes) -> _Shape:
+    fixed = tuple(_U32.pack(len(name) + 1 + len(value)) + name + b"=" for name, value in fields.items())
+    parts = "".join(f"{len(name)}s{len(value)}s" for name, value in zip(fixed, fields.values()))
+    if b"".join(name + value for name, value in zip(fixed, fields.values())) != header:  # one name twice
+        return _Shape(struct.Struct(f"<{len(header)}sL"), (b"",), ())
+    return _Shape(struct.Struct(f"<{parts}L"), fixed, tuple(fields))
+
+
+def pack_field(name: bytes, value: bytes) -> bytes:
+    """Return a field of a header."""
+    return _U32.pack(len(name) + 1 + len(value)) + name + b"=" + value
+
+
+def message_fields(connection: int, t_ns: int) -> bytes:
+    """Return the fields of a message's header, without their length."""
+    fields = (b"conn", _U32.pack(connection)), (b"op", bytes([MESSAGE])), (b"time", pack_time(t_ns))
+    return b"".join(pack_field(*each) for each in fields)
+
+
+def _packed(fields: Iterable[Tuple[bytes, bytes]]) -> bytes:
+    parts = b"".join(pack_field(*each) for each in fields)
+    return _U32.pack(len(parts)) + parts
+
+
+def bag_header(index: int, connections: int, chunks: int) -> bytes:
+    """Return everything before the first chunk; `index` is where the index starts."""
+    header = MAGIC + _packed(
+        (
+            (b"chunk_count", _U32.pack(chunks)),
+            (b"conn_count", _U32.pack(connections)),
+            (b"index_pos", _U64.pack(index)),
+            (b"op", bytes([BAG])),
+        )
+    )
+    padding = FIRST_RECORD - len(header) - 4
+    return header + _U32.pack(padding) + b" " * padding
+
+
+def connection_record(number: int, topic: bytes, header: bytes) -> bytes:
+    """Return a connection; `header` is its data, as it was recorded."""
+    fields = ((b"conn", _U32.pack(number)), (b"op", bytes([CONNECTION])), (b"topic", topic))
+    return _packed(fields) + _U32.pack(len(header)) + header
+
+
+def chunk_header(compression: str, size: int, stored: int) -> bytes:
+    """Return what stands before the data of a chunk: `size` bytes, `stored` when compressed."""
+    return b"".join((_head_fields(compression), _U32.pack(size), _U32.pack(stored)))
+
+
+@lru_cache(maxsize=None)
+def _head_fields(compression: str) -> bytes:
+    """Return all of a chunk's header but the two sizes at its end."""
+    fields = ((b"compression", compression.encode()), (b"op", bytes([CHUNK])), (b"size", _U32.pack(0)))
+    return _packed(fields)[:-4]
+
+
+def index_header(connection: int, count: int) -> bytes:
+    """Return what stands before the times and offsets of one connection's messages in one chunk."""
+    fields = (
+        (b"conn", _U32.pack(connection)),
+        (b"count", _U32.pack(count)),
+        (b"op", bytes([INDEX])),
+        (b"ver", _U32.pack(1)),
+    )
+    return _packed(fields) + _U32.pack(INDEX_ENTRY * count)
+
+
+_OUR_INDEX = index_header(0, 0)
+_OUR_INDEX_FIXED = (_OUR_INDEX[:13], _OUR_INDEX[17:27], _OUR_INDEX[31:51])  # all but numbers, which lie between
+_OUR_INDEX_STRUCT = struct.Struct("<13sL10sL20sL")
+
+
+def our_index_record(buffer: Buffer, place: int) -> Optional[Tuple[int, int, int]]:
+    """Read the header of an index record that looks like ours: whose it is, where its data starts, and its length."""
+    if not 0 <= place <= len(buffer) - _OUR_INDEX_STRUCT.size:
+        return None
+    first, connection, second, _, third, size = _OUR_INDEX_STRUCT.unpack_from(buffer, place)
+    if (first, second, third) != _OUR_INDEX_FIXED:
+        return None
+    return connection, place + _OUR_INDEX_STRUCT.size, size
+
+
+def chunk_info(position: int, start_ns: int, end_ns: int, counts: Iterable[Tuple[int, int]]) -> bytes:
+    """Return what the index says of a chunk; `counts` are messages by connection."""
+    flat = [number for each in counts for number in each]
+    start, end = divmod(start_ns, SECOND), divmod(end_ns, SECOND)
+    one, two, three, four, five = _INFO
+    pack = _info_struct(len(flat)).pack
+    return pack(one, position, two, len(flat) // 2, three, *end, four, *start, five, 4 * len(flat), *flat)
+
+
+@lru_cache(maxsize=64)
+def _info_struct(numbers: int) -> struct.Struct:
+    sizes = "{}sQ{}sL{}sLL{}sLL{}sL".format(*map(len, _INFO))
+    return struct.Struct(f"<{sizes}{numbers}L")
+
+
+def _info_parts() -> List[bytes]:
+    """Return what stands before each value of a chunk's record in the index, which is always the same."""
+    values = (b"<<<0>>>>", b"<<1>", b"<<<2>>>>", b"<<<3>>>>")
+    fields = (
+        (b"chunk_pos", values[0]),
+        (b"count", values[1]),
+        (b"end_time", values[2]),
+        (b"op", bytes([CHUNK_INFO])),
+        (b"start_time", values[3]),
+        (b"ver", _U32.pack(1)),
+    )
+    parts, rest = [], _packed(fields)
+    for value in values:
+        part, _, rest = rest.partition(value)
+        parts.append(part)
+    return [*parts, rest]
+
+
+_INFO = _info_parts()
+
+
+# --- connections ------------------------------------------------------------------------------------------------------
+
+
+Identity = Tuple[str, str, str, bool, str]
+
+
+class Connection(NamedTuple):
+    """One publisher of a topic, as a recorder saw it.
+
+    Args:
+        number: in its bag.
+        topic: its name; bytes that are not UTF-8 are kept as surrogates.
+        kind: the type of its messages, e.g. "sensor_msgs/Imu".
+        md5: of the type's definition.
+        caller: name of the publishing node; "" when the bag does not say.
+        latching: whether late subscribers get its last message.
+        header: all that was recorded about it, the definition included.
+    """
+
+    number: int
+    topic: str
+    kind: str
+    md5: str
+    caller: str
+    latching: bool
+    header: bytes
+
+    @property
+    def plausible(self) -> bool:
+        """Return whether nothing in it looks damaged."""
+        texts = (self.topic, self.kind, self.caller)
+        damaged = any(not text.isprintable() for text in texts)  # surrogates, bytes that are no UTF-8, are not
+        complete = b"message_definition=" in self.header and "/" in self.kind
+        return complete and not damaged and re.fullmatch("[0-9a-f]{32}", self.md5) is not None
+
+    def identity(self, *, publishers_apart: bool = True) -> Identity:
+        """Return what two connections have in common when they are the same one."""
+        return self.topic, self.kind, self.md5, self.latching, self.caller if publishers_apart else ""
+
+
+def connection_of(record: Record, header: bytes) -> Connection:
+    """Return the connection that a record describes.
+
+    Raises:
+        RecordError: It does not say which type on which topic.
+    """
+    fields = fields_of(header, 0, len(header))
+    topic = record.fields.get(b"topic", fields.get(b"topic"))
+    if topic is None or b"type" not in fields or b"md5sum" not in fields:
+        raise RecordError("a connection does not say its topic and type")
+    return Connection(
+        number=record.number(b"conn"),
+        topic=_text(topic),
+        kind=_text(fields[b"type"]),
+        md5=_text(fields[b"md5sum"]),
+        caller=_text(fields.get(b"callerid", b"")),
+        latching=fields.get(b"latching") == b"1",
+        header=header,
+    )
+
+
+def _text(value: bytes) -> str:
+    return value.decode("utf-8", "surrogateescape")
+
+
+# --- the data of chunks -----------------------------------------------------------------------------------------------
+
+
+COMPRESSIONS = ("none", "lz4", "bz2")
+_UNPACKED_STEP = 1 << 14
+_UNPACKING = (RuntimeError, OSError, EOFError, ValueError)  # what the two decompressors raise
+
+
+def compressed(kind: str, data: Buffer) -> Buffer:
+    """Return the data of a chunk as it is stored."""
+    if kind == "none":
+        return data
+    if kind == "bz2":
+        return bz2.compress(data)
+    # What roslz4 can read: blocks that do not refer to each other, and a checksum of the content.
+    packed: bytes = lz4.frame.compress(
+        data,
+        compression_level=0,
+        block_size=lz4.frame.BLOCKSIZE_MAX1MB,
+        block_linked=False,
+        content_checksum=True,
+        store_size=False,
+    )
+    return packed
+
+
+def decompressed(kind: str, data: Buffer, size: int) -> Buffer:
+    """Return the data of a chunk, writable unless it was not compressed.
+
+    Raises:
+        RecordError: It is damaged, or not of this size.
+    """
+    if kind not in COMPRESSIONS:
+        raise RecordError(f"compressed by {kind}, which is not known")
+    try:
+        plain: Any = data if kind == "none" else _decompress(kind, data)
+    except _UNPACKING as error:
+        raise RecordError(f"its {kind} data is damaged ({error})") from error
+    if len(plain) != size:
+        raise RecordError(f"it has {len(plain)} bytes instead of {size}")
+    return plain  # type: ignore[no-any-return]
+
+
+def _decompress(kind: str, data: Buffer) -> Any:
+    if kind == "lz4":
+        return lz4.frame.decompress(data, return_bytearray=True)
+    return bytearray(bz2.decompress(data))
+
+
+def salvaged(kind: str, data: Buffer) -> Buffer:
+    """Return as much of a damaged or cut chunk as can be decompressed."""
+    if kind == "none":
+        return data
+    decompressor: Any = lz4.frame.LZ4FrameDecompressor() if kind == "lz4" else bz2.BZ2Decompressor()
+    plain = bytearray()
+    with suppress(*_UNPACKING):  # behind it nothing is good
+        for start in range(0, len(data), _UNPACKED_STEP):
+            plain += decompressor.decompress(data[start : start + _UNPACKED_STEP])
+            if decompressor.eof:
+                break
+    return plain

@@ -1,0 +1,648 @@
+"""The messages of chunks brought into buffers, as arrays, and checked there.
+
+Messages are never decoded and, in a good chunk, never touched one by one: where a record starts is in the index, its
+lengths are gathered from all places at once. Every byte of the chunk must then belong to a message of the index or to a
+connection, and each message must say the connection and time that the index says.
+
+Of large messages in chunks that are not compressed only the beginning is read: their header, which says whose they are
+and how long. The rest goes from file to file without coming here, unless somebody has to see it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import mmap
+import os
+import struct
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from typing import Any, List, NamedTuple, Optional, Tuple
+
+import lz4.frame
+import numpy as np
+
+from amaze_autonomy.units import SECOND
+
+from .errors import BagError, RecordError
+from .format import CONNECTION, INDEX_ENTRY, MESSAGE, Buffer, decompressed, index_header, record_at, u32
+from .index import ChunkHead, Index, IndexPart, Messages, index_entries, index_parts, require, unusable
+
+__all__ = [
+    "BEGINNING",
+    "GROUP_BYTES",
+    "Block",
+    "Loader",
+    "Pool",
+    "Span",
+    "Table",
+    "columns",
+    "decompress_frame",
+    "distinct",
+    "index_data",
+    "index_records",
+    "joined_parts",
+    "lz4_library",
+    "relabel",
+    "repeated",
+    "tabulate",
+    "tabulated",
+    "words",
+]
+
+# --- index and buffers as arrays --------------------------------------------------------------------------------------
+
+
+def words(buffer: Any) -> Any:
+    """Return the four-byte numbers that start at *every* byte of a buffer, writable if the buffer is."""
+    return np.ndarray((max(len(buffer) - 3, 0),), "<u4", buffer, 0, (1,))
+
+
+def distinct(numbers: Any) -> List[int]:
+    """Return the different ones of an array, in order; np.unique would load numpy.ma, a fifth of a short run."""
+    ordered = np.sort(numbers)
+    found: List[int] = ordered[:1].tolist() + ordered[1:][ordered[1:] != ordered[:-1]].tolist()
+    return found
+
+
+def index_data(connection: int, t_ns: Any, offsets: Any) -> bytes:
+    """Return the index of one connection's messages in one chunk."""
+    entries: Any = np.empty((len(t_ns), 3), "<u4")
+    entries[:, 0], entries[:, 1] = np.divmod(t_ns, SECOND)
+    entries[:, 2] = offsets
+    return index_header(connection, len(t_ns)) + bytes(entries.tobytes())
+
+
+def index_records(t_ns: Any, connection: Any, offsets: Any) -> bytes:
+    """Return the index of all messages of one chunk, given as arrays in any order."""
+    order = np.lexsort((offsets, t_ns, connection))
+    numbers: Any = connection[order]
+    firsts = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+    parts = np.split(order, firsts) if len(order) else []
+    parts_of = zip(distinct(numbers), parts)
+    return b"".join([index_data(number, t_ns[each], offsets[each]) for number, each in parts_of])
+
+
+def joined_parts(parts: List[Tuple[int, Any]]) -> Tuple[Any, Any, Any]:
+    """Return times, connections and offsets of entries."""
+    entries: Any = np.frombuffer(b"".join([part for _, part in parts]), "<u4").reshape(-1, 3).astype(np.int64)
+    numbers: Any = np.array([connection for connection, _ in parts], np.int64)
+    return (
+        entries[:, 0] * SECOND + entries[:, 1],
+        np.repeat(numbers, [len(part) // INDEX_ENTRY for _, part in parts]),
+        entries[:, 2],
+    )
+
+
+def repeated(numbers: List[int], counts: List[int]) -> Any:
+    """Return an array that has each number as often as its count says."""
+    return np.repeat(np.array(numbers, np.int64), counts)
+
+
+# --- message records as arrays ----------------------------------------------------------------------------------------
+
+
+_WORD = 4
+_LONGEST = 128  # bytes of a header; what recorders write has 50
+
+
+class Table(NamedTuple):
+    """Messages in the order of a buffer, as arrays of one length.
+
+    Args:
+        t_ns: record times.
+        connection: numbers.
+        start: of the record in the buffer.
+        payload: where its data starts.
+        end: of the record.
+        fields: where in the header the values of connection and time are, the same for all; or -1, -1.
+    """
+
+    t_ns: Any
+    connection: Any
+    start: Any
+    payload: Any
+    end: Any
+    fields: Tuple[int, int]
+
+
+class Span(NamedTuple):
+    """The data of a chunk in a buffer."""
+
+    start: int
+    end: int
+
+
+def tabulate(buffer: Buffer, spans: List[Span], t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the messages of chunks in a buffer; `start` are their places in the buffer.
+
+    Raises:
+        RecordError: Index and data contradict each other.
+    """
+    order = np.argsort(start, kind="stable")
+    begins, ends = (np.array(each, np.int64) for each in ([span.start for span in spans], [span.end for span in spans]))
+    return tabulated(buffer, begins, ends, t_ns[order], connection[order], start[order])
+
+
+def tabulated(buffer: Buffer, begins: Any, ends: Any, t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the same of stretches given by where they begin and end; messages in the order of their places.
+
+    Raises:
+        RecordError: Index and data contradict each other.
+    """
+    table = columns(buffer, t_ns, connection, start)
+    _check_tiling(buffer, begins, ends, table)
+    return table
+
+
+def columns(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the table of messages that start at these places.
+
+    Raises:
+        RecordError: One does not, or is another one than the index says.
+    """
+    if not len(start):
+        return Table(t_ns, connection, start, start, start, (-1, -1))
+    found = _alike(buffer, t_ns, connection, start)
+    return _each(buffer, t_ns, connection, start) if found is None else found
+
+
+def _alike(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Optional[Table]:
+    """Return the table of messages whose headers are the same but for connection and time, as the index says them.
+
+    Returns:
+        None when something is otherwise.
+    """
+    try:
+        fields, fixed, size = _layout(buffer, int(start[0]))
+        at_each_byte: Any = np.ndarray((max(0, len(buffer) - size + 1),), f"V{size}", buffer, 0, (1,))
+        header = at_each_byte[start].view(_header_type(fields, tuple(place for place, _ in fixed), size))
+    except (RecordError, struct.error, IndexError):
+        return None
+    if not fixed or not all((header[f"at {place}"] == value).all() for place, value in fixed):
+        return None
+    said_ns = header["seconds"].astype(np.int64) * SECOND + header["fraction"]
+    if not ((header["connection"] == connection).all() and (said_ns == t_ns).all()):
+        return None
+    payload = start + size
+    return Table(t_ns, connection, start, payload, payload + header["size"], fields)
+
+
+@lru_cache(maxsize=16)
+def _header_type(fields: Tuple[int, int], places: Tuple[int, ...], size: int) -> Any:
+    """Return numpy's type of a header with the length of the data behind it."""
+    connection, time = fields
+    offsets = {"connection": connection, "seconds": time, "fraction": time + 4, "size": size - 4}
+    offsets.update({f"at {place}": place for place in places})
+    names, formats = list(offsets), ["<u4"] * len(offsets)
+    return np.dtype({"names": names, "formats": formats, "offsets": list(offsets.values()), "itemsize": size})
+
+
+def _each(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
+    """Return the table of messages of several writers, header by header."""
+    numbers = words(buffer)
+    try:
+        payload = start + 8 + numbers[start].astype(np.int64)
+        end = payload + numbers[payload - 4]
+    except IndexError:
+        raise RecordError("the index points behind its end") from None
+    said = _said_one_by_one(buffer, start.tolist())
+    if not ((said[0] == connection).all() and (said[1].astype(np.int64) * SECOND + said[2] == t_ns).all()):
+        raise RecordError("a message is another one than the index says")
+    return Table(t_ns, connection, start, payload, end, (-1, -1))
+
+
+def _layout(buffer: Buffer, start: int) -> Tuple[Tuple[int, int], List[Tuple[int, int]], int]:
+    """Return where connection and time are in a message, all four-byte numbers of the rest of its header, its size.
+
+    None of them of a long header, which is never that of all messages (lz4_chunk_copy.py writes such).
+    """
+    record = record_at(buffer, start, len(buffer))
+    header = bytes(buffer[start : record.data - 4])
+    fields = header.find(b"\x09\0\0\0conn=") + 9, header.find(b"\x0d\0\0\0time=") + 9
+    if record.op != MESSAGE or min(fields) < 9:  # noqa: PLR2004  (not found)
+        raise RecordError("the index points at a record that is no message")
+    if len(header) > _LONGEST:
+        return fields, [], len(header) + _WORD
+    connection, time = fields
+    first, second = sorted(((connection, connection + 4), (time, time + 8)))
+    places: List[int] = []
+    for begin, end in ((0, first[0]), (first[1], second[0]), (second[1], len(header))):
+        if end - begin >= _WORD:
+            places += [*range(begin, end - 3, 4), end - 4]
+    return fields, [(place, u32(header, place)) for place in places], len(header) + _WORD
+
+
+def _said_one_by_one(buffer: Buffer, starts: List[int]) -> Tuple[Any, Any, Any]:
+    rows = []
+    for start in starts:
+        record = record_at(buffer, start, len(buffer))
+        if record.op != MESSAGE:
+            raise RecordError("the index points at a record that is no message")
+        seconds, fraction = divmod(record.time_ns(b"time"), SECOND)
+        rows.append((record.number(b"conn"), seconds, fraction))
+    said = np.array(rows, np.int64)
+    return said[:, 0], said[:, 1], said[:, 2]
+
+
+def _check_tiling(buffer: Buffer, begins: Any, ends: Any, table: Table) -> None:
+    """Check that messages and connections fill the chunks, and that no message is missing from the index."""
+    place: Any = np.append(np.searchsorted(table.start, begins), len(table.start))  # of each chunk's first message
+    filled = np.flatnonzero(place[1:] > place[:-1])
+    follows: Any = np.append(table.start[1:], 0)  # a message ends where the next begins, or with its chunk
+    follows[place[1:][filled] - 1] = ends[filled]
+    for gap in np.flatnonzero(table.end != follows).tolist():
+        _check_connections(buffer, int(table.end[gap]), int(follows[gap]))
+    begun = ends.copy()
+    begun[filled] = table.start[place[:-1][filled]]
+    for each in np.flatnonzero(begun != begins).tolist():
+        _check_connections(buffer, int(begins[each]), int(begun[each]))
+
+
+def _check_connections(buffer: Buffer, start: int, end: int) -> None:
+    while start < end:
+        record = record_at(buffer, start, end)
+        if record.op != CONNECTION:
+            raise RecordError("a message in it is missing from the index")
+        start = record.end
+    if start != end:
+        raise RecordError("its records overlap")
+
+
+def relabel(buffer: Any, table: Table, connection: Any, shift_ns: int) -> Table:
+    """Write other connection numbers, and times shifted, into the messages of a writable buffer; return their table."""
+    t_ns = table.t_ns + shift_ns
+    if table.fields[0] >= 0:
+        numbers = words(buffer)
+        numbers[table.start + table.fields[0]] = connection
+        if shift_ns:
+            numbers[table.start + table.fields[1]], numbers[table.start + table.fields[1] + 4] = np.divmod(t_ns, SECOND)
+    else:
+        for start, number, time in zip(table.start.tolist(), connection.tolist(), t_ns.tolist()):
+            at = _layout(buffer, start)[0]
+            struct.pack_into("<L", buffer, start + at[0], number)
+            struct.pack_into("<LL", buffer, start + at[1], *divmod(time, SECOND))
+    return table._replace(t_ns=t_ns, connection=connection)
+
+
+# --- memory and threads -----------------------------------------------------------------------------------------------
+
+
+GROUP_BYTES = 4 << 20  # that much is loaded together
+_KEPT = 16
+_DECOMPRESSORS = 2
+
+
+class Pool:
+    """Buffers that are used again, because new memory costs as much as reading into it; and threads that fill them.
+
+    Args:
+        largest: bytes of a buffer that is worth keeping.
+    """
+
+    def __init__(self, largest: int = 4 * GROUP_BYTES) -> None:
+        self._free: List[bytearray] = []
+        self._largest = largest
+        self.workers = ThreadPoolExecutor(_DECOMPRESSORS)
+
+    def __enter__(self) -> Pool:  # noqa: PYI034  (Self is not in 3.8)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.workers.shutdown()
+
+    def get(self, size: int) -> bytearray:
+        """Return a buffer of at least this size."""
+        for place, buffer in enumerate(self._free):
+            if len(buffer) >= size:
+                return self._free.pop(place)
+        return bytearray(max(size + (size >> 3), GROUP_BYTES))
+
+    @staticmethod
+    def sparse(size: int) -> Any:
+        """Return a new buffer of which only the pages take memory that are written to."""
+        buffer = mmap.mmap(-1, size)
+        if hasattr(mmap, "MADV_NOHUGEPAGE"):
+            buffer.madvise(mmap.MADV_NOHUGEPAGE)
+        return buffer
+
+    def put(self, buffer: bytearray) -> None:
+        """Take a buffer back."""
+        if isinstance(buffer, bytearray) and len(self._free) < _KEPT and len(buffer) <= self._largest:
+            self._free.append(buffer)
+
+
+# --- lz4 frames decompressed into memory that is already there --------------------------------------------------------
+# The `lz4` package makes new memory for each frame, grows it, and copies the result once more. The library that it is
+# made of has a function for it, and is found in the package itself.
+
+_FRAME_VERSION = 100  # of the library's interface, unchanged since 2014
+_CREATE, _DECOMPRESS = "LZ4F_createDecompressionContext", "LZ4F_decompress"
+_FREE, _RESET = "LZ4F_freeDecompressionContext", "LZ4F_resetDecompressionContext"
+
+
+def decompress_frame(data: bytes, size: int, target: bytearray, place: int) -> bool:
+    """Decompress one frame into a buffer; return whether it is whole, good, and of this size.
+
+    The buffer must reach to `place + size` at least. Other threads run meanwhile; each has a context of its own.
+    """
+    context = _contexts.get()
+    return context is not None and context.decompress(data, size, target, place)
+
+
+def lz4_library() -> Optional[Any]:
+    """Return the library; None where it is not found."""
+    try:
+        return ctypes.CDLL(lz4.frame._frame.__file__)  # noqa: SLF001  (nothing public tells where it is)
+    except (AttributeError, OSError):
+        return None
+
+
+def _library() -> Optional[Any]:
+    library = lz4_library()
+    try:
+        create, decompress = getattr(library, _CREATE), getattr(library, _DECOMPRESS)
+        free, reset = getattr(library, _FREE), getattr(library, _RESET)
+    except AttributeError:
+        return None
+    size = ctypes.c_size_t
+    create.argtypes, create.restype = [ctypes.POINTER(ctypes.c_void_p), ctypes.c_uint], size
+    free.argtypes, free.restype = [ctypes.c_void_p], size
+    reset.argtypes, reset.restype = [ctypes.c_void_p], None
+    amount = ctypes.POINTER(size)
+    decompress.argtypes = [ctypes.c_void_p, ctypes.c_void_p, amount, ctypes.c_char_p, amount, ctypes.c_void_p]
+    decompress.restype = size
+    return library
+
+
+class _Context:
+    def __init__(self, library: Any) -> None:
+        self._library, self._context = library, ctypes.c_void_p()
+        library.LZ4F_createDecompressionContext(ctypes.byref(self._context), _FRAME_VERSION)
+
+    def __del__(self) -> None:
+        self._library.LZ4F_freeDecompressionContext(self._context)
+
+    def decompress(self, data: bytes, size: int, target: bytearray, place: int) -> bool:
+        if not self._context or not size or place + size > len(target):
+            return False
+        address = ctypes.addressof(ctypes.c_char.from_buffer(target, place))
+        written, taken = ctypes.c_size_t(size), ctypes.c_size_t(len(data))
+        left = self._library.LZ4F_decompress(
+            self._context, address, ctypes.byref(written), data, ctypes.byref(taken), None
+        )
+        if left:  # bytes that are still missing, or an error
+            self._library.LZ4F_resetDecompressionContext(self._context)
+        return not left and written.value == size
+
+
+class _Contexts(threading.local):
+    def __init__(self) -> None:
+        library = _LIBRARY
+        self._context = None if library is None else _Context(library)
+
+    def get(self) -> Optional[_Context]:
+        return self._context
+
+
+_LIBRARY = _library()
+_contexts = _Contexts()
+
+
+def decompress_into(target: bytearray, place: int, kind: str, data: bytes, size: int) -> None:
+    """Decompress the data of a chunk to a place in a buffer that has room for it.
+
+    Raises:
+        RecordError: It is damaged, or not of this size.
+    """
+    if kind == "lz4" and decompress_frame(data, size, target, place):
+        return  # else the usual way, which says what is wrong
+    target[place : place + size] = decompressed(kind, data, size)
+
+
+# --- chunks loaded ----------------------------------------------------------------------------------------------------
+
+
+BEGINNING = 512  # bytes of a large message that are read; its header has about 50
+_LARGE = 64 << 10  # what is worth a copy by the system
+_COARSE = 16 << 10  # bytes per message that make it worth looking for large ones
+_SPARSE = 6  # times as much is loaded together, at most, of chunks of which little is read
+_BROKEN = (RecordError, struct.error, ValueError)
+
+_Entries = Tuple[Any, Any, Any]
+
+
+class Block(NamedTuple):
+    """Loaded messages.
+
+    Args:
+        buffer: where they are.
+        table: of them.
+        source: number of the input.
+        origin: where in its file a large one begins that is not all in the buffer; else -1.
+        whole: size of what is not a record but a compressed chunk with just this message; else 0.
+    """
+
+    buffer: bytearray
+    table: Table
+    source: int
+    origin: Any
+    whole: Any
+
+
+class Loader:
+    """Loads chunks of a bag.
+
+    Args:
+        index: of the bag.
+        number: of the input.
+        unseen: for each connection of the bag, whether the bytes of its messages need not be seen.
+        coarse: bytes per message of a chunk that make it worth looking for large ones.
+        messages: all of the index, where they were read before; else a chunk's are read with it.
+    """
+
+    def __init__(
+        self, index: Index, number: int, unseen: Any, coarse: int = _COARSE, messages: Optional[Messages] = None
+    ) -> None:
+        self._index, self._number, self._unseen, self._coarse = index, number, unseen, coarse
+        self._messages = messages
+        self._share = 0.5  # of the last coarse chunks, that was read; where that is not known, not little
+        self._passed = frozenset(np.flatnonzero(unseen).tolist())
+        if messages is not None:
+            bounds: Any = np.searchsorted(messages.chunk, np.arange(len(index.chunks) + 1))
+            self._bounds: List[int] = bounds.tolist()
+
+    def size_of(self, number: int) -> int:
+        """Return about how many bytes a chunk brings along: less than it has, where not all of it is read."""
+        size = self._index.head(number).size
+        return int(size * self._share) if self.is_coarse(number) else size
+
+    def compressed(self, numbers: List[int], pool: Pool) -> Block:
+        """Return the messages of compressed chunks.
+
+        Raises:
+            BagError: One is damaged.
+        """
+        heads = [self._index.head(number) for number in numbers]
+        places = np.cumsum([0, *(head.size for head in heads)]).tolist()
+        buffer = pool.get(places[-1])
+        jobs = [pool.workers.submit(self._decompress, *job, buffer) for job in zip(numbers, heads, places)]
+        parts = [job.result() for job in jobs]
+        spans = [Span(place, place + head.size) for place, head in zip(places, heads)]
+        entries: Any = tuple(np.concatenate(each) for each in zip(*parts))
+        return self._block(numbers, buffer, spans, entries, np.zeros((0, 2), np.int64))
+
+    def _decompress(self, number: int, head: ChunkHead, place: int, buffer: bytearray) -> _Entries:
+        chunk = self._index.chunks[number]
+        raw = os.pread(self._index.file, chunk.end - head.data, head.data)
+        try:
+            decompress_into(buffer, place, head.compression, raw[: head.stored], head.size)
+            t_ns, connection, offset = self._entries(number, raw, head.stored, len(raw))
+            require(not len(offset) or int(offset.max()) < head.size, "the index points behind its end")
+        except _BROKEN as error:
+            raise unusable(self._index.path, chunk.position, error) from error
+        return t_ns, connection, offset + place
+
+    def plain(self, numbers: List[int], pool: Pool) -> Block:
+        """Return the messages of chunks that are not compressed.
+
+        Raises:
+            BagError: One is damaged.
+        """
+        chunks = [self._index.chunks[number] for number in numbers]
+        heads = [self._index.head(number) for number in numbers]
+        places = np.cumsum([0, *(chunk.end - chunk.position for chunk in chunks)]).tolist()
+        coarse = [self.is_coarse(number) for number in numbers]
+        buffer = pool.sparse(places[-1]) if any(coarse) else pool.get(places[-1])
+        self._read_all(buffer, [each for each, few in enumerate(coarse) if not few], numbers, places)
+        begins = [place + head.data - chunk.position for chunk, head, place in zip(chunks, heads, places)]
+        spans = [Span(begin, begin + head.stored) for begin, head in zip(begins, heads)]
+        entries = self._plain_entries(numbers, buffer, spans, coarse)
+        cut: Any = np.zeros((0, 2), np.int64)
+        if any(coarse):
+            shifts: Any = np.array([head.data - begin for begin, head in zip(begins, heads)])
+            cut = self._read_coarse(buffer, spans, shifts, np.array(coarse), entries)
+        return self._block(numbers, buffer, spans, entries, cut)
+
+    def _plain_entries(self, numbers: List[int], buffer: Any, spans: List[Span], coarse: List[bool]) -> _Entries:
+        """Return times, connections and places in the buffer of all messages; of coarse chunks their index is read."""
+        parts: List[IndexPart] = []
+        for number, span, few in zip(numbers, spans, coarse):
+            chunk, head = self._index.chunks[number], self._index.head(number)
+            behind = chunk.end - head.data - head.stored
+            try:
+                require(head.size == head.stored, "its sizes differ although it is not compressed")
+                if self._messages is None:
+                    if few:
+                        self._read(buffer, span.end, head.data + head.stored, behind)
+                    parts += index_parts(buffer, span.end, span.end + behind, dict(chunk.counts))[0]
+            except _BROKEN as error:
+                raise unusable(self._index.path, chunk.position, error) from error
+        t_ns, connection, offset = joined_parts(parts) if self._messages is None else self._known(numbers)
+        counts = [self._index.chunks[number].messages for number in numbers]
+        begin: Any = np.repeat([span.start for span in spans], counts)
+        beyond = np.flatnonzero(begin + offset >= np.repeat([span.end for span in spans], counts))
+        if len(beyond):
+            number = numbers[int(np.searchsorted(np.cumsum(counts), beyond[0], "right"))]
+            wrong = RecordError("the index points behind its end")
+            raise unusable(self._index.path, self._index.chunks[number].position, wrong)
+        return t_ns, connection, offset + begin
+
+    def _known(self, numbers: List[int]) -> _Entries:
+        """Return times, connections and offsets of the messages of chunks, all of which were read before."""
+        parts = [self._entries(number, b"", 0, 0) for number in numbers]
+        return tuple(np.concatenate(each) for each in zip(*parts))
+
+    def _entries(self, number: int, buffer: Buffer, place: int, limit: int) -> _Entries:
+        """Return times, connections and offsets of a chunk's messages; what is behind the chunk lies in a buffer."""
+        if self._messages is None:
+            return index_entries(buffer, place, limit, dict(self._index.chunks[number].counts))[:3]
+        rows = slice(*self._bounds[number : number + 2])
+        return self._messages.t_ns[rows], self._messages.connection[rows], self._messages.offset[rows]
+
+    def is_coarse(self, number: int) -> bool:
+        """Return True when of a chunk only what lies between large messages is read."""
+        chunk, head = self._index.chunks[number], self._index.head(number)
+        if head.compression != "none" or head.stored < max(_LARGE, self._coarse * chunk.messages):
+            return False
+        return any(connection in self._passed for connection, _ in chunk.counts)
+
+    def _read_coarse(self, buffer: Any, spans: List[Span], shifts: Any, coarse: Any, entries: _Entries) -> Any:
+        """Read coarse chunks without what is large in them; return where in the buffer and the file that begins."""
+        begins: Any = np.array([span.start for span in spans])
+        ends: Any = np.array([span.end for span in spans])
+        order = np.argsort(entries[2])
+        start, connection = entries[2][order], entries[1][order]
+        chunk = np.searchsorted(begins, start, "right") - 1
+        follows: Any = np.minimum(np.append(start[1:], ends[-1]), ends[chunk])
+        large = np.flatnonzero((follows - start >= _LARGE) & self._unseen[connection] & coarse[chunk])
+        start, follows, chunk = start[large], follows[large], chunk[large]
+        bounds = np.append(begins[coarse], follows), np.append(start + BEGINNING, ends[coarse])
+        self._read_between(buffer, *bounds, begins, shifts)
+        torn = distinct(chunk[~_are_whole(buffer, start, follows)])
+        for each in torn:  # there is more in it than messages, or damage
+            begin, size = int(begins[each]), int(ends[each] - begins[each])
+            self._read(buffer, begin, begin + int(shifts[each]), size)
+        read = (bounds[1].sum() - bounds[0].sum()) / (ends[coarse] - begins[coarse]).sum()
+        self._share = 1.0 if torn else min(1.0, max(float(read), 1 / _SPARSE))
+        good = ~np.isin(chunk, torn)
+        return np.stack((start[good], start[good] + shifts[chunk[good]]), 1)
+
+    def _read_between(self, buffer: Any, first: Any, last: Any, begins: Any, shifts: Any) -> None:
+        """Read what lies between places of a buffer; `shifts` is how far behind them it lies in the file, by chunk."""
+        first, last = np.sort(first), np.sort(last)
+        file, view = self._index.file, memoryview(buffer)
+        position = first + shifts[np.searchsorted(begins, first, "right") - 1]
+        for begin, end, at in zip(first.tolist(), last.tolist(), position.tolist()):
+            if begin < end and os.preadv(file, [view[begin:end]], at) != end - begin:
+                raise self._shorter()
+
+    def _read_all(self, buffer: bytearray, which: List[int], numbers: List[int], places: List[int]) -> None:
+        """Read chunks as they are, neighbours in one go."""
+        chunks = self._index.chunks
+        first = 0
+        for last, each in enumerate(which):
+            following = which[last + 1] if last + 1 < len(which) else -1
+            if following == each + 1 and chunks[numbers[each]].end == chunks[numbers[following]].position:
+                continue
+            begin = which[first]
+            self._read(buffer, places[begin], chunks[numbers[begin]].position, places[each + 1] - places[begin])
+            first = last + 1
+
+    def _read(self, buffer: bytearray, place: int, position: int, size: int) -> None:
+        if size and os.preadv(self._index.file, [memoryview(buffer)[place : place + size]], position) != size:
+            raise self._shorter()
+
+    def _shorter(self) -> BagError:
+        return BagError(str(self._index.path), "became shorter while it was read", "try again")
+
+    def _block(self, numbers: List[int], buffer: bytearray, spans: List[Span], entries: _Entries, cut: Any) -> Block:
+        """Check the messages in a buffer; `cut` are places of those that are not all there, and those in the file."""
+        try:
+            table = tabulate(buffer, spans, *entries)
+        except (*_BROKEN, IndexError) as error:
+            raise self._damaged(numbers, buffer, spans, entries, error) from error
+        origin: Any = np.full(len(table.start), -1)
+        origin[np.searchsorted(table.start, cut[:, 0])] = cut[:, 1]
+        return Block(buffer, table, self._number, origin, np.zeros(len(table.start), np.int64))
+
+    def _damaged(self, numbers: List[int], buffer: Any, spans: Any, entries: _Entries, error: Exception) -> BagError:
+        """Return the error for the first of some chunks that is damaged."""
+        first = 0
+        for number, span in zip(numbers, spans):
+            chunk = self._index.chunks[number]
+            rows = slice(first, first + chunk.messages)
+            first += chunk.messages
+            try:
+                tabulate(buffer, [span], *(column[rows] for column in entries))
+            except (*_BROKEN, IndexError) as found:
+                return unusable(self._index.path, chunk.position, found)
+        return unusable(self._index.path, self._index.chunks[numbers[0]].position, error)
+
+
+def _are_whole(buffer: bytearray, start: Any, follows: Any) -> Any:
+    """Return for each message whether it ends where the next begins, by what stands in its beginning."""
+    numbers = words(buffer)
+    header = numbers[start].astype(np.int64)
+    short = header <= BEGINNING - 8
+    return short & (start + 8 + header + numbers[np.where(short, start + 4 + header, start)] == follows)

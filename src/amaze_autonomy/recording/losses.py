@@ -1,0 +1,349 @@
+"""What was not recorded, from the files alone, whoever watched or nobody; and the words for it.
+
+Publishers number their messages (std_msgs/Header, seq): rospy and roscpp count the messages of each publisher and write
+the count over whatever the header said. So a number that is missing between two that were recorded is a message that
+was published and not recorded: dropped on its way, or by the recorder. Only topics whose messages begin with a header
+have them; a publisher that skips numbers itself, or does not count, is left out: most of its steps are not one. So what
+is found is a lower bound.
+
+Each recorder of a group writes the next file. Between two files of a group there is a gap when the first was not closed
+or when the machine saw its recorder end; it lasts from the last message of the one to the first of the other, by their
+record times. A group whose last file was not closed may have missed all that came after it.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+import numpy as np
+
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.format import Connection
+from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.read import Loader, Pool, words
+from amaze_autonomy.units import SECOND
+
+__all__ = [
+    "Account",
+    "Numbers",
+    "Stream",
+    "Written",
+    "account",
+    "between",
+    "header_numbers",
+    "losses",
+    "numbers_of",
+    "written",
+]
+
+# --- numbers in headers -----------------------------------------------------------------------------------------------
+
+
+Stream = Tuple[str, str]  # topic and publisher
+_GROUP = 8  # chunks that are loaded together
+_WRAP = 1 << 32
+_BACK = 1 << 31  # a step that is larger goes back: the publisher was started anew
+_HEADER = re.compile(r"^(std_msgs/|roslib/)?Header\s+\w+$")
+
+
+class Numbers(NamedTuple):
+    """The numbers of one publisher in one bag.
+
+    Args:
+        first: number.
+        last: number.
+        missing: how many are not there between them.
+        counts: whether they count: most steps are one.
+    """
+
+    first: int
+    last: int
+    missing: int = 0
+    counts: bool = True
+
+
+def numbers_of(numbers: Any) -> Optional[Numbers]:
+    """Return what an array of numbers in the order of the recording tells; None when there is none."""
+    if not len(numbers):
+        return None
+    steps = np.diff(numbers.astype(np.int64)) % _WRAP
+    counts = bool((steps == 1).sum() * 2 > len(steps))
+    missing = int((steps[(steps > 1) & (steps < _BACK)] - 1).sum()) if counts else 0
+    return Numbers(int(numbers[0]), int(numbers[-1]), missing, counts)
+
+
+def between(before: Numbers, after: Numbers) -> int:
+    """Return how many numbers are missing between two bags."""
+    step = (after.first - before.last) % _WRAP
+    return step - 1 if before.counts and after.counts and 1 < step < _BACK else 0
+
+
+def header_numbers(path: Path) -> Dict[Stream, Numbers]:
+    """Return the numbers in a bag, by topic and publisher; damaged chunks tell nothing.
+
+    Raises:
+        BagError: It cannot be read.
+    """
+    parts: Dict[int, List[Any]] = {}
+    with Index(path) as index:
+        wanted = {each.number for each in index.connections.values() if _has_header(each)}
+        for connection, numbers in _read(index, wanted):
+            parts.setdefault(connection, []).append(numbers)
+        streams = {number: (index.connections[number].topic, index.connections[number].caller) for number in parts}
+    found: Dict[Stream, List[Any]] = {}
+    for number, arrays in sorted(parts.items()):
+        found.setdefault(streams[number], []).extend(arrays)
+    known = {stream: numbers_of(np.concatenate(arrays)) for stream, arrays in sorted(found.items())}
+    return {stream: numbers for stream, numbers in known.items() if numbers is not None}
+
+
+def _read(index: Index, wanted: Iterable[int]) -> Iterator[Tuple[int, Any]]:
+    """Yield numbers by connection, in the order of the file. Of large messages only the beginning is read."""
+    unseen: Any = np.ones(max(index.connections, default=0) + 1, bool)
+    loader, connections = Loader(index, 0, unseen), sorted(wanted)
+    with Pool() as pool:
+        for group in _groups(index, frozenset(connections)):
+            try:
+                plain = index.head(group[0]).compression == "none"
+                block = (loader.plain if plain else loader.compressed)(group, pool)
+            except BagError:
+                continue
+            table, values = block.table, words(block.buffer)
+            for connection in connections:
+                places = table.payload[(table.connection == connection) & (table.payload + 4 <= table.end)]
+                if len(places):
+                    yield connection, values[places].astype(np.int64)
+            pool.put(block.buffer)
+
+
+def _groups(index: Index, wanted: Iterable[int]) -> List[List[int]]:
+    """Return the chunks with messages of some connections, a few of one kind together."""
+    groups: List[List[int]] = []
+    kind = None
+    for number, chunk in enumerate(index.chunks):
+        if not any(connection in wanted for connection, _ in chunk.counts):
+            continue
+        compression = index.head(number).compression
+        if not groups or compression != kind or len(groups[-1]) >= _GROUP:
+            groups.append([])
+        groups[-1].append(number)
+        kind = compression
+    return groups
+
+
+def _has_header(connection: Connection) -> bool:
+    """Return whether messages begin with a header, by their definition."""
+    begin = connection.header.find(b"message_definition=")
+    text = connection.header[begin + len(b"message_definition=") :].decode("utf-8", "replace") if begin >= 0 else ""
+    for line in text.split("\n"):
+        words_of = line.split("#", 1)[0].strip()
+        if words_of and "=" not in words_of:
+            return _HEADER.match(words_of) is not None
+    return False
+
+
+# --- gaps -------------------------------------------------------------------------------------------------------------
+
+
+_NAME = re.compile(r"(.+)-(\d\d+)(?:_(\d+))?\.bag(\.active)?")
+_UNSEEN = "its file was not closed, and nobody saw it end"
+
+
+class Written(NamedTuple):
+    """One file of a recorder.
+
+    Args:
+        group: that it recorded.
+        number: of the recorder in the session.
+        split: number of the file of that recorder.
+        closed: whether the recorder closed it.
+        first_ns: time of the first message; None: there is none.
+        last_ns: time of the last one.
+        numbers: in the headers of its messages.
+    """
+
+    group: str
+    number: int
+    split: int = 0
+    closed: bool = True
+    first_ns: Optional[int] = None
+    last_ns: Optional[int] = None
+    numbers: Mapping[Stream, Numbers] = {}
+
+
+class Account(NamedTuple):
+    """What was not recorded.
+
+    Args:
+        gaps: times in which a group was not recorded, with the numbers that are missing over each.
+        missing: numbers that are missing elsewhere, by topic.
+        open_ends: time of the last message of each group whose last file was not closed.
+    """
+
+    gaps: List[Dict[str, Any]]
+    missing: Dict[str, int]
+    open_ends: Dict[str, int]
+
+
+def written(name: str) -> Optional[Written]:
+    """Return what the name of a recorder's file tells; None when it is no such name."""
+    match = _NAME.fullmatch(name)
+    if match is None:
+        return None
+    return Written(match[1], int(match[2]), int(match[3] or 0), closed=match[4] is None)
+
+
+def account(files: Iterable[Written], gaps: Sequence[Mapping[str, Any]]) -> Account:
+    """Return what was not recorded.
+
+    Args:
+        files: of the part.
+        gaps: that the machine saw.
+    """
+    found = Account([dict(each) for each in gaps], {}, {})
+    by_group: Dict[str, List[Written]] = {}
+    for each in sorted(files, key=lambda each: (each.group, each.number, each.split)):
+        by_group.setdefault(each.group, []).append(each)
+    for group, mine in by_group.items():
+        _account_group(found, group, [each for each in mine if each.last_ns is not None])
+        if mine and not mine[-1].closed:
+            _account_end(found, group, mine)
+    return found
+
+
+def _account_group(found: Account, group: str, files: List[Written]) -> None:
+    for each in files:
+        for (topic, _), numbers in each.numbers.items():
+            _add(found.missing, topic, numbers.missing)
+    for before, after in zip(files, files[1:]):
+        missing = _missing_between(before, after)
+        gap = None if before.number == after.number else _gap(found, group, before, after)
+        if gap is None:
+            for topic, count in missing.items():
+                _add(found.missing, topic, count)
+            continue
+        gap["seconds"] = max(0, (after.first_ns or 0) - (before.last_ns or 0)) / SECOND
+        if sum(missing.values()):
+            gap["missing"] = sum(missing.values())
+
+
+def _gap(found: Account, group: str, before: Written, after: Written) -> Optional[Dict[str, Any]]:
+    """Return the gap between two recorders, noted or not; None when the first was ended as it should be."""
+    seen = [
+        gap
+        for gap in found.gaps
+        if gap["group"] == group and before.number < gap["file"] <= after.number and not gap.get("inside")
+    ]
+    for again in seen[1:]:  # recorders in between wrote nothing: it is one gap
+        found.gaps.remove(again)
+    if seen:
+        return seen[0]
+    if before.closed:
+        return None
+    found.gaps.append({"group": group, "file": after.number, "seconds": 0.0, "ending": _UNSEEN})
+    return found.gaps[-1]
+
+
+def _account_end(found: Account, group: str, files: List[Written]) -> None:
+    """Note the end of a group whose last file is open, unless the machine saw the gap that follows."""
+    last = max((each.last_ns for each in files if each.last_ns is not None), default=None)
+    seen = any(gap["group"] == group and gap["file"] > files[-1].number for gap in found.gaps)
+    if last is not None and not seen:
+        found.open_ends[group] = last
+
+
+def _missing_between(before: Written, after: Written) -> Dict[str, int]:
+    missing: Dict[str, int] = {}
+    for stream, numbers in before.numbers.items():
+        if stream in after.numbers:
+            _add(missing, stream[0], between(numbers, after.numbers[stream]))
+    return missing
+
+
+def _add(counts: Dict[str, int], topic: str, count: int) -> None:
+    if count:
+        counts[topic] = counts.get(topic, 0) + count
+
+
+# --- in words ---------------------------------------------------------------------------------------------------------
+
+
+_LEAST_NS = 100_000_000
+
+
+def losses(content: Mapping[str, Any], end_ns: Optional[int] = None) -> List[str]:
+    """Return what a part has lost.
+
+    Args:
+        content: its list (`parts.py`).
+        end_ns: when the recording was to end, on the platform's clock; None: unknown.
+    """
+    known = _accounted(content, end_ns)
+    found = [words for entry in content["files"] for words in _of_file(entry, known)]
+    found += _of_gaps(content.get("gaps", []))
+    found += _of_ends(content.get("open_ends", {}), end_ns)
+    return found + _of_drops(content.get("dropped", 0), content.get("missing", {}))
+
+
+def _accounted(content: Mapping[str, Any], end_ns: Optional[int]) -> Set[Tuple[str, int]]:
+    """Return the open files, by group and number, after which a gap is told: what their ends lack is in it."""
+    found = {(str(gap["group"]), int(gap["file"]) - 1) for gap in content.get("gaps", []) if not gap.get("inside")}
+    if end_ns is not None:
+        for entry in content["files"]:
+            file = written(str(entry.get("recovered_from", "")))
+            if file is not None and file.group in content.get("open_ends", {}):
+                found.add((file.group, file.number))
+    return found
+
+
+def _of_file(entry: Mapping[str, Any], accounted: Set[Tuple[str, int]]) -> List[str]:
+    lost, file = entry.get("lost", 0), written(str(entry.get("recovered_from", "")))
+    if lost is None and file is not None and not file.closed and (file.group, file.number) in accounted:
+        return []
+    if lost is None:
+        return [f"{entry['file']}: an unknown number of messages"]
+    return [f"{entry['file']}: {lost:,} messages"] if lost else []
+
+
+def _of_gaps(gaps: Sequence[Mapping[str, Any]]) -> List[str]:
+    """Return the times in which a group was not recorded, one line for each group and cause."""
+    found: Dict[Tuple[str, str], List[Mapping[str, Any]]] = {}
+    for gap in gaps:
+        found.setdefault((gap["group"], gap["ending"]), []).append(gap)
+    return [_of_cause(group, ending, mine) for (group, ending), mine in found.items()]
+
+
+def _of_cause(group: str, ending: str, gaps: Sequence[Mapping[str, Any]]) -> str:
+    times = "" if len(gaps) == 1 else f"{len(gaps)} times, together "
+    missing = sum(gap.get("missing", 0) for gap in gaps)
+    counted = f", at least {missing:,} messages," if missing else ","
+    return (
+        f"{group}: {times}{sum(gap['seconds'] for gap in gaps):.1f} s{counted} in which nothing was recorded ({ending})"
+    )
+
+
+def _of_ends(open_ends: Mapping[str, int], end_ns: Optional[int]) -> List[str]:
+    """Return the ends of groups whose last file was not closed."""
+    if end_ns is None:
+        return []
+    return [
+        f"{group}: up to {(end_ns - last_ns) / SECOND:.1f} s at the end (its last file was not closed)"
+        for group, last_ns in open_ends.items()
+        if end_ns - last_ns >= _LEAST_NS
+    ]
+
+
+def _of_drops(warnings: int, missing: Mapping[str, int]) -> List[str]:
+    counted = sum(missing.values())
+    if not warnings and not counted:
+        return []
+    why = []
+    if counted:
+        topics = ", ".join(f"{count:,} of {topic}" for topic, count in sorted(missing.items()))
+        why.append(f"by the numbers in headers: {topics}")
+    if warnings:
+        why.append(f"warnings of the recorder: {warnings}, one in 5 s at most; topics without numbers are not counted")
+    most = max(warnings, counted)
+    return [f"at least {most:,} message{'' if most == 1 else 's'} dropped ({'; '.join(why)})"]

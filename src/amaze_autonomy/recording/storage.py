@@ -1,0 +1,145 @@
+"""Where everything of a session lies, whether there is space for it, and what may be removed.
+
+FOLDER/SESSION_MISSION/             one per session, on each platform
+    PLATFORM/                       what a platform recorded; on the collector also what was fetched
+        GROUP-01.bag  GROUP.log     one bag per recorder, a further one where it had to be started again
+        parts.json                  the bags, with bytes, messages and sha256; losses
+    journal.jsonl  configuration/   of the engine
+    SESSION_MISSION.bag             the complete recording, and SESSION_MISSION.manifest.json
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import shutil
+from pathlib import Path
+from typing import Any, Dict, Optional, Sequence
+
+from amaze_autonomy.config.recording_schema import Storage, TopicGroup
+from amaze_autonomy.units import GB, MB
+from amaze_autonomy.whole_file import write_whole
+
+from .errors import FolderError
+from .status import Space
+
+__all__ = [
+    "PARTS",
+    "STATE",
+    "needed_bytes",
+    "read_json",
+    "remove_part",
+    "reserve_bytes",
+    "session_name",
+    "space_of",
+    "time_left_s",
+    "too_little",
+    "write_json",
+]
+
+# --- folders and files ------------------------------------------------------------------------------------------------
+
+
+PARTS = "parts.json"
+STATE = ".recorder-{platform}.json"
+
+
+def session_name(session_id: str, mission_id: str) -> str:
+    """Return the name of a session's folder: time and mission are in it."""
+    name = f"{session_id}_{mission_id}" if mission_id else session_id
+    return re.sub(r"[^A-Za-z0-9_.+-]", "-", name).lstrip(".")[:200] or "session"
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a file so that a reader finds the old one or the new one.
+
+    Raises:
+        FolderError: It cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, json.dumps(value, indent=1, sort_keys=True) + "\n")
+    except OSError as error:
+        raise FolderError(
+            f"{path}: cannot be written ({error.strerror}); make space, or choose another folder"
+        ) from error
+
+
+def read_json(path: Path) -> Optional[Dict[str, Any]]:
+    """Return what a file holds; None when there is none, or it is no object of JSON."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
+def space_of(folder: Path) -> Optional[Space]:
+    """Return the space of the storage that a folder lies on, or will lie on; None when nobody can say."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    try:
+        usage = shutil.disk_usage(folder)
+    except OSError:
+        return None
+    return Space(usage.free, usage.free / usage.total if usage.total else 0.0)
+
+
+# --- space ------------------------------------------------------------------------------------------------------------
+
+
+_MARGIN = 1.5  # a mission holds, and collects
+
+
+def reserve_bytes(storage: Storage) -> int:
+    """Return the free space at which recording stops."""
+    return storage.reserve_mb * MB
+
+
+def needed_bytes(storage: Storage, groups: Sequence[TopicGroup], duration_s: float) -> int:
+    """Return the free space that a mission of this length needs on a platform that records these groups."""
+    expected = sum(group.expected_mb_s for group in groups) * MB * duration_s * _MARGIN
+    return max(round(storage.min_free_gb * GB), reserve_bytes(storage) + round(expected))
+
+
+def too_little(storage: Storage, needed: int, space: Space, folder: str) -> str:
+    """Return why there is too little space to begin; an empty text when there is enough."""
+    if space.free_bytes < needed:
+        return (
+            f"{space.free_bytes / GB:.2f} GB are free in {folder}, {needed / GB:.2f} GB are needed for this mission: "
+            "make space"
+        )
+    if space.free_fraction < storage.min_free_fraction:
+        return (
+            f"{space.free_fraction:.1%} of the storage of {folder} is free, at least {storage.min_free_fraction:.1%} "
+            "must be: make space"
+        )
+    return ""
+
+
+def time_left_s(space: Optional[Space], rate: float, reserve: int) -> Optional[float]:
+    """Return how long the space lasts at a rate in bytes per second; None when that is unknown."""
+    if space is None or not rate > 0.0:
+        return None
+    return max(0, space.free_bytes - reserve) / rate
+
+
+# --- removal ----------------------------------------------------------------------------------------------------------
+
+
+_NAMES = ("file", "recovered_from", "undo")
+_log = logging.getLogger(__name__)
+
+
+def remove_part(folder: Path, recordings: Path) -> None:
+    """Remove what the list of a part names, what that was recovered from, and how to undo that, in the recordings."""
+    content = read_json(folder / PARTS)
+    if content is None or folder.parent.parent != recordings:
+        _log.warning("%s is no part of a session here; nothing is removed", folder)
+        return
+    names = [str(entry[key]) for entry in content["files"] for key in _NAMES if key in entry]
+    for name in names:
+        path = folder / name
+        if path.parent == folder and path.is_file():
+            path.unlink()

@@ -1,0 +1,63 @@
+"""Files are whole or not there."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from amaze_autonomy import whole_file
+from amaze_autonomy.whole_file import write_whole
+
+
+def test_a_file_is_written_and_replaced(tmp_path):
+    path = tmp_path / "x.json"
+    write_whole(path, "one\n")
+    write_whole(path, "two\n")
+    assert path.read_bytes() == b"two\n"
+    assert [each.name for each in tmp_path.iterdir()] == ["x.json"]
+
+
+def test_a_disk_that_is_full_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "x.json"
+    write_whole(path, "old\n")
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(whole_file.os, "fsync", full)
+    with pytest.raises(OSError, match="No space left on device"):
+        write_whole(path, "new\n")
+    assert path.read_text() == "old\n"
+    assert [each.name for each in tmp_path.iterdir()] == ["x.json"]
+
+
+def test_pieces_of_bytes_are_put_on_the_disk_with_their_name(tmp_path, monkeypatch):
+    synced, fsync = [], whole_file.os.fsync
+    monkeypatch.setattr(
+        whole_file.os, "fsync", lambda file: synced.append(os.readlink(f"/proc/self/fd/{file}")) or fsync(file)
+    )
+    write_whole(tmp_path / "x", [b"one", b"", b"two"])
+    assert (tmp_path / "x").read_bytes() == b"onetwo"
+    assert synced == [str(tmp_path / ".x.part"), str(tmp_path)]
+
+
+def test_a_file_system_that_cannot_put_names_on_the_disk_is_no_error(tmp_path, monkeypatch):
+    fsync = whole_file.os.fsync
+
+    def picky(file):
+        if Path(f"/proc/self/fd/{file}").is_dir():
+            raise OSError(errno.EINVAL, "Invalid argument")
+        fsync(file)
+
+    monkeypatch.setattr(whole_file.os, "fsync", picky)
+    write_whole(tmp_path / "x", "text")
+    assert (tmp_path / "x").read_text() == "text"
+
+
+def test_what_cannot_be_written_is_named_as_it_was_asked_for(tmp_path):
+    with pytest.raises(FileNotFoundError) as told:
+        write_whole(tmp_path / "no" / "report.html", "text")
+    assert told.value.filename == str(tmp_path / "no" / "report.html")
