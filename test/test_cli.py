@@ -27,6 +27,33 @@ def test_a_good_configuration_is_said_to_be_good(capsys):
     assert err == ""
 
 
+def test_a_topic_that_is_watched_and_not_recorded_is_said_with_the_line_to_add(capsys, folder):
+    sensors = folder / "sensors.yaml"
+    with_thermal = """
+  thermal:
+    group: other
+    severity: low
+    topics:
+      /thermal/image: {rate_hz: 10.0}
+
+  # The mission is flown"""
+    sensors.write_text(sensors.read_text().replace("\n  # The mission is flown", with_thermal, 1))
+    assert main(["check-config", str(folder)]) == 0
+    assert capsys.readouterr().out.splitlines()[1:] == [
+        "  warning: /thermal/image (component thermal) is watched, and no group of recording.yaml records it: add "
+        "the line `- /thermal/image` to the topics of a group, or `recorded: false` to the topic in sensors.yaml"
+    ]
+    assert main(["check-config", str(folder), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["warnings"]) == 1
+    sensors.write_text(
+        sensors.read_text().replace(
+            "/thermal/image: {rate_hz: 10.0}", "/thermal/image: {rate_hz: 10.0, recorded: false}"
+        )
+    )
+    assert main(["check-config", str(folder)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
 def test_a_mistake_is_one_line_and_status_1(capsys, folder):
     (folder / "autonomy.yaml").write_text("checks:\n  ready_limit_min: 1\n")
     assert main(["check-config", str(folder)]) == 1
@@ -59,6 +86,7 @@ def test_the_effective_configuration_is_printed_as_json(capsys):
     expected = load_configuration(paths.config_folder(), ["autonomy.require_go=true"])
     assert found == {
         "valid": True,
+        "warnings": [],
         "folder": str(paths.config_folder()),
         "hash": expected.hash,
         "effective": expected.effective,

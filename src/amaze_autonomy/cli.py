@@ -122,12 +122,17 @@ def _check_config(options: argparse.Namespace) -> int:
     configuration = _load(options)
     if configuration is None:
         return WRONG
+    from .config.consistency import unrecorded_topics  # noqa: PLC0415 (--help stays quick)
+
+    unrecorded = unrecorded_topics(configuration.effective["sensors"], configuration.effective["recording"])
     if options.json:
         found = {"folder": str(configuration.folder), "hash": configuration.hash, "effective": configuration.effective}
-        _print_json({"valid": True, **found})
+        _print_json({"valid": True, "warnings": unrecorded, **found})
         return OK
     counts = f"{len(configuration.components)} components, {len(configuration.plans)} missions"
     print(f"{configuration.folder}: good: {counts}, hash {configuration.hash[:12]}")
+    for line in unrecorded:
+        print(f"  warning: {line}")
     return OK
 
 

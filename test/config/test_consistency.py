@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.config.consistency import unrecorded_topics
+
 
 def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
     text = small_file("sensors.yaml").replace("{policy: node}", "{policy: node, total_limit_s: 61.0}")
@@ -136,3 +139,39 @@ def test_a_flight_longer_than_the_limit_of_all_flights_is_refused(mistake, small
 )
 def test_a_recording_that_cannot_be_is_refused(mistake, small_file, old, new, message):
     assert mistake("recording.yaml", small_file("recording.yaml").replace(old, new)) == f"recording.yaml:{message}"
+
+
+def watched(folder, recording, sensors=""):
+    (folder / "recording.yaml").write_text(
+        (folder / "recording.yaml").read_text().replace("{topics: [/camera/image]}", recording)
+    )
+    (folder / "sensors.yaml").write_text((folder / "sensors.yaml").read_text() + sensors)
+    effective = load_configuration(folder).effective
+    return [line.split(" is watched")[0] for line in unrecorded_topics(effective["sensors"], effective["recording"])]
+
+
+CHECKED = [
+    "/lrf/range (landing_detection.topic)",
+    "/odometry (state_estimation.topic)",
+    "/px4/imu (state_estimation.imu_topic)",
+]
+
+
+@pytest.mark.parametrize(
+    "group, expected",
+    [
+        ("{topics: [/camera/image]}", CHECKED),
+        ("{topics: [/other, /camera/imag]}", ["/camera/image (component camera)", *CHECKED]),
+        ('{topics: [/a], match: ["/camera/.*"]}', CHECKED),
+        ('{topics: [/a], match: ["/camera"]}', ["/camera/image (component camera)", *CHECKED]),
+        ('{topics: [/a], match: [".*"], exclude: ".*/image"}', ["/camera/image (component camera)"]),
+        ('{topics: [/a], match: [".*"], exclude: "image"}', []),
+    ],
+)
+def test_what_is_watched_and_not_recorded_is_said(small, group, expected):
+    assert watched(small, group) == expected
+
+
+def test_checks_that_look_at_no_topic_have_none_to_record(small):
+    sensors = 'state_estimation: {topic: "", imu_topic: /px4/imu}\n'
+    assert watched(small, "{topics: [/camera/image, /lrf/range]}", sensors) == ["/px4/imu (state_estimation.imu_topic)"]

@@ -26,7 +26,7 @@ KNOWN = "rate_hz, tolerance_fraction, rate_failed_fraction, age_limit_s, window_
             "tolerance_percent: is an unknown key; did you mean tolerance_fraction (20 percent are 0.2 fraction)?",
         ),
         ("agelimit_s: 2", "agelimit_s: is an unknown key; did you mean age_limit_s?"),
-        ("colour: red", f"colour: is an unknown key; known here: {KNOWN}stamp_tolerance_s"),
+        ("colour: red", f"colour: is an unknown key; known here: {KNOWN}stamp_tolerance_s, recorded"),
     ],
 )
 def test_an_unknown_key_is_answered_with_the_one_that_was_meant(mistake, small_file, key, rest):

@@ -70,6 +70,8 @@ _POLLING_ROWS: Tuple[Row, ...] = (
     ("autopilot_reports", Whole(1, 100), "reports in a row that change the verdict", "a single one may be a glitch"),
 )
 # fmt: on
+_RECORDED = Key("recorded", Flag(), "false: it is meant to be in no group of recording.yaml", "", True)
+_TOPIC = Group("one topic", (*group_of(TopicSpec, "one topic", _TOPIC_ROWS).keys, _RECORDED))
 _COMPONENT = Group(
     "a component: what tells that it works, and what its failure means",
     (
@@ -96,7 +98,7 @@ _COMPONENT = Group(
         ),
         Key(
             "topics",
-            Named("topics that it must publish", TOPIC_NAME, group_of(TopicSpec, "one topic", _TOPIC_ROWS)),
+            Named("topics that it must publish", TOPIC_NAME, _TOPIC),
             "topics that it must publish",
             "all its sources are judged, the worst counts",
             {},

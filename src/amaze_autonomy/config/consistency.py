@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import difflib
-from typing import Any, Dict, Iterable, Mapping
+import re
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Tuple
 
 from .binding import refuse_at
 from .kinds import Address, Places
 
-__all__ = ["check_autonomy_with_sensors", "check_heights", "check_known", "check_planner", "check_recording"]
+__all__ = [
+    "check_autonomy_with_sensors",
+    "check_heights",
+    "check_known",
+    "check_planner",
+    "check_recording",
+    "unrecorded_topics",
+]
 
 _ANSWER_S = 1.0  # beyond the planner's own limit
 
@@ -120,3 +128,45 @@ def check_recording(values: Mapping[str, Any], places: Places) -> None:
     for group in values["groups"]:
         if not any(group in content["groups"] for content in values["platforms"].values()):
             refuse_at(("groups", group), places, "is recorded by no platform", "must be in the groups of one")
+
+
+def unrecorded_topics(sensors: Mapping[str, Any], recording: Mapping[str, Any]) -> List[str]:
+    """Return a line for each topic that is watched and that no group records, with what to write.
+
+    It is no mistake, but what failed in a flight is then missing from its recording, and nobody can replay it.
+    """
+    groups = recording["groups"].values()
+    return [
+        f"{topic} ({whose}) is watched, and no group of recording.yaml records it: add the line `- {topic}` to the "
+        f"topics of a group{otherwise}"
+        for topic, whose, otherwise in _watched(sensors)
+        if not any(_records(group, topic) for group in groups)
+    ]
+
+
+def _watched(sensors: Mapping[str, Any]) -> Iterator[Tuple[str, str, str]]:
+    """Yield topics of sensors.yaml that are meant to be recorded, each once: name, whose it is, and another way out."""
+    seen = set()
+    for name, component in sensors["components"].items():
+        for topic, values in component["topics"].items():
+            seen.add(topic)
+            if values["recorded"]:
+                yield topic, f"component {name}", ", or `recorded: false` to the topic in sensors.yaml"
+    for check, key in (
+        ("landing_detection", "topic"),
+        ("state_estimation", "topic"),
+        ("state_estimation", "imu_topic"),
+    ):
+        topic = sensors[check][key]
+        if topic and topic not in seen:
+            seen.add(topic)
+            yield topic, f"{check}.{key}", ""
+
+
+def _records(group: Mapping[str, Any], topic: str) -> bool:
+    """Return whether a group records a topic; rosbag matches its expressions as a whole."""
+    if topic in group["topics"]:
+        return True
+    if group["exclude"] and re.fullmatch(group["exclude"], topic):
+        return False
+    return any(re.fullmatch(pattern, topic) for pattern in group["match"])
