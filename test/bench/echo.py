@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The least that rospy can do: a subscriber whose callback calls a persistent service. echo.py NAMESPACE"""
+"""The least that rospy can do: a subscriber whose callback calls a persistent service. echo.py NAMESPACE NICENESS"""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import sys
 import rospy
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.nodes.process import take_precedence
 
 
-def main(namespace: str) -> None:
+def main(namespace: str, nice: int) -> None:
+    take_precedence(nice)  # as the node beside it
     rospy.init_node("echo")
     service = f"{namespace}/command"
     rospy.wait_for_service(service)
@@ -20,4 +22,4 @@ def main(namespace: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1], int(sys.argv[2]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from queue import SimpleQueue
 
 import pytest
@@ -22,6 +23,7 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.nodes.clock import MonotonicClock
 from amaze_autonomy.nodes.engine_thread import EngineThread
+from amaze_autonomy.nodes.inbox import Inbox
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
 ANSWER = Answer(request_id=7, answer=AnswerKind.DONE)
@@ -33,11 +35,14 @@ class Run:
 
     def __init__(self, decide, next_deadline=lambda _state, _rules: None, state=None):
         self.done = SimpleQueue()
+        clock = MonotonicClock()
+        self.inbox = Inbox(clock)
         self.thread = EngineThread(
             decide,
             next_deadline,
             Rules(),
-            MonotonicClock(),
+            clock,
+            self.inbox,
             lambda request: self.done.put(("send", request)),
             lambda answer: self.done.put(("answer", answer)),
             lambda event, state, commands: self.done.put(("record", event, state, commands)),
@@ -64,7 +69,7 @@ def test_requests_go_out_before_answers_and_both_before_the_record():
         return evolve(state, t_ns=event.t_ns), (NOTE, ANSWER, LAND)
 
     with Run(decide) as run:
-        run.thread.put(started())
+        run.inbox.put(started())
         assert run.next() == ("send", LAND)
         assert run.next() == ("answer", ANSWER)
         assert run.next() == ("record", started(), EngineState(t_ns=5), (NOTE, ANSWER, LAND))
@@ -76,7 +81,7 @@ def test_events_are_decided_in_the_order_of_their_arrival():
 
     with Run(decide) as run:
         for t_ns in (5, 6, 7):
-            run.thread.put(started(t_ns))
+            run.inbox.put(started(t_ns))
         assert [run.next()[1].t_ns for _ in range(3)] == [5, 6, 7]
 
 
@@ -85,8 +90,8 @@ def test_an_event_that_was_stamped_before_the_last_one_counts_as_happening_with_
         return evolve(state, t_ns=event.t_ns), ()
 
     with Run(decide) as run:
-        run.thread.put(started(9))
-        run.thread.put(started(3))
+        run.inbox.put(started(9))
+        run.inbox.put(started(3))
         assert [run.next()[1].t_ns for _ in range(2)] == [9, 9]
 
 
@@ -104,6 +109,27 @@ def test_it_ticks_at_the_deadline_and_not_before():
         assert run.done.empty(), "it ticked again without a deadline"
 
 
+def test_what_has_come_is_decided_about_before_a_deadline_that_has_passed():
+    """On waking late, a tick before the reading would call lost whatever was said meanwhile."""
+    inbox = Inbox(MonotonicClock())
+    inbox.put(started(7))
+    seen = []
+
+    def decide(state, event, _rules):
+        seen.append(type(event))
+        return evolve(state, t_ns=event.t_ns), ()
+
+    def overdue(_state, _rules):
+        return 1 if len(seen) < 2 else None
+
+    engine = EngineThread(decide, overdue, Rules(), MonotonicClock(), inbox, print, print, lambda *_: None)
+    engine.start()
+    while len(seen) < 2:
+        time.sleep(0.001)
+    engine.stop()
+    assert seen == [EngineStarted, Tick]
+
+
 def test_what_is_in_the_queue_is_decided_before_it_ends():
     seen = []
 
@@ -113,7 +139,7 @@ def test_what_is_in_the_queue_is_decided_before_it_ends():
 
     with Run(decide) as run:
         for t_ns in range(50):
-            run.thread.put(started(t_ns))
+            run.inbox.put(started(t_ns))
     assert seen == list(range(50))
 
 
@@ -126,8 +152,8 @@ def test_a_defect_on_the_ground_changes_nothing_and_is_said(caplog):
         return failing(state, event, rules) if event.t_ns == 1 else (evolve(state, t_ns=event.t_ns), ())
 
     with Run(decide) as run:
-        run.thread.put(started(1))
-        run.thread.put(started(2))
+        run.inbox.put(started(1))
+        run.inbox.put(started(2))
         assert run.next()[1] == started(2)
     assert "the engine could not decide about EngineStarted" in caplog.text
 
@@ -139,14 +165,14 @@ def test_a_defect_in_flight_is_a_wish_to_land():
         return failing(state, event, rules)
 
     with Run(decide, state=EngineState(in_flight=True, t_ns=1)) as run:
-        run.thread.put(started(2))
+        run.inbox.put(started(2))
         assert run.next() == ("send", LAND)
         assert run.next()[1] == UserRequest(t_ns=1, command=UserCommand.LAND)
 
 
 def test_an_engine_that_cannot_even_decide_to_land_is_landed_by_both_routes():
     with Run(failing, state=EngineState(in_flight=True, session_id="s", t_ns=1)) as run:
-        run.thread.put(started(2))
+        run.inbox.put(started(2))
         limit_ns = Rules().limits.command_reply_limit_ns
         assert run.next() == (
             "send",

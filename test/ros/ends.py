@@ -49,6 +49,11 @@ def sigterm_in_flight_lands_by_both_routes(stack: Stack) -> None:
     lands_when_told_to_end(stack, signal.SIGTERM)
 
 
+@ends.add("shutdown_in_flight", mission="long")
+def sighup_in_flight_lands_by_both_routes(stack: Stack) -> None:
+    lands_when_told_to_end(stack, signal.SIGHUP)
+
+
 @ends.add(mission="")
 def signal_before_any_mission_ends_well(stack: Stack) -> None:
     stack.wait_state("MISSION_INPUT")

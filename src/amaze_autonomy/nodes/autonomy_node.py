@@ -19,6 +19,7 @@ import sys
 import threading
 import time
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Callable, Dict, List, Optional, Set, Tuple
@@ -33,7 +34,6 @@ from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
     EngineStarted,
     Event,
-    InvalidEventError,
     MissionRejected,
     Shutdown,
     UserCommand,
@@ -44,10 +44,12 @@ from amaze_autonomy.engine.timers import next_deadline
 
 from . import output, process, results
 from .clock import Clock, make_clock, wait_for_time
+from .counting_subscriber import subscribe
 from .diagnostics import Diagnostics
 from .ending import Ending, Farewell
 from .engine_thread import EngineThread
-from .errors import InvalidMessageError, NodeError, StartError
+from .errors import NodeError, StartError
+from .inbox import Inbox, Stall
 from .interface import SERVICES, STATUS_TOPICS, StatusTopic
 from .journal_file import JournalFile, create, reopen
 from .outbox import Outbox
@@ -57,6 +59,7 @@ from .requests import Requests
 from .service_client import ServiceClient
 from .state_publisher import StatePublisher
 from .timeline import Timeline
+from .topic_reader import ALL, Tally
 from .users import UserDesk, choose
 
 __all__ = ["AutonomyNode", "main"]
@@ -64,6 +67,7 @@ __all__ = ["AutonomyNode", "main"]
 _FAREWELL_LIMIT_S = 5.0
 _MASTER_LIMIT_S = 1.0
 _LOOK_AGAIN_S = 0.2
+_LONGEST_STATUS = 1 << 22  # bytes
 _LAST_WORDS_S = 0.3  # until what was published last is on the wire
 _SPARE = {"mission_planner/command": 2, "autopilot/land": 1, "autopilot/disarm": 1}
 
@@ -101,11 +105,13 @@ class AutonomyNode:
         self._outbox = Outbox(self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping)
         self._requests = Requests(self._clients(), self.put, clock.now_ns)
         self._desk = UserDesk(configuration.missions, self.put, clock.now_ns)
+        self._inbox = Inbox(clock, self._reject, self._stalled)
         self._engine = EngineThread(
             decide,
             next_deadline,
             configuration.rules,
             clock,
+            self._inbox,
             self._requests.send,
             self._desk.answer,
             self._record,
@@ -157,7 +163,7 @@ class AutonomyNode:
         self._engine.start()
         self._desk.open()
         for topic in STATUS_TOPICS:
-            rospy.Subscriber(topic.name, topic.message, self._listener(topic), tcp_nodelay=True)
+            self._listen(topic)
         self._reconnector.start()
         if self._parameters.missions and self._resumed is None:
             threading.Thread(target=self._select, name="select", daemon=True).start()
@@ -170,29 +176,30 @@ class AutonomyNode:
             time.sleep(_LOOK_AGAIN_S)
         self.put(choose(self._configuration.missions, self._parameters.missions, self._clock.now_ns()))
 
-    def _listener(self, topic: StatusTopic) -> Callable[[Any], None]:
-        read, now_ns, ros_ns, put = topic.read, self._clock.now_ns, self._clock.ros_ns, self._engine.put
-
-        def listen(message: Any) -> None:
-            try:
-                put(read(message, now_ns(), ros_ns()))
-            except (InvalidMessageError, InvalidEventError) as error:
-                self._reject(topic.name, error)
-
-        return listen
+    def _listen(self, topic: StatusTopic) -> None:
+        """Have the engine's thread read a status."""
+        name = rospy.resolve_name(topic.name)
+        tally = Tally(name, ALL, _LONGEST_STATUS)
+        subscribe(name, self._inbox.reader, tally, self._inbox.look_for(topic), topic.message)
 
     def _reject(self, topic: str, error: Any) -> None:
         """Count an invalid message; warn once per topic and field."""
         self._rejected[topic] = self._rejected.get(topic, 0) + 1
         if (topic, error.field) not in self._warned:
             self._warned.add((topic, error.field))
-            rospy.logwarn("%s: invalid message ignored: %s (said once)", rospy.resolve_name(topic), error)
+            text = f"{rospy.resolve_name(topic)}: invalid message ignored: {error} (said once)"
+            self._outbox.do(partial(rospy.logwarn, text))
+
+    def _stalled(self, stall: Stall) -> None:
+        text = f"The engine did not run for {stall.duration_s:.3f} s; {stall.read} statuses had come meanwhile"
+        left_out = f", {stall.left_out} of them were passed over for later ones" if stall.left_out else ""
+        self._outbox.do(partial(rospy.logwarn, text + left_out))
 
     # --- run ------------------------------------------------------------------------------------------------------
 
     def put(self, event: Event) -> None:
         """Give the engine an event; from any thread."""
-        self._engine.put(event)
+        self._inbox.put(event)
 
     def _record(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         """Hand on a step of the engine; on its thread, after the requests went out."""
@@ -300,7 +307,7 @@ def _unfinished(parameters: Parameters, configuration: Configuration) -> Optiona
 
 def _make(stopped: threading.Event) -> AutonomyNode:
     parameters = read_parameters()
-    process.take_precedence(parameters.nice)
+    process.take_precedence_or_say(parameters.nice)
     configuration = load_configuration(parameters.config, parameters.overrides)
     _check_missions(parameters, configuration)
     wait_for_time(stopped)
@@ -312,6 +319,7 @@ def _make(stopped: threading.Event) -> AutonomyNode:
 
 def main() -> int:
     """Run the node; return its exit status."""
+    process.survive_a_closed_terminal()
     rospy.init_node("autonomy", disable_signals=True)
     stopped = threading.Event()
     ends: List[Callable[[str], None]] = [lambda _: stopped.set()]
@@ -319,7 +327,7 @@ def main() -> int:
     def handle(number: int, _frame: Any) -> None:
         ends[-1](signal.Signals(number).name)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in process.END_SIGNALS:
         signal.signal(number, handle)
     rospy.core.add_preshutdown_hook(lambda reason: ends[-1](f"ROS ({reason})"))
     try:

@@ -14,9 +14,15 @@ import rospy
 
 __all__ = ["Clock", "MonotonicClock", "SimulatedClock", "make_clock", "wait_for_time"]
 
+_FOREVER_NS = 1 << 62
+_LONGEST_LOOK_NS = 150_000_000
+_CATCH_UP_S, _CATCH_UP_LIMIT_S = 0.01, 0.05
+
 
 class Clock:
     """What the nodes need of a clock; nanoseconds."""
+
+    goes_on = True  # where the source of time stands still for too long
 
     def now_ns(self) -> int:
         """Return the time on the clock that decides; never less than before."""
@@ -29,6 +35,13 @@ class Clock:
     def wall_wait_s(self, until_ns: int) -> float:
         """Return how many seconds of wall time a thread may sleep until the deciding clock could reach a time."""
         raise NotImplementedError
+
+    def stalled_s(self) -> float:
+        """Return for how many seconds of wall time the deciding clock has stood, when that is too long; else 0."""
+        return 0.0
+
+    def catch_up(self) -> None:
+        """Show the present after the process did not run; may wait for tens of milliseconds."""
 
 
 class MonotonicClock(Clock):
@@ -50,26 +63,45 @@ class MonotonicClock(Clock):
 class SimulatedClock(Clock):
     """ROS time decides and stamps.
 
+    Where `/clock` stands still, so does the deciding clock; with `goes_on`, only until the stall limit: from then on it
+    goes by wall time, and it never runs back when `/clock` moves again.
+
     Args:
         read: returns ROS time in nanoseconds.
         poll_s: how often a waiting thread looks at the clock again (it may run faster than real time).
         start_ns: the deciding clock is never below this (a resumed journal).
+        stall_limit_ns: wall time for which `/clock` may stand.
+        wall_ns: the wall time.
     """
 
-    def __init__(self, read: Callable[[], int], poll_s: float = 0.02, start_ns: int = 0) -> None:
-        self._read, self._poll_s = read, poll_s
+    def __init__(
+        self,
+        read: Callable[[], int],
+        poll_s: float = 0.02,
+        start_ns: int = 0,
+        stall_limit_ns: int = _FOREVER_NS,
+        wall_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._read, self._poll_s, self._stall_limit_ns, self._wall_ns = read, poll_s, stall_limit_ns, wall_ns
         self._lock = threading.Lock()
         self._raw_ns: Optional[int] = None
-        self._offset_ns, self._start_ns = 0, start_ns
+        self._now_ns, self._offset_ns = start_ns, 0
+        self._looked_ns, self._stood_ns = wall_ns(), 0
+        self.goes_on = False
 
     def now_ns(self) -> int:
-        """Return ROS time plus all its jumps backwards."""
+        """Return ROS time plus all its jumps backwards, and the wall time for which it went on by itself."""
         with self._lock:
-            raw_ns = self._read()
-            before_ns = self._start_ns if self._raw_ns is None else self._raw_ns + self._offset_ns
-            self._raw_ns = raw_ns
-            self._offset_ns = max(self._offset_ns, before_ns - raw_ns)
-            return raw_ns + self._offset_ns
+            raw_ns, wall_ns = self._read(), self._wall_ns()
+            passed_ns, self._looked_ns = wall_ns - self._looked_ns, wall_ns
+            if raw_ns != self._raw_ns:
+                self._raw_ns, self._stood_ns = raw_ns, 0
+            else:  # a time in which nobody looked is one in which this process, not the clock, may have stood
+                self._stood_ns += min(passed_ns, _LONGEST_LOOK_NS)
+            going_on_ns = passed_ns if self.goes_on and self._stood_ns > self._stall_limit_ns else 0
+            self._now_ns = max(raw_ns + self._offset_ns, self._now_ns + going_on_ns)
+            self._offset_ns = self._now_ns - raw_ns
+            return self._now_ns
 
     def ros_ns(self) -> int:
         """Return ROS time as `/clock` says it."""
@@ -78,6 +110,18 @@ class SimulatedClock(Clock):
     def wall_wait_s(self, until_ns: int) -> float:
         """Return the time to the next look at the clock."""
         return self._poll_s if until_ns > self.now_ns() else 0.0
+
+    def stalled_s(self) -> float:
+        """Return for how much wall time `/clock` has stood, when it is longer than the limit; else 0."""
+        self.now_ns()
+        return self._stood_ns * 1e-9 if self._stood_ns > self._stall_limit_ns else 0.0
+
+    def catch_up(self) -> None:
+        """Wait until rospy's thread has read what came on `/clock` while this process did not run."""
+        until_s, raw_ns = time.monotonic() + _CATCH_UP_LIMIT_S, -1
+        while raw_ns != self._read() and time.monotonic() < until_s:
+            raw_ns = self._read()
+            time.sleep(_CATCH_UP_S)
 
 
 def make_clock(start_ns: int = 0) -> Clock:

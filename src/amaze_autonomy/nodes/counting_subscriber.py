@@ -6,7 +6,7 @@ rospy has no public way to another transport. This file knows rospy's insides: i
 
 from __future__ import annotations
 
-from typing import Any, Callable, Mapping, Optional
+from typing import Any, Callable, Mapping, Optional, Type
 
 import rospy
 from rospy.impl.registration import Registration
@@ -24,8 +24,8 @@ LookFor = Callable[[Mapping[str, str]], Optional[Look]]
 class _CountedTopic(_SubscriberImpl):
     """rospy's side of one topic: connections that are made here are read elsewhere."""
 
-    def __init__(self, name: str, reader: TopicReader, tally: Tally, look_for: LookFor) -> None:
-        super().__init__(name, rospy.AnyMsg)
+    def __init__(self, name: str, kind: Type[Any], reader: TopicReader, tally: Tally, look_for: LookFor) -> None:
+        super().__init__(name, kind)
         self._reader, self._tally, self._look_for = reader, tally, look_for
         self.set_tcp_nodelay(True)
 
@@ -49,8 +49,21 @@ class _CountedTopic(_SubscriberImpl):
         self._reader.add(stream, buffer.getvalue()[: buffer.tell()])
 
 
-def subscribe(topic: str, reader: TopicReader, tally: Tally, look_for: LookFor = lambda _header: None) -> None:
+def subscribe(
+    topic: str,
+    reader: TopicReader,
+    tally: Tally,
+    look_for: LookFor = lambda _header: None,
+    kind: Type[Any] = rospy.AnyMsg,
+) -> None:
     """Count the messages of a topic from now on.
+
+    Args:
+        topic: resolved name.
+        reader: that reads its connections.
+        tally: that counts.
+        look_for: makes the look at the messages of each publisher.
+        kind: of its messages; publishers of another kind are not connected.
 
     Raises:
         StartError: This process already subscribes to it otherwise.
@@ -59,6 +72,6 @@ def subscribe(topic: str, reader: TopicReader, tally: Tally, look_for: LookFor =
     with manager.lock:
         if manager.get_subscriber_impl(topic) is not None:
             raise StartError(f"{topic} is read by this node for itself and cannot be watched")
-        counted = _CountedTopic(topic, reader, tally, look_for)
+        counted = _CountedTopic(topic, kind, reader, tally, look_for)
         counted.ref_count += 1
         manager._add(counted, manager.subs, Registration.SUB)

@@ -1,10 +1,9 @@
-"""The one thread that decides. Events come in on one queue; requests go out first, everything else after them."""
+"""The one thread that decides. It reads what comes itself; requests go out first, everything else after them."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from queue import Empty, SimpleQueue
 from typing import Callable, Optional, Tuple
 
 from amaze_autonomy.engine.commands import Answer, AutopilotLand, Command, MissionAction, MissionCommand, Request
@@ -13,6 +12,7 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, evolve
 
 from .clock import Clock
+from .inbox import Inbox
 
 __all__ = ["Decide", "EngineThread", "NextDeadline", "Record"]
 
@@ -32,6 +32,7 @@ class EngineThread:
         next_deadline: when to wake it with a `Tick`.
         rules: what it decides by.
         clock: the clock that decides.
+        inbox: where events come from.
         send: sends a request to a peer; must not wait.
         answer: hands an answer to the user who waits for it; must not wait.
         record: takes (event, state after it, commands) to write and publish; must not wait.
@@ -44,6 +45,7 @@ class EngineThread:
         next_deadline: NextDeadline,
         rules: Rules,
         clock: Clock,
+        inbox: Inbox,
         send: Callable[[Request], None],
         answer: Callable[[Answer], None],
         record: Record,
@@ -51,46 +53,43 @@ class EngineThread:
     ) -> None:
         self._decide, self._next_deadline, self._rules, self._clock = decide, next_deadline, rules, clock
         self._send, self._answer, self._record = send, answer, record
-        self._queue: SimpleQueue[Optional[Event]] = SimpleQueue()
+        self._inbox = inbox
         self._thread = threading.Thread(target=self._run, name="engine", daemon=True)
+        self._stopping = threading.Event()
         self._failed = False
         self.state = state if state is not None else EngineState()
-
-    def put(self, event: Event) -> None:
-        """Take an event; from any thread."""
-        self._queue.put(event)
 
     def start(self) -> None:
         """Begin to decide."""
         self._thread.start()
 
     def stop(self, limit_s: float = 2.0) -> None:
-        """Decide what is in the queue, then end."""
-        self._queue.put(None)
+        """Decide about what has come, then end."""
+        self._stopping.set()
+        self._inbox.wake()
         self._thread.join(limit_s)
 
     def _run(self) -> None:
-        while True:
-            try:
-                event = self._queue.get(timeout=self._sleep_s())
-            except Empty:
-                event = self._tick()
-                if event is None:
-                    continue
-            else:
-                if event is None:
-                    return
-            self._step(event)
+        """Decide about all that has come before believing that a deadline has passed without it."""
+        stopping = False
+        while not stopping:
+            stopping = self._stopping.is_set()
+            for event in self._inbox.wait(0.0 if stopping else self._sleep_s()):
+                self._step(event)
+            if not stopping:
+                self._tick()
 
     def _sleep_s(self) -> float:
         deadline_ns = self._next_deadline(self.state, self._rules)
-        return _LONGEST_SLEEP_S if deadline_ns is None else min(_LONGEST_SLEEP_S, self._clock.wall_wait_s(deadline_ns))
+        return _LONGEST_SLEEP_S if deadline_ns is None else self._clock.wall_wait_s(deadline_ns)
 
-    def _tick(self) -> Optional[Tick]:
-        """Return a Tick when the deadline has really come; a sleep may be cut short."""
+    def _tick(self) -> None:
+        """Say that time has passed, when a deadline has really come; a wait may be cut short."""
         deadline_ns = self._next_deadline(self.state, self._rules)
-        now_ns = self._clock.now_ns()
-        return Tick(t_ns=now_ns) if deadline_ns is not None and now_ns >= deadline_ns else None
+        if deadline_ns is not None:
+            now_ns = self._clock.now_ns()
+            if now_ns >= deadline_ns:
+                self._step(Tick(t_ns=now_ns))
 
     def _step(self, event: Event) -> None:
         if event.t_ns < self.state.t_ns:  # two threads stamped and queued in different orders
@@ -116,7 +115,7 @@ class EngineThread:
             return
         if not self._failed:
             self._failed = True
-            self.put(UserRequest(t_ns=self.state.t_ns, command=UserCommand.LAND))
+            self._inbox.put(UserRequest(t_ns=self.state.t_ns, command=UserCommand.LAND))
             return
         limit_ns = self._rules.limits.command_reply_limit_ns
         self._send(MissionCommand(id=0, limit_ns=limit_ns, session_id=self.state.session_id, action=MissionAction.LAND))

@@ -18,6 +18,7 @@ from amaze_autonomy.engine.severity import Code, Restart
 from .errors import InvalidMessageError
 
 __all__ = [
+    "age_of",
     "autopilot_status",
     "check_answer",
     "check_row",
@@ -53,7 +54,8 @@ def _look_up(table: Dict[int, E], field: str, value: int) -> E:
     return found
 
 
-def _age_ns(header: Any, ros_ns: int) -> int:
+def age_of(header: Any, ros_ns: int) -> int:
+    """Return how old a header says that its message is."""
     return ros_ns - int(header.stamp.secs) * 1_000_000_000 - int(header.stamp.nsecs)
 
 
@@ -78,7 +80,7 @@ def component(msg: Any, from_ns: int, where: str = "components") -> ComponentSta
 
 def watchdog_action(msg: Any, t_ns: int, ros_ns: int) -> events.WatchdogAction:
     """Read a WatchdogAction."""
-    age_ns = _age_ns(msg.header, ros_ns)
+    age_ns = age_of(msg.header, ros_ns)
     return events.WatchdogAction(
         t_ns=t_ns,
         sequence=msg.sequence,
@@ -93,7 +95,7 @@ def watchdog_action(msg: Any, t_ns: int, ros_ns: int) -> events.WatchdogAction:
 
 def watchdog_info(msg: Any, t_ns: int, ros_ns: int) -> events.WatchdogInfo:
     """Read a WatchdogInfo."""
-    age_ns = _age_ns(msg.header, ros_ns)
+    age_ns = age_of(msg.header, ros_ns)
     return events.WatchdogInfo(
         t_ns=t_ns,
         sequence=msg.sequence,
@@ -117,7 +119,7 @@ def mission_status(msg: Any, t_ns: int, ros_ns: int) -> events.MissionStatus:
         distance_left_m=msg.distance_left,
         time_left_s=msg.time_left,
         message=msg.message,
-        age_ns=_age_ns(msg.header, ros_ns),
+        age_ns=age_of(msg.header, ros_ns),
     )
 
 
@@ -131,7 +133,7 @@ def recording_status(msg: Any, t_ns: int, ros_ns: int) -> events.RecordingStatus
         platforms=tuple([_platform(each) for each in msg.platforms]),
         location=msg.location,
         message=msg.message,
-        age_ns=_age_ns(msg.header, ros_ns),
+        age_ns=age_of(msg.header, ros_ns),
     )
 
 
@@ -165,7 +167,7 @@ def autopilot_status(msg: Any, t_ns: int, ros_ns: int) -> events.AutopilotStatus
         battery_fraction=msg.battery_fraction,
         battery_voltage_v=msg.battery_voltage,
         battery_age_s=msg.battery_age,
-        age_ns=_age_ns(msg.header, ros_ns),
+        age_ns=age_of(msg.header, ros_ns),
     )
 
 
@@ -176,7 +178,7 @@ def landed_status(msg: Any, t_ns: int, ros_ns: int) -> events.LandedStatus:
         landed=_look_up(_LANDED, "landed", msg.landed),
         distance_m=msg.distance,
         reason=msg.reason,
-        age_ns=_age_ns(msg.header, ros_ns),
+        age_ns=age_of(msg.header, ros_ns),
     )
 
 

@@ -40,6 +40,7 @@ class RunningNode(Protocol):
 
 def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> int:
     """Run a node on this thread until it is told to end; return its exit status."""
+    process.survive_a_closed_terminal()
     rospy.init_node(name, disable_signals=True)
     stopped = threading.Event()
     node: Any = None
@@ -50,11 +51,11 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         if node is not None:
             node.end()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in process.END_SIGNALS:
         signal.signal(number, end)
     rospy.core.add_preshutdown_hook(end)
     try:
-        process.take_precedence(_nice())
+        process.take_precedence_or_say(_nice())
         configuration = load_configuration(parameters.configuration_folder(), parameters.overrides())
         wait_for_time(stopped)
         node = make(configuration, make_clock())

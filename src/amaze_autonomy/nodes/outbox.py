@@ -26,7 +26,6 @@ __all__ = ["Outbox"]
 
 _MOST_WAITING = 200000  # lines for a listener that does not keep up: more than an hour
 
-_Item = Tuple[Event, EngineState, Tuple[Command, ...]]
 _STATE_PERIOD_S = 0.5
 _log = logging.getLogger(__name__)
 
@@ -75,7 +74,7 @@ class Outbox:
     ) -> None:
         self._journal, self._timeline, self._clock = journal, timeline, clock
         self._publish_state, self._housekeeping = publish_state, housekeeping
-        self._queue: SimpleQueue[Optional[_Item]] = SimpleQueue()
+        self._queue: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._lock = threading.Lock()  # of the journal and its publisher
         self._entries = rospy.Publisher(
@@ -86,7 +85,11 @@ class Outbox:
 
     def put(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         """Take one step of the engine; from its thread."""
-        self._queue.put((event, state, commands))
+        self._queue.put(lambda: self._take(event, state, commands))
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Do something that may wait, in its turn; from any thread."""
+        self._queue.put(job)
 
     def start(self, state: EngineState) -> None:
         """Begin to write."""
@@ -102,14 +105,14 @@ class Outbox:
         due_s = time.monotonic()
         while True:
             try:
-                item = self._queue.get(timeout=max(0.0, due_s - time.monotonic()))
+                job = self._queue.get(timeout=max(0.0, due_s - time.monotonic()))
             except Empty:
                 due_s = time.monotonic() + _STATE_PERIOD_S
                 self._guarded(self._periodic)
                 continue
-            if item is None:
+            if job is None:
                 break
-            self._guarded(lambda step=item: self._take(step))
+            self._guarded(job)
         self._guarded(self._periodic)
         with self._lock:
             self._journal.close()
@@ -128,8 +131,7 @@ class Outbox:
         self._publish_state(self.state)
         self._housekeeping()
 
-    def _take(self, item: _Item) -> None:
-        event, state, commands = item
+    def _take(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         self.state = state
         with self._lock:
             self._line("event", codec.encode_event(event))

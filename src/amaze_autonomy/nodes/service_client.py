@@ -90,10 +90,10 @@ def _left_s(deadline_s: float) -> float:
 def _read(sock: socket.socket, length: int, deadline_s: float) -> bytes:
     parts: List[bytes] = []
     while length > 0:
-        sock.settimeout(_left_s(deadline_s))
+        sock.settimeout(max(0.0, deadline_s - time.monotonic()))  # 0: what has come by then counts
         try:
             part = sock.recv(min(length, 65536))
-        except socket.timeout as error:
+        except (socket.timeout, BlockingIOError) as error:
             raise CallTimeoutError("did not answer within the limit") from error
         except OSError as error:
             raise BrokenCallError(f"died in mid-call: {error}") from error

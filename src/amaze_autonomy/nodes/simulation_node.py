@@ -41,7 +41,7 @@ from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.scenario_file import load_scenario
 
-from . import outgoing, parameters
+from . import outgoing, parameters, process
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 from .interface import SERVICES, STATUS_TOPICS
@@ -299,9 +299,10 @@ def _server(configuration: Configuration, world: World, px4: Px4, live: LiveWorl
 
 def main() -> int:
     """Run the node; return its exit status."""
+    process.survive_a_closed_terminal()
     rospy.init_node("simulation", disable_signals=True)
     stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in process.END_SIGNALS:
         signal.signal(number, lambda *_: stopped.set())
     rospy.core.add_preshutdown_hook(lambda _: stopped.set())
     try:

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 ALL = -1  # of each message, as what is wanted
 STAMP_BYTES = 12  # a header's sequence number and stamp
 _LENGTH = struct.Struct("<I")
-_LONGEST = 1 << 30  # bytes; what says that it is longer is no message
+_LONGEST = 1 << 30  # bytes
 _GLANCE_BYTES = 4096  # one read of a topic that is only counted: the small messages, the front of a large one
 _GULP_BYTES = 1 << 20  # one read of a topic that is looked at as a whole
 _WHOLE_BYTES = 32768  # from here on the rest of a message is waited for as a whole
@@ -44,10 +44,11 @@ class Tally:
     Args:
         topic: resolved name.
         wanted: how many bytes of the front of each message are looked at; ALL: the whole.
+        longest: bytes; what says that it is longer is no message, and ends its connection.
     """
 
-    def __init__(self, topic: str, wanted: int = 0) -> None:
-        self.topic, self.wanted = topic, wanted
+    def __init__(self, topic: str, wanted: int = 0, longest: int = _LONGEST) -> None:
+        self.topic, self.wanted, self.longest = topic, wanted, longest
         self.count = 0
         self.total = 0
         self.streams = 0
@@ -132,7 +133,7 @@ class TopicStream:
         place, end, wanted = 0, len(data), self._wanted
         while end - place >= _LENGTH.size:
             (length,) = _LENGTH.unpack_from(data, place)
-            if length > _LONGEST:
+            if length > self._tally.longest:
                 _log.error("%s: a message of %d bytes is none", self._tally.topic, length)
                 return False
             there = end - place - _LENGTH.size

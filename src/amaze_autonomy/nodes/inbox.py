@@ -1,0 +1,205 @@
+"""All that reaches the engine: statuses, which the thread that decides reads itself, and events of other threads.
+
+The thread that decides waits for its connections itself. So nothing stands between the wire and a decision, and before
+it believes that time has passed without a message, it has read every message that had come: a process that was stopped
+for a second finds the statuses of that second in its sockets, and decides about them in the order in which they came.
+
+A message that lay in a socket while this process did not run is stamped with when it arrived, as far as its own stamp
+tells: what its publisher's stamps usually are older by is taken off, and it came neither before the last look nor later
+than now. Statuses are levels, so after a long time only some of each publisher are decided about, the last among them.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from operator import attrgetter
+from queue import Empty, SimpleQueue
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from amaze_autonomy.engine.events import ClockStatus, Event, InvalidEventError, WatchdogAction
+from amaze_autonomy.engine.severity import Code
+
+from .clock import Clock
+from .errors import InvalidMessageError
+from .incoming import age_of
+from .interface import StatusTopic
+from .topic_reader import Look, TopicReader
+
+__all__ = ["Inbox", "Stall"]
+
+_S = 1_000_000_000
+_LOOK_AGAIN_S = 0.1  # it looks at least so often, or it was stopped
+_LATE_NS = 50_000_000
+_REST_LIMIT_S, _REST_PAUSE_S = 0.05, 0.002
+_NEVER_NS = -1
+_MOST = 20  # statuses of one publisher that are decided about at once
+
+
+@dataclass(frozen=True)
+class Stall:
+    """A time for which the process did not run.
+
+    Args:
+        duration_s: how long.
+        read: how many statuses lay in the sockets.
+        left_out: how many of them were passed over for later ones.
+    """
+
+    duration_s: float
+    read: int
+    left_out: int
+
+
+class _Publisher:
+    """One connection.
+
+    Args:
+        topic: what it publishes.
+        header: of the connection.
+    """
+
+    def __init__(self, topic: StatusTopic, header: Mapping[str, str]) -> None:
+        self.topic, self._header = topic, header
+        self._usual_ns: Optional[int] = None  # how old its messages are when they are read in time
+
+    def event(self, data: bytes, now_ns: int, ros_ns: int, looked_ns: Optional[int]) -> Event:
+        """Return what a message says.
+
+        Args:
+            data: the message.
+            now_ns: on the clock that decides.
+            ros_ns: the same, in ROS time.
+            looked_ns: when the sockets were last empty; None when they were looked at in time.
+
+        Raises:
+            Exception: whatever genpy raises for what is no message, and `topic.read` for what cannot be.
+        """
+        message = self.topic.message().deserialize(data)
+        message._connection_header = self._header
+        age_ns = age_of(message.header, ros_ns)
+        if looked_ns is None:
+            self._usual_ns, lay_ns = age_ns, 0
+        else:
+            lay_ns = min(max(age_ns - (self._usual_ns or 0), 0), max(now_ns - looked_ns, 0))
+        return self.topic.read(message, now_ns - lay_ns, ros_ns - lay_ns)
+
+
+class Inbox:
+    """What the engine's thread waits for; everything but `put` belongs to that thread.
+
+    Args:
+        clock: that decides.
+        reject: gets the topic's name and the error of a message that is none; must not wait.
+        stalled: gets each time for which the process did not run; must not wait.
+        wall_ns: the clock by which it notices that it did not run.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        reject: Callable[[str, Exception], None] = lambda _topic, _error: None,
+        stalled: Callable[[Stall], None] = lambda _stall: None,
+        wall_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.reader = TopicReader(slice_s=0.0)
+        self._clock, self._reject, self._stalled, self._wall_ns = clock, reject, stalled, wall_ns
+        self._events: SimpleQueue[Event] = SimpleQueue()
+        self._came: List[Tuple[_Publisher, bytes]] = []
+        self._looked_wall_ns, self._looked_ns = _NEVER_NS, clock.now_ns()
+        self._clock_stands = False
+
+    def put(self, event: Event) -> None:
+        """Take an event; from any thread."""
+        self._events.put(event)
+        self.reader.wake()
+
+    def wake(self) -> None:
+        """Have `wait` return; from any thread."""
+        self.reader.wake()
+
+    def look_for(self, topic: StatusTopic) -> Callable[[Mapping[str, str]], Look]:
+        """Return what makes the look at the messages of each publisher of a topic."""
+
+        def look_at(header: Mapping[str, str]) -> Look:
+            publisher, came = _Publisher(topic, header), self._came
+            return lambda data: came.append((publisher, bytes(data)))
+
+        return look_at
+
+    def wait(self, limit_s: float) -> Sequence[Event]:
+        """Wait for what comes, at most for a time; return all of it in the order in which it came."""
+        self.reader.wait(min(limit_s, _LOOK_AGAIN_S))
+        wall_ns = self._wall_ns()
+        away_ns = wall_ns - self._looked_wall_ns if self._looked_wall_ns != _NEVER_NS else 0
+        late = away_ns > _LOOK_AGAIN_S * _S + _LATE_NS
+        if late:
+            self._read_the_rest()
+        now_ns = self._clock.now_ns()
+        events = self._put_events()
+        statuses, left_out = self._statuses(now_ns, self._looked_ns if late else None)
+        events += statuses
+        stalled_s = self._clock.stalled_s()
+        if (stalled_s > 0.0) != self._clock_stands:
+            self._clock_stands = stalled_s > 0.0
+            events.append(ClockStatus(t_ns=now_ns, stalled_s=stalled_s))
+        if late:
+            events.sort(key=attrgetter("t_ns"))
+            self._stalled(Stall(away_ns / _S, len(statuses) + left_out, left_out))
+            wall_ns = self._wall_ns()
+        self._looked_wall_ns, self._looked_ns = wall_ns, now_ns
+        return events
+
+    def _read_the_rest(self) -> None:
+        """Read until nothing more comes: what its publishers could not send meanwhile follows what they could."""
+        until_s, count = time.monotonic() + _REST_LIMIT_S, -1
+        self._clock.catch_up()
+        while count != len(self._came) and time.monotonic() < until_s:
+            count = len(self._came)
+            self.reader.wait(_REST_PAUSE_S)
+
+    def _put_events(self) -> List[Event]:
+        events: List[Event] = []
+        while True:
+            try:
+                events.append(self._events.get_nowait())
+            except Empty:
+                return events
+
+    def _statuses(self, now_ns: int, looked_ns: Optional[int]) -> Tuple[List[Event], int]:
+        """Return the statuses that have come, and how many were left out."""
+        came, self._came[:] = self._came[:], []
+        if not came:
+            return [], 0
+        ros_ns = self._clock.ros_ns()
+        events: List[Tuple[_Publisher, Event]] = []
+        for publisher, data in came:
+            try:
+                events.append((publisher, publisher.event(data, now_ns, ros_ns, looked_ns)))
+            except (InvalidMessageError, InvalidEventError) as error:
+                self._reject(publisher.topic.name, error)
+            except Exception as error:  # genpy raises whatever struct, codecs and its own code raise
+                text = InvalidMessageError(
+                    "message", f"{len(data)} bytes", f"a {publisher.topic.message._type} ({error})"
+                )
+                self._reject(publisher.topic.name, text)
+        kept = _thinned(events) if len(events) > _MOST else [event for _, event in events]
+        return kept, len(events) - len(kept)
+
+
+def _thinned(events: Sequence[Tuple[_Publisher, Event]]) -> List[Event]:
+    """Return at most so many statuses of each publisher: evenly spread, the last one, and all that say code 16."""
+    left: Dict[_Publisher, int] = {}
+    for publisher, _ in events:
+        left[publisher] = left.get(publisher, 0) + 1
+    step = {publisher: -(-count // _MOST) for publisher, count in left.items()}
+    kept: List[Event] = []
+    for publisher, event in events:
+        left[publisher] -= 1
+        if left[publisher] % step[publisher] == 0 or _urgent(event):
+            kept.append(event)
+    return kept
+
+
+def _urgent(event: Event) -> bool:
+    return isinstance(event, WatchdogAction) and event.code is Code.ABORT

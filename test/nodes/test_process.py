@@ -1,0 +1,53 @@
+"""Precedence over other programs: within the session, and of the session."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+AUTOGROUP = Path("/proc/self/autogroup")
+SCRIPT = """
+import os
+from pathlib import Path
+{before}
+from amaze_autonomy.nodes.process import take_precedence
+refused = take_precedence({nice})
+group = Path("/proc/self/autogroup")
+print(os.getpriority(os.PRIO_PROCESS, 0), group.read_text().split()[-1] if group.exists() else "none", refused, sep="|")
+"""
+NOBODY = "os.setgroups([]); os.setgid(65534); os.setuid(65534)"
+
+
+def outcome(nice, *, session, before=""):
+    """Return (niceness of the process, of its session, what was refused) as a process of its own finds it."""
+    script = SCRIPT.format(nice=nice, before=before)
+    result = subprocess.run(
+        [sys.executable, "-c", script], start_new_session=session, capture_output=True, text=True, check=True
+    )
+    return tuple(result.stdout.strip().split("|"))
+
+
+needs_autogroup = pytest.mark.skipif(not AUTOGROUP.exists(), reason="this kernel does not group tasks by session")
+
+
+@needs_autogroup
+def test_a_node_with_a_session_of_its_own_takes_precedence_for_the_session_too():
+    assert outcome(5, session=True) == ("5", "5", "")
+
+
+@needs_autogroup
+def test_a_node_that_runs_in_a_terminals_session_leaves_that_alone():
+    session = AUTOGROUP.read_text().split()[-1]
+    assert outcome(5, session=False) == ("5", session, "")
+
+
+@needs_autogroup
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can try what others may not")
+def test_what_is_not_permitted_is_named():
+    niceness, session, refused = outcome(-10, session=True, before=NOBODY)
+    assert (niceness, session) == ("0", "0")
+    assert refused == "niceness -10: Permission denied; niceness -10 of the session: Permission denied"

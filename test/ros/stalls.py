@@ -1,0 +1,79 @@
+#!/usr/bin/env python3
+"""The engine's process does not run for a while in flight: what came meanwhile is read before anything is judged."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import Any, List
+
+import rospy
+from behaviours import Behaviours
+from hitches import allowed_s
+from stack import Stack
+
+from amaze_autonomy import msg
+from amaze_autonomy.engine.commands import Decision
+
+stalls = Behaviours()
+
+
+def stop_for(stack: Stack, seconds: float) -> int:
+    """Stop the engine's process alone for a time; return when it went on (monotonic, ns)."""
+    stack.signal_engine(signal.SIGSTOP)
+    time.sleep(seconds)
+    return stack.signal_engine(signal.SIGCONT)
+
+
+def decisions_after(stack: Stack, t_ns: int) -> List[Decision]:
+    return [each for each in stack.decisions() if each.t_ns > t_ns]
+
+
+def flies_on(stack: Stack, seconds: float) -> None:
+    stack.wait_state("MISSION")
+    stopped_ns = time.monotonic_ns()
+    stop_for(stack, seconds)
+    stack.wait(lambda: "The engine did not run for" in stack.log(), "what is said of the stall")
+    waypoint = stack.states[-1].waypoint
+    stack.wait(lambda: stack.states[-1].waypoint > waypoint, "the next waypoint")
+    assert stack.state == "MISSION"
+    assert [each.rule for each in decisions_after(stack, stopped_ns)] == []
+    assert stack.ask("land")[0] == 1
+    stack.wait_state("MISSION_ENDED")
+    times = [event.t_ns for event in stack.journal() if hasattr(event, "t_ns")]
+    assert times == sorted(times), "time runs back in the journal"
+
+
+@stalls.add(mission="long")
+def engine_that_is_stopped_for_less_than_a_limit_flies_on(stack: Stack) -> None:
+    flies_on(stack, 0.7)
+
+
+@stalls.add(mission="long")
+def engine_that_is_stopped_for_longer_than_every_limit_flies_on(stack: Stack) -> None:
+    flies_on(stack, 4.0)
+
+
+@stalls.add("land", mission="long")
+def code_16_while_the_engine_is_stopped_lands_when_it_goes_on(stack: Stack) -> None:
+    publisher: Any = rospy.Publisher(f"/{stack.name}/watchdog/action", msg.WatchdogAction, queue_size=1)
+    stack.wait_state("MISSION")
+    stack.wait(publisher.get_num_connections, "the engine to listen to the test")
+    stopped_ns = stack.signal_engine(signal.SIGSTOP)
+    time.sleep(0.3)
+    imu = msg.ComponentState(name="imu", code=16, until=float("nan"))
+    action = msg.WatchdogAction(sequence=1, loop_counter=1, code=16, latest_component="imu", components=[imu])
+    action.header.stamp = rospy.Time.now()
+    publisher.publish(action)
+    time.sleep(1.7)  # its own watchdog says meanwhile that all is well
+    went_on_ns = stack.signal_engine(signal.SIGCONT)
+    landed = stack.wait_received("LAND")
+    assert 0.0 <= (landed.t_ns - went_on_ns) / 1e9 <= allowed_s(0.2, went_on_ns / 1e9)
+    stack.wait(lambda: decisions_after(stack, stopped_ns), "the decision in the journal")
+    first = decisions_after(stack, stopped_ns)[0]
+    assert "imu" in [value.value for value in first.values], first
+    assert stopped_ns + 250_000_000 <= first.t_ns <= stopped_ns + 1_000_000_000, "not stamped with when it came"
+
+
+if __name__ == "__main__":
+    stalls.main("amaze_autonomy", "stalls")
