@@ -82,6 +82,18 @@ def nobody_there_to_answer_ends_at_outreach(stack: Stack) -> None:
     assert stack.commands() == []
 
 
+@ends.add(
+    faults="description: a pilot\nfaults:\n  - fault: pilot_takes_over\n    after: {event: mission, delay_s: 0.3}\n"
+    "    land_after_s: 1.0\n",
+    mission="long",
+    parameters={"exit_when_ended": True, "unattended": True},
+)
+def nobody_there_to_acknowledge_a_pilots_landing_ends_all_the_same(stack: Stack) -> None:
+    assert stack.wait_end() == 4
+    assert stack.result()["result"] == "PILOT"
+    assert stack.commands() == [*BEFORE, "TAKEOFF", "data_recorder/stop"]
+
+
 @ends.add(mission="nothing", parameters={"exit_when_ended": True}, start=False)
 def unknown_mission_ends_with_one_line(stack: Stack) -> None:
     stack.start_engine()

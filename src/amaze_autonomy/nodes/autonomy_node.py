@@ -36,10 +36,9 @@ from amaze_autonomy.engine.events import (
     Event,
     MissionRejected,
     Shutdown,
-    UserCommand,
     UserRequest,
 )
-from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.engine.timers import next_deadline
 
 from . import output, process, results
@@ -60,6 +59,7 @@ from .service_client import ServiceClient
 from .state_publisher import StatePublisher
 from .timeline import Timeline
 from .topic_reader import ALL, Tally
+from .unattended import Unattended
 from .users import UserDesk, choose
 
 __all__ = ["AutonomyNode", "main"]
@@ -101,6 +101,7 @@ class AutonomyNode:
         self._journal = self._open_journal()
         state = self._decided_again()
         self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
+        self._unattended = Unattended(configuration.rules) if parameters.unattended else None
         self._state_publisher = StatePublisher(configuration.rules, clock)
         self._outbox = Outbox(self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping)
         self._requests = Requests(self._clients(), self.put, clock.now_ns)
@@ -206,15 +207,10 @@ class AutonomyNode:
         self._outbox.put(event, state, commands)
         self._farewell.see(event, commands)
         self._ending.see(state)
-        if self._parameters.unattended and commands:
-            self._answer_for_the_user(state)
-
-    def _answer_for_the_user(self, state: EngineState) -> None:
-        """Do what ends the run when nobody is there to do anything else."""
-        if state.state is State.OUTREACH:
-            self.put(UserRequest(t_ns=state.t_ns, command=UserCommand.GIVE_UP))
-        elif state.state is State.PILOT and not state.in_flight:
-            self.put(UserRequest(t_ns=state.t_ns, command=UserCommand.ACKNOWLEDGE))
+        if self._unattended is not None:
+            command = self._unattended.answer(state)
+            if command is not None:
+                self.put(UserRequest(t_ns=state.t_ns, command=command))
 
     def _housekeeping(self) -> None:
         self._diagnostics.publish()

@@ -25,7 +25,7 @@ class Parameters:
         missions: ids to be flown one after the other without asking; empty: the user selects.
         output: folder of the run; empty: a new one under ROS_HOME/amaze_autonomy.
         exit_when_ended: end the process when the last mission has ended.
-        unattended: nobody will answer: give up at OUTREACH, acknowledge a pilot's landing.
+        unattended: nobody will answer: `unattended.py` does.
         peers_limit_s: how long the missions of `missions` wait for all peers to be started, in any order.
         resume: go on with the journal of a run that did not end.
         nice: niceness of the process, where the system permits it.
