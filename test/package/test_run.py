@@ -24,7 +24,7 @@ def test_without_a_job_it_lists_them_all(tmp_path):
     listed = [line.split()[0] for line in result.stdout.splitlines()[1:]]
     assert listed == [
         *("build", "demo", "demo-two-computers", "console", "replay", "test", "test-py38", "test-ros", "lint"),
-        *("proof", "mutate", "soak", "live", "bench", "test-bare", "test-arm64", "clean"),
+        *("proof", "mutate", "soak", "live", "sitl", "bench", "test-bare", "test-arm64", "clean"),
     ]
     assert (result.returncode, result.stderr) == (0, "")
 
@@ -40,7 +40,7 @@ def test_what_is_no_job_is_refused_with_the_list(tmp_path, job):
 @pytest.mark.parametrize(
     "argument, words",
     [
-        ("vehicle:=px5", "there is no vehicle px5: px4 or ardupilot"),
+        ("vehicle:=px5", "there is no vehicle px5: px4, ardupilot or external"),
         ("faults:=lfr", "there is no scenario lfr: name a file, or one of config/faults by its name"),
     ],
 )
@@ -53,7 +53,7 @@ def test_a_demo_that_cannot_be_is_refused_before_anything_starts(tmp_path, argum
 @pytest.mark.parametrize(
     "argument, words",
     [
-        ("vehicle:=px5", "vehicle:=px5 is none of px4, ardupilot"),
+        ("vehicle:=px5", "vehicle:=px5 is none of px4, ardupilot, external"),
         ("flight:=no", "flight:=no is none of real, simulated"),
     ],
 )
@@ -73,7 +73,7 @@ def test_a_launch_that_cannot_be_is_refused_before_anything_starts(argument, wor
 def test_the_launch_file_knows_every_simulated_vehicle():
     text = (ROOT / "launch" / "autonomy.launch").read_text()
 
-    assert f"arg('vehicle') in {tuple(AUTOPILOTS)!r}" in text
+    assert f"arg('vehicle') in {(*AUTOPILOTS, 'external')!r}" in text
 
 
 @pytest.mark.builds

@@ -7,7 +7,9 @@ Offers the services and publishes the status topics of `interface.py` for the pe
     ~drivers    publish those of components with a node by processes of that name (default: false)
     ~real       peers that are real nodes, as ~peers; faults of their processes are signals
     ~mavlink    the vehicle speaks MAVLink, where autopilot.yaml says that the nodes wait for it (default: false)
-    ~vehicle    which autopilot it has then: px4 or ardupilot (default: px4)
+    ~vehicle    which autopilot it has then: px4 or ardupilot (default: px4); external: none, the sensors follow a
+                vehicle that is flown elsewhere
+    ~vehicle_url  where that one is heard (default: udpin:127.0.0.1:14550)
     ~rates      of its messages: onboard or gcs (default: gcs; the nodes ask for what they need)
     ~faults     file with a scenario; empty: nothing goes wrong
     ~seed       of noise and latencies (default: 0)
@@ -30,16 +32,20 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
 import rospy
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.autopilot import Connection, EndpointError, Identity
+from amaze_autonomy.autopilot.dialect import mavlink
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import Event, Outcome
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.autopilots import AUTOPILOTS
+from amaze_autonomy.simulation.external import WANTED, ExternalVehicle, Observer, as_external
 from amaze_autonomy.simulation.px4 import Px4
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.scenario_file import load_scenario
+from amaze_autonomy.simulation.vehicle import VehicleSettings
 
 from . import outgoing, parameters, process
 from .clock import Clock, make_clock, wait_for_time
@@ -54,6 +60,8 @@ from .simulated_drivers import SimulatedDrivers
 __all__ = ["PEERS", "SimulationNode", "main"]
 
 _LANDING_LIMIT_S = 10.0
+_EXTERNAL = "external"
+_OBSERVER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER3  # the third, beside those of the autopilot node and of the planner
 _HISTORY_NS = 5_000_000_000  # the world is older than the node, so that its checks have seen enough samples
 
 PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner", "data_recorder")
@@ -86,6 +94,7 @@ class SimulationNode:
         drivers: publish those of components with a node by processes of that name.
         real: node of each peer that is a real one on this computer.
         serve: makes the server of a vehicle that speaks MAVLink; None: the vehicle does not.
+        observed: the link to a vehicle that is flown elsewhere; None: it is the world's own.
     """
 
     def __init__(
@@ -99,8 +108,10 @@ class SimulationNode:
         drivers: bool = False,
         real: Mapping[str, str] = {},
         serve: Optional[Callable[[LiveWorld], VehicleServer]] = None,
+        observed: Optional[Connection] = None,
     ) -> None:
         self._clock, self._peers = clock, peers
+        self._observed = observed
         self._jobs: List[Callable[[], None]] = []
         self._jobs_lock = threading.Lock()
         self._live = LiveWorld(world, clock, self._take, received)
@@ -127,6 +138,8 @@ class SimulationNode:
             rospy.Subscriber("watchdog/action", msg.WatchdogAction, self._see_watchdog, queue_size=10)
         if self._drivers is not None:
             self._jobs.append(self._drivers.start)
+        if self._observed is not None:
+            self._observed.start()
         self._live.start()
         if self._server is not None:
             self._server.start()
@@ -207,6 +220,8 @@ class SimulationNode:
             time.sleep(0.05)
         if self._server is not None:
             self._server.stop()
+        if self._observed is not None:
+            self._observed.close()
         self._live.stop()
         self._real.end()
         if self._drivers is not None:
@@ -245,20 +260,25 @@ def _make(stopped: threading.Event) -> SimulationNode:
     wait_for_time(stopped)
     clock = make_clock()
     start_ns = max(0, clock.now_ns() - _HISTORY_NS)
-    seed, mavlink = int(rospy.get_param("~seed", 0)), bool(rospy.get_param("~mavlink", False))
+    seed, over_mavlink = int(rospy.get_param("~seed", 0)), bool(rospy.get_param("~mavlink", False))
     serve: Optional[Callable[[LiveWorld], VehicleServer]] = None
-    if mavlink:
+    observed: Optional[Connection] = None
+    if str(rospy.get_param("~vehicle", "px4")) == _EXTERNAL:
+        world, observed = _observing(configuration, scenario, seed, start_ns, clock)
+    elif over_mavlink:
         world, serve = _flown(configuration, scenario, seed, start_ns)
     else:
         world = World(configuration, seed, scenario, start_ns=start_ns, live=True)
     received = Received(str(rospy.get_param("~received", "")))
-    sensors = bool(rospy.get_param("~sensors", True)) and ("mission_planner" in peers or mavlink)
+    sensors = bool(rospy.get_param("~sensors", True)) and ("mission_planner" in peers or over_mavlink)
     drivers = bool(rospy.get_param("~drivers", False))
     nodes = {name: name for name in real}
     if "data_recorder" in nodes:
         nodes["data_recorder"] = f"data_recorder_{configuration.recording.collector}"
     _tell_without_effect(scenario, real)
-    return SimulationNode(world, clock, peers, received, sensors=sensors, drivers=drivers, real=nodes, serve=serve)
+    return SimulationNode(
+        world, clock, peers, received, sensors=sensors, drivers=drivers, real=nodes, serve=serve, observed=observed
+    )
 
 
 def _tell_without_effect(scenario: Optional[Scenario], real: Tuple[str, ...]) -> None:
@@ -278,12 +298,33 @@ def _flown(
     """Make a world whose vehicle speaks MAVLink, and what makes its server."""
     name = str(rospy.get_param("~vehicle", "px4"))
     if name not in AUTOPILOTS:
-        raise StartError(f"~vehicle: is {name!r}; must be one of {', '.join(AUTOPILOTS)}")
+        raise StartError(f"~vehicle: is {name!r}; must be one of {', '.join((*AUTOPILOTS, _EXTERNAL))}")
     unix_ns, kind = time.time_ns() - _HISTORY_NS, AUTOPILOTS[name]
     world, px4 = fly_world(
         configuration, None, scenario, seed=seed, start_ns=start_ns, unix_ns=unix_ns, live=True, kind=kind
     )
     return world, functools.partial(_server, configuration, world, px4)
+
+
+def _observing(
+    configuration: Configuration, scenario: Optional[Scenario], seed: int, start_ns: int, clock: Clock
+) -> Tuple[World, Connection]:
+    """Make a world whose vehicle is flown elsewhere, and the link on which it is heard."""
+    if not bool(rospy.get_param("~mavlink", False)):
+        raise StartError("~vehicle is external, but nothing flies it: autopilot and planner must be real nodes")
+    seen = Observer()
+    own = Identity(configuration.autopilot.link.system_id, _OBSERVER, configuration.autopilot.link.vehicle_id)
+    url = str(rospy.get_param("~vehicle_url", "udpin:127.0.0.1:14550"))
+    try:
+        link = Connection(url, own, seen, wanted=WANTED, now_ns=clock.now_ns, complain=rospy.logerr)
+    except EndpointError as error:
+        raise StartError(f"~vehicle_url: {error}") from None
+
+    def follow(settings: VehicleSettings, t_ns: int) -> ExternalVehicle:
+        return ExternalVehicle(settings, t_ns, seen)
+
+    external = None if scenario is None else as_external(scenario)
+    return World(configuration, seed, external, start_ns=start_ns, live=True, make_vehicle=follow), link
 
 
 def _server(configuration: Configuration, world: World, px4: Px4, live: LiveWorld) -> VehicleServer:

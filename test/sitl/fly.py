@@ -1,0 +1,183 @@
+"""Fly scenarios with real autopilots in software-in-the-loop, each in a network of its own, and judge every flight.
+
+    ./run sitl                         # all scenarios on both autopilots: more than an hour
+    ./run sitl px4                     # on one of them
+    ./run sitl ardupilot nominal cut_  # those whose names begin so
+    ./run sitl --quick                 # the six flights of ./run test
+
+PX4 and ArduCopter are looked for below AMAZE_SITL, else in ../shared/sitl: docs/simulation.md says how they are built.
+Root only: it makes network namespaces. Everything of a flight stays in its folder: journal, report, bag, telemetry logs
+of all links, what each process said. Exit status 0: all good; 1: some are bad; 77: there is no autopilot here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+
+from sitl_autopilots import KINDS, ROOT, folder_of, ready_to_run
+from sitl_judge import MEASURES, Verdict, judge
+from sitl_scenario import Scenario, ScenarioError, load
+
+SCENARIOS = Path(__file__).resolve().with_name("scenarios")
+QUICK = (
+    ("nominal", "px4"),
+    ("nominal", "ardupilot"),
+    ("code_16_in_mission", "px4"),
+    ("code_16_in_mission", "ardupilot"),
+    ("takeover_by_sticks", "px4"),
+    ("cut_5_s_in_mission", "ardupilot"),
+)
+NOT_RUN = 77
+_LONGEST_S = 300.0
+_COLUMNS = ("code_16_to_mode_s", "hold_to_mode_s", "resume_to_mode_s")
+
+
+class Row(NamedTuple):
+    """One flight in the table."""
+
+    scenario: str
+    autopilot: str
+    verdict: Verdict
+    wall_s: float
+    folder: Path
+
+
+def main() -> int:
+    """Fly, print one row for each as it ends, and count."""
+    options = _options()
+    found = {name: folder_of(name) for name in options.autopilots}
+    missing = [name for name, folder in found.items() if folder is None]
+    for name in missing:
+        print(f"NO {name.upper()} IN SOFTWARE-IN-THE-LOOP HERE (AMAZE_SITL, ../shared/sitl): ITS FLIGHTS ARE NOT FLOWN")
+    if len(missing) == len(found):
+        return NOT_RUN
+    if os.geteuid() != 0:
+        print("NOT ROOT, SO NO NETWORK NAMESPACES: THE FLIGHTS WITH REAL AUTOPILOTS ARE NOT FLOWN")
+        return NOT_RUN
+    programs = {
+        name: ready_to_run(name, folder, ROOT / "build") for name, folder in found.items() if folder is not None
+    }
+    flights = [each for each in _flights(options) if each[1] in programs]
+    if not flights:
+        print("no such scenario: " + ", ".join(path.stem for path in sorted(SCENARIOS.glob("*.yaml"))))
+        return 2
+    folder = Path(options.output or ROOT / "build" / "sitl" / time.strftime("%Y%m%dT%H%M%S"))
+    print(f"{'scenario':<30} {'autopilot':<10}       {'result':<14} {'wall':>5}  " + _heads(), flush=True)
+    with ThreadPoolExecutor(options.jobs) as pool:
+        fly = partial(_fly, folder=folder, programs=programs, commit=_commit())
+        rows = list(pool.map(fly, flights))
+    return _count(rows, folder, len(missing))
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="px4, ardupilot, or how names of scenarios begin")
+    parser.add_argument("--quick", action="store_true", help="the six flights of ./run test")
+    parser.add_argument("-j", "--jobs", type=int, default=2, help="flights at the same time (default: 2)")
+    parser.add_argument("-n", "--times", type=int, default=1, help="how often each is flown")
+    parser.add_argument("--output", help="folder for what they write (default: build/sitl/DATE)")
+    options = parser.parse_args()
+    options.autopilots = [name for name in options.names if name in KINDS] or list(KINDS)
+    options.names = [name for name in options.names if name not in KINDS]
+    return options
+
+
+def _flights(options: argparse.Namespace) -> List[Tuple[Scenario, str, int]]:
+    """Return what is to be flown: scenario, autopilot, which time."""
+    try:
+        scenarios = {path.stem: load(path) for path in sorted(SCENARIOS.glob("*.yaml"))}
+    except ScenarioError as error:
+        raise SystemExit(f"sitl: {error}") from None
+    if options.quick:
+        return [(scenarios[name], autopilot, 1) for name, autopilot in QUICK]
+    return [
+        (scenario, autopilot, number)
+        for name, scenario in scenarios.items()
+        if not options.names or any(name.startswith(each) for each in options.names)
+        for autopilot in options.autopilots
+        if autopilot in scenario.autopilots
+        for number in range(1, options.times + 1)
+    ]
+
+
+def _fly(flight: Tuple[Scenario, str, int], folder: Path, programs: Dict[str, Path], commit: str) -> Row:
+    scenario, autopilot, number = flight
+    own = folder / f"{scenario.name}_{autopilot}_{number}"
+    own.mkdir(parents=True)
+    (own / "commit").write_text(commit + "\n", encoding="utf-8")
+    began = time.monotonic()
+    command = ["unshare", "--net", sys.executable, str(Path(__file__).with_name("sitl_flight.py"))]
+    arguments = [str(SCENARIOS / f"{scenario.name}.yaml"), autopilot, str(own), str(programs[autopilot])]
+    with (own / "flight.txt").open("wb") as log:
+        process = subprocess.Popen([*command, *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        try:
+            process.wait(scenario.limit_s + _LONGEST_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+    verdict = judge(scenario, autopilot, own)
+    row = Row(scenario.name, autopilot, verdict, time.monotonic() - began, own)
+    print(_line(row), flush=True)
+    return row
+
+
+def _heads() -> str:
+    return "  ".join(f"{name[:-2]:>15}" for name in _COLUMNS)
+
+
+def _line(row: Row) -> str:
+    verdict = row.verdict
+    times = "  ".join(
+        f"{verdict.measured[name]:>13.3f} s" if name in verdict.measured else " " * 15 for name in _COLUMNS
+    )
+    word = "BAD" if verdict.wrong else "good"
+    first = (
+        f"{row.scenario:<30} {row.autopilot:<10} {word:<5} {verdict.result:<14} {row.wall_s:4.0f} s  {times}".rstrip()
+    )
+    return "\n".join([first, *(f"{'':<30} {'':<10} {each}" for each in verdict.wrong)])
+
+
+def _seconds(value: Optional[float]) -> str:
+    return " " * 15 if value is None else f"{value:>13.3f} s"
+
+
+def _count(rows: List[Row], folder: Path, missing: int) -> int:
+    bad = sum(1 for row in rows if row.verdict.wrong)
+    table: List[Dict[str, Any]] = [
+        {
+            "scenario": row.scenario,
+            "autopilot": row.autopilot,
+            "good": not row.verdict.wrong,
+            "wrong": row.verdict.wrong,
+            "result": row.verdict.result,
+            "states": row.verdict.states,
+            "modes": row.verdict.modes,
+            "measured": row.verdict.measured,
+            "wall_s": round(row.wall_s, 1),
+            "folder": row.folder.name,
+        }
+        for row in rows
+    ]
+    document = {"commit": _commit(), "measures": MEASURES, "flights": table}
+    (folder / "table.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    skipped = "" if not missing else "; of one autopilot none was flown, see above"
+    print(f"{len(rows) - bad} of {len(rows)} good{skipped}; the table and everything else is in {folder}")
+    return 1 if bad else 0
+
+
+def _commit() -> str:
+    done = subprocess.run(["git", "-C", str(ROOT), "describe", "--always", "--dirty"], capture_output=True, check=False)
+    return done.stdout.decode().strip() or "unknown"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
