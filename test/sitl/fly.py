@@ -31,9 +31,9 @@ SCENARIOS = Path(__file__).resolve().with_name("scenarios")
 QUICK = (
     ("nominal", "px4"),
     ("nominal", "ardupilot"),
-    ("code_16_in_mission", "px4"),
+    ("code_16_in_climb", "px4"),
     ("code_16_in_mission", "ardupilot"),
-    ("takeover_by_sticks", "px4"),
+    ("takeover_by_landing", "px4"),
     ("cut_5_s_in_mission", "ardupilot"),
 )
 NOT_RUN = 77

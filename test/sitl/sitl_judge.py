@@ -10,14 +10,20 @@ import itertools
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from sitl_scenario import Scenario
 from sitl_wire import Order, Wire, read_wire
 
+from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
+from amaze_autonomy.engine.journal import read
+
 _TOGETHER_S = 0.05  # what was on its way when the engine decided
 _ON_GROUND_M = 0.25
+_SAME_S = 0.1
+_MAP = "px4_telemetry"  # it names messages, which both autopilots send
 _SKIPPED = ("MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION")
 _MODES = {"HOLD": "AUTO.LOITER", "RESUME": "AUTO.MISSION", "LAND": "AUTO.LAND"}
 
@@ -102,6 +108,7 @@ def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
         *_expected(scenario.expect[autopilot], result, states, wire, measured, journal),
         *_rules(journal, wire),
         *_replayed(folder / "run" / "journal.jsonl"),
+        *_log_replayed(folder, facts),
     ]
     return Verdict(tuple(wrong), measured, result, states, tuple(wire.armed_modes))
 
@@ -221,3 +228,45 @@ def _replayed(path: Path) -> List[str]:
             lines = (done.stdout + done.stderr).strip().splitlines()
             wrong.append(f"{words}: {lines[-1] if lines else done.returncode}")
     return wrong
+
+
+def _log_replayed(folder: Path, facts: Mapping[str, Any]) -> List[str]:
+    """Replay the telemetry log of the autopilot node's link: armed, mode and landed state as heard, when heard."""
+    live, log = folder / "run" / "journal.jsonl", folder / "node.tlog"
+    if not live.exists():
+        return []
+    with tempfile.TemporaryDirectory() as out:
+        command = [str(Path(sys.executable).with_name("amaze-replay")), "run", str(log), "--map", _MAP, "--out", out]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        replayed = Path(out) / "journal.jsonl"
+        if not replayed.exists():
+            return [f"its telemetry log cannot be replayed: {(done.stderr.strip().splitlines() or ['?'])[-1]}"]
+        heard, again = _told(live, facts["unix_minus_monotonic_s"]), _told(replayed, 0.0)
+    return [each for name, changes in heard.items() for each in _compared(name, changes, again[name])]
+
+
+def _told(path: Path, offset_s: float) -> Dict[str, List[Tuple[float, str]]]:
+    """Return what the autopilot's statuses of a journal say, as changes, each with its time; unknown is left out."""
+    found: Dict[str, List[Tuple[float, str]]] = {"armed": [], "mode": [], "landed": []}
+    for line in read(path.read_text(encoding="utf-8")).lines:
+        status = line.payload
+        if not isinstance(status, AutopilotStatus):
+            continue
+        told = {"armed": "" if status.armed is None else str(status.armed), "mode": status.mode}
+        told["landed"] = "" if status.landed is VehicleLanded.UNKNOWN else status.landed.name
+        for name, value in told.items():
+            if value and (not found[name] or found[name][-1][1] != value):
+                found[name].append((status.t_ns * 1e-9 + offset_s, value))
+    return found
+
+
+def _compared(name: str, heard: List[Tuple[float, str]], again: List[Tuple[float, str]]) -> List[str]:
+    """Compare from the second value on: when the first was heard depends on when somebody began to listen."""
+    mine, its = heard[1:], again[-(len(heard) - 1) :] if len(heard) > 1 else []
+    if [value for _, value in mine] != [value for _, value in its]:
+        words = " ".join(value for _, value in again)
+        return [f"its telemetry log says of {name} {words}, the flight heard {' '.join(value for _, value in heard)}"]
+    off_s = max((abs(one - other) for (one, _), (other, _) in zip(mine, its)), default=0.0)
+    return (
+        [] if off_s <= _SAME_S else [f"its telemetry log has {name} {off_s:.3f} s earlier or later than it was heard"]
+    )

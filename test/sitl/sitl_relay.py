@@ -12,9 +12,9 @@ import socket
 import threading
 import time
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Tuple
 
-from amaze_autonomy.autopilot.framing import FrameReader
+from amaze_autonomy.autopilot.framing import frame_at
 
 _BYTES = 65536
 _SLICE_S = 0.02
@@ -40,7 +40,6 @@ class Link:
         self._autopilot: Optional[Tuple[str, int]] = None
         self._chance = random.Random(seed)
         self._log = log.open("wb")
-        self._readers = (FrameReader(), FrameReader())
         self._lock = threading.Lock()
 
     def take(self, port: socket.socket) -> None:
@@ -70,8 +69,8 @@ class Link:
                 return  # nobody is there, as on a cable
         stamp = (t_ns // 1000).to_bytes(8, "big")
         with self._lock:  # a listener speaks from threads of its own
-            for frame in self._readers[from_autopilot].feed(data):
-                self._log.write(stamp + frame.raw)
+            for frame in _frames(data):
+                self._log.write(stamp + frame)
         if from_autopilot:
             for listener in self.listeners:
                 listener(t_ns, data)
@@ -119,6 +118,17 @@ class Relay:
                     owners[port].take(port)
                 except OSError:
                     continue  # the other end was not there when it was last spoken to
+
+
+def _frames(data: bytes) -> Iterator[bytes]:
+    """Return the frames of a datagram, which holds whole ones, those of ids that no dialect knows as well."""
+    at = 0
+    while at < len(data):
+        found = frame_at(data, at)
+        if found is None:
+            return
+        yield data[at : at + found.length]
+        at += found.length
 
 
 def _bound(port: int) -> socket.socket:

@@ -17,6 +17,7 @@ from amaze_autonomy.simulation.external import WANTED, Observer
 _SYSTEM, _COMPONENT = 255, 190
 _RATES_HZ = {"SYS_STATUS": 2.0, "HOME_POSITION": 1.0, "GPS_RAW_INT": 2.0}
 _STREAMS = {"ATTITUDE": 25.0, "GLOBAL_POSITION_INT": 10.0, "VFR_HUD": 10.0, "BATTERY_STATUS": 2.0}
+CURRENT_MODE, _CURRENT_MODE_US = 436, 50_000  # of a newer dialect than ours
 _STICKS_S, _BEAT_S, _MISSION_S, _ASK_S = 0.1, 1.0, 3.0, 3.0
 _MODES: Dict[str, Dict[str, Tuple[int, int]]] = {
     "px4": {"POSCTL": (3, 0), "AUTO.LOITER": (4, 3), "AUTO.RTL": (4, 5), "AUTO.LAND": (4, 6), "AUTO.MISSION": (4, 4)},
@@ -182,6 +183,8 @@ class Station:
         for name, rate in rates.items():
             if name not in self.heard or name in _STREAMS:
                 self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), 1e6 / rate)
+        if self._kind.name == "px4":  # its heartbeat comes once a second, whatever it is asked
+            self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, CURRENT_MODE, _CURRENT_MODE_US)
         self._say(*self.seen.wake(time.time_ns()))
 
 

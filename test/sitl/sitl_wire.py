@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
+
+from sitl_station import CURRENT_MODE
 
 from amaze_autonomy.autopilot.dialect import mavlink, message_id
+from amaze_autonomy.autopilot.framing import V2, frame_at
 from amaze_autonomy.autopilot.modes import mode_name
-from amaze_autonomy.autopilot.tlog import read_tlog
 from amaze_autonomy.autopilot.wire import decode
 
 _OURS = {191: "autopilot", 192: "planner"}
@@ -22,6 +24,7 @@ _TAKEN = (
     "SIM_STATE",
 )
 _FORWARDED_S = 0.5
+_STAMP = 8
 _IDS = frozenset(message_id(name) for name in _TAKEN)
 
 
@@ -85,19 +88,47 @@ def read_wire(folder: Path, autopilot: str) -> Wire:
     number = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA if autopilot == "ardupilot" else mavlink.MAV_AUTOPILOT_PX4
     messages: List[Tuple[float, Any]] = []
     for name in ("node", "planner", "ground"):
-        frames, _ = read_tlog(folder / f"{name}.tlog")
-        messages += [(t_ns * 1e-9, decode(frame)) for t_ns, frame in frames if frame.number in _IDS]
+        messages += _messages((folder / f"{name}.tlog").read_bytes())
     messages.sort(key=lambda each: each[0])
     heights = _heights(messages)
     return Wire(_shown(messages, number), _landed(messages), _orders(messages, number, heights), heights)
 
 
+class _CurrentMode(NamedTuple):
+    """PX4's CURRENT_MODE, of which our dialect knows nothing."""
+
+    custom_mode: int
+
+    @staticmethod
+    def get_type() -> str:
+        """Return its name, as messages do."""
+        return "CURRENT_MODE"
+
+
+def _messages(data: bytes) -> Iterator[Tuple[float, Any]]:
+    """Return what is looked at of a telemetry log that the relay wrote."""
+    at = 0
+    while at + _STAMP < len(data):
+        found = frame_at(data, at + _STAMP)
+        if found is None:
+            return  # the log ends in a frame: its writer was ended
+        t_s = int.from_bytes(data[at : at + _STAMP], "big") * 1e-6
+        raw = data[at + _STAMP : at + _STAMP + found.length]
+        at += _STAMP + found.length
+        if found.frame is not None and found.frame.number in _IDS:
+            yield t_s, decode(found.frame)
+        elif found.frame is None and raw[0] == V2 and int.from_bytes(raw[7:10], "little") == CURRENT_MODE:
+            yield t_s, _CurrentMode(int.from_bytes(raw[10 : 10 + min(4, raw[1])], "little"))
+
+
 def _shown(messages: List[Tuple[float, Any]], autopilot: int) -> Tuple[Shown, ...]:
     shown: List[Shown] = []
+    armed = False
     for t_s, message in messages:
-        if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != 1 or message.get_srcSystem() != 1:
+        if message.get_type() == "HEARTBEAT" and message.get_srcSystem() == message.get_srcComponent() == 1:
+            armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        elif message.get_type() != "CURRENT_MODE":
             continue
-        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         each = Shown(t_s, armed, mode_name(autopilot, message.custom_mode))
         if not shown or each[1:] != shown[-1][1:]:
             shown.append(each)
