@@ -3,6 +3,7 @@
     ./run sitl                         # all scenarios on both autopilots: more than an hour
     ./run sitl px4                     # on one of them
     ./run sitl ardupilot nominal cut_  # those whose names begin so
+    ./run sitl px4 faults/             # those of config/faults, where a real autopilot can be made to do it
     ./run sitl --quick                 # the six flights of ./run test
 
 PX4 and ArduCopter are looked for below AMAZE_SITL, else in ../shared/sitl: docs/simulation.md says how they are built.
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 from sitl_autopilots import KINDS, ROOT, folder_of, ready_to_run
+from sitl_faults import FOLDER, shipped
 from sitl_judge import MEASURES, Verdict, judge
 from sitl_scenario import Scenario, ScenarioError, load
 
@@ -49,6 +51,7 @@ class Row(NamedTuple):
     verdict: Verdict
     wall_s: float
     folder: Path
+    flown_again: bool = False
 
 
 def main() -> int:
@@ -74,7 +77,7 @@ def main() -> int:
     print(f"{'scenario':<30} {'autopilot':<10}       {'result':<14} {'wall':>5}  " + _heads(), flush=True)
     with ThreadPoolExecutor(options.jobs) as pool:
         fly = partial(_fly, folder=folder, programs=programs, commit=_commit())
-        rows = list(pool.map(fly, flights))
+        rows = [row for tried in pool.map(fly, flights) for row in tried]
     return _count(rows, folder, len(missing))
 
 
@@ -97,6 +100,8 @@ def _flights(options: argparse.Namespace) -> List[Tuple[Scenario, str, int]]:
         scenarios = {path.stem: load(path) for path in sorted(SCENARIOS.glob("*.yaml"))}
     except ScenarioError as error:
         raise SystemExit(f"sitl: {error}") from None
+    if any(name.startswith("faults") for name in options.names):
+        scenarios = _shipped()
     if options.quick:
         return [(scenarios[name], autopilot, 1) for name, autopilot in QUICK]
     return [
@@ -109,14 +114,37 @@ def _flights(options: argparse.Namespace) -> List[Tuple[Scenario, str, int]]:
     ]
 
 
-def _fly(flight: Tuple[Scenario, str, int], folder: Path, programs: Dict[str, Path], commit: str) -> Row:
+def _shipped() -> Dict[str, Scenario]:
+    """Return the scenarios of config/faults that can be done to a real autopilot; the others are named."""
+    found: Dict[str, Scenario] = {}
+    for path in sorted(FOLDER.glob("*.yaml")):
+        try:
+            found[f"faults/{path.stem}"] = shipped(path.stem)
+        except ScenarioError as error:
+            print(f"NOT FLOWN: {error}")
+    return found
+
+
+def _fly(flight: Tuple[Scenario, str, int], folder: Path, programs: Dict[str, Path], commit: str) -> List[Row]:
+    """Fly one; one that failed before its takeoff is flown once more, and both are in the table."""
     scenario, autopilot, number = flight
-    own = folder / f"{scenario.name}_{autopilot}_{number}"
+    own = folder / f"{scenario.name.replace('/', '_')}_{autopilot}_{number}"
+    row = _attempt(scenario, autopilot, own, programs[autopilot], commit)
+    meant_to = all("TAKEOFF" in way for way in scenario.expect[autopilot]["states"])
+    if not row.verdict.wrong or not meant_to or "TAKEOFF" in row.verdict.states:
+        return [row]
+    return [
+        row._replace(flown_again=True),
+        _attempt(scenario, autopilot, Path(f"{own}_again"), programs[autopilot], commit),
+    ]
+
+
+def _attempt(scenario: Scenario, autopilot: str, own: Path, program: Path, commit: str) -> Row:
     own.mkdir(parents=True)
     (own / "commit").write_text(commit + "\n", encoding="utf-8")
     began = time.monotonic()
     command = ["unshare", "--net", sys.executable, str(Path(__file__).with_name("sitl_flight.py"))]
-    arguments = [str(SCENARIOS / f"{scenario.name}.yaml"), autopilot, str(own), str(programs[autopilot])]
+    arguments = [scenario.name, autopilot, str(own), str(program)]
     with (own / "flight.txt").open("wb") as log:
         process = subprocess.Popen([*command, *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         try:
@@ -151,7 +179,8 @@ def _seconds(value: Optional[float]) -> str:
 
 
 def _count(rows: List[Row], folder: Path, missing: int) -> int:
-    bad = sum(1 for row in rows if row.verdict.wrong)
+    judged = [row for row in rows if not row.flown_again]
+    bad = sum(1 for row in judged if row.verdict.wrong)
     table: List[Dict[str, Any]] = [
         {
             "scenario": row.scenario,
@@ -164,13 +193,15 @@ def _count(rows: List[Row], folder: Path, missing: int) -> int:
             "measured": row.verdict.measured,
             "wall_s": round(row.wall_s, 1),
             "folder": row.folder.name,
+            "flown_again": row.flown_again,
         }
         for row in rows
     ]
     document = {"commit": _commit(), "measures": MEASURES, "flights": table}
     (folder / "table.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     skipped = "" if not missing else "; of one autopilot none was flown, see above"
-    print(f"{len(rows) - bad} of {len(rows)} good{skipped}; the table and everything else is in {folder}")
+    again = "" if len(judged) == len(rows) else f"; {len(rows) - len(judged)} failed before the takeoff and flew again"
+    print(f"{len(judged) - bad} of {len(judged)} good{again}{skipped}; the table and everything else is in {folder}")
     return 1 if bad else 0
 
 

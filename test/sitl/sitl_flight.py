@@ -1,6 +1,6 @@
 """One flight: a real autopilot, the relay, roslaunch with all real nodes, and what the scenario does to them.
 
-Run in a network of its own, which `fly.py` makes:  sitl_flight.py SCENARIO.yaml AUTOPILOT FOLDER PROGRAM_FOLDER
+Run in a network of its own, which `fly.py` makes:  sitl_flight.py SCENARIO AUTOPILOT FOLDER PROGRAM_FOLDER
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
@@ -22,8 +22,9 @@ import yaml
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, Range
 from sitl_autopilots import GROUND, KINDS, NODE, PLANNER, ROOT, Autopilot
+from sitl_faults import find
 from sitl_relay import Relay
-from sitl_scenario import Action, Scenario, load
+from sitl_scenario import Action, Scenario
 from sitl_station import Station
 
 from amaze_autonomy import srv
@@ -32,6 +33,7 @@ from amaze_autonomy.engine.events import VehicleLanded
 _READY_S, _SETTLE_S, _END_S = 120.0, 2.0, 45.0
 _SENSORS_S, _RATES_KNOWN_S = 150.0, 3.0
 _SLICE_S = 0.01
+_NODES = ("node", "planner")  # their links
 _LIBRARY = ROOT / "build" / "devel" / "lib" / "amaze_autonomy"
 
 
@@ -267,6 +269,7 @@ class Flight:
             "output": str(self._folder / "run"),
             "overrides": self._overrides,
             "autonomy": str(not apart).lower(),
+            **self._scenario.launch,
         }
         if self._scenario.world:
             faults = self._folder / "faults.yaml"
@@ -319,25 +322,25 @@ class Flight:
     def _in(self, seconds: float, do: Callable[[], None]) -> None:
         self._later.append((time.monotonic() + seconds, do))
 
-    def _nodes(self) -> List[Any]:
-        return [self._relay.links["node"], self._relay.links["planner"]]
+    def _links(self, names: Sequence[str] = _NODES) -> List[Any]:
+        return [self._relay.links[name] for name in names]
 
-    def _do_cut(self, for_s: float) -> None:
-        for link in self._nodes():
+    def _do_cut(self, for_s: float, links: Sequence[str] = _NODES) -> None:
+        for link in self._links(links):
             link.cut = True
 
         def mend() -> None:
-            for link in self._nodes():
+            for link in self._links(links):
                 link.cut = False
 
         self._in(for_s, mend)
 
     def _do_lose(self, fraction: float, for_s: float = 1e6) -> None:
-        for link in self._nodes():
+        for link in self._links():
             link.loss = fraction
 
         def mend() -> None:
-            for link in self._nodes():
+            for link in self._links():
                 link.loss = 0.0
 
         self._in(for_s, mend)
@@ -416,9 +419,10 @@ def _prefer_all() -> None:
 
 def main() -> int:
     """Fly one, and write what only this process knows to facts.json."""
-    scenario, autopilot, folder, program = Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]), Path(sys.argv[4])
+    name, autopilot, folder, program = sys.argv[1], sys.argv[2], Path(sys.argv[3]), Path(sys.argv[4])
+    scenario = find(name)
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    facts = Flight(load(scenario), autopilot, folder, program).fly()
+    facts = Flight(scenario, autopilot, folder, program).fly()
     (folder / "facts.json").write_text(json.dumps(facts, indent=2, default=str), encoding="utf-8")
     return 0
 

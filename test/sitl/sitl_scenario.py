@@ -97,6 +97,7 @@ class Scenario:
         station: the second ground station has streams and downloads the mission all the time.
         engine: "launched" by roslaunch, or "apart", so that it can be killed and started again.
         limit_s: of the whole flight.
+        launch: further arguments of the launch file.
     """
 
     name: str
@@ -112,6 +113,7 @@ class Scenario:
     station: bool
     engine: str
     limit_s: float
+    launch: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 def load(path: Path) -> Scenario:
@@ -162,10 +164,15 @@ def _action(given: Mapping[str, Any]) -> Action:
             arguments[key] = kind(given[key])
         elif (do, key) not in _OPTIONAL:
             raise ValueError(f"{do} has no {key}")
-    return Action(do, arguments, _trigger(given.get("after", {"event": "started"})))
+    return Action(do, arguments, trigger(given.get("after", {"event": "started"})))
 
 
-def _trigger(given: Mapping[str, Any]) -> Trigger:
+def trigger(given: Mapping[str, Any]) -> Trigger:
+    """Read a trigger.
+
+    Raises:
+        ValueError: it cannot be.
+    """
     _known(given, _TRIGGER, "key of after")
     kinds = [key for key in ("state", "event", "mode") if key in given]
     if len(kinds) != 1:
