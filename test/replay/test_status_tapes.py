@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 from replay_bags import START_NS, S, number, write_bag
-from replay_demo import demo_bag, simulated
+from replay_demo import MESSAGES, demo_bag, simulated
 from replay_runs import replay
 
 from amaze_autonomy.bags import Recording
+from amaze_autonomy.engine import events
+from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.replay import status_tapes
 from amaze_autonomy.replay.sources import Recordings
 from amaze_autonomy.replay.status_tapes import taped_statuses
@@ -65,6 +67,23 @@ def test_another_code_is_another_tape(bag, folder, monkeypatch):
 def test_without_tapes_nothing_is_read_beforehand(bag, monkeypatch):
     monkeypatch.delenv("AMAZE_TAPES")
     assert taped(bag, "/watchdog/info", "watchdog_info") is None
+
+
+def test_the_watchdog_that_has_beaten_is_known_by_message_and_by_tape(tmp_path):
+    callers = ("/near/watchdog", "/far/watchdog", "/near/watchdog")
+    rows = []
+    for step, caller in enumerate(callers):
+        beat = events.WatchdogAction(t_ns=S, sequence=step, loop_counter=step, code=Code.NOMINAL)
+        _, message = MESSAGES[events.WatchdogAction](beat, START_NS + step * S)
+        rows.append((START_NS + step * S, "/watchdog/action", message, caller))
+    path = write_bag(tmp_path / "x.bag", rows)
+    found = taped(path, "/watchdog/action", "watchdog_action")
+    assert [event.publisher for event in found] == list(callers)
+    with Recordings([path], ["/watchdog/action"]) as bags:
+        read = EVENT_OF["watchdog_action"]
+        assert [read(bags.message(sample), sample.t_ns) for sample in bags.samples] == found
+        assert bags.read_statuses({0: "watchdog_action"}) == (0,)
+        assert [bags.status(sample) for sample in bags.samples] == found
 
 
 def test_messages_that_are_no_statuses_are_left_alone(tmp_path, folder):

@@ -8,17 +8,22 @@ has others in its configuration, but for the one whose bag is replayed by the na
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import itertools
 import json
 import os
+import pty
 import re
+import select
 import shutil
 import signal
 import socket
 import subprocess
+import termios
+import threading
 import time
 from pathlib import Path
-from typing import Any, Callable
+from typing import Any, Callable, Optional
 
 import rospy
 from behaviours import Behaviours
@@ -61,7 +66,35 @@ def own_sensors(stack: Stack) -> Path:
     return folder
 
 
-def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
+class Terminal:
+    """A terminal of its own, whose text goes to the log of a stack until it is closed."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._master, self.slave = pty.openpty()
+        self._log = (stack.folder / "autonomy.log").open("ab")
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._copy, daemon=True)
+        self._thread.start()
+
+    def _copy(self) -> None:
+        while not self._closing.is_set():
+            if select.select([self._master], [], [], 0.1)[0]:
+                self._log.write(os.read(self._master, 65536))
+                self._log.flush()
+
+    def take(self) -> None:
+        """Become the controlling terminal of the calling process, the leader of a new session."""
+        fcntl.ioctl(self.slave, termios.TIOCSCTTY, 0)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._closing.set()
+        self._thread.join()
+        os.close(self.slave)
+        os.close(self._master)
+
+
+def roslaunch(stack: Stack, *arguments: str, terminal: Optional[Terminal] = None) -> subprocess.Popen[bytes]:
     """Start the launch file of the package in the namespace of a stack."""
     command = [
         "roslaunch",
@@ -75,8 +108,20 @@ def roslaunch(stack: Stack, *arguments: str) -> subprocess.Popen[bytes]:
         config, arguments = own_sensors(stack), ("record:=false", *arguments)
     command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join(PATIENT)}", *arguments]
     environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
-    with (stack.folder / "autonomy.log").open("ab") as log:
-        process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
+    if terminal is not None:
+        out = terminal.slave
+        process = subprocess.Popen(
+            command,
+            env=environment,
+            stdin=out,
+            stdout=out,
+            stderr=out,
+            start_new_session=True,
+            preexec_fn=terminal.take,  # noqa: PLW1509
+        )
+    else:
+        with (stack.folder / "autonomy.log").open("ab") as log:
+            process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
     stack.engine, stack.launched = process, True
     return process
 
@@ -124,6 +169,26 @@ def sigint_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
 @launches.add(processes=(), start=False)
 def sigterm_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
     whole_launch_lands(stack, signal.SIGTERM)
+
+
+@launches.add(processes=(), start=False)
+def sighup_to_the_whole_launch_in_flight_lands(stack: Stack) -> None:
+    whole_launch_lands(stack, signal.SIGHUP)
+
+
+@launches.add(processes=(), start=False)
+def terminal_that_is_closed_in_flight_lands(stack: Stack) -> None:
+    """The kernel sends SIGHUP, and nobody can write a word to people any more."""
+    terminal = Terminal(stack)
+    roslaunch(
+        stack, "mission:=long", "flight:=simulated", f"received:={stack.folder / 'received.jsonl'}", terminal=terminal
+    )
+    in_flight(stack)
+    told_ns = time.monotonic_ns()
+    terminal.close()
+    ended(stack)
+    assert set(stack.routes_after(told_ns)) == {"LAND", "autopilot/land"}
+    assert stack.result()["exit_status"] == 8
 
 
 @launches.add(processes=(), start=False)

@@ -483,6 +483,10 @@ class Recording:
             kind = self._links[entry.connection].kind
             raise MessageError(f"{kind} cannot be decoded: {error or type(error).__name__}") from error
 
+    def caller(self, connection: int) -> str:
+        """Return the node that published on a connection; empty when unknown."""
+        return self._links[connection].caller
+
     def columns(self, wanted: Mapping[str, Sequence[str]]) -> Dict[str, List[Optional[Tuple[Any, ...]]]]:
         """Return numbers of all messages of some topics, much faster than message by message.
 

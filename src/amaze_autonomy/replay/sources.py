@@ -22,6 +22,7 @@ from amaze_autonomy.engine.events import Event
 from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
 from .opening import recordings_of
 from .status_tapes import status_rows, taped_statuses
+from .statuses import sent_by
 from .tracks import Track
 
 __all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
@@ -189,10 +190,12 @@ class Recordings:
         """Return the decoded message; None when it is damaged, which is noted."""
         entry = Entry(sample.t_ns, sample.publisher, sample.chunk, sample.offset, sample.connection)
         try:
-            return self.bags[sample.bag].message(entry)
+            message = self.bags[sample.bag].message(entry)
         except MessageError as error:
             self.note(self.topic(sample), sample.t_ns, str(error))
             return None
+        bag = self.bags[sample.bag]
+        return sent_by(message, bag.caller(sample.connection)) if isinstance(bag, Recording) else message
 
     def read(self, wanted: Mapping[int, Tuple[str, ...]], texts: Collection[int] = ()) -> None:
         """Read numbers of all messages of some topics, by rank the paths, of those in `texts` texts as well."""
@@ -224,8 +227,9 @@ class Recordings:
         """Make events of recorded statuses of which the columns `statuses.FLAT` were `read`."""
         for (number, rank), numbers in self._numbers.items():
             if rank in wanted and numbers is not None:
-                times = self.bags[number].table(self.topics[rank]).t_ns.tolist()
-                self._statuses[number, rank] = status_rows(wanted[rank], times, numbers.rows())
+                bag, table = self.bags[number], self.bags[number].table(self.topics[rank])
+                callers = [bag.caller(connection) for connection in table.connection.tolist()]
+                self._statuses[number, rank] = status_rows(wanted[rank], table.t_ns.tolist(), numbers.rows(), callers)
 
     def status(self, sample: Sample) -> Optional[Event]:
         """Return a recorded status as an event; None when `message` must be asked."""

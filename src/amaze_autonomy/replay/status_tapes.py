@@ -23,7 +23,7 @@ from amaze_autonomy.engine.events import (
 
 from . import statuses
 from .errors import InvalidStatusError
-from .statuses import EVENT_OF, FLAT, Flat
+from .statuses import EVENT_OF, FLAT, Flat, sent_by
 
 __all__ = ["status_rows", "taped_statuses"]
 
@@ -57,14 +57,16 @@ def taped_statuses(bag: Recording, topic: str, name: str) -> Optional[List[Event
     return found
 
 
-def status_rows(name: str, times: Sequence[int], rows: Sequence[Optional[Tuple[Any, ...]]]) -> List[Optional[Event]]:
+def status_rows(
+    name: str, times: Sequence[int], rows: Sequence[Optional[Tuple[Any, ...]]], callers: Sequence[str]
+) -> List[Optional[Event]]:
     """Return statuses out of their messages, or the columns `FLAT`; None for what must be asked for by itself."""
     make, names = EVENT_OF[name], [path.rpartition(".")[2] for path in FLAT.get(name, ())]
     found: List[Optional[Event]] = []
-    for t_ns, row in zip(times, rows):
+    for t_ns, row, caller in zip(times, rows, callers):
         try:
             whole = None if row is None else Flat(dict(zip(names, row))) if names else row[0]
-            found.append(None if whole is None else make(whole, t_ns))
+            found.append(None if whole is None else make(sent_by(whole, caller), t_ns))
         except (InvalidStatusError, AttributeError, TypeError):  # of another type than the map says
             found.append(None)
     return found
@@ -80,7 +82,9 @@ def _unbundled(kind: type, text: Optional[str]) -> Optional[List[Event]]:
 def _read(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
     make = EVENT_OF[name]
     try:
-        return [make(bag.message(entry), entry.t_ns) for entry in bag.entries(topic)]
+        return [
+            make(sent_by(bag.message(entry), bag.caller(entry.connection)), entry.t_ns) for entry in bag.entries(topic)
+        ]
     except (MessageError, InvalidStatusError, AttributeError, TypeError):
         return None
 

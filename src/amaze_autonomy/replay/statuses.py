@@ -27,7 +27,7 @@ from amaze_autonomy.engine.severity import Code, Restart
 
 from .errors import InvalidStatusError
 
-__all__ = ["EVENT_OF", "FLAT", "Flat", "health_of"]
+__all__ = ["EVENT_OF", "FLAT", "Flat", "health_of", "sent_by"]
 
 E = TypeVar("E", bound=Enum)
 _S = 1_000_000_000
@@ -46,6 +46,15 @@ def _enum(kind: Type[E], field: str, value: Any) -> E:
 @lru_cache(maxsize=None)
 def _members(kind: Any) -> Dict[int, Any]:
     return {member.value: member for member in kind}
+
+
+_SENDER = "published_by"
+
+
+def sent_by(message: Any, caller: str) -> Any:
+    """Note on a message which node has published it; that is a fact of its connection, not of the message."""
+    setattr(message, _SENDER, caller)
+    return message
 
 
 def _age_ns(message: Any, t_ns: int) -> int:
@@ -76,7 +85,7 @@ def _watchdog_action(message: Any, t_ns: int) -> Event:
         code=_enum(Code, "code", message.code),
         latest_component=str(message.latest_component),
         components=tuple(_component(each, t_ns) for each in message.components),
-        publisher="",
+        publisher=str(getattr(message, _SENDER, "")),
         age_ns=_age_ns(message, t_ns),
     )
 
