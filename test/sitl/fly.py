@@ -154,6 +154,7 @@ def _attempt(scenario: Scenario, autopilot: str, own: Path, program: Path, commi
             process.wait()
     verdict = judge(scenario, autopilot, own)
     row = Row(scenario.name, autopilot, verdict, time.monotonic() - began, own)
+    (own / "verdict.json").write_text(json.dumps(_document(row), indent=2) + "\n", encoding="utf-8")
     print(_line(row), flush=True)
     return row
 
@@ -181,28 +182,29 @@ def _seconds(value: Optional[float]) -> str:
 def _count(rows: List[Row], folder: Path, missing: int) -> int:
     judged = [row for row in rows if not row.flown_again]
     bad = sum(1 for row in judged if row.verdict.wrong)
-    table: List[Dict[str, Any]] = [
-        {
-            "scenario": row.scenario,
-            "autopilot": row.autopilot,
-            "good": not row.verdict.wrong,
-            "wrong": row.verdict.wrong,
-            "result": row.verdict.result,
-            "states": row.verdict.states,
-            "modes": row.verdict.modes,
-            "measured": row.verdict.measured,
-            "wall_s": round(row.wall_s, 1),
-            "folder": row.folder.name,
-            "flown_again": row.flown_again,
-        }
-        for row in rows
-    ]
-    document = {"commit": _commit(), "measures": MEASURES, "flights": table}
+    document = {"measures": MEASURES, "flights": [_document(row) for row in rows]}
     (folder / "table.json").write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     skipped = "" if not missing else "; of one autopilot none was flown, see above"
     again = "" if len(judged) == len(rows) else f"; {len(rows) - len(judged)} failed before the takeoff and flew again"
     print(f"{len(judged) - bad} of {len(judged)} good{again}{skipped}; the table and everything else is in {folder}")
     return 1 if bad else 0
+
+
+def _document(row: Row) -> Dict[str, Any]:
+    return {
+        "scenario": row.scenario,
+        "autopilot": row.autopilot,
+        "good": not row.verdict.wrong,
+        "wrong": row.verdict.wrong,
+        "result": row.verdict.result,
+        "states": row.verdict.states,
+        "modes": row.verdict.modes,
+        "measured": row.verdict.measured,
+        "wall_s": round(row.wall_s, 1),
+        "commit": (row.folder / "commit").read_text(encoding="utf-8").strip(),
+        "folder": row.folder.name,
+        "flown_again": row.flown_again,
+    }
 
 
 def _commit() -> str:

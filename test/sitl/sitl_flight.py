@@ -413,7 +413,7 @@ def _prefer_all() -> None:
     while True:
         for process in _network():
             with contextlib.suppress(OSError):  # it has ended, or this kernel has no groups
-                (process / "autogroup").write_text("-10")
+                (process / "autogroup").write_text("-19")
         time.sleep(0.3)
 
 
