@@ -199,6 +199,7 @@ def _document(row: Row) -> Dict[str, Any]:
         "result": row.verdict.result,
         "states": row.verdict.states,
         "modes": row.verdict.modes,
+        "own_behaviour": row.verdict.own_behaviour,
         "measured": row.verdict.measured,
         "wall_s": round(row.wall_s, 1),
         "commit": (row.folder / "commit").read_text(encoding="utf-8").strip(),

@@ -66,13 +66,14 @@ class Journal(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """How a flight went: what is wrong with it (nothing: good), and what was measured."""
+    """How a flight went: what is wrong with it (nothing: good), what was measured, what the autopilot did by itself."""
 
     wrong: Tuple[str, ...]
     measured: Mapping[str, float]
     result: str
     states: Tuple[str, ...]
     modes: Tuple[str, ...]
+    own_behaviour: str = ""
 
 
 def read_journal(path: Path, unix_minus_monotonic_s: float) -> Journal:
@@ -110,7 +111,8 @@ def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
         *_replayed(folder / "run" / "journal.jsonl"),
         *_log_replayed(folder, facts),
     ]
-    return Verdict(tuple(wrong), measured, result, states, tuple(wire.armed_modes))
+    own = scenario.expect[autopilot].get("own_behaviour", "")
+    return Verdict(tuple(wrong), measured, result, states, tuple(wire.armed_modes), own)
 
 
 def _way(journal: Journal) -> List[str]:
@@ -234,7 +236,8 @@ def _replayed(path: Path) -> List[str]:
 def _log_replayed(folder: Path, facts: Mapping[str, Any]) -> List[str]:
     """Replay the telemetry log of the autopilot node's link: armed, mode and landed state as heard, when heard."""
     live, log = folder / "run" / "journal.jsonl", folder / "node.tlog"
-    if not live.exists():
+    nobody_listened = any(each.get("node") == "autopilot" or each["do"] == "kill_engine" for each in facts["done"])
+    if not live.exists() or nobody_listened:
         return []
     with tempfile.TemporaryDirectory() as out:
         command = [str(Path(sys.executable).with_name("amaze-replay")), "run", str(log), "--map", _MAP, "--out", out]

@@ -30,11 +30,15 @@ def main() -> int:
             found.setdefault(flight["scenario"], {})[flight["autopilot"]] = flight
     print("| scenario | " + " | ".join(KINDS) + " |\n" + "|---|" * (1 + len(KINDS)))
     wrong: List[str] = []
+    own: List[str] = []
     for scenario, flights in sorted(found.items()):
         print(f"| `{scenario}` | " + " | ".join(_cell(flights.get(name)) for name in KINDS) + " |")
         for name, flight in sorted(flights.items()):
             wrong += [f"- `{scenario}`, {name} ({flight['commit']}): {words}" for words in flight["wrong"]]
-    print("\n" + "\n".join(wrong))
+            if flight.get("own_behaviour"):
+                own.append(f"- `{scenario}`, {name}: {flight['own_behaviour']}")
+    print("\nWhat is bad:\n\n" + "\n".join(wrong or ["nothing"]))
+    print("\nWhat is the autopilot's own:\n\n" + "\n".join(own or ["nothing"]))
     return 0
 
 
