@@ -84,9 +84,10 @@ class Happened:
         if seen.armed != self._armed:
             self._armed = seen.armed
             self.note("event", "armed" if seen.armed else "disarmed")
-        if seen.mode != self._mode:
-            self._mode = seen.mode
-            self.note("mode", seen.mode)
+        mode = seen.mode if seen.armed else ""
+        if mode != self._mode:
+            self._mode = mode
+            self.note("mode", mode)
         airborne = seen.armed and seen.landed not in (VehicleLanded.ON_GROUND, VehicleLanded.UNKNOWN)
         if airborne != self._airborne:
             self._airborne = airborne
@@ -218,6 +219,8 @@ class Flight:
         waiting = [each for each in waiting if not self._act_if_due(each)]
         self._start_launch()
         self._wait_for_master()
+        if self._scenario.engine == "apart":
+            self._start_engine()
         operator = Operator()
         operator.choose(tuple(self._scenario.mission.split(",")), self._check)
         self._operator = operator
@@ -278,8 +281,6 @@ class Flight:
         given = [f"{name}:={value}" for name, value in arguments.items()]
         command = ["roslaunch", "--skip-log-check", "amaze_autonomy", "autonomy.launch", *given]
         self._launch = self._start(command, "launch.txt")
-        if apart:
-            self._start_engine()
 
     def _start_engine(self) -> None:
         parameters = {
