@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How long from a code 16 on the wire to the landing request on the wire, in flight; beside a bare rospy echo.
 
-    latency.py [--samples 200] [--json FILE]
+    latency.py [--samples 200] [--busy 8] [--json FILE]
 
 Plays all peers of a real autonomy node (`peers.py`): it flies, a WatchdogAction of code 16 goes out, and the time
 until the bytes of the landing request arrive is taken; again and again, quiet, and with every core busy. The echo is
@@ -189,6 +189,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, default=200)
     parser.add_argument("--nice", type=int, default=-10, help="of everything that is measured; 0: as any other process")
+    parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="programs beside it when it is loaded")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     with Roscore() as home:
@@ -197,7 +198,7 @@ def main() -> int:
         take_precedence(options.nice)  # the instrument shall not be what is measured
         restore = _precede_as_a_session(options.nice)
         node, echo = Node(Path(home), options.nice), Echo(options.nice)
-        busy = [multiprocessing.Process(target=_busy, daemon=True) for _ in range(os.cpu_count() or 1)]
+        busy = [multiprocessing.Process(target=_busy, daemon=True) for _ in range(options.busy)]
         try:
             for _ in range(5):
                 node.sample(), echo.sample()

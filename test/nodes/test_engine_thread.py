@@ -143,6 +143,28 @@ def test_what_is_in_the_queue_is_decided_before_it_ends():
     assert seen == list(range(50))
 
 
+def test_a_defect_of_the_reading_ends_as_silence_and_not_as_the_end_of_deciding():
+    class Broken(Inbox):
+        def wait(self, _limit_s):
+            raise OSError("a defect")
+
+    seen = []
+
+    def decide(state, event, _rules):
+        seen.append(type(event))
+        return evolve(state, t_ns=event.t_ns), ()
+
+    clock = MonotonicClock()
+    engine = EngineThread(
+        decide, lambda *_: None if seen else 1, Rules(), clock, Broken(clock), print, print, lambda *_: None
+    )
+    engine.start()
+    while not seen:
+        time.sleep(0.001)
+    engine.stop()
+    assert seen == [Tick]
+
+
 def failing(_state, event, _rules):
     raise RuntimeError(f"a defect: {type(event).__name__}")
 

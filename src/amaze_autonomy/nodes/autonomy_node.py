@@ -68,6 +68,7 @@ _FAREWELL_LIMIT_S = 5.0
 _MASTER_LIMIT_S = 1.0
 _LOOK_AGAIN_S = 0.2
 _LONGEST_STATUS = 1 << 22  # bytes
+_SAY_AGAIN_S = 10.0
 _LAST_WORDS_S = 0.3  # until what was published last is on the wire
 _SPARE = {"mission_planner/command": 2, "autopilot/land": 1, "autopilot/disarm": 1}
 
@@ -194,7 +195,7 @@ class AutonomyNode:
     def _stalled(self, stall: Stall) -> None:
         text = f"The engine did not run for {stall.duration_s:.3f} s; {stall.read} statuses had come meanwhile"
         left_out = f", {stall.left_out} of them were passed over for later ones" if stall.left_out else ""
-        self._outbox.do(partial(rospy.logwarn, text + left_out))
+        self._outbox.do(partial(rospy.logwarn_throttle, _SAY_AGAIN_S, text + left_out))
 
     # --- run ------------------------------------------------------------------------------------------------------
 

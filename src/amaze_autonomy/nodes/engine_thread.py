@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
-from typing import Callable, Optional, Tuple
+import time
+from typing import Callable, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Answer, AutopilotLand, Command, MissionAction, MissionCommand, Request
 from amaze_autonomy.engine.events import Event, Tick, UserCommand, UserRequest
@@ -22,6 +23,7 @@ Record = Callable[[Event, EngineState, Tuple[Command, ...]], None]
 
 _log = logging.getLogger(__name__)
 _LONGEST_SLEEP_S = 3600.0
+_AFTER_DEFECT_S = 0.01
 
 
 class EngineThread:
@@ -74,10 +76,19 @@ class EngineThread:
         stopping = False
         while not stopping:
             stopping = self._stopping.is_set()
-            for event in self._inbox.wait(0.0 if stopping else self._sleep_s()):
+            for event in self._read(0.0 if stopping else self._sleep_s()):
                 self._step(event)
             if not stopping:
                 self._tick()
+
+    def _read(self, limit_s: float) -> Sequence[Event]:
+        """Wait for what comes; survive a defect of the reading, which ends as silence."""
+        try:
+            return self._inbox.wait(limit_s)
+        except Exception:
+            _log.exception("the engine could not read what has come")
+            time.sleep(_AFTER_DEFECT_S)
+            return ()
 
     def _sleep_s(self) -> float:
         deadline_ns = self._next_deadline(self.state, self._rules)

@@ -48,6 +48,7 @@ _QUEUE = 10
 _LONGEST_STARTUP_S = 600.0
 _LOOK_AGAIN_S = 0.5
 _DIAGNOSTICS_NS = _S
+_SAY_AGAIN_S = 10.0
 _HEALTH = {msg.AutopilotStatus.SENSOR_HEALTHY: True, msg.AutopilotStatus.SENSOR_FAILED: False}
 
 
@@ -164,7 +165,7 @@ class WatchdogNode:
 
     def _excuse(self, stall_ns: int, now_ns: int) -> None:
         """Make the last answers younger by a time in which nobody was asked, because this process did not run."""
-        rospy.logwarn("the watchdog did not run for %.3f s", stall_ns / _S)
+        rospy.logwarn_throttle(_SAY_AGAIN_S, "the watchdog did not run for %.3f s", stall_ns / _S)
         for (name, driver), (t_ns, good, message) in list(self._answers.items()):
             self._answer(name, driver, min(now_ns, t_ns + stall_ns), good, message)
 
