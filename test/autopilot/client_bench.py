@@ -36,7 +36,7 @@ class ClientBench:
         self._peers, self._kind = Peers(Identity(1, 191)), kind
         self._ours, self._theirs = Wire(1, 191, CLIENT_MESSAGES), Wire(1, 1)
         self._noise, self._lost = random.Random(7), lost
-        self.sent, self.cut = [], False
+        self.sent, self.cut, self.deaf = [], False, ()
         self._beat_ns = self._wake_ns = self._at = 0
 
     @property
@@ -63,7 +63,12 @@ class ClientBench:
             self.transmit([heartbeat(self._kind)])
         heard, self._at = self.far.heard[self._at :], len(self.far.heard)
         for _, _, message in heard:
-            if message.get_type() not in CLIENT_MESSAGES or self.cut or self._noise.random() < self._lost:
+            if (
+                message.get_type() not in CLIENT_MESSAGES
+                or message.get_type() in self.deaf
+                or self.cut
+                or self._noise.random() < self._lost
+            ):
                 continue
             for decoded in self._ours.receive(self._theirs.send(message)):
                 if self._peers.take(t_ns, decoded):

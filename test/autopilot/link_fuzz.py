@@ -29,7 +29,7 @@ from amaze_autonomy.engine.events import Landed
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 S = 1_000_000_000
-STATE = ("HEARTBEAT", "EXTENDED_SYS_STATE")
+STATE = ("HEARTBEAT", "EXTENDED_SYS_STATE", "CURRENT_MODE")
 NUMBERS = sorted(mavlink.mavlink_map)
 OURS = [number for number in NUMBERS if mavlink.mavlink_map[number].msgname in CLIENT_MESSAGES]
 NONSENSE = [number for number in OURS if mavlink.mavlink_map[number].msgname not in STATE]
@@ -37,6 +37,20 @@ GOOD = (
     mavlink.MAVLink_heartbeat_message(2, 12, 81, 3 << 24 | 4 << 16, 3, 3),
     mavlink.MAVLink_extended_sys_state_message(0, 1),
 )
+
+
+def _without_boot_time(number, payload):
+    """Return a payload whose time since the start is 0: not known."""
+    kind = mavlink.mavlink_map[number]
+    if "time_boot_ms" not in kind.ordered_fieldnames:
+        return payload
+    at = sum(struct.calcsize("<" + chr(code)) for code in _codes_before(kind, "time_boot_ms"))
+    return payload[:at] + bytes(len(payload[at : at + 4])) + payload[at + 4 :]
+
+
+def _codes_before(kind, field):
+    codes = [code for code in kind.native_format if chr(code).isalpha()]
+    return codes[: kind.ordered_fieldnames.index(field)]
 
 
 class Pieces:
@@ -53,20 +67,27 @@ class Pieces:
         self.client = AutopilotClient(AutopilotSettings(parameters={"A": 1.0}), BatterySpec(cells=4), lambda: (1, 1))
         self.vehicle = Wire(1, 1)
         self.fed = 0
-        self._recent = [self.vehicle.send(GOOD[0])]
 
     def frame(self, number, system=1, component=1):
         """Return a frame with a good checksum and any payload."""
+        sequence = self.chance.randrange(256)
+        if (system, component) == (1, 1):  # nonsense in good order: what is not is another vehicle, and not listened to
+            sequence = self.vehicle._mav.seq
+            self.vehicle._mav.seq = (sequence + 1) % 256
         size = min(255, self.chance.choice((0, 1, mavlink.mavlink_map[number].unpacker.size, 255)))
         payload = self.chance.choice((self._bytes, lambda n: b"\xff" * n, lambda n: b"\0" * n))(size)
-        head = struct.pack(
-            "<BBBBBBBHB", 0xFD, size, 0, 0, self.chance.randrange(256), system, component, number & 0xFFFF, number >> 16
-        )
+        if self.chance.random() < 0.99:  # who says another boot time each time is another vehicle each time
+            payload = _without_boot_time(number, payload)
+        head = struct.pack("<BBBBBBBHB", 0xFD, size, 0, 0, sequence, system, component, number & 0xFFFF, number >> 16)
         crc = crc16(head[1:] + payload + bytes((mavlink.mavlink_map[number].crc_extra,)))
         return head + payload + struct.pack("<H", crc)
 
     def _bytes(self, count):
         return bytes(self.chance.randrange(256) for _ in range(count))
+
+    def _in_order(self):
+        """Return good frames in their order: what was heard before and comes again is another vehicle's."""
+        return b"".join(self.vehicle.send(message) for message in GOOD)
 
     def noise(self):
         return self._bytes(self.chance.randrange(1, 600))
@@ -76,12 +97,12 @@ class Pieces:
 
     def damaged(self):
         """A good frame of our vehicle with one bit turned: it must not be heard."""
-        raw = bytearray(self.chance.choice(self._recent))
+        raw = bytearray(self._in_order())
         raw[self.chance.randrange(len(raw))] ^= 1 << self.chance.randrange(8)
         return bytes(raw)
 
     def cut(self):
-        raw = self.chance.choice(self._recent)
+        raw = self._in_order()
         return raw[: self.chance.randrange(len(raw))]
 
     def stranger(self):
@@ -101,9 +122,7 @@ class Pieces:
         return self.frame(self.chance.choice([number for number in NUMBERS if number not in self.ours]))
 
     def good(self):
-        raw = b"".join(self.vehicle.send(message) for message in GOOD)
-        self._recent = [*self._recent[-20:], raw]
-        return raw
+        return self._in_order()
 
     def piece(self):
         """Return the next bytes."""
@@ -145,8 +164,10 @@ class Fuzz(Pieces):
         data, source = self.piece(), self.chance.choice(("a", "b", self.chance.randrange(10_000)))
         self.t_ns += self.chance.randrange(20_000_000)
         sent = 0
-        for message in self.wire.receive(data, source, self.t_ns):
-            if self.peers.take(self.t_ns, message):
+        for frame, message in self.wire.each(data, source, self.t_ns):
+            if message is None:
+                self.peers.pass_over(self.t_ns, (frame.system, frame.component), frame.sequence, None)
+            elif self.peers.take(self.t_ns, message):
                 self.heard += 1
                 sent += len([self.wire.send(each, self.t_ns) for each in self.client.receive(self.t_ns, message)])
         sent += len([self.wire.send(each, self.t_ns) for each in self.client.wake(self.t_ns)])

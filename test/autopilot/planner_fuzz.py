@@ -94,8 +94,10 @@ class PlannerFuzz(Fuzz):
         data, source = self.piece(), self.chance.choice(("a", "b", self.chance.randrange(10_000)))
         self.t_ns += self.chance.randrange(20_000_000)
         sent = []
-        for message in self.wire.receive(data, source, self.t_ns):
-            if self.peers.take(self.t_ns, message):
+        for frame, message in self.wire.each(data, source, self.t_ns):
+            if message is None:
+                self.peers.pass_over(self.t_ns, (frame.system, frame.component), frame.sequence, None)
+            elif self.peers.take(self.t_ns, message):
                 self.heard += 1
                 sent += self.client.receive(self.t_ns, message)
         sent += self.client.wake(self.t_ns)

@@ -38,7 +38,9 @@ class Flight:
         for t_ns, frame in self._frames:
             self.start_ns = self.start_ns or t_ns
             message = decode(frame)
-            if message.get_type() in WANTED and self._peers.take(t_ns, message):
+            if message.get_type() not in WANTED:
+                self._peers.pass_over(t_ns, (frame.system, frame.component), frame.sequence, None)
+            elif self._peers.take(t_ns, message):
                 self.vehicle.receive(t_ns, message)
                 yield t_ns, (t_ns - self.start_ns) / S
 

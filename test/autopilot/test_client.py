@@ -56,6 +56,7 @@ def test_every_row_passes_on_a_vehicle_that_is_ready():
     found = rows(bench)
     assert list(found) == [
         "autopilot link",
+        "one vehicle",
         "not armed",
         "pre-arm check",
         "landed state",

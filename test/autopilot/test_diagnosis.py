@@ -5,7 +5,7 @@ import pytest
 from amaze_autonomy.autopilot import LinkState
 from amaze_autonomy.autopilot.diagnosis import link_problem
 
-GOOD = LinkState(True, "", 1, 5, (), 100, 0, 0, 0, 0, 0)
+GOOD = LinkState(True, "", 1, 5, (), (), 100, 0, 0, 0, 0, 0)
 
 
 @pytest.mark.parametrize(
@@ -17,6 +17,7 @@ GOOD = LinkState(True, "", 1, 5, (), 100, 0, 0, 0, 0, 0)
         ({"heartbeat_ns": None, "refused": 7}, "no message has a good signature"),
         ({"heartbeat_ns": None, "others": (2, 3)}, "no vehicle 1; heard are 2, 3: see vehicle_id"),
         ({"heartbeat_ns": None, "frames": 0, "damaged_bytes": 5000}, "only noise is heard: is the baud rate right"),
+        ({"strangers": ("10.0.0.2:5",)}, "another vehicle says system id 1, from 10.0.0.2:5; it is ignored"),
         ({"doubles": 3}, "somebody else speaks with our own"),
         ({"others": (2,), "refused": 1}, ""),
         ({"errors": 1}, "a message could not be dealt with"),

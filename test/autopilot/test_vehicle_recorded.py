@@ -127,16 +127,17 @@ def test_texts_come_once_and_without_their_tabs():
         "Disarmed by landing",
         "Preflight: GPS fix too low",
         "Preflight: GPS fix too low",
+        *["Preflight: no valid local position estimate", "Preflight: no valid global position estimate"] * 2,  # EVENTs
     ]
 
 
 def test_an_ardupilot_of_2015_flown_by_its_pilot():
     said = [(mode, control) for _, (_, _, mode, control) in changes("copter_low_battery.tlog", flying)]
-    assert {mode for mode, _ in said} == {"STABILIZED", "POSCTL", "AUTO.RTL", "AUTO.MISSION"}
-    assert {control for _, control in said} == {"ours", "pilot", "failsafe"}
+    assert {mode for mode, _ in said} == {"STABILIZED", "POSCTL", "AUTO.RTL", "AUTO.MISSION", ""}  # it has gaps of 8 s
+    assert {control for _, control in said} == {"ours", "pilot"}  # its low battery is critical, and changes no mode
 
 
-def test_the_low_battery_of_an_ardupilot_is_its_failsafe():
+def test_the_low_battery_of_an_ardupilot_is_in_its_texts():
     flight = Flight("copter_low_battery.tlog")
     low = None
     for _, t_s in flight:
@@ -154,5 +155,5 @@ def test_every_frame_of_the_logs_is_accounted_for():
         counts[name] = counter.count
     assert counts == {
         "copter_low_battery.tlog": TlogCount(75477, 1314, 0, 19),
-        "px4_normal_mission.tlog": TlogCount(28048, 0, 177, 0),
+        "px4_normal_mission.tlog": TlogCount(28102, 0, 123, 0),
     }

@@ -58,7 +58,7 @@ def test_version_1_is_understood():
 
 
 def test_frames_of_unknown_ids_are_skipped_whole():
-    event = bytes((0xFD, 4, 0, 0, 0, 1, 1, 410 & 0xFF, 410 >> 8, 0)) + b"\xfd\xfe\xfd\xfe" + b"xx"
+    event = bytes((0xFD, 4, 0, 0, 0, 1, 1, 411 & 0xFF, 411 >> 8, 0)) + b"\xfd\xfe\xfd\xfe" + b"xx"
     wire = Wire(1, 191)
     heard = wire.receive(event + frames(TEXT)[0] + event)
     assert [message.get_type() for message in heard] == ["STATUSTEXT"]

@@ -195,6 +195,7 @@ def _fresh_peers(after: EngineState, story: Story) -> None:
     status = after.autopilot
     assert (status.armed, status.landed) == (False, VehicleLanded.ON_GROUND)
     assert now - after.autopilot_ns <= limits.autopilot_status_limit_ns
+    assert not status.battery_critical
     assert status.battery_fraction is None or status.battery_fraction > limits.battery_critical_fraction
     assert now - after.battery_ns <= limits.battery_age_limit_ns
     assert now - after.planner_ns <= limits.planner_status_limit_ns

@@ -129,6 +129,7 @@ EVENTS: Dict[Any, Dict[str, Any]] = {
         "horizontal_speed_m_s": numbers,
         "battery_fraction": st.just(0.9) | numbers,
         "battery_age_s": st.just(0.1) | numbers,
+        "battery_critical": st.sampled_from([False, False, False, True]),
         "age_ns": ages,
     },
     ev.LandedStatus: {

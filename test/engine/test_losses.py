@@ -232,6 +232,14 @@ def test_a_battery_level_without_a_credible_age_is_unknown(claims):
     assert story.rules_fired[:2] == ["failure_land", "land"]
 
 
+@pytest.mark.parametrize("fraction", [0.87, None])
+def test_a_battery_that_the_autopilot_calls_critical_lands_whatever_its_level(fraction):
+    """ArduPilot counts its level from the current alone: 9 V of three cells were 87 %, and it hovered on for 62 s."""
+    story = at("MISSION flying")
+    story.say(battery_critical=True, battery_fraction=fraction).expect("LAND")
+    assert story.rules_fired[:2] == ["failure_land", "land"]
+
+
 @pytest.mark.parametrize("fraction", [-0.53, 1.5, nan, inf, None])
 def test_an_impossible_battery_level_is_unknown_and_not_critical(fraction):
     story = _patient("MISSION flying")

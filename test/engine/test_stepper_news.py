@@ -92,6 +92,7 @@ NEWS = {
         *({"mode": each} for each in ("", "AUTO.LAND", "AUTO.TAKEOFF", "POSCTL")),
         {"pilot_in_control": True},
         {"failsafe": True},
+        {"battery_critical": True},
         {"link_age_s": None},
         {"link_age_s": 3.0 + 1e-8},
         {"height_m": 30.0001},

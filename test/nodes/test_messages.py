@@ -70,6 +70,7 @@ EVENTS = (
         battery_fraction=0.75,
         battery_voltage_v=15.5,
         battery_age_s=0.5,
+        battery_critical=True,
         age_ns=AGE,
     ),
     events.AutopilotStatus(t_ns=T, armed=None, landed=events.VehicleLanded.UNKNOWN, link_age_s=None, age_ns=AGE),

@@ -94,6 +94,7 @@ def _autopilot(event, at):
         battery_fraction=_nan(event.battery_fraction),
         battery_voltage=_nan(event.battery_voltage_v),
         battery_age=_nan(event.battery_age_s),
+        battery_critical=event.battery_critical,
         gps=1,
         imu=1,
         magnetometer=1,

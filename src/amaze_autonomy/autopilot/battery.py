@@ -22,6 +22,7 @@ CRITICAL = mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL
 EMERGENCY = mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY
 FAILED = mavlink.MAV_BATTERY_CHARGE_STATE_FAILED
 UNHEALTHY = mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY
+_CRITICAL_STATES = frozenset((CRITICAL, EMERGENCY, FAILED, UNHEALTHY))
 STATE_NAMES: Mapping[int, str] = {
     0: "undefined",
     1: "ok",
@@ -95,6 +96,11 @@ class Battery:
             return worst if worst.voltage_v is not None or self._system is None else _with_voltage(worst, self._system)
         older = [*self._packs.values(), *([] if self._system is None else [self._system])]
         return max(older, key=lambda reading: reading.t_ns) if older else None
+
+    def critical(self, t_ns: int) -> bool:
+        """Return whether the autopilot says, freshly, that any pack is critical or worse, whatever its level."""
+        fresh = (pack for pack in self._packs.values() if t_ns - pack.t_ns <= _FRESH_NS)
+        return any(pack.charge_state in _CRITICAL_STATES for pack in fresh)
 
     def _per_cell(self, volts: Optional[float]) -> Optional[float]:
         return volts / self._cells if volts is not None and self._cells else None

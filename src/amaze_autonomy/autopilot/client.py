@@ -27,7 +27,8 @@ _S = 1_000_000_000
 _LANDING = ("AUTO.LAND", "AUTO.PRECLAND")
 _BREAK_NS = 5 * _S
 _ASK_PREARM_NS = 5 * _S
-_NOT_PX4, _NOT_ARDUPILOT = ("EKF_STATUS_REPORT",), ("ESTIMATOR_STATUS",)
+_NOT_PX4, _NOT_ARDUPILOT = ("EKF_STATUS_REPORT", "HEARTBEAT"), ("ESTIMATOR_STATUS", "CURRENT_MODE")
+_BEAT_LATE_NS, _ASK_BEAT_NS = 1_300_000_000, 300_000_000  # PX4 beats at 1 Hz
 
 CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")
 
@@ -56,6 +57,7 @@ class AutopilotClient:
         battery: of sensors.yaml.
         address: returns system and component of the vehicle.
         wall_minus_clock_ns: wall time minus the clock of the messages, for the vehicle's time of day.
+        strangers: returns where others speak from that say our vehicle's system id.
     """
 
     def __init__(
@@ -64,29 +66,32 @@ class AutopilotClient:
         battery: BatterySpec,
         address: Address,
         wall_minus_clock_ns: Callable[[], int] = lambda: 0,
+        strangers: Callable[[], Sequence[str]] = lambda: (),
     ) -> None:
         self.settings, self._battery = settings, battery
-        self._address, self._wall = address, wall_minus_clock_ns
+        self._address, self._wall, self._strangers = address, wall_minus_clock_ns, strangers
         self.vehicle = VehicleState(settings, battery.cells)
         self._rates, self._parameters = Rates(settings.rates_hz), Parameters(settings.parameters)
         limits = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
         self.landing = Confirmed(self._land_message, self._landing_seen, limits)
         self.disarming = Confirmed(self._disarm_message, self._disarm_seen, limits)
-        self._t_ns = self._prearm_due_ns = self._restarts = 0
+        self._t_ns = self._prearm_due_ns = self._beat_due_ns = self._restarts = 0
         self.on_text: Callable[[int, str], None] = lambda _severity, _text: None
 
     # --- the link's thread ----------------------------------------------------------------------------------------
 
     def receive(self, t_ns: int, message: Message) -> List[Message]:
         """Take a message of the vehicle."""
-        before = self.vehicle.beat
+        age_ns = self.vehicle.link_age_ns(t_ns)
         self._t_ns = t_ns
         name = message.get_type()
         self._rates.heard(t_ns, name)
         self.vehicle.receive(t_ns, message)
         if name == "HEARTBEAT":
-            self._began_again(before is None or t_ns - before.t_ns > _BREAK_NS)
+            self._began_again(age_ns is None or age_ns > _BREAK_NS)
             return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
+        if name == "CURRENT_MODE":
+            return [*self.landing.wake(t_ns), *self._ask_beat(t_ns)]
         if name == "COMMAND_ACK":
             self._acknowledged(message)
         elif name == "PARAM_VALUE":
@@ -108,6 +113,7 @@ class AutopilotClient:
             *self.disarming.wake(t_ns),
             *self._rates.wake(t_ns, *self._address(), _NOT_PX4 if self._is_px4() else _NOT_ARDUPILOT),
             *self._parameters.wake(t_ns, *self._address()),
+            *self._ask_beat(t_ns),
             *([] if asked is None else [asked]),
         ]
 
@@ -174,7 +180,8 @@ class AutopilotClient:
 
     def rows(self, t_ns: int, ground: Optional[Landed]) -> Tuple[Check, ...]:
         """Return the rows of the pre-flight table."""
-        return preflight_rows(Preflight(t_ns, self.vehicle, self.settings, self._parameters.states, ground))
+        states, strangers = self._parameters.states, self._strangers()
+        return preflight_rows(Preflight(t_ns, self.vehicle, self.settings, states, ground, strangers))
 
     def check_battery(self, t_ns: int, required_fraction: Optional[float]) -> BatteryVerdict:
         """Return whether the battery is enough for the next mission."""
@@ -234,6 +241,16 @@ class AutopilotClient:
             self._restarts = self.vehicle.restarts
             self._rates.forget()
             self._parameters.forget()
+
+    def _ask_beat(self, t_ns: int) -> List[Message]:
+        """Ask for a heartbeat that was lost, or that must say whether a failsafe chose the mode that is new."""
+        beat = self.vehicle.beat
+        if beat is None or t_ns < self._beat_due_ns or self.settings.backend != "mavlink":
+            return []
+        if not self.vehicle.mode_changed and t_ns - beat.t_ns <= _BEAT_LATE_NS:
+            return []
+        self._beat_due_ns = t_ns + _ASK_BEAT_NS
+        return [command_long(*self._address(), mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)]
 
     def _is_px4(self) -> bool:
         beat = self.vehicle.beat

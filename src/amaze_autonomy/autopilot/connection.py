@@ -38,6 +38,7 @@ class LinkState(NamedTuple):
         vehicle: system id of the vehicle, None while it is not known.
         heartbeat_ns: when the vehicle beat last, None: never.
         others: system ids of other vehicles on the link.
+        strangers: where others speak from that say our vehicle's system id.
         frames: that were good.
         damaged_bytes: that were in no good frame.
         refused: frames without a good signature.
@@ -51,6 +52,7 @@ class LinkState(NamedTuple):
     vehicle: Optional[int]
     heartbeat_ns: Optional[int]
     others: Tuple[int, ...]
+    strangers: Tuple[str, ...]
     frames: int
     damaged_bytes: int
     refused: int
@@ -135,6 +137,7 @@ class Connection(ClientHost):
                 vehicle=peers.vehicle,
                 heartbeat_ns=peers.heartbeat_ns,
                 others=tuple(peers.others),
+                strangers=peers.sources.strangers(self._now_ns()),
                 frames=tally.good,
                 damaged_bytes=tally.damaged_bytes,
                 refused=0 if verifier is None else verifier.refused,
@@ -201,8 +204,10 @@ class Connection(ClientHost):
         unix_ns, t_ns = time.time_ns(), self._now_ns()
         self._heard_ns = time.monotonic_ns()
         for source, data in self._port.read():
-            for message in self._wire.receive(data, source, unix_ns):
-                if self._peers.take(t_ns, message):
+            for frame, message in self._wire.each(data, source, unix_ns):
+                if message is None and self._wire.verifier is None:
+                    self._peers.pass_over(t_ns, (frame.system, frame.component), frame.sequence, source)
+                elif message is not None and self._peers.take(t_ns, message, source):
                     self._port.prefer(source)
                     self._deliver(t_ns, message)
         self._changed.notify_all()
@@ -230,6 +235,7 @@ class Connection(ClientHost):
         with contextlib.suppress(OSError):
             self._port.close()
         self._wire.forget()
+        self._peers.sources.forget()
         self._problem = problem
 
     def _nudge(self) -> None:

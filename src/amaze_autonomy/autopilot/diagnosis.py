@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Callable, Tuple
+from typing import Callable, Optional, Sequence, Tuple
 
 from .connection import LinkState
 
-__all__ = ["link_problem"]
+__all__ = ["link_problem", "strangers_problem"]
 
 _NOISE_BYTES = 1000
 _DOUBLES = 3
+
+
+def strangers_problem(vehicle: Optional[int], strangers: Sequence[str]) -> str:
+    """Return what is wrong with a second vehicle of our system id, which is not listened to."""
+    where = ", ".join(strangers)
+    return f"another vehicle says system id {vehicle}, from {where}; it is ignored: give it another MAV_SYS_ID or port"
+
 
 _Row = Tuple[Callable[[LinkState], bool], Callable[[LinkState], str]]
 _ROWS: Tuple[_Row, ...] = (
@@ -27,6 +34,7 @@ _ROWS: Tuple[_Row, ...] = (
         lambda _: "only noise is heard: is the baud rate right, does MAVLink come from there?",
     ),
     (lambda state: state.heartbeat_ns is None, lambda _: "no vehicle heard yet"),
+    (lambda state: bool(state.strangers), lambda state: strangers_problem(state.vehicle, state.strangers)),
     (
         lambda state: state.doubles >= _DOUBLES,
         lambda _: "somebody else speaks with our own system and component id: give one another component_id",

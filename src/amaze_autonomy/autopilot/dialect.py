@@ -1,18 +1,95 @@
 """The one place that knows which MAVLink dialect is spoken, and the little that pymavlink's types do not say.
 
-`ardupilotmega` holds all of `common` and what ArduPilot adds (EKF_STATUS_REPORT). PX4's EVENT is in neither: frames of
-ids that the dialect does not know are skipped, and the same text comes as STATUSTEXT.
+`ardupilotmega` holds all of `common` and what ArduPilot adds (EKF_STATUS_REPORT). CURRENT_MODE and EVENT of PX4 are in
+neither and are added here; whoever decodes, decodes them.
+https://mavlink.io/en/messages/development.html#CURRENT_MODE, https://mavlink.io/en/services/events.html
 """
 
 from __future__ import annotations
 
-from typing import Any, Dict, Tuple
+import struct
+from typing import Any, Dict, List, Tuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-__all__ = ["Message", "mavlink", "message_id", "source_of"]
+__all__ = ["Message", "current_mode_message", "event_message", "mavlink", "message_id", "source_of"]
 
 Message = Any  # a pymavlink message: its fields are attributes, `get_type()` is its name
+
+
+def _added(name: str, number: int, extra: int, form: str, fields: Dict[str, int]) -> Any:
+    """Return the class of a message that the dialect lacks, as pymavlink's generator makes it.
+
+    Args:
+        name: of the message.
+        number: its id.
+        extra: that its checksum ends with.
+        form: of `struct`, in the order of the wire.
+        fields: place on the wire by name, in the order of the definition; the last one may be an array of bytes.
+    """
+    known = mavlink.mavlink_map.get(number)
+    if known is not None:
+        return known
+    packer = struct.Struct(form)
+    array = len(packer.unpack(bytes(packer.size))) - len(fields) + 1
+
+    def init(self: Any, *values: Any) -> None:
+        mavlink.MAVLink_message.__init__(self, number, name)
+        self._fieldnames, self._instance_field, self._instance_offset = list(fields), None, -1
+        for field, value in zip(fields, values):
+            setattr(self, field, value)
+
+    def pack(self: Any, mav: Any, force_mavlink1: bool = False) -> bytes:  # noqa: FBT001, FBT002 - pymavlink's signature
+        ordered: List[Any] = [getattr(self, field) for field in sorted(fields, key=fields.__getitem__)]
+        flat = [*ordered[:-1], *ordered[-1]] if array > 1 else ordered
+        return bytes(self._pack(mav, extra, packer.pack(*flat), force_mavlink1=force_mavlink1))
+
+    arrays = [array if array > 1 and at == len(fields) - 1 else 0 for at in range(len(fields))]
+    kind = type(
+        f"MAVLink_{name.lower()}_message",
+        (mavlink.MAVLink_message,),
+        {
+            "__init__": init,
+            "pack": pack,
+            "id": number,
+            "msgname": name,
+            "fieldnames": list(fields),
+            "ordered_fieldnames": sorted(fields, key=fields.__getitem__),
+            "native_format": bytearray(form.encode("ascii")),
+            "orders": list(fields.values()),
+            "lengths": [max(1, count) for count in arrays],
+            "array_lengths": arrays,
+            "crc_extra": extra,
+            "unpacker": packer,
+            "fieldenums_by_name": {},
+            "fielddisplays_by_name": {},
+            "fieldunits_by_name": {},
+            "instance_field": None,
+            "instance_offset": -1,
+        },
+    )
+    mavlink.mavlink_map[number] = kind
+    return kind
+
+
+current_mode_message = _added(
+    "CURRENT_MODE", 436, 193, "<IIB", {"standard_mode": 2, "custom_mode": 0, "intended_custom_mode": 1}
+)
+event_message = _added(
+    "EVENT",
+    410,
+    160,
+    "<IIHBBB40B",
+    {
+        "destination_component": 3,
+        "destination_system": 4,
+        "id": 0,
+        "event_time_boot_ms": 1,
+        "sequence": 2,
+        "log_levels": 5,
+        "arguments": 6,
+    },
+)
 
 
 def message_id(name: str) -> int:

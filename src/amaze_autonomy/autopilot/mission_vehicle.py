@@ -32,7 +32,10 @@ _FAILSAFE = (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
 _RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
 _ESTIMATE_AGE_NS = 3 * _S
 _ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED  # PX4 sets the first at rest, too
-_OTHERS = {Dialect.PX4: ("EKF_STATUS_REPORT",), Dialect.ARDUPILOT: ("ESTIMATOR_STATUS",)}
+_OTHERS = {
+    Dialect.PX4: ("EKF_STATUS_REPORT", "HEARTBEAT"),  # it beats at 1 Hz, and refuses to be asked
+    Dialect.ARDUPILOT: ("ESTIMATOR_STATUS", "CURRENT_MODE"),
+}
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _DEG7, _MM = 1e-7, 1e-3
 _POLAR_DEG, _TURN_DEG = 85.0, 180.0
@@ -64,6 +67,7 @@ class VehicleWatch:
         self.autopilot = int(mavlink.MAV_AUTOPILOT_PX4)
         self.target: Tuple[int, int] = (0, 0)
         self.heartbeat_ns: Optional[int] = None
+        self._heard_ns = 0
         self.armed: Optional[bool] = None
         self.mode = ""
         self.failsafe = False
@@ -86,13 +90,14 @@ class VehicleWatch:
 
     def take(self, t_ns: int, message: Message) -> None:
         """Take a message of the vehicle."""
+        self._heard_ns = t_ns
         take = _TAKES.get(message.get_type())
         if take is not None:
             take(self, t_ns, message)
 
     def known(self, t_ns: int, limit_ns: int) -> bool:
-        """Return whether the vehicle speaks: its last heartbeat is young."""
-        return self.heartbeat_ns is not None and t_ns - self.heartbeat_ns <= limit_ns
+        """Return whether the vehicle speaks: it has beaten, and the last that it said is young."""
+        return self.heartbeat_ns is not None and t_ns - self._heard_ns <= limit_ns
 
     def on_ground(self, t_ns: int, limit_ns: int) -> bool:
         """Return whether it says, freshly, that it is on the ground."""
@@ -152,6 +157,14 @@ class VehicleWatch:
         self.mode = mode_name(message.autopilot, message.custom_mode)
         self.failsafe = message.system_status in _FAILSAFE
 
+    def _current_mode(self, _: int, message: Message) -> None:
+        if self.heartbeat_ns is not None:
+            self.mode = mode_name(self.autopilot, message.custom_mode)
+
+    def _event(self, t_ns: int, message: Message) -> None:
+        if not self.armed:  # armed, they tell which modes are not to be had now
+            self.texts.add_event(t_ns, message)
+
     def _extended(self, t_ns: int, message: Message) -> None:
         self.landed, self.landed_ns = _LANDED.get(message.landed_state, VehicleLanded.UNKNOWN), t_ns
 
@@ -191,6 +204,8 @@ class VehicleWatch:
 
 _TAKES: Mapping[str, Callable[[VehicleWatch, int, Message], None]] = {
     "HEARTBEAT": VehicleWatch._heartbeat,  # noqa: SLF001 - the table of this class
+    "CURRENT_MODE": VehicleWatch._current_mode,  # noqa: SLF001
+    "EVENT": VehicleWatch._event,  # noqa: SLF001
     "EXTENDED_SYS_STATE": VehicleWatch._extended,  # noqa: SLF001
     "LOCAL_POSITION_NED": VehicleWatch._local,  # noqa: SLF001
     "ATTITUDE": VehicleWatch._attitude,  # noqa: SLF001
@@ -211,7 +226,8 @@ STREAMS: Mapping[str, float] = {
     "GLOBAL_POSITION_INT": 5.0,
     "ESTIMATOR_STATUS": 2.0,
     "EKF_STATUS_REPORT": 2.0,
-    "HEARTBEAT": 5.0,  # PX4 beats at 1 Hz, whatever it is asked
+    "HEARTBEAT": 5.0,
+    "CURRENT_MODE": 10.0,
     "MISSION_CURRENT": 2.0,
 }
 """Streams that the planner asks for, and their rates in Hz."""

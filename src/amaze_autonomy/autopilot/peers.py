@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import List, Optional, Tuple
+from typing import Any, List, Optional, Tuple
 
 from .dialect import Message, mavlink, source_of
+from .sources import Sources
 
 __all__ = ["Identity", "Peers"]
 
@@ -38,9 +39,16 @@ class Peers:
         self.heartbeat_ns: Optional[int] = None
         self.others: List[int] = []
         self.doubles = 0
+        self.sources = Sources()
 
-    def take(self, t_ns: int, message: Message) -> bool:
-        """Return whether a message is from our vehicle's autopilot, and for us."""
+    def take(self, t_ns: int, message: Message, place: Any = None) -> bool:
+        """Return whether a message is from our vehicle's autopilot, and for us.
+
+        Args:
+            t_ns: now.
+            message: that came.
+            place: address that it came from; None: there is only one.
+        """
         source, is_heartbeat = source_of(message), message.get_type() == "HEARTBEAT"
         if source == (self._identity.system, self._identity.component):
             self.doubles += 1
@@ -53,9 +61,18 @@ class Peers:
             if is_heartbeat:
                 self._note(source[0])
             return False
+        boot_ms = getattr(message, "time_boot_ms", None)
+        if not self.sources.take(t_ns, place, message.get_seq(), boot_ms):
+            return False
         if is_heartbeat:
             self.heartbeat_ns = t_ns
+            self.sources.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         return self._for_us(message)
+
+    def pass_over(self, t_ns: int, source: Tuple[int, int], sequence: int, place: Any) -> None:
+        """Note that a message came that nobody wants: its number belongs to the run of its sender."""
+        if source == (self.vehicle, _AUTOPILOT) and self.heartbeat_ns is not None:
+            self.sources.take(t_ns, place, sequence)
 
     def age_ns(self, t_ns: int) -> Optional[int]:
         """Return the time since the last heartbeat of the vehicle; None: never."""

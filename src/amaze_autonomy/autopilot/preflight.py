@@ -36,6 +36,7 @@ class Preflight:
         settings: limits and needs.
         parameters: that are compared.
         ground: what the landing detection says; None: it is silent.
+        strangers: where others speak from that say our vehicle's system id.
     """
 
     t_ns: int
@@ -43,6 +44,7 @@ class Preflight:
     settings: AutopilotSettings
     parameters: Sequence[ParameterState] = ()
     ground: Optional[Landed] = None
+    strangers: Sequence[str] = ()
 
     @property
     def age_s(self) -> Optional[float]:
@@ -71,6 +73,12 @@ def _link(known: Preflight) -> Check:
     verdict = Verdict.PASS if known.connected else Verdict.FAIL
     advice = "" if known.connected else "the autopilot is not heard: check cable, port and baud rate"
     return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice)
+
+
+def _one_vehicle(known: Preflight) -> Check:
+    where = ", ".join(known.strangers)
+    advice = f"another one with its system id speaks from {where}: switch it off, or give it another MAV_SYS_ID or port"
+    return _row(known, "one vehicle", advice, good=not known.strangers)
 
 
 def _row(known: Preflight, name: str, advice: str, *, good: Optional[bool], needed: bool = True) -> Check:
@@ -153,6 +161,7 @@ def _clocks(known: Preflight) -> Check:
 
 _ROWS: Tuple[Callable[[Preflight], Check], ...] = (
     _link,
+    _one_vehicle,
     _not_armed,
     _prearm,
     _landed,

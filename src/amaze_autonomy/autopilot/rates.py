@@ -1,7 +1,8 @@
 """Asks for the messages that we need, and again for what does not come: ArduPilot streams nothing unasked.
 
 No acknowledgement is looked at. A message that comes at less than a third of its rate is asked for again every 3 s, and
-after some attempts every 30 s: not every autopilot grants every rate (PX4 beats at 1 Hz, whatever it is asked).
+after some attempts every 30 s: not every autopilot grants every rate. PX4 beats at 1 Hz, whatever it is asked, and
+refuses to be asked; it sends a CURRENT_MODE that was asked for at 10 Hz with each change, and else twice a second.
 """
 
 from __future__ import annotations
@@ -18,11 +19,14 @@ _SLOW_AGAIN_NS = 30 * _S
 _QUICK_ATTEMPTS = 5
 _PERIODS = 3
 _AT_ONCE = 4
+_ON_CHANGE_NS = {"CURRENT_MODE": 3 * _S // 2}  # longest pause of what comes with each change, once it was asked for
 
 
 class _Wanted:
-    def __init__(self, number: int, rate_hz: float) -> None:
-        self.number, self.interval_ns = number, round(_S / rate_hz)
+    def __init__(self, name: str, rate_hz: float) -> None:
+        self.number, self.interval_ns = message_id(name), round(_S / rate_hz)
+        self.pause_ns = _ON_CHANGE_NS.get(name, _PERIODS * self.interval_ns)
+        self.must_be_asked = name in _ON_CHANGE_NS
         self.heard_ns = self.due_ns = self.attempts = 0
 
 
@@ -34,7 +38,7 @@ class Rates:
     """
 
     def __init__(self, rates_hz: Mapping[str, float]) -> None:
-        self._wanted: Dict[str, _Wanted] = {name: _Wanted(message_id(name), rate) for name, rate in rates_hz.items()}
+        self._wanted: Dict[str, _Wanted] = {name: _Wanted(name, rate) for name, rate in rates_hz.items()}
 
     def heard(self, t_ns: int, name: str) -> None:
         """Note that a message came."""
@@ -73,4 +77,6 @@ class Rates:
 
     @staticmethod
     def _comes(t_ns: int, one: _Wanted) -> bool:
-        return one.heard_ns > 0 and t_ns - one.heard_ns <= _PERIODS * one.interval_ns
+        if one.must_be_asked and not one.attempts:
+            return False
+        return one.heard_ns > 0 and t_ns - one.heard_ns <= one.pause_ns

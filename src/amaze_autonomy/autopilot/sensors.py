@@ -101,10 +101,10 @@ class Gps:
         self._values: Tuple[int, ...] = ()
         self.fix_type = 0
 
-    def add(self, t_ns: int, message: Any) -> None:
-        """Take a GPS_RAW_INT."""
+    def add(self, t_ns: int, message: Any, *, at_rest: bool = False) -> None:
+        """Take a GPS_RAW_INT; a receiver at rest may say the same again and again, with new stamps."""
         values = tuple(getattr(message, name) for name in ("lat", "lon", "alt", "eph", "epv", "vel", "cog"))
-        if self._t_ns is None or values != self._values:
+        if self._t_ns is None or at_rest or values != self._values:
             self._changed_ns = t_ns
         if self._t_ns is None or message.time_usec != self._time_usec:
             self._stepped_ns = t_ns

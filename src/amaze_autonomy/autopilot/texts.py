@@ -1,7 +1,7 @@
 """What the vehicle says in words: chunks put together, tabs cut off, the same text once.
 
-PX4 ends its texts with a tab when the same comes as an EVENT (which the dialect does not know, so it is skipped), and
-long texts come in chunks of 50 characters that share an id. https://mavlink.io/en/messages/common.html#STATUSTEXT
+PX4 ends its texts with a tab when the same comes as an EVENT, of which those that say why it does not arm are taken.
+Long texts come in chunks of 50 characters that share an id. https://mavlink.io/en/messages/common.html#STATUSTEXT
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 from .dialect import mavlink
+from .px4_events import event_of
 
 __all__ = ["Text", "Texts"]
 
@@ -60,6 +61,12 @@ class Texts:
             parts[message.chunk_seq] = message.text
         if len(message.text) < _CHUNK and len(parts) == message.chunk_seq + 1:
             self.flush()
+
+    def add_event(self, t_ns: int, message: Any) -> None:
+        """Take an EVENT: PX4 tells it also where it withholds its texts."""
+        event = event_of(message)
+        if event is not None:
+            self._complete(t_ns, event.severity, event.words)
 
     def wake(self, t_ns: int) -> None:
         """Give up the rest of a text whose last chunk is lost."""

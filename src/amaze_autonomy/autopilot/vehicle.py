@@ -46,24 +46,29 @@ class VehicleState:
         self.gps = Gps(GpsLimits(settings.gps.min_fix_type, settings.gps.age_limit_ns, settings.gps.frozen_limit_ns))
         self.position = Position(settings.limits.state_age_limit_ns)
         self.restarts = 0
+        self.mode_changed = False
+        self._heard_ns: Optional[int] = None
         self._landed: Optional[Tuple[int, int]] = None
         self._boot_ms: Optional[int] = None
         self._takers: Dict[str, Callable[[int, Any], None]] = {
             "HEARTBEAT": self._heartbeat,
+            "CURRENT_MODE": self._mode,
             "EXTENDED_SYS_STATE": self._extended,
             "SYS_STATUS": self._system,
             "BATTERY_STATUS": self.battery.add_pack,
-            "GPS_RAW_INT": self.gps.add,
+            "GPS_RAW_INT": self._gps,
             "LOCAL_POSITION_NED": self._local,
             "ESTIMATOR_STATUS": self.position.add_px4_flags,
             "EKF_STATUS_REPORT": self.position.add_ardupilot_flags,
             "HOME_POSITION": self.position.add_home,
             "STATUSTEXT": self.texts.add,
+            "EVENT": self._event,
             "TIMESYNC": self.offset.add,
         }
 
     def receive(self, t_ns: int, message: Message) -> None:
-        """Take a message; others than `WANTED` are left alone."""
+        """Take a message; of others than `WANTED` only that they came is noted."""
+        self._heard_ns = t_ns
         taker = self._takers.get(message.get_type())
         if taker is not None:
             taker(t_ns, message)
@@ -76,13 +81,24 @@ class VehicleState:
         return self.control.beat
 
     def link_age_ns(self, t_ns: int) -> Optional[int]:
-        """Return the time since the last heartbeat; None: there was none."""
-        return None if self.beat is None else t_ns - self.beat.t_ns
+        """Return the time since anything came from the vehicle; None: no heartbeat ever came."""
+        return None if self.beat is None or self._heard_ns is None else t_ns - self._heard_ns
 
     def connected(self, t_ns: int) -> bool:
         """Return whether the vehicle was heard lately."""
         age_ns = self.link_age_ns(t_ns)
         return age_ns is not None and age_ns <= self._settings.limits.link_age_limit_ns
+
+    def armed(self, t_ns: int) -> Optional[bool]:
+        """Return whether it is armed; None: no heartbeat has said so lately."""
+        return self.beat.armed if self.beat is not None and self._fresh(t_ns, self.beat.t_ns) else None
+
+    def mode(self, t_ns: int) -> str:
+        """Return the flight mode; empty: nothing has told it lately."""
+        return self.beat.mode if self.beat is not None and self._fresh(t_ns, self.control.mode_ns) else ""
+
+    def _fresh(self, t_ns: int, told_ns: int) -> bool:
+        return t_ns - told_ns <= self._settings.limits.mode_age_limit_ns
 
     def landed(self, t_ns: int) -> VehicleLanded:
         """Return the landed state; ArduPilot's heartbeat tells it where EXTENDED_SYS_STATE never came."""
@@ -91,7 +107,7 @@ class VehicleState:
             fresh = t_ns - told_ns <= self._settings.limits.state_age_limit_ns
             return _LANDED.get(state, VehicleLanded.UNKNOWN) if fresh else VehicleLanded.UNKNOWN
         beat = self.beat
-        if beat is None or beat.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or not self.connected(t_ns):
+        if beat is None or beat.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or self.armed(t_ns) is None:
             return VehicleLanded.UNKNOWN
         at_rest = not beat.armed and beat.status == mavlink.MAV_STATE_STANDBY
         return VehicleLanded.ON_GROUND if at_rest else VehicleLanded.UNKNOWN
@@ -110,12 +126,12 @@ class VehicleState:
 
     def status(self, t_ns: int) -> AutopilotStatus:
         """Return all of it as the engine takes it."""
-        beat, battery, place = self.beat, self.battery.reading(t_ns), self.position.place(t_ns)
+        battery, place = self.battery.reading(t_ns), self.position.place(t_ns)
         return AutopilotStatus(
             t_ns=t_ns,
-            armed=None if beat is None else beat.armed,
+            armed=self.armed(t_ns),
             landed=self.landed(t_ns),
-            mode="" if beat is None else beat.mode,
+            mode=self.mode(t_ns),
             pilot_in_control=self.control.pilot,
             failsafe=self.control.failsafe,
             link_age_s=_seconds(self.link_age_ns(t_ns)),
@@ -127,13 +143,28 @@ class VehicleState:
             battery_fraction=None if battery is None else battery.fraction,
             battery_voltage_v=None if battery is None else battery.voltage_v,
             battery_age_s=None if battery is None else _seconds(t_ns - battery.t_ns),
+            battery_critical=self.battery.critical(t_ns),
         )
 
     # --- takers ---------------------------------------------------------------------------------------------------
 
     def _heartbeat(self, t_ns: int, message: Any) -> None:
         self.control.add(Heartbeat.of(t_ns, message))
+        self.mode_changed = False
         self.texts.wake(t_ns)
+
+    def _event(self, t_ns: int, message: Any) -> None:
+        """Take why it does not arm; armed, the same events tell which modes are not to be had now."""
+        if not (self.beat and self.beat.armed):
+            self.texts.add_event(t_ns, message)
+
+    def _mode(self, t_ns: int, message: Any) -> None:
+        """Take a mode; what the system status says of the change is in the next heartbeat."""
+        self.mode_changed = self.control.add_mode(t_ns, int(message.custom_mode)) or self.mode_changed
+
+    def _gps(self, t_ns: int, message: Any) -> None:
+        at_rest = self.armed(t_ns) is False or self.landed(t_ns) is VehicleLanded.ON_GROUND
+        self.gps.add(t_ns, message, at_rest=at_rest)
 
     def _extended(self, t_ns: int, message: Any) -> None:
         self._landed = (t_ns, int(message.landed_state))
@@ -152,6 +183,7 @@ class VehicleState:
 
 WANTED: Tuple[str, ...] = (
     "HEARTBEAT",
+    "CURRENT_MODE",
     "EXTENDED_SYS_STATE",
     "SYS_STATUS",
     "BATTERY_STATUS",
@@ -161,6 +193,7 @@ WANTED: Tuple[str, ...] = (
     "EKF_STATUS_REPORT",
     "HOME_POSITION",
     "STATUSTEXT",
+    "EVENT",
     "TIMESYNC",
 )
 

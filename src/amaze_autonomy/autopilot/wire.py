@@ -5,7 +5,7 @@ Only messages that somebody wants are decoded: of the others the checksum alone 
 
 from __future__ import annotations
 
-from typing import Any, Dict, FrozenSet, Iterable, List, Optional, Tuple
+from typing import Any, Dict, FrozenSet, Iterable, Iterator, List, Optional, Tuple
 
 from .dialect import Message, mavlink, message_id
 from .framing import Frame, FrameReader, FrameTally
@@ -58,8 +58,12 @@ class Wire:
             source: whom from; bytes of different sources are never put together.
             unix_ns: wall time, for signatures.
         """
-        messages = (self._message(frame, unix_ns) for frame in self._reader(source).feed(data))
-        return [message for message in messages if message is not None]
+        return [message for _, message in self.each(data, source, unix_ns) if message is not None]
+
+    def each(self, data: bytes, source: Any = None, unix_ns: int = 0) -> Iterator[Tuple[Frame, Optional[Message]]]:
+        """Yield each good frame that these bytes complete, and its message; None: not wanted, or not well signed."""
+        for frame in self._reader(source).feed(data):
+            yield frame, self._message(frame, unix_ns)
 
     def send(self, message: Message, unix_ns: int = 0) -> bytes:
         """Return a message as bytes, signed when there is a key."""

@@ -58,12 +58,14 @@ class StateLimits:
     """How old what the vehicle said may be to count.
 
     Args:
-        link_age_limit_ns: heartbeat.
+        link_age_limit_ns: anything that the vehicle says.
+        mode_age_limit_ns: whether it is armed, and its flight mode.
         state_age_limit_ns: landed state, position, estimator flags.
         system_age_limit_ns: SYS_STATUS.
     """
 
     link_age_limit_ns: int = 2_500_000_000
+    mode_age_limit_ns: int = 5 * _S
     state_age_limit_ns: int = 2 * _S
     system_age_limit_ns: int = 3 * _S
 
@@ -141,6 +143,7 @@ _RATES = {
     "SYSTEM_TIME": 1.0,
     "HOME_POSITION": 0.5,
     "HEARTBEAT": 5.0,
+    "CURRENT_MODE": 10.0,
 }
 
 
@@ -198,7 +201,8 @@ _LINK_ROWS: Tuple[Row, ...] = (
     ("ground_station", Flag(), "announce itself as a ground station", "PX4 withholds its texts on a link where it hears none, but then also misses no lost ground station"),
 )
 _LIMIT_ROWS: Tuple[Row, ...] = (
-    ("link_age_limit_ns", _time(), "heartbeat older than this: no link, for the checks", "two missed at 1 Hz"),
+    ("link_age_limit_ns", _time(), "nothing heard for longer than this: no link, for the checks", "at 1 Hz two heartbeats"),
+    ("mode_age_limit_ns", _time(), "armed and flight mode older than this are unknown", "lost heartbeats are asked for again"),
     ("state_age_limit_ns", _time(), "landed state, position and flags of the estimator older than this are unknown", "position messages stay fresh while the estimate is lost"),
     ("system_age_limit_ns", _time(), "health of the sensors older than this is unknown", "sent twice a second"),
 )

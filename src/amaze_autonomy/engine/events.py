@@ -393,6 +393,7 @@ class AutopilotStatus(Event):
     battery_fraction: Optional[float] = None
     battery_voltage_v: Optional[float] = None
     battery_age_s: Optional[float] = None
+    battery_critical: bool = False
     age_ns: int = 0
 
     def __post_init__(self) -> None:

@@ -54,10 +54,13 @@ def _autopilot_status(turn: Turn) -> Optional[Values]:
 
 
 def _battery_critical(turn: Turn) -> Optional[Values]:
+    """Take the level, or the autopilot's word: ArduPilot's level ignores the voltage."""
     status, limit = turn.state.autopilot, turn.limits.battery_critical_fraction
-    if status is None or status.battery_fraction is None or status.battery_fraction > limit:
+    if status is None:
         return None
-    return (Value("battery fraction", status.battery_fraction, limit, "fraction"),)
+    if status.battery_fraction is not None and status.battery_fraction <= limit:
+        return (Value("battery fraction", status.battery_fraction, limit, "fraction"),)
+    return (Value("reason", "the autopilot says that the battery is critical"),) if status.battery_critical else None
 
 
 def _flight_time(turn: Turn) -> Optional[Values]:

@@ -232,6 +232,7 @@ def _autopilot_status(stepper: Stepper, state: EngineState, event: AutopilotStat
         or event.mode != last.mode
         or event.pilot_in_control is not last.pilot_in_control
         or event.failsafe is not last.failsafe
+        or event.battery_critical is not last.battery_critical
         or event.link_age_s is None
         or last.link_age_s is None
         or state.armed_at_start is None
@@ -283,6 +284,8 @@ def _within_limits(stepper: Stepper, state: EngineState, event: AutopilotStatus,
     if x_m is not None and y_m is not None and not x_m * x_m + y_m * y_m < farthest * farthest * _SURE:
         return False
     if event.battery_fraction is not None and event.battery_fraction <= limits.battery_critical_fraction:
+        return False
+    if event.battery_critical:
         return False
     speed = event.vertical_speed_m_s
     return (speed is not None and speed <= -limits.descent_speed_m_s) is (state.descending_ns is not None)

@@ -75,6 +75,8 @@ def _lost(m: Moment) -> str:
         return "the autopilot is silent"
     if now - (started if saw.battery_ns is None else saw.battery_ns) > limits.battery_age_limit_ns:
         return "the battery level is unknown"
+    if status is not None and status.battery_critical:
+        return "the autopilot calls the battery critical"
     level = status.battery_fraction if status is not None else None
     if level is not None and not level > limits.battery_critical_fraction:
         return "the battery is critical"

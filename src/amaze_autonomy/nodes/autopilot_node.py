@@ -55,7 +55,11 @@ class AutopilotNode:
         self._clock, self._settings = clock, configuration.autopilot
         self._ground: Optional[Tuple[int, Landed]] = None
         self.client = AutopilotClient(
-            self._settings, configuration.battery, lambda: self._link.address, lambda: clock.ros_ns() - clock.now_ns()
+            self._settings,
+            configuration.battery,
+            lambda: self._link.address,
+            lambda: clock.ros_ns() - clock.now_ns(),
+            lambda: self._link.state.strangers,
         )
         self.client.on_text = _log_text
         settings = self._settings
@@ -136,12 +140,13 @@ class AutopilotNode:
     def _key(self, t_ns: int) -> Tuple[Any, ...]:
         """Return what is told at once when it changes."""
         vehicle = self.client.vehicle
-        beat = vehicle.beat
         return (
-            None if beat is None else (beat.armed, beat.mode),
+            vehicle.armed(t_ns),
+            vehicle.mode(t_ns),
             vehicle.landed(t_ns),
             vehicle.control.pilot,
             vehicle.control.failsafe,
+            vehicle.battery.critical(t_ns),
             tuple(vehicle.health(t_ns).items()),
         )
 

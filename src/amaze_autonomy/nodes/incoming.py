@@ -167,6 +167,7 @@ def autopilot_status(msg: Any, t_ns: int, ros_ns: int) -> events.AutopilotStatus
         battery_fraction=msg.battery_fraction,
         battery_voltage_v=msg.battery_voltage,
         battery_age_s=msg.battery_age,
+        battery_critical=msg.battery_critical,
         age_ns=age_of(msg.header, ros_ns),
     )
 

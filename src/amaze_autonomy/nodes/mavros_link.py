@@ -107,6 +107,7 @@ class MavrosLink(ClientHost):
             vehicle=VEHICLE[0],
             heartbeat_ns=self._heartbeat_ns,
             others=(),
+            strangers=(),
             frames=self._frames,
             damaged_bytes=0,
             refused=0,

@@ -158,6 +158,7 @@ def autopilot_status(
         battery_fraction=number(event.battery_fraction),
         battery_voltage=number(event.battery_voltage_v),
         battery_age=number(event.battery_age_s),
+        battery_critical=event.battery_critical,
         **health,
         **values,
     )

@@ -138,6 +138,7 @@ def _autopilot(message: Any, t_ns: int) -> Event:
         battery_fraction=float(message.battery_fraction),
         battery_voltage_v=float(message.battery_voltage),
         battery_age_s=float(message.battery_age),
+        battery_critical=bool(getattr(message, "battery_critical", False)),  # likewise
         age_ns=_age_ns(message, t_ns),
     )
 
@@ -203,7 +204,7 @@ FLAT: Mapping[str, Tuple[str, ...]] = {
         *("armed", "armed_known", "landed", "mode", "pilot_in_control", "failsafe", "link_age"),
         *("height", "height_valid", "position_x", "position_y", "position_valid"),
         *("vertical_speed", "horizontal_speed"),
-        *("battery_fraction", "battery_voltage", "battery_age"),
+        *("battery_fraction", "battery_voltage", "battery_age", "battery_critical"),
     ),
     "landing_detection": (*_STAMP, "landed", "distance", "reason"),
 }

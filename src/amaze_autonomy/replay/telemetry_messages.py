@@ -63,6 +63,7 @@ class Status:
     battery_fraction: float
     battery_voltage: float
     battery_age: float
+    battery_critical: bool
     gps: int
     imu: int
     magnetometer: int
@@ -107,5 +108,6 @@ def status(t_ns: int, vehicle: VehicleState) -> Status:
         battery_fraction=_number(said.battery_fraction),
         battery_voltage=_number(said.battery_voltage_v),
         battery_age=_number(said.battery_age_s),
+        battery_critical=said.battery_critical,
         **{name: _HEALTH[health[name]] for name in _SENSORS},
     )

@@ -223,3 +223,33 @@ def test_a_stream_of_set_points_may_stop():
     assert vehicle.craft.position_m == pytest.approx((0.0, 4.0, 3.0), abs=0.1)
     assert vehicle.last("HEARTBEAT").custom_mode == GUIDED
     assert vehicle.t_ns > 10 * S
+
+
+def test_messages_that_it_does_not_have_are_denied_with_a_text():
+    """As ArduCopter 4.5.6: result DENIED, "No ap_message for mavlink id (436)"."""
+    vehicle = bench()
+    assert vehicle.command(INTERVAL, 436, 100_000) == [mavlink.MAV_RESULT_DENIED]
+    assert vehicle.texts() == ["No ap_message for mavlink id (436)"]
+
+
+def test_a_change_of_the_mode_is_a_heartbeat_at_once():
+    vehicle = bench().advance(1.5)
+    vehicle.heard.clear()
+    assert mode(vehicle, LOITER) == [OK]
+    assert [message.custom_mode for message in vehicle.advance(0.02).of("HEARTBEAT")] == [LOITER]
+
+
+def test_a_low_battery_is_critical_without_any_action_and_stays_so_after_landing():
+    """As ArduCopter 4.5.6 with BATT_FS_LOW_ACT 0: mode GUIDED all the while; CRITICAL, disarmed, on the ground."""
+    vehicle = bench(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS)
+    mode(vehicle, GUIDED)
+    assert vehicle.command(ARM, 1) == [OK]
+    vehicle.command(TAKE_OFF, 0, 0, 0, 0, 0, 0, 3.0)
+    vehicle.advance(5.0)
+    vehicle.power.drop_to(0.05)
+    vehicle.advance(2.0)
+    beat = vehicle.last("HEARTBEAT")
+    assert (beat.custom_mode, beat.system_status) == (GUIDED, mavlink.MAV_STATE_CRITICAL)
+    mode(vehicle, LAND)
+    vehicle.until(lambda: not vehicle.craft.armed).advance(1.5)
+    assert vehicle.last("HEARTBEAT").system_status == mavlink.MAV_STATE_CRITICAL

@@ -6,6 +6,7 @@ import pytest
 from px4_tools import LAND, LOITER, MISSION, NAN, OFFBOARD, POSCTL, RTL, STEP, TAKEOFF, Bench, S, mode_of
 from pymavlink.dialects.v20 import common as mavlink
 
+INTERVAL, FAILED = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_RESULT_FAILED
 OK, LATER, DENIED, UNSUPPORTED = (
     mavlink.MAV_RESULT_ACCEPTED,
     mavlink.MAV_RESULT_TEMPORARILY_REJECTED,
@@ -228,3 +229,34 @@ def test_takeoff_is_refused_in_the_air():
     assert bench.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, NAN) == [LATER]
     assert bench.mode(MISSION) == [OK, LATER]  # there is none
     assert bench.mode(TAKEOFF) == [OK, OK]
+
+
+def test_a_faster_heartbeat_is_refused_and_beats_go_on_once_a_second():
+    """As PX4 v1.16.1: result FAILED, 1.0 Hz before and after."""
+    bench = Bench().advance(1.0)
+    assert bench.command(INTERVAL, 0, 200_000) == [FAILED]
+    bench.heard.clear()
+    assert len(bench.advance(10.0).of("HEARTBEAT")) == 10
+
+
+def test_one_heartbeat_can_be_asked_for():
+    """As PX4 v1.16.1: 20 requests in 4 s, 24 heartbeats."""
+    bench = Bench().advance(1.0)
+    bench.heard.clear()
+    for _ in range(20):
+        assert bench.command(mavlink.MAV_CMD_REQUEST_MESSAGE, 0) == [OK]
+        bench.advance(0.2 - STEP / S)
+    assert len(bench.of("HEARTBEAT")) == 24
+
+
+def test_current_mode_at_10_hz_comes_twice_a_second_and_with_each_change():
+    """As PX4 v1.16.1: 2.0 Hz at rest, each change within 0.1 s."""
+    bench = Bench().advance(1.0)
+    assert bench.command(INTERVAL, 436, 100_000) == [OK]
+    bench.heard.clear()
+    assert len(bench.advance(10.0).of("CURRENT_MODE")) in (19, 20, 21)
+    for numbers in (POSCTL, LOITER, POSCTL):
+        bench.heard.clear()
+        bench.mode(numbers)
+        assert len(bench.advance(0.1).of("CURRENT_MODE")) in (1, 2)  # the change, and perhaps the usual one
+        bench.advance(0.05)

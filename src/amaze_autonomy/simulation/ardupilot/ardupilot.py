@@ -8,7 +8,7 @@ that only the charge state tells the voltage.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Callable, List, Mapping, Optional
+from typing import Any, Callable, List, Mapping, Optional, Tuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -55,6 +55,7 @@ class ArduPilot(Px4):
     """One autopilot; its craft is an `ArduCraft`."""
 
     craft: ArduCraft
+    _shown = ""
 
     def connect(self, name: str, preset: str = "silent") -> Link:
         """Have a connection: whatever rates are wished for, it begins silent."""
@@ -70,6 +71,14 @@ class ArduPilot(Px4):
         """Say what stands against arming in this mode."""
         for problem in sorted(self.craft.flags.not_ready.values()):
             self.say(_CRITICAL, f"PreArm: {problem}")
+
+    def advance(self, t_ns: int) -> List[Tuple[str, Any]]:
+        """As PX4, and with each change of the mode a heartbeat."""
+        if self._shown != self.craft.mode:
+            changed, self._shown = bool(self._shown), self.craft.mode
+            for link in self._links.values() if changed else ():
+                link.hasten(t_ns, "HEARTBEAT")
+        return super().advance(t_ns)
 
     # --- what it does in another way than PX4 ---------------------------------------------------------------------
 
@@ -146,7 +155,7 @@ class _Failsafes(Failsafes):
 def _heartbeat(view: telemetry.View) -> Any:
     craft = view.craft
     status = mavlink.MAV_STATE_ACTIVE if craft.airborne else mavlink.MAV_STATE_STANDBY
-    if craft.armed and (craft.failsafe or view.level):
+    if craft.failsafe or view.level:  # also when nothing is done about it, and after it has landed
         status = mavlink.MAV_STATE_CRITICAL
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_QUADROTOR,

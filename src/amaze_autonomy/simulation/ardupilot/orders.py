@@ -17,6 +17,7 @@ __all__ = ["carry_out", "enter"]
 _OK, _DENIED, _UNSUPPORTED, _FAILED = 0, 2, 3, 4  # MAV_RESULT
 _CRITICAL, _INFO = 2, 6
 _FORCE = 21196.0
+_UNKNOWN = ("CURRENT_MODE", "EVENT", "ESTIMATOR_STATUS")
 _NAMES = {number: kind.msgname for number, kind in mavlink.mavlink_map.items()}
 
 
@@ -85,10 +86,12 @@ def _start_mission(vehicle: Any, _t_ns: int, _order: Order) -> int:
     return _OK
 
 
-def _set_interval(_vehicle: Any, t_ns: int, order: Order) -> int:
-    name = _NAMES.get(round(order.params[0]))
-    if name is None:
-        return _FAILED
+def _set_interval(vehicle: Any, t_ns: int, order: Order) -> int:
+    number = round(order.params[0])
+    name = _NAMES.get(number)
+    if name is None or name in _UNKNOWN:
+        vehicle.say(_INFO, f"No ap_message for mavlink id ({number})")
+        return _DENIED
     order.link.set_interval(t_ns, name, order.params[1])
     return _OK
 

@@ -28,6 +28,7 @@ _OK = mavlink.MAV_RESULT_ACCEPTED
 _LATER = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
+_FAILED = mavlink.MAV_RESULT_FAILED
 _CRITICAL, _INFO = 2, 6
 _FORCE = 21196.0
 _NUMBERS = numbers()
@@ -175,6 +176,8 @@ def _set_interval(_orders: Orders, t_ns: int, order: Order) -> List[int]:
     name = _NUMBERS.get(round(order.params[0]))
     if name is None:
         return [_DENIED]
+    if name == "HEARTBEAT":
+        return [_FAILED]  # its rate is constant
     order.link.set_interval(t_ns, name, order.params[1])
     return [_OK]
 

@@ -92,6 +92,7 @@ class Link:
         self._due: Dict[str, int] = {
             message: t_ns + place * 7_000_000 % period for place, (message, period) in enumerate(self._periods.items())
         }
+        self._told: Dict[str, int] = {}
         self._gcs_ns: Optional[int] = None
         self._texts: List[object] = []
 
@@ -123,6 +124,16 @@ class Link:
             period = self._periods[message]
             self._due[message] += period * (1 + (t_ns - self._due[message]) // period)
         return names
+
+    def hasten(self, t_ns: int, message: str) -> None:
+        """Send a message that is streamed now, and then as before."""
+        if message in self._due:
+            self._due[message] = t_ns
+
+    def is_new(self, message: str, version: int) -> bool:
+        """Note which version of its topic a message tells; return whether it was not told yet."""
+        told, self._told[message] = self._told.get(message), version
+        return told != version
 
     def hear_heartbeat(self, t_ns: int, kind: int) -> None:
         """Take notice of a heartbeat: PX4 tells its texts to a ground station only."""

@@ -38,6 +38,7 @@ __all__ = ["Px4"]
 _S = 1_000_000_000
 _INFO, _WARNING = 6, 4
 _REACHED_NS = _S
+_STATUS_NS = _S // 2
 _HOME_SHIFT = (-0.2, 0.2, -0.45)  # of home before the arming: north, east, up in m, as recorded
 _PREARM_TEXT_NS = 2 * _S
 _SENSORS = ("gps", "imu", "magnetometer", "barometer")
@@ -91,7 +92,7 @@ class Px4:
         self._links: Dict[str, Link] = {}
         self._out: List[_Out] = []
         self._texts = Texts()
-        self._said = _Said(craft)
+        self._said, self._status = _Said(craft), _Status(craft)
         self._reached_ns: Optional[int] = None
         self._reached = -1
         self._prearm_ns = t_ns
@@ -231,6 +232,7 @@ class Px4:
         self.health.follow(t_ns, gps=has_gps, armed=self.craft.armed)
         fraction = self._power.fraction if self._power.known else None
         self.failsafes.advance(t_ns, fraction, transmitter=self._transmitter)
+        self._status.follow(t_ns)
         self._tell_changes(t_ns)
         self._tell_reached(t_ns)
         out, self._out = self._out, []
@@ -239,6 +241,8 @@ class Px4:
         for name, link in self._links.items():
             out.extend((name, text) for text in link.take_texts(t_ns))
             for message in link.due(t_ns):
+                if message == "CURRENT_MODE" and not link.is_new(message, self._status.version):
+                    continue
                 view = view or self._view(t_ns)
                 made = self._message(message, view)
                 if made is not None:
@@ -320,6 +324,27 @@ class Px4:
             return
         self._reached, self._reached_ns = reached, t_ns + _REACHED_NS
         self._out.extend((name, mavlink.MAVLink_mission_item_reached_message(reached)) for name in self._links)
+
+
+class _Status:
+    """PX4's topic of its mode: published twice a second and with each change, and each of that is told once.
+
+    Args:
+        craft: the vehicle.
+    """
+
+    def __init__(self, craft: Craft) -> None:
+        self._craft = craft
+        self.version, self._due_ns = 0, 0
+        self._last: Any = None
+
+    def follow(self, t_ns: int) -> None:
+        """Publish what is due, and what has changed."""
+        craft = self._craft
+        now = (craft.mode, craft.intended, craft.armed, craft.failsafe)
+        if now != self._last or t_ns >= self._due_ns:
+            self._last, self._due_ns = now, t_ns + _STATUS_NS
+            self.version += 1
 
 
 class _Said:

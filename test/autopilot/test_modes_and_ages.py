@@ -1,0 +1,292 @@
+"""What decides a flight has an age of its own; a takeover is known at once, a failsafe by what it does.
+
+Figures as measured on PX4 v1.16.1 and ArduCopter 4.5.6 in software-in-the-loop: PX4 refuses a faster HEARTBEAT
+(FAILED), grants CURRENT_MODE (twice a second, and each change within 0.1 s), answers a request for one HEARTBEAT with
+one, and sends EVENTs on every link; ArduPilot grants 5 Hz, beats at each change of the mode, and denies CURRENT_MODE.
+"""
+
+from __future__ import annotations
+
+import pytest
+from autopilot_tools import beat
+from client_bench import ClientBench
+from px4_tools import POSCTL, S
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.autopilot.dialect import current_mode_message, event_message
+from amaze_autonomy.autopilot.px4_events import event_id
+from amaze_autonomy.autopilot.vehicle import VehicleState
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
+
+ASK_RATE, ASK_ONE = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE
+ARDUPILOT, CRITICAL, ACTIVE = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_ACTIVE
+GUIDED, COPTER_LOITER, COPTER_RTL, COPTER_LAND = 4, 5, 6, 9
+
+
+def asked(bench, name):
+    number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}", 436)
+    return [
+        m.param2
+        for _, m in bench.sent
+        if m.get_type() == "COMMAND_LONG" and m.command == ASK_RATE and m.param1 == number
+    ]
+
+
+def control(vehicle, t_ns=0):
+    status = vehicle.status(t_ns)
+    return "failsafe" if status.failsafe else "pilot" if status.pilot_in_control else "ours"
+
+
+# --- PX4 ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("at", [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
+def test_a_takeover_on_px4_is_known_within_a_fifth_of_a_second_whenever_it_comes(at):
+    bench = ClientBench().fly().advance(2.0 + at)
+    assert bench.vehicle.status(bench.t_ns).pilot_in_control is False
+    bench.far.mode(POSCTL)
+    bench.advance(0.2)
+    status = bench.vehicle.status(bench.t_ns)
+    assert (status.mode, status.pilot_in_control) == ("POSCTL", True)
+
+
+def test_px4_is_asked_for_its_mode_though_that_streams_by_itself_and_not_for_heartbeats_that_it_refuses():
+    bench = ClientBench().advance(10.0)
+    assert asked(bench, "CURRENT_MODE") == [100_000.0]
+    assert asked(bench, "HEARTBEAT") == []
+
+
+def test_a_heartbeat_that_is_lost_is_asked_for_again():
+    bench = ClientBench().advance(3.0)
+    bench.deaf = ("HEARTBEAT",)
+    bench.advance(1.5)
+    bench.deaf = ()
+    before = bench.vehicle.beat.t_ns
+    bench.advance(0.4)
+    assert bench.vehicle.beat.t_ns > before
+    assert bench.commands(ASK_ONE)
+
+
+def test_the_system_status_is_asked_for_when_the_mode_has_changed():
+    """A failsafe changes the mode; that it is one stands in the heartbeat, up to a second later."""
+    bench = ClientBench().fly().advance(2.0)
+    bench.until(lambda: bench.t_ns - bench.vehicle.beat.t_ns < 50_000_000)  # the next one is nearly 1 s away
+    bench.far.craft.failsafe = True
+    bench.far.craft.fall_into("AUTO.RTL")
+    bench.advance(0.3)
+    assert (bench.vehicle.status(bench.t_ns).mode, control(bench.vehicle, bench.t_ns)) == ("AUTO.RTL", "failsafe")
+
+
+def test_link_age_is_the_age_of_anything_and_armed_has_one_of_its_own():
+    bench = ClientBench().fly().advance(2.0)
+    bench.deaf = ("HEARTBEAT",)
+    bench.advance(4.0)
+    status = bench.vehicle.status(bench.t_ns)
+    assert (status.link_age_s < 0.2, status.armed, status.mode) == (True, True, "AUTO.LOITER")
+    bench.advance(2.0)
+    status = bench.vehicle.status(bench.t_ns)
+    assert (status.link_age_s < 0.2, status.armed, status.mode) == (True, None, "AUTO.LOITER")
+    bench.deaf = ("HEARTBEAT", "CURRENT_MODE")
+    bench.advance(6.0)
+    assert bench.vehicle.status(bench.t_ns).mode == ""
+    bench.deaf = ()
+    bench.advance(1.5)
+    status = bench.vehicle.status(bench.t_ns)
+    assert (status.armed, status.mode) == (True, "AUTO.LOITER")
+
+
+@pytest.mark.parametrize(
+    "deaf, unknown",
+    [
+        (("EXTENDED_SYS_STATE",), {"landed"}),
+        (("LOCAL_POSITION_NED",), {"height", "position", "speed"}),
+        (("ESTIMATOR_STATUS",), {"height", "position", "speed"}),
+        (("BATTERY_STATUS", "SYS_STATUS"), {"battery"}),
+    ],
+)
+def test_each_value_that_grows_old_is_unknown_while_the_link_is_young(deaf, unknown):
+    bench = ClientBench().fly().advance(2.0)
+
+    def missing():
+        status = bench.vehicle.status(bench.t_ns)
+        found = {
+            "landed": status.landed is VehicleLanded.UNKNOWN,
+            "height": status.height_m is None,
+            "position": status.position_x_m is None,
+            "speed": status.horizontal_speed_m_s is None and status.vertical_speed_m_s is None,
+            "battery": status.battery_age_s > 3.0,
+            "link": status.link_age_s > 0.5,
+        }
+        return {name for name, bad in found.items() if bad}
+
+    assert missing() == set()
+    bench.deaf = deaf
+    bench.advance(4.0)
+    assert missing() == unknown
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_fifth_of_all_packets_lost_for_two_minutes_makes_nothing_unknown(seed):
+    bench = ClientBench(lost=0.2).fly()
+    bench._noise.seed(seed)
+    bench.advance(5.0)
+    worst, bad = 0.0, []
+    for _ in range(600):
+        bench.advance(0.2)
+        status = bench.vehicle.status(bench.t_ns)
+        worst = max(worst, status.link_age_s)
+        known = status.armed is True and status.mode and status.landed is VehicleLanded.IN_AIR
+        if not known or status.height_m is None or status.position_x_m is None:
+            bad.append(round(bench.t_ns / S, 1))
+    assert bad == []
+    assert worst < 0.5
+
+
+def test_before_the_first_heartbeat_a_mode_says_nothing():
+    vehicle = VehicleState(AutopilotSettings())
+    vehicle.receive(S, current_mode_message(0, 3 << 16, 3 << 16))
+    status = vehicle.status(S)
+    assert (status.armed, status.mode, status.link_age_s) == (None, "", None)
+
+
+# --- the autopilot's own words ------------------------------------------------------------------------------------
+
+
+def refused(name, modes=0x7E007C, level=0x33):
+    arguments = list(modes.to_bytes(4, "little")) + [0] * 36
+    return event_message(0, 0, 1 << 24 | event_id(name), 1000, 1, level, arguments)
+
+
+def test_why_px4_does_not_arm_is_known_without_a_ground_station_by_its_events():
+    """Ids as a real PX4 sent them when GPS was taken away."""
+    assert event_id("commander_arm_denied_resolve_failures") == 0x102089D & 0xFFFFFF
+    assert event_id("check_modes_local_pos") == 13835193
+    assert event_id("check_modes_global_pos") == 10011251
+    assert event_id("check_estimator_gps_fix_too_low") == 12369553
+    vehicle = VehicleState(AutopilotSettings())
+    vehicle.receive(S, beat(4 << 16 | 3 << 24, status=0))
+    for number, name in enumerate(("commander_arm_denied_resolve_failures", "check_modes_local_pos")):
+        vehicle.receive((2 + number) * S, refused(name))
+    vehicle.receive(4 * S, refused("check_modes_global_pos", modes=1 << 14))  # OFFBOARD alone
+    vehicle.receive(4 * S, refused("no_such_event"))
+    assert vehicle.texts.complaints(5 * S, 60 * S) == (
+        "Arming denied: Resolve system health failures first",
+        "Preflight: no valid local position estimate",
+    )
+
+
+def test_the_same_as_a_text_and_as_an_event_is_said_once():
+    vehicle = VehicleState(AutopilotSettings())
+    vehicle.receive(S, beat(4 << 16 | 3 << 24, status=0))
+    vehicle.receive(S, refused("check_estimator_gps_fix_too_low", level=0x44))
+    vehicle.receive(S, mavlink.MAVLink_statustext_message(4, b"Preflight: GPS fix too low"))
+    assert [text.text for text in vehicle.texts.new] == ["Preflight: GPS fix too low"]
+
+
+def test_what_an_armed_px4_says_of_modes_that_it_is_not_in_is_no_reason_not_to_arm():
+    vehicle = VehicleState(AutopilotSettings())
+    vehicle.receive(S, beat(4 << 16 | 3 << 24, armed=True))
+    vehicle.receive(S, refused("check_modes_local_pos"))
+    assert vehicle.texts.complaints(2 * S, 60 * S) == ()
+
+
+# --- ArduPilot: critical is not the same as acting ----------------------------------------------------------------
+
+
+def copter(*beats):
+    """Return an ArduCopter's vehicle after heartbeats of (mode, status), 0.2 s apart, armed."""
+    vehicle = VehicleState(AutopilotSettings())
+    for number, (mode, status) in enumerate(beats):
+        vehicle.receive(number * S // 5, beat(mode, armed=True, autopilot=ARDUPILOT, status=status))
+    return vehicle
+
+
+@pytest.mark.parametrize(
+    "beats, whose",
+    [
+        ([(GUIDED, ACTIVE), (GUIDED, CRITICAL)], "ours"),  # BATT_FS_LOW_ACT 0
+        ([(GUIDED, ACTIVE), (GUIDED, CRITICAL), (COPTER_LOITER, CRITICAL)], "pilot"),
+        ([(GUIDED, ACTIVE), (COPTER_LAND, CRITICAL)], "failsafe"),
+        ([(GUIDED, ACTIVE), (GUIDED, CRITICAL), (COPTER_RTL, CRITICAL)], "failsafe"),
+        ([(GUIDED, CRITICAL), (GUIDED, ACTIVE), (GUIDED, ACTIVE)], "ours"),
+        ([(GUIDED, ACTIVE), (COPTER_RTL, ACTIVE)], "pilot"),
+    ],
+)
+def test_a_failsafe_of_ardupilot_has_control_when_it_has_chosen_the_mode(beats, whose):
+    assert control(copter(*beats)) == whose
+
+
+def test_our_own_landing_at_a_critical_battery_is_no_failsafe():
+    vehicle = copter((GUIDED, ACTIVE), (GUIDED, CRITICAL))
+    vehicle.control.command("AUTO.LAND")
+    vehicle.receive(S, beat(COPTER_LAND, armed=True, autopilot=ARDUPILOT, status=CRITICAL))
+    assert control(vehicle, S) == "ours"
+
+
+def test_a_critical_battery_of_which_the_autopilot_makes_nothing_is_said_to_be_one():
+    """As recorded: 9 V of three cells, charge state CRITICAL, 87 % by the current, mode GUIDED all the while."""
+    vehicle = copter((GUIDED, ACTIVE), (GUIDED, CRITICAL))
+    pack = mavlink.MAVLink_battery_status_message(
+        0, 0, 0, 32767, [9000, *[65535] * 9], 3933, 424, 157, 87, 0, mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL
+    )
+    vehicle.receive(S, pack)
+    status = vehicle.status(S)
+    assert (status.battery_critical, status.battery_fraction, control(vehicle, S)) == (True, 0.07, "ours")
+    unknown = mavlink.MAVLink_battery_status_message(
+        0, 0, 0, 32767, [9000, *[65535] * 9], -1, -1, -1, -1, 0, mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL
+    )
+    vehicle.receive(2 * S, unknown)
+    status = vehicle.status(2 * S)
+    assert (status.battery_critical, status.battery_fraction) == (True, None)
+    assert vehicle.status(8 * S).battery_critical is False  # nobody says so any more
+
+
+def test_a_takeover_on_ardupilot_is_known_at_once():
+    bench = ClientBench(autopilot=(ArduCraft, ArduPilot)).advance(3.0)
+    bench.far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, GUIDED)
+    bench.far.arm()
+    bench.far.command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5.0)
+    bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "IN_AIR").advance(1.0)
+    bench.far.command(mavlink.MAV_CMD_DO_SET_MODE, 1, COPTER_LOITER)
+    bench.advance(0.06)
+    assert (bench.vehicle.beat.mode, control(bench.vehicle, bench.t_ns)) == ("POSCTL", "pilot")
+    assert asked(bench, "CURRENT_MODE") == []
+
+
+# --- GPS ----------------------------------------------------------------------------------------------------------
+
+
+def fix(stamp):
+    return mavlink.MAVLink_gps_raw_int_message(stamp, 6, 473977420, 85455940, 488100, 121, 200, 0, 0, 10)
+
+
+@pytest.mark.parametrize("armed, healthy", [(False, True), (True, False)])
+def test_a_gps_that_says_the_same_with_new_stamps_is_frozen_in_the_air_and_not_at_rest(armed, healthy):
+    """As a real ArduCopter's on the ground: 20 messages in 5 s, 20 stamps, one value."""
+    vehicle = VehicleState(AutopilotSettings())
+    for number in range(50):
+        t_ns = number * S // 5
+        vehicle.receive(t_ns, beat(GUIDED, armed=armed, autopilot=ARDUPILOT, status=3))
+        vehicle.receive(t_ns, mavlink.MAVLink_extended_sys_state_message(0, 2 if armed else 1))
+        vehicle.receive(t_ns, fix(1000 + number))
+    assert (vehicle.gps.problem(t_ns) == "") is healthy
+
+
+def test_a_gps_whose_stamps_stand_still_is_frozen_at_rest_too():
+    vehicle = VehicleState(AutopilotSettings())
+    for number in range(50):
+        vehicle.receive(number * S // 5, beat(GUIDED, autopilot=ARDUPILOT, status=3))
+        vehicle.receive(number * S // 5, fix(1000))
+    assert vehicle.gps.problem(10 * S).startswith("frozen")
+
+
+def test_a_vehicle_that_has_just_lifted_off_gets_its_time():
+    vehicle = VehicleState(AutopilotSettings())
+    for number in range(60):
+        t_ns = number * S // 5
+        vehicle.receive(t_ns, beat(GUIDED, armed=number > 20, autopilot=ARDUPILOT, status=3))
+        vehicle.receive(t_ns, mavlink.MAVLink_extended_sys_state_message(0, 1 if number < 50 else 3))
+        vehicle.receive(t_ns, fix(1000 + number))
+    assert vehicle.gps.problem(t_ns) == ""

@@ -1,0 +1,216 @@
+"""Two vehicles with one system id: ours stays ours, the other is named and never believed."""
+
+from __future__ import annotations
+
+import random
+import time
+
+import pytest
+from autopilot_tools import Recorder, UdpVehicle, beat, free_port, wait_until
+from client_bench import ClientBench
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from amaze_autonomy.autopilot import Connection, Identity
+from amaze_autonomy.autopilot.diagnosis import link_problem
+from amaze_autonomy.autopilot.sources import Sources
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.checks import Verdict
+from amaze_autonomy.engine.events import Landed
+from amaze_autonomy.monitoring.specs import BatterySpec
+
+S, MS = 1_000_000_000, 1_000_000
+HERE, THERE = ("10.0.0.1", 14550), ("10.0.0.2", 14550)
+
+
+def say(sources, t_s, place=HERE, sequence=None, boot_s=None, state=None):
+    """Let a source say something; its number follows its last one."""
+    state = state if state is not None else say.numbers
+    number = state.get(place, -1) + 1 if sequence is None else sequence
+    state[place] = number % 256
+    boot_ms = None if boot_s is None else round((t_s - boot_s) * 1000)
+    return sources.take(round(t_s * S), place, number % 256, boot_ms)
+
+
+@pytest.fixture(autouse=True)
+def _fresh_numbers():
+    say.numbers = {}
+
+
+def test_the_first_address_is_ours_and_a_second_one_a_stranger_with_its_name():
+    sources = Sources()
+    for tick in range(50):
+        assert say(sources, tick / 10) is True
+        assert say(sources, tick / 10, THERE) is False
+    assert sources.strangers(5 * S) == ("10.0.0.2:14550",)
+    assert sources.strangers(20 * S) == ()
+
+
+def test_in_flight_our_silence_is_silence_though_the_other_speaks_on():
+    sources = Sources()
+    say(sources, 0.0)
+    sources.armed = True
+    assert [say(sources, tick / 10, THERE) for tick in range(600)] == [False] * 600
+    assert say(sources, 60.5) is True
+
+
+def test_one_forged_datagram_is_named_and_not_believed():
+    sources = Sources()
+    for tick in range(20):
+        say(sources, tick / 10)
+    assert say(sources, 2.0, THERE) is False
+    assert sources.strangers(2 * S) == ("10.0.0.2:14550",)
+    assert say(sources, 2.1) is True
+
+
+def test_on_the_ground_a_vehicle_at_another_address_follows_one_that_is_silent():
+    """A restarted autopilot or router speaks from another port."""
+    sources = Sources()
+    say(sources, 0.0, boot_s=-100.0)
+    heard = [say(sources, 0.1 + tick / 10, THERE, boot_s=0.0) for tick in range(40)]
+    assert (heard.index(True), all(heard[heard.index(True) :])) == (25, True)
+    assert sources.strangers(8 * S) == ()
+
+
+def test_in_flight_a_vehicle_that_has_moved_to_another_address_is_known_by_its_boot_time():
+    sources = Sources()
+    say(sources, 0.0, boot_s=-100.0)
+    sources.armed = True
+    assert not any(say(sources, 0.1 + tick / 10, THERE, boot_s=-30.0) for tick in range(60))
+    moved = ("10.0.0.3", 1)
+    heard = [say(sources, 7.0 + tick / 10, moved, boot_s=-100.02) for tick in range(5)]
+    assert heard == [False, False, True, True, True]
+
+
+# --- one address: a router ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.2])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_vehicle_alone_is_heard_whatever_is_lost(lost, seed):
+    chance, sources, number, taken, sent = random.Random(seed), Sources(), 0, 0, 0
+    for tick in range(5000):
+        number += 1
+        if chance.random() < lost or 2000 < tick < 2200:  # and 400 ms without a word
+            continue
+        sent += 1
+        taken += say(sources, tick / 500, sequence=number, boot_s=-10.0 if tick % 50 == 0 else None)
+    assert sent - taken <= 3
+    assert sources.strangers(10 * S) == ()
+
+
+def test_datagrams_that_overtake_one_another_are_no_strangers():
+    sources, numbers = Sources(), [0, 1, 2, 5, 3, 4, 6, 8, 7, 9, 9, 10]
+    assert all(say(sources, tick / 500, sequence=number) for tick, number in enumerate(numbers))
+    assert sources.strangers(S) == ()
+
+
+def test_an_autopilot_that_was_restarted_behind_the_same_address_is_heard_again_at_once():
+    sources = Sources()
+    for tick in range(100):
+        say(sources, tick / 100, sequence=tick, boot_s=-500.0)
+    heard = [say(sources, 1.2 + tick / 100, sequence=tick, boot_s=1.1) for tick in range(50)]
+    assert heard == [False, False] + [True] * 48
+    assert sources.strangers(2 * S) == ()
+
+
+@pytest.mark.parametrize("offset", [60, 128, 200])
+@pytest.mark.parametrize("rates", [(500, 490), (500, 100), (100, 500)])
+def test_two_vehicles_behind_one_router_are_never_mixed(offset, rates):
+    """Each message is of one of two runs; what nobody can tell apart is lost, nothing of the other is taken."""
+    sources, wrong, taken, sent = Sources(), 0, 0, 0
+    times = sorted(
+        [(n / rates[0], 0, n) for n in range(5 * rates[0])]
+        + [(n / rates[1] + 0.0007, 1, n) for n in range(5 * rates[1])]
+    )
+    for t_s, who, number in times:
+        boot_s = (-100.0, -40.0)[who] if number % 10 == 0 else None
+        ours = sources.take(
+            round(t_s * S),
+            HERE,
+            (number + (0, offset)[who]) % 256,
+            None if boot_s is None else round((t_s - boot_s) * 1000),
+        )
+        wrong += ours and who == 1
+        taken += ours and who == 0
+        sent += who == 0
+    assert wrong <= 2
+    assert taken > 0.6 * sent
+    assert sources.strangers(5 * S) == ("10.0.0.1:14550, where ours is, too",)
+
+
+# --- the connection -----------------------------------------------------------------------------------------------
+
+
+class Both:
+    """Our vehicle and a stranger, both with system id 1, at a connection."""
+
+    def __init__(self):
+        self.port = free_port()
+        self.client = Recorder()
+        self.link = Connection(f"udpin:127.0.0.1:{self.port}", Identity(1, 191, 1), self.client)
+        self.ours, self.other = UdpVehicle(self.port), UdpVehicle(self.port)
+
+    def __enter__(self):
+        self.link.start()
+        wait_until(lambda: self.link.state.opened)
+        return self
+
+    def __exit__(self, *_):
+        self.link.close()
+        self.ours.close()
+        self.other.close()
+
+
+def test_what_is_sent_goes_to_ours_and_the_stranger_is_told_with_its_address():
+    with Both() as both:
+        both.ours.say(beat(4, armed=True))
+        wait_until(lambda: both.client.heard)
+        both.other.say(beat(9), beat(9), beat(9))
+        wait_until(lambda: both.link.state.strangers)
+        assert both.link.state.strangers == (f"127.0.0.1:{both.other.port}",)
+        assert link_problem(both.link.state) == (
+            f"another vehicle says system id 1, from 127.0.0.1:{both.other.port}; it is ignored: "
+            "give it another MAV_SYS_ID or port"
+        )
+        assert {message.custom_mode for message in both.client.heard} == {4}
+        both.other.listen()
+        both.other.heard.clear()
+        both.link.send(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, 4, 6, 0, 0, 0, 0))
+        wait_until(lambda: "COMMAND_LONG" in [message.get_type() for message in both.ours.listen()])
+        assert "COMMAND_LONG" not in [message.get_type() for message in both.other.listen()]
+
+
+def test_our_silence_is_noticed_while_the_stranger_speaks():
+    with Both() as both:
+        both.ours.say(beat(4, armed=True))
+        wait_until(lambda: both.client.heard)
+        heard, heartbeat_ns = len(both.client.heard), both.link.state.heartbeat_ns
+        end = time.monotonic() + 3.0
+        while time.monotonic() < end:
+            both.other.say(beat(9))
+            time.sleep(0.1)
+        assert len(both.client.heard) == heard
+        assert both.link.state.heartbeat_ns == heartbeat_ns
+
+
+# --- the pre-flight table -----------------------------------------------------------------------------------------
+
+
+def test_a_stranger_refuses_the_takeoff_with_its_address():
+    bench = ClientBench()
+    strangers = []
+    bench.client = type(bench.client)(
+        AutopilotSettings(), BatterySpec(cells=4), lambda: (1, 1), strangers=lambda: tuple(strangers)
+    )
+    bench.advance(5.0)
+
+    def row():
+        return next(row for row in bench.ask(bench.client.check, Landed.ON_GROUND) if row.name == "one vehicle")
+
+    assert row().verdict is Verdict.PASS
+    strangers.append("10.0.0.2:14550")
+    assert (row().verdict, row().advice) == (
+        Verdict.FAIL,
+        "another one with its system id speaks from 10.0.0.2:14550: switch it off, "
+        "or give it another MAV_SYS_ID or port",
+    )
