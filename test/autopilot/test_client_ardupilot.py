@@ -55,14 +55,17 @@ def test_it_streams_nothing_until_asked_and_all_once_asked():
 
 
 def test_parameters_come_as_floats_of_their_values():
-    settings = AutopilotSettings(parameters={"FS_THR_ENABLE": 1, "BATT_LOW_VOLT": 11.0})
+    settings = AutopilotSettings(
+        parameters={"COM_LOW_BAT_ACT": 3}, ardupilot_parameters={"FS_THR_ENABLE": 1, "BATT_LOW_VOLT": 11.0}
+    )
     asked = bench(settings=settings).advance(5.0)
     assert bad(asked) == {"parameters": ("warn", "BATT_LOW_VOLT is 10.5, should be 11")}
 
 
 def test_px4_s_parameters_are_not_its_own_and_that_is_said():
-    asked = bench(settings=AutopilotSettings(parameters={"COM_LOW_BAT_ACT": 3, "NAV_RCL_ACT": 2})).advance(5.0)
-    words = "this ArduPilot knows none of those in autopilot.yaml: name its own there (docs/autopilot.md)"
+    settings = AutopilotSettings(ardupilot_parameters={"COM_LOW_BAT_ACT": 3, "NAV_RCL_ACT": 2})
+    asked = bench(settings=settings).advance(5.0)
+    words = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
     assert bad(asked) == {"parameters": ("warn", words)}
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace as Said
 
 import pytest
 
+from amaze_autonomy.autopilot.battery import Battery
 from amaze_autonomy.autopilot.commands import command_long, set_mode
 from amaze_autonomy.autopilot.control import Heartbeat
 from amaze_autonomy.autopilot.dialect import mavlink
@@ -49,9 +50,9 @@ def test_a_mode_of_another_autopilot_behind_mavros_is_said(mode):
 
 
 def test_a_battery_keeps_what_is_unknown():
-    full = convert("battery", voltage=15.8, cell_voltage=[], current=-2.5, percentage=0.84)
+    full = convert("battery", location="", voltage=15.8, cell_voltage=[], current=-2.5, percentage=0.84)
     assert (full.voltages[:2], full.current_battery, full.battery_remaining) == ([15800, 65535], 250, 84)
-    empty = convert("battery", voltage=nan, cell_voltage=[], current=nan, percentage=nan)
+    empty = convert("battery", location="id0", voltage=nan, cell_voltage=[], current=nan, percentage=nan)
     assert (empty.voltages[:2], empty.current_battery, empty.battery_remaining) == ([65535, 65535], -1, -1)
 
 
@@ -117,3 +118,16 @@ def test_a_set_point_is_published_east_north_up():
         },
     )
     assert publication_of(set_mode(1, 1, 4, 6)) is None
+
+
+def test_two_batteries_on_one_topic_are_told_apart_and_the_worst_counts():
+    """mavros publishes each BATTERY_STATUS on one topic; its `location` names the battery."""
+    battery = Battery({}, cells=4)
+    for number, (where, level) in enumerate([("id0", 0.9), ("id1", 0.3)] * 3):
+        said = convert("battery", location=where, voltage=15.0, cell_voltage=[], current=-1.0, percentage=level)
+        assert said.id == number % 2
+        battery.add_pack(number, said)
+        if number:
+            assert battery.reading(number).fraction == 0.3
+    unnamed = convert("battery", location="", voltage=15.0, cell_voltage=[], current=-1.0, percentage=0.9)
+    assert unnamed.id == 0

@@ -290,3 +290,26 @@ def test_a_vehicle_that_has_just_lifted_off_gets_its_time():
         vehicle.receive(t_ns, mavlink.MAVLink_extended_sys_state_message(0, 1 if number < 50 else 3))
         vehicle.receive(t_ns, fix(1000 + number))
     assert vehicle.gps.problem(t_ns) == ""
+
+
+# --- the pre-flight table: what comes by itself -------------------------------------------------------------------
+
+
+def healing(bench):
+    rows = bench.ask(bench.client.check, None)
+    return {row.name for row in rows if row.heals}
+
+
+def test_rows_that_come_by_themselves_say_so_and_what_a_person_must_do_does_not():
+    silent = ClientBench()
+    silent.cut = True
+    silent.advance(1.0)
+    assert "autopilot link" in healing(silent)
+    bench = ClientBench(transmitter=False)
+    bench.far.craft.flags.not_ready["home"] = "no home"
+    bench.advance(6.0)
+    found = healing(bench)
+    assert {"home position", "pre-arm check"} <= found
+    assert not {"RC receiver", "not armed", "kill switch"} & found
+    ready = ClientBench().advance(6.0)
+    assert healing(ready) == set()

@@ -12,7 +12,7 @@ from amaze_autonomy.config import AutopilotSettings, load_configuration
 
 def test_the_shipped_file_says_the_defaults_and_the_parameters_that_matter():
     shipped = load_configuration(paths.config_folder(), ["missions.missions.5.controller=mission"]).autopilot
-    assert replace(shipped, parameters={}, offboard_parameters={}) == AutopilotSettings()
+    assert replace(shipped, parameters={}, ardupilot_parameters={}, offboard_parameters={}) == AutopilotSettings()
     assert sorted(shipped.parameters) == [
         "BAT_CRIT_THR",
         "BAT_EMERGEN_THR",

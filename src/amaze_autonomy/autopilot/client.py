@@ -88,6 +88,8 @@ class AutopilotClient:
         self._rates.heard(t_ns, name)
         self.vehicle.receive(t_ns, message)
         if name == "HEARTBEAT":
+            settings = self.settings
+            self._parameters.expect(settings.parameters if self._is_px4() else settings.ardupilot_parameters)
             self._began_again(age_ns is None or age_ns > _BREAK_NS)
             return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
         if name == "CURRENT_MODE":

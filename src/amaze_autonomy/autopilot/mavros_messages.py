@@ -17,6 +17,7 @@ __all__ = ["STATE", "VEHICLE", "WAYPOINTS", "Converter", "Source", "mode_problem
 VEHICLE = (1, 1)
 _UNKNOWN_MV, _UNKNOWN = 65535, -1
 _DEG7 = 1e7
+_BATTERIES = 256  # that 8 bits tell apart
 
 
 class Source(NamedTuple):
@@ -87,7 +88,7 @@ def _battery(message: Any) -> Message:
     percent = round(100 * message.percentage) if isfinite(message.percentage) else _UNKNOWN
     current = round(-100 * message.current) if isfinite(message.current) else _UNKNOWN
     return mavlink.MAVLink_battery_status_message(
-        0,
+        _battery_number(message),
         0,
         0,
         32767,
@@ -97,6 +98,12 @@ def _battery(message: Any) -> Message:
         _UNKNOWN,
         percent if 0 <= percent <= 100 else _UNKNOWN,  # noqa: PLR2004
     )
+
+
+def _battery_number(message: Any) -> int:
+    """Return the number of a battery: all come on one topic, "id0", "id1" in `location` tells them apart."""
+    number = str(message.location)[len("id") :]
+    return int(number) % _BATTERIES if number.isascii() and number.isdecimal() else 0
 
 
 def _millivolts(volts: float) -> int:

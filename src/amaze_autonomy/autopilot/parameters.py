@@ -59,7 +59,15 @@ class Parameters:
     """
 
     def __init__(self, expected: Mapping[str, float]) -> None:
-        self._asked: Dict[str, _Asked] = {name: _Asked(value) for name, value in expected.items()}
+        self._expected: Mapping[str, float] = {}
+        self._asked: Dict[str, _Asked] = {}
+        self.expect(expected)
+
+    def expect(self, expected: Mapping[str, float]) -> None:
+        """Compare these; nothing when they are the same as before."""
+        if expected != self._expected:
+            self._expected = expected
+            self._asked = {name: _Asked(value) for name, value in expected.items()}
 
     def wake(self, t_ns: int, system: int, component: int) -> List[Message]:
         """Return the requests that are due: a few at once, each again until answered, less often after a while."""

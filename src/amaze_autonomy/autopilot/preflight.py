@@ -23,7 +23,7 @@ _S = 1_000_000_000
 _COMPLAINTS_NS = 60 * _S
 _CHARGING = 7
 _LONGEST_ADVICE = 300
-_OTHER_NAMES = "this ArduPilot knows none of those in autopilot.yaml: name its own there (docs/autopilot.md)"
+_OTHER_NAMES = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def _link(known: Preflight) -> Check:
     limit = known.settings.limits.link_age_limit_ns / _S
     verdict = Verdict.PASS if known.connected else Verdict.FAIL
     advice = "" if known.connected else "the autopilot is not heard: check cable, port and baud rate"
-    return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice)
+    return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice, heals=not known.connected)
 
 
 def _one_vehicle(known: Preflight) -> Check:
@@ -81,13 +81,16 @@ def _one_vehicle(known: Preflight) -> Check:
     return _row(known, "one vehicle", advice, good=not known.strangers)
 
 
-def _row(known: Preflight, name: str, advice: str, *, good: Optional[bool], needed: bool = True) -> Check:
-    """Return a row of a yes or no; without a link it is unknown."""
+def _row(
+    known: Preflight, name: str, advice: str, *, good: Optional[bool], needed: bool = True, heals: bool = False
+) -> Check:
+    """Return a row of a yes or no; without a link it is unknown, and what is not heard yet may come by itself."""
     if not known.connected:
-        return Check(name, Verdict.UNKNOWN, age_s=known.age_s, advice="check the link to the autopilot")
+        return Check(name, Verdict.UNKNOWN, age_s=known.age_s, advice="check the link to the autopilot", heals=True)
     bad = (Verdict.UNKNOWN if good is None else Verdict.FAIL) if needed else Verdict.WARN
     verdict = Verdict.PASS if good else bad
-    return Check(name, verdict, age_s=known.age_s, advice="" if good else advice[:_LONGEST_ADVICE])
+    comes = not good and (good is None or heals)
+    return Check(name, verdict, age_s=known.age_s, advice="" if good else advice[:_LONGEST_ADVICE], heals=comes)
 
 
 def _not_armed(known: Preflight) -> Check:
@@ -102,7 +105,8 @@ def _prearm(known: Preflight) -> Check:
     if good and _is_ardupilot(known):
         good = vehicle.position.valid(known.t_ns)
     texts = vehicle.texts.complaints(known.t_ns, _COMPLAINTS_NS)
-    return _row(known, "pre-arm check", _said(texts, known), good=good)
+    waits = not vehicle.position.valid(known.t_ns) or vehicle.position.home_ns is None  # of its estimator and GPS
+    return _row(known, "pre-arm check", _said(texts, known), good=good, heals=waits)
 
 
 def _said(texts: Sequence[str], known: Preflight) -> str:
@@ -137,7 +141,8 @@ def _kill(known: Preflight) -> Check:
 
 def _home(known: Preflight) -> Check:
     known_home = known.vehicle.position.home_ns is not None
-    return _row(known, "home position", "wait for the home position", good=known_home, needed=known.settings.needs.home)
+    needed, advice = known.settings.needs.home, "wait for the home position"
+    return _row(known, "home position", advice, good=known_home, needed=needed, heals=True)
 
 
 def _parameters(known: Preflight) -> Check:
@@ -155,7 +160,10 @@ def _clocks(known: Preflight) -> Check:
     offset_ns = known.vehicle.offset.utc_offset_ns
     if offset_ns is None:
         return _row(known, name, "the autopilot knows no time of day (no GPS)", good=False, needed=False)
-    row = _row(known, name, "set the clock of this computer", good=abs(offset_ns) <= limit_ns, needed=False)
+    advice = (
+        "the autopilot's clock (GPS time; a simulator's may lag) and this computer's differ: set the one that is wrong"
+    )
+    row = _row(known, name, advice, good=abs(offset_ns) <= limit_ns, needed=False)
     return Check(name, row.verdict, offset_ns / _S, limit_ns / _S, "s", row.age_s, row.advice)
 
 

@@ -162,7 +162,8 @@ class AutopilotSettings:
         commands: land and disarm.
         needs: before a takeoff.
         rates_hz: messages that are asked for.
-        parameters: of the autopilot, by name, and their values; with those for set-points where they are used.
+        parameters: of a PX4, by name, and their values; with those for set-points where they are used.
+        ardupilot_parameters: of an ArduPilot.
         offboard_parameters: that matter besides when a mission is flown by set-points.
     """
 
@@ -177,6 +178,7 @@ class AutopilotSettings:
     needs: TakeoffNeeds = field(default_factory=TakeoffNeeds)
     rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(_RATES))
     parameters: Mapping[str, float] = field(default_factory=dict)
+    ardupilot_parameters: Mapping[str, float] = field(default_factory=dict)
     offboard_parameters: Mapping[str, float] = field(default_factory=dict)
 
     def with_offboard(self) -> AutopilotSettings:
@@ -269,6 +271,13 @@ AUTOPILOT = Group(
             {},
         ),
         Key(
+            "ardupilot_parameters",
+            Named("parameters of the autopilot", r"[A-Z][A-Z0-9_]{0,15}", _PARAMETER),
+            "the same of an ArduPilot, whose names are others",
+            "compared instead of `parameters` when its heartbeat says that it is one",
+            {},
+        ),
+        Key(
             "offboard_parameters",
             Named("parameters of the autopilot", r"[A-Z][A-Z0-9_]{0,15}", _PARAMETER),
             "the same, when one of the missions is flown by set-points (controller: offboard)",
@@ -319,5 +328,6 @@ def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings
         needs=group("needs", TakeoffNeeds),
         rates_hz=dict(values["rates_hz"]),
         parameters=dict(values["parameters"]),
+        ardupilot_parameters=dict(values["ardupilot_parameters"]),
         offboard_parameters=dict(values["offboard_parameters"]),
     )
