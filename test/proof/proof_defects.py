@@ -99,10 +99,6 @@ def both(*patches: Patch) -> Patch:
     return breaks
 
 
-def _forgets_ends(the_turn: Any, end_ns: int, moment_ns: Optional[int] = None) -> bool:
-    return end_ns <= (the_turn.now if moment_ns is None else moment_ns)
-
-
 def swapped(first: str, second: str) -> Patch:
     """Try two rows in the other order."""
 
@@ -379,13 +375,6 @@ DEFECTS: Tuple[Defect, ...] = (
         attribute(failures, "PREDICATES", _with(planner_failed=lambda _: None)),
         ("silence",),
     ),
-    Defect("ends that are to come are forgotten", attribute(turn.Turn, "reached", _forgets_ends), ("limits",)),
-    Defect(
-        "who was silent is taken for heard",
-        attribute(turn.Turn, "_since_the_last_end", lambda *_: True),
-        ("silence", "limits"),
-    ),
-    Defect("limits of figures are forgotten", attribute(turn, "_within", lambda *_: True), ("limits",)),
     Defect("decisions are not written down", attribute(engine, "_write_down", lambda *_: None), ("checks",)),
     Defect("the user is not answered", attribute(engine, "_answer", lambda _: None), ("users",)),
 )

@@ -9,9 +9,8 @@ from typing import Any, Dict, List, Optional, Set, Tuple
 from proof_key import Key, make_key
 from proof_moves import BOOT, Move, Node, Observer, World, moves_of, perform
 
-from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.state import Settled, State, evolve
+from amaze_autonomy.engine.state import State
 from amaze_autonomy.laws import BrokenLawError, judge
 
 __all__ = ["Broken", "Exploration", "Stats", "explore"]
@@ -43,7 +42,6 @@ class Stats:
     stopped: int = 0
     cut: int = 0
     compared: int = 0
-    early: int = 0
     applied: Dict[str, int] = field(default_factory=dict)
     rules: Dict[str, int] = field(default_factory=dict)
     failures: Set[Tuple[str, str]] = field(default_factory=set)
@@ -210,22 +208,8 @@ class Exploration:
                 if type(command) is Decision:
                     stats.rules[command.rule] = stats.rules.get(command.rule, 0) + 1
             check(moment)
-            if moment.after.settled is moment.before.settled and not moment.commands:
-                stats.early += 1
-                _same_without_leaving_early(moment)
 
         return observe
-
-
-def _same_without_leaving_early(moment: Any) -> None:
-    """Decide once more, with the table asked in any case.
-
-    Raises:
-        BrokenLawError: It comes to something else.
-    """
-    before = evolve(moment.before, settled=Settled())
-    if engine.decide(before, moment.event, moment.rules) != (moment.after, moment.commands):
-        raise BrokenLawError("leaving_early_changes_nothing", "the table has something to do", moment.event)
 
 
 def explore(world: World, limit: Optional[int] = None, *, compare: bool = True) -> Exploration:

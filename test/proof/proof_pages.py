@@ -49,8 +49,6 @@ _ABSTRACTS = """\
   through the same code, which does not look at their names but for the watchdog's.
 * A restart is the state as it was (`test_resume.py` decides journals again and compares), a unit of time in which
   nothing was heard, and the event of the start. It can happen after every move in the worlds that have it.
-* Where `decide` leaves early because nothing can come of an event (`engine/turn.py`), the event is decided once more
-  with the whole table, and both must come to the same.
 * Two states are one when their times have the same ages, up to the longest limit that they are compared with; ids,
   texts and counters are left out. Samples of such pairs are compared in all their next moves.
 """

@@ -29,7 +29,7 @@ from .events import (
 from .mission import Mission
 from .modes import MODES, ours
 from .severity import Code
-from .state import STAMPS, CheckRecord, State, Step, evolve
+from .state import CheckRecord, State, Step, evolve
 from .timers import check_limit_ns
 from .turn import Turn
 
@@ -40,13 +40,11 @@ _NS = 1_000_000_000
 
 def absorb(turn: Turn) -> None:
     """Put what the event says into the state."""
-    if turn.state.checks:
-        _expire_checks(turn)
+    turn.set(t_ns=turn.now)
+    _expire_checks(turn)
     absorber = _ABSORB.get(type(turn.event))
     if absorber is not None:
         absorber(turn, turn.event)
-    if turn.state.t_ns != turn.now:
-        turn.state = evolve(turn.state, t_ns=turn.now)
 
 
 def _expire_checks(turn: Turn) -> None:
@@ -84,7 +82,19 @@ def _engine_started(turn: Turn, event: EngineStarted) -> None:
     turn.set(label=event.label, started_ns=turn.now, armed_at_start=None, shutting_down=False)
     if not event.resumed:
         return
-    seen = {name: turn.now for name in STAMPS if getattr(state, name) is not None}
+    seen = {
+        name: turn.now
+        for name in (
+            "heartbeat_ns",
+            "planner_ns",
+            "recorder_ns",
+            "autopilot_ns",
+            "landing_ns",
+            "battery_ns",
+            "position_ns",
+        )
+        if getattr(state, name) is not None
+    }
     turn.set(**seen)
     # The limits of silence run from now on; what was said before is not known any more.
     turn.set(autopilot=None, planner=None, recorder=None, landing=None, recording_since_ns=None, descending_ns=None)
@@ -99,15 +109,13 @@ def _shutdown(turn: Turn, _: Shutdown) -> None:
 def _watchdog_action(turn: Turn, event: WatchdogAction) -> None:
     if not _credible(turn, event.age_ns):
         return
-    state = turn.state
-    beats = state.action is None or state.action.loop_counter != event.loop_counter
+    previous = turn.state.action
+    turn.set(action=event)
+    if previous is None or previous.loop_counter != event.loop_counter:
+        turn.set(heartbeat_ns=turn.now)
     listed = _worst_by_name(_listed(event))
-    kept = [s for s in state.components if s.name not in listed and s.code < Code.INCONVENIENT]
-    turn.set(
-        action=event,
-        heartbeat_ns=turn.now if beats else state.heartbeat_ns,
-        components=tuple(sorted([*kept, *listed.values()], key=_by_name) if listed else kept),
-    )
+    kept = [s for s in turn.state.components if s.name not in listed and s.code < Code.INCONVENIENT]
+    turn.set(components=tuple(sorted([*kept, *listed.values()], key=_by_name)))
 
 
 def _listed(event: WatchdogAction) -> Tuple[ComponentStatus, ...]:
@@ -234,20 +242,14 @@ def _autopilot_status(turn: Turn, event: AutopilotStatus) -> None:
         return
     _flight_mode(turn, event)
     state = turn.state
-    link_age_s = event.link_age_s
-    known = {
-        "autopilot": event,
-        "autopilot_ns": turn.now,
-        "linked_ns": None if link_age_s is None else turn.now - int(link_age_s * _NS),
-    }
+    turn.set(autopilot=event, autopilot_ns=turn.now)
     if event.battery_fraction is not None and event.battery_age_s is not None and event.battery_age_s >= 0:
-        known["battery_ns"] = max(0, turn.now - int(event.battery_age_s * _NS))
+        turn.set(battery_ns=max(0, turn.now - int(event.battery_age_s * _NS)))
     if None not in (event.height_m, event.position_x_m, event.position_y_m):
-        known["position_ns"] = turn.now
+        turn.set(position_ns=turn.now)
     speed = event.vertical_speed_m_s
     descending = speed is not None and speed <= -turn.limits.descent_speed_m_s
-    since_ns = turn.now if state.descending_ns is None else state.descending_ns
-    turn.set(**known, descending_ns=since_ns if descending else None)
+    turn.set(descending_ns=(turn.now if state.descending_ns is None else state.descending_ns) if descending else None)
     if state.armed_at_start is None and state.started_ns is not None and event.armed is not None:
         turn.set(armed_at_start=event.armed)
     _flight(turn)

@@ -8,6 +8,7 @@ from .absorb import proves_recording
 from .commands import Value
 from .events import Outcome, RecordingPhase
 from .guards import Values, holds_if
+from .timers import passed
 from .turn import Turn
 
 __all__ = [
@@ -27,7 +28,7 @@ _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
 def records(turn: Turn) -> bool:
     """Return True when the recorder says, freshly, that files grow on every platform."""
     recorder, heard_ns = turn.state.recorder, turn.state.recorder_ns
-    if recorder is None or heard_ns is None or turn.older(heard_ns, turn.limits.recorder_status_limit_ns):
+    if recorder is None or heard_ns is None or turn.now - heard_ns > turn.limits.recorder_status_limit_ns:
         return False
     return proves_recording(recorder)
 
@@ -35,7 +36,7 @@ def records(turn: Turn) -> bool:
 def recording_proven(turn: Turn) -> Optional[Values]:
     """Files grow on every platform, and the lead time has passed."""
     recorder = turn.state.recorder
-    if recorder is None or not records(turn) or not turn.passed("recording_lead"):
+    if recorder is None or not records(turn) or not passed("recording_lead", turn.state, turn.rules, turn.now):
         return None
     return (Value("platforms that record", len(recorder.platforms)),)
 
@@ -71,10 +72,11 @@ def data_incomplete(turn: Turn) -> Optional[Values]:
     state = turn.state
     if state.recording_outcome in _REFUSED:
         return (Value("recorder", state.recording_message or "refused to stop"),)
-    if turn.passed("recorder_silent"):
+    if passed("recorder_silent", state, turn.rules, turn.now):
         return (Value("recorder", f"silent for {turn.limits.recorder_status_limit_ns / _NS:g} s"),)
     if state.recorder is None or state.recorder.phase is not RecordingPhase.FAILED:
         return None
-    end_ns = state.entered_ns + turn.limits.recorder_status_limit_ns
-    since = state.recorder_ns is not None and turn.reached(end_ns, state.recorder_ns)
+    since = (
+        state.recorder_ns is not None and state.recorder_ns - state.entered_ns >= turn.limits.recorder_status_limit_ns
+    )
     return holds_if(state.recording_progressed or since, Value("recorder", state.recorder.message or "FAILED"))

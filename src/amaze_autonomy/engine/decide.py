@@ -50,12 +50,10 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
         requests, then the answer and the messages to the user, and the decisions to be written down last.
     """
     turn = Turn(state, event, rules)
+    turn.now = max(event.t_ns, state.t_ns)
     absorb(turn)
-    _answer(turn)
-    if turn.quiet():
-        return turn.state, ()
-    absorbed = turn.state
     decisions: List[Decision] = []
+    _answer(turn)
     _update_failures(turn, decisions)
     for _ in range(MAX_ROWS):
         row, values = _first(turn)
@@ -63,7 +61,8 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
             break
         _fire(turn, row, values, decisions)
         _update_failures(turn, decisions)
-    turn.settle(nothing_came=not turn.commands and not decisions and turn.state == absorbed)
+    if not turn.commands and not decisions:
+        return turn.state, ()
     return turn.state, (*sorted(turn.commands, key=_rank), *decisions)
 
 
@@ -82,11 +81,11 @@ def _rank(command: Command) -> int:
 def _answer(turn: Turn) -> None:
     """Answer the user; a request that is not done is not carried out either."""
     event = turn.event
-    if not isinstance(event, (MissionRejected, MissionSelected, UserRequest)):
-        return
     if isinstance(event, MissionRejected):
         turn.notify("mission_invalid", mission_id=event.mission_id, error=event.error)
         turn.commands.append(Answer(request_id=event.request_id, answer=AnswerKind.REFUSED, message=event.error))
+        return
+    if not isinstance(event, (UserRequest, MissionSelected)):
         return
     case = answer_to(turn, event.command) if isinstance(event, UserRequest) else SELECT[turn.state.state]
     if case.answer is not AnswerKind.DONE:

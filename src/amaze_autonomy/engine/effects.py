@@ -19,7 +19,7 @@ from .data_guards import records
 from .events import Landed, RecordingPhase
 from .failures import flown_without
 from .state import CheckRecord, OutreachKind, Result, State, Step, evolve
-from .timers import check_limit_ns
+from .timers import check_limit_ns, passed
 from .turn import Turn
 
 __all__ = ["ENTER", "Effect"]
@@ -249,8 +249,8 @@ def land(turn: Turn) -> None:
     state = turn.state
     if state.land_ns is None:
         turn.set(land_ns=turn.now, second_route_ns=None, user_hold_ns=None)
-    late = turn.passed("land_second_route_after")
-    overdue = turn.passed("land_limit")
+    late = passed("land_second_route_after", turn.state, turn.rules, turn.now)
+    overdue = passed("land_limit", turn.state, turn.rules, turn.now)
     if not any(isinstance(c, MissionCommand) and c.action is MissionAction.LAND for c in turn.commands):
         _motion(turn, MissionAction.LAND)
     if turn.state.both_routes or late or overdue:

@@ -10,8 +10,8 @@ Rules of this file:
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
-from math import isfinite, sqrt
+from dataclasses import dataclass
+from math import isfinite
 from typing import Any, Optional, Tuple, Type, TypeVar, Union
 
 from .checks import Check, CheckName
@@ -48,10 +48,6 @@ __all__ = [
 ]
 
 E = TypeVar("E", bound="Union[Event, PlatformRecording]")
-Figure = Optional[float]
-"""A measured number. Guards compare it with limits, by `Turn.above` and `Turn.at_least`, and do not look at it else."""
-NEUTRAL = {"neutral": True}
-"""Of a field that guards and failures never look at: a status that differs in nothing else says nothing new."""
 
 _CLOCKS_DIFFER_BY_S = 0.2
 _LONGEST_AGE_S = 1e9
@@ -167,26 +163,26 @@ class Event:
 
     def _unknown_is_none(self, *fields: str) -> None:
         known = self.__dict__
-        for name in fields:
-            value = known[name]
+        for field in fields:
+            value = known[field]
             if value is not None and not isfinite(value):
-                known[name] = None
+                known[field] = None
 
     def _age_or_none(self, *fields: str) -> None:
         """Keep an age in seconds; one from the future (beyond what clocks differ by), or of decades, is unknown."""
         known = self.__dict__
-        for name in fields:
-            value = known[name]
+        for field in fields:
+            value = known[field]
             if value is not None:
-                known[name] = max(0.0, value) if -_CLOCKS_DIFFER_BY_S <= value <= _LONGEST_AGE_S else None
+                known[field] = max(0.0, value) if -_CLOCKS_DIFFER_BY_S <= value <= _LONGEST_AGE_S else None
 
     def _fraction_or_none(self, *fields: str) -> None:
         """Keep a fraction in 0..1; anything else is unknown (batteries say -1 or -0.53 when they do not know)."""
         known = self.__dict__
-        for name in fields:
-            value = known[name]
+        for field in fields:
+            value = known[field]
             if value is not None and not 0.0 <= value <= 1.0:
-                known[name] = None
+                known[field] = None
 
 
 def made(kind: Type[E], **fields: Any) -> E:
@@ -278,13 +274,13 @@ class WatchdogAction(Event):
     `publisher` is the node that sent it: the loop counters of two watchdogs are told apart by it.
     """
 
-    sequence: int = field(metadata=NEUTRAL)
-    loop_counter: int = field(metadata=NEUTRAL)
+    sequence: int
+    loop_counter: int
     code: Code
     latest_component: str = ""
     components: Tuple[ComponentStatus, ...] = ()
     publisher: str = ""
-    age_ns: int = field(default=0, metadata=NEUTRAL)
+    age_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -294,7 +290,7 @@ class WatchdogInfo(Event):
     sequence: int
     changed: Tuple[str, ...]
     components: Tuple[ComponentStatus, ...]
-    age_ns: int = field(default=0, metadata=NEUTRAL)
+    age_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -333,10 +329,10 @@ class MissionStatus(Event):
     waypoints: int = 0
     file_index: int = 0
     repetition: int = 0
-    distance_left_m: Optional[float] = field(default=None, metadata=NEUTRAL)
-    time_left_s: Optional[float] = field(default=None, metadata=NEUTRAL)
+    distance_left_m: Optional[float] = None
+    time_left_s: Optional[float] = None
     message: str = ""
-    age_ns: int = field(default=0, metadata=NEUTRAL)
+    age_ns: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -349,17 +345,17 @@ class PlatformRecording:
 
     platform: str
     growing: bool
-    written_bytes: int = field(default=0, metadata=NEUTRAL)
-    byte_rate: Optional[float] = field(default=None, metadata=NEUTRAL)
-    free_fraction: Optional[float] = field(default=None, metadata=NEUTRAL)
+    written_bytes: int = 0
+    byte_rate: Optional[float] = None
+    free_fraction: Optional[float] = None
     location: str = ""
     message: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("byte_rate", "free_fraction"):
-            value = self.__dict__[name]
+        for field in ("byte_rate", "free_fraction"):
+            value = self.__dict__[field]
             if value is not None and not isfinite(value):
-                self.__dict__[name] = None
+                self.__dict__[field] = None
 
 
 @dataclass(frozen=True)
@@ -368,11 +364,11 @@ class RecordingStatus(Event):
 
     session_id: str
     phase: RecordingPhase
-    progress: Optional[float] = field(default=None, metadata=NEUTRAL)
-    platforms: Tuple[PlatformRecording, ...] = field(default=(), metadata={"parts": PlatformRecording})
+    progress: Optional[float] = None
+    platforms: Tuple[PlatformRecording, ...] = ()
     location: str = ""
     message: str = ""
-    age_ns: int = field(default=0, metadata=NEUTRAL)
+    age_ns: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -388,24 +384,17 @@ class AutopilotStatus(Event):
     mode: str = ""
     pilot_in_control: bool = False
     failsafe: bool = False
-    link_age_s: Optional[float] = field(default=0.0, metadata=NEUTRAL)
-    height_m: Figure = None
-    position_x_m: Figure = None
-    position_y_m: Figure = None
-    vertical_speed_m_s: Figure = None
-    horizontal_speed_m_s: Figure = None
-    battery_fraction: Figure = None
-    battery_voltage_v: Optional[float] = field(default=None, metadata=NEUTRAL)
-    battery_age_s: Optional[float] = field(default=None, metadata=NEUTRAL)
+    link_age_s: Optional[float] = 0.0
+    height_m: Optional[float] = None
+    position_x_m: Optional[float] = None
+    position_y_m: Optional[float] = None
+    vertical_speed_m_s: Optional[float] = None
+    horizontal_speed_m_s: Optional[float] = None
+    battery_fraction: Optional[float] = None
+    battery_voltage_v: Optional[float] = None
+    battery_age_s: Optional[float] = None
     battery_critical: bool = False
-    age_ns: int = field(default=0, metadata=NEUTRAL)
-
-    @property
-    def distance_m(self) -> Figure:
-        """The horizontal distance from the takeoff position."""
-        x_m, y_m = self.position_x_m, self.position_y_m
-        # hypot rounds differently on Python 3.8 and 3.11
-        return None if x_m is None or y_m is None else sqrt(x_m * x_m + y_m * y_m)
+    age_ns: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -426,9 +415,9 @@ class LandedStatus(Event):
     """The landing detection's judgement; `distance_m` to the ground below the vehicle's feet."""
 
     landed: Landed
-    distance_m: Optional[float] = field(default=None, metadata=NEUTRAL)
+    distance_m: Optional[float] = None
     reason: str = ""
-    age_ns: int = field(default=0, metadata=NEUTRAL)
+    age_ns: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()

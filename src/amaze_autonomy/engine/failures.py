@@ -125,7 +125,7 @@ class _Ledger:
         if not self.can_wait:
             return evolve(failure, verb=_FLOOR.get(self.turn.state.state, Verb.WAIT), then=None)
         deadline = self._deadline(failure.name)
-        if restart is not Restart.GIVEN_UP and not self.turn.reached(deadline):
+        if restart is not Restart.GIVEN_UP and self.turn.now < deadline:
             return evolve(failure, then=then, deadline_ns=deadline)
         if then is Verb.CONTINUE:
             self.without.append(failure.name)
@@ -174,7 +174,7 @@ def _user_hold(turn: Turn) -> List[Failure]:
         return []
     deadline = since + turn.limits.user_hold_limit_ns
     hold = Failure(USER_HOLD, FailureKind.USER, 0, Verb.WAIT, Verb.LAND, since, deadline, "the user asked for a hold")
-    return [hold if not turn.reached(deadline) else evolve(hold, verb=Verb.LAND, then=None, deadline_ns=None)]
+    return [hold if turn.now < deadline else evolve(hold, verb=Verb.LAND, then=None, deadline_ns=None)]
 
 
 def _changes(old: Tuple[Failure, ...], state: EngineState, without: Tuple[str, ...]) -> Tuple[Change, ...]:

@@ -11,6 +11,7 @@ from .guards import Values
 from .losses import PREDICATES
 from .rules import LOSSES
 from .severity import SEVERITIES, Verb, verb_of
+from .state import evolve
 from .turn import Turn
 
 __all__ = ["unfit"]
@@ -41,7 +42,8 @@ def _component(turn: Turn) -> Optional[Values]:
 
 def _loss(turn: Turn) -> Optional[Values]:
     """Return the first loss that would be landed for, as if the flight had just begun."""
-    flight = turn.supposing(in_flight=True, flight_started_ns=turn.now)
+    flight = Turn(evolve(turn.state, in_flight=True, flight_started_ns=turn.now), turn.event, turn.rules)
+    flight.now = turn.now
     for loss in LOSSES:
         values = PREDICATES[loss.name](flight) if loss.verb is Verb.LAND else None
         if values is not None:

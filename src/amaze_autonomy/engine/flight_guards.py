@@ -11,6 +11,7 @@ from .guards import Guard, Values, holds_if
 from .modes import LANDING_MODES
 from .rules import LOSSES
 from .state import State
+from .timers import passed
 from .turn import Turn
 
 __all__ = [
@@ -84,7 +85,7 @@ def airborne(turn: Turn) -> Optional[Values]:
 def at_takeoff_height(turn: Turn) -> Optional[Values]:
     """The vehicle is at takeoff height."""
     status, limit = turn.vehicle(), turn.limits.takeoff_height_m
-    reached = status is not None and turn.at_least(status, "height_m", limit)
+    reached = status is not None and status.height_m is not None and status.height_m >= limit
     return holds_if(reached, Value("height", status.height_m if status else None, limit, "m"))
 
 
@@ -154,7 +155,7 @@ def planner_in(*phases: MissionPhase) -> Guard:
 
     def guard(turn: Turn) -> Optional[Values]:
         planner = turn.state.planner
-        said = planner is not None and planner.phase in phases and turn.reached(turn.state.motion_ns + 1, planner.t_ns)
+        said = planner is not None and planner.phase in phases and planner.t_ns > turn.state.motion_ns
         return holds_if(said, Value("planner phase", planner.phase.name if planner else ""))
 
     return guard
@@ -166,7 +167,7 @@ def touched_down(turn: Turn) -> Optional[Values]:
     if not state.was_armed or turn.flies_again() or (state.in_flight and not turn.down()):
         return None
     detection = turn.detection()
-    if detection is Landed.AIRBORNE and not turn.passed("confirm_limit"):
+    if detection is Landed.AIRBORNE and not passed("confirm_limit", state, turn.rules, turn.now):
         return None
     return (Value("armed", False), Value("landed", "ON_GROUND"), Value("landing detection", detection.name))
 
@@ -199,7 +200,7 @@ def cancelled_on_ground(turn: Turn) -> Optional[Values]:
     state = turn.state
     if state.was_armed or not turn.down():
         return None
-    settled = state.motion_outcome is Outcome.ACCEPTED or turn.passed("never_armed")
+    settled = state.motion_outcome is Outcome.ACCEPTED or passed("never_armed", state, turn.rules, turn.now)
     return holds_if(settled, Value("armed", False), Value("landed", "ON_GROUND"), Value("was armed", False))
 
 
@@ -210,14 +211,14 @@ def landing_shown(turn: Turn) -> Optional[Values]:
     """
     status = turn.vehicle()
     before_lift_off = status is not None and status.armed is not False and not turn.state.was_airborne
-    overdue = turn.passed("land_limit")
+    overdue = passed("land_limit", turn.state, turn.rules, turn.now)
     if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
         return None
     if status.mode in LANDING_MODES:
         return (Value("flight mode", status.mode),)
     if status.landed is VehicleLanded.LANDING or (status.landed is VehicleLanded.ON_GROUND and not before_lift_off):
         return (Value("landed", status.landed.name),)
-    sustained = turn.passed("descent_time")
+    sustained = passed("descent_time", turn.state, turn.rules, turn.now)
     return holds_if(
         sustained, Value("vertical speed", status.vertical_speed_m_s, -turn.limits.descent_speed_m_s, "m/s")
     )
@@ -229,7 +230,7 @@ def ground_armed(turn: Turn) -> Optional[Values]:
     if not turn.on_ground() or not turn.armed() or flies:
         return None
     return holds_if(
-        turn.passed("ground_disarm_after"),
+        passed("ground_disarm_after", turn.state, turn.rules, turn.now),
         Value("landed", "ON_GROUND"),
         Value("armed", True),
     )

@@ -10,7 +10,7 @@ from typing import Callable, Optional, Tuple
 from .commands import Value
 from .events import UserCommand
 from .state import OutreachKind, Result
-from .timers import time_of
+from .timers import passed, time_of
 from .turn import Turn
 
 __all__ = [
@@ -61,7 +61,7 @@ def timer(name: str) -> Guard:
     """Hold when a timer has ended."""
 
     def guard(turn: Turn) -> Optional[Values]:
-        if not turn.passed(name):
+        if not passed(name, turn.state, turn.rules, turn.now):
             return None
         late = turn.now - (time_of(name, turn.state, turn.rules) or turn.now)
         return (Value(name, "passed"), Value("later by", round(late / _NS, 6), 0.0, "s"))

@@ -5,12 +5,13 @@ Each returns what it looked at when the thing is lost, else None. Comparisons ar
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Callable, Mapping, Optional, Tuple
 
 from .absorb import proves_recording
 from .commands import Value
 from .events import MissionPhase
-from .timers import max_flight_time_ns
+from .timers import max_flight_time_ns, passed
 from .turn import Turn
 
 __all__ = ["PREDICATES"]
@@ -26,7 +27,7 @@ def _age(turn: Turn, name: str, seen_ns: Optional[int], limit_ns: int) -> Values
 
 def _silent(timer: str, field: str, limit: str, words: str) -> Callable[[Turn], Optional[Values]]:
     def predicate(turn: Turn) -> Optional[Values]:
-        if not turn.passed(timer):
+        if not passed(timer, turn.state, turn.rules, turn.now):
             return None
         return _age(turn, words, getattr(turn.state, field), getattr(turn.limits, limit))
 
@@ -42,10 +43,12 @@ def _planner_failed(turn: Turn) -> Optional[Values]:
 
 def _autopilot_status(turn: Turn) -> Optional[Values]:
     state, limits = turn.state, turn.limits
-    if turn.passed("autopilot_status_limit"):
+    if passed("autopilot_status_limit", state, turn.rules, turn.now):
         return _age(turn, "age of the autopilot's status", state.autopilot_ns, limits.autopilot_status_limit_ns)
     status = state.autopilot
-    if status is not None and (state.linked_ns is None or turn.passed("autopilot_link_limit")):
+    if status is not None and (
+        status.link_age_s is None or passed("autopilot_link_limit", state, turn.rules, turn.now)
+    ):
         return (Value("age of the autopilot's link", status.link_age_s, limits.autopilot_link_limit_ns / _NS, "s"),)
     return None
 
@@ -55,13 +58,13 @@ def _battery_critical(turn: Turn) -> Optional[Values]:
     status, limit = turn.state.autopilot, turn.limits.battery_critical_fraction
     if status is None:
         return None
-    if turn.at_most(status, "battery_fraction", limit):
+    if status.battery_fraction is not None and status.battery_fraction <= limit:
         return (Value("battery fraction", status.battery_fraction, limit, "fraction"),)
     return (Value("reason", "the autopilot says that the battery is critical"),) if status.battery_critical else None
 
 
 def _flight_time(turn: Turn) -> Optional[Values]:
-    if not turn.passed("flight_time"):
+    if not passed("flight_time", turn.state, turn.rules, turn.now):
         return None
     return _age(turn, "flight time", None, max_flight_time_ns(turn.state, turn.rules))
 
@@ -71,7 +74,7 @@ def _height(turn: Turn) -> Optional[Values]:
     limit = turn.limits.max_height_m
     if mission is not None and mission.max_height_m is not None:
         limit = mission.max_height_m
-    if status is None or not turn.above(status, "height_m", limit):
+    if status is None or status.height_m is None or status.height_m <= limit:
         return None
     return (Value("height", status.height_m, limit, "m"),)
 
@@ -81,16 +84,18 @@ def _distance(turn: Turn) -> Optional[Values]:
     limit = turn.limits.max_distance_m
     if mission is not None and mission.max_distance_m is not None:
         limit = mission.max_distance_m
-    if status is None or not turn.above(status, "distance_m", limit) or status.distance_m is None:
+    if status is None or status.position_x_m is None or status.position_y_m is None:
         return None
-    return (Value("distance", round(status.distance_m, 3), limit, "m"),)
+    x_m, y_m = status.position_x_m, status.position_y_m
+    distance = sqrt(x_m * x_m + y_m * y_m)  # hypot rounds differently on Python 3.8 and 3.11
+    return None if distance <= limit else (Value("distance", round(distance, 3), limit, "m"),)
 
 
 def _recorder_dead(turn: Turn) -> Optional[Values]:
     state = turn.state
     if not state.recording_asked:
         return None
-    if turn.passed("recorder_status_limit"):
+    if passed("recorder_status_limit", state, turn.rules, turn.now):
         return _age(turn, "age of the recorder's status", state.recorder_ns, turn.limits.recorder_status_limit_ns)
     if state.recorder is None or proves_recording(state.recorder):
         return None

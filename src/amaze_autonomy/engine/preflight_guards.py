@@ -10,6 +10,7 @@ from .commands import Value
 from .events import MissionPhase, Outcome
 from .fitness import unfit
 from .guards import Values, both, holds_if, timer
+from .timers import passed
 from .turn import Turn
 
 __all__ = [
@@ -37,11 +38,10 @@ def all_checks_passed(turn: Turn) -> Optional[Values]:
     records = turn.state.checks
     if len(records) < len(CheckName) or not all(record.ok for record in records):
         return None
-    replied = [record.replied_ns for record in records if record.replied_ns is not None]
-    first, limit = min(replied), turn.limits.check_max_age_ns
+    ages = [turn.now - record.replied_ns for record in records if record.replied_ns is not None]
+    oldest, limit = max(ages), turn.limits.check_max_age_ns
     return holds_if(
-        len(replied) == len(CheckName) and not turn.older(first, limit),
-        Value("oldest check", (turn.now - first) / _NS, limit / _NS, "s"),
+        len(ages) == len(CheckName) and oldest <= limit, Value("oldest check", oldest / _NS, limit / _NS, "s")
     )
 
 
@@ -83,7 +83,7 @@ def checks_failed(turn: Turn) -> Optional[Values]:
     """All checks have answered, one has failed, and it cannot be fixed, or not in time."""
     if not all_answered(turn) or not _failed(turn):
         return None
-    if _watchdog_fixes(turn) and not turn.passed("preflight_fix_limit"):
+    if _watchdog_fixes(turn) and not passed("preflight_fix_limit", turn.state, turn.rules, turn.now):
         return None
     return _failed(turn)
 
@@ -92,7 +92,7 @@ def fix_in_progress(turn: Turn) -> Optional[Values]:
     """The watchdog fixes what failed, and it is time to ask again."""
     if not all_answered(turn) or not _failed(turn) or not _watchdog_fixes(turn):
         return None
-    return _failed(turn) if turn.passed("preflight_fix_poll") else None
+    return _failed(turn) if passed("preflight_fix_poll", turn.state, turn.rules, turn.now) else None
 
 
 def too_many_rounds(turn: Turn) -> Optional[Values]:
@@ -107,7 +107,7 @@ def taken_back(turn: Turn) -> Optional[Values]:
     if status is not None:
         return (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
     return holds_if(
-        turn.passed("watchdog_heartbeat_limit"),
+        passed("watchdog_heartbeat_limit", turn.state, turn.rules, turn.now),
         Value("reason", "the watchdog's heartbeat is lost"),
         Value("limit", turn.limits.watchdog_heartbeat_limit_ns / _NS, None, "s"),
     )

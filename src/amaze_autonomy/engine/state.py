@@ -7,8 +7,8 @@ computed from them at each event. So nothing in here can contradict the facts fo
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field, fields
-from typing import Any, Mapping, NamedTuple, Optional, Tuple, Type, TypeVar
+from dataclasses import dataclass
+from typing import Any, Optional, Tuple, TypeVar
 
 from .checks import Check, CheckName
 from .commands import Level, MissionAction
@@ -22,52 +22,27 @@ from .events import (
     WatchdogAction,
 )
 from .mission import Mission
-from .rules import Rules
 from .severity import Verb
 
 __all__ = [
-    "STAMPS",
-    "Bounds",
     "CheckRecord",
     "EngineState",
     "Failure",
     "FailureKind",
     "OutreachKind",
     "Result",
-    "Settled",
     "State",
     "Step",
     "evolve",
 ]
 
 T = TypeVar("T")
-Bounds = Mapping[Type[Any], Mapping[str, Optional[Tuple[float, float]]]]
-Stamp = Optional[int]
-"""When something was heard last: it moves on with what is heard, and never back."""
-
-
-class Settled(NamedTuple):
-    """How far nothing can come of an event that says again what is known (see `Turn`).
-
-    Args:
-        rules: as long as these are decided by.
-        until_ns: before this time.
-        after_ns: if what it repeats was heard after this one.
-        bounds: as long as each figure lies between these, by class of the status and name; None: as long as unknown.
-    """
-
-    rules: Optional[Rules] = None
-    until_ns: int = 0
-    after_ns: int = 0
-    bounds: Bounds = {}  # noqa: RUF012 - nobody changes it
 
 
 def evolve(value: T, **changes: Any) -> T:
     """Return a copy of a frozen dataclass with some fields changed, several times faster than `dataclasses.replace`."""
     copy: T = object.__new__(type(value))
-    known = value.__dict__.copy()
-    known.update(changes)
-    object.__setattr__(copy, "__dict__", known)
+    object.__setattr__(copy, "__dict__", {**value.__dict__, **changes})
     return copy
 
 
@@ -193,8 +168,7 @@ class Failure:
 class EngineState:
     """All that the engine knows. Times are nanoseconds on the clock that decides; None: never, or not applicable.
 
-    The fields in groups: where it is; the mission; before takeoff; in flight; landing; data; the last facts by peer;
-    whether the table has found nothing to do (see `Turn`), which follows from the rest.
+    The fields in groups: where it is; the mission; before takeoff; in flight; landing; data; the last facts by peer.
     """
 
     t_ns: int = 0
@@ -264,26 +238,19 @@ class EngineState:
     data_location: str = ""
 
     action: Optional[WatchdogAction] = None
-    heartbeat_ns: Stamp = None
+    heartbeat_ns: Optional[int] = None
     components: Tuple[ComponentStatus, ...] = ()
     planner: Optional[MissionStatus] = None
-    planner_ns: Stamp = None
+    planner_ns: Optional[int] = None
     recorder: Optional[RecordingStatus] = None
-    recorder_ns: Stamp = None
+    recorder_ns: Optional[int] = None
     autopilot: Optional[AutopilotStatus] = None
-    autopilot_ns: Stamp = None
-    linked_ns: Stamp = None
-    battery_ns: Stamp = None
-    position_ns: Stamp = None
+    autopilot_ns: Optional[int] = None
+    battery_ns: Optional[int] = None
+    position_ns: Optional[int] = None
     descending_ns: Optional[int] = None
     landing: Optional[LandedStatus] = None
-    landing_ns: Stamp = None
+    landing_ns: Optional[int] = None
     message: str = ""
     message_level: Level = Level.INFO
     advice: str = ""
-
-    settled: Settled = field(default=Settled(), compare=False, repr=False)
-
-
-STAMPS = tuple(entry.name for entry in fields(EngineState) if entry.type == "Stamp")
-"""The streams of the peers: the fields that say when each was heard."""

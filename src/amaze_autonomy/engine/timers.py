@@ -1,7 +1,7 @@
 """Every wait of the engine: where it applies, when it ends, and what it is called. There is no other one.
 
-Guards ask `Turn.passed`; the shell asks `next_deadline` when to wake the engine; `state_deadline` is what people
-are shown. A timer whose time has come and that changed nothing does not wake the engine again.
+Guards ask `passed` by name; the shell asks `next_deadline` when to wake the engine; `state_deadline` is what people are
+shown. A timer whose time has come and that changed nothing does not wake the engine again.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from .checks import CheckName
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
 
-__all__ = ["TIMERS", "Timer", "applies", "next_deadline", "state_deadline", "time_of"]
+__all__ = ["TIMERS", "Timer", "applies", "next_deadline", "passed", "state_deadline", "time_of"]
 
 _NS = 1_000_000_000
 Place = Union[State, Tuple[State, Step]]
@@ -84,9 +84,10 @@ def _in_flight_since(state: EngineState, seen: Optional[int], limit: int) -> Opt
 
 
 def _link(state: EngineState, rules: Rules) -> Optional[int]:
-    if state.autopilot is None or state.linked_ns is None:
+    status, seen = state.autopilot, state.autopilot_ns
+    if status is None or seen is None or status.link_age_s is None:
         return None
-    return state.linked_ns + rules.limits.autopilot_link_limit_ns + 1
+    return seen - int(status.link_age_s * _NS) + rules.limits.autopilot_link_limit_ns + 1
 
 
 def max_flight_time_ns(state: EngineState, rules: Rules) -> int:
@@ -223,6 +224,12 @@ _AT: Mapping[Tuple[State, Step], Tuple[Timer, ...]] = _index()
 def time_of(name: str, state: EngineState, rules: Rules) -> Optional[int]:
     """Return when a timer ends; None when it is not running."""
     return _BY_NAME[name].when(state, rules)
+
+
+def passed(name: str, state: EngineState, rules: Rules, now_ns: int) -> bool:
+    """Return True when a timer has ended at `now_ns`."""
+    end = _BY_NAME[name].when(state, rules)
+    return end is not None and now_ns >= end
 
 
 def next_deadline(state: EngineState, rules: Rules) -> Optional[int]:

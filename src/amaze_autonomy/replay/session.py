@@ -22,7 +22,6 @@ from amaze_autonomy.engine.commands import (
     MissionCommand,
     Notify,
 )
-from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
     EngineStarted,
     Event,
@@ -33,6 +32,7 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.journal import encode_decision, encode_event, encode_header, make_header
 from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.engine.stepper import Stepper
 from amaze_autonomy.engine.timers import next_deadline
 
 from .agenda import Agenda, Rank
@@ -100,7 +100,7 @@ class Session:
     def __init__(self, plan: Plan, recordings: Recordings, story: Optional[Story] = None) -> None:
         self._plan, self._recordings = plan, recordings
         self._story = Story() if story is None else story
-        self._rules = plan.rules
+        self._rules, self._stepper = plan.rules, Stepper(plan.rules)
         self._state = EngineState()
         self._agenda = Agenda()
         self._journal: List[str] = []
@@ -271,7 +271,9 @@ class Session:
         while True:
             task = self._agenda.next
             if self._deadline_open and self._deadline_ns is not None and self._deadline_ns <= t_ns:
-                self._deadline_ns, self._deadline_open = next_deadline(self._state, self._rules), False
+                self._deadline_ns = self._stepper.wakes_ns(self._state, t_ns)
+                if self._deadline_ns <= t_ns:
+                    self._deadline_ns, self._deadline_open = next_deadline(self._state, self._rules), False
             tick = (self._deadline_ns, Rank.TICK) if self._deadline_ns is not None and not self._deadline_open else None
             if tick is not None and tick < (t_ns, rank) and (task is None or tick < task):
                 self._monitors.now = tick
@@ -294,10 +296,10 @@ class Session:
             self._state = EngineState()
         self._journal.append(encode_event(event))
         self._source = source
-        self._state, commands = decide(self._state, event, self._rules)
+        self._state, commands = self._stepper.decide(self._state, event)
         self._world.state = self._state
         if not commands:
-            self._deadline_ns, self._deadline_open = self._state.settled.until_ns, True
+            self._deadline_ns, self._deadline_open = self._stepper.wakes_ns(self._state), True
             return
         for command in commands:
             self._carry_out(event.t_ns, command)
