@@ -107,7 +107,6 @@ def parts(bag: Path) -> list:
     from amaze_autonomy.config.loader import load_configuration  # noqa: PLC0415
     from amaze_autonomy.engine.events import Event  # noqa: PLC0415
     from amaze_autonomy.engine.journal import encode_event, read  # noqa: PLC0415
-    from amaze_autonomy.engine.stepper import Stepper  # noqa: PLC0415
     from amaze_autonomy.paths import config_folder  # noqa: PLC0415
     from amaze_autonomy.replay.plan import make_plan  # noqa: PLC0415
     from amaze_autonomy.replay.session import Session  # noqa: PLC0415
@@ -133,9 +132,8 @@ def parts(bag: Path) -> list:
         outcome = session.run()
         lap("monitors, peers, engine, journal")
     events = [line.payload for line in read("\n".join(outcome.journal) + "\n").lines if isinstance(line.payload, Event)]
-    for what, engine in (("the engine", Stepper(plan.rules).decide), ("(by `decide` alone)", decide_by(plan.rules))):
-        took = min(decided(events, engine) for _ in range(ROUNDS))
-        laps.append((f"of that, {what}: {len(events)} events, {len(events) / took:,.0f} a second", took))
+    took = min(decided(events, plan.rules) for _ in range(ROUNDS))
+    laps.append((f"of that, the engine: {len(events)} events, {len(events) / took:,.0f} a second", took))
     began = time.process_time()
     for event in events:
         encode_event(event)
@@ -143,20 +141,14 @@ def parts(bag: Path) -> list:
     return laps
 
 
-def decide_by(rules: object) -> object:
-    """Return the engine without a stepper."""
-    from amaze_autonomy.engine.decide import decide  # noqa: PLC0415
-
-    return lambda state, event: decide(state, event, rules)
-
-
-def decided(events: list, engine: object) -> float:
+def decided(events: list, rules: object) -> float:
     """Return how long it takes to decide events."""
+    from amaze_autonomy.engine.decide import decide  # noqa: PLC0415
     from amaze_autonomy.engine.state import EngineState  # noqa: PLC0415
 
     began, state = time.process_time(), EngineState()
     for event in events:
-        state, _ = engine(state, event)
+        state, _ = decide(state, event, rules)
     return time.process_time() - began
 
 

@@ -22,6 +22,7 @@ from amaze_autonomy.engine.commands import (
     MissionCommand,
     Notify,
 )
+from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
     EngineStarted,
     Event,
@@ -32,7 +33,6 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.journal import encode_decision, encode_event, encode_header, make_header
 from amaze_autonomy.engine.state import EngineState, State
-from amaze_autonomy.engine.stepper import Stepper
 from amaze_autonomy.engine.timers import next_deadline
 
 from .agenda import Agenda, Rank
@@ -100,7 +100,7 @@ class Session:
     def __init__(self, plan: Plan, recordings: Recordings, story: Optional[Story] = None) -> None:
         self._plan, self._recordings = plan, recordings
         self._story = Story() if story is None else story
-        self._rules, self._stepper = plan.rules, Stepper(plan.rules)
+        self._rules = plan.rules
         self._state = EngineState()
         self._agenda = Agenda()
         self._journal: List[str] = []
@@ -108,7 +108,6 @@ class Session:
         self._decisions: List[Decision] = []
         self._request_id = 0
         self._deadline_ns: Optional[int] = None  # or, while `_deadline_open`, a time that it is not before
-        self._deadline_open = False
         self._user = User(plan.topic_map.script)
         self._source = Source.SCRIPT
         self._monitors = Monitors(plan)
@@ -270,11 +269,7 @@ class Session:
         """Do everything that comes before a time and rank."""
         while True:
             task = self._agenda.next
-            if self._deadline_open and self._deadline_ns is not None and self._deadline_ns <= t_ns:
-                self._deadline_ns = self._stepper.wakes_ns(self._state, t_ns)
-                if self._deadline_ns <= t_ns:
-                    self._deadline_ns, self._deadline_open = next_deadline(self._state, self._rules), False
-            tick = (self._deadline_ns, Rank.TICK) if self._deadline_ns is not None and not self._deadline_open else None
+            tick = (self._deadline_ns, Rank.TICK) if self._deadline_ns is not None else None
             if tick is not None and tick < (t_ns, rank) and (task is None or tick < task):
                 self._monitors.now = tick
                 self._feed(Tick(t_ns=tick[0]), self._world.source(tick[0]))
@@ -296,16 +291,15 @@ class Session:
             self._state = EngineState()
         self._journal.append(encode_event(event))
         self._source = source
-        self._state, commands = self._stepper.decide(self._state, event)
+        self._state, commands = decide(self._state, event, self._rules)
         self._world.state = self._state
+        self._deadline_ns = next_deadline(self._state, self._rules)
         if not commands:
-            self._deadline_ns, self._deadline_open = self._stepper.wakes_ns(self._state), True
             return
         for command in commands:
             self._carry_out(event.t_ns, command)
         for message in (command for command in commands if isinstance(command, Notify)):
             self._lines.append(Line(event.t_ns, source, LineKind.MESSAGE, f'"{message.text}"', _level(message.level)))
-        self._deadline_ns, self._deadline_open = next_deadline(self._state, self._rules), False
         self._ask_user()
 
     def _carry_out(self, t_ns: int, command: Command) -> None:

@@ -8,11 +8,11 @@ from typing import List, Optional, Tuple
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.commands import Command, Decision
+from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, Result, State
-from amaze_autonomy.engine.stepper import Stepper
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
@@ -78,7 +78,6 @@ class _Loop:
 
     def __init__(self, configuration: Configuration, scenario: Scenario, seed: int, rules: Optional[Rules]) -> None:
         self._rules = configuration.rules if rules is None else rules
-        self._stepper = Stepper(self._rules)
         self._world = World(configuration, seed, scenario)
         self._state = EngineState()
         header = journal.make_header(
@@ -129,7 +128,7 @@ class _Loop:
             self._state = EngineState()  # a process that found no journal
         before = self._state
         self._lines.append(journal.encode_event(event))
-        self._state, commands = self._stepper.decide(self._state, event)
+        self._state, commands = decide(self._state, event, self._rules)
         for command in commands:
             if isinstance(command, Decision):
                 self._lines.append(journal.encode_decision(command))

@@ -20,10 +20,7 @@ SUITE = Path(__file__).parents[2] / "scenarios"
 PROGRAM = """
 import sys
 from pathlib import Path
-from amaze_autonomy.engine.decide import decide
-from amaze_autonomy.engine.stepper import Stepper
 from amaze_autonomy.replay.suite import run_task, tasks_of
-Stepper.decide = lambda self, state, event: decide(state, event, self.rules)  # as the node that flies does
 for task in tasks_of([Path(sys.argv[1])]):
     result = run_task(task)
     print(result.id, result.verdict.value, result.digest)
@@ -43,8 +40,8 @@ def chosen(tmp_path_factory):
     return folder
 
 
-def test_another_process_with_another_hash_seed_and_without_shortcuts_decides_as_the_goldens_say(chosen):
-    """pytest itself runs each of them in this process, with this seed and the stepper, against the same goldens."""
+def test_another_process_with_another_hash_seed_decides_as_the_goldens_say(chosen):
+    """pytest itself runs each of them in this process, with this seed, against the same goldens."""
     data = os.environ.get("AMAZE_DATA", str(Path(__file__).parents[4] / "shared" / "data"))
     process = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(chosen)],

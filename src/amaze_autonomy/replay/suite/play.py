@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
 from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event
 from amaze_autonomy.engine.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
-from amaze_autonomy.engine.stepper import Stepper
 from amaze_autonomy.simulation import Scenario
 from amaze_autonomy.simulation.run import run
 
@@ -108,14 +108,14 @@ def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Play
 
 def _decided(payloads: Iterable[object], rules: Rules) -> List[str]:
     """Return the lines of events and of what is decided about them; decisions among them are left out."""
-    state, stepper = EngineState(), Stepper(rules)
+    state = EngineState()
     lines: List[str] = []
     for event in payloads:
         if isinstance(event, Event):
             if isinstance(event, EngineStarted) and not event.resumed:
                 state = EngineState()
             lines.append(encode_event(event))
-            state, commands = stepper.decide(state, event)
+            state, commands = decide(state, event, rules)
             lines += [encode_decision(each) for each in commands if isinstance(each, Decision)]
     return lines
 
