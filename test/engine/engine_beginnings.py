@@ -134,7 +134,7 @@ def _descending() -> Story:
 def _pilot() -> Story:
     story = _flying()
     story.say(pilot_in_control=True, mode="POSCTL")
-    return story.expect("PILOT").after(0.3)
+    return story.until("PILOT", limit_s=0.5).after(0.3)
 
 
 def _pilot_landed() -> Story:

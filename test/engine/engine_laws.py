@@ -44,7 +44,7 @@ def watch(story: Story, before: EngineState, event: ev.Event, commands: Tuple[An
     _numbers(before, after, commands, requests)
     _answers(event, commands)
     _deadline(after, story)
-    _landing_is_sticky(before, after)
+    _landing_is_sticky(before, after, event)
     _pilot(after, motions)
     _abort_lands(before, after, event, commands, story)
     _ground(before, after, motions, story)
@@ -94,13 +94,16 @@ def _deadline(after: EngineState, story: Story) -> None:
         assert deadline > after.t_ns
 
 
-def _landing_is_sticky(before: EngineState, after: EngineState) -> None:
+def _landing_is_sticky(before: EngineState, after: EngineState, event: ev.Event) -> None:
     if before.state is State.LAND:
         assert after.state not in (State.MISSION, State.HOLD, State.TAKEOFF), "once LAND, LAND"
     if before.state is State.LAND and after.state not in (State.LAND, State.PILOT):
         assert not after.in_flight
         status = after.autopilot
-        assert status is None or not _flies(status), "landed means disarmed and ON_GROUND"
+        given_up = isinstance(event, ev.UserRequest) and event.command is ev.UserCommand.ACKNOWLEDGE
+        assert given_up or status is None or not _flies(status), "landed means disarmed and ON_GROUND"
+        if given_up:
+            assert before.alarmed, "a landing is given up after the alarm alone"
 
 
 def _flies(status: ev.AutopilotStatus) -> bool:
@@ -119,9 +122,19 @@ def _abort_lands(
         return
     codes = [event.code, *(status.code for status in event.components)]
     elsewhere = before.state not in (State.LAND, State.PILOT) and after.state is not State.PILOT
-    if Code.ABORT in codes and before.in_flight and elsewhere:
+    if Code.ABORT in codes and before.in_flight and elsewhere and not _in_doubt(after, story):
         assert commands, "code 16 in flight lands"
         assert name_of(commands[0]) == "LAND"
+
+
+def _in_doubt(after: EngineState, story: Story) -> bool:
+    """Whether somebody else has control is open, for at most `pilot_confirm_ns`, or until the next status says so."""
+    status = after.autopilot
+    if after.takeover is None or status is None:
+        return False
+    fresh = after.t_ns - after.autopilot_ns <= story.rules.limits.autopilot_status_limit_ns
+    waited_ns = after.t_ns - after.takeover.since_ns
+    return fresh and (waited_ns < story.rules.limits.pilot_confirm_ns or after.takeover.statuses == 1)
 
 
 def _credible(age_ns: int, story: Story) -> bool:
@@ -152,7 +165,7 @@ def _recording(before: EngineState, after: EngineState, commands: Tuple[Any, ...
     if left and before.recording_asked:
         complete = after.recorder is not None and after.recorder.phase is RecordingPhase.COMPLETE
         new_session = after.session_id != before.session_id
-        asked = after.state in (State.OUTREACH, State.PILOT)
+        asked = after.state in (State.OUTREACH, State.PILOT, State.LAND)  # LAND: it never had landed
         assert complete or new_session or asked, "merged, or a person is asked"
     if before.recording_asked and before.state not in (State.MISSION_ENDED, State.MISSION_INPUT, State.PILOT):
         same = after.session_id == before.session_id

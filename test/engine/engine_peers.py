@@ -74,6 +74,7 @@ class Vehicle:
             "position_x_m": 0.0,
             "position_y_m": 0.0,
             "vertical_speed_m_s": self.speed,
+            "horizontal_speed_m_s": 0.0,
             "battery_fraction": self.battery,
             "battery_voltage_v": 15.8,
             "battery_age_s": 0.1,

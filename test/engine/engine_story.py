@@ -249,10 +249,10 @@ class Story:
         if "watchdog" not in self.silent:
             self._decide(self.watchdog.action(self.now))
             self._decide(self.watchdog.info(self.now))
+        if "planner" not in self.silent and self.planner.session:  # it says what it does before the vehicle shows it
+            self._decide(self.planner.status(self.now))
         if "autopilot" not in self.silent:
             self._decide(self.vehicle.status(self.now))
-        if "planner" not in self.silent and self.planner.session:
-            self._decide(self.planner.status(self.now))
         if "recorder" not in self.silent and self.recorder.session:
             self._decide(self.recorder.status(self.now))
         if "landing" not in self.silent:

@@ -327,7 +327,9 @@ DEFECTS = (
     Defect(
         "the failsafe flag is ignored",
         row("pilot_took_over", guard=lambda t: () if t.vehicle() and t.vehicle().pilot_in_control else None),
-        lambda: test_pilot.test_takeover_in_every_phase_stops_commanding("MISSION flying", {"failsafe": True}),
+        lambda: test_pilot.test_takeover_in_every_phase_stops_commanding(
+            "MISSION flying", {"failsafe": True, "mode": "AUTO.LOITER"}
+        ),
     ),
     Defect(
         "the pilot's hands are not seen while landing",

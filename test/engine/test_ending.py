@@ -136,7 +136,7 @@ def test_started_without_knowing_whether_it_is_armed_waits_until_it_knows():
 
 def test_armed_after_the_start_is_somebody_else():
     story = Story().start().after(1.0)
-    story.say(armed=True).expect("PILOT")
+    story.say(armed=True).until("PILOT", limit_s=0.5)
 
 
 @pytest.mark.parametrize("gap_s", [0.1, 3.0])

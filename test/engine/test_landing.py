@@ -83,7 +83,7 @@ def test_landed_is_disarmed_and_on_ground_both():
     story.say(landed=ev.VehicleLanded.LANDING, armed=False).expect("LAND")
     story.landing_says = ev.Landed.ON_GROUND
     story.report()
-    story.say(landed=ev.VehicleLanded.ON_GROUND, armed=False).expect("DATA_CLEANUP")
+    story.say(landed=ev.VehicleLanded.ON_GROUND, armed=False).until("DATA_CLEANUP", limit_s=0.7)
 
 
 def test_landed_must_be_fresh():
@@ -135,8 +135,9 @@ def test_nothing_is_commanded_while_the_confirmation_is_waited_for():
 def test_down_and_then_silent_is_landed():
     """The autopilot said that it is down and is switched off: nothing else can come."""
     story = at("LAND descending")
-    story.landing_says = ev.Landed.AIRBORNE
-    story.after(3.0).expect("LAND")
+    while story.vehicle.armed:
+        story.after(0.1)
+    story.after(0.7)
     story.silent.append("autopilot")
     story.after(20.0)
     assert story.place[0] in ("DATA_CLEANUP", "MISSION_ENDED")
@@ -271,6 +272,9 @@ def test_down_and_then_silence_does_not_stay_for_ever(place):
     story = at(place)
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
     story.silent += ["autopilot", "planner", "landing", "watchdog", "recorder"]
+    story.after(100.0).expect("LAND")
+    assert story.state.alarmed, "one status is not believed: the pilot is alarmed, and a person ends it"
+    assert story.user("acknowledge")[0] == "DONE"
     story.after(100.0)
     assert story.place[0] in ("OUTREACH", "MISSION_ENDED")
 
@@ -299,7 +303,11 @@ def test_down_and_then_unknown_still_has_an_end(place, claims):
     """Found by trying every three things in a row: the end of the confirmation was forgotten."""
     story = at(place)
     story.planner.flown_ns = -60 * S
-    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).expect(place.split()[0])
+    story.landing_says = ev.Landed.ON_GROUND
+    story.report()
+    story.vehicle.speed = 0.0
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).after(0.7).expect(place.split()[0])
+    assert not story.state.in_flight
     story.say(**claims)
     story.after(100.0)
     assert story.place[0] in ("LAND", "DATA_CLEANUP", "MISSION_ENDED")
@@ -308,7 +316,9 @@ def test_down_and_then_unknown_still_has_an_end(place, claims):
 @pytest.mark.parametrize("place", ["TAKEOFF climbing", "MISSION flying", "HOLD holding"])
 def test_down_and_then_in_the_air_without_knowing_whether_it_is_armed_is_in_flight(place):
     story = at(place)
-    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.landing_says = ev.Landed.ON_GROUND
+    story.report()
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).after(0.7)
     assert not story.state.in_flight
     story.say(armed=None, landed=ev.VehicleLanded.IN_AIR)
     assert story.state.in_flight

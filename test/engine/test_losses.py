@@ -69,6 +69,7 @@ EXPECTED: Dict[str, Loss] = {
     "planner_status": Loss(silent("planner"), 1.0, "LAND", BOTH),
     "planner_failed": Loss(planner_failed, 0.2, "LAND", BOTH),
     "autopilot_status": Loss(silent("autopilot"), 1.0, "LAND", BOTH, alarm=True),
+    "clock": Loss(lambda story: story.feed(ev.ClockStatus, stalled_s=1.01), 0.0, "LAND", BOTH),
     "battery_unknown": Loss(says(battery_fraction=nan), 10.0, "LAND", ONE),
     "battery_critical": Loss(says(battery_fraction=0.15), 0.0, "LAND", ONE),
     "flight_time": Loss(flight_time, 0.3, "LAND", ONE),
@@ -78,7 +79,7 @@ EXPECTED: Dict[str, Loss] = {
     "recorder_dead": Loss(recorder_failed, 0.2, "CONTINUE"),
     "landing_detection": Loss(silent("landing"), 1.0, "CONTINUE"),
 }
-"""Heartbeat -> land; planner -> land, both routes; autopilot -> both routes and alarm; battery unknown or critical,
+"""Heartbeat -> land; planner, clock -> both routes; autopilot -> both routes and alarm; battery unknown or critical,
 flight time, height, distance -> land; position unknown, recorder dead, landing detection silent -> continue, warned."""
 
 
@@ -96,7 +97,13 @@ def _patient(place: str) -> Story:
     limits = story.rules.limits
     story.rules = replace(
         story.rules,
-        limits=replace(limits, hold_confirm_limit_ns=60 * S, resume_confirm_limit_ns=60 * S, takeoff_limit_ns=90 * S),
+        limits=replace(
+            limits,
+            hold_confirm_limit_ns=60 * S,
+            hold_repeat_after_ns=60 * S,
+            resume_confirm_limit_ns=60 * S,
+            takeoff_limit_ns=90 * S,
+        ),
     )
     story.planner.flown_ns = -60 * S
     if place == "TAKEOFF climbing":

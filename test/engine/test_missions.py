@@ -188,7 +188,7 @@ def test_a_vehicle_that_others_arm_between_missions_sends_nothing_to_the_recorde
     story.answers["check:battery"] = None
     story.user("give_up")
     story.expect("MISSION_INPUT")
-    story.say(armed=True).expect("PILOT")
+    story.say(armed=True).until("PILOT", limit_s=0.5)
     story.say(armed=False).look()
     story.user("acknowledge")
     story.expect("MISSION_ENDED")

@@ -22,7 +22,6 @@ IN_FLIGHT = (
 TAKEOVERS = {
     "flag": {"pilot_in_control": True},
     "failsafe": {"failsafe": True, "mode": "AUTO.RTL"},
-    "failsafe in a mode of ours": {"failsafe": True},
     "foreign mode": {"mode": "POSCTL"},
     "foreign automatic mode": {"mode": "AUTO.RTL"},
     "mode that nobody knows": {"mode": "CMODE(7)"},
@@ -33,8 +32,7 @@ TAKEOVERS = {
 @pytest.mark.parametrize("place", IN_FLIGHT)
 def test_takeover_in_every_phase_stops_commanding(place, claims):
     story = at(place)
-    story.say(**claims)
-    story.expect("PILOT")
+    story.say(**claims).until("PILOT", limit_s=0.5)
     assert story.motions == []
     story.after(30.0).expect("PILOT")
     assert story.motions == []
@@ -46,7 +44,7 @@ def test_takeover_in_every_phase_stops_commanding(place, claims):
 )
 def test_arming_by_anybody_else_is_the_pilot(place):
     story = at(place)
-    story.say(armed=True).expect("PILOT")
+    story.say(armed=True).until("PILOT", limit_s=0.5)
     assert story.motions == []
 
 
@@ -117,7 +115,7 @@ def test_a_late_effect_of_the_last_hold_is_not_the_pilot():
     story = at("HOLD confirming")
     story.disobeyed.append("LAND")
     story.fail("imu", 16).expect("LAND")
-    story.say(mode="AUTO.LOITER").expect("LAND")
+    story.say(mode="AUTO.LOITER").after(1.0).expect("LAND")
     story.say(mode="AUTO.LAND").expect("LAND", "descending")
     assert "pilot_took_over" not in story.rules_fired
 
@@ -137,8 +135,8 @@ def test_the_old_mode_goes_on_until_the_command_takes_effect():
 
 
 def test_back_to_the_old_mode_after_the_command_took_effect_is_the_pilot():
-    story = at("LAND descending")
-    story.say(mode="AUTO.LOITER").expect("PILOT")
+    story = at("LAND descending").after(0.5)
+    story.say(mode="AUTO.LOITER").until("PILOT", limit_s=0.5)
 
 
 def test_resume_after_a_hold_is_ours():
@@ -167,7 +165,7 @@ def test_a_foreign_mode_in_the_status_that_also_brings_the_landing_is_the_pilot(
     story = at("MISSION flying")
     story.vehicle.says.update(mode="POSCTL", battery_fraction=0.05)
     story.report()
-    story.expect("PILOT")
+    story.until("PILOT", limit_s=0.5)
     assert story.motions == []
 
 
@@ -190,17 +188,32 @@ def test_takeover_after_touchdown_while_still_armed():
     story = at("LAND descending")
     story.vehicle.auto_disarm = False
     story.after(3.0).look()
-    story.say(pilot_in_control=True).expect("PILOT")
+    story.say(pilot_in_control=True).until("PILOT", limit_s=0.5)
     story.after(10.0)
     assert story.motions == []
 
 
-def test_armed_again_in_the_air_after_it_had_said_that_it_was_down_is_the_pilot():
-    """Whoever flies now, it is not us."""
+def test_armed_again_in_the_air_after_it_had_said_that_it_was_down_is_our_flight():
+    """Nobody arms a vehicle in the air."""
     story = at("HOLD holding")
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
-    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).expect("PILOT")
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).after(1.0).expect("HOLD", "holding")
+    assert story.state.in_flight
     assert story.motions == []
+
+
+@pytest.mark.parametrize("mode", ["AUTO.MISSION", "AUTO.TAKEOFF", "OFFBOARD"])
+def test_a_failsafe_that_leaves_the_vehicle_in_our_mode_has_no_control(mode):
+    """A status CRITICAL alone (ArduCopter whose battery failsafe is off) hands the vehicle to nobody."""
+    story = at("MISSION flying")
+    story.say(failsafe=True, mode=mode).after(1.0).expect("MISSION", "flying")
+    assert story.told == []
+    story.fail("imu", 16).expect("LAND")
+
+
+def test_a_failsafe_that_holds_by_itself_has_control():
+    """AUTO.LOITER may follow a takeoff of ours; with the failsafe's flag it is the autopilot's own."""
+    at("MISSION flying").say(failsafe=True, mode="AUTO.LOITER").until("PILOT", limit_s=0.5)
 
 
 def test_a_landing_that_only_seemed_over_goes_on():
@@ -219,7 +232,7 @@ def test_a_landing_that_only_seemed_over_goes_on():
 def test_arming_after_the_flight_keeps_its_result_and_the_data_is_followed_to_its_end(place):
     story = at(place)
     story.recorder.fails = False
-    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).expect("PILOT")
+    story.say(armed=True, landed=ev.VehicleLanded.ON_GROUND).until("PILOT", limit_s=0.5)
     story.fail("imu", 16).after(2.0).expect("PILOT")
     story.vehicle.says.clear()
     story.after(0.3)
@@ -234,5 +247,5 @@ def test_a_takeoff_that_comes_after_it_was_cancelled_is_not_overlooked():
     story = at("TAKEOFF arming")
     story.user("land")
     story.after(0.3).expect("DATA_CLEANUP")
-    story.say(armed=True, landed=ev.VehicleLanded.TAKING_OFF).expect("PILOT")
+    story.say(armed=True, landed=ev.VehicleLanded.TAKING_OFF).until("PILOT", limit_s=0.5)
     assert "pilot" in story.told

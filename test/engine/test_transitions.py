@@ -24,6 +24,7 @@ GROUND, AIR, LANDING = ev.VehicleLanded.ON_GROUND, ev.VehicleLanded.IN_AIR, ev.V
 UNKNOWN = ev.VehicleLanded.UNKNOWN
 REFUSED, ACCEPTED = ev.Outcome.REFUSED, ev.Outcome.ACCEPTED
 BOTH = ("LAND", "AutopilotLand")
+GIVEN_UP = ("StopRecording",)
 
 
 class Row(NamedTuple):
@@ -55,6 +56,38 @@ def says(**claims: object) -> Callable[[Story], object]:
     return lambda story: story.say(**claims)
 
 
+def keeps_saying(seconds: float = 0.35, **claims: object) -> Callable[[Story], object]:
+    """Let several statuses agree."""
+    return lambda story: story.say(**claims).after(seconds)
+
+
+def seems_taken(story: Story) -> None:
+    story.say(mode="POSCTL")
+    story.vehicle.says.clear()
+    story.report()
+
+
+def is_in_the_air(story: Story) -> None:
+    story.vehicle.says.update(armed=True, landed=AIR)
+    story.report()
+    story.after(0.2)
+
+
+def takeoff_fails(story: Story) -> None:
+    story.planner.says.update(phase=ev.MissionPhase.FAILED, message="arm: refused: no GPS")
+    story.report()
+
+
+def flies_on(story: Story) -> None:
+    story.say(mode="OFFBOARD", horizontal_speed_m_s=2.0).after(1.05)
+
+
+def nobody_answers(story: Story) -> None:
+    story.silent += ["autopilot", "planner"]
+    story.after(6.5).look()
+    user("acknowledge")(story)
+
+
 def told_to_end(story: Story) -> None:
     story.feed(ev.Shutdown, signal="SIGTERM")
 
@@ -78,6 +111,7 @@ def started_armed(**claims: object) -> Callable[[Story], object]:
     def happens(story: Story) -> None:
         story.vehicle.says.update(armed=True, landed=AIR, height_m=9.0, **claims)
         story.start().report()
+        story.after(0.45 if claims else 0.0)
 
     return happens
 
@@ -192,12 +226,15 @@ def selects_and_fails(name: str, **said: object) -> Callable[[Story], object]:
 
 ROWS = (
     # the pilot
-    Row("pilot_took_over", "MISSION flying", says(pilot_in_control=True), "PILOT", (), "pilot"),
+    Row("takeover_suspected", "MISSION flying", says(mode="POSCTL"), "MISSION flying", (), "takeover_suspected"),
+    Row("takeover_denied", "MISSION flying", seems_taken, "MISSION flying", (), "takeover_denied"),
+    Row("still_flying", "DATA_CLEANUP", is_in_the_air, "LAND commanding", BOTH, "land"),
+    Row("pilot_took_over", "MISSION flying", keeps_saying(pilot_in_control=True), "PILOT", (), "pilot"),
     Row("pilot_had_control_at_start", "nowhere", started_armed(pilot_in_control=True), "PILOT", (), "pilot"),
     Row("started_armed", "nowhere", started_armed(), "LAND commanding", BOTH, "land"),
-    Row("armed_by_others", "READY", says(armed=True), "PILOT", (), "pilot"),
-    Row("armed_after_flight", "DATA_CLEANUP", says(armed=True), "PILOT", (), "pilot"),
-    Row("armed_before_data_is_complete", "OUTREACH data", says(armed=True), "PILOT", (), "pilot"),
+    Row("armed_by_others", "READY", keeps_saying(armed=True), "PILOT", (), "pilot"),
+    Row("armed_after_flight", "DATA_CLEANUP", keeps_saying(armed=True), "PILOT", (), "pilot"),
+    Row("armed_before_data_is_complete", "OUTREACH data", keeps_saying(0.5, armed=True), "PILOT", (), "pilot"),
     # the end of the process
     Row("shutdown_in_flight", "HOLD holding", told_to_end, "LAND commanding", BOTH, "shutdown"),
     Row("shutdown_while_landing", "LAND descending", told_to_end, "LAND descending", BOTH, "shutdown"),
@@ -276,7 +313,18 @@ ROWS = (
         "land",
     ),
     Row("resume_unconfirmed", "HOLD resuming", waits(5.0), "LAND commanding", ("LAND",), "land"),
-    Row("grounded_while_holding", "HOLD holding", says(landed=GROUND), "LAND commanding", ("LAND",), "land"),
+    Row("takeoff_failed", "TAKEOFF arming", takeoff_fails, "OUTREACH", (), "takeoff_refused"),
+    Row("hold_repeated", "HOLD confirming", waits(1.3), "HOLD confirming", ("HOLD",)),
+    Row("hold_flown_on", "HOLD holding", flies_on, "HOLD confirming", ("HOLD",), "hold"),
+    Row("landing_given_up", "LAND commanding", nobody_answers, "DATA_CLEANUP", GIVEN_UP, "landing_given_up"),
+    Row(
+        "grounded_while_holding",
+        "HOLD holding",
+        keeps_saying(0.65, landed=GROUND),
+        "LAND commanding",
+        ("LAND",),
+        "land",
+    ),
     # while landing
     Row(
         "autopilot_lost_alarm",
@@ -318,7 +366,7 @@ ROWS = (
         ("ABORT",),
         "takeoff_cancelled",
     ),
-    Row("cancelled", "TAKEOFF cancelling", says(armed=False), "OUTREACH", (), "takeoff_refused"),
+    Row("cancelled", "TAKEOFF cancelling", keeps_saying(0.65, armed=False), "OUTREACH", (), "takeoff_refused"),
     Row(
         "cancelled_late",
         "TAKEOFF arming",
@@ -349,7 +397,7 @@ ROWS = (
     Row(
         "disarmed_before_lift_off",
         "TAKEOFF lifting_off",
-        says(armed=False),
+        keeps_saying(0.65, armed=False),
         "TAKEOFF cancelling",
         ("ABORT",),
         "takeoff_cancelled",
@@ -485,8 +533,8 @@ ROWS = (
         "nothing_to_collect",
         "MISSION_INPUT",
         lambda story: (
-            story.say(armed=True),
-            story.say(armed=False),
+            story.say(armed=True).after(0.5),
+            story.say(armed=False).after(0.1),
             user("acknowledge")(story),
         ),
         "MISSION_ENDED",

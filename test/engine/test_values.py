@@ -156,6 +156,6 @@ def test_a_mission_that_is_selected_after_the_process_was_told_to_end_does_not_t
 
 def test_a_mode_that_was_foreign_once_is_still_foreign_in_the_next_status():
     story = at("MISSION flying")
-    story.say(mode="POSCTL").expect("PILOT")
+    story.say(mode="POSCTL").until("PILOT", limit_s=0.5)
     story.report()
     story.expect("PILOT")

@@ -61,10 +61,20 @@ def on_ground_armed(story: Story) -> None:
         story.after(0.1)
 
 
-def contradicted(story: Story) -> None:
-    story.landing_says = ev.Landed.AIRBORNE
+def put_down(story: Story) -> None:
+    story.planner.says["phase"] = ev.MissionPhase.FLYING
+    story.landing_says = ev.Landed.ON_GROUND
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=0.0)
     while story.state.in_flight:
         story.after(0.1)
+
+
+def flies_on(story: Story) -> None:
+    story.say(mode="OFFBOARD", horizontal_speed_m_s=2.0)
+
+
+def taken(story: Story) -> None:
+    story.say(pilot_in_control=True)
 
 
 def flies_long(story: Story) -> None:
@@ -236,7 +246,24 @@ WAITS = (
         lost=True,
     ),
     Wait(
-        "confirm_limit", "LAND descending", lambda s: s.state.grounded_ns, 10.0, "landed", "DATA_CLEANUP", contradicted
+        "confirm_limit",
+        "MISSION flying",
+        lambda s: s.state.grounded_ns,
+        10.0,
+        "landed_unexpectedly",
+        "DATA_CLEANUP",
+        put_down,
+    ),
+    Wait("hold_repeat_after", "HOLD confirming", stepped, 1.5, "hold_repeated", "HOLD"),
+    Wait("moving", "HOLD holding", lambda s: s.state.moving_ns, 1.0, "hold_flown_on", "HOLD", flies_on),
+    Wait(
+        "pilot_confirm",
+        "MISSION flying",
+        lambda s: s.state.takeover.since_ns,
+        0.3,
+        "pilot_took_over",
+        "PILOT",
+        taken,
     ),
     Wait("land_repeat_period", "LAND commanding", lambda s: s.state.land_sent_ns, 0.5, "land_repeat", "LAND"),
     Wait("land_second_route_after", "LAND commanding", lambda s: s.state.land_ns, 3.0, "land_second_route", "LAND"),
@@ -341,8 +368,10 @@ def test_when_nobody_answers_it_ends_with_a_person(place):
 )
 def test_when_everybody_falls_silent_and_the_ground_was_reached_it_ends_with_a_person(place):
     story = at(place)
-    story.say(armed=True)
-    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.landing_says = ev.Landed.ON_GROUND
+    story.report()
+    story.say(armed=True).after(0.25)
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=0.0).after(0.7)
     state, number = _ticked(story.state, story.rules, 400)
     assert state.state.value in FOR_A_PERSON, state.step
     assert number < 100

@@ -9,14 +9,15 @@ from __future__ import annotations
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
 from .checks import CheckName
-from .commands import Value
 from .events import (
     AutopilotStatus,
     CheckReply,
+    ClockStatus,
     ComponentStatus,
     EngineStarted,
     Event,
     LandedStatus,
+    MissionPhase,
     MissionStatus,
     Outcome,
     RecordingPhase,
@@ -27,15 +28,17 @@ from .events import (
     WatchdogInfo,
 )
 from .mission import Mission
-from .modes import MODES, ours
+from .modes import DIRECT_MODES, HOLDING_MODES, MODES, ours
 from .severity import Code
-from .state import CheckRecord, State, Step, evolve
+from .state import Agreement, CheckRecord, ClockApart, State, Step, evolve
 from .timers import check_limit_ns
 from .turn import Turn
 
 __all__ = ["absorb"]
 
 _NS = 1_000_000_000
+_WATCHDOGS = 4  # whose loop counters are remembered
+_AFTER_FLIGHT = (State.DATA_CLEANUP, State.OUTREACH)
 
 
 def absorb(turn: Turn) -> None:
@@ -73,8 +76,22 @@ def _timed_out(record: CheckRecord, now_ns: int) -> CheckRecord:
     )
 
 
-def _credible(turn: Turn, age_ns: int) -> bool:
-    return -turn.limits.clock_tolerance_ns <= age_ns <= turn.limits.status_max_age_ns
+def _credible(turn: Turn, peer: str, age_ns: int) -> bool:
+    """Return whether a status is of the present; remember whose stamps are not: their clock is another one."""
+    credible = -turn.limits.clock_tolerance_ns <= age_ns <= turn.limits.status_max_age_ns
+    apart = turn.state.clocks_apart
+    if not credible or apart:
+        since_ns = next((each.since_ns for each in apart if each.peer == peer), turn.now)
+        others = tuple(each for each in apart if each.peer != peer)
+        turn.set(clocks_apart=others if credible else (*others, ClockApart(peer, age_ns, since_ns)))
+    return credible
+
+
+def _follow(old: Optional[Agreement], now_ns: int, *, says: bool) -> Optional[Agreement]:
+    """Count a status that says something, or none of it."""
+    if not says:
+        return None
+    return Agreement(now_ns, now_ns) if old is None else Agreement(old.since_ns, now_ns, 2)
 
 
 def _engine_started(turn: Turn, event: EngineStarted) -> None:
@@ -98,24 +115,43 @@ def _engine_started(turn: Turn, event: EngineStarted) -> None:
     turn.set(**seen)
     # The limits of silence run from now on; what was said before is not known any more.
     turn.set(autopilot=None, planner=None, recorder=None, landing=None, recording_since_ns=None, descending_ns=None)
+    turn.set(down=None, aloft=None, motors=None, moving_ns=None, takeover=None, clocks_apart=(), clock_stalled_s=0.0)
     if state.in_flight or state.state is not State.MISSION_INPUT:
         turn.notify("resumed", state=state.state.value)
 
 
-def _shutdown(turn: Turn, _: Shutdown) -> None:
-    turn.set(shutting_down=True)
+def _shutdown(turn: Turn, event: Shutdown) -> None:
+    turn.set(shutting_down=True, signal=event.signal)
+
+
+def _clock_status(turn: Turn, event: ClockStatus) -> None:
+    stands, stood = (
+        each * _NS > turn.limits.clock_stall_limit_ns for each in (event.stalled_s, turn.state.clock_stalled_s)
+    )
+    turn.set(clock_stalled_s=event.stalled_s)
+    if stands != stood and not turn.state.in_flight:
+        turn.notify("clock_stands" if stands else "clock_runs", stalled_s=event.stalled_s)
 
 
 def _watchdog_action(turn: Turn, event: WatchdogAction) -> None:
-    if not _credible(turn, event.age_ns):
+    if not _credible(turn, "watchdog", event.age_ns):
         return
-    previous = turn.state.action
     turn.set(action=event)
-    if previous is None or previous.loop_counter != event.loop_counter:
-        turn.set(heartbeat_ns=turn.now)
+    _heartbeat(turn, event)
     listed = _worst_by_name(_listed(event))
     kept = [s for s in turn.state.components if s.name not in listed and s.code < Code.INCONVENIENT]
     turn.set(components=tuple(sorted([*kept, *listed.values()], key=_by_name)))
+
+
+def _heartbeat(turn: Turn, event: WatchdogAction) -> None:
+    """Take a loop counter that has grown for a heartbeat: each publisher's own, so that two do not keep one alive."""
+    known = dict(turn.state.loop_counters)
+    before = known.pop(event.publisher, None)
+    if before is None or event.loop_counter != before:
+        others = tuple(known.items())[1 - _WATCHDOGS :]
+        turn.set(loop_counters=(*others, (event.publisher, event.loop_counter)))
+    if event.loop_counter > before if before is not None else not known:
+        turn.set(heartbeat_ns=turn.now)
 
 
 def _listed(event: WatchdogAction) -> Tuple[ComponentStatus, ...]:
@@ -129,7 +165,7 @@ def _listed(event: WatchdogAction) -> Tuple[ComponentStatus, ...]:
 
 def _watchdog_info(turn: Turn, event: WatchdogInfo) -> None:
     """Take what is below 4 from the info stream; what is at 4 or above is the action stream's to say."""
-    if not _credible(turn, event.age_ns):
+    if not _credible(turn, "watchdog", event.age_ns):
         return
     acted = {s.name: s for s in turn.state.components if s.code >= Code.INCONVENIENT}
     informed = _worst_by_name(
@@ -213,12 +249,16 @@ def _reply(turn: Turn, event: Reply) -> None:
 
 
 def _mission_status(turn: Turn, event: MissionStatus) -> None:
-    if event.session_id == turn.state.session_id and event.session_id and _credible(turn, event.age_ns):
+    if event.session_id == turn.state.session_id and event.session_id and _credible(turn, "planner", event.age_ns):
         turn.set(planner=event, planner_ns=turn.now)
+        if turn.state.takeover is not None and turn.state.autopilot is not None:
+            _control(turn, turn.state.autopilot, again=True)  # a landing mode is the planner's when it says so
 
 
 def _recording_status(turn: Turn, event: RecordingStatus) -> None:
-    if event.session_id != turn.state.session_id or not event.session_id or not _credible(turn, event.age_ns):
+    if event.session_id != turn.state.session_id or not event.session_id:
+        return
+    if not _credible(turn, "recorder", event.age_ns):
         return
     growing = proves_recording(event)
     since = turn.state.recording_since_ns
@@ -238,9 +278,8 @@ def proves_recording(event: RecordingStatus) -> bool:
 
 
 def _autopilot_status(turn: Turn, event: AutopilotStatus) -> None:
-    if not _credible(turn, event.age_ns):
+    if not _credible(turn, "autopilot", event.age_ns):
         return
-    _flight_mode(turn, event)
     state = turn.state
     turn.set(autopilot=event, autopilot_ns=turn.now)
     if event.battery_fraction is not None and event.battery_age_s is not None and event.battery_age_s >= 0:
@@ -250,35 +289,92 @@ def _autopilot_status(turn: Turn, event: AutopilotStatus) -> None:
     speed = event.vertical_speed_m_s
     descending = speed is not None and speed <= -turn.limits.descent_speed_m_s
     turn.set(descending_ns=(turn.now if state.descending_ns is None else state.descending_ns) if descending else None)
+    moving = _moves(turn, event)
+    turn.set(moving_ns=(turn.now if state.moving_ns is None else state.moving_ns) if moving else None)
     if state.armed_at_start is None and state.started_ns is not None and event.armed is not None:
         turn.set(armed_at_start=event.armed)
     _flight(turn)
+    _command_shown(turn, event)
+    _control(turn, event)
 
 
-def _flight_mode(turn: Turn, event: AutopilotStatus) -> None:
-    """Tell a mode that answers our commands from a foreign one (rule 4)."""
-    state = turn.state
-    if not state.in_flight or event.armed is False or not event.mode:
+def _control(turn: Turn, event: AutopilotStatus, *, again: bool = False) -> None:
+    """Note who has control by a status, or by the same one again in another light."""
+    reason, before = _taken_by(turn, event), turn.state.takeover
+    if again and reason:
         return
-    if state.commanded and event.mode in MODES[state.commanded[-1]]:
+    agreed = _follow(before, turn.now, says=bool(reason))
+    if agreed is not before:
+        turn.set(takeover=agreed, takeover_reason=reason)
+
+
+def _moves(turn: Turn, event: AutopilotStatus) -> bool:
+    """Return True when neither the flight mode nor the speed over ground shows a hold; unknown speed shows nothing."""
+    speed = event.horizontal_speed_m_s
+    return event.mode not in HOLDING_MODES and speed is not None and speed > turn.limits.hold_speed_m_s
+
+
+def _command_shown(turn: Turn, event: AutopilotStatus) -> None:
+    """Take a mode that answers the last command in two statuses for its confirmation: what was before is over."""
+    state = turn.state
+    answers = bool(state.commanded) and state.in_flight and event.armed is not False
+    shown = answers and event.mode in MODES[state.commanded[-1]]
+    if shown and state.mode_shown:
         turn.set(confirmed=state.commanded[-1], commanded=state.commanded[-1:])
-    elif not ours(event.mode, state.commanded, state.confirmed):
-        before = state.autopilot.mode if state.autopilot is not None else ""
-        if state.confirmed is not None or event.mode != before:
-            turn.foreign_mode = (
-                Value("reason", f"flight mode {event.mode} was not commanded"),
-                Value("mode before", before),
-            )
+    if shown != state.mode_shown:
+        turn.set(mode_shown=shown)
+
+
+def _taken_by(turn: Turn, event: AutopilotStatus) -> str:
+    """Return why somebody else than us has control of the vehicle (rule 4); empty when nobody has."""
+    state = turn.state
+    if event.armed is False:
+        return ""
+    if event.pilot_in_control:
+        return "the pilot has control"
+    last = state.commanded[-1] if state.commanded else state.confirmed
+    direct = DIRECT_MODES[last] if last is not None and state.in_flight else frozenset()
+    if event.failsafe and event.mode not in direct:
+        return "a failsafe of the autopilot is active"
+    if not state.in_flight:
+        if (
+            turn.airborne()
+            and state.was_airborne
+            and state.state in _AFTER_FLIGHT
+            and _is_ours(turn, event, lands=True)
+        ):
+            return ""  # it never landed: see the row still_flying
+        at_start = state.sessions == 0 and state.armed_at_start is not False
+        return "it was armed, and not by us" if event.armed and not at_start else ""
+    if _is_ours(turn, event, lands=_planner_lands(turn)):
+        return ""
+    unchanged = state.confirmed is None and event.mode == state.mode_before  # nothing has answered yet
+    return "" if unchanged else f"flight mode {event.mode} was not commanded"
+
+
+def _is_ours(turn: Turn, event: AutopilotStatus, *, lands: bool) -> bool:
+    return ours(event.mode, turn.state.commanded, turn.state.confirmed, lands=lands)
+
+
+def _planner_lands(turn: Turn) -> bool:
+    """Return True when the planner lands by itself; right after a restart of ours it was not heard yet."""
+    planner = turn.state.planner
+    return planner is None or planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
 
 
 def _flight(turn: Turn) -> None:
-    """Follow the flight: armed, airborne, down. Unknown changes nothing."""
+    """Follow the flight: armed, airborne, down; each is believed from statuses that agree. Unknown changes nothing."""
     state = turn.state
+    turn.set(
+        down=_follow(state.down, turn.now, says=turn.down()),
+        aloft=_follow(state.aloft, turn.now, says=turn.airborne()),
+        motors=_follow(state.motors, turn.now, says=turn.armed()),
+    )
     if turn.down():
         if state.grounded_ns is None:
             turn.set(grounded_ns=turn.now)
         arming = (state.state, state.step) == (State.TAKEOFF, Step.ARMING)
-        if state.in_flight and state.was_armed and not arming:
+        if state.in_flight and state.was_armed and not arming and turn.stays_down():
             turn.set(in_flight=False)
         return
     over = not state.in_flight and not turn.flies_again()  # unknown says nothing of a flight that is over
@@ -286,31 +382,34 @@ def _flight(turn: Turn) -> None:
         turn.set(grounded_ns=turn.now if state.grounded_ns is None else state.grounded_ns)
     else:
         turn.set(grounded_ns=state.grounded_ns if over else None, disarm_sent_ns=None)
-    if state.in_flight and turn.armed():
-        turn.set(was_armed=True)
     if turn.vehicle() is not None and _goes_on(turn):
         turn.set(in_flight=True)  # it had said that it was down, and does not any more: then its flight is not over
-    if turn.state.in_flight and turn.airborne():
+    if not turn.state.in_flight:
+        return
+    if turn.state.motors is not None and turn.state.motors.statuses > 1:
+        turn.set(was_armed=True)
+    if turn.state.aloft is not None and turn.state.aloft.statuses > 1:
         turn.set(was_airborne=True, was_armed=True, flown=True)
 
 
 def _goes_on(turn: Turn) -> bool:
-    """Return True where a flight that seemed over goes on as ours; elsewhere, who is armed is in other hands."""
+    """Return True where a flight that seemed over goes on as ours: nobody arms a vehicle in the air."""
     state = turn.state
     if state.state is State.LAND:
         return state.was_armed
     flies = state.state in (State.TAKEOFF, State.HOLD) or (state.state, state.step) == (State.MISSION, Step.FLYING)
-    return flies and turn.airborne() and turn.flies_again() and not turn.armed()
+    return flies and state.was_armed and turn.airborne() and turn.flies_again()
 
 
 def _landed_status(turn: Turn, event: LandedStatus) -> None:
-    if _credible(turn, event.age_ns):
+    if _credible(turn, "landing detection", event.age_ns):
         turn.set(landing=event, landing_ns=turn.now)
 
 
 _ABSORB: Dict[Type[Event], Callable[..., None]] = {
     AutopilotStatus: _autopilot_status,
     CheckReply: _check_reply,
+    ClockStatus: _clock_status,
     EngineStarted: _engine_started,
     LandedStatus: _landed_status,
     MissionStatus: _mission_status,

@@ -12,10 +12,11 @@ from typing import Callable, Mapping, Tuple
 from .commands import AnswerKind
 from .events import UserCommand
 from .failures import waiting
+from .flight_guards import nobody_knows
 from .state import FailureKind, State, Step
 from .turn import Turn
 
-__all__ = ["ANSWERS", "CONDITIONS", "OTHERWISE", "SELECT", "Case", "answer_to", "available"]
+__all__ = ["ANSWERS", "CONDITIONS", "IN_DOUBT", "OTHERWISE", "SELECT", "Case", "answer_to", "available"]
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,15 @@ CONDITIONS: Mapping[str, Callable[[Turn], bool]] = {
     "a component is waited for": _component_waited,
     "the user holds": lambda turn: turn.state.user_hold_ns is not None,
     "resuming": lambda turn: turn.state.step is Step.RESUMING,
+    "landing": lambda turn: turn.lands(),
+    "the pilot was alarmed and the vehicle is silent": lambda turn: nobody_knows(turn) is not None,
     "last heard on the ground and disarmed": lambda turn: turn.last_heard_down(),
 }
 
 _DONE, _NO, _SO = AnswerKind.DONE, AnswerKind.REFUSED, AnswerKind.ALREADY
 _BEFORE = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION)
 _END = (Case(_DONE, "Given up: no takeoff."),)
+_NO_HOLD = (Case(_NO, "It is landing: a hold never interrupts that.", "landing"),)
 _LANDING = (Case(_SO, "It is landing."),)
 _PILOT = (Case(_NO, "The pilot or the autopilot has control; nothing is commanded."),)
 _UNDER_WAY = (Case(_SO, "The mission is under way."),)
@@ -91,8 +95,12 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.MISSION_ENDED: (Case(_SO, "The mission has ended."),),
     },
     UserCommand.HOLD: {
-        State.TAKEOFF: (Case(_DONE, "Holding.", "airborne"), Case(_NO, "Not airborne yet: abort cancels the takeoff.")),
-        State.MISSION: (Case(_DONE, "Holding.", "airborne"),),
+        State.TAKEOFF: (
+            *_NO_HOLD,
+            Case(_DONE, "Holding.", "airborne"),
+            Case(_NO, "Not airborne yet: abort cancels the takeoff."),
+        ),
+        State.MISSION: (*_NO_HOLD, Case(_DONE, "Holding.", "airborne")),
         State.HOLD: (Case(_SO, "It holds as you asked.", "the user holds"), Case(_DONE, "It holds until you resume.")),
         State.LAND: (Case(_NO, "A hold never interrupts a landing."),),
         State.PILOT: _PILOT,
@@ -137,6 +145,14 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
         State.OUTREACH: (Case(_NO, "Nothing flies: retry or give up."),),
     },
     UserCommand.ACKNOWLEDGE: {
+        State.LAND: (
+            Case(
+                _DONE,
+                "Acknowledged; whether it has landed and is disarmed is not known.",
+                "the pilot was alarmed and the vehicle is silent",
+            ),
+            Case(_NO, "It is landing."),
+        ),
         State.PILOT: (
             Case(_DONE, "Acknowledged.", "last heard on the ground and disarmed"),
             Case(_NO, "Not on the ground and disarmed yet, or not known to be."),
@@ -149,6 +165,10 @@ SELECT: Mapping[State, Case] = {
     State.MISSION_INPUT: Case(_DONE, "Selected: the checks are running."),
     State.MISSION_ENDED: Case(_DONE, "Selected: the checks are running."),
 }
+
+
+IN_DOUBT = Case(_NO, "Somebody else seems to have control of the vehicle: ask again in a moment.")
+"""The answer to everything for the moment in which that is not clear."""
 
 
 def answer_to(turn: Turn, command: UserCommand) -> Case:

@@ -6,7 +6,7 @@ from typing import Dict, List, Optional, Tuple
 
 from . import failures
 from .absorb import absorb
-from .answers import SELECT, answer_to
+from .answers import IN_DOUBT, SELECT, answer_to
 from .commands import (
     Answer,
     AnswerKind,
@@ -24,7 +24,7 @@ from .commands import (
 from .effects import ENTER, begin_session
 from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserRequest
 from .rules import Rules
-from .state import EngineState, State, Step
+from .state import EngineState, Result, State, Step
 from .transitions import ROWS_AT, Place, Transition
 from .turn import Turn
 
@@ -61,6 +61,8 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
             break
         _fire(turn, row, values, decisions)
         _update_failures(turn, decisions)
+    if turn.state.signal and not turn.suspected():
+        turn.set(signal="")
     if not turn.commands and not decisions:
         return turn.state, ()
     return turn.state, (*sorted(turn.commands, key=_rank), *decisions)
@@ -88,6 +90,7 @@ def _answer(turn: Turn) -> None:
     if not isinstance(event, (UserRequest, MissionSelected)):
         return
     case = answer_to(turn, event.command) if isinstance(event, UserRequest) else SELECT[turn.state.state]
+    case = IN_DOUBT if turn.suspected() else case
     if case.answer is not AnswerKind.DONE:
         turn.consume()
     turn.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
@@ -101,14 +104,19 @@ def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
     """Bring what is wrong up to date, and write down what changed in flight."""
     for change in failures.update(turn):
         failure, first = change.failure, len(turn.commands)
-        if _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state:
-            turn.notify(change.rule, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
+        landing = change.rule == "failure_wait" and turn.lands()
+        if landing or _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state:
+            key = "failure_while_landing" if landing else change.rule
+            turn.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
         place = (turn.state.state, turn.state.step)
         _write_down(turn, decisions, change.rule, place, failures.values_of(failure, turn.now), first)
 
 
 def _first(turn: Turn) -> Tuple[Optional[Transition], Tuple[Value, ...]]:
+    doubt = turn.suspected()
     for row in ROWS_AT[turn.state.state, turn.state.step]:
+        if doubt and not row.in_doubt:
+            continue
         values = row.guard(turn)
         if values is not None:
             return row, values
@@ -125,7 +133,8 @@ def _fire(turn: Turn, row: Transition, values: Tuple[Value, ...], decisions: Lis
         _enter(turn, before, row.target)
     if row.message:
         turn.notify(row.message, **_words(turn, values))
-    turn.consume()
+    if row.target is not None or row.act is not None:
+        turn.consume()
     _write_down(turn, decisions, row.rule, before, values, first)
 
 
@@ -161,11 +170,15 @@ def _words(turn: Turn, values: Tuple[Value, ...]) -> Dict[str, object]:
         "reason": f"{state.cause}." if state.cause else "",
         "mission_id": state.mission.id if state.mission is not None else "",
         "state": state.state.value,
-        "result": state.result.value,
+        "result": state.result.value + (f" (landed for: {state.land_cause})" if _landed_for(state) else ""),
         "location": _location(state),
         "limit_s": (turn.limits.ready_limit_ns if state.state is State.PREFLIGHT else turn.limits.land_limit_ns) / _NS,
         "signal": next((str(value.value) for value in values if value.name == "signal"), ""),
     }
+
+
+def _landed_for(state: EngineState) -> bool:
+    return state.result is Result.COMPLETE and bool(state.land_cause)
 
 
 def _location(state: EngineState) -> str:

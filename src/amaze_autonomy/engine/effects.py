@@ -18,6 +18,7 @@ from .commands import (
 from .data_guards import records
 from .events import Landed, RecordingPhase
 from .failures import flown_without
+from .flight_guards import mission_flown
 from .state import CheckRecord, OutreachKind, Result, State, Step, evolve
 from .timers import check_limit_ns, passed
 from .turn import Turn
@@ -193,6 +194,7 @@ def _motion(turn: Turn, action: MissionAction) -> None:
         motion_ns=turn.now,
         motion_outcome=None,
         motion_message="",
+        mode_shown=False,
         commanded=commanded if commanded[-1:] == (action,) else (*commanded, action),
     )
 
@@ -210,7 +212,10 @@ def take_off(turn: Turn) -> None:
         user_hold_ns=None,
         commanded=(),
         confirmed=None,
+        mode_before=turn.state.autopilot.mode if turn.state.autopilot is not None else "",
+        takeover_noted=False,
         land_ns=None,
+        land_cause="",
         both_routes=False,
         alarmed=False,
         overdue_alarmed=False,
@@ -226,6 +231,13 @@ def cancel_takeoff(turn: Turn) -> None:
 
 def hold(turn: Turn) -> None:
     """Command a hold."""
+    turn.set(hold_repeated=False)
+    _motion(turn, MissionAction.HOLD)
+
+
+def hold_again(turn: Turn) -> None:
+    """Command the hold once more: nothing shows it."""
+    turn.set(hold_repeated=True)
     _motion(turn, MissionAction.HOLD)
 
 
@@ -248,7 +260,9 @@ def land(turn: Turn) -> None:
     """Command the landing; by the second route too when both are due."""
     state = turn.state
     if state.land_ns is None:
-        turn.set(land_ns=turn.now, second_route_ns=None, user_hold_ns=None)
+        turn.set(land_ns=turn.now, second_route_ns=None, user_hold_ns=None, land_cause=state.cause)
+        if mission_flown(turn) is not None:
+            turn.set(result=Result.COMPLETE)  # its last waypoint was flown: who ends the landing does not matter
     late = passed("land_second_route_after", turn.state, turn.rules, turn.now)
     overdue = passed("land_limit", turn.state, turn.rules, turn.now)
     if not any(isinstance(c, MissionCommand) and c.action is MissionAction.LAND for c in turn.commands):
@@ -282,6 +296,10 @@ def adopt_flight(turn: Turn) -> None:
         both_routes=True,
         commanded=(),
         confirmed=None,
+        takeover_noted=False,
+        land_ns=None,
+        alarmed=False,
+        overdue_alarmed=False,
     )
 
 
@@ -298,7 +316,7 @@ def disarm(turn: Turn) -> None:
 
 def pilot(turn: Turn) -> None:
     """Stop commanding."""
-    turn.set(commanded=(), confirmed=None, user_hold_ns=None)
+    turn.set(commanded=(), confirmed=None, user_hold_ns=None, takeover_noted=False)
 
 
 # --- data -------------------------------------------------------------------------------------------------------------

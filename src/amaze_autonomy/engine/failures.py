@@ -16,7 +16,17 @@ from .severity import SEVERITIES, Code, Restart, Severity, Verb, row_of_code, ve
 from .state import EngineState, Failure, FailureKind, State, Step, evolve
 from .turn import Turn
 
-__all__ = ["Change", "flown_without", "limit_of", "severity_of", "update", "values_of", "waiting", "worst"]
+__all__ = [
+    "Change",
+    "clocks_words",
+    "flown_without",
+    "limit_of",
+    "severity_of",
+    "update",
+    "values_of",
+    "waiting",
+    "worst",
+]
 
 USER_HOLD = "user_hold"
 _NS = 1e9
@@ -154,11 +164,24 @@ def _lost(turn: Turn, old: Dict[str, Failure]) -> List[Failure]:
         if values is None:
             continue
         before = old.get(loss.name)
-        reason = f"{loss.words} ({_words(values)})"
+        reason = clocks_words(turn, loss.peer) or f"{loss.words} ({_words(values)})"
         since = before.since_ns if before is not None else turn.now
         verb = Verb.PILOT if loss.verb is Verb.LAND and turn.state.state is State.PILOT else loss.verb
         found.append(Failure(loss.name, FailureKind.LOSS, 0, verb, since_ns=since, reason=reason))
     return found
+
+
+def clocks_words(turn: Turn, peer: str) -> str:
+    """Return that a peer's clock is another one, where that is why its statuses are not believed; else nothing."""
+    for apart in turn.state.clocks_apart:
+        if apart.peer == peer:
+            far, side = abs(apart.age_ns) / _NS, "in the future" if apart.age_ns < 0 else "old"
+            limits = turn.limits
+            limit = (limits.clock_tolerance_ns if apart.age_ns < 0 else limits.status_max_age_ns) / _NS
+            return (
+                f"stamps of the {peer} are {far:.3f} s {side} (limit {limit:g} s): old statuses, or clocks that differ"
+            )
+    return ""
 
 
 def _words(values: Tuple[Value, ...]) -> str:

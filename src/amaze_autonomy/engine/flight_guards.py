@@ -6,9 +6,9 @@ from typing import Optional
 
 from . import failures
 from .commands import Value
-from .events import Landed, MissionPhase, Outcome, VehicleLanded
+from .events import MissionPhase, Outcome, VehicleLanded
 from .guards import Guard, Values, holds_if
-from .modes import LANDING_MODES
+from .modes import LANDING_MODES, ours
 from .rules import LOSSES
 from .state import State
 from .timers import passed
@@ -67,9 +67,19 @@ def down(turn: Turn) -> Optional[Values]:
     return holds_if(turn.down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
+def stays_down(turn: Turn) -> Optional[Values]:
+    """Several statuses agree on disarmed and ON_GROUND."""
+    return holds_if(turn.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
+
+
 def on_the_ground(turn: Turn) -> Optional[Values]:
     """The vehicle says, freshly, ON_GROUND."""
     return holds_if(turn.on_ground(), Value("landed", "ON_GROUND"))
+
+
+def stands(turn: Turn) -> Optional[Values]:
+    """The vehicle has said ON_GROUND for longer than one wrong status lasts."""
+    return holds_if(turn.stands(), Value("landed", "ON_GROUND"))
 
 
 def armed(turn: Turn) -> Optional[Values]:
@@ -90,20 +100,89 @@ def at_takeoff_height(turn: Turn) -> Optional[Values]:
 
 
 def taken_over(turn: Turn) -> Optional[Values]:
-    """The pilot has control, the autopilot acts by itself, or the mode is none of ours (rule 4)."""
-    status = turn.vehicle()
-    if status is None or status.armed is False:
-        return None
-    if status.pilot_in_control:
-        return (Value("reason", "the pilot has control"), Value("flight mode", status.mode))
-    if status.failsafe:
-        return (Value("reason", "a failsafe of the autopilot is active"), Value("flight mode", status.mode))
-    return turn.foreign_mode or None
+    """Several statuses agree: the pilot or a failsafe has control, or the mode is none of ours (rule 4)."""
+    return _taken(turn) if turn.taken() else None
+
+
+def takeover_begins(turn: Turn) -> Optional[Values]:
+    """A status says that somebody else has control, which is not confirmed yet."""
+    return _taken(turn) if turn.suspected() and not turn.state.takeover_noted else None
+
+
+def takeover_denied(turn: Turn) -> Optional[Values]:
+    """Somebody else seemed to have control, and the vehicle answers to us."""
+    return holds_if(turn.state.takeover_noted and turn.state.takeover is None)
+
+
+def _taken(turn: Turn) -> Values:
+    status = turn.state.autopilot
+    return (Value("reason", turn.state.takeover_reason), Value("flight mode", status.mode if status else ""))
 
 
 def armed_by_others(turn: Turn) -> Optional[Values]:
-    """The vehicle is armed, and it was not us."""
-    return holds_if(not turn.state.in_flight and turn.armed(), Value("reason", "it was armed, and not by us"))
+    """The vehicle is armed, and it was not us; several statuses agree."""
+    others = not turn.state.in_flight and turn.armed() and turn.taken()
+    return holds_if(others, Value("reason", "it was armed, and not by us"))
+
+
+def still_flies(turn: Turn) -> Optional[Values]:
+    """Its flight seemed over, and it says that it is in the air, armed: it never landed, for nobody arms it there."""
+    state, status = turn.state, turn.vehicle()
+    if state.in_flight or not state.was_airborne or status is None or not (turn.armed() and turn.airborne()):
+        return None
+    sure = state.aloft is not None and state.aloft.statuses > 1
+    mine = ours(status.mode, state.commanded, state.confirmed, lands=True) and not status.pilot_in_control
+    return holds_if(sure and mine, Value("reason", "it is still in the air"), Value("landed", status.landed.name))
+
+
+def lands(turn: Turn) -> Optional[Values]:
+    """It is landing, whoever lands it."""
+    return holds_if(turn.lands(), Value("reason", "it is landing"))
+
+
+def hold_shown(turn: Turn) -> Optional[Values]:
+    """Flight mode or standing still shows that it holds."""
+    status = turn.vehicle()
+    mode, speed = (status.mode, status.horizontal_speed_m_s) if status is not None else ("", None)
+    shown = (Value("flight mode", mode), Value("speed over ground", speed, turn.limits.hold_speed_m_s, "m/s"))
+    return holds_if(turn.holds(), *shown)
+
+
+def moves_on(turn: Turn) -> Optional[Values]:
+    """It has flown on for longer than a gust lasts, in a mode that does not hold."""
+    status = turn.vehicle()
+    on = status is not None and passed("moving", turn.state, turn.rules, turn.now)
+    speed = status.horizontal_speed_m_s if status is not None else None
+    return holds_if(on, Value("speed over ground", speed, turn.limits.hold_speed_m_s, "m/s"))
+
+
+def hold_not_repeated(turn: Turn) -> Optional[Values]:
+    """The hold was asked for once."""
+    return holds_if(not turn.state.hold_repeated)
+
+
+def nobody_knows(turn: Turn) -> Optional[Values]:
+    """The pilot was alarmed, and the vehicle is not heard any more."""
+    status = turn.state.autopilot
+    silent = turn.state.alarmed and turn.vehicle() is None
+    return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
+
+
+def mission_flown(turn: Turn) -> Optional[Values]:
+    """The planner lands after the last waypoint of the last file: the mission is flown."""
+    planner = turn.state.planner
+    ends = planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
+    if planner is None or not ends or not 0 < planner.waypoints <= planner.waypoint:
+        return None
+    return last_leg(turn)
+
+
+def takeoff_failed(turn: Turn) -> Optional[Values]:
+    """The planner says that the takeoff failed, and the vehicle has stayed disarmed on the ground."""
+    planner, state = turn.state.planner, turn.state
+    failed = planner is not None and planner.phase is MissionPhase.FAILED and planner.t_ns > state.motion_ns
+    ready = failed and not state.was_armed and turn.stays_down()
+    return holds_if(ready, Value("planner", planner.message if planner is not None and planner.message else "failed"))
 
 
 def in_flight(turn: Turn) -> Optional[Values]:
@@ -162,14 +241,11 @@ def planner_in(*phases: MissionPhase) -> Guard:
 
 
 def touched_down(turn: Turn) -> Optional[Values]:
-    """Disarmed and ON_GROUND after a flight, and the landing detection does not contradict, or not for longer."""
+    """Disarmed and ON_GROUND after a flight that is over (`Turn.stays_down`)."""
     state = turn.state
-    if not state.was_armed or turn.flies_again() or (state.in_flight and not turn.down()):
+    if not state.was_armed or turn.flies_again() or state.in_flight:
         return None
-    detection = turn.detection()
-    if detection is Landed.AIRBORNE and not passed("confirm_limit", state, turn.rules, turn.now):
-        return None
-    return (Value("armed", False), Value("landed", "ON_GROUND"), Value("landing detection", detection.name))
+    return (Value("armed", False), Value("landed", "ON_GROUND"), Value("landing detection", turn.detection().name))
 
 
 def file_done(turn: Turn) -> Optional[Values]:
@@ -198,7 +274,7 @@ def last_leg(turn: Turn) -> Optional[Values]:
 def cancelled_on_ground(turn: Turn) -> Optional[Values]:
     """Disarmed and ON_GROUND without ever having been armed, and the landing was accepted or its limit has passed."""
     state = turn.state
-    if state.was_armed or not turn.down():
+    if state.was_armed or not turn.stays_down():
         return None
     settled = state.motion_outcome is Outcome.ACCEPTED or passed("never_armed", state, turn.rules, turn.now)
     return holds_if(settled, Value("armed", False), Value("landed", "ON_GROUND"), Value("was armed", False))
@@ -226,8 +302,7 @@ def landing_shown(turn: Turn) -> Optional[Values]:
 
 def ground_armed(turn: Turn) -> Optional[Values]:
     """On the ground for a while, still armed, and nothing says that it flies."""
-    flies = turn.detection() is Landed.AIRBORNE
-    if not turn.on_ground() or not turn.armed() or flies:
+    if not turn.on_ground() or not turn.armed() or turn.seems_to_fly():
         return None
     return holds_if(
         passed("ground_disarm_after", turn.state, turn.rules, turn.now),
@@ -239,7 +314,7 @@ def ground_armed(turn: Turn) -> Optional[Values]:
 def cancelled(turn: Turn) -> Optional[Values]:
     """Disarmed and ON_GROUND, and it was armed before or the planner has accepted the ABORT."""
     settled = turn.state.was_armed or turn.state.motion_outcome is Outcome.ACCEPTED
-    return holds_if(settled and turn.down(), Value("armed", False), Value("landed", "ON_GROUND"))
+    return holds_if(settled and turn.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
 def not_alarmed(turn: Turn) -> Optional[Values]:

@@ -34,6 +34,11 @@ def _silent(timer: str, field: str, limit: str, words: str) -> Callable[[Turn], 
     return predicate
 
 
+def _clock(turn: Turn) -> Optional[Values]:
+    stalled_s, limit_s = turn.state.clock_stalled_s, turn.limits.clock_stall_limit_ns / _NS
+    return (Value("the clock stands for", stalled_s, limit_s, "s"),) if stalled_s > limit_s else None
+
+
 def _planner_failed(turn: Turn) -> Optional[Values]:
     planner = turn.state.planner
     if planner is None or planner.phase is not MissionPhase.FAILED:
@@ -49,7 +54,9 @@ def _autopilot_status(turn: Turn) -> Optional[Values]:
     if status is not None and (
         status.link_age_s is None or passed("autopilot_link_limit", state, turn.rules, turn.now)
     ):
-        return (Value("age of the autopilot's link", status.link_age_s, limits.autopilot_link_limit_ns / _NS, "s"),)
+        age_s = None if status.link_age_s is None else status.link_age_s + (turn.now - (state.autopilot_ns or 0)) / _NS
+        shown = None if age_s is None else round(age_s, 3)
+        return (Value("age of the autopilot's link", shown, limits.autopilot_link_limit_ns / _NS, "s"),)
     return None
 
 
@@ -111,6 +118,7 @@ PREDICATES: Mapping[str, Callable[[Turn], Optional[Values]]] = {
         "planner_status_limit", "planner_ns", "planner_status_limit_ns", "age of the planner's status"
     ),
     "planner_failed": _planner_failed,
+    "clock": _clock,
     "autopilot_status": _autopilot_status,
     "battery_unknown": _silent("battery_age_limit", "battery_ns", "battery_age_limit_ns", "age of the battery level"),
     "battery_critical": _battery_critical,

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Optional, Tuple
 
 from .absorb import lacking
 from .checks import CheckName
 from .commands import Value
 from .events import MissionPhase, Outcome
+from .failures import clocks_words
 from .fitness import unfit
 from .guards import Values, both, holds_if, timer
+from .state import CheckRecord, ClockApart
 from .timers import passed
 from .turn import Turn
 
@@ -36,6 +38,8 @@ _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
 def all_checks_passed(turn: Turn) -> Optional[Values]:
     """Every check has answered and passed, and no answer is too old."""
     records = turn.state.checks
+    if _clocks_apart(turn):
+        return None
     if len(records) < len(CheckName) or not all(record.ok for record in records):
         return None
     ages = [turn.now - record.replied_ns for record in records if record.replied_ns is not None]
@@ -46,9 +50,15 @@ def all_checks_passed(turn: Turn) -> Optional[Values]:
 
 
 def _failed(turn: Turn) -> Values:
-    return tuple(
-        Value(f"check {r.check.value}", r.message or "failed") for r in turn.state.checks if r.outcome and not r.ok
-    )
+    failed = [(r.check.value, r.message or "failed") for r in turn.state.checks if r.outcome and not r.ok]
+    clocks = [("clocks", clocks_words(turn, apart.peer)) for apart in _clocks_apart(turn)]
+    return tuple(Value(f"check {name}", why) for name, why in (*failed, *clocks))
+
+
+def _clocks_apart(turn: Turn) -> Tuple[ClockApart, ...]:
+    """Return the peers whose stamps have been too far from the present for longer than a status lasts."""
+    limit_ns = turn.limits.status_max_age_ns
+    return tuple(apart for apart in turn.state.clocks_apart if turn.now - apart.since_ns >= limit_ns)
 
 
 def all_answered(turn: Turn) -> bool:
@@ -73,24 +83,34 @@ def check_failed(turn: Turn) -> Optional[Values]:
     return _failed(turn) or None
 
 
-def _watchdog_fixes(turn: Turn) -> bool:
-    """Return True when all that failed is the watchdog's check, and the watchdog can fix it."""
+def _comes(turn: Turn, record: CheckRecord) -> bool:
+    """Return True when a check that failed can pass soon: it is being fixed, or what it waits for comes by itself."""
+    if record.check is CheckName.WATCHDOG and (record.fixable or record.being_fixed):
+        return True
+    if record.outcome is Outcome.UNAVAILABLE:  # its node may still be starting, like this one
+        return turn.now - (turn.state.started_ns or 0) < turn.limits.watchdog_startup_time_ns
+    bad = [row for row in record.rows if not row.passed]
+    return bool(bad) and all(row.heals for row in bad)
+
+
+def _being_fixed(turn: Turn) -> bool:
+    """Return True when all that failed can pass soon; clocks are set by their daemons."""
     bad = [record for record in turn.state.checks if not record.ok]
-    return bool(bad) and all(r.check is CheckName.WATCHDOG and (r.fixable or r.being_fixed) for r in bad)
+    return (bool(bad) or bool(_clocks_apart(turn))) and all(_comes(turn, record) for record in bad)
 
 
 def checks_failed(turn: Turn) -> Optional[Values]:
-    """All checks have answered, one has failed, and it cannot be fixed, or not in time."""
+    """All checks have answered, one has failed, and it neither is fixed nor comes by itself, or not in time."""
     if not all_answered(turn) or not _failed(turn):
         return None
-    if _watchdog_fixes(turn) and not passed("preflight_fix_limit", turn.state, turn.rules, turn.now):
+    if _being_fixed(turn) and not passed("preflight_fix_limit", turn.state, turn.rules, turn.now):
         return None
     return _failed(turn)
 
 
 def fix_in_progress(turn: Turn) -> Optional[Values]:
-    """The watchdog fixes what failed, and it is time to ask again."""
-    if not all_answered(turn) or not _failed(turn) or not _watchdog_fixes(turn):
+    """What failed is being fixed or comes by itself, and it is time to ask again."""
+    if not all_answered(turn) or not _failed(turn) or not _being_fixed(turn):
         return None
     return _failed(turn) if passed("preflight_fix_poll", turn.state, turn.rules, turn.now) else None
 

@@ -17,6 +17,8 @@ from .turn import Turn
 
 __all__ = ["Report", "report"]
 
+_NS = 1e9
+
 
 @dataclass(frozen=True)
 class Report:
@@ -86,7 +88,7 @@ def report(state: EngineState, rules: Rules) -> Report:
         repetition=state.repetition,
         repetitions=mission.repetitions if mission is not None else 0,
         in_flight=state.in_flight,
-        checks=tuple(row for record in state.checks for row in _rows(record)),
+        checks=(*(row for record in state.checks for row in _rows(record)), *_clock_rows(state, rules)),
         failures=state.failures,
         waiting_for=_waiting_for(state),
         deadline=deadline[0] if deadline is not None else "",
@@ -114,6 +116,33 @@ def _rows(record: CheckRecord) -> Tuple[Check, ...]:
     verdict = Verdict.PASS if record.ok else Verdict.UNKNOWN if record.outcome is None else Verdict.FAIL
     own = Check(name=name, verdict=verdict, advice="asked, no answer yet" if record.outcome is None else record.message)
     return (*(_named(name, row) for row in record.rows), own)
+
+
+def _clock_rows(state: EngineState, rules: Rules) -> Tuple[Check, ...]:
+    """Return a row for each peer that was heard: how far its stamps are from the time at which they arrive."""
+    if not state.checks:
+        return ()
+    heard = {
+        "watchdog": state.action,
+        "autopilot": state.autopilot,
+        "planner": state.planner,
+        "landing detection": state.landing,
+        "recorder": state.recorder,
+    }
+    ages = {peer: status.age_ns for peer, status in heard.items() if status is not None}
+    apart = {each.peer: each.age_ns for each in state.clocks_apart}
+    limit_s = rules.limits.status_max_age_ns / _NS
+    return tuple(
+        Check(
+            name=f"clocks: {peer}",
+            verdict=Verdict.FAIL if peer in apart else Verdict.PASS,
+            value=round(age_ns / _NS, 3),
+            limit=limit_s,
+            unit="s",
+            advice="set the clocks of both computers by chrony" if peer in apart else "",
+        )
+        for peer, age_ns in {**ages, **apart}.items()
+    )
 
 
 def _named(check: str, row: Check) -> Check:

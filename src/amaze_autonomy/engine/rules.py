@@ -36,6 +36,8 @@ class Limits:
     cancel_limit_ns: int = 10 * _S
     command_reply_limit_ns: int = 1 * _S
     hold_confirm_limit_ns: int = 3 * _S
+    hold_repeat_after_ns: int = 3 * _S // 2
+    hold_speed_m_s: float = 0.5
     resume_confirm_limit_ns: int = 5 * _S
     user_hold_limit_ns: int = 120 * _S
     unlisted_wait_limit_ns: int = 15 * _S
@@ -45,9 +47,12 @@ class Limits:
     land_limit_ns: int = 120 * _S
     descent_speed_m_s: float = 0.2
     descent_time_ns: int = 1 * _S
+    landing_height_m: float = 3.0
     ground_disarm_after_ns: int = 4 * _S
     ground_disarm_period_ns: int = 2 * _S
+    flight_end_confirm_ns: int = _S // 2
     confirm_limit_ns: int = 10 * _S
+    pilot_confirm_ns: int = 3 * _S // 10
     data_cleanup_limit_ns: int = 1800 * _S
     watchdog_heartbeat_limit_ns: int = 6 * _S // 10
     planner_status_limit_ns: int = 1 * _S
@@ -58,6 +63,7 @@ class Limits:
     landing_detection_limit_ns: int = 1 * _S
     status_max_age_ns: int = 1 * _S
     clock_tolerance_ns: int = _S // 5
+    clock_stall_limit_ns: int = 1 * _S
     battery_age_limit_ns: int = 10 * _S
     battery_critical_fraction: float = 0.15
     battery_reserve_fraction: float = 0.2
@@ -82,6 +88,7 @@ class Loss:
         both_routes: the landing is sent to the planner and to the autopilot at once.
         alarm: the pilot is alarmed at once.
         words: for the user and the documentation.
+        peer: whose silence it is; where its clock is the reason, that is said.
     """
 
     name: str
@@ -89,13 +96,15 @@ class Loss:
     both_routes: bool
     alarm: bool
     words: str
+    peer: str = ""
 
 
 LOSSES: Tuple[Loss, ...] = (
-    Loss("watchdog_heartbeat", Verb.LAND, False, False, "the watchdog's heartbeat is lost"),
-    Loss("planner_status", Verb.LAND, True, False, "the mission planner's status is lost"),
+    Loss("watchdog_heartbeat", Verb.LAND, False, False, "the watchdog's heartbeat is lost", "watchdog"),
+    Loss("planner_status", Verb.LAND, True, False, "the mission planner's status is lost", "planner"),
     Loss("planner_failed", Verb.LAND, True, False, "the mission planner says that it failed"),
-    Loss("autopilot_status", Verb.LAND, True, True, "the autopilot's status is lost"),
+    Loss("autopilot_status", Verb.LAND, True, True, "the autopilot's status is lost", "autopilot"),
+    Loss("clock", Verb.LAND, True, False, "the clock that decides stands still (/clock)"),
     Loss("battery_unknown", Verb.LAND, False, False, "the battery level is unknown for too long"),
     Loss("battery_critical", Verb.LAND, False, False, "the battery is critical"),
     Loss("flight_time", Verb.LAND, False, False, "the maximum flight time is reached"),
@@ -104,8 +113,8 @@ LOSSES: Tuple[Loss, ...] = (
     Loss(
         "position_unknown", Verb.CONTINUE, False, False, "height or position is unknown: their limits cannot be checked"
     ),
-    Loss("recorder_dead", Verb.CONTINUE, False, False, "the recorder is silent or does not record"),
-    Loss("landing_detection", Verb.CONTINUE, False, False, "the landing detection is silent"),
+    Loss("recorder_dead", Verb.CONTINUE, False, False, "the recorder is silent or does not record", "recorder"),
+    Loss("landing_detection", Verb.CONTINUE, False, False, "the landing detection is silent", "landing detection"),
 )
 
 

@@ -25,7 +25,9 @@ from .mission import Mission
 from .severity import Verb
 
 __all__ = [
+    "Agreement",
     "CheckRecord",
+    "ClockApart",
     "EngineState",
     "Failure",
     "FailureKind",
@@ -106,6 +108,40 @@ class FailureKind(enum.Enum):
     COMPONENT = "component"  # a component, by the watchdog
     LOSS = "loss"  # something else that can be lost (table LOSSES)
     USER = "user"  # the user asked for a hold
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Statuses in a row that say the same. No single one is believed with a flight on it.
+
+    Args:
+        since_ns: arrival of the first of them.
+        until_ns: arrival of the last one that was counted.
+        statuses: how many, up to two; two stand for more.
+    """
+
+    since_ns: int
+    until_ns: int
+    statuses: int = 1
+
+    def lasts(self, limit_ns: int) -> bool:
+        """Return True when at least two of them agree over a time."""
+        return self.statuses > 1 and self.until_ns - self.since_ns >= limit_ns
+
+
+@dataclass(frozen=True)
+class ClockApart:
+    """A peer whose last status was stamped so far from the present that it is not believed.
+
+    Args:
+        peer: whose.
+        age_ns: of its last status on arrival; negative: from the future.
+        since_ns: arrival of the first such status in a row.
+    """
+
+    peer: str
+    age_ns: int
+    since_ns: int
 
 
 @dataclass(frozen=True)
@@ -205,6 +241,9 @@ class EngineState:
     was_armed: bool = False
     was_airborne: bool = False
     flown: bool = False
+    down: Optional[Agreement] = None
+    aloft: Optional[Agreement] = None
+    motors: Optional[Agreement] = None
     grounded_ns: Optional[int] = None
     interrupted: State = State.MISSION
     user_hold_ns: Optional[int] = None
@@ -217,15 +256,24 @@ class EngineState:
     motion_message: str = ""
     commanded: Tuple[MissionAction, ...] = ()
     confirmed: Optional[MissionAction] = None
+    mode_before: str = ""
+    mode_shown: bool = False
+    hold_repeated: bool = False
+    moving_ns: Optional[int] = None
+    takeover: Optional[Agreement] = None
+    takeover_reason: str = ""
+    takeover_noted: bool = False
 
     land_ns: Optional[int] = None
     land_sent_ns: int = 0
+    land_cause: str = ""
     second_route_ns: Optional[int] = None
     both_routes: bool = False
     alarmed: bool = False
     overdue_alarmed: bool = False
     disarm_sent_ns: Optional[int] = None
     shutting_down: bool = False
+    signal: str = ""
     armed_at_start: Optional[bool] = None
 
     recording_asked: bool = False
@@ -239,6 +287,9 @@ class EngineState:
 
     action: Optional[WatchdogAction] = None
     heartbeat_ns: Optional[int] = None
+    loop_counters: Tuple[Tuple[str, int], ...] = ()
+    clocks_apart: Tuple[ClockApart, ...] = ()
+    clock_stalled_s: float = 0.0
     components: Tuple[ComponentStatus, ...] = ()
     planner: Optional[MissionStatus] = None
     planner_ns: Optional[int] = None

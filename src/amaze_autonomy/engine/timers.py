@@ -107,6 +107,11 @@ def _disarm(state: EngineState, rules: Rules) -> Optional[int]:
     return _after(state.grounded_ns, rules.limits.ground_disarm_after_ns)
 
 
+def _takeover(state: EngineState, rules: Rules) -> Optional[int]:
+    agreed = state.takeover
+    return None if agreed is None else agreed.since_ns + rules.limits.pilot_confirm_ns
+
+
 def _second_route(state: EngineState, rules: Rules) -> Optional[int]:
     return _after(state.land_ns, rules.limits.land_second_route_after_ns)
 
@@ -115,6 +120,7 @@ _CHECKED = (State.PREFLIGHT, State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)
 _TAKING_BACK = (State.READY, State.START_RECORDING, State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN))
 _FLYING = (State.TAKEOFF, (State.MISSION, Step.FLYING), State.HOLD)
 _WATCHED = (*_FLYING, State.LAND)
+_BEFORE_TAKEOFF = (State.PREFLIGHT, *_TAKING_BACK)
 
 TIMERS: Tuple[Timer, ...] = (
     Timer("check_reply_limit", _CHECKED, _check_reply),
@@ -134,6 +140,12 @@ TIMERS: Tuple[Timer, ...] = (
     Timer("takeoff_limit", ((State.TAKEOFF, Step.CLIMBING),), _step("takeoff_limit_ns"), ends_state=True),
     Timer("cancel_limit", ((State.TAKEOFF, Step.CANCELLING),), _step("cancel_limit_ns"), ends_state=True),
     Timer("hold_confirm_limit", ((State.HOLD, Step.CONFIRMING),), _step("hold_confirm_limit_ns"), ends_state=True),
+    Timer(
+        "hold_repeat_after",
+        ((State.HOLD, Step.CONFIRMING),),
+        lambda s, r: None if s.hold_repeated else s.step_ns + r.limits.hold_repeat_after_ns,
+    ),
+    Timer("moving", ((State.HOLD, Step.HOLDING),), lambda s, r: _after(s.moving_ns, r.limits.descent_time_ns)),
     Timer("resume_confirm_limit", ((State.HOLD, Step.RESUMING),), _step("resume_confirm_limit_ns"), ends_state=True),
     Timer("wait_limit", _FLYING, _wait, ends_state=True),
     Timer(
@@ -176,10 +188,11 @@ TIMERS: Tuple[Timer, ...] = (
     ),
     Timer(
         "confirm_limit",
-        ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.HOLD, State.LAND),
+        ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.HOLD),
         lambda s, r: None if s.in_flight else _after(s.grounded_ns, r.limits.confirm_limit_ns),
         ends_state=True,
     ),
+    Timer("pilot_confirm", (*_BEFORE_TAKEOFF, *_WATCHED, State.DATA_CLEANUP), _takeover),
     Timer("land_repeat_period", (State.LAND,), lambda s, r: s.land_sent_ns + r.limits.land_repeat_period_ns),
     Timer("land_second_route_after", ((State.LAND, Step.COMMANDING),), _second_route),
     Timer(

@@ -56,6 +56,7 @@ class Transition:
         sets: fields of the state that it sets before the effects of the new state.
         act: what it does before them.
         words: the condition in words, for the documentation.
+        in_doubt: it may fire while it is not clear whether somebody else has control.
     """
 
     rule: str
@@ -66,6 +67,7 @@ class Transition:
     sets: Mapping[str, Any] = field(default_factory=dict)
     act: Optional[Effect] = None
     words: str = ""
+    in_doubt: bool = False
 
 
 STEPS: Mapping[State, Tuple[Step, ...]] = {
@@ -109,9 +111,12 @@ T = Transition
 # fmt: off
 TRANSITIONS: Tuple[Transition, ...] = (
     # the pilot
+    T("takeover_suspected", (*_FLIGHT, State.LAND), flight.takeover_begins, None, "takeover_suspected", {"takeover_noted": True}, words="a status says that somebody else has control: nothing is commanded until others agree or deny it", in_doubt=True),
+    T("takeover_denied", (*_FLIGHT, State.LAND), flight.takeover_denied, None, "takeover_denied", {"takeover_noted": False}, words="the vehicle answers to us: what failed meanwhile is answered"),
     T("pilot_took_over", (*_FLIGHT, State.LAND), flight.taken_over, PILOT, "pilot", _BY_PILOT, words="the pilot, or a failsafe of the autopilot, has control"),
     T("pilot_had_control_at_start", (INPUT,), both(flight.started_armed, flight.taken_over), PILOT, "pilot", _BY_PILOT, do.adopt_flight, "started while armed, pilot in control"),
     T("started_armed", (INPUT,), flight.started_armed, COMMANDING, "land", _EARLY, do.adopt_flight, "started while armed, no flight to resume"),
+    T("still_flying", (CLEANUP, OUTREACH), flight.still_flies, COMMANDING, "land", _EARLY, do.adopt_flight, "its flight seemed over, and it is still in the air"),
     T("armed_after_flight", (CLEANUP,), flight.armed_by_others, PILOT, "pilot", words="armed while the data is collected, and not by us; the flight keeps its result"),
     T("armed_before_data_is_complete", (OUTREACH,), both(flight.armed_by_others, outreach_for(OutreachKind.DATA)), PILOT, "pilot", words="armed while the data waits for a person; the flight keeps its result"),
     T("armed_by_others", (INPUT, OUTREACH, *_BEFORE, CLIMBING, State.MISSION, State.HOLD), flight.armed_by_others, PILOT, "pilot", _BY_PILOT, words="armed, and not by us"),
@@ -126,10 +131,12 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("disarm_after_mission", (FLYING,), both(flight.planner_in(MissionPhase.LANDING, MissionPhase.LANDED), flight.ground_armed), None, "disarm", {}, do.disarm, "the planner lands or has landed, and it stays armed on the ground"),
     T("mission_complete", (FLYING,), both(flight.file_done, flight.last_leg), CLEANUP, "data_cleanup", {"result": Result.COMPLETE}, words="last waypoint done, landed and disarmed"),
     T("touchdown", (FLYING,), flight.file_done, TOUCHDOWN, "touchdown", words="a file is done, landed and disarmed; more are to come"),
+    T("landing_given_up", (State.LAND,), both(user(UserCommand.ACKNOWLEDGE), flight.nobody_knows), CLEANUP, "landing_given_up", words="the pilot was alarmed, the vehicle is silent, and a person ends the mission"),
     T("landed", (State.LAND,), flight.touched_down, CLEANUP, "data_cleanup", words="landed and disarmed"),
     T("cancelled_by_landing", (State.LAND,), flight.cancelled_on_ground, CLEANUP, "data_cleanup", _NOT_FLOWN, words="never armed, and the landing was accepted"),
     T("landed_unexpectedly", (CLIMBING, FLYING, State.HOLD), both(flight.touched_down, timer("confirm_limit")), CLEANUP, "data_cleanup", _EARLY, words="landed and disarmed, the planner does not say that the mission is done"),
     # land
+    T("takeoff_failed", (ARMING,), flight.takeoff_failed, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="the planner says that the takeoff failed, and it is disarmed on the ground"),
     T("land_by_both_routes", _FLIGHT, flight.must_land_both, COMMANDING, "land", {**_EARLY, "both_routes": True}, words="planner or autopilot is lost"),
     T("land", _FLIGHT, flight.must_land, COMMANDING, "land", _EARLY, words="something means to land"),
     T("user_land", _FLIGHT, user(UserCommand.LAND), COMMANDING, "land_user", _EARLY, words="the user asks for it"),
@@ -140,7 +147,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("takeoff_height_not_reached", (CLIMBING,), both(flight.in_flight, timer("takeoff_limit")), COMMANDING, "land", _EARLY, words="below takeoff height in time, or unknown"),
     T("hold_refused", (CONFIRMING,), both(flight.in_flight, flight.motion_refused), COMMANDING, "land", _EARLY, words="the hold is refused"),
     T("hold_unconfirmed", (CONFIRMING,), both(flight.in_flight, timer("hold_confirm_limit")), COMMANDING, "land", _EARLY, words="the hold is not confirmed in time"),
-    T("grounded_while_holding", (State.HOLD,), both(flight.in_flight, flight.on_the_ground), COMMANDING, "land", _EARLY, words="it stands on the ground: nothing is held or resumed there"),
+    T("grounded_while_holding", (State.HOLD,), both(flight.in_flight, flight.stands), COMMANDING, "land", _EARLY, words="it stands on the ground: nothing is held or resumed there"),
     T("resume_refused", (RESUMING,), both(flight.in_flight, flight.motion_refused), COMMANDING, "land", _EARLY, words="the resume is refused"),
     T("resume_unconfirmed", (RESUMING,), both(flight.in_flight, timer("resume_confirm_limit")), COMMANDING, "land", _EARLY, words="the resume is not confirmed in time"),
     # while landing
@@ -154,24 +161,26 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("land_second_route", (COMMANDING,), both(timer("land_second_route_after"), flight.one_route_only), None, "land_second_route", {"both_routes": True}, do.land, "not shown after a while: the autopilot too"),
     T("land_repeat", (COMMANDING,), timer("land_repeat_period"), None, "", {}, do.land, "not shown yet: repeated"),
     # before lift-off
-    T("takeoff_refused", (ARMING,), both(flight.motion_refused, flight.down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="the takeoff is refused"),
+    T("takeoff_refused", (ARMING,), both(flight.motion_refused, flight.stays_down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="the takeoff is refused"),
     T("takeoff_refused_unclear", (ARMING,), flight.motion_refused, CANCELLING, "takeoff_cancelled", words="the takeoff is refused, the vehicle's state is not known"),
     T("cancelled", (CANCELLING,), flight.cancelled, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="disarmed on the ground"),
-    T("cancelled_late", (CANCELLING,), both(timer("cancel_limit"), flight.down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="still disarmed on the ground at the limit"),
+    T("cancelled_late", (CANCELLING,), both(timer("cancel_limit"), flight.stays_down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="still disarmed on the ground at the limit"),
     T("failure_before_lift_off", (ARMING, LIFTING_OFF), both(negated(flight.airborne), flight.must_wait), CANCELLING, "takeoff_cancelled", words="something would be waited for, and it has not lifted off"),
     T("user_abort_before_lift_off", (ARMING, LIFTING_OFF), user(UserCommand.ABORT), CANCELLING, "takeoff_cancelled", words="the user aborts before lift-off"),
     T("lifted_off", (ARMING, LIFTING_OFF), flight.airborne, CLIMBING, words="it has left the ground"),
     T("armed", (ARMING,), flight.armed, LIFTING_OFF, words="it is armed"),
     T("not_armed", (ARMING,), timer("arm_limit"), CANCELLING, "takeoff_cancelled", words="not armed in time"),
-    T("disarmed_before_lift_off", (LIFTING_OFF,), flight.down, CANCELLING, "takeoff_cancelled", words="disarmed again before lift-off"),
+    T("disarmed_before_lift_off", (LIFTING_OFF,), flight.stays_down, CANCELLING, "takeoff_cancelled", words="disarmed again before lift-off"),
     T("no_lift_off", (LIFTING_OFF,), timer("lift_off_limit"), CANCELLING, "takeoff_cancelled", words="armed, but no lift-off in time"),
     # hold
     T("user_hold", (CLIMBING, FLYING), user(UserCommand.HOLD), CONFIRMING, "user_hold", {}, do.ask_hold, "the user asks for it"),
     T("user_hold_too", (State.HOLD,), user(UserCommand.HOLD), None, "user_hold", {}, do.ask_hold, "the user asks for it while it holds"),
     T("user_resume", (State.HOLD,), user(UserCommand.RESUME), None, "", {}, do.end_hold, "the user asks to go on"),
-    T("hold", (CLIMBING, FLYING), both(flight.must_wait, negated(flight.on_the_ground)), CONFIRMING, "hold", words="something is waited for, and it does not stand on the ground"),
-    T("hold_again", (RESUMING,), flight.must_wait, CONFIRMING, "hold", words="something is waited for while resuming"),
-    T("hold_confirmed", (CONFIRMING,), flight.planner_in(MissionPhase.HOLDING), HOLDING, words="the planner holds"),
+    T("hold", (CLIMBING, FLYING), both(flight.must_wait, negated(flight.on_the_ground), negated(flight.lands)), CONFIRMING, "hold", words="something is waited for, and it neither lands nor stands on the ground"),
+    T("hold_again", (RESUMING,), both(flight.must_wait, negated(flight.lands)), CONFIRMING, "hold", words="something is waited for while resuming"),
+    T("hold_confirmed", (CONFIRMING,), both(flight.planner_in(MissionPhase.HOLDING), flight.hold_shown), HOLDING, words="the planner says that it holds, and flight mode or standing still shows it"),
+    T("hold_repeated", (CONFIRMING,), both(flight.in_flight, timer("hold_repeat_after"), flight.hold_not_repeated, negated(flight.lands)), None, "", {}, do.hold_again, "nothing shows the hold: asked again, once"),
+    T("hold_flown_on", (HOLDING,), both(flight.in_flight, flight.moves_on), CONFIRMING, "hold", words="it flies on although the planner says that it holds"),
     T("hold_not_kept", (HOLDING,), both(flight.in_flight, flight.planner_in(MissionPhase.FLYING, MissionPhase.TAKING_OFF)), CONFIRMING, "hold", words="the planner does not hold any more"),
     T("resume", (HOLDING,), both(flight.nothing_waited_for, flight.vehicle_known), RESUMING, "resuming", words="nothing is waited for any more, and the vehicle is heard"),
     T("takeoff_resumed", (RESUMING,), both(flight.interrupted(State.TAKEOFF), _PLANNER_GOES_ON), CLIMBING, "resumed_flight", words="the planner goes on; a takeoff was interrupted"),

@@ -7,10 +7,21 @@ from __future__ import annotations
 
 from typing import Any, List, Optional, Tuple
 
-from .commands import Command, Notify, Request, Value
-from .events import AutopilotStatus, Event, Landed, MissionSelected, Shutdown, UserCommand, UserRequest, VehicleLanded
+from .commands import Command, Notify, Request
+from .events import (
+    AutopilotStatus,
+    Event,
+    Landed,
+    MissionPhase,
+    MissionSelected,
+    Shutdown,
+    UserCommand,
+    UserRequest,
+    VehicleLanded,
+)
 from .messages import MESSAGES
 from .mission import Mission
+from .modes import HOLDING_MODES, LANDING_MODES
 from .rules import Limits, Rules
 from .state import EngineState, evolve
 
@@ -22,7 +33,7 @@ _NS = 1_000_000_000
 class Turn:
     """What guards and effects work on."""
 
-    __slots__ = ("commands", "event", "foreign_mode", "limits", "now", "rules", "selected", "signal", "state", "user")
+    __slots__ = ("commands", "event", "limits", "now", "rules", "selected", "signal", "state", "user")
 
     def __init__(self, state: EngineState, event: Event, rules: Rules) -> None:
         self.state = state
@@ -33,8 +44,7 @@ class Turn:
         self.commands: List[Command] = []
         self.user: Optional[UserCommand] = event.command if isinstance(event, UserRequest) else None
         self.selected: Tuple[Mission, ...] = event.missions if isinstance(event, MissionSelected) else ()
-        self.signal: str = event.signal if isinstance(event, Shutdown) else ""
-        self.foreign_mode: Tuple[Value, ...] = ()
+        self.signal: str = event.signal if isinstance(event, Shutdown) else state.signal
 
     def set(self, **changes: Any) -> None:
         """Change fields of the state."""
@@ -85,6 +95,60 @@ class Turn:
         """Return True when the vehicle says, freshly, both disarmed and ON_GROUND. Unknown is not down."""
         status = self.vehicle()
         return status is not None and status.armed is False and status.landed is VehicleLanded.ON_GROUND
+
+    def stays_down(self) -> bool:
+        """Return True when several statuses agree that it is disarmed and ON_GROUND: only that ends a flight.
+
+        What the landing detection or the height says against it is outweighed after `confirm_limit_ns` alone.
+        """
+        agreed, limits = self.state.down, self.limits
+        if agreed is None or not self.down():
+            return False
+        return agreed.lasts(limits.confirm_limit_ns if self.seems_to_fly() else limits.flight_end_confirm_ns)
+
+    def seems_to_fly(self) -> bool:
+        """Return True when landing detection or height contradicts that it stands on the ground."""
+        status, detection = self.vehicle(), self.detection()
+        high = status is not None and status.height_m is not None and status.height_m >= self.limits.takeoff_height_m
+        return detection is Landed.AIRBORNE or (high and detection is not Landed.ON_GROUND)
+
+    def stands(self) -> bool:
+        """Return True when it has said ON_GROUND for longer than one wrong status lasts."""
+        since, last = self.state.grounded_ns, self.state.autopilot_ns
+        agreed = since is not None and last is not None and last - since >= self.limits.flight_end_confirm_ns
+        return agreed and self.on_ground()
+
+    def taken(self) -> bool:
+        """Return True when several statuses agree that somebody else has control."""
+        agreed = self.state.takeover
+        if agreed is None or agreed.statuses < 2 or self.vehicle() is None:  # noqa: PLR2004 - a single one is not enough
+            return False
+        return self.now - agreed.since_ns >= self.limits.pilot_confirm_ns
+
+    def suspected(self) -> bool:
+        """Return True while it is not clear whether somebody else has control: nothing is commanded meanwhile."""
+        return self.state.takeover is not None and self.vehicle() is not None and not self.taken()
+
+    def lands(self) -> bool:
+        """Return True when it is landing, whoever lands it: a hold must not interrupt that."""
+        status, planner = self.vehicle(), self.state.planner
+        if planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED):
+            return True
+        if status is None:
+            return False
+        if status.mode in LANDING_MODES or status.landed is VehicleLanded.LANDING:
+            return True
+        low = status.height_m is not None and status.height_m <= self.limits.landing_height_m
+        since = self.state.descending_ns
+        return low and since is not None and self.now - since >= self.limits.descent_time_ns
+
+    def holds(self) -> bool:
+        """Return True when flight mode or standing still shows a hold: the planner's word alone does not."""
+        status = self.vehicle()
+        if status is None:
+            return False
+        speed = status.horizontal_speed_m_s
+        return status.mode in HOLDING_MODES or (speed is not None and speed <= self.limits.hold_speed_m_s)
 
     def last_heard_down(self) -> bool:
         """Return True when the last word of the vehicle was disarmed and ON_GROUND, however old.

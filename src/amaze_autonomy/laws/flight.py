@@ -23,7 +23,7 @@ A = MissionAction
 
 def _handed_over(m: Moment) -> bool:
     """Return True where nobody expects a landing any more: the pilot has it, or it is down."""
-    return m.after.state is State.PILOT or m.seen.flight != "armed"
+    return m.after.state is State.PILOT or m.seen.flight != "armed" or m.after.takeover is not None
 
 
 def _is_landed_for(m: Moment, why: str) -> Verdict:
@@ -195,16 +195,18 @@ def a_hold_has_a_cause(m: Moment) -> Verdict:
 # --- who has control --------------------------------------------------------------------------------------------------
 
 
-@law("4.4", "When the pilot or a failsafe takes over, the engine stops at once and shows PILOT.", always=True)
+@law("4.4", "When the pilot or a failsafe takes over, the engine stops at once and soon shows PILOT.", always=True)
 def the_pilot_has_control(m: Moment) -> Verdict:
-    status = m.saw.fresh(m.rules.limits)
+    limits, status = m.rules.limits, m.saw.fresh(m.rules.limits)
     if not isinstance(m.event, ev.AutopilotStatus) or status is not m.event or status.armed is False:
         return None
     if m.saw.flight == "none" or m.before.state not in FLIGHT or not m.before.in_flight:
         return None
-    if not (status.pilot_in_control or status.failsafe or m.saw.foreign):
+    if not (status.pilot_in_control or m.saw.foreign or m.saw.is_taken(limits)):
         return None
-    return True if m.after.state is State.PILOT else f"taken over, and the engine is in {m.after.state.value}"
+    if m.saw.is_taken(limits):
+        return True if m.after.state is State.PILOT else f"taken over, and the engine is in {m.after.state.value}"
+    return "a command while somebody else seems to have control" if m.motions or m.sent(AutopilotLand) else True
 
 
 @law("4.4", "In PILOT nothing is commanded: no motion, no landing, no disarming.")
@@ -222,16 +224,18 @@ def pilot_has_a_cause(m: Moment) -> Verdict:
     status = m.saw.fresh(m.rules.limits)
     if status is None:
         return "nothing is known freshly"
-    cause = status.pilot_in_control or status.failsafe or _not_ours(m)
+    if m.saw.taken == 1 and m.was.flight != "none":
+        return "one status alone is believed"
+    cause = status.pilot_in_control or status.failsafe or _not_ours(m) or m.saw.taken > 0
     return True if cause or (m.was.flight == "none" and status.armed is True) else f"why? the mode is {status.mode}"
 
 
 def _not_ours(m: Moment) -> bool:
     """Return True when the mode is foreign: never ours, left after it had answered a command, or just changed."""
-    status, before = m.saw.vehicle, m.was.vehicle
+    status, limits = m.saw.vehicle, m.rules.limits
     if status is None or status.mode in OURS.get(m.was.motion, ()):
         return False
-    changed = before is None or before.mode != status.mode
+    changed = m.saw.now - m.saw.mode_ns <= limits.pilot_confirm_ns + limits.autopilot_status_limit_ns
     return status.mode not in _ANY_OF_OURS or m.was.answered or changed
 
 

@@ -44,9 +44,15 @@ def land_is_the_first_command_out(m: Moment) -> Verdict:
     return True
 
 
+def _lands_unseen(m: Moment) -> bool:
+    """Return True where a landing was commanded that nothing shows yet, and nobody else seems to have control."""
+    unseen = m.after.state is State.LAND and m.seen.landing and not shows_landing(m.saw, m.rules)
+    return unseen and m.after.takeover is None
+
+
 @law("4.3", "LAND is repeated until the vehicle shows it: at each period while it does not.", always=True)
 def land_is_repeated(m: Moment) -> Verdict:
-    if m.after.state is not State.LAND or not m.seen.landing or shows_landing(m.saw, m.rules):
+    if not _lands_unseen(m):
         return None
     late = m.seen.now - m.seen.sent_ns
     return True if late < m.rules.limits.land_repeat_period_ns else f"the last LAND is {late / 1e9:g} s old"
@@ -54,7 +60,7 @@ def land_is_repeated(m: Moment) -> Verdict:
 
 @law("4.3", "After 3 s without an answer the landing goes out by the second route too.", always=True)
 def second_route_in_time(m: Moment) -> Verdict:
-    if m.after.state is not State.LAND or not m.seen.landing or shows_landing(m.saw, m.rules):
+    if not _lands_unseen(m):
         return None
     if m.seen.now - m.seen.land_ns < m.rules.limits.land_second_route_after_ns:
         return None
@@ -63,7 +69,7 @@ def second_route_in_time(m: Moment) -> Verdict:
 
 @law("4.3", "After that the pilot is alarmed.", always=True)
 def alarm_in_time(m: Moment) -> Verdict:
-    if m.after.state is not State.LAND or not m.seen.landing or shows_landing(m.saw, m.rules):
+    if not _lands_unseen(m):
         return None
     if m.seen.now - m.seen.land_ns < m.rules.limits.land_alarm_after_ns:
         return None

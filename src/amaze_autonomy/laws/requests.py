@@ -59,6 +59,8 @@ def _repeated(m: Moment, request: Any) -> str:
         planner = m.saw.planner
         undone = planner is not None and planner.phase in (ev.MissionPhase.FLYING, ev.MissionPhase.TAKING_OFF)
         new_flight = request.action in (A.TAKEOFF, A.ABORT) and not same_place
+        waited = m.saw.now - m.was.motion_ns >= m.rules.limits.hold_repeat_after_ns
+        undone = undone or (waited and not m.before.hold_repeated)
         return "" if new_flight or (request.action is A.HOLD and undone) else f"{request.action.name} again"
     if isinstance(request, MissionCommand) and request.action is A.LAND and m.was.landing and m.was.flight == "armed":
         soon = m.saw.now - m.was.sent_ns < m.rules.limits.land_repeat_period_ns

@@ -63,6 +63,9 @@ class Witness:
     descending_ns: Optional[int] = None
     down_ns: Optional[int] = None
     foreign: bool = False
+    taken: int = 0
+    taken_ns: int = 0
+    mode_ns: int = 0
     detection: ev.Landed = ev.Landed.UNKNOWN
     detection_ns: int = 0
     beat_ns: Optional[int] = None
@@ -130,6 +133,14 @@ class Witness:
             self.detection if self.now - self.detection_ns <= limits.landing_detection_limit_ns else ev.Landed.UNKNOWN
         )
 
+    def in_doubt(self, limits: Limits) -> bool:
+        """Return True while statuses have not yet agreed whether somebody else has control: nothing is commanded."""
+        return self.taken > 0 and self.fresh(limits) is not None and not self.is_taken(limits)
+
+    def is_taken(self, limits: Limits) -> bool:
+        """Return True when several statuses agree that somebody else has control."""
+        return self.taken > 1 and self.now - self.taken_ns >= limits.pilot_confirm_ns
+
 
 def see(witness: Witness, event: ev.Event, state: EngineState, limits: Limits) -> Witness:
     """Return what is known after an event, before the engine has answered; `state` is what the engine shows."""
@@ -166,7 +177,10 @@ def _autopilot(
     sinks = event.vertical_speed_m_s is not None and event.vertical_speed_m_s <= -limits.descent_speed_m_s
     changes["descending_ns"] = (now if witness.descending_ns is None else witness.descending_ns) if sinks else None
     changed = previous is not None and previous.mode not in ("", event.mode) and event.mode != ""
+    if previous is None or previous.mode != event.mode:
+        changes["mode_ns"] = now
     changes["foreign"] = changed and event.mode in NEVER_OURS
+    _count_taken(witness, event, now, changes, state)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
@@ -175,7 +189,8 @@ def _autopilot(
     ground = event.landed is ev.VehicleLanded.ON_GROUND
     down = ground and event.armed is False
     changes["down_ns"] = (now if witness.down_ns is None else witness.down_ns) if down else None
-    if down and witness.flight == "armed":
+    agreed = down and witness.down_ns is not None and now - witness.down_ns >= limits.flight_end_confirm_ns
+    if agreed and witness.flight == "armed" and witness.detected(limits) is not ev.Landed.AIRBORNE:
         changes["flight"] = "none"
     if witness.flight == "commanded" and event.armed is True:
         changes["flight"] = "armed"
@@ -183,8 +198,23 @@ def _autopilot(
         changes.update(flight="armed", airborne=True)
 
 
+def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState) -> None:
+    """Count the statuses in a row by which somebody else has control."""
+    says = event.pilot_in_control or changes["foreign"] or (witness.taken > 0 and event.mode in NEVER_OURS)
+    says = says or (event.failsafe and event.mode in (*NEVER_OURS, "AUTO.LOITER"))
+    says = says or (witness.flight == "none" and event.armed is True and state.sessions > 0)
+    planner = witness.planner
+    lands = planner is None or planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
+    flies = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME, MissionAction.HOLD)
+    says = says or (flies and event.mode in _LANDING_MODES and not lands)
+    if not says or event.armed is False:
+        changes["taken"] = 0
+    else:
+        changes.update(taken=witness.taken + 1, taken_ns=witness.taken_ns if witness.taken else now)
+
+
 _LANDING_MODES = ("AUTO.LAND", "AUTO.PRECLAND")
-_MOVING = ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD", *_LANDING_MODES)
+_MOVING = ("AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD")
 OURS: Dict[Optional[MissionAction], Tuple[str, ...]] = {
     MissionAction.TAKEOFF: (*_MOVING, "AUTO.LOITER"),
     MissionAction.RESUME: _MOVING,

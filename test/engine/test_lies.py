@@ -1,0 +1,407 @@
+"""No single wrong status ends the care for a flying vehicle: what ends or takes over a flight needs several that agree.
+
+Each story tells a lie once, then the truth again, and asks that whatever fails afterwards is still answered.
+"""
+
+from __future__ import annotations
+
+import pytest
+from engine_beginnings import at
+from engine_peers import S
+from engine_story import Story
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.severity import Code
+
+IN_FLIGHT = (
+    "TAKEOFF lifting_off",
+    "TAKEOFF cancelling",
+    "TAKEOFF climbing",
+    "MISSION flying",
+    "HOLD confirming",
+    "HOLD holding",
+    "HOLD resuming",
+    "LAND commanding",
+    "LAND descending",
+)
+AIRBORNE = tuple(place for place in IN_FLIGHT if place not in ("TAKEOFF lifting_off", "TAKEOFF cancelling"))
+LIES = {
+    "disarmed on the ground": {"armed": False, "landed": ev.VehicleLanded.ON_GROUND, "height_m": 0.0},
+    "disarmed": {"armed": False},
+    "on the ground": {"landed": ev.VehicleLanded.ON_GROUND},
+    "everything unknown": {"armed": None, "landed": ev.VehicleLanded.UNKNOWN, "mode": "", "height_m": None},
+    "the pilot": {"pilot_in_control": True},
+    "a failsafe": {"failsafe": True, "mode": "AUTO.RTL"},
+    "a foreign mode": {"mode": "POSCTL"},
+    "the pilot's landing": {"mode": "AUTO.LAND"},
+    "in the air": {"landed": ev.VehicleLanded.IN_AIR, "armed": True},
+}
+
+
+def lie(story: Story, **claims) -> Story:
+    """Let one status of the autopilot be wrong, and the next one, a beat later, be true again."""
+    story.say(**claims)
+    for name in claims:
+        del story.vehicle.says[name]
+    return story
+
+
+@pytest.mark.parametrize("claims", LIES.values(), ids=LIES)
+@pytest.mark.parametrize("place", IN_FLIGHT)
+def test_code_16_lands_after_any_one_wrong_status(place, claims):
+    story = lie(at(place), **claims).after(0.25)
+    assert story.state.in_flight
+    landed_for = story.is_in("LAND")
+    story.look().fail("imu", 16)
+    assert story.is_in("LAND")
+    if not landed_for:
+        assert story.motions[0] == "LAND"
+
+
+@pytest.mark.parametrize("claims", LIES.values(), ids=LIES)
+@pytest.mark.parametrize("place", AIRBORNE)
+def test_what_failed_during_a_lie_is_answered_when_the_truth_is_back(place, claims):
+    story = at(place)
+    lie(story, **claims)
+    story.fail("imu", 16).after(0.25)
+    assert story.is_in("LAND")
+
+
+@pytest.mark.parametrize("place", ["PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION", "DATA_CLEANUP"])
+def test_one_status_that_says_armed_is_no_pilot(place):
+    story = lie(at(place), armed=True)
+    assert not story.is_in("PILOT")
+    story.after(0.25)
+    assert not story.is_in("PILOT")
+    assert story.motions == []
+
+
+def test_a_flight_ends_after_statuses_that_agree_for_half_a_second():
+    story = at("LAND descending").until("LAND", limit_s=1.0)
+    while story.vehicle.height > 0:
+        story.after(0.01)
+    down_ns = story.now
+    story.until("DATA_CLEANUP")
+    assert 0.5 <= (story.now - down_ns) / S <= 0.85
+
+
+def test_two_wrong_statuses_in_half_a_second_end_no_flight():
+    story = at("MISSION flying")
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
+    story.after(0.3)
+    story.vehicle.says.clear()
+    story.after(0.3)
+    assert story.state.in_flight
+    story.expect("MISSION", "flying")
+
+
+@pytest.mark.parametrize("seen", ["landing detection", "height"])
+def test_what_contradicts_the_end_of_a_flight_outweighs_it_for_the_confirm_limit(seen):
+    story = at("MISSION flying")
+    claims = {"armed": False, "landed": ev.VehicleLanded.ON_GROUND}
+    if seen == "height":
+        story.landing_says = ev.Landed.UNKNOWN
+        claims["height_m"] = 2.0
+    else:
+        story.landing_says = ev.Landed.AIRBORNE
+        claims["height_m"] = 0.0
+    story.planner.says["phase"] = ev.MissionPhase.FLYING
+    story.say(**claims).after(9.0)
+    assert story.state.in_flight
+    story.after(2.0)
+    assert not story.state.in_flight, "the autopilot alone is believed in the end"
+
+
+def test_a_takeover_stops_commanding_at_once_and_is_believed_when_it_lasts():
+    story = at("MISSION flying")
+    story.say(mode="POSCTL")
+    story.expect("MISSION", "flying")
+    assert story.told == ["takeover_suspected"]
+    story.fail("imu", 16)
+    assert story.motions == [], "nothing is commanded while it is not clear"
+    story.after(0.35).expect("PILOT")
+    assert story.motions == []
+
+
+def test_a_landing_that_was_due_in_that_moment_goes_out_when_the_vehicle_is_ours():
+    story = at("MISSION flying")
+    lie(story, mode="POSCTL")
+    story.fail("imu", 16)
+    assert story.motions == []
+    story.after(0.25).expect("LAND")
+    assert story.motions[0] == "LAND"
+
+
+def test_a_user_is_asked_to_ask_again_in_that_moment():
+    story = at("MISSION flying")
+    lie(story, mode="POSCTL")
+    assert story.user("land")[0] == "REFUSED"
+    story.after(0.25)
+    assert story.user("land")[0] == "DONE"
+
+
+def test_the_end_of_the_process_in_that_moment_still_lands():
+    story = at("MISSION flying")
+    lie(story, mode="POSCTL")
+    story.feed(ev.Shutdown, signal="SIGTERM")
+    assert story.motions == []
+    story.after(0.25).expect("LAND")
+    assert story.motions[:2] == ["LAND", "AutopilotLand"]
+
+
+def test_armed_and_airborne_again_after_a_believed_end_is_still_our_flight():
+    story = at("MISSION flying")
+    story.landing_says = ev.Landed.UNKNOWN
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=None).after(0.9)
+    assert not story.state.in_flight
+    story.vehicle.says.clear()
+    story.after(0.5)
+    assert story.state.in_flight
+    story.fail("imu", 16).expect("LAND")
+
+
+def test_a_vehicle_that_is_in_the_air_while_its_data_is_collected_is_landed():
+    story = at("MISSION flying")
+    story.user("land")
+    story.landing_says = ev.Landed.UNKNOWN
+    story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=None).until("DATA_CLEANUP")
+    story.look()
+    story.vehicle.says.clear()
+    story.after(0.5).expect("LAND")
+    assert story.motions[:2] == ["LAND", "AutopilotLand"]
+
+
+# --- a hold never interrupts a landing --------------------------------------------------------------------------------
+
+
+def _planner_lands() -> Story:
+    story = at("MISSION flying")
+    while story.planner.phase is not ev.MissionPhase.LANDING:
+        story.after(0.1)
+    return story.after(0.3).look()
+
+
+@pytest.mark.parametrize("name, code", [("lrf", 8), ("realsense_camera", 4)])
+def test_what_fails_during_the_planners_own_landing_holds_nothing(name, code):
+    story = _planner_lands()
+    story.fail(name, code)
+    assert "HOLD" not in story.motions
+    assert story.told == ["failure_while_landing"]
+    story.until("DATA_CLEANUP")
+    assert "HOLD" not in story.motions
+
+
+def test_nor_does_the_operator():
+    story = _planner_lands()
+    assert story.user("hold") == ("REFUSED", "It is landing: a hold never interrupts that.")
+    assert story.motions == []
+
+
+@pytest.mark.parametrize(
+    "claims",
+    [{"landed": ev.VehicleLanded.LANDING}, {"vertical_speed_m_s": -0.5, "height_m": 1.3}],
+    ids=["landed state", "sinks near the ground"],
+)
+def test_sinking_near_the_ground_is_a_landing_whatever_the_planner_says(claims):
+    story = at("MISSION flying")
+    story.say(**claims).after(1.3).look()
+    story.fail("lrf", 8)
+    assert story.motions == []
+
+
+def test_sinking_high_up_is_none():
+    story = at("MISSION flying")
+    story.say(vertical_speed_m_s=-0.5, height_m=12.0).after(1.3).look()
+    story.fail("lrf", 8)
+    assert story.motions == ["HOLD"]
+
+
+def test_a_landing_that_nobody_of_us_commanded_is_somebody_elses():
+    story = at("MISSION flying")
+    story.say(mode="AUTO.LAND").after(0.35).expect("PILOT")
+    story.fail("lrf", 8)
+    assert story.motions == []
+
+
+def test_a_mission_flown_to_its_end_is_complete_whatever_fails_in_the_last_metres():
+    story = _planner_lands()
+    story.fail("imu", 16).expect("LAND")
+    story.until("MISSION_ENDED")
+    assert story.state.result.value == "COMPLETE"
+    assert "imu" in story.state.message
+
+
+def test_a_mission_that_lands_before_its_last_waypoint_is_landed_early():
+    story = at("MISSION flying")
+    story.fail("imu", 16).until("MISSION_ENDED")
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+# --- a hold is shown by the vehicle -----------------------------------------------------------------------------------
+
+
+def test_the_planners_word_alone_shows_no_hold():
+    story = at("MISSION flying")
+    story.say(mode="AUTO.MISSION", horizontal_speed_m_s=2.0)
+    story.user("hold")
+    story.after(1.4).expect("HOLD", "confirming")
+    assert story.planner.phase is ev.MissionPhase.HOLDING
+    story.after(0.2)
+    assert story.motions == ["HOLD", "HOLD"], "asked again, once"
+    story.after(1.5).expect("LAND")
+    assert story.motions[:3] == ["HOLD", "HOLD", "LAND"]
+
+
+@pytest.mark.parametrize("claims", [{"mode": "AUTO.LOITER"}, {"mode": "OFFBOARD", "horizontal_speed_m_s": 0.2}])
+def test_flight_mode_or_standing_still_shows_it(claims):
+    story = at("MISSION flying")
+    story.user("hold")
+    story.vehicle.says.update(claims)
+    story.after(0.5).expect("HOLD", "holding")
+    assert story.motions == ["HOLD"]
+
+
+def test_a_vehicle_that_flies_on_while_it_should_hold_is_told_again_and_landed():
+    story = at("HOLD holding")
+    story.vehicle.says.update(mode="OFFBOARD", horizontal_speed_m_s=2.0)
+    story.after(1.3).expect("HOLD", "confirming")
+    assert story.motions == ["HOLD"]
+    story.after(3.2).expect("LAND")
+
+
+def test_a_gust_does_not_end_a_hold():
+    story = at("HOLD holding")
+    story.vehicle.says.update(mode="OFFBOARD", horizontal_speed_m_s=0.9)
+    story.after(0.7)
+    story.vehicle.says.update(horizontal_speed_m_s=0.1)
+    story.after(2.0).expect("HOLD", "holding")
+    assert story.motions == []
+
+
+# --- heartbeat, clocks ------------------------------------------------------------------------------------------------
+
+
+def test_two_publishers_whose_counters_stand_are_no_heartbeat():
+    story = at("MISSION flying")
+    story.silent.append("watchdog")
+    for beat in range(8):
+        name, counter = (("/watchdog", 7), ("/watchdog_of_others", 900))[beat % 2]
+        story.feed(ev.WatchdogAction, sequence=beat, loop_counter=counter, code=Code.NOMINAL, publisher=name)
+        story.after(0.1)
+    story.expect("LAND")
+
+
+def test_each_publishers_counter_beats_by_itself():
+    story = at("MISSION flying")
+    story.silent.append("watchdog")
+    for beat in range(20):
+        story.feed(ev.WatchdogAction, sequence=1, loop_counter=900, code=Code.NOMINAL, publisher="/stuck")
+        story.feed(ev.WatchdogAction, sequence=1, loop_counter=5 + beat, code=Code.NOMINAL, publisher="/alive")
+        story.after(0.1)
+    story.expect("MISSION", "flying")
+
+
+def test_a_watchdog_that_was_restarted_beats_on_from_its_second_message():
+    story = at("MISSION flying")
+    story.watchdog.loop = 0
+    story.after(3.0).expect("MISSION", "flying")
+
+
+@pytest.mark.parametrize("place", AIRBORNE)
+def test_a_clock_that_stands_lands_on_both_routes(place):
+    story = at(place)
+    story.feed(ev.ClockStatus, stalled_s=1.2)
+    story.expect("LAND")
+    if not place.startswith("LAND"):
+        assert story.motions[:2] == ["LAND", "AutopilotLand"]
+
+
+def test_a_clock_that_stands_is_said_before_takeoff_and_forbids_it():
+    story = at("START_RECORDING")
+    story.feed(ev.ClockStatus, stalled_s=5.0)
+    assert story.told == ["clock_stands"]
+    story.after(30.0)
+    assert story.motions == []
+    story.expect("OUTREACH")
+
+
+def test_a_clock_that_runs_again_in_time_is_no_reason():
+    story = at("START_RECORDING")
+    story.feed(ev.ClockStatus, stalled_s=5.0)
+    story.feed(ev.ClockStatus, stalled_s=0.0)
+    assert story.told == ["clock_stands", "clock_runs"]
+    story.until("TAKEOFF")
+
+
+def test_stamps_of_another_clock_are_named_as_clocks():
+    story = at("MISSION flying")
+    story.silent.append("watchdog")
+    for beat in range(5):
+        story.feed(ev.WatchdogAction, sequence=1, loop_counter=999 + beat, code=Code.NOMINAL, age_ns=3 * S // 2)
+        story.after(0.2)
+    story.expect("LAND")
+    assert story.state.failures[-1].reason.startswith(
+        "stamps of the watchdog are 1.500 s old (limit 1 s): old statuses, or clocks that differ"
+    )
+
+
+def test_clocks_apart_forbid_a_takeoff_and_say_so():
+    story = at("PREFLIGHT")
+    story.answers.clear()
+    story.silent.append("autopilot")
+    for _ in range(400):
+        story.feed(ev.AutopilotStatus, armed=False, landed=ev.VehicleLanded.ON_GROUND, age_ns=-S)
+        story.after(0.2)
+        if story.is_in("OUTREACH"):
+            break
+    story.expect("OUTREACH")
+    assert "stamps of the autopilot are 1.000 s in the future" in story.state.message
+
+
+# --- nobody answers any more ------------------------------------------------------------------------------------------
+
+
+def test_after_the_alarm_a_person_may_end_a_mission_whose_vehicle_is_silent():
+    story = at("LAND commanding")
+    story.silent += ["autopilot", "planner"]
+    assert story.user("acknowledge") == ("REFUSED", "It is landing.")
+    story.after(10.0).expect("LAND")
+    assert story.state.alarmed
+    assert story.user("acknowledge")[0] == "DONE"
+    story.expect("DATA_CLEANUP")
+    assert "StopRecording" in story.requests
+    story.until("MISSION_ENDED")
+
+
+def test_a_vehicle_that_is_heard_cannot_be_given_up():
+    story = at("LAND commanding").after(10.0)
+    assert story.state.alarmed
+    assert story.user("acknowledge") == ("REFUSED", "It is landing.")
+
+
+# --- before takeoff ---------------------------------------------------------------------------------------------------
+
+
+def test_rows_that_come_by_themselves_are_waited_for():
+    story = at("MISSION_INPUT")
+    row = Check(name="home position", verdict=Verdict.FAIL, advice="wait", heals=True)
+    story.check_says["autopilot"] = {"ok": False, "checks": (row,)}
+    story.select().after(30.0).expect("PREFLIGHT")
+    del story.check_says["autopilot"]
+    story.until("START_RECORDING", limit_s=3.0)
+
+
+def test_but_not_for_ever():
+    story = at("MISSION_INPUT")
+    row = Check(name="home position", verdict=Verdict.FAIL, advice="wait", heals=True)
+    story.check_says["autopilot"] = {"ok": False, "checks": (row,)}
+    story.select().until("OUTREACH", limit_s=80.0)
+    assert story.now / S > 60.0
+
+
+def test_a_peer_that_is_not_there_yet_is_waited_for_while_the_stack_starts():
+    story = at("MISSION_INPUT")
+    story.answers["check:on_ground"] = ev.Outcome.UNAVAILABLE
+    story.select().after(5.0).expect("PREFLIGHT")
+    story.after(8.0).expect("OUTREACH")
