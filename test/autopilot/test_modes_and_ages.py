@@ -144,6 +144,19 @@ def test_a_fifth_of_all_packets_lost_for_two_minutes_makes_nothing_unknown(seed)
     assert worst < 0.5
 
 
+def test_px4_that_disarms_and_goes_back_to_another_mode_is_no_takeover():
+    """As PX4 v1.16.1: CURRENT_MODE shows the intended mode at the disarming, the heartbeat that says it 0.9 s later."""
+    bench = ClientBench().fly().advance(2.0)
+    bench.ask(bench.client.land)
+    seen = set()
+    while bench.vehicle.beat.armed:
+        bench.step()
+        status = bench.vehicle.status(bench.t_ns)
+        seen.add((status.mode, status.pilot_in_control, status.armed))
+    assert {mode for mode, _, armed in seen if armed} == {"AUTO.LOITER", "AUTO.LAND"}
+    assert {pilot for _, pilot, _ in seen} == {False}
+
+
 def test_before_the_first_heartbeat_a_mode_says_nothing():
     vehicle = VehicleState(AutopilotSettings())
     vehicle.receive(S, current_mode_message(0, 3 << 16, 3 << 16))

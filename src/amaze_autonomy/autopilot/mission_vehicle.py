@@ -158,7 +158,8 @@ class VehicleWatch:
         self.failsafe = message.system_status in _FAILSAFE
 
     def _current_mode(self, _: int, message: Message) -> None:
-        if self.heartbeat_ns is not None:
+        """Take the mode in the air; on the ground, that of a heartbeat, which says as well whether it is disarmed."""
+        if self.heartbeat_ns is not None and self.landed in (VehicleLanded.IN_AIR, VehicleLanded.TAKING_OFF):
             self.mode = mode_name(self.autopilot, message.custom_mode)
 
     def _event(self, t_ns: int, message: Message) -> None:

@@ -13,6 +13,7 @@ from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
 from .battery import Battery
 from .control import Control, Heartbeat
 from .dialect import Message, mavlink
+from .modes import mode_name
 from .offset import ClockOffset
 from .position import Position
 from .sensors import SENSORS, Gps, GpsLimits, SystemStatus, gps_health
@@ -159,8 +160,17 @@ class VehicleState:
             self.texts.add_event(t_ns, message)
 
     def _mode(self, t_ns: int, message: Any) -> None:
-        """Take a mode; what the system status says of the change is in the next heartbeat."""
-        self.mode_changed = self.control.add_mode(t_ns, int(message.custom_mode)) or self.mode_changed
+        """Take a mode; why it has changed is in the next heartbeat, which is asked for.
+
+        Near the ground that is waited for: when PX4 disarms it goes back to the mode that the user intended, and armed
+        in that mode it would look like a takeover.
+        """
+        beat, number = self.beat, int(message.custom_mode)
+        waits = self.landed(t_ns) not in (VehicleLanded.IN_AIR, VehicleLanded.TAKING_OFF)
+        if waits and beat is not None and mode_name(beat.autopilot, number) != beat.mode:
+            self.mode_changed = True
+        else:
+            self.mode_changed = self.control.add_mode(t_ns, number) or self.mode_changed
 
     def _gps(self, t_ns: int, message: Any) -> None:
         at_rest = self.armed(t_ns) is False or self.landed(t_ns) is VehicleLanded.ON_GROUND
