@@ -49,7 +49,7 @@ KINDS: Mapping[str, Kind] = {
         "ardupilot",
         "ardupilot/arducopter",
         {"WPNAV_SPEED": 100, "WPNAV_SPEED_UP": 100},
-        ("sensors.battery.cells=3", "autopilot.gps.frozen_limit_s=60"),
+        ("sensors.battery.cells=3",),
         "POSCTL",
         boot_speed=8,
     ),
