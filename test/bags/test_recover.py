@@ -49,7 +49,9 @@ def test_cut_at_any_byte_every_whole_chunk_and_message_is_kept(tmp_path, compres
     raw, whole = source.read_bytes(), chunk_ends(source)
     ends = message_ends(source) if compression == "none" else []
     cut_file = tmp_path / "cut.bag"
-    for cut in places(source):
+    cuts = places(source)
+    assert len(cuts) > 100
+    for cut in cuts:
         cut_file.write_bytes(raw[:cut])
         found = scan(cut_file, check_data=False)
         in_chunks = sum(messages for end, messages in whole if end <= cut)
@@ -66,11 +68,13 @@ def test_cut_at_any_byte_every_whole_chunk_and_message_is_kept(tmp_path, compres
 def test_what_is_kept_of_a_cut_file_is_its_beginning_byte_for_byte(tmp_path, compression):
     source = recording(tmp_path / "whole.bag", compression)
     everything, raw = contents(source), source.read_bytes()
-    cut_file = tmp_path / "cut.bag"
+    cut_file, kept = tmp_path / "cut.bag", set()
     for cut in random.Random(5).sample(places(source), 25):
         cut_file.write_bytes(raw[:cut])
         done = recovered(tmp_path, cut_file)
         assert contents(done.path) == everything[: done.scan.messages]
+        kept.add(done.scan.messages)
+    assert len(kept) > 5
 
 
 def test_a_recorder_that_was_killed_loses_the_message_it_was_writing(tmp_path):
@@ -149,6 +153,20 @@ def test_a_damaged_chunk_loses_its_messages_and_says_how_many(tmp_path, compress
     assert damage.lost == done.scan.lost == 85 - len(contents(done.path))
     if compression == "none":
         assert damage.lost <= 2
+
+
+def test_a_damaged_chunk_without_its_index_is_named_from_its_first_byte_to_its_last(tmp_path):
+    source = recording(tmp_path / "whole.bag")
+    with Index(source) as index:
+        head, chunk = index.head(1), index.chunks[1]
+    raw = bytearray(source.read_bytes())[: head.data + head.stored]
+    middle = head.data + head.stored // 2
+    raw[middle : middle + 40] = b"\xa5" * 40
+    source.write_bytes(raw)
+    found = scan(source, check_data=True)
+    size = head.data + head.stored - chunk.position
+    assert found.damages == [Damage(chunk.position, size, "a chunk is damaged, and the index behind it", None)]
+    assert found.lost is None
 
 
 def test_the_quick_look_does_not_read_the_data(tmp_path):

@@ -51,6 +51,7 @@ def test_every_key_of_the_schema_has_a_row():
             if isinstance(kind, Group):
                 yield from names(kind)
 
+    assert FILES
     for file, group in FILES.items():
         text = file_reference(file)
         missing = [name for name in names(group) if f"`{name}`" not in text and f"{name}.<name>`" not in text]

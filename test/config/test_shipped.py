@@ -56,6 +56,7 @@ def test_the_decision_table_is_that_of_the_specification(shipped):
 
 
 def test_the_engine_and_the_watchdog_are_told_the_same(shipped):
+    assert len(shipped.components) == len(shipped.rules.components) == len(DECISIONS)
     for spec, rule in zip(shipped.components, shipped.rules.components):
         assert (spec.name, spec.group, spec.severity) == (rule.name, rule.group, rule.severity)
         assert rule.wait_limit_ns == (spec.wait_limit_ns or shipped.rules.limits.unlisted_wait_limit_ns)
@@ -140,6 +141,7 @@ GROUPS = [
 def test_the_comments_in_the_files_say_what_the_schema_says(file, name):
     group = next(key.kind for key in FILES[file].keys if key.name == name)
     comments = _commented(FOLDER / f"{file}.yaml")
+    assert group.keys
     for key in group.keys:
         said = [comment for commented, comment in comments if commented == key.name]
         words = (unit_words(key.name).replace("in ", "", 1).replace("as ", "", 1), key.meaning, key.reason)

@@ -43,8 +43,20 @@ def test_duration_is_rounded_up(value_s, shown):
     assert words.duration(value_s) == shown
 
 
-@pytest.mark.parametrize("value_s, shown", [(None, "-"), (0.042, "0.04 s"), (2.54, "2.5 s"), (-0.2, "-0.20 s")])
-def test_age(value_s, shown):
+@pytest.mark.parametrize(
+    "value_s, shown",
+    [
+        (None, "-"),
+        (0.042, "0.04 s"),
+        (0.99, "0.99 s"),
+        (1.0, "1.0 s"),
+        (1.26, "1.3 s"),
+        (2.54, "2.5 s"),
+        (-0.2, "-0.20 s"),
+        (-1.26, "-1.3 s"),
+    ],
+)
+def test_an_age_has_two_decimals_below_a_second_and_one_from_there_on(value_s, shown):
     assert words.age(value_s) == shown
 
 

@@ -149,6 +149,7 @@ def test_commands_that_would_be_done_are_those_that_are():
 
 
 def test_every_message_has_words_and_a_known_level():
+    assert messages.MESSAGES
     for key, message in messages.MESSAGES.items():
         assert message.text, key
         assert message.level in Level, key

@@ -111,9 +111,15 @@ def test_the_mode_of_before_the_takeoff_is_not_foreign_until_it_changes():
 
 
 def test_a_late_effect_of_the_last_hold_is_not_the_pilot():
-    """LAND is commanded while the HOLD is still on its way; AUTO.LOITER comes late, and then AUTO.LAND."""
-    story = at("HOLD confirming")
-    story.disobeyed.append("LAND")
+    """LAND is commanded while the second HOLD is still on its way; AUTO.LOITER comes late, and then AUTO.LAND.
+
+    After a RESUME: AUTO.LOITER is no answer to it, where it is one to the TAKEOFF before.
+    """
+    story = at("HOLD holding")
+    story.user("resume")
+    story.until("MISSION", "flying").after(1.0)
+    story.disobeyed += ["HOLD", "LAND"]
+    story.fail("lrf", 8).expect("HOLD", "confirming")
     story.fail("imu", 16).expect("LAND")
     story.say(mode="AUTO.LOITER").after(1.0).expect("LAND")
     story.say(mode="AUTO.LAND").expect("LAND", "descending")

@@ -595,6 +595,7 @@ def test_every_row_has_its_story():
 
 def test_every_place_can_be_a_beginning():
     places = {tuple(place.split(" ")[:2]) for place in BEGINNINGS}
+    assert transitions.ROWS_AT
     for state, step in transitions.ROWS_AT:
         assert any(p[0] == state.value and (not step.value or p[-1] == step.value) for p in places), (state, step)
 

@@ -85,7 +85,7 @@ def _check(*waypoints: Waypoint, start: tuple = (0.0, 0.0)) -> None:
     check_trajectory(Trajectory("a.csv", waypoints), start, 1.0, bounds, (10.0, 30.0))
 
 
-def test_a_trajectory_at_its_bounds_is_good():
+def test_a_trajectory_at_its_bounds_is_good():  # hollow: it raises beyond them, as the next test says
     _check(_at(z=1.0, hold=60.0), _at(x=20.0, z=1.0), _at(x=20.0, z=0.5))
 
 

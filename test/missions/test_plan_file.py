@@ -63,8 +63,9 @@ def test_takeoff_waypoints_and_landing_are_places_to_fly_to():
 
 
 def test_every_point_knows_its_line():
-    lines = json.dumps(GOOD, indent=4).split("\n")
-    for point in read(GOOD).points:
+    lines, points = json.dumps(GOOD, indent=4).split("\n"), read(GOOD).points
+    assert len({point.line for point in points}) == len(points) > 1
+    for point in points:
         assert lines[point.line - 1].strip() == "{"
         assert any("SimpleItem" in line for line in lines[point.line : point.line + 3])
 

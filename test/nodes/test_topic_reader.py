@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import socket
 import struct
+import threading
 from typing import ClassVar
 
 import pytest
@@ -130,7 +131,16 @@ def test_what_is_no_tcpros_ends_the_connection():
     assert wire.tally.total == 0
 
 
-def test_waking_ends_the_wait_at_once():
+@pytest.mark.parametrize("moment", ["before", "meanwhile"])
+def test_waking_ends_the_wait_at_once(moment):
     reader = TopicReader(slice_s=0.0)
-    reader.wake()
-    reader.wait(60.0)
+    waiting = threading.Thread(target=reader.wait, args=(600.0,), daemon=True)
+    if moment == "before":
+        reader.wake()
+    waiting.start()
+    if moment == "meanwhile":
+        waiting.join(0.2)
+        assert waiting.is_alive(), "nobody has woken it yet"
+        reader.wake()
+    waiting.join(60.0)
+    assert not waiting.is_alive()

@@ -41,6 +41,7 @@ def test_the_journal_decided_again_is_the_state_after_every_event(way):
     rules = WORLDS["start"].rules
     events, states = told(way, rules)
     state = EngineState()
+    assert len(events) == len(states) > 0
     for event, expected in zip(events, states):
         again = journal.decode(journal.encode_event(event)).payload
         state, _ = engine.decide(state, again, rules)
@@ -50,7 +51,9 @@ def test_the_journal_decided_again_is_the_state_after_every_event(way):
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 def test_killed_after_every_event_it_resumes_and_starts_nothing_anew(way):
     rules = WORLDS["start"].rules
-    for number, state in enumerate(told(way, rules)[1]):
+    states = told(way, rules)[1]
+    assert states
+    for number, state in enumerate(states):
         for later in (0, 1, 500_000_000, 2_000_000_000):
             event = EngineStarted(t_ns=state.t_ns + later, label="again", resumed=True)
             after, commands = engine.decide(state, event, rules)

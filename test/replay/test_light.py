@@ -96,7 +96,7 @@ def test_a_map_that_does_not_fit_says_the_same(tmp_path, monkeypatch):
     for light in (True, False):
         if not light:
             monkeypatch.setattr(Monitors, "light", lambda *_: None)
-        with pytest.raises(Exception) as caught:  # noqa: PT011  (what it is, is compared)
+        with pytest.raises(Exception) as caught:  # noqa: PT011  # hollow: its type and words are compared
             replay(path, MAP)
         words.append((type(caught.value), str(caught.value)))
     assert words[0] == words[1]

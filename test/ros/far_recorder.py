@@ -274,7 +274,7 @@ class TestFarRecorder(unittest.TestCase):
 class Nowhere(unittest.TestCase):
     """What runs where two computers cannot be made."""
 
-    def test_two_computers(self) -> None:
+    def test_two_computers(self) -> None:  # hollow: it says that it is skipped, and why
         self.skipTest(f"NOT TESTED, two computers cannot be made here: {os.environ['AMAZE_NOT_HERE']}")
 
 

@@ -111,6 +111,7 @@ class TestLandingDetection(unittest.TestCase):
         self.wait(ON_GROUND)
 
     def test_on_the_ground_the_check_passes(self):
+        self.assertEqual(sorted(self.checks), sorted(KINDS))
         for kind, check in self.checks.items():
             answer = check()
             self.assertTrue(answer.on_ground, (kind, answer))

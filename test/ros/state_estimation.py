@@ -105,6 +105,7 @@ class TestStateEstimation(unittest.TestCase):
         return found
 
     def test_at_rest_the_states_are_valid_and_gravity_points_down(self):
+        self.assertEqual(sorted(self.checks), sorted(KINDS))
         for kind, check in self.checks.items():
             answer = check()
             self.assertAlmostEqual(answer.gravity.z, -G, places=3)

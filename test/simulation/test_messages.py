@@ -45,7 +45,9 @@ def test_the_types_are_those_that_the_names_suggest(configuration):
 
 
 def test_stamps_rise_and_belong_to_the_time_that_has_passed(configuration):
-    for samples in sent(settings=configuration, from_s=2.0).values():
+    streams = sent(settings=configuration, from_s=2.0)
+    assert streams
+    for samples in streams.values():
         stamps = [sample.stamp_ns for sample in samples]
         assert stamps == sorted(stamps)
         assert stamps[0] > 1.8 * S

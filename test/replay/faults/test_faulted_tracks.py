@@ -55,9 +55,9 @@ def test_the_messages_that_a_fault_leaves_are_the_same_as_arrays(bags, text):
 
 def test_a_part_of_a_recording_is_the_same_as_arrays(bags):
     with Recordings(bags, TOPICS) as recordings:
-        for arrays, one_by_one in both_ways(FaultedRecordings(recordings, 3 * S, 12 * S)):
-            assert arrays == one_by_one
-            assert len(arrays) == 91
-        for arrays, one_by_one in both_ways(recordings):
-            assert arrays == one_by_one
-            assert len(arrays) == 200
+        for source, count in ((FaultedRecordings(recordings, 3 * S, 12 * S), 91), (recordings, 200)):
+            ways = [*both_ways(source)]
+            assert ways
+            for arrays, one_by_one in ways:
+                assert arrays == one_by_one
+                assert len(arrays) == count

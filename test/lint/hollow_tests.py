@@ -1,0 +1,349 @@
+"""Part of `./run lint`: tests that cannot fail, found in the source; each with file and line, and 1 if there are any.
+
+What it finds:
+
+* an assertion that is always true: `or True`, a constant, a filled tuple, something compared with itself;
+* a test that asserts nothing on any way: no `assert`, `pytest.raises` or `self.assert...`, and no call of a helper of
+  ours, method or fixture that does; what stands behind a `return` or in `if False` does not count;
+* `pytest.raises(Exception)` without `match`: a name that is written wrongly is an exception as well;
+* a test whose every assertion is in a loop, or in `all(...)`, over something that may be empty, as far as that can be
+  seen: what is written out, counted from constants, or asserted not to be empty is not.
+
+A test that is meant so says why on its line: `# hollow: REASON`.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple, Union
+
+__all__ = ["Hollow", "hollow_tests", "main"]
+
+TEST = Path(__file__).resolve().parents[1]
+_MEANT = re.compile(r"# hollow: \S")
+_ENDS = (ast.Return, ast.Raise, ast.Continue, ast.Break)
+_RAISES = {"raises", "warns", "deprecated_call", "fail", "xfail"}
+_SAME_LENGTH = {"enumerate", "sorted", "reversed", "list", "tuple", "set", "dict"}
+_ALL_OF = {"zip", "product"}
+_CLASS = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*$")  # an enumeration: it has members
+Function = Union[ast.FunctionDef, ast.AsyncFunctionDef]
+
+
+class Hollow(NamedTuple):
+    """A test that cannot fail: where, and why."""
+
+    path: Path
+    line: int
+    why: str
+
+
+class Module:
+    """One file of the tests: its functions by name, methods included, and where its names come from."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.text = path.read_text(encoding="utf-8")
+        self.lines = self.text.splitlines()
+        self.tree = ast.parse(self.text)
+        self.functions: Dict[str, List[Function]] = {}
+        self.classes: Dict[str, List[Function]] = {}
+        self.imports: Set[str] = set()
+        for node in ast.walk(self.tree):
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                self.functions.setdefault(node.name, []).append(node)
+            elif isinstance(node, ast.ClassDef):
+                self.classes[node.name] = [each for each in node.body if isinstance(each, ast.FunctionDef)]
+            elif isinstance(node, ast.ImportFrom):
+                self.imports.add((node.module or "").rpartition(".")[2])
+            elif isinstance(node, ast.Import):
+                self.imports.update(alias.name.rpartition(".")[2] for alias in node.names)
+        self.constants = dict(_assigned(self.tree.body))
+
+    def meant(self, line: int) -> bool:
+        """Tell whether a line says why it is so."""
+        return bool(_MEANT.search(self.lines[line - 1]))
+
+
+def _assigned(body: Sequence[ast.stmt]) -> Iterator[Tuple[str, ast.expr]]:
+    """Yield what names are given, in some statements."""
+    for statement in body:
+        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
+            yield statement.targets[0].id, statement.value
+        elif isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name) and statement.value:
+            yield statement.target.id, statement.value
+
+
+def hollow_tests(paths: Iterable[Path]) -> List[Hollow]:
+    """Return what cannot fail in some files of tests, helpers among them."""
+    modules = [Module(path) for path in sorted(paths)]
+    asserting = _asserting(modules)
+    found: List[Hollow] = []
+    for module in modules:
+        found += [Hollow(module.path, line, why) for line, why in _of_module(module, modules, asserting)]
+    return [each for each in found if not _at(each, modules).meant(each.line)]
+
+
+def _at(each: Hollow, modules: Sequence[Module]) -> Module:
+    return next(module for module in modules if module.path == each.path)
+
+
+def _of_module(module: Module, modules: Sequence[Module], asserting: Set[int]) -> Iterator[Tuple[int, str]]:
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Assert) and _always_true(node.test):
+            yield node.lineno, "this is always true"
+        if isinstance(node, ast.Call) and _raises_anything(node):
+            yield node.lineno, "any exception will do, even of a name that is written wrongly: name it, or give a match"
+    for functions in module.functions.values():
+        for test in functions:
+            if not test.name.startswith("test_") or _is_fixture(test):
+                continue
+            if _fixtures_assert(test, module, modules, asserting):
+                continue
+            if id(test) not in asserting:
+                yield test.lineno, f"{test.name} asserts nothing"
+            elif _only_in_loops(test, module, modules, asserting):
+                yield test.lineno, f"{test.name} asserts nothing when what it goes through is empty"
+
+
+# --- assertions that are always true ----------------------------------------------------------------------------------
+
+
+def _always_true(node: ast.expr) -> bool:
+    if isinstance(node, ast.BoolOp):
+        operands = map(_always_true, node.values)
+        return any(operands) if isinstance(node.op, ast.Or) else all(operands)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return isinstance(node.operand, ast.Constant) and not node.operand.value
+    if isinstance(node, ast.Compare):
+        same = ast.dump(node.left) == ast.dump(node.comparators[0]) and not _calls(node)
+        return len(node.ops) == 1 and same and isinstance(node.ops[0], (ast.Eq, ast.Is, ast.LtE, ast.GtE))
+    return _filled(node) or isinstance(node, ast.Lambda)
+
+
+def _filled(node: ast.expr) -> bool:
+    """Tell whether something written out is true."""
+    if isinstance(node, ast.Constant):
+        return bool(node.value)
+    if isinstance(node, (ast.Tuple, ast.List, ast.Set)):
+        return any(not isinstance(each, ast.Starred) for each in node.elts)
+    if isinstance(node, ast.Dict):
+        return any(key is not None for key in node.keys)
+    return False
+
+
+def _calls(node: ast.AST) -> List[ast.Call]:
+    return [each for each in ast.walk(node) if isinstance(each, ast.Call)]
+
+
+def _raises_anything(call: ast.Call) -> bool:
+    named = isinstance(call.func, ast.Attribute) and call.func.attr in {"raises", "assertRaises"}
+    names = {each.id for each in call.args[:1] if isinstance(each, ast.Name)}
+    anything = bool(names & {"Exception", "BaseException"})
+    return named and anything and not any(keyword.arg == "match" for keyword in call.keywords)
+
+
+# --- tests that assert nothing ----------------------------------------------------------------------------------------
+
+
+def _asserting(modules: Sequence[Module]) -> Set[int]:
+    """Return the functions, by identity, that assert something, by themselves or by those that they call."""
+    found = {
+        id(function)
+        for module in modules
+        for functions in module.functions.values()
+        for function in functions
+        if any(_asserts(node) for node in _reachable(function.body))
+    }
+    before = -1
+    while before != len(found):
+        before = len(found)
+        for module in modules:
+            known = _callable_names(module, modules, found)
+            for functions in module.functions.values():
+                for function in functions:
+                    if id(function) not in found and any(_called(node) & known for node in _reachable(function.body)):
+                        found.add(id(function))
+    return found
+
+
+def _asserts(node: ast.AST) -> bool:
+    if isinstance(node, ast.Assert):
+        return not _always_true(node.test)
+    if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+        return "AssertionError" in ast.dump(node.exc.func) or "Failure" in ast.dump(node.exc.func)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        ours = isinstance(node.func.value, ast.Name) and node.func.value.id in {"self", "pytest", "test", "case"}
+        return ours and (node.func.attr in _RAISES or node.func.attr.startswith("assert"))
+    return False
+
+
+def _called(node: ast.AST) -> Set[str]:
+    """Return the name that is called, or handed over to be called."""
+    if not isinstance(node, ast.Call):
+        return set()
+    given = {each.id for each in [*node.args, *(k.value for k in node.keywords)] if isinstance(each, ast.Name)}
+    given |= {each.attr for each in node.args if isinstance(each, ast.Attribute)}
+    if isinstance(node.func, ast.Attribute):
+        return given | {node.func.attr}
+    return given | {node.func.id} if isinstance(node.func, ast.Name) else given
+
+
+def _seen_by(module: Module, modules: Sequence[Module]) -> List[Module]:
+    """Return the modules whose functions and methods a module may call: itself, what it imports, its conftests."""
+    seen, new = {module.path: module}, [module]
+    while new:
+        names = {name for each in new for name in each.imports}
+        folders = {parent for each in new for parent in each.path.parents}
+        new = [
+            each
+            for each in modules
+            if each.path not in seen
+            and (each.path.stem in names or (each.path.stem == "conftest" and each.path.parent in folders))
+        ]
+        seen.update({each.path: each for each in new})
+    return list(seen.values())
+
+
+def _callable_names(module: Module, modules: Sequence[Module], asserting: Set[int]) -> Set[str]:
+    names = set()
+    for each in _seen_by(module, modules):
+        names |= {name for name, functions in each.functions.items() if any(id(one) in asserting for one in functions)}
+        for name, methods in each.classes.items():
+            if any(id(one) in asserting and one.name in {"__init__", "__enter__", "__exit__"} for one in methods):
+                names.add(name)
+    return names - {"main", "run", "__init__", "close", "get", "add"}
+
+
+def _reachable(body: Sequence[ast.stmt]) -> Iterator[ast.AST]:
+    """Yield all nodes but those behind a return, in `if False`, or in a function of its own that nobody calls."""
+    for statement in body:
+        if isinstance(statement, (ast.If, ast.While)) and _never(statement.test):
+            yield from _reachable(statement.orelse)
+            continue
+        yield statement
+        inner = [value for _, value in ast.iter_fields(statement)]
+        for value in inner:
+            if isinstance(value, list) and value and isinstance(value[0], ast.stmt):
+                yield from _reachable(value)
+            else:
+                for each in value if isinstance(value, list) else [value]:
+                    if isinstance(each, ast.ExceptHandler):
+                        yield from _reachable(each.body)
+                    elif isinstance(each, ast.AST):
+                        yield from ast.walk(each)
+        if isinstance(statement, _ENDS):
+            return
+
+
+def _never(test: ast.expr) -> bool:
+    return isinstance(test, ast.Constant) and not test.value
+
+
+def _is_fixture(function: Function) -> bool:
+    return any("fixture" in ast.dump(decorator) for decorator in function.decorator_list)
+
+
+def _fixtures_assert(test: Function, module: Module, modules: Sequence[Module], asserting: Set[int]) -> bool:
+    names = {each.arg for each in test.args.args} & _callable_names(module, modules, asserting)
+    fixtures = [f for each in _seen_by(module, modules) for name in names for f in each.functions.get(name, ())]
+    return any(_is_fixture(each) and id(each) in asserting for each in fixtures)
+
+
+# --- assertions that are never come to --------------------------------------------------------------------------------
+
+
+def _only_in_loops(test: Function, module: Module, modules: Sequence[Module], asserting: Set[int]) -> bool:
+    """Tell whether every assertion of a test is in a loop over what may be empty; what hypothesis draws seldom is."""
+    if any("given" in ast.dump(decorator) for decorator in test.decorator_list):
+        return False
+    known = _callable_names(module, modules, asserting)
+    given = [*_assigned(test.body), *(each for seen in _seen_by(module, modules) for each in seen.constants.items())]
+    filled = {name for name, value in given if _cannot_be_empty(value, set())}
+    return not any(_certain(node, known, filled) for node in _outside(test.body, filled))
+
+
+def _outside(body: Sequence[ast.stmt], filled: Set[str]) -> Iterator[ast.AST]:
+    """Yield what is done for certain: all but the bodies of loops that may not be entered."""
+    for statement in body:
+        if isinstance(statement, (ast.For, ast.AsyncFor)) and not _cannot_be_empty(statement.iter, filled):
+            yield from ast.walk(statement.iter)
+            yield from _outside(statement.orelse, filled)
+            continue
+        yield statement
+        for _, value in ast.iter_fields(statement):
+            if isinstance(value, list) and value and isinstance(value[0], ast.stmt):
+                yield from _outside(value, filled)
+            else:
+                for each in value if isinstance(value, list) else [value]:
+                    if isinstance(each, ast.ExceptHandler):
+                        yield from _outside(each.body, filled)
+                    elif isinstance(each, ast.AST):
+                        yield from ast.walk(each)
+
+
+def _certain(node: ast.AST, known: Set[str], filled: Set[str]) -> bool:
+    if isinstance(node, ast.Assert):
+        return not _vacuous(node.test, filled)
+    return _asserts(node) or bool(_called(node) & known)
+
+
+def _vacuous(test: ast.expr, filled: Set[str]) -> bool:
+    """Tell whether it is `all(...)` over what may be empty."""
+    if not (isinstance(test, ast.Call) and isinstance(test.func, ast.Name) and test.func.id == "all" and test.args):
+        return False
+    over = test.args[0]
+    if isinstance(over, (ast.GeneratorExp, ast.ListComp)):
+        return any(each.ifs or not _cannot_be_empty(each.iter, filled) for each in over.generators)
+    return not _cannot_be_empty(over, filled)
+
+
+def _cannot_be_empty(node: ast.expr, filled: Set[str]) -> bool:
+    if isinstance(node, ast.Name):
+        return node.id in filled or bool(_CLASS.match(node.id))
+    if _filled(node):
+        return True
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        return node.func.attr in {"items", "keys", "values"} and _cannot_be_empty(node.func.value, filled)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        if node.func.id == "range":
+            return _counts(node.args)
+        if node.func.id in _SAME_LENGTH:
+            return bool(node.args) and _cannot_be_empty(node.args[0], filled)
+        return node.func.id in _ALL_OF and all(_cannot_be_empty(each, filled) for each in node.args)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Mult)):
+        return _cannot_be_empty(node.left, filled) or _cannot_be_empty(node.right, filled)
+    if isinstance(node, (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)):
+        return all(not each.ifs and _cannot_be_empty(each.iter, filled) for each in node.generators)
+    return False
+
+
+def _counts(arguments: Sequence[ast.expr]) -> bool:
+    """Tell whether a range of constants has something in it."""
+    numbers = [_number(each) for each in arguments]
+    if len(numbers) == 1:
+        return numbers[0] is None or numbers[0] > 0  # a name that is counted to is not taken for none
+    return None in numbers or bool(range(*[number for number in numbers if number is not None]))
+
+
+def _number(node: ast.expr) -> Optional[int]:
+    try:
+        value = ast.literal_eval(node)
+    except ValueError:
+        return None
+    return value if isinstance(value, int) else None
+
+
+def main() -> int:
+    """Print what cannot fail."""
+    paths = [path for path in TEST.rglob("*.py") if not {"found", "recorded"} & set(path.parts)]
+    found = hollow_tests(paths)
+    for path, line, why in found:
+        print(f"{path.relative_to(TEST.parent)}:{line}: {why}")
+    return int(bool(found))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,188 @@
+"""Tests that cannot fail are found, and those that can are not."""
+
+from __future__ import annotations
+
+from textwrap import dedent, indent
+
+import hollow_tests
+import pytest
+
+ALWAYS = "this is always true"
+NOTHING = "test_it asserts nothing"
+EMPTY = "test_it asserts nothing when what it goes through is empty"
+ANYTHING = "any exception will do, even of a name that is written wrongly: name it, or give a match"
+
+
+@pytest.fixture
+def found(tmp_path):
+    """Return what is found in a text, as (line, why)."""
+
+    def find(text, **others):
+        for name, other in {"test_one": text, **others}.items():
+            (tmp_path / f"{name}.py").write_text(dedent(other), encoding="utf-8")
+        return [(each.line, each.why) for each in hollow_tests.hollow_tests(tmp_path.glob("*.py"))]
+
+    return find
+
+
+def a_test(body):
+    return "def test_it(things, path):\n" + indent(dedent(body), "    ")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "assert things == 1 or True",
+        "assert True",
+        "assert 'a text'",
+        "assert (things == 1, 'a message')",
+        "assert [things]",
+        "assert not False",
+        "assert things == things",
+        "assert 1 and (things or 5)",
+        "assert lambda: things",
+    ],
+)
+def test_what_is_always_true_is_found(found, words):
+    assert (2, ALWAYS) in found(a_test(words))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "assert things",
+        "assert things or path",
+        "assert things == 1 and True",
+        "assert things() == things()",
+        "assert [*things]",
+        "assert not things",
+        "assert things < things + 1",
+    ],
+)
+def test_what_may_be_false_is_not(found, words):
+    assert found(a_test(words)) == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "things.go()",
+        "pass",
+        "return\nassert things",
+        "if False:\n    assert things",
+        "while 0:\n    assert things",
+        "things.check = 1\nraise ValueError('no')\nassert things",
+    ],
+)
+def test_a_test_that_asserts_nothing_is_found(found, body):
+    assert found(a_test(body)) == [(1, NOTHING)]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "if things:\n    assert path",
+        "with path:\n    assert things",
+        "try:\n    things()\nexcept ValueError:\n    assert path",
+        "with pytest.raises(ValueError):\n    things()",
+        "pytest.fail('no')",
+        "raise AssertionError(things)",
+        "checked(things)",
+        "path.map(checked, things)",
+        "Checker().check(things)",
+        "with closed(things):\n    pass",
+    ],
+)
+def test_an_assertion_that_is_come_to_somehow_is_one(found, body):
+    helpers = """
+        def checked(things):
+            assert things
+
+        class Checker:
+            def check(self, things):
+                checked(things)
+
+        class closed:
+            def __exit__(self, *_):
+                assert self
+        """
+    assert found("from helpers import checked, Checker, closed\n" + a_test(body), helpers=helpers) == []
+
+
+def test_a_helper_of_another_file_that_is_not_imported_is_none(found):
+    assert found(a_test("checked(things)"), helpers="def checked(things):\n    assert things\n") == [(1, NOTHING)]
+
+
+def test_a_fixture_that_asserts_at_its_end_is_one(found):
+    fixture = """
+        import pytest
+
+        @pytest.fixture
+        def things():
+            yield 1
+            assert now()
+        """
+    assert found(a_test("things.go()"), conftest=fixture) == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "for thing in things:\n    assert thing",
+        "for thing in things.all():\n    for other in (1, 2):\n        assert thing",
+        "for number in range(0):\n    assert number",
+        "assert all(thing.good for thing in things)",
+        "assert all(things)",
+        "for thing in [each for each in (1, 2) if each in things]:\n    assert thing",
+    ],
+)
+def test_a_loop_that_may_not_be_entered_is_found(found, body):
+    assert found(a_test(body)) == [(1, EMPTY)]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "assert things\nfor thing in things:\n    assert thing",
+        "for thing in (1, 2):\n    assert thing in things",
+        "for thing in ALL:\n    assert thing in things",
+        "for thing in Kind:\n    assert thing in things",
+        "for name, value in TABLE.items():\n    assert name in things",
+        "for number, thing in enumerate(sorted(ALL)):\n    assert thing in things",
+        "for number in range(3):\n    assert number in things",
+        "for one, other in zip(ALL, TABLE):\n    assert one in things",
+        "some = [1, *things]\nfor thing in some:\n    assert thing",
+        "assert all(thing in things for thing in ALL)",
+        "while things:\n    pass\nassert path",
+    ],
+)
+def test_a_loop_that_is_entered_is_not(found, body):
+    assert found("ALL = (1, 2)\nTABLE: dict = {1: 2}\n" + a_test(body)) == []
+
+
+def test_what_hypothesis_draws_is_not_always_empty(found):
+    body = "@given(things=lists())\n" + a_test("for thing in things:\n    assert thing")
+    assert found(body) == []
+
+
+@pytest.mark.parametrize("kind", ["Exception", "BaseException"])
+def test_any_exception_at_all_is_found(found, kind):
+    assert found(a_test(f"with pytest.raises({kind}):\n    things()")) == [(2, ANYTHING)]
+    assert found(a_test(f"with pytest.raises({kind}, match='no'):\n    things()")) == []
+
+
+def test_a_line_that_says_why_is_let_pass(found):
+    assert found(a_test("things.go()").replace(":\n", ":  # hollow: it ends by itself\n", 1)) == []
+    assert found(a_test("assert things or True  # hollow: an example\nassert path")) == []
+    assert found(a_test("assert things or True  # hollow:\nassert path")) == [(2, ALWAYS)]
+
+
+def test_it_is_said_with_file_and_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(hollow_tests, "TEST", tmp_path)
+    (tmp_path / "test_two.py").write_text("\n\ndef test_it():\n    assert True\n", encoding="utf-8")
+    assert hollow_tests.main() == 1
+    shown = capsys.readouterr().out
+    assert shown == f"{tmp_path.name}/test_two.py:4: {ALWAYS}\n{tmp_path.name}/test_two.py:3: {NOTHING}\n"
+    (tmp_path / "test_two.py").write_text("def test_it(a):\n    assert a\n", encoding="utf-8")
+    assert hollow_tests.main() == 0
+    assert capsys.readouterr().out == ""
