@@ -140,6 +140,64 @@ def test_land_that_is_never_shown_is_given_up_with_what_the_vehicle_answered():
     )
 
 
+def test_a_landing_stands_until_the_vehicle_is_disarmed_also_after_its_reply():
+    bench = ClientBench().fly()
+    assert bench.client.commanding == ""
+    bench.cut = True
+    bench.ask(bench.client.land)
+    bench.advance(12.0)
+    assert (bench.client.landing.progress, bench.client.commanding) == (Progress.GIVEN_UP, "AUTO.LAND")
+    bench.cut = False
+    bench.until(lambda: bench.far.craft.mode == "AUTO.LAND", 1.0)
+    bench.until(lambda: bench.vehicle.beat.armed is False)
+    assert bench.client.commanding == ""
+    bench.sent.clear()
+    bench.advance(5.0)
+    assert bench.commands(SET_MODE) == []
+
+
+def test_a_landing_that_a_pilot_has_taken_does_not_come_back_when_he_lets_go():
+    bench = ClientBench().fly(20.0)
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.client.land_reply().final, 5.0)
+    bench.far.mode(POSCTL)
+    bench.until(lambda: bench.vehicle.control.pilot, 1.1)
+    assert bench.client.commanding == ""
+    bench.sent.clear()
+    bench.far.mode((4, 3))
+    bench.advance(5.0)
+    assert bench.commands(SET_MODE) == []
+
+
+def test_nothing_disarms_on_a_landed_state_that_is_old():
+    bench = ClientBench().fly()
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND")
+    take = bench.vehicle.receive
+    bench.vehicle.receive = lambda t_ns, m: None if m.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, m)
+    bench.advance(1.0)
+    assert bench.vehicle.landed(bench.t_ns).name == "ON_GROUND"  # old, and not yet unknown
+    answer = bench.ask(bench.client.disarm)
+    assert (answer.accepted, answer.message.endswith("s ago, is too old to disarm")) == (False, True), answer
+    assert bench.commands(DISARM) == []
+
+
+def test_a_disarming_does_not_go_on_after_a_silence():
+    bench = ClientBench().fly()
+    bench.ask(bench.client.land)
+    bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND")
+    bench.cut = True
+    bench.ask(bench.client.disarm)
+    assert bench.client.commanding == "AUTO.LAND"
+    bench.advance(3.0)
+    sent = len(bench.commands(DISARM))
+    assert sent >= 1
+    bench.far.craft.flags.ignores = ()
+    bench.cut = False
+    bench.advance(0.5)
+    assert len(bench.commands(DISARM)) == sent
+
+
 def test_the_pilot_is_not_fought():
     bench = ClientBench().fly()
     bench.far.mode(POSCTL)

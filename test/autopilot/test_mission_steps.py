@@ -18,6 +18,7 @@ from amaze_autonomy.missions import Controller, PlannerSpec
 S, MS = 1_000_000_000, 1_000_000
 A = MissionAction
 PX4_MODES = {"AUTO.LOITER": (4, 3), "AUTO.MISSION": (4, 4), "AUTO.LAND": (4, 6), "OFFBOARD": (6, 0), "POSCTL": (3, 0)}
+PX4_MODES["AUTO.RTL"] = (4, 5)
 COPTER = {"AUTO.MISSION": 3, "OFFBOARD": 4, "AUTO.LAND": 9, "AUTO.LOITER": 17}
 SET_MODE, ARM, START = 176, 400, 300
 
@@ -27,7 +28,7 @@ class Story:
 
     def __init__(self, action, controller=Controller.MISSION, *, copter=False, mode="", **means):
         self.watch, self.t_ns, self.copter = VehicleWatch(), 0, copter
-        self.means = Means(self.watch, S, **means)
+        self.means = Means(self.watch, S, **{"verified": True, **means})
         self.beat(mode or ("AUTO.LOITER" if not copter else "OFFBOARD"))
         persistent = action in (A.LAND, A.ABORT)
         steps = steps_of(controller, action, self.watch.dialect)
@@ -118,14 +119,77 @@ def test_a_landing_is_never_given_up():
     assert (story.after(100), story.procedure.progress, story.procedure.reason) == ([], Progress.DONE, "")
 
 
-def test_the_clock_stands_while_the_vehicle_is_silent_but_not_for_ever():
-    story = Story(A.HOLD)
-    for _ in range(90):
+@pytest.mark.parametrize("action", [A.TAKEOFF, A.HOLD, A.RESUME])
+def test_a_silence_of_the_vehicle_ends_what_is_under_way_and_it_is_not_taken_up_again(action):
+    story = Story(action)
+    for _ in range(30):
         story.after(100)
     assert story.procedure.running
-    for _ in range(60):
-        story.after(100)
-    assert story.procedure.progress is Progress.FAILED
+    assert story.after(100) == []
+    story.beat("AUTO.LOITER")
+    assert (story.after(600), story.procedure.progress) == ([], Progress.SILENT)
+    assert story.procedure.reason == f"{action.name.lower()} ended: the vehicle was silent for 3 s"
+
+
+def test_a_landing_goes_on_through_a_silence():
+    story = Story(A.LAND, mode="AUTO.MISSION")
+    sent = [story.after(500) for _ in range(40)]
+    assert sent == [[(SET_MODE, 1.0, 4.0, 6.0)]] * 40
+    story.beat("AUTO.LAND", armed=True)
+    assert (story.after(100), story.procedure.progress) == ([], Progress.DONE)
+
+
+def test_in_a_silence_a_pilot_who_was_flying_is_not_commanded_and_keeps_what_he_is_seen_to_have():
+    story = Story(A.LAND, mode="POSCTL")
+    story.beat("POSCTL", armed=True)
+    sent = []
+    for _ in range(50):
+        sent += story.after(100)
+    assert (sent, story.procedure.progress) == ([], Progress.TAKEN)
+    silent = Story(A.LAND, mode="POSCTL")
+    silent.beat("POSCTL", armed=True)
+    silent.t_ns += 4 * S
+    assert (silent.after(0), silent.procedure.running) == ([], True)
+    silent.beat("AUTO.LOITER", armed=True)
+    assert silent.after(100) == [(SET_MODE, 1.0, 4.0, 6.0)]
+
+
+@pytest.mark.parametrize("action", [A.HOLD, A.RESUME])
+def test_a_vehicle_that_somebody_lands_is_neither_held_nor_resumed(action):
+    story = Story(action, mode="AUTO.MISSION" if action is A.HOLD else "AUTO.LOITER")
+    story.after(0)
+    story.beat("AUTO.LAND", armed=True)
+    assert (story.after(600), story.procedure.progress) == ([], Progress.TAKEN)
+    assert story.procedure.reason == f"{action.name.lower()} ended: the vehicle lands (mode AUTO.LAND)"
+
+
+def test_a_takeoff_does_not_arm_before_the_mission_was_read_back():
+    story = Story(A.TAKEOFF, verified=False)
+    for _ in range(70):
+        story.beat("AUTO.LOITER")
+        assert story.after(100) == []
+    assert story.procedure.running  # reading back has a limit of its own
+    story.means.verified = True
+    assert story.after(100) == [(SET_MODE, 1.0, 4.0, 3.0)]
+
+
+def test_a_critical_battery_in_a_mode_of_ours_does_not_end_a_landing():
+    """ArduPilot at low battery with BATT_FS_LOW_ACT 0 is CRITICAL, and does nothing by itself."""
+    story = Story(A.LAND, mode="AUTO.MISSION")
+    story.means.commanded.add("AUTO.LOITER")
+    story.beat("AUTO.LOITER", armed=True, status=mavlink.MAV_STATE_CRITICAL)
+    assert story.after(0) == [(SET_MODE, 1.0, 4.0, 6.0)]
+    story.beat("AUTO.RTL", armed=True, status=mavlink.MAV_STATE_CRITICAL)
+    assert (story.after(600), story.procedure.progress) == ([], Progress.TAKEN)
+
+
+def test_nothing_disarms_without_a_fresh_ground():
+    story = Story(A.ABORT)
+    for _ in range(20):
+        story.beat("AUTO.LOITER", armed=True)
+        assert story.after(100) == []
+    story.means.grounded = True
+    assert story.after(100) == [(ARM, 0.0, 0.0, 0.0)]
 
 
 @pytest.mark.parametrize("mode, status", [("POSCTL", 4), ("POSCTL", 5), ("AUTO.LAND", 5)])
@@ -188,4 +252,4 @@ def test_a_pilot_who_returns_to_the_mode_that_it_stood_in_has_taken_it():
     assert story.after(100) == [(ARM, 1.0, 0.0, 0.0)]
     story.beat("POSCTL", armed=True)
     assert (story.after(100), story.procedure.progress) == ([], Progress.TAKEN)
-    assert story.procedure.reason == "the vehicle went to POSCTL by itself"
+    assert story.procedure.reason == "takeoff ended: the vehicle went to POSCTL by itself"

@@ -87,7 +87,7 @@ def test_a_change_that_is_refused_has_failed_at_its_limit_with_the_reason():
     recorded = Recorded("px4_offboard.tlog")
     said, procedure = enter_offboard(recorded, 11.2, 15.35)
     assert [progress for _, progress in said] == [Progress.RUNNING, Progress.FAILED]
-    assert procedure.reason == "change to OFFBOARD: not shown within 4 s (MAV_RESULT_TEMPORARILY_REJECTED)"
+    assert procedure.reason == "change to OFFBOARD: not shown within 4 s (TEMPORARILY_REJECTED)"
 
 
 def test_a_change_that_is_shown_by_the_heartbeat_is_done():
@@ -100,7 +100,7 @@ def test_a_failsafe_that_takes_over_in_the_middle_of_a_command_keeps_the_vehicle
     recorded = Recorded("px4_offboard.tlog")
     said, procedure = enter_offboard(recorded, 29.9, 33.0)
     assert said == [(29.9, Progress.RUNNING), (30.0, Progress.TAKEN)]
-    assert procedure.reason == "the vehicle went to POSCTL by itself"
+    assert procedure.reason == "resume ended: the vehicle went to POSCTL by itself"
     assert not recorded.watch.pilot
 
 

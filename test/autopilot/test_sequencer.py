@@ -145,9 +145,10 @@ def test_several_files_and_repetitions_with_touchdowns_between(mission):
             last = trajectory.waypoints[-1]
             assert near(flying, last.x_m, last.y_m), flying.craft.position_m
             assert flying.status.waypoint == len(trajectory.waypoints)
-    assert (
-        flying.phases == WHOLE[:1] + WHOLE[1:] + (WHOLE[:1] + WHOLE[1:] if mission == "both" else WHOLE[1:]) * 3 or True
-    )
+    sending = (
+        WHOLE[:1] if mission == "both" else []
+    )  # a mission takes a moment to be sent; set-points are not sent before
+    assert flying.phases == WHOLE + (sending + WHOLE[1:]) * 3
 
 
 def test_the_second_mission_does_not_finish_on_the_ground():
@@ -230,7 +231,7 @@ def test_a_vehicle_that_does_not_arm_is_left_as_it_is_with_the_reason(mission):
     flying.until_phase(P.LANDED, limit_ns=12 * S)
     assert flying.status.waypoint == 0
     assert flying.status.message.startswith("arm: not shown within 4 s (")
-    assert "MAV_RESULT_TEMPORARILY_REJECTED" in flying.status.message
+    assert "TEMPORARILY_REJECTED" in flying.status.message
     assert flying.craft.armed is False
 
 
@@ -308,7 +309,8 @@ def test_nothing_is_loaded_into_a_vehicle_that_flies_or_is_silent():
     flying.run(4 * S)
     assert refused(flying, "s1", "line", 0, 0) == "the vehicle is silent"
     assert flying.status.message == "the vehicle is silent"
-    assert flying.command(A.LAND) == "the vehicle is silent"
+    assert flying.command(A.HOLD) == "the vehicle is silent"
+    assert flying.command(A.LAND) == ""
 
 
 def test_a_position_that_the_estimator_disowns_is_none():

@@ -6,8 +6,9 @@ from random import Random
 
 import pytest
 from flying import ARDUPILOT, MS, PX4, Flying, S
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from mission_channel import good
 
 from amaze_autonomy.autopilot.dialect import mavlink
 from amaze_autonomy.autopilot.loading import LoadRequest
@@ -17,7 +18,12 @@ from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 
 P, A = MissionPhase, MissionAction
 SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-STREAM_GAP_NS = 200 * MS
+STREAM_GAP_NS, FRESH_NS, SILENT_NS = 200 * MS, 700 * MS, 3 * S
+
+
+MOTION = (SET_MODE, ARM, mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF)
+LANDINGS = {"AUTO.LAND", "disarm"}
+UPLOADS = ("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_SET_CURRENT")
 
 
 class Watched(Flying):
@@ -25,6 +31,8 @@ class Watched(Flying):
 
     def __init__(self, **how) -> None:
         self.setpoint_ns = 0
+        self.landing = False  # a landing was taken, and nothing was loaded since
+        self.unasked = False  # the vehicle was not heard for longer than the limit, and nothing was asked since
         self.armings = 0
         super().__init__(**how)
         send = self.channel.ours
@@ -42,17 +50,45 @@ class Watched(Flying):
         if kind == "SET_POSITION_TARGET_LOCAL_NED":
             self.setpoint_ns = self.t_ns
             assert (message.target_system, message.target_component) == (1, 1)
-        if kind != "COMMAND_LONG" or message.command not in (SET_MODE, ARM):
+        assert not self.landing or kind not in UPLOADS, f"{kind} after a landing was taken"
+        if kind != "COMMAND_LONG" or message.command not in MOTION:
             return
         assert not (watch.armed and watch.pilot), "a vehicle that a pilot flies is commanded"
+        meant = self.meant(message)
+        assert not self.landing or meant in LANDINGS, f"{meant} after a landing was taken"
+        assert not self.unasked or meant in LANDINGS, f"{meant} after a silence, and nobody asked for it"
+        fresh = watch.landed_ns is not None and self.t_ns - watch.landed_ns <= FRESH_NS
+        grounded = fresh and watch.landed is VehicleLanded.ON_GROUND
+        assert meant != "disarm" or grounded, "disarmed on a landed state that is old or another one"
         if message.command == ARM:
             self.armings += message.param1 == 1.0
             assert message.param2 == 0.0, "arming or disarming by force"
             down = watch.landed not in (VehicleLanded.IN_AIR, VehicleLanded.LANDING, VehicleLanded.TAKING_OFF)
             assert message.param1 == 1.0 or down, "disarmed in flight"
 
+    def meant(self, message) -> str:
+        """Return what a command means."""
+        if message.command == SET_MODE:
+            land = self.planner.watch.numbers("AUTO.LAND")
+            return "AUTO.LAND" if (message.param2, message.param3) == land else "another mode"
+        return ("disarm", "arm")[message.param1 == 1.0] if message.command == ARM else "start"
+
+    def command(self, action, session="s1") -> str:
+        self.note()
+        before, self.unasked, landing = self.unasked, False, self.landing
+        self.landing = landing or action in (A.LAND, A.ABORT)  # what is sent at once is looked at as well
+        problem = super().command(action, session)
+        if problem:
+            self.unasked, self.landing = before, landing
+        return problem
+
+    def note(self) -> None:
+        if not self.planner.watch.known(self.t_ns, SILENT_NS):
+            self.unasked = not self.landing
+
     def _see(self) -> None:
         super()._see()
+        self.note()
         watch, status = self.planner.watch, self.status
         if status.phase is P.HOLDING and watch.armed:
             assert watch.mode in ("AUTO.LOITER", "OFFBOARD") or "by itself" in status.message or watch.pilot
@@ -70,17 +106,25 @@ EVENTS = st.one_of(
     st.tuples(st.just("load"), st.sampled_from(["line", "inside", "both"])),
     st.tuples(st.just("pilot"), st.sampled_from(["POSCTL", "MANUAL"])),
     st.tuples(st.just("failsafe"), st.sampled_from(["AUTO.RTL", "AUTO.LAND", "AUTO.LOITER"])),
+    st.tuples(st.just("mode"), st.sampled_from(["AUTO.LAND", "AUTO.LOITER"])),
     st.tuples(st.just("ignores"), st.sampled_from(["AUTO.LAND", "AUTO.LOITER", "AUTO.MISSION", "OFFBOARD"])),
     st.tuples(st.just("obeys"), st.none()),
     st.tuples(st.just("refuses to arm"), st.booleans()),
     st.tuples(st.just("cut"), st.sampled_from([500, 2000, 5000])),
+    st.tuples(st.just("loses"), st.sampled_from([0, 20, 60])),
+    st.tuples(st.just("slow"), st.sampled_from([5, 300, 900])),
+    st.tuples(st.just("other"), st.sampled_from(["AUTO.LAND", "DISARM", ""])),
+    st.tuples(st.just("deaf to the ground"), st.booleans()),
     st.tuples(st.just("shutdown"), st.none()),
 )
 PLANS = st.lists(st.tuples(st.sampled_from([0, 50, 300, 1000, 4000]), EVENTS), max_size=12)
 
 
 def load(flying, mission) -> None:
-    _, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", mission, 0, 0))
+    loading, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", mission, 0, 0))
+    if not loading.refused:  # the next flight is asked for
+        assert not flying.craft.armed or not flying.landing, "loaded into a vehicle that is being landed"
+        flying.landing = flying.unasked = False
     flying.channel.ours(messages)
 
 
@@ -96,11 +140,37 @@ def cut(flying, for_ms) -> None:
 
 
 def shut_down(flying, _) -> None:
-    _, messages = flying.planner.shutdown(flying.t_ns)
+    lands, messages = flying.planner.shutdown(flying.t_ns)
+    flying.landing = flying.landing or lands
     flying.channel.ours(messages)
 
 
+def lose(flying, percent) -> None:
+    random = Random(percent)
+    flying.channel.fate = lambda: () if random.random() * 100 < percent else (random.randrange(1, 50) * MS,)
+
+
+def other(flying, what) -> None:
+    messages = flying.planner.other_commands(flying.t_ns, what)
+    flying.landing = flying.landing or bool(messages)
+    flying.channel.ours(messages)
+
+
+def deaf(flying, so) -> None:
+    """Have the planner hear the landed state of the vehicle no more."""
+    watch = flying.planner.watch
+    watch.__dict__.pop("take", None)
+    take = watch.take
+    if so:
+        watch.take = lambda t_ns, message: None if message.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, message)
+
+
 HAPPENS = {
+    "loses": lose,
+    "slow": lambda flying, ms: setattr(flying.channel, "fate", lambda: (ms * MS,)),
+    "other": other,
+    "deaf to the ground": deaf,
+    "mode": lambda flying, mode: flying.craft.command_mode(mode),
     "command": Flying.command,
     "load": load,
     "pilot": lambda flying, mode: flying.craft.pilot_takes_over(mode, 5 * S),
@@ -116,6 +186,8 @@ HAPPENS = {
 def calm_down(flying) -> None:
     """End as the engine does: nothing is broken any more, and LAND is asked for until it is on the ground."""
     flying.craft.flags.ignores, flying.craft.flags.not_ready = (), {}
+    flying.channel.fate = good
+    deaf(flying, so=False)
     for _ in range(60):
         if not flying.craft.armed and flying.phase not in (P.TAKING_OFF, P.FLYING, P.HOLDING, P.LANDING):
             return
@@ -124,6 +196,11 @@ def calm_down(flying) -> None:
     raise AssertionError(f"still up: {flying.status}, {flying.craft.mode}, armed {flying.craft.armed}")
 
 
+@example("line", PX4, [(4000, ("ignores", "AUTO.LAND")), (300, ("command", A.LAND)), (0, ("command", A.HOLD))])
+@example("line", ARDUPILOT, [(4000, ("ignores", "AUTO.LOITER")), (0, ("command", A.HOLD)), (50, ("cut", 5000))])
+@example("inside", PX4, [(50, ("refuses to arm", True)), (1000, ("cut", 5000)), (300, ("command", A.LAND))])
+@example("line", PX4, [(0, ("command", A.ABORT)), (4000, ("load", "line")), (50, ("command", A.LAND))])
+@example("line", PX4, [(50, ("deaf to the ground", True)), (1000, ("command", A.ABORT))])
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(["line", "inside"]), st.sampled_from([PX4, ARDUPILOT]), PLANS)
 def test_no_order_of_events_leads_to_what_must_not_be(mission, autopilot, events):

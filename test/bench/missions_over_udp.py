@@ -67,19 +67,32 @@ class Row:
 
     def one(self, session: str, owner, relay) -> str:
         """Fly one; return what was wrong."""
-        before = len(owner.craft.happened)
+        self.before = len(owner.craft.happened)
         after_ns, lasts_ns = self.random.randrange(CUT_WITHIN_MS) * MS, self.random.randrange(500, 4000) * MS
         relay.cut(after_ns, lasts_ns)
         whole_s = time.monotonic() + (after_ns + lasts_ns) / 1e9
-        problem = self.load(session)
-        problem = problem or self.until(lambda: not self.order(session), "a takeoff that is taken")
+        problem = self.take_off(session, owner)
         problem = problem or self.until(lambda: self.phase is P.LANDED, "landed")
         problem = problem or self.until(lambda: not owner.craft.armed, "disarmed")
         problem = problem or self.until(lambda: time.monotonic() > whole_s, "past its cut")  # one in each
-        happened = Counter(owner.craft.happened[before:])
+        happened = Counter(owner.craft.happened[self.before :])
         said = {name: happened[name] for name in ONCE}
         status = self.planner.status(time.monotonic_ns())
         return problem or ("" if said == ONCE and status.waypoint == len(LINE.waypoints) else f"{said}, {status}")
+
+    def take_off(self, session: str, owner) -> str:
+        """Load and take off; what a silence has ended is landed, as the engine does, and begun again."""
+        taken = (P.FLYING, P.LANDING, P.LANDED, P.FAILED)
+        for _ in range(3):
+            problem = self.load(session)
+            problem = problem or self.until(lambda: not self.order(session), "a takeoff that is taken")
+            problem = problem or self.until(lambda: self.phase in taken, "taking off")
+            if problem or self.phase is not P.FAILED:
+                break
+            self.order(session, MissionAction.LAND)
+            problem = self.until(lambda: self.phase is P.LANDED and not owner.craft.armed, "landed after a silence")
+            self.before = len(owner.craft.happened)
+        return problem
 
     def load(self, session: str) -> str:
         """Load until it is loaded; return what was wrong."""
@@ -92,8 +105,8 @@ class Row:
             time.sleep(0.3)
         return f"not loaded: {loading.reason}"
 
-    def order(self, session: str) -> str:
-        return self.link.ask(lambda t_ns: self.planner.command(t_ns, session, MissionAction.TAKEOFF))
+    def order(self, session: str, action: MissionAction = MissionAction.TAKEOFF) -> str:
+        return self.link.ask(lambda t_ns: self.planner.command(t_ns, session, action))
 
     @property
     def phase(self) -> MissionPhase:

@@ -21,6 +21,7 @@ from flying import ARDUPILOT, MS, PX4, Flying, S
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 
+OVER = (MissionPhase.LANDED, MissionPhase.FAILED)
 LOSS, JITTER_MS, LONGEST_MS = 0.05, 50, 60_000
 
 
@@ -49,15 +50,21 @@ class Row:
 
     def fly(self, number: int) -> str:
         """Fly one mission; return what was wrong."""
-        flying, session, armings = self.flying, f"s{number}", self.armings
+        flying, session = self.flying, f"s{number}"
         start_ns = flying.t_ns + self.random.randrange(20_000) * MS
         self.cut_ns = (start_ns, start_ns + self.random.randrange(500, 4000) * MS)
-        loading = flying.load("line", session=session)
-        if not loading.accepted:
-            return f"not loaded: {loading.reason}"
-        while flying.command(MissionAction.TAKEOFF, session):  # the vehicle may be silent just now
-            flying.run(200 * MS)
-        flying.until(lambda: flying.phase is MissionPhase.LANDED, LONGEST_MS * MS, must=False)
+        for _ in range(3):
+            armings = self.armings
+            loading = flying.load("line", session=session)
+            if not loading.accepted:
+                return f"not loaded: {loading.reason}"
+            while flying.command(MissionAction.TAKEOFF, session):  # the vehicle may be silent just now
+                flying.run(200 * MS)
+            flying.until(lambda: flying.phase in OVER, LONGEST_MS * MS, must=False)
+            if flying.phase is not MissionPhase.FAILED:
+                break
+            flying.command(MissionAction.LAND, session)  # a silence has ended the takeoff: landed, as the engine does
+            flying.until(lambda: flying.phase is MissionPhase.LANDED, LONGEST_MS * MS, must=False)
         status = flying.status
         wrong = "" if status.phase is MissionPhase.LANDED else f"stuck: {status}"
         wrong = wrong or ("" if status.waypoint == 3 else f"not complete: {status}")

@@ -15,6 +15,7 @@ from amaze_autonomy.monitoring.specs import BatterySpec
 
 from .commands import CommandLimits, Confirmed, Progress, command_long, set_mode
 from .dialect import Message, mavlink
+from .mission_vehicle import GROUND_NS
 from .modes import LAND, mode_number
 from .parameters import Parameters
 from .preflight import Preflight, battery_state_row, preflight_rows
@@ -73,8 +74,9 @@ class AutopilotClient:
         self.vehicle = VehicleState(settings, battery.cells)
         self._rates, self._parameters = Rates(settings.rates_hz), Parameters(settings.parameters)
         limits = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
-        self.landing = Confirmed(self._land_message, self._landing_seen, limits)
+        self.landing = Confirmed(self._land_message, self._landing_seen, limits, stands=True)
         self.disarming = Confirmed(self._disarm_message, self._disarm_seen, limits)
+        self._lands = False
         self._t_ns = self._prearm_due_ns = self._beat_due_ns = self._restarts = 0
         self.on_text: Callable[[int, str], None] = lambda _severity, _text: None
 
@@ -91,8 +93,10 @@ class AutopilotClient:
             settings = self.settings
             self._parameters.expect(settings.parameters if self._is_px4() else settings.ardupilot_parameters)
             self._began_again(age_ns is None or age_ns > _BREAK_NS)
+            self._look_at_the_landing()
             return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
         if name == "CURRENT_MODE":
+            self._look_at_the_landing()
             return [*self.landing.wake(t_ns), *self._ask_beat(t_ns)]
         if name == "COMMAND_ACK":
             self._acknowledged(message)
@@ -108,7 +112,8 @@ class AutopilotClient:
         self.vehicle.texts.wake(t_ns)
         self._tell_texts()
         if not self.vehicle.connected(t_ns):
-            return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
+            self.disarming.stop()  # nobody knows any more whether it is on the ground
+            return self.landing.wake(t_ns)
         asked = self.vehicle.offset.wake(t_ns)
         return [
             *self.landing.wake(t_ns),
@@ -129,14 +134,32 @@ class AutopilotClient:
             return refusal, []
         self.vehicle.control.command(LAND)
         messages = self.landing.ask(t_ns)
+        self._lands = True
         if not self.vehicle.connected(t_ns):
             return Reply(
                 accepted=False, message="the vehicle is not heard; commanded all the same", final=True
             ), messages
         return self.land_reply(), messages
 
+    @property
+    def commanding(self) -> str:
+        """What stands: a landing until the vehicle is disarmed or a pilot takes it, a disarming while it is sent."""
+        return LAND if self._lands else "DISARM" if self.disarming.sending else ""
+
+    def _look_at_the_landing(self) -> None:
+        """End a landing that stands, at a heartbeat: the vehicle is disarmed, or somebody else's."""
+        beat = self.vehicle.beat
+        pilot = self.vehicle.control.pilot
+        if pilot:
+            self.landing.stop()
+        if pilot or (beat is not None and not beat.armed):
+            self._lands = False
+
     def land_reply(self) -> Reply:
         """Return how far the landing is."""
+        beat = self.vehicle.beat
+        if beat is not None and self.vehicle.control.pilot:
+            return Reply(accepted=False, message=f"the pilot has control, in {beat.mode}", final=True)
         return _reply(self.landing, "the vehicle is in its landing mode", "landing")
 
     def disarm(self, t_ns: int) -> Tuple[Reply, List[Message]]:
@@ -150,6 +173,10 @@ class AutopilotClient:
         landed = self.vehicle.landed(t_ns)
         if landed is not VehicleLanded.ON_GROUND:
             return Reply(accepted=False, message=f"not on the ground: the vehicle says {landed.name}", final=True), []
+        age_ns = self.vehicle.landed_age_ns(t_ns)
+        if age_ns > GROUND_NS:
+            said = f"ON_GROUND, as the vehicle said {age_ns / _S:.1f} s ago, is too old to disarm"
+            return Reply(accepted=False, message=said, final=True), []
         messages = self.disarming.ask(t_ns)
         return self.disarm_reply(), messages
 
@@ -222,7 +249,8 @@ class AutopilotClient:
         return beat.mode in _LANDING or not beat.armed
 
     def _disarm_message(self) -> Optional[Message]:
-        if self.vehicle.landed(self._t_ns) is not VehicleLanded.ON_GROUND:
+        fresh = self.vehicle.landed_age_ns(self._t_ns) <= GROUND_NS
+        if not fresh or self.vehicle.landed(self._t_ns) is not VehicleLanded.ON_GROUND:
             return None
         return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 

@@ -58,19 +58,27 @@ class Confirmed:
         make: returns the message to send.
         done: whether the vehicle shows it.
         limits: see there.
+        stands: it is sent on after its limit, until it is done or stopped.
     """
 
-    def __init__(self, make: Callable[[], Optional[Message]], done: Callable[[], bool], limits: CommandLimits) -> None:
-        self._make, self._done, self._limits = make, done, limits
+    def __init__(
+        self,
+        make: Callable[[], Optional[Message]],
+        done: Callable[[], bool],
+        limits: CommandLimits,
+        *,
+        stands: bool = False,
+    ) -> None:
+        self._make, self._done, self._limits, self._stands = make, done, limits, stands
         self.progress = Progress.IDLE
         self.answer = ""
         self._began_ns = self._due_ns = 0
 
     def ask(self, t_ns: int) -> List[Message]:
         """Begin, or go on when it is under way; return what to send now."""
-        if self.progress is not Progress.SENT:
-            self.progress, self.answer = Progress.SENT, ""
-            self._due_ns = t_ns
+        if not self.sending:
+            self._due_ns, self.answer = t_ns, ""
+        self.progress = Progress.SENT
         self._began_ns = t_ns
         return self.wake(t_ns)
 
@@ -78,19 +86,26 @@ class Confirmed:
         """Send no more."""
         self.progress = Progress.IDLE
 
+    @property
+    def sending(self) -> bool:
+        """True while it is sent."""
+        return self.progress is Progress.SENT or (self._stands and self.progress is Progress.GIVEN_UP)
+
     def wake(self, t_ns: int) -> List[Message]:
         """Look whether it is done; return what is due."""
-        if self.progress is not Progress.SENT:
+        if not self.sending:
             return []
         if self._done():
             self.progress = Progress.CONFIRMED
         elif t_ns - self._began_ns > self._limits.limit_ns:
             self.progress = Progress.GIVEN_UP
-        elif t_ns >= self._due_ns:
-            self._due_ns = t_ns + self._limits.repeat_ns
-            message = self._make()
-            return [] if message is None else [message]
-        return []
+        if not self.sending or t_ns < self._due_ns:
+            return []
+        message = self._make()
+        if message is None:
+            return []
+        self._due_ns = t_ns + self._limits.repeat_ns
+        return [message]
 
     def acknowledged(self, result: int) -> None:
         """Keep the words of an acknowledgement; a refusal is kept over an acceptance."""

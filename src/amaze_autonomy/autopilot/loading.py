@@ -48,12 +48,13 @@ class Origin:
 
 
 class Readiness(NamedTuple):
-    """The vehicle, and what it must be like; wall time minus the clock of the messages."""
+    """The vehicle, and what it must be like; wall time minus the clock of the messages; why it is being landed."""
 
     watch: VehicleWatch
     spec: PlannerSpec
     in_flight: bool
     wall_ns: int = 0
+    landing: str = ""
 
 
 class Loading:
@@ -112,10 +113,14 @@ class Loading:
         plan = self._plan
         return plan.flight(self.request.file_index, self.request.repetition).duration_s if known and plan else math.nan
 
-    def supersede(self) -> None:
-        """Give it up for a newer request."""
+    def end(self, reason: str) -> None:
+        """Give it up."""
         if not self.over:
-            self._reason = "another file was loaded meanwhile"
+            self._reason = reason
+
+    def verification(self, t_ns: int) -> Optional[MissionUpload]:
+        """Return what reads the mission on the vehicle again, and compares it; None: there is none on it."""
+        return None if self._upload is None else self._upload.verification(t_ns, self._readiness.spec.transfer_limit_ns)
 
     def start(self, t_ns: int) -> List[Message]:
         """Return the first messages."""
@@ -177,6 +182,8 @@ class Loading:
             return "the vehicle is silent"
         if watch.armed is not False or self._readiness.in_flight:
             return "the vehicle is armed"
+        if self._readiness.landing:
+            return f"{self._readiness.landing}: the vehicle is being disarmed"
         return "" if watch.on_ground(t_ns, limit_ns) else "the vehicle does not say that it is on the ground"
 
     def _problem_of_place(self, t_ns: int) -> str:

@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Callable, Mapping, NamedTuple, Optional, Tuple
+from dataclasses import dataclass, field
+from typing import Callable, Mapping, NamedTuple, Optional, Set, Tuple
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.missions import Controller
@@ -33,6 +33,9 @@ class Means:
         stream_ns: since when set-points are sent; None: they are not.
         still: the vehicle stands still by set-points.
         lifted: the vehicle has been in the air, its takeoff over.
+        verified: the mission on the vehicle was read again, and is the one that was sent.
+        grounded: the vehicle says, within the last moment, that it is on the ground.
+        commanded: the modes that were commanded in this flight.
     """
 
     watch: VehicleWatch
@@ -42,6 +45,9 @@ class Means:
     stream_ns: Optional[int] = None
     still: bool = False
     lifted: bool = False
+    verified: bool = False
+    grounded: bool = False
+    commanded: Set[str] = field(default_factory=set)
 
     @property
     def streams(self) -> bool:
@@ -60,6 +66,7 @@ class Step(NamedTuple):
         mode: that it leads to; empty: none.
         always: sent even when the vehicle shows it already, because another command may be under way.
         only: the autopilots that need it; None: all.
+        limited: given up after the limit of a command; False: it has a limit of its own.
     """
 
     name: str
@@ -69,6 +76,7 @@ class Step(NamedTuple):
     mode: str = ""
     always: bool = True
     only: Optional[Dialect] = None
+    limited: bool = True
 
 
 # --- steps ------------------------------------------------------------------------------------------------------------
@@ -79,10 +87,17 @@ def _long(watch: VehicleWatch, command: int, *values: float) -> Message:
     return mavlink.MAVLink_command_long_message(*watch.target, command, 0, *padded)
 
 
+def _mode_message(means: Means, mode: str) -> Optional[Message]:
+    numbers = means.watch.numbers(mode)
+    if numbers is None:
+        return None
+    means.commanded.add(mode)
+    return _long(means.watch, _SET_MODE, 1.0, *map(float, numbers))
+
+
 def _enter(mode: str) -> Step:
     def message(means: Means) -> Optional[Message]:
-        numbers = means.watch.numbers(mode)
-        return _long(means.watch, _SET_MODE, 1.0, *map(float, numbers)) if numbers else None
+        return _mode_message(means, mode)
 
     return Step(f"change to {mode}", lambda means, _: means.watch.mode == mode, message, _SET_MODE, mode)
 
@@ -92,18 +107,14 @@ def _prepare(means: Means) -> str:
     return HOLD if means.watch.dialect is Dialect.PX4 else OFFBOARD
 
 
-def _prepare_message(means: Means) -> Optional[Message]:
-    numbers = means.watch.numbers(_prepare(means))
-    return _long(means.watch, _SET_MODE, 1.0, *map(float, numbers)) if numbers else None
-
-
-def _arming(*, armed: bool) -> Step:
-    return Step(
-        "arm" if armed else "disarm",
-        lambda means, _: means.watch.armed is armed,
-        lambda means: _long(means.watch, _ARM, float(armed)),
-        _ARM,
-    )
+_ARMING = Step("arm", lambda means, _: means.watch.armed is True, lambda means: _long(means.watch, _ARM, 1.0), _ARM)
+#: never on a landed state that is old: the vehicle may have lifted off since
+_DISARMING = Step(
+    "disarm",
+    lambda means, _: means.watch.armed is False,
+    lambda means: _long(means.watch, _ARM, 0.0) if means.grounded else None,
+    _ARM,
+)
 
 
 def _began(means: Means, command: int) -> bool:
@@ -119,8 +130,18 @@ def _lift_message(means: Means) -> Message:
     return _long(means.watch, _TAKE_OFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, means.takeoff_height_m)
 
 
+_VERIFY = Step(
+    "mission read back before the takeoff",
+    lambda means, _: means.verified,
+    lambda _: None,
+    always=False,
+    limited=False,
+)
 _PREPARE = Step(
-    "change to a mode to arm in", lambda means, _: means.watch.mode == _prepare(means), _prepare_message, _SET_MODE
+    "change to a mode to arm in",
+    lambda means, _: means.watch.mode == _prepare(means),
+    lambda means: _mode_message(means, _prepare(means)),
+    _SET_MODE,
 )
 #: ArduPilot in AUTO stays on the ground until it is told to begin, and in GUIDED until it is told to take off
 _BEGIN = Step(
@@ -168,16 +189,16 @@ _STILL = Step("stop", lambda means, _: means.still or not means.streams, lambda 
 
 _Key = Tuple[Controller, MissionAction]
 _STEPS: Mapping[_Key, Tuple[Step, ...]] = {
-    (Controller.MISSION, MissionAction.TAKEOFF): (_PREPARE, _arming(armed=True), _enter(MISSION), _BEGIN),
+    (Controller.MISSION, MissionAction.TAKEOFF): (_VERIFY, _PREPARE, _ARMING, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.HOLD): (_enter(HOLD),),
     (Controller.MISSION, MissionAction.RESUME): (_ITEM, _TURN, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.LAND): (_enter(LAND),),
-    (Controller.MISSION, MissionAction.ABORT): (_arming(armed=False),),  # on the ground; airborne it is LAND
-    (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _arming(armed=True), _LIFT),
+    (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
+    (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _LIFT),
     (Controller.OFFBOARD, MissionAction.HOLD): (_STREAM, _enter(OFFBOARD), _STILL),
     (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD)),
     (Controller.OFFBOARD, MissionAction.LAND): (_enter(LAND),),
-    (Controller.OFFBOARD, MissionAction.ABORT): (_arming(armed=False),),
+    (Controller.OFFBOARD, MissionAction.ABORT): (_DISARMING,),
 }
 
 

@@ -58,6 +58,7 @@ class MissionUpload:
         retry_ns: time without an answer after which a message is sent again.
         limit_ns: time for the whole.
         dialect: of the autopilot.
+        reads_only: the mission is there, and is only read and compared; another one is not replaced.
     """
 
     def __init__(
@@ -68,10 +69,13 @@ class MissionUpload:
         retry_ns: int,
         limit_ns: int,
         dialect: Dialect = Dialect.PX4,
+        *,
+        reads_only: bool = False,
     ) -> None:
         self._items, self._target, self._dialect = tuple(items), target, dialect
         self._retry_ns, self._deadline_ns = retry_ns, t_ns + limit_ns
-        self.phase = UploadPhase.COUNT
+        self._reads_only = reads_only
+        self.phase = UploadPhase.LIST if reads_only else UploadPhase.COUNT
         self.reason = ""
         self._sent_ns, self._resends = t_ns, 0
         self._asked = -1  # the highest item that the vehicle asked for
@@ -82,6 +86,10 @@ class MissionUpload:
     def over(self) -> bool:
         """True when it has ended, well or not."""
         return self.phase in _OVER
+
+    def verification(self, t_ns: int, limit_ns: int) -> MissionUpload:
+        """Return what reads the same mission once more: somebody else may have changed it meanwhile."""
+        return MissionUpload(self._items, self._target, t_ns, self._retry_ns, limit_ns, self._dialect, reads_only=True)
 
     def start(self, t_ns: int) -> List[Message]:
         """Return the first message."""
@@ -155,6 +163,9 @@ class MissionUpload:
         """Take an acknowledgement while reading back: an error, or a late one of the upload."""
         if message.type == _ACCEPTED:
             return []
+        if self._reads_only:  # it is busy with somebody else's transfer: asked again after a pause
+            self.reason = f"the autopilot says {_result(message.type)}"
+            return []
         return self._again(t_ns, f"the autopilot says {_result(message.type)}", wait=True)
 
     def _take_current(self, _: int, message: Message) -> List[Message]:
@@ -173,7 +184,9 @@ class MissionUpload:
         return self._send(t_ns)
 
     def _again(self, t_ns: int, reason: str, *, wait: bool = False) -> List[Message]:
-        """Begin anew, at once or after a pause."""
+        """Begin anew, at once or after a pause; what is only read is another mission, then."""
+        if self._reads_only:
+            return self._fail(reason)
         self.reason = reason
         self._asked, self._last = -1, None
         self._read.clear()

@@ -16,7 +16,7 @@ from .mission_items import Dialect
 from .modes import is_piloted, mode_name, mode_number
 from .texts import Texts
 
-__all__ = ["AIRBORNE", "HOLD", "LAND", "MISSION", "OFFBOARD", "STREAMS", "TAKEN", "Pose", "VehicleWatch"]
+__all__ = ["AIRBORNE", "GROUND_NS", "HOLD", "LAND", "MISSION", "OFFBOARD", "STREAMS", "TAKEN", "Pose", "VehicleWatch"]
 
 _S = 1_000_000_000
 AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
@@ -28,6 +28,7 @@ _LANDED = {
     mavlink.MAV_LANDED_STATE_IN_AIR: VehicleLanded.IN_AIR,
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
+GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
 _FAILSAFE = (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
 _RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
 _ESTIMATE_AGE_NS = 3 * _S
@@ -37,6 +38,7 @@ _OTHERS = {
     Dialect.ARDUPILOT: ("ESTIMATOR_STATUS", "CURRENT_MODE"),
 }
 _WARNING = mavlink.MAV_SEVERITY_WARNING
+_COMPLAINTS = 3
 _DEG7, _MM = 1e-7, 1e-3
 _POLAR_DEG, _TURN_DEG = 85.0, 180.0
 
@@ -119,6 +121,11 @@ class VehicleWatch:
         return self.place if good and self._estimates(t_ns, _ABSOLUTE) else None
 
     @property
+    def lands(self) -> bool:
+        """True while it says that it lands, armed."""
+        return bool(self.armed) and self.landed is VehicleLanded.LANDING
+
+    @property
     def pilot(self) -> bool:
         """True in a mode that pilots choose, unless a failsafe chose it."""
         return is_piloted(self.mode) and not self.failsafe
@@ -138,10 +145,11 @@ class VehicleWatch:
         """Return the parameters 2 and 3 of DO_SET_MODE; None where there is no such mode."""
         return mode_number(self.autopilot, mode)
 
-    def complaint(self, t_ns: int, since_ns: int) -> str:
-        """Return the last warning in words, not older than a time; empty when there is none."""
-        warnings = [text.text for text in self.texts.recent(t_ns, t_ns - since_ns) if text.severity <= _WARNING]
-        return warnings[-1] if warnings else ""
+    def complaints(self, t_ns: int, since_ns: int) -> Tuple[str, ...]:
+        """Return its warnings since a time, in its words; why it does not arm before anything else, at most three."""
+        said = [text.text for text in self.texts.recent(t_ns, t_ns - since_ns) if text.severity <= _WARNING]
+        reasons = self.texts.complaints(t_ns, t_ns - since_ns)
+        return tuple(reasons or said)[-_COMPLAINTS:]
 
     def _estimates(self, t_ns: int, any_of: int) -> bool:
         fresh = self.estimator is not None and t_ns - self.estimator_ns <= _ESTIMATE_AGE_NS

@@ -10,9 +10,20 @@ from typing import FrozenSet, Mapping, Optional, Tuple
 
 from .dialect import mavlink
 
-__all__ = ["LAND", "MANUAL_MODES", "NEVER_OURS", "is_foreign", "is_piloted", "mode_name", "mode_number", "px4_number"]
+__all__ = [
+    "LAND",
+    "LANDING_MODES",
+    "MANUAL_MODES",
+    "NEVER_OURS",
+    "is_foreign",
+    "is_piloted",
+    "mode_name",
+    "mode_number",
+    "px4_number",
+]
 
 LAND = "AUTO.LAND"
+LANDING_MODES: FrozenSet[str] = frozenset({LAND, "AUTO.PRECLAND"})
 
 _MAIN: Mapping[int, str] = {
     1: "MANUAL",

@@ -5,7 +5,8 @@ Acknowledgements only give the reason: PX4 sends two for one change of mode (ACC
 for some commands none.
 
 While a step waits, the vehicle may fall into a mode that somebody else chose. Then it is the pilot's or the failsafe's,
-and nothing more is sent.
+and nothing more is sent. The same where somebody else lands it. What waits ends with a silence of the vehicle, a
+landing excepted: nobody knows what has become of the vehicle meanwhile, and whoever commanded it must say what is next.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from amaze_autonomy.missions import PlannerSpec
 
 from .dialect import Message
 from .mission_steps import Means, Step
-from .modes import is_foreign
+from .modes import LANDING_MODES, is_foreign
 
 __all__ = ["Procedure", "Progress"]
 
@@ -34,6 +35,7 @@ class Progress(enum.Enum):
     DONE = "done"
     FAILED = "failed"
     TAKEN = "taken"  # somebody else has chosen another mode
+    SILENT = "silent"  # the vehicle was not heard for too long
 
 
 class Procedure:
@@ -45,7 +47,7 @@ class Procedure:
         means: what they look at.
         spec: pauses and limits.
         t_ns: now.
-        persistent: goes on after its limit (a landing).
+        persistent: goes on after its limit, and through a silence (a landing).
     """
 
     def __init__(
@@ -63,7 +65,6 @@ class Procedure:
         self._number = 0
         self._start_mode = means.watch.mode
         self._since_ns = self._woken_ns = t_ns
-        self._paused_ns = 0
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
         self._forget_result()
@@ -77,32 +78,48 @@ class Procedure:
         """Look at the vehicle and the time; return what is to be sent."""
         if not self.running:
             return []
+        limit_ns = self._spec.vehicle_age_limit_ns
+        if not self._persistent and not self._means.watch.known(t_ns, limit_ns):
+            return self._end(Progress.SILENT, f"the vehicle was silent for {limit_ns / 1e9:g} s")
         self._pause(t_ns)
         while self._shown(t_ns):
             self._number += 1
             if self._number == len(self._steps):
-                self.progress, self.reason = Progress.DONE, ""
-                return []
+                return self._end(Progress.DONE)
             self._since_ns, self._sent_ns, self._first_ns = t_ns, -math.inf, math.inf
             self._forget_result()
-        if self._taken():
-            self.progress, self.reason = Progress.TAKEN, f"the vehicle went to {self._means.watch.mode} by itself"
-            return []
-        if t_ns - self._since_ns >= self._spec.command_limit_ns:
+        heard = self._means.watch.known(t_ns, limit_ns)
+        taken = self._taken() if heard else ""
+        if taken:
+            return self._end(Progress.TAKEN, taken)
+        if self._steps[self._number].limited and t_ns - self._since_ns >= self._spec.command_limit_ns:
             self._late(t_ns)
-        return self._send(t_ns) if self.running else []
+        blind = not heard and self._means.watch.pilot  # the last that was heard: whether he still flies is not known
+        return self._send(t_ns) if self.running and not blind else []
+
+    def cease(self, reason: str) -> None:
+        """End it: somebody else lands."""
+        if self.running:
+            self._end(Progress.TAKEN, reason)
+
+    def fail(self, reason: str) -> None:
+        """End it: it cannot be done."""
+        if self.running:
+            self.progress, self.reason = Progress.FAILED, reason
+
+    def _end(self, progress: Progress, why: str = "") -> List[Message]:
+        self.progress = progress
+        self.reason = f"{self.action.name.lower()} ended: {why}" if why else ""
+        return []
 
     def _forget_result(self) -> None:
         """Forget how an earlier command was acknowledged."""
         self._means.watch.results.pop(self._steps[self._number].command, None)
 
     def _pause(self, t_ns: int) -> None:
-        """Stop the clock of the limit while the vehicle is silent, at most for two limits: nothing can show then."""
+        """Stop the clock of the limit while the vehicle is silent: nothing can show then."""
         passed_ns, self._woken_ns = t_ns - self._woken_ns, t_ns
-        heard_ns = self._means.watch.heartbeat_ns
-        silent = heard_ns is None or t_ns - heard_ns > _SILENT_NS
-        if silent and self._paused_ns + passed_ns <= 2 * self._spec.command_limit_ns:
-            self._paused_ns += passed_ns
+        if not self._means.watch.known(t_ns, _SILENT_NS):
             self._since_ns += passed_ns
 
     def _shown(self, t_ns: int) -> bool:
@@ -111,29 +128,37 @@ class Procedure:
         after = not step.always or (heartbeat_ns is not None and heartbeat_ns > self._first_ns)
         return after and step.done(self._means, t_ns)
 
-    def _taken(self) -> bool:
-        watch = self._means.watch
-        if watch.mode == self._steps[self._number].mode:
-            return False
+    def _taken(self) -> str:
+        """Return who has chosen what the vehicle does, in words; empty: nobody but us."""
+        watch, step = self._means.watch, self._steps[self._number]
+        if watch.mode == step.mode:
+            return ""
+        if watch.armed and not self._persistent and (watch.mode in LANDING_MODES or watch.lands):
+            return f"the vehicle lands (mode {watch.mode})"
         if watch.mode == self._start_mode:  # a vehicle stands in any mode before it is armed
-            return bool(watch.armed) and watch.pilot
-        return is_foreign(watch.mode) or (watch.failsafe and bool(watch.armed))
+            taken = bool(watch.armed) and watch.pilot
+        else:
+            by_failsafe = watch.failsafe and bool(watch.armed) and watch.mode not in self._means.commanded
+            taken = is_foreign(watch.mode) or by_failsafe
+        return f"the vehicle went to {watch.mode} by itself" if taken else ""
 
     def _late(self, t_ns: int) -> None:
         step, watch = self._steps[self._number], self._means.watch
         result = watch.results.get(step.command, "")
-        said = [each for each in (watch.complaint(t_ns, self._since_ns), result) if each and each not in _NO_REASONS]
+        answer = "" if result in _NO_REASONS else result.replace("MAV_RESULT_", "", 1)
         shown = f"mode {watch.mode or 'unknown'}, {'armed' if watch.armed else 'not armed'}"
-        limit_s = self._spec.command_limit_ns / 1e9
-        self.reason = f"{step.name}: not shown within {limit_s:g} s ({'; '.join(said) or shown})"
+        said = watch.complaints(t_ns, self._since_ns)
+        limit_s, words = self._spec.command_limit_ns / 1e9, f": {'; '.join(said)}" if said else ""
+        self.reason = f"{step.name}: not shown within {limit_s:g} s ({answer or shown}){words}"
         if not self._persistent:
             self.progress = Progress.FAILED
 
     def _send(self, t_ns: int) -> List[Message]:
         if t_ns - self._sent_ns < self._spec.command_retry_ns:
             return []
-        step = self._steps[self._number]
-        self._sent_ns = t_ns
+        message = self._steps[self._number].message(self._means)
         self._first_ns = min(self._first_ns, t_ns)
-        message = step.message(self._means)
-        return [] if message is None else [message]
+        if message is None:
+            return []
+        self._sent_ns = t_ns
+        return [message]

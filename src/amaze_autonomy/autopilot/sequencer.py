@@ -4,6 +4,9 @@ Everything it says is read from the vehicle: a file is loaded when it reads back
 vehicle is disarmed on the ground. Commands are tables of steps (`mission_steps.py`); which command is good in which
 phase is a table in `admission.py`. It never commands a vehicle that a pilot flies, and never sends what nobody asked
 for, with two exceptions that the offboard flight needs: it lands after the last waypoint, and when the pose stays away.
+
+A landing, commanded here or to the autopilot node, stands until the vehicle is disarmed: it replaces whatever runs, and
+nothing else is taken or sent. What else runs ends with a silence of the vehicle, and is not taken up again by itself.
 """
 
 from __future__ import annotations
@@ -21,8 +24,8 @@ from .flight_record import FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
 from .mission_steps import Means, steps_of
-from .mission_upload import UPLOAD_MESSAGES
-from .mission_vehicle import LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
+from .mission_vehicle import GROUND_NS, LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .modes import is_foreign
 from .outlook import IN_FLIGHT, Outlook
 from .procedure import Procedure, Progress
@@ -35,6 +38,10 @@ PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
 
 _S = 1_000_000_000
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
+_LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
+_OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
+_LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
+_ASKED = "a landing was commanded"
 _P, _A = MissionPhase, MissionAction
 
 
@@ -82,6 +89,10 @@ class Sequencer:
         self._flight = FlightRecord(self.watch)
         self._setpoint_ns = 0
         self._rates = Rates(STREAMS)
+        self._verification: Optional[MissionUpload] = None
+        self._landing = ""  # why it is landed, whatever else is asked for
+        self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
+        self._other, self._other_ns = "", -_OTHER_NS
 
     # --- the link -------------------------------------------------------------------------------------------------
 
@@ -93,6 +104,8 @@ class Sequencer:
         if self._loading is not None and not self._loading.over:
             sent += self._loading.receive(t_ns, message)
             self._finish_loading()
+        if self._verification is not None:
+            sent += self._verification.receive(t_ns, message)
         if message.get_type() in ("HEARTBEAT", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "MISSION_ITEM_REACHED"):
             self._follow(t_ns)
             sent += self._proceed(t_ns)
@@ -104,6 +117,9 @@ class Sequencer:
         if self._loading is not None and not self._loading.over:
             sent += self._loading.wake(t_ns)
             self._finish_loading()
+        if self._verification is not None:
+            sent += self._verification.wake(t_ns)
+        self.watch.texts.wake(t_ns)
         self._follow(t_ns)
         sent += self._proceed(t_ns) + self._stream(t_ns)
         asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
@@ -115,15 +131,17 @@ class Sequencer:
         """Begin to send a waypoint file; the loading says when it is over, and how it ended."""
         plan = self._plans.get(request.mission_id)
         in_flight = self._phase in IN_FLIGHT and bool(self.watch.armed)
-        readiness = Readiness(self.watch, self._spec, in_flight, self._wall())
+        disarming = self._landing if self._procedure is not None and self._procedure.running else ""
+        readiness = Readiness(self.watch, self._spec, in_flight, self._wall(), disarming)
         origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
         loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
         if loading.refused:
             return loading, ()
         if self._loading is not None:
-            self._loading.supersede()
+            self._loading.end("another file was loaded meanwhile")
         self._loading = loading
         self._phase, self._message, self._loaded, self._procedure = _P.IDLE, "", request, None
+        self._landing, self._verification = "", None
         self._flight = FlightRecord(self.watch)
         messages = loading.start(t_ns)
         self._finish_loading()
@@ -144,8 +162,30 @@ class Sequencer:
         problem = refusal(self._standing(t_ns), session_id, action)
         if problem:
             return problem, ()
-        self._begin(t_ns, self._meant(t_ns, action))
-        return "", self._proceed(t_ns)
+        return "", self._land(t_ns, _ASKED) if action in _LANDINGS else self._start(t_ns, action)
+
+    def other_commands(self, t_ns: int, what: str) -> Sequence[Message]:
+        """Take what the autopilot node commands: a landing or disarming then stands here as well; empty: nothing."""
+        self._other, self._other_ns = what, t_ns
+        busy = self._phase in IN_FLIGHT or (self._procedure is not None and self._procedure.running)
+        down = self.watch.armed is False and self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        if not what or not busy or self._landing or (down and not self._doing(_A.TAKEOFF)):
+            return ()
+        return self._land(t_ns, f"the autopilot node commands {what}")
+
+    def _start(self, t_ns: int, action: MissionAction) -> List[Message]:
+        """Begin a command that is no landing."""
+        self._begin(t_ns, action)
+        return [*(self._verification.start(t_ns) if self._verification else ()), *self._proceed(t_ns)]
+
+    def _land(self, t_ns: int, why: str) -> List[Message]:
+        """Land, or on the ground disarm: in place of whatever runs, until the vehicle is disarmed."""
+        self._landing = self._landing or why
+        if self._loading is not None and not self._loading.over:
+            self._loading.end(why)
+            self._finish_loading()
+        self._begin(t_ns, self._meant(t_ns))
+        return self._proceed(t_ns)
 
     def _standing(self, t_ns: int) -> Standing:
         return Standing(
@@ -154,13 +194,16 @@ class Sequencer:
             phase=self._phase,
             session_id=self._loaded.session_id if self._loaded else None,
             lost=self._controller is Controller.OFFBOARD and self._pose(t_ns) is None,
+            landing=self._landing,
+            other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
         )
 
-    def _meant(self, t_ns: int, action: MissionAction) -> MissionAction:
-        """Return what is done: before lift-off landing and aborting disarm; in flight, or where unknown, they land."""
-        if action not in (_A.LAND, _A.ABORT):
-            return action
-        down = self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns) or self.watch.armed is False
+    def _meant(self, t_ns: int) -> MissionAction:
+        """Return what a landing is: disarming, before lift-off with the ground shown freshly; else the landing mode."""
+        heard = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        down = heard and self.watch.on_ground(t_ns, GROUND_NS)
+        if self._doing(_A.ABORT):  # once it is that, a landed state that is a little late does not end it
+            down = heard and self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns)
         return _A.ABORT if down and not self._flight.airborne else _A.LAND
 
     def _begin(self, t_ns: int, action: MissionAction) -> None:
@@ -177,7 +220,9 @@ class Sequencer:
             self._flight.guidance.go_on()
         if action is _A.RESUME and self._means.resume_item is not None:
             self._means.resume_item = max(self._means.resume_item, self._flight.item or 0)  # told late, it was passed
-        persistent = action in (_A.LAND, _A.ABORT)
+        if action in _LANDINGS:
+            self._landing, self._verification = self._landing or _ASKED, None
+        persistent = action in _LANDINGS
         steps = steps_of(self._controller, action, self.watch.dialect)
         self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
         self._message = self._flight.hands_off()
@@ -185,7 +230,9 @@ class Sequencer:
     def _take_off(self, t_ns: int) -> None:
         self._phase, self._flight = _P.TAKING_OFF, FlightRecord(self.watch, self._flight.waypoints)
         self._means.resume_item = self._means.stream_ns = None
-        self._means.lifted = False
+        self._means.lifted = self._means.verified = False
+        self._means.commanded.clear()
+        self._verification = self._loading.verification(t_ns) if self._loading else None
         pose, origin, loading = self._pose(t_ns), self._origin, self._loading
         if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
             waypoints, height = loading.trajectory.waypoints, self._settings.takeoff_height_m
@@ -205,8 +252,7 @@ class Sequencer:
         """Land before the process ends, unless it is on the ground, or a pilot flies; return whether it lands."""
         if self._phase not in IN_FLIGHT or not self.watch.armed or self.watch.pilot:
             return False, ()
-        self._begin(t_ns, self._meant(t_ns, _A.LAND))
-        return True, self._proceed(t_ns)
+        return True, self._land(t_ns, "the planner ends")
 
     @property
     def landing_shown(self) -> bool:
@@ -227,10 +273,16 @@ class Sequencer:
     def _follow(self, t_ns: int) -> None:
         """Read the phase from the vehicle."""
         watch, flight, procedure = self.watch, self._flight, self._procedure
-        if self._phase not in IN_FLIGHT or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+        if not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return
+        if self._landing and self._phase not in IN_FLIGHT:
+            flight.look()
+        if self._phase not in (*IN_FLIGHT, _P.FAILED):
             return
         flight.look()
         self._means.lifted = flight.lifted
+        if not flight.armed and self._phase is _P.FAILED:
+            flight.guidance = None
         if not flight.armed and not self._doing(_A.LAND):
             return  # mode and landed state are still those of the flight before
         if watch.armed is False and watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns):
@@ -246,36 +298,89 @@ class Sequencer:
 
     def _end(self) -> None:
         """Be on the ground, disarmed."""
-        if not self._flight.airborne and not self._doing(_A.LAND, _A.ABORT):
+        if not self._flight.airborne and not self._flight.failure and not self._doing(_A.LAND, _A.ABORT):
             self._flight.failure = "disarmed before it lifted off"
         self._message = self._flight.failure
-        if self._phase in (*IN_FLIGHT, _P.LOADED):
+        if self._phase in (*IN_FLIGHT, _P.LOADED, _P.FAILED):
             self._phase = _P.LANDED
-        self._procedure = self._flight.guidance = None
+        self._procedure = self._verification = self._flight.guidance = None
         self._means.stream_ns = None
+
+    def _uphold(self, t_ns: int) -> None:
+        """Keep a landing up until the vehicle is disarmed, and nothing of ours that is late can arm it again."""
+        watch, procedure = self.watch, self._procedure
+        if not self._landing or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return
+        late = t_ns - self._commanded_ns <= _LATE_NS
+        if procedure is not None and procedure.running:
+            meant = self._meant(t_ns)
+            over = watch.armed is False and procedure.action is _A.LAND and meant is _A.LAND and self._flight.airborne
+            if over and watch.on_ground(t_ns, GROUND_NS):
+                self._procedure = None
+            elif meant is not procedure.action:
+                self._begin(t_ns, meant)
+        elif watch.armed is False:
+            self._landing = self._landing if late else ""
+        elif self._is_done() and not self._flight.hands_off():
+            late = late and watch.mode in self._means.commanded - {LAND}  # an older command of ours came last
+            if late or self._meant(t_ns) is _A.ABORT:
+                self._begin(t_ns, self._meant(t_ns))
+
+    def _is_done(self) -> bool:
+        """Return whether nothing runs because it is done, not because somebody else has control."""
+        return self._procedure is None or self._procedure.progress is Progress.DONE
 
     # --- what is sent ---------------------------------------------------------------------------------------------
 
     def _proceed(self, t_ns: int) -> List[Message]:
+        self._means.grounded = not self._flight.airborne and self.watch.on_ground(t_ns, GROUND_NS)
+        self._uphold(t_ns)
+        self._end_upload_of_armed(t_ns)
         procedure = self._procedure
-        if procedure is None:
+        if procedure is None or not procedure.running:
             return []
-        if procedure.action is _A.ABORT and procedure.running and self._flight.airborne:
-            self._begin(t_ns, _A.LAND)  # it has lifted off meanwhile
-            return self._proceed(t_ns)
+        self._verify()
         sent = procedure.wake(t_ns)
-        if procedure.progress is Progress.FAILED and procedure.action is _A.TAKEOFF:
-            self._cancel(t_ns, procedure.reason)
+        if sent and procedure.action not in _LANDINGS:
+            self._commanded_ns = t_ns
+        if procedure.action is _A.TAKEOFF and procedure.progress is Progress.FAILED:
+            sent += self._cancel(t_ns, procedure.reason)
+        elif procedure.action is _A.TAKEOFF and procedure.progress is Progress.SILENT:
+            self._fail(procedure.reason)
         elif procedure.progress is Progress.DONE and procedure.action is _A.ABORT:
             self._end()
         elif procedure.reason:
             self._message = self._flight.hands_off() or procedure.reason
         return sent
 
-    def _cancel(self, t_ns: int, reason: str) -> None:
+    def _verify(self) -> None:
+        """Look whether the mission on the vehicle is still the one that was sent."""
+        reading = self._verification
+        if self._controller is Controller.OFFBOARD or (reading is not None and reading.phase is UploadPhase.DONE):
+            self._means.verified, self._verification = True, None
+        elif reading is not None and reading.over and self._procedure is not None:
+            self._procedure.fail(f"the mission did not read back as it was sent: {reading.reason}")
+            self._verification = None
+
+    def _cancel(self, t_ns: int, reason: str) -> List[Message]:
         """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
-        self._begin(t_ns, _A.LAND if self._flight.airborne else _A.ABORT)
+        sent = self._land(t_ns, "the takeoff failed")
         self._flight.failure = self._message = reason
+        return sent
+
+    def _fail(self, reason: str) -> None:
+        """Have failed to take off, with what the vehicle does now unknown: whoever commanded it says what is next."""
+        self._phase, self._flight.failure, self._message, self._verification = _P.FAILED, reason, reason, None
+        if self._flight.guidance is not None:
+            self._flight.guidance.stand()
+
+    def _end_upload_of_armed(self, t_ns: int) -> None:
+        """End an upload into a vehicle that somebody else arms."""
+        loading, watch = self._loading, self.watch
+        armed = watch.armed is not False and watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        if armed and loading is not None and not loading.over:
+            loading.end("the vehicle was armed meanwhile")
+            self._finish_loading()
 
     def _stream(self, t_ns: int) -> List[Message]:
         """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""
@@ -294,9 +399,8 @@ class Sequencer:
         self._means.still = guidance.still
         blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
         if guidance.flying and (guidance.finished or blind) and not self._lands():
-            self._begin(t_ns, _A.LAND)
+            sent += self._land(t_ns, "the local position stays away" if blind else "the last waypoint is done with")
             self._message = "the local position stays away: landing" if blind else ""
-            sent += self._proceed(t_ns)
         return sent
 
     def _wants_offboard(self) -> bool:

@@ -113,6 +113,11 @@ class VehicleState:
         at_rest = not beat.armed and beat.status == mavlink.MAV_STATE_STANDBY
         return VehicleLanded.ON_GROUND if at_rest else VehicleLanded.UNKNOWN
 
+    def landed_age_ns(self, t_ns: int) -> int:
+        """Return for how long the vehicle has not said whether it is on the ground."""
+        told_ns = self._landed[0] if self._landed is not None else self.beat.t_ns if self.beat is not None else 0
+        return t_ns - told_ns
+
     def in_flight(self, t_ns: int) -> bool:
         """Return whether the vehicle may be in flight: it was seen armed, and not freshly disarmed or on the ground."""
         if self.beat is None:

@@ -5,6 +5,8 @@
     autopilot/land            std_srvs/Trigger; commands the landing mode, unless the pilot has control
     autopilot/disarm          std_srvs/Trigger; on the ground only
     autopilot/status          AutopilotStatus, 5 Hz and at once on a change
+    autopilot/commanding      std_msgs/String, likewise: AUTO.LAND or DISARM while that stands here, else empty; the
+                              planner then does nothing else
     /diagnostics              diagnostic_msgs/DiagnosticArray, 1 Hz
     landing_detection/landed  Landed: the range finder's opinion, for the check (subscribed)
 
@@ -17,6 +19,7 @@ from __future__ import annotations
 from typing import Any, Callable, Dict, Optional, Tuple
 
 import rospy
+from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
@@ -32,7 +35,7 @@ from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .level_loop import LevelLoop
 from .node_main import run_node
-from .vehicle_link import Link, make_link, tell_link
+from .vehicle_link import ChangeLog, Link, make_link, tell_link
 
 __all__ = ["AutopilotNode", "main"]
 
@@ -68,7 +71,10 @@ class AutopilotNode:
         self._loop = LevelLoop(self._link, clock, period_ns, self._key, self._tell)
         self._publisher = rospy.Publisher("autopilot/status", msg.AutopilotStatus, queue_size=_QUEUE, tcp_nodelay=True)
         self._diagnostics = CheckDiagnostics("autopilot", clock)
-        self._problem = ""
+        self._commanding = rospy.Publisher(
+            "autopilot/commanding", String, queue_size=_QUEUE, tcp_nodelay=True, latch=True
+        )
+        self._problem, self._said = "", ChangeLog()
 
     # --- services; on rospy's threads -----------------------------------------------------------------------------
 
@@ -100,7 +106,7 @@ class AutopilotNode:
 
     def _answer(self, name: str, ask: Callable[[int], Any], reply: Callable[[], Reply]) -> Any:
         answer = self._settle(self._link.ask(ask), reply, self._settings.commands.reply_ns / _S)
-        (rospy.loginfo if answer.accepted else rospy.logwarn)("%s: %s", name, answer.message)
+        self._said.log(name, answer.message, warns=not answer.accepted)
         return TriggerResponse(success=answer.accepted, message=answer.message)
 
     def _settle(self, answer: Reply, reply: Callable[[], Reply], limit_s: float) -> Reply:
@@ -141,6 +147,7 @@ class AutopilotNode:
         """Return what is told at once when it changes."""
         vehicle = self.client.vehicle
         return (
+            self.client.commanding,
             vehicle.armed(t_ns),
             vehicle.mode(t_ns),
             vehicle.landed(t_ns),
@@ -151,6 +158,7 @@ class AutopilotNode:
         )
 
     def _publish(self) -> None:
+        self._commanding.publish(self._link.ask(lambda _: (self.client.commanding, ())))
         status, health, measured = self._link.ask(lambda t_ns: (self._state(t_ns), ()))
         self._publisher.publish(outgoing.autopilot_status(status, self._clock.ros_ns(), health, measured))
 
@@ -178,7 +186,9 @@ class AutopilotNode:
         if not in_flight:
             return
         limit_s = self._settings.commands.exit_limit_ns / _S
-        answer = self._settle(self._link.ask(self.client.leave), self.client.land_reply, limit_s)
+        leaving = self._link.ask(self.client.leave)
+        self._publish()  # the planner must know that it lands
+        answer = self._settle(leaving, self.client.land_reply, limit_s)
         print(f"autopilot: ended in flight: {answer.message}", flush=True)
 
     def end(self) -> None:

@@ -4,6 +4,7 @@
     mission_planner/command   MissionCommand; answers at once, the status tells when it is done
     mission_planner/status    MissionStatus, 5 Hz and at once on a change
     /diagnostics              diagnostic_msgs/DiagnosticArray, 1 Hz
+    autopilot/commanding      std_msgs/String: what the autopilot node commands; it stands here as well (subscribed)
 
 Missions: missions.yaml; its link: autopilot.yaml, planner_link. Parameters: `node_main.py`. It has an endpoint and a
 component id of its own, so that the autopilot node lands when it hangs. On SIGINT or SIGTERM in flight it commands the
@@ -17,6 +18,7 @@ import time
 from typing import Any, Tuple
 
 import rospy
+from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.autopilot.diagnosis import link_problem
@@ -34,7 +36,7 @@ from .clock import Clock
 from .level_loop import LevelLoop
 from .node_main import run_node
 from .output import default_parent
-from .vehicle_link import Link, make_link, tell_link
+from .vehicle_link import ChangeLog, Link, make_link, tell_link
 
 __all__ = ["MissionPlannerNode", "main"]
 
@@ -69,7 +71,7 @@ class MissionPlannerNode:
             "mission_planner/status", msg.MissionStatus, queue_size=_QUEUE, tcp_nodelay=True
         )
         self._diagnostics = CheckDiagnostics("mission planner", clock)
-        self._problem = ""
+        self._problem, self._said = "", ChangeLog()
 
     # --- services; on rospy's threads -----------------------------------------------------------------------------
 
@@ -80,7 +82,7 @@ class MissionPlannerNode:
         accepted, reason = loading.accepted, loading.reason or "the planner ends"
         if accepted:
             self._keep(loading)
-        _log(f"load mission {wanted.mission_id}, file {wanted.file_index + 1}", "" if accepted else reason)
+        self._log(f"load mission {wanted.mission_id}, file {wanted.file_index + 1}", "" if accepted else reason)
         return srv.LoadMissionResponse(
             accepted=accepted,
             waypoints=len(loading.trajectory.waypoints) if accepted else 0,
@@ -103,14 +105,22 @@ class MissionPlannerNode:
             problem = f"there is no command {request.command}"
         else:
             problem = self._link.ask(lambda t_ns: self.planner.command(t_ns, request.session_id, action))
-        _log(action.name if action else "command", problem)
+        self._log(action.name if action else "command", problem)
         return srv.MissionCommandResponse(accepted=not problem, message=problem)
+
+    def _log(self, what: str, problem: str) -> None:
+        self._said.log(what, problem or "accepted", warns=bool(problem))
+
+    def _take_other(self, message: Any) -> None:
+        """Take what the autopilot node commands."""
+        self._link.ask(lambda t_ns: (None, self.planner.other_commands(t_ns, message.data)))
 
     # --- the node's own thread ------------------------------------------------------------------------------------
 
     def run(self) -> None:
         """Publish until `end`; then land, where it flies."""
         self._link.start()
+        rospy.Subscriber("autopilot/commanding", String, self._take_other, queue_size=_QUEUE, tcp_nodelay=True)
         rospy.Service("mission_planner/load", srv.LoadMission, self._load)
         rospy.Service("mission_planner/command", srv.MissionCommand, self._command)
         try:
@@ -170,10 +180,6 @@ def _key(status: MissionStatus) -> Tuple[Any, ...]:
     """Return what is told at once when it changes."""
     loaded = (status.session_id, status.mission_id, status.file_index, status.repetition, status.waypoints)
     return (status.phase, status.waypoint, status.message, *loaded)
-
-
-def _log(what: str, problem: str) -> None:
-    (rospy.logwarn if problem else rospy.loginfo)("%s: %s", what, problem or "accepted")
 
 
 def main() -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Callable, Iterable, Protocol, Sequence, Tuple, TypeVar
 
@@ -16,7 +17,7 @@ from amaze_autonomy.config.autopilot_schema import LinkSettings
 from .clock import Clock
 from .errors import StartError
 
-__all__ = ["Link", "make_link", "tell_link"]
+__all__ = ["ChangeLog", "Link", "make_link", "tell_link"]
 
 T = TypeVar("T")
 
@@ -43,6 +44,21 @@ class Link(Protocol):
     @property
     def state(self) -> LinkState:
         """How it is."""
+
+
+class ChangeLog:
+    """Logs what is answered, once for each change: who asks twice a second for the length of a cut fills no log."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._said: Tuple[str, str] = ("", "")
+
+    def log(self, what: str, answer: str, *, warns: bool) -> None:
+        """Log the answer to a question, as a warning or not, unless both are the last ones; from any thread."""
+        with self._lock:
+            again, self._said = self._said == (what, answer), (what, answer)
+        if not again:
+            (rospy.logwarn if warns else rospy.loginfo)("%s: %s", what, answer)
 
 
 def tell_link(whose: str, settings: AutopilotSettings, link: LinkSettings, problem: str) -> None:

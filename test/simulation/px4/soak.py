@@ -123,10 +123,8 @@ class Soak:
         """Fly one mission, out or back, and say what came of it."""
         begin_ns, session, mission = self.t_ns, f"session {number}", "back" if number % 2 else "out"
         self._start = self.craft.position_m
-        self.happened.clear()
         self._cut(begin_ns)
-        loads = self._load(session, mission)
-        problem, orders = self._order(session, MissionAction.TAKEOFF)
+        loads, problem, orders = self._take_off(session, mission)
         if not problem and hold:
             problem = self._hold(session)
         if not problem and not self._until(lambda: self._phase is MissionPhase.LANDED, _LIMIT_NS):
@@ -173,12 +171,35 @@ class Soak:
             self._until(lambda: False, S)
         return f"{action.name} refused: {problem}", orders
 
+    def _take_off(self, session, mission):
+        """Load and take off; what a silence has ended is landed, as the engine does, and begun again."""
+        loads = 0
+        for _ in range(3):
+            self.happened.clear()
+            loads += self._load(session, mission)
+            problem, orders = self._order(session, MissionAction.TAKEOFF)
+            taken = (MissionPhase.FLYING, MissionPhase.FAILED, MissionPhase.LANDED, MissionPhase.LANDING)
+            self._until(lambda taken=taken: self._phase in taken, 40 * S)
+            if problem or self._phase is not MissionPhase.FAILED:
+                break
+            self._order(session, MissionAction.LAND)
+            self._until(lambda: self._phase is MissionPhase.LANDED and self._shown_on_ground, 40 * S)
+        return loads, problem, orders
+
     def _hold(self, session):
         self._until(lambda: math.dist(self.craft.position_m, self._start) > 4.0, 40 * S)
-        problem, _ = self._order(session, MissionAction.HOLD)
-        if not problem and not self._until(lambda: self._phase is MissionPhase.HOLDING, 20 * S):
-            problem = "did not hold"
-        return problem or self._order(session, MissionAction.RESUME)[0]
+        problem = self._shown(session, MissionAction.HOLD, (MissionPhase.HOLDING,))
+        goes_on = (MissionPhase.FLYING, MissionPhase.LANDING, MissionPhase.LANDED)
+        return problem or self._shown(session, MissionAction.RESUME, goes_on)
+
+    def _shown(self, session, action, phases):
+        """Command something until its phase is shown, again after a silence has ended it; return what is wrong."""
+        for _ in range(3):
+            problem, _ = self._order(session, action)
+            self._until(lambda: self._phase in phases or "ended" in self.planner.status(self.t_ns).message, 20 * S)
+            if problem or self._phase in phases:
+                return problem
+        return f"{action.name}: {self.planner.status(self.t_ns)}"
 
     def _wrong(self, happened, mission, *, hold):
         """Say what happened too often, too seldom, or in the wrong place."""

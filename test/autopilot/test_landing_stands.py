@@ -1,0 +1,356 @@
+"""LAND is always taken, replaces whatever runs, and stands until it is disarmed; after a silence nothing goes on.
+
+Stories of the planner with the simulated autopilots in virtual time, as seen with real ones when their link was cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from flying import ARDUPILOT, MS, PX4, Flying, S
+from mission_channel import good
+
+from amaze_autonomy.autopilot.dialect import mavlink
+from amaze_autonomy.autopilot.loading import LoadRequest
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
+
+P, A = MissionPhase, MissionAction
+SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+START, LIFT = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
+EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
+
+
+class Recorded(Flying):
+    """Keeps what the planner sends, and when."""
+
+    def __init__(self, **how) -> None:
+        self.commands = []
+        super().__init__(**how)
+        send = self.channel.ours
+
+        def recorded(messages):
+            messages = list(messages)
+            self.commands += [(self.t_ns, each) for each in messages if each.get_type() == "COMMAND_LONG"]
+            send(messages)
+
+        self.channel.ours = recorded
+
+    def since(self, t_ns):
+        """Return what was commanded since then: names of modes, "arm", "disarm", "start", "takeoff"."""
+        return [name for at_ns, each in self.commands if at_ns >= t_ns for name in self._named(each)]
+
+    def _named(self, message):
+        watch = self.planner.watch
+        if message.command == SET_MODE:
+            modes = ("AUTO.LAND", "AUTO.LOITER", "AUTO.MISSION", "OFFBOARD")
+            numbers = (message.param2, message.param3)
+            return [mode for mode in modes if tuple(map(float, watch.numbers(mode))) == numbers]
+        if message.command == ARM:
+            return ["arm" if message.param1 == 1.0 else "disarm"]
+        return {START: ["start"], LIFT: ["takeoff"]}.get(message.command, [])
+
+    def cut(self) -> None:
+        self.channel.fate = lambda: ()
+
+    def join(self) -> None:
+        self.channel.fate = good
+
+
+def armed_with_the_link_cut(mission, kind):
+    """Take off, and lose the link at the moment at which the vehicle is armed."""
+    flying = Recorded(kind=kind)
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.armed)
+    flying.cut()
+    return flying
+
+
+@EACH
+@BOTH
+def test_a_landing_is_taken_while_the_vehicle_is_silent_and_nothing_else_is_sent_when_it_is_heard_again(mission, kind):
+    flying = armed_with_the_link_cut(mission, kind)
+    flying.run(3500 * MS)
+    assert flying.status.message == "the vehicle is silent"
+    landed_ns = flying.t_ns
+    assert flying.command(A.LAND) == ""
+    flying.run(1500 * MS)
+    flying.join()
+    flying.until(lambda: not flying.craft.armed, 30 * S)
+    flying.run(5 * S)
+    assert set(flying.since(landed_ns)) <= {"AUTO.LAND", "disarm"}
+    assert (flying.craft.height_m, flying.craft.armed) == (0.0, False)
+    assert flying.phase in (P.LANDED, P.FAILED)
+
+
+@EACH
+@BOTH
+def test_a_takeoff_does_not_go_on_by_itself_after_a_silence_and_says_so(mission, kind):
+    flying = armed_with_the_link_cut(mission, kind)
+    flying.run(3500 * MS)
+    heard_ns = flying.t_ns
+    flying.join()
+    flying.run(6 * S)
+    assert flying.since(heard_ns) == []
+    ended = ("takeoff ended: the vehicle was silent for 3 s", "the autopilot flies by itself (mode POSCTL)")
+    assert (flying.phase, flying.status.message in ended) == (P.FAILED, True), flying.status
+
+
+@EACH
+def test_a_resume_does_not_go_on_by_itself_after_a_silence(kind):
+    flying = Recorded(kind=kind)
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.HOLD) == ""
+    flying.until_phase(P.HOLDING)
+    flying.craft.flags.ignores = ("AUTO.MISSION",)
+    assert flying.command(A.RESUME) == ""
+    flying.cut()
+    flying.run(3500 * MS)
+    flying.craft.flags.ignores = ()
+    heard_ns = flying.t_ns
+    flying.join()
+    flying.run(3 * S)
+    assert flying.since(heard_ns) == []
+    assert (flying.phase, flying.status.message) == (P.HOLDING, "resume ended: the vehicle was silent for 3 s")
+    assert flying.command(A.RESUME) == ""  # asked again, it does
+    flying.until_phase(P.LANDED)
+
+
+@EACH
+@BOTH
+def test_after_a_landing_was_taken_nothing_else_is_until_the_vehicle_is_disarmed(mission, kind):
+    flying = Recorded(kind=kind)
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.LAND) == ""
+    for action in (A.HOLD, A.RESUME):
+        assert flying.command(action) == "a landing was commanded: it stands until the vehicle is disarmed"
+    flying.until_phase(P.LANDED)
+    flying.run(3 * S)
+    assert flying.load(mission).accepted
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.FLYING)
+
+
+@BOTH
+def test_a_landing_takes_the_place_of_a_takeoff_before_its_arming_and_nothing_arms_afterwards(mission):
+    flying = Recorded(fate=lambda: (300 * MS,))
+    flying.take_off(mission)
+    flying.until(lambda: "arm" in flying.since(0), 10 * S)
+    flying.run(50 * MS)
+    assert not flying.craft.armed
+    landed_ns = flying.t_ns
+    assert flying.command(A.LAND) == ""
+    flying.run(8 * S)
+    assert set(flying.since(landed_ns)) == {"disarm"}
+    assert (flying.craft.armed, flying.phase, flying.status.waypoint) == (False, P.LANDED, 0)
+
+
+def test_an_arming_that_arrives_after_the_disarming_is_taken_back():
+    """Over a link that reorders, the planner's own arming overtaken by its disarming must not stay."""
+    flying = Recorded()
+    flying.take_off("line")
+    flying.until(lambda: "arm" in flying.since(0), 5 * S)
+    assert flying.command(A.ABORT) == ""
+    flying.until_phase(P.LANDED, limit_ns=5 * S)
+    flying.craft.arm()
+    flying.run(2 * S)
+    assert (flying.craft.armed, set(flying.since(flying.t_ns - 2 * S))) == (False, {"disarm"})
+
+
+def test_a_late_change_of_mode_of_our_own_is_landed_again():
+    flying = Recorded()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.command(A.HOLD)
+    flying.run(100 * MS)
+    assert flying.command(A.LAND) == ""
+    flying.until(lambda: flying.planner.watch.mode == "AUTO.LAND", 3 * S)
+    flying.craft.command_mode("AUTO.LOITER")  # the hold, on a slower way
+    flying.until(lambda: flying.craft.mode == "AUTO.LAND", 2 * S)
+    flying.until_phase(P.LANDED)
+
+
+def test_a_pilot_who_ends_a_landing_keeps_the_vehicle():
+    flying = Recorded()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDING)
+    flying.craft.pilot_takes_over("POSCTL", 6 * S)
+    flying.run(1500 * MS)
+    taken_ns = flying.t_ns
+    flying.run(4 * S)
+    flying.craft.command_mode("AUTO.LOITER")  # handed back
+    flying.run(3 * S)
+    assert flying.since(taken_ns) == []
+    assert flying.command(A.RESUME) == "a landing was commanded: it stands until the vehicle is disarmed"
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+
+
+@BOTH
+def test_a_landing_of_somebody_else_ends_what_runs(mission):
+    """AUTO.LAND by the pilot's switch, or by the autopilot node: a hold or a resume does not go on against it."""
+    flying = Recorded()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.craft.flags.ignores = ("AUTO.LOITER",)
+    flying.command(A.HOLD)
+    flying.run(100 * MS)
+    flying.craft.flags.ignores = ()
+    flying.craft.command_mode("AUTO.LAND")
+    flying.until(lambda: flying.planner.watch.mode == "AUTO.LAND", 2 * S)
+    seen_ns = flying.t_ns
+    flying.run(2 * S)
+    assert flying.since(seen_ns) == []
+    assert flying.phase is P.LANDING
+    assert flying.command(A.RESUME) == "there is nothing to resume in phase LANDING"
+
+
+# --- the autopilot node lands -----------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_when_the_autopilot_node_lands_the_planner_does_nothing_else(mission):
+    flying = Recorded()
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    flying.command(A.HOLD)
+    flying.run(100 * MS)
+    told_ns = flying.t_ns
+    flying.channel.ours(flying.planner.other_commands(flying.t_ns, "AUTO.LAND"))
+    assert flying.command(A.HOLD) == "the autopilot node commands AUTO.LAND: it stands until the vehicle is disarmed"
+    flying.until_phase(P.LANDED)
+    assert set(flying.since(told_ns)) <= {"AUTO.LAND", "disarm"}
+
+
+def test_no_takeoff_begins_while_the_autopilot_node_lands():
+    flying = Recorded()
+    assert flying.load("line").accepted
+    flying.planner.other_commands(flying.t_ns, "AUTO.LAND")
+    assert flying.command(A.TAKEOFF) == "the autopilot node commands AUTO.LAND"
+    flying.run(1500 * MS)  # it is dead, or does not any more
+    assert flying.command(A.TAKEOFF) == ""
+
+
+def test_a_takeoff_that_is_under_way_is_cancelled_when_the_autopilot_node_lands_or_disarms():
+    for what in ("AUTO.LAND", "DISARM"):
+        flying = Recorded()
+        flying.take_off("line")
+        flying.until(lambda flying=flying: "arm" in flying.since(0), 5 * S)
+        flying.run(50 * MS)
+        told_ns = flying.t_ns
+        flying.channel.ours(flying.planner.other_commands(flying.t_ns, what))
+        flying.run(6 * S)
+        assert set(flying.since(told_ns)) == {"disarm"}
+        assert not flying.craft.armed
+
+
+# --- disarming --------------------------------------------------------------------------------------------------------
+
+
+def test_a_failed_takeoff_does_not_disarm_on_what_the_vehicle_said_a_while_ago():
+    """Seen with PX4: the landed state stood still, the vehicle was at 1.3 m, and was told to disarm twice a second."""
+    flying = Recorded()
+    take = flying.planner.watch.take
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.armed)
+    flying.planner.watch.take = lambda t_ns, message: (
+        None if message.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, message)
+    )
+    flying.until(lambda: flying.craft.height_m > 0.5)
+    assert flying.planner.watch.landed is VehicleLanded.ON_GROUND  # the last that it heard
+    now_ns = flying.t_ns
+    assert flying.command(A.ABORT) == ""
+    flying.until(lambda: flying.craft.mode == "AUTO.LAND", 5 * S)
+    flying.until(lambda: not flying.craft.armed, 30 * S)
+    assert "disarm" not in flying.since(now_ns)
+
+
+# --- uploads ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_landing_ends_an_upload():
+    flying = Recorded()
+    loading, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", "line", 0, 0))
+    flying.channel.ours(messages)
+    assert flying.command(A.LAND) == ""
+    assert (loading.over, loading.reason) == (True, "a landing was commanded")
+    flying.channel.sent.clear()
+    flying.run(2 * S)
+    assert not [name for name in flying.channel.sent if name.startswith("MISSION_")]
+
+
+def test_an_upload_ends_when_the_vehicle_is_armed_by_somebody_else():
+    flying = Recorded(fate=lambda: (300 * MS,))
+    loading, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", "line", 0, 0))
+    flying.channel.ours(messages)
+    flying.run(500 * MS)
+    assert not loading.over
+    assert flying.craft.arm() == ""
+    flying.until(lambda: loading.over, 3 * S)
+    assert loading.reason == "the vehicle was armed meanwhile"
+
+
+# --- somebody else's mission ------------------------------------------------------------------------------------------
+
+
+def change_item(flying, number=-1):
+    """Change an item of the vehicle's mission, as another ground station does."""
+    server = flying.vehicle.px4.missions
+    items = list(server.items)
+    items[number] = replace(items[number], x=items[number].x + 3000)
+    server._stores[0] = tuple(items)
+    flying.craft.items = tuple(items)
+
+
+@EACH
+def test_a_mission_that_somebody_changed_since_the_upload_is_not_flown_and_nothing_is_armed(kind):
+    flying = Recorded(kind=kind)
+    assert flying.load("line").accepted
+    change_item(flying, 2)
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.LANDED, limit_ns=10 * S)
+    assert flying.status.message.startswith("the mission did not read back as it was sent: item 2")
+    assert set(flying.since(0)) == {"disarm"}
+    assert not flying.craft.armed
+    flying.take_off("line")  # sent again it flies
+    flying.until_phase(P.FLYING)
+
+
+def test_a_mission_that_somebody_cleared_or_made_longer_is_not_flown():
+    for items in ((), None):
+        flying = Recorded()
+        assert flying.load("line").accepted
+        server = flying.vehicle.px4.missions
+        server._stores[0] = items if items is not None else (*server.items, server.items[-1])
+        assert flying.command(A.TAKEOFF) == ""
+        flying.until_phase(P.LANDED, limit_ns=10 * S)
+        assert "items instead of 5" in flying.status.message
+        assert "arm" not in flying.since(0)
+
+
+def test_a_mission_that_cannot_be_read_back_is_not_flown():
+    flying = Recorded()
+    assert flying.load("line").accepted
+    flying.vehicle.px4.missions.take = lambda *_: []
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.LANDED, limit_ns=12 * S)
+    assert flying.status.message == (
+        "the mission did not read back as it was sent: asking back: no end within the limit"
+    )
+    assert "arm" not in flying.since(0)
+
+
+def test_a_first_item_that_somebody_set_is_set_back_before_the_takeoff():
+    flying = Recorded()
+    assert flying.load("line").accepted
+    flying.craft.set_current(3)
+    flying.run(2 * S)
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until_phase(P.LANDED)
+    assert (flying.status.waypoint, flying.craft.happened.count("waypoint")) == (3, 3)
