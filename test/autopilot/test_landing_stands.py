@@ -271,6 +271,43 @@ def test_a_failed_takeoff_does_not_disarm_on_what_the_vehicle_said_a_while_ago()
     assert "disarm" not in flying.since(now_ns)
 
 
+def test_what_lay_in_the_socket_while_the_process_stood_still_is_no_reason_to_disarm_nor_a_silence():
+    flying = Recorded()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.armed and flying.craft.mode == "AUTO.MISSION")
+    while flying.craft.height_m < 0.5:  # the planner stands still, and the vehicle lifts off
+        flying.channel.t_ns += 50 * MS
+        flying.vehicle.wake(flying.t_ns)
+    planner, now_ns = flying.planner, flying.t_ns
+    assert planner.command(now_ns, "s1", A.ABORT)[0] == ""
+    old = mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_ON_GROUND)
+    assert "disarm" not in [name for each in planner.receive(now_ns, old) for name in flying._named(each)]
+    assert "disarm" not in [name for each in planner.wake(now_ns) for name in flying._named(each)]
+    flying.until(lambda: not flying.craft.armed, 40 * S)
+    assert "disarm" not in flying.since(now_ns)
+
+
+def test_a_process_that_stood_still_reads_before_it_believes_the_vehicle_silent():
+    flying = Recorded()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 2.0)
+    flying.craft.flags.ignores = ("AUTO.LOITER",)
+    flying.command(A.HOLD)
+    flying.channel.t_ns += 3500 * MS
+    flying.planner.wake(flying.t_ns)
+    assert flying.planner._procedure.running
+    flying.craft.flags.ignores = ()
+    flying.until_phase(P.HOLDING, limit_ns=2 * S)
+
+
+def test_over_a_link_that_loses_heartbeats_the_vehicle_is_not_silent_while_it_says_other_things():
+    flying = Recorded()
+    take = flying.planner.watch.take
+    flying.planner.watch.take = lambda t_ns, message: None if message.get_type() == "HEARTBEAT" else take(t_ns, message)
+    flying.run(5 * S)
+    assert flying.status.message == ""
+
+
 # --- uploads ----------------------------------------------------------------------------------------------------------
 
 

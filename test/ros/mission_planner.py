@@ -16,6 +16,7 @@ from at_once import at_once
 from hitches import allowed_s
 from one_node import OneNode, wait_for
 from px4_vehicle import MISSIONS, Px4Vehicle
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
@@ -177,6 +178,37 @@ class TestMissionPlanner(unittest.TestCase):
         wait_for(lambda: not self.vehicle.craft.armed, "the landing")
         os.kill(self.planner.process.pid, signal.SIGCONT)
         self.wait_phase(STATUS.LANDED)  # it knows the present as soon as it is back
+
+    def test_a_landing_by_the_autopilot_node_stands_in_the_planner_as_well(self):
+        self.nodes.append(OneNode("autopilot", self.space, self.overrides))
+        said, words = [], "the autopilot node commands AUTO.LAND"
+        rospy.Subscriber(f"{self.space}/autopilot/commanding", String, lambda message: said.append(message.data))
+        land = f"{self.space}/autopilot/land"
+        rospy.wait_for_service(land, 60.0)
+        self.take_off("hop")
+        wait_for(lambda: said and not said[-1], "an autopilot node that commands nothing")
+        with self.vehicle.lock:
+            self.vehicle.craft.flags.ignores = ("AUTO.LAND",)
+        wait_for(lambda: rospy.ServiceProxy(land, Trigger)().success, "an accepted landing")
+        wait_for(lambda: words in self.order("s1", HOLD).message, "a hold that is refused")
+        self.assertEqual(self.order("s1", RESUME).message, f"{words}: it stands until the vehicle is disarmed")
+        with self.vehicle.lock:
+            self.vehicle.craft.flags.ignores = ()
+        self.wait_phase(STATUS.LANDED)
+        wait_for(lambda: not said[-1], "an autopilot node that commands nothing any more")
+        self.assertIn("AUTO.LAND", said)
+
+    def test_a_landing_is_taken_of_a_vehicle_that_is_silent_and_repetitions_are_not_logged(self):
+        wait_for(lambda: self.statuses and not self.status.message, "a vehicle that speaks")
+        self.vehicle.stop()
+        wait_for(lambda: self.status.message == "the vehicle is silent", "a silent vehicle")
+        for _ in range(6):
+            self.assertTrue(self.order("s1", LAND).accepted)
+        for _ in range(6):
+            self.assertEqual(self.order("s1", HOLD).message, "the vehicle is silent")
+        logged = self.planner.log.splitlines()
+        self.assertEqual(sum("HOLD: the vehicle is silent" in line for line in logged), 1, logged)
+        self.assertEqual(sum("LAND: accepted" in line for line in logged), 1, logged)
 
     def test_requests_that_cannot_be_are_refused_with_the_reason(self):
         answer = self.load("s1", "9", 0, 0)

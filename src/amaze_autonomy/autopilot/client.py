@@ -15,7 +15,7 @@ from amaze_autonomy.monitoring.specs import BatterySpec
 
 from .commands import CommandLimits, Confirmed, Progress, command_long, set_mode
 from .dialect import Message, mavlink
-from .mission_vehicle import GROUND_NS
+from .mission_vehicle import DRAIN_NS, GROUND_NS, STALL_NS
 from .modes import LAND, mode_number
 from .parameters import Parameters
 from .preflight import Preflight, battery_state_row, preflight_rows
@@ -77,6 +77,8 @@ class AutopilotClient:
         self.landing = Confirmed(self._land_message, self._landing_seen, limits, stands=True)
         self.disarming = Confirmed(self._disarm_message, self._disarm_seen, limits)
         self._lands = False
+        self._looked_ns: Optional[int] = None
+        self._awake_ns = 0  # what the vehicle said before may be older than its stamp
         self._t_ns = self._prearm_due_ns = self._beat_due_ns = self._restarts = 0
         self.on_text: Callable[[int, str], None] = lambda _severity, _text: None
 
@@ -85,7 +87,7 @@ class AutopilotClient:
     def receive(self, t_ns: int, message: Message) -> List[Message]:
         """Take a message of the vehicle."""
         age_ns = self.vehicle.link_age_ns(t_ns)
-        self._t_ns = t_ns
+        self._notice_stall(t_ns)
         name = message.get_type()
         self._rates.heard(t_ns, name)
         self.vehicle.receive(t_ns, message)
@@ -108,7 +110,7 @@ class AutopilotClient:
 
     def wake(self, t_ns: int) -> List[Message]:
         """Ask for what is missing, send commands again."""
-        self._t_ns = t_ns
+        self._notice_stall(t_ns)
         self.vehicle.texts.wake(t_ns)
         self._tell_texts()
         if not self.vehicle.connected(t_ns):
@@ -123,6 +125,12 @@ class AutopilotClient:
             *self._ask_beat(t_ns),
             *([] if asked is None else [asked]),
         ]
+
+    def _notice_stall(self, t_ns: int) -> None:
+        """Notice that this process stood still: what lay in the socket meanwhile is stamped as if it came now."""
+        if self._looked_ns is not None and t_ns - self._looked_ns > STALL_NS:
+            self._awake_ns = t_ns + DRAIN_NS
+        self._t_ns = self._looked_ns = t_ns
 
     # --- commands; through `Connection.ask` -----------------------------------------------------------------------
 
@@ -249,7 +257,8 @@ class AutopilotClient:
         return beat.mode in _LANDING or not beat.armed
 
     def _disarm_message(self) -> Optional[Message]:
-        fresh = self.vehicle.landed_age_ns(self._t_ns) <= GROUND_NS
+        age_ns = self.vehicle.landed_age_ns(self._t_ns)
+        fresh = age_ns <= GROUND_NS and self._t_ns - age_ns >= self._awake_ns
         if not fresh or self.vehicle.landed(self._t_ns) is not VehicleLanded.ON_GROUND:
             return None
         return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)

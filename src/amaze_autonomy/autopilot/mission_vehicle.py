@@ -16,7 +16,20 @@ from .mission_items import Dialect
 from .modes import is_piloted, mode_name, mode_number
 from .texts import Texts
 
-__all__ = ["AIRBORNE", "GROUND_NS", "HOLD", "LAND", "MISSION", "OFFBOARD", "STREAMS", "TAKEN", "Pose", "VehicleWatch"]
+__all__ = [
+    "AIRBORNE",
+    "DRAIN_NS",
+    "GROUND_NS",
+    "HOLD",
+    "LAND",
+    "MISSION",
+    "OFFBOARD",
+    "STALL_NS",
+    "STREAMS",
+    "TAKEN",
+    "Pose",
+    "VehicleWatch",
+]
 
 _S = 1_000_000_000
 AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
@@ -28,6 +41,7 @@ _LANDED = {
     mavlink.MAV_LANDED_STATE_IN_AIR: VehicleLanded.IN_AIR,
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
+STALL_NS, DRAIN_NS = _S // 2, 3 * _S // 10  # not woken for so long; for so long what came meanwhile is read
 GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
 _FAILSAFE = (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
 _RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS

@@ -25,7 +25,7 @@ from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
 from .mission_steps import Means, steps_of
 from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
-from .mission_vehicle import GROUND_NS, LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
+from .mission_vehicle import DRAIN_NS, GROUND_NS, LAND, OFFBOARD, STALL_NS, STREAMS, TAKEN, Pose, VehicleWatch
 from .modes import is_foreign
 from .outlook import IN_FLIGHT, Outlook
 from .procedure import Procedure, Progress
@@ -93,11 +93,14 @@ class Sequencer:
         self._landing = ""  # why it is landed, whatever else is asked for
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
         self._other, self._other_ns = "", -_OTHER_NS
+        self._looked_ns: Optional[int] = None
+        self._awake_ns = 0  # what the vehicle said before may be older than its stamp
 
     # --- the link -------------------------------------------------------------------------------------------------
 
     def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
         """Take a message of the vehicle."""
+        self._notice_stall(t_ns)
         self.watch.take(t_ns, message)
         self._rates.heard(t_ns, message.get_type())
         sent: List[Message] = []
@@ -113,6 +116,7 @@ class Sequencer:
 
     def wake(self, t_ns: int) -> Iterable[Message]:
         """Look at the time; called at least as often as set-points are sent."""
+        self._notice_stall(t_ns)
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
             sent += self._loading.wake(t_ns)
@@ -124,6 +128,17 @@ class Sequencer:
         sent += self._proceed(t_ns) + self._stream(t_ns)
         asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
         return [*sent, *self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)] if asks else sent
+
+    def _notice_stall(self, t_ns: int) -> None:
+        """Notice that this process stood still: what lay in the socket meanwhile is stamped as if it came now."""
+        if self._looked_ns is not None and t_ns - self._looked_ns > STALL_NS:
+            self._awake_ns = t_ns + DRAIN_NS
+        self._looked_ns = t_ns
+
+    def _grounded(self, t_ns: int) -> bool:
+        """Return whether the vehicle says, just now, that it is on the ground."""
+        watch = self.watch
+        return watch.on_ground(t_ns, GROUND_NS) and watch.landed_ns is not None and watch.landed_ns >= self._awake_ns
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -201,7 +216,7 @@ class Sequencer:
     def _meant(self, t_ns: int) -> MissionAction:
         """Return what a landing is: disarming, before lift-off with the ground shown freshly; else the landing mode."""
         heard = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
-        down = heard and self.watch.on_ground(t_ns, GROUND_NS)
+        down = heard and self._grounded(t_ns)
         if self._doing(_A.ABORT):  # once it is that, a landed state that is a little late does not end it
             down = heard and self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns)
         return _A.ABORT if down and not self._flight.airborne else _A.LAND
@@ -333,7 +348,9 @@ class Sequencer:
     # --- what is sent ---------------------------------------------------------------------------------------------
 
     def _proceed(self, t_ns: int) -> List[Message]:
-        self._means.grounded = not self._flight.airborne and self.watch.on_ground(t_ns, GROUND_NS)
+        if t_ns < self._awake_ns and not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return []  # not silent: not read yet
+        self._means.grounded = not self._flight.airborne and self._grounded(t_ns)
         self._uphold(t_ns)
         self._end_upload_of_armed(t_ns)
         procedure = self._procedure
