@@ -89,10 +89,16 @@ class FlightRecord:
         self._beat_ns = self._watch.heartbeat_ns
         return t_ns - self._ground_ns > _COUNT_NS and self._beats > _COUNT_BEATS
 
+    @property
+    def down(self) -> bool:
+        """True when it has touched down again: PX4 shows the mode before the landing, and disarms a moment later."""
+        return self.airborne and self._watch.landed is VehicleLanded.ON_GROUND
+
     def phase(self, before: MissionPhase) -> MissionPhase:
         """Return the phase that the vehicle shows while it is armed; the one before where it shows none of ours."""
         watch = self._watch
-        if watch.mode == LAND or watch.landed is VehicleLanded.LANDING:
+        landing = watch.mode == LAND or watch.landed is VehicleLanded.LANDING
+        if landing or (before is _P.LANDING and self.down):
             return _P.LANDING
         if watch.mode == HOLD and self.airborne:
             return _P.HOLDING

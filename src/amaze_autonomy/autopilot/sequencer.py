@@ -411,7 +411,7 @@ class Sequencer:
         if self._flight.airborne and self.watch.mode != OFFBOARD and not self._wants_offboard():
             return []
         self._setpoint_ns = t_ns
-        guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD
+        guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD and not self._flight.down
         sent = [guidance.step(t_ns, self._pose(t_ns), self.watch.heading(t_ns, self._spec.vehicle_age_limit_ns))]
         self._means.still = guidance.still
         blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
