@@ -180,7 +180,7 @@ def test_a_pilot_who_ends_a_landing_keeps_the_vehicle():
     flying.until(lambda: flying.craft.position_m[0] > 3.0)
     assert flying.command(A.LAND) == ""
     flying.until_phase(P.LANDING)
-    flying.craft.pilot_takes_over("POSCTL", 6 * S)
+    flying.craft.pilot_takes_over("POSCTL", 60 * S)
     flying.run(1500 * MS)
     taken_ns = flying.t_ns
     flying.run(4 * S)

@@ -371,7 +371,7 @@ def test_nothing_is_held_on_the_ground_the_engine_cancels_there(mission):
     flying.until_phase(P.LANDED, limit_ns=10 * S)
     assert (flying.craft.armed, flying.status.waypoint) == (False, 0)
     held = [case.answer for case in ANSWERS[UserCommand.HOLD][State.TAKEOFF] if case.when != "airborne"]
-    assert held == [AnswerKind.REFUSED]
+    assert set(held) == {AnswerKind.REFUSED}
 
 
 def test_a_second_load_takes_the_place_of_the_first():
