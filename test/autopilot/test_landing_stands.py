@@ -192,6 +192,20 @@ def test_a_pilot_who_ends_a_landing_keeps_the_vehicle():
     flying.until_phase(P.LANDED)
 
 
+@pytest.mark.parametrize("action, phase", [(A.HOLD, P.HOLDING), (A.LAND, P.LANDING)])
+def test_a_pilot_who_takes_over_as_soon_as_a_mode_shows_is_not_commanded_again(action, phase):
+    """CURRENT_MODE shows a mode up to a second before the next heartbeat; to repeat it meanwhile would take him over."""
+    flying = Recorded()
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    assert flying.command(action) == ""
+    flying.until_phase(phase, limit_ns=2 * S)
+    flying.craft.pilot_takes_over("POSCTL", 60 * S)
+    shown_ns = flying.t_ns
+    flying.run(3 * S)
+    assert (flying.craft.mode, flying.since(shown_ns)) == ("POSCTL", [])
+
+
 @BOTH
 def test_a_landing_of_somebody_else_ends_what_runs(mission):
     """AUTO.LAND by the pilot's switch, or by the autopilot node: a hold or a resume does not go on against it."""

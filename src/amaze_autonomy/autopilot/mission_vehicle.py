@@ -84,6 +84,7 @@ class VehicleWatch:
         self.target: Tuple[int, int] = (0, 0)
         self.heartbeat_ns: Optional[int] = None
         self._heard_ns = 0
+        self.mode_ns: Optional[int] = None
         self.armed: Optional[bool] = None
         self.mode = ""
         self.failsafe = False
@@ -176,13 +177,13 @@ class VehicleWatch:
     def _heartbeat(self, t_ns: int, message: Message) -> None:
         self.autopilot, self.target, self.heartbeat_ns = message.autopilot, source_of(message), t_ns
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.mode = mode_name(message.autopilot, message.custom_mode)
+        self.mode, self.mode_ns = mode_name(message.autopilot, message.custom_mode), t_ns
         self.failsafe = message.system_status in _FAILSAFE
 
-    def _current_mode(self, _: int, message: Message) -> None:
+    def _current_mode(self, t_ns: int, message: Message) -> None:
         """Take the mode in the air; on the ground, that of a heartbeat, which says as well whether it is disarmed."""
-        if self.heartbeat_ns is not None and self.landed in (VehicleLanded.IN_AIR, VehicleLanded.TAKING_OFF):
-            self.mode = mode_name(self.autopilot, message.custom_mode)
+        if self.heartbeat_ns is not None and self.landed in AIRBORNE:
+            self.mode, self.mode_ns = mode_name(self.autopilot, message.custom_mode), t_ns
 
     def _event(self, t_ns: int, message: Message) -> None:
         if not self.armed:  # armed, they tell which modes are not to be had now

@@ -123,9 +123,13 @@ class Procedure:
             self._since_ns += passed_ns
 
     def _shown(self, t_ns: int) -> bool:
-        """Return whether the vehicle shows the effect, by a heartbeat that came after the command."""
-        step, heartbeat_ns = self._steps[self._number], self._means.watch.heartbeat_ns
-        after = not step.always or (heartbeat_ns is not None and heartbeat_ns > self._first_ns)
+        """Return whether the vehicle shows the effect, by a heartbeat (a mode: CURRENT_MODE, too) after the command.
+
+        A mode that is shown is not sent again: a pilot may choose another one in the second until the next heartbeat.
+        """
+        step, watch = self._steps[self._number], self._means.watch
+        said_ns = watch.mode_ns if step.mode else watch.heartbeat_ns
+        after = not step.always or (said_ns is not None and said_ns > self._first_ns)
         return after and step.done(self._means, t_ns)
 
     def _taken(self) -> str:
