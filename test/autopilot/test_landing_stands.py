@@ -194,7 +194,7 @@ def test_a_pilot_who_ends_a_landing_keeps_the_vehicle():
 
 @pytest.mark.parametrize("action, phase", [(A.HOLD, P.HOLDING), (A.LAND, P.LANDING)])
 def test_a_pilot_who_takes_over_as_soon_as_a_mode_shows_is_not_commanded_again(action, phase):
-    """CURRENT_MODE shows a mode up to a second before the next heartbeat; to repeat it meanwhile would take him over."""
+    """CURRENT_MODE shows a mode up to a second before the next heartbeat; to repeat it would take him over."""
     flying = Recorded()
     flying.take_off("line")
     flying.until(lambda: flying.craft.position_m[0] > 3.0)

@@ -122,7 +122,6 @@ class Soak:
     def fly(self, number: int, *, hold: bool = False) -> Flown:
         """Fly one mission, out or back, and say what came of it."""
         begin_ns, session, mission = self.t_ns, f"session {number}", "back" if number % 2 else "out"
-        self._start = self.craft.position_m
         self._cut(begin_ns)
         loads, problem, orders = self._take_off(session, mission)
         if not problem and hold:
@@ -175,6 +174,7 @@ class Soak:
         """Load and take off; what a silence has ended is landed, as the engine does, and begun again."""
         loads = 0
         for _ in range(3):
+            self._start = self.craft.position_m
             self.happened.clear()
             loads += self._load(session, mission)
             problem, orders = self._order(session, MissionAction.TAKEOFF)
