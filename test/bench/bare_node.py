@@ -7,13 +7,14 @@ import sys
 
 import rospy
 
-from amaze_autonomy.nodes.interface import STATUS_TOPICS
+from amaze_autonomy.interface import STATUSES
+from amaze_autonomy.nodes.interface import message_class
 
 
 def main(namespace: str) -> None:
     rospy.init_node("bare")
-    for topic in STATUS_TOPICS:
-        rospy.Subscriber(f"{namespace}/{topic.name}", topic.message, lambda _: None, tcp_nodelay=True)
+    for status in STATUSES:
+        rospy.Subscriber(f"{namespace}/{status.topic}", message_class(status), lambda _: None, tcp_nodelay=True)
     rospy.spin()
 
 

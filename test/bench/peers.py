@@ -16,7 +16,8 @@ from rosgraph.network import decode_ros_handshake_header, encode_ros_handshake_h
 from std_srvs.srv import TriggerResponse
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.nodes.interface import SERVICES, STATUS_TOPICS
+from amaze_autonomy.interface import STATUSES
+from amaze_autonomy.nodes.interface import SERVICE_CLASSES, message_class
 
 _PERIOD_S = 0.2
 _ROW = msg.Check(name="bench", verdict=msg.Check.PASS, value=nan, limit=nan, age=nan)
@@ -77,8 +78,10 @@ class Peers:
         self._lock = threading.RLock()
         self._changed = threading.Condition(self._lock)
         self._publishers = {
-            topic.name: rospy.Publisher(f"{namespace}/{topic.name}", topic.message, queue_size=1, tcp_nodelay=True)
-            for topic in STATUS_TOPICS
+            status.topic: rospy.Publisher(
+                f"{namespace}/{status.topic}", message_class(status), queue_size=1, tcp_nodelay=True
+            )
+            for status in STATUSES
         }
         self._number = 0
         self.code = 1
@@ -96,7 +99,7 @@ class Peers:
             battery_voltage=16.0,
         )
         rospy.Subscriber(f"{namespace}/autonomy/state", msg.AutonomyState, self._see)
-        for name, service in SERVICES.items():
+        for name, service in SERVICE_CLASSES.items():
             WireService(f"{namespace}/{name}", service, self._answers()[name])
         threading.Thread(target=self._stream, daemon=True).start()
 

@@ -14,14 +14,14 @@ pytest.importorskip("rospy")
 from amaze_autonomy import msg
 from amaze_autonomy.engine.events import AutopilotStatus, ClockStatus, LandedStatus, Tick, WatchdogAction
 from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.interface import STATUSES
 from amaze_autonomy.nodes.clock import Clock
 from amaze_autonomy.nodes.inbox import Inbox, Stall
-from amaze_autonomy.nodes.interface import STATUS_TOPICS
-from amaze_autonomy.nodes.outgoing import ros_time
+from amaze_autonomy.nodes.interface import ros_time
 from amaze_autonomy.nodes.topic_reader import ALL, Tally, TopicStream
 
 S, MS = 1_000_000_000, 1_000_000
-TOPICS = {topic.name: topic for topic in STATUS_TOPICS}
+TOPICS = {status.topic: status for status in STATUSES}
 EPOCH_S = 1_700_000_000  # of ROS time, when the deciding clock shows 0
 
 

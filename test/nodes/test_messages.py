@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy import msg
+from amaze_autonomy import msg, srv
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.events import ComponentStatus, Outcome
@@ -17,8 +17,9 @@ from amaze_autonomy.engine.report import report
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import Code, Restart, Verb
 from amaze_autonomy.engine.state import EngineState, Failure, FailureKind
-from amaze_autonomy.nodes import incoming, outgoing
-from amaze_autonomy.nodes.errors import InvalidMessageError
+from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
+from amaze_autonomy.nodes.interface import read_status, response_of, status_message
+from amaze_autonomy.nodes.state_publisher import state_message
 
 T, ROS, AGE = 7_000_000_000, 1_700_000_000_000_000_000, 30_000_000
 LRF = ComponentStatus(name="lrf", code=Code.HOLD, restart=Restart.TRYING, until_ns=T + 2_000_000_000, reason="silent")
@@ -77,76 +78,69 @@ EVENTS = (
     events.LandedStatus(t_ns=T, landed=events.Landed.AIRBORNE, distance_m=1.5, reason="far", age_ns=AGE),
     events.LandedStatus(t_ns=T, landed=events.Landed.UNKNOWN, distance_m=None, age_ns=AGE),
 )
-WAYS = {
-    events.WatchdogAction: (outgoing.watchdog_action, incoming.watchdog_action),
-    events.WatchdogInfo: (outgoing.watchdog_info, incoming.watchdog_info),
-    events.MissionStatus: (outgoing.mission_status, incoming.mission_status),
-    events.RecordingStatus: (outgoing.recording_status, incoming.recording_status),
-    events.AutopilotStatus: (outgoing.autopilot_status, incoming.autopilot_status),
-    events.LandedStatus: (outgoing.landed_status, incoming.landed_status),
-}
+BY_MESSAGE = {status.shape.message: status for status in STATUSES}
+
+
+def read(message, t_ns=T, ros_ns=ROS):
+    return read_status(BY_MESSAGE[type(message).__name__], message, t_ns, ros_ns)
 
 
 @pytest.mark.parametrize("event", EVENTS, ids=lambda event: type(event).__name__)
 def test_an_event_survives_the_wire(event):
-    write, read = WAYS[type(event)]
-    message = write(event, ROS)
-    assert read(message, T, ROS) == event
+    assert read(status_message(event, ROS)) == event
 
 
 def test_the_age_is_what_the_stamp_says_on_arrival():
-    message = outgoing.landed_status(EVENTS[-1], ROS)
-    assert incoming.landed_status(message, T, ROS + 1_000).age_ns == AGE + 1_000
-    assert incoming.landed_status(message, T, ROS - 40_000_000).age_ns == -10_000_000
+    message = status_message(EVENTS[-1], ROS)
+    assert read(message, T, ROS + 1_000).age_ns == AGE + 1_000
+    assert read(message, T, ROS - 40_000_000).age_ns == -10_000_000
 
 
 def test_a_message_without_a_stamp_is_as_old_as_ros_time():
-    assert incoming.landed_status(msg.Landed(landed=1), T, ROS).age_ns == ROS
+    assert read(msg.Landed(landed=1)).age_ns == ROS
 
 
 def test_until_counts_from_the_stamp_of_the_message():
     event = replace(EVENTS[0], age_ns=0)
-    message = outgoing.watchdog_action(event, ROS)
-    late = incoming.watchdog_action(message, T + AGE, ROS + AGE)
+    message = status_message(event, ROS)
+    late = read(message, T + AGE, ROS + AGE)
     assert late.components[0].until_ns == LRF.until_ns
 
 
 @pytest.mark.parametrize("value", [nan, float("inf"), -float("inf"), 1e300])
 def test_an_until_that_is_no_time_is_none(value):
     bad = msg.WatchdogAction(code=8, components=[msg.ComponentState(name="lrf", code=8, until=value)])
-    assert incoming.watchdog_action(bad, T, ROS).components[0].until_ns is None
+    assert read(bad).components[0].until_ns is None
 
 
 def test_what_the_flags_call_invalid_is_unknown():
     message = msg.AutopilotStatus(armed=True, height=3.0, position_x=1.0, position_y=1.0, battery_fraction=-1.0)
-    event = incoming.autopilot_status(message, T, ROS)
+    event = read(message)
     assert (event.armed, event.height_m, event.position_x_m, event.position_y_m) == (None, None, None, None)
     assert event.battery_fraction is None
 
 
 BAD = (
-    (incoming.watchdog_action, msg.WatchdogAction(code=3), "code is 3, must be one of 1, 2, 4, 8, 16"),
+    (msg.WatchdogAction(code=3), "code is 3, must be one of 1, 2, 4, 8, 16"),
     (
-        incoming.watchdog_action,
         msg.WatchdogAction(code=4, components=[msg.ComponentState(name="", code=4)]),
         "components.name is '', must be the name of a component",
     ),
     (
-        incoming.watchdog_info,
         msg.WatchdogInfo(components=[msg.ComponentState(name="lrf", code=4, restart=9)]),
         "components.restart is 9, must be one of 0, 1, 2",
     ),
-    (incoming.mission_status, msg.MissionStatus(phase=8), "phase is 8, must be one of 0, 1, 2, 3, 4, 5, 6, 7"),
-    (incoming.recording_status, msg.RecordingStatus(phase=10), "phase is 10, must be"),
-    (incoming.autopilot_status, msg.AutopilotStatus(landed=5), "landed is 5, must be one of 0, 1, 2, 3, 4"),
-    (incoming.landed_status, msg.Landed(landed=3), "landed is 3, must be one of 0, 1, 2"),
+    (msg.MissionStatus(phase=8), "phase is 8, must be one of 0, 1, 2, 3, 4, 5, 6, 7"),
+    (msg.RecordingStatus(phase=10), "phase is 10, must be"),
+    (msg.AutopilotStatus(landed=5), "landed is 5, must be one of 0, 1, 2, 3, 4"),
+    (msg.Landed(landed=3), "landed is 3, must be one of 0, 1, 2"),
 )
 
 
-@pytest.mark.parametrize("read, message, words", BAD)
-def test_what_cannot_be_is_refused_by_the_name_of_its_field(read, message, words):
+@pytest.mark.parametrize("message, words", BAD)
+def test_what_cannot_be_is_refused_by_the_name_of_its_field(message, words):
     with pytest.raises(InvalidMessageError) as refused:
-        read(message, T, ROS)
+        read(message)
     assert str(refused.value).startswith(words)
 
 
@@ -164,28 +158,28 @@ COMPONENTS = {"fixable": True, "being_fixed": True, "until_ns": T + 5_000_000_00
 def test_the_answer_of_a_check_survives_the_wire(check):
     more = {**COMPONENTS, "message": "wait for it"} if check is CheckName.WATCHDOG else {}
     reply = events.CheckReply(t_ns=T, command_id=5, check=check, outcome=Outcome.ACCEPTED, ok=True, checks=ROWS, **more)
-    response = outgoing.check_response(reply, T)
-    assert incoming.check_answer(response, check, 5, T) == reply
+    service = CHECK_SERVICES[check]
+    assert service.reply(response_of(service, reply, T), 5, T) == reply
 
 
 def test_numbers_of_an_answer_are_found_by_their_unit():
     reply = events.CheckReply(t_ns=T, command_id=5, check=CheckName.BATTERY, outcome=Outcome.ACCEPTED, checks=ROWS)
-    battery = outgoing.check_response(reply, T)
+    battery = response_of(CHECK_SERVICES[CheckName.BATTERY], reply, T)
     assert (battery.fraction, battery.voltage) == (0.75, 3.5)
-    tilt = outgoing.check_response(replace(reply, check=CheckName.STATE_ESTIMATION), T)
+    tilt = response_of(CHECK_SERVICES[CheckName.STATE_ESTIMATION], reply, T)
     assert tilt.tilt == 0.5
     assert isnan(tilt.gravity.z)
 
 
 def test_a_verdict_that_does_not_exist_is_refused():
     with pytest.raises(InvalidMessageError, match=r"checks\.verdict is 0, must be one of 1, 2, 3, 4"):
-        incoming.check_row(msg.Check(name="x", verdict=0))
+        CHECK_SERVICES[CheckName.AUTOPILOT].reply(srv.CheckAutopilotResponse(checks=[msg.Check(name="x")]), 5, T)
 
 
 def test_the_report_becomes_a_message():
     failure = Failure("lrf", FailureKind.COMPONENT, 8, Verb.WAIT, Verb.LAND, T, T + 3_000_000_000, "silent")
     state = replace(EngineState(), failures=(failure,), message="hello")
-    message = outgoing.autonomy_state(report(state, Rules()), T + 1_000_000_000, ROS)
+    message = state_message(report(state, Rules()), T + 1_000_000_000, ROS)
     assert (message.state, message.message, message.message_level) == ("MISSION_INPUT", "hello", 0)
     assert message.header.stamp.to_nsec() == ROS
     assert isnan(message.time_left)

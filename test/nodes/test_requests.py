@@ -14,9 +14,9 @@ from amaze_autonomy.engine import commands
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import CheckReply, Outcome, Reply
+from amaze_autonomy.interface import CHECK_SERVICES, SERVICES
 from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError
-from amaze_autonomy.nodes.interface import CHECK_SERVICES, SERVICES
-from amaze_autonomy.nodes.request_reader import command_of, response_of
+from amaze_autonomy.nodes.interface import SERVICE_CLASSES, response_of
 from amaze_autonomy.nodes.requests import Requests
 
 S = 1_000_000_000
@@ -81,15 +81,15 @@ def send(command, ends, *, connected=True):
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: type(command).__name__)
 def test_the_peers_side_reads_the_same_command(command):
-    _, [(name, request)], _ = send(command, lambda name: SERVICES[name]._response_class())
-    read = command_of(name, request, command.id)
+    _, [(name, request)], _ = send(command, lambda name: SERVICE_CLASSES[name]._response_class())
+    read = SERVICES[name].command(request, command.id, HOUR)
     assert read.limit_ns == HOUR
     assert type(command)(**{**vars(read), "limit_ns": command.limit_ns}) == command
 
 
 @pytest.mark.parametrize("connected", [True, False])
 def test_a_request_is_sent_once(connected):
-    _, sent, _ = send(COMMANDS[1], lambda name: SERVICES[name]._response_class(), connected=connected)
+    _, sent, _ = send(COMMANDS[1], lambda name: SERVICE_CLASSES[name]._response_class(), connected=connected)
     assert len(sent) == 1
 
 
@@ -97,7 +97,7 @@ def test_a_request_is_sent_once(connected):
 @pytest.mark.parametrize("command", [each for each in COMMANDS if not isinstance(each, commands.RunCheck)])
 def test_yes_and_no_come_through(command, outcome):
     answer = Reply(t_ns=77, command_id=command.id, outcome=outcome, message="because")
-    reply, _, _ = send(command, lambda name: response_of(name, answer, 77))
+    reply, _, _ = send(command, lambda name: response_of(SERVICES[name], answer, 77))
     assert reply == answer
 
 
@@ -133,4 +133,4 @@ def test_an_answer_that_cannot_be_is_broken():
 
 def test_each_check_has_its_service():
     assert set(CHECK_SERVICES) == set(CheckName)
-    assert set(CHECK_SERVICES.values()) < set(SERVICES)
+    assert {service.name for service in CHECK_SERVICES.values()} < set(SERVICES)

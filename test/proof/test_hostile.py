@@ -22,9 +22,8 @@ from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.report import report
+from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
 from amaze_autonomy.laws import judge, observed
-from amaze_autonomy.nodes import incoming
-from amaze_autonomy.nodes.errors import InvalidMessageError
 from amaze_autonomy.replay.scenario.files import parse_cases
 from amaze_autonomy.simulation.scenario_file import parse_scenario
 
@@ -77,14 +76,7 @@ def values(kind: str) -> Any:
     return message((ROOT / "msg" / f"{kind.rpartition('/')[2]}.msg").read_text())
 
 
-READERS = {
-    "AutopilotStatus": incoming.autopilot_status,
-    "Landed": incoming.landed_status,
-    "MissionStatus": incoming.mission_status,
-    "RecordingStatus": incoming.recording_status,
-    "WatchdogAction": incoming.watchdog_action,
-    "WatchdogInfo": incoming.watchdog_info,
-}
+READERS = {status.shape.message: status for status in STATUSES}
 ANSWERS = {
     "StartWatchdog": CheckName.WATCHDOG,
     "CheckBattery": CheckName.BATTERY,
@@ -134,7 +126,8 @@ def test_every_field_of_a_message_may_be_anything(name):  # hollow: a broken law
             if ours:
                 each.header.stamp = SimpleNamespace(secs=5, nsecs=0)
             try:
-                events.append(READERS[name](each, state.t_ns, 5 * 10**9))
+                age_ns = 5 * 10**9 - each.header.stamp.secs * 10**9 - each.header.stamp.nsecs
+                events.append(READERS[name].read(each, state.t_ns, age_ns))
             except InvalidMessageError:
                 continue
         goes_on(place, *events)
@@ -152,7 +145,7 @@ def test_every_field_of_an_answer_may_be_anything(name):  # hollow: a broken law
         state = at(place).state
         current = next(record.command_id for record in state.checks if record.check is ANSWERS[name])
         try:
-            event = incoming.check_answer(said, ANSWERS[name], current, state.t_ns)
+            event = CHECK_SERVICES[ANSWERS[name]].reply(said, current, state.t_ns)
         except InvalidMessageError:
             return
         goes_on(place, event)

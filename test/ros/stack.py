@@ -26,7 +26,7 @@ from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.journal import decode
-from amaze_autonomy.nodes.interface import SERVICES
+from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.journal_source import read_journals
 from amaze_autonomy.replay.lawful import check_laws, law_lines

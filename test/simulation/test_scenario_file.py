@@ -4,6 +4,7 @@ import pytest
 
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.interface import PEERS, SERVICES
 from amaze_autonomy.simulation import (
     KINDS,
     Fault,
@@ -14,7 +15,6 @@ from amaze_autonomy.simulation import (
     load_scenario,
     parse_scenario,
 )
-from amaze_autonomy.simulation.services import PEERS, SERVICES
 
 S = 1_000_000_000
 
@@ -127,7 +127,7 @@ def written(kind):
     target = {
         Subject.COMPONENT: "component: lrf, ",
         Subject.PROCESS: f"process: {(kind.targets or PEERS)[0]}, ",
-        Subject.SERVICE: f"service: {SERVICES[0]}, ",
+        Subject.SERVICE: f"service: {next(iter(SERVICES))}, ",
         Subject.WORLD: "",
     }[kind.subject]
     given = "".join(

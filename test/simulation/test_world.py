@@ -14,8 +14,8 @@ from amaze_autonomy.engine.events import (
     UserRequest,
     WatchdogAction,
 )
+from amaze_autonomy.interface import PEERS, SERVICES, peer_of
 from amaze_autonomy.simulation import NoEffectError, SimulatedTimeError, SimulationError, UnknownTargetError, World
-from amaze_autonomy.simulation.services import PEERS, SERVICES, peer_of
 
 STATUS = {
     "autopilot": AutopilotStatus,

@@ -40,6 +40,7 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.engine.timers import next_deadline
+from amaze_autonomy.interface import STATUSES, Status
 
 from . import output, process, results
 from .clock import Clock, make_clock, wait_for_time
@@ -49,7 +50,7 @@ from .ending import Ending, Farewell
 from .engine_thread import EngineThread
 from .errors import NodeError, StartError
 from .inbox import Inbox, Stall
-from .interface import SERVICES, STATUS_TOPICS, StatusTopic
+from .interface import SERVICE_CLASSES, message_class
 from .journal_file import JournalFile, create, reopen
 from .outbox import Outbox
 from .parameters import Parameters, read_parameters
@@ -130,7 +131,7 @@ class AutonomyNode:
         master, me = rosgraph.get_master_uri(), rospy.get_name()
         return {
             name: ServiceClient(rospy.resolve_name(name), service, master, me, _SPARE.get(name, 0))
-            for name, service in SERVICES.items()
+            for name, service in SERVICE_CLASSES.items()
         }
 
     def _open_journal(self) -> JournalFile:
@@ -164,8 +165,8 @@ class AutonomyNode:
         self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
         self._engine.start()
         self._desk.open()
-        for topic in STATUS_TOPICS:
-            self._listen(topic)
+        for status in STATUSES:
+            self._listen(status)
         self._reconnector.start()
         if self._parameters.missions and self._resumed is None:
             threading.Thread(target=self._select, name="select", daemon=True).start()
@@ -178,11 +179,11 @@ class AutonomyNode:
             time.sleep(_LOOK_AGAIN_S)
         self.put(choose(self._configuration.missions, self._parameters.missions, self._clock.now_ns()))
 
-    def _listen(self, topic: StatusTopic) -> None:
+    def _listen(self, status: Status) -> None:
         """Have the engine's thread read a status."""
-        name = rospy.resolve_name(topic.name)
+        name = rospy.resolve_name(status.topic)
         tally = Tally(name, ALL, _LONGEST_STATUS)
-        subscribe(name, self._inbox.reader, tally, self._inbox.look_for(topic), topic.message)
+        subscribe(name, self._inbox.reader, tally, self._inbox.look_for(status), message_class(status))
 
     def _reject(self, topic: str, error: Any) -> None:
         """Count an invalid message; warn once per topic and field."""

@@ -30,9 +30,9 @@ from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import Landed
 
-from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
+from .interface import check_row, number, status_message
 from .level_loop import LevelLoop
 from .node_main import run_node
 from .vehicle_link import ChangeLog, Link, make_link, tell_link
@@ -81,7 +81,7 @@ class AutopilotNode:
     def _check(self, _request: Any) -> Any:
         ground = self._ground
         rows = self._link.ask(lambda t_ns: self.client.check(t_ns, _fresh(ground, t_ns)))
-        checks = [outgoing.check_row(row) for row in rows]
+        checks = [check_row(row) for row in rows]
         return srv.CheckAutopilotResponse(ok=all(row.passed for row in rows), checks=checks)
 
     def _rows(self) -> Tuple[Check, ...]:
@@ -93,9 +93,9 @@ class AutopilotNode:
         verdict = self._link.ask(lambda t_ns: (self.client.check_battery(t_ns, needed), ()))
         return srv.CheckBatteryResponse(
             ok=verdict.ok,
-            fraction=outgoing.number(verdict.fraction),
-            voltage=outgoing.number(verdict.voltage_v),
-            checks=[outgoing.check_row(row) for row in verdict.checks],
+            fraction=number(verdict.fraction),
+            voltage=number(verdict.voltage_v),
+            checks=[check_row(row) for row in verdict.checks],
         )
 
     def _land(self, _request: Any) -> Any:
@@ -160,7 +160,7 @@ class AutopilotNode:
     def _publish(self) -> None:
         self._commanding.publish(self._link.ask(lambda _: (self.client.commanding, ())))
         status, health, measured = self._link.ask(lambda t_ns: (self._state(t_ns), ()))
-        self._publisher.publish(outgoing.autopilot_status(status, self._clock.ros_ns(), health, measured))
+        self._publisher.publish(status_message(status, self._clock.ros_ns(), health, measured))
 
     def _state(self, t_ns: int) -> Tuple[Any, Dict[str, Optional[bool]], Dict[str, Optional[float]]]:
         vehicle = self.client.vehicle

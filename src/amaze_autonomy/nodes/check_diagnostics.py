@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from amaze_autonomy.engine.checks import Check, Verdict
 
 from .clock import Clock
-from .outgoing import ros_time
+from .interface import ros_time
 
 __all__ = ["CheckDiagnostics"]
 

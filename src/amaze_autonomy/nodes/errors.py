@@ -1,7 +1,6 @@
 """What can go wrong at the border to ROS.
 
 NodeError
-├── InvalidMessageError     a message or a reply carries what cannot be
 ├── StartError              the node cannot start: one line for the user
 └── CallError               a service call did not end with an answer
     ├── UnavailableError    there is no such service, or nobody behind it
@@ -15,7 +14,6 @@ __all__ = [
     "BrokenCallError",
     "CallError",
     "CallTimeoutError",
-    "InvalidMessageError",
     "NodeError",
     "StartError",
     "UnavailableError",
@@ -24,20 +22,6 @@ __all__ = [
 
 class NodeError(Exception):
     """Base of all errors of the nodes."""
-
-
-class InvalidMessageError(NodeError):
-    """A field of a message holds what cannot be.
-
-    Args:
-        field: name of the field.
-        value: what it holds.
-        expected: what it takes, in words.
-    """
-
-    def __init__(self, field: str, value: object, expected: str) -> None:
-        super().__init__(f"{field} is {value!r}, must be {expected}")
-        self.field, self.value, self.expected = field, value, expected
 
 
 class StartError(NodeError):

@@ -19,11 +19,10 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.events import ClockStatus, Event, InvalidEventError, WatchdogAction
 from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.interface import InvalidMessageError, Status
 
 from .clock import Clock
-from .errors import InvalidMessageError
-from .incoming import age_of
-from .interface import StatusTopic
+from .interface import age_of, message_class, read_status
 from .topic_reader import Look, TopicReader
 
 __all__ = ["Inbox", "Stall"]
@@ -59,7 +58,7 @@ class _Publisher:
         header: of the connection.
     """
 
-    def __init__(self, topic: StatusTopic, header: Mapping[str, str]) -> None:
+    def __init__(self, topic: Status, header: Mapping[str, str]) -> None:
         self.topic, self._header = topic, header
         self._usual_ns: Optional[int] = None  # how old its messages are when they are read in time
 
@@ -73,16 +72,16 @@ class _Publisher:
             looked_ns: when the sockets were last empty; None when they were looked at in time.
 
         Raises:
-            Exception: whatever genpy raises for what is no message, and `topic.read` for what cannot be.
+            Exception: whatever genpy raises for what is no message, and `read_status` for what cannot be.
         """
-        message = self.topic.message().deserialize(data)
+        message = message_class(self.topic)().deserialize(data)
         message._connection_header = self._header
         age_ns = age_of(message.header, ros_ns)
         if looked_ns is None:
             self._usual_ns, lay_ns = age_ns, 0
         else:
             lay_ns = min(max(age_ns - (self._usual_ns or 0), 0), max(now_ns - looked_ns, 0))
-        return self.topic.read(message, now_ns - lay_ns, ros_ns - lay_ns)
+        return read_status(self.topic, message, now_ns - lay_ns, ros_ns - lay_ns)
 
 
 class Inbox:
@@ -118,7 +117,7 @@ class Inbox:
         """Have `wait` return; from any thread."""
         self.reader.wake()
 
-    def look_for(self, topic: StatusTopic) -> Callable[[Mapping[str, str]], Look]:
+    def look_for(self, topic: Status) -> Callable[[Mapping[str, str]], Look]:
         """Return what makes the look at the messages of each publisher of a topic."""
 
         def look_at(header: Mapping[str, str]) -> Look:
@@ -177,12 +176,12 @@ class Inbox:
             try:
                 events.append((publisher, publisher.event(data, now_ns, ros_ns, looked_ns)))
             except (InvalidMessageError, InvalidEventError) as error:
-                self._reject(publisher.topic.name, error)
+                self._reject(publisher.topic.topic, error)
             except Exception as error:  # genpy raises whatever struct, codecs and its own code raise
                 text = InvalidMessageError(
-                    "message", f"{len(data)} bytes", f"a {publisher.topic.message._type} ({error})"
+                    "message", f"{len(data)} bytes", f"a {message_class(publisher.topic)._type} ({error})"
                 )
-                self._reject(publisher.topic.name, text)
+                self._reject(publisher.topic.topic, text)
         kept = _thinned(events) if len(events) > _MOST else [event for _, event in events]
         return kept, len(events) - len(kept)
 

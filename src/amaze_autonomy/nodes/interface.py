@@ -1,67 +1,138 @@
-"""Names and types of everything between the nodes (DESIGN.md section 6). Names are defaults, all can be remapped."""
+"""The tables of `interface/` with the classes of ROS: messages and service answers <-> events and commands.
+
+Names are defaults, all can be remapped.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Callable, Dict, Mapping, Tuple, Type
+from math import nan
+from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
 
+import rospy
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.engine import events
-from amaze_autonomy.engine.checks import CheckName
-from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.commands import Request
+from amaze_autonomy.engine.events import (
+    AutopilotStatus,
+    CheckReply,
+    ComponentStatus,
+    Event,
+    RecordingStatus,
+    Reply,
+    UserCommand,
+)
+from amaze_autonomy.interface import CHECK_ROW, COMPONENT, SERVICES, Service, Status, service_of, status_of
 
-from . import incoming
+__all__ = [
+    "SERVICE_CLASSES",
+    "USER_SERVICES",
+    "age_of",
+    "check_row",
+    "component_state",
+    "message_class",
+    "number",
+    "read_status",
+    "request_of",
+    "response_of",
+    "ros_time",
+    "status_message",
+]
 
-__all__ = ["CHECK_SERVICES", "SERVICES", "STATUS_TOPICS", "USER_SERVICES", "StatusTopic"]
+SERVICE_CLASSES: Dict[str, Type[Any]] = {
+    name: Trigger if row.type == "Trigger" else getattr(srv, row.type) for name, row in SERVICES.items()
+}
+USER_SERVICES: Tuple[str, ...] = tuple(command.value for command in UserCommand)
+"""The user's services in the private namespace of the node, by the value of their command."""
+
+_HEALTH = ("gps", "imu", "magnetometer", "barometer", "rc", "prearm")
+_HEALTH_NUMBERS = {None: 0, True: 1, False: 2}
+_MEASURED = ("battery_cell_voltage", "battery_current", "clock_offset")
 
 
-@dataclass(frozen=True)
-class StatusTopic:
-    """A status that the engine listens to.
+def _classes(name: str) -> Any:
+    return getattr(msg, name)
+
+
+def message_class(status: Status) -> Type[Any]:
+    """Return the class of the messages of a status."""
+    kind: Type[Any] = _classes(status.shape.message)
+    return kind
+
+
+def number(value: Optional[float]) -> float:
+    """Return the value, or NaN for None."""
+    return nan if value is None else value
+
+
+def ros_time(ns: int) -> rospy.Time:
+    """Return nanoseconds as a ROS time."""
+    return rospy.Time(ns // 1_000_000_000, ns % 1_000_000_000)
+
+
+def age_of(header: Any, ros_ns: int) -> int:
+    """Return how old a header says that its message is."""
+    return ros_ns - int(header.stamp.secs) * 1_000_000_000 - int(header.stamp.nsecs)
+
+
+def read_status(status: Status, message: Any, t_ns: int, ros_ns: int) -> Event:
+    """Return the event of a message: arrival on the deciding clock, and in ROS time.
+
+    Raises:
+        InvalidMessageError: A field holds what cannot be.
+    """
+    sender = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
+    arrival = {"publisher": sender} if "publisher" in status.event.__dataclass_fields__ else {}
+    return status.read(message, t_ns, age_of(message.header, ros_ns), **arrival)
+
+
+def status_message(
+    event: Event,
+    ros_ns: int,
+    healthy: Optional[Mapping[str, Optional[bool]]] = None,
+    measured: Optional[Mapping[str, Optional[float]]] = None,
+) -> Any:
+    """Return the message of an event, stamped with the time at which it says that it was made.
 
     Args:
-        name: of the topic.
-        message: its message class.
-        read: makes the event of (message, arrival on the deciding clock, arrival in ROS time).
+        event: what the engine is told.
+        ros_ns: now.
+        healthy: of an autopilot's gps, imu, magnetometer, barometer, rc, prearm; None or not there: unknown.
+        measured: its battery_cell_voltage, battery_current, clock_offset; None or not there: unknown.
     """
+    more: Dict[str, Any] = {}
+    if isinstance(event, AutopilotStatus):
+        more = {name: _HEALTH_NUMBERS[(healthy or {}).get(name)] for name in _HEALTH}
+        more.update({name: number((measured or {}).get(name)) for name in _MEASURED})
+    elif isinstance(event, RecordingStatus):
+        more = {"remaining": nan}
+    message = status_of(event).write(event, _classes, **more)
+    message.header.stamp = ros_time(max(0, ros_ns - getattr(event, "age_ns", 0)))
+    return message
 
-    name: str
-    message: Type[Any]
-    read: Callable[[Any, int, int], events.Event]
+
+def component_state(status: ComponentStatus, now_ns: int) -> msg.ComponentState:
+    """Return one ComponentState; its `until` counts from `now_ns`, on the deciding clock."""
+    return COMPONENT.written(status, now_ns, _classes)
 
 
-STATUS_TOPICS: Tuple[StatusTopic, ...] = (
-    StatusTopic("watchdog/action", msg.WatchdogAction, incoming.watchdog_action),
-    StatusTopic("watchdog/info", msg.WatchdogInfo, incoming.watchdog_info),
-    StatusTopic("mission_planner/status", msg.MissionStatus, incoming.mission_status),
-    StatusTopic("data_recorder/status", msg.RecordingStatus, incoming.recording_status),
-    StatusTopic("autopilot/status", msg.AutopilotStatus, incoming.autopilot_status),
-    StatusTopic("landing_detection/landed", msg.Landed, incoming.landed_status),
-)
+def check_row(row: Check) -> msg.Check:
+    """Return one row of the pre-flight table."""
+    return CHECK_ROW.written(row, 0, _classes)
 
-CHECK_SERVICES: Mapping[CheckName, str] = {
-    CheckName.WATCHDOG: "watchdog/start",
-    CheckName.BATTERY: "autopilot/check_battery",
-    CheckName.AUTOPILOT: "autopilot/check",
-    CheckName.ON_GROUND: "landing_detection/check",
-    CheckName.STATE_ESTIMATION: "state_estimation/check",
-}
 
-SERVICES: Dict[str, Type[Any]] = {
-    "watchdog/start": srv.StartWatchdog,
-    "autopilot/check_battery": srv.CheckBattery,
-    "autopilot/check": srv.CheckAutopilot,
-    "landing_detection/check": srv.CheckLanded,
-    "state_estimation/check": srv.CheckState,
-    "mission_planner/load": srv.LoadMission,
-    "mission_planner/command": srv.MissionCommand,
-    "data_recorder/start": srv.StartRecording,
-    "data_recorder/stop": srv.StopRecording,
-    "autopilot/land": Trigger,
-    "autopilot/disarm": Trigger,
-}
+def request_of(command: Request) -> Tuple[Service, Any]:
+    """Return the service that carries out a command, and the request to it."""
+    service = service_of(command)
+    if service is None:
+        raise TypeError(f"{type(command).__name__} goes to no service")
+    return service, SERVICE_CLASSES[service.name]._request_class(**service.ask(command, _classes))
 
-#: The user's services in the private namespace of the node, by the value of their command.
-USER_SERVICES: Tuple[str, ...] = tuple(command.value for command in UserCommand)
+
+def response_of(service: Service, reply: Union[Reply, CheckReply], now_ns: int) -> Any:
+    """Return the response of a service that says what was replied."""
+    response = SERVICE_CLASSES[service.name]._response_class(**service.answer(reply, now_ns, _classes))
+    if hasattr(response, "gravity"):
+        response.gravity.x = response.gravity.y = response.gravity.z = nan
+    return response

@@ -27,10 +27,10 @@ from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
 from amaze_autonomy.monitoring.readings import estimate_reader, range_reader
 from amaze_autonomy.monitoring.specs import RangeSource
 
-from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .estimate_topics import ESTIMATE_MESSAGES
+from .interface import check_row, number, status_message
 from .node_main import run_node, startup_ns
 
 __all__ = ["LandingDetectionNode", "main"]
@@ -114,8 +114,8 @@ class LandingDetectionNode:
             rows, verdict = self._detector.checks(now_ns), self._detector.evaluate(now_ns)
         return srv.CheckLandedResponse(
             on_ground=all(row.passed for row in rows),
-            distance=outgoing.number(verdict.distance_m),
-            checks=[outgoing.check_row(row) for row in rows],
+            distance=number(verdict.distance_m),
+            checks=[check_row(row) for row in rows],
         )
 
     def run(self) -> None:
@@ -147,7 +147,7 @@ class LandingDetectionNode:
 
     def _publish(self, verdict: LandingVerdict, now_ns: int) -> None:
         status = LandedStatus(t_ns=now_ns, landed=verdict.landed, distance_m=verdict.distance_m, reason=verdict.reason)
-        self._publisher.publish(outgoing.landed_status(status, self._clock.ros_ns()))
+        self._publisher.publish(status_message(status, self._clock.ros_ns()))
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""

@@ -30,9 +30,9 @@ from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 
-from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
+from .interface import status_message
 from .level_loop import LevelLoop
 from .node_main import run_node
 from .output import default_parent
@@ -131,7 +131,7 @@ class MissionPlannerNode:
 
     def _tell(self, now_ns: int) -> None:
         status = self._status()
-        self._publisher.publish(outgoing.mission_status(status, self._clock.ros_ns()))
+        self._publisher.publish(status_message(status, self._clock.ros_ns()))
         self._diagnostics.publish(now_ns, self._rows(status, now_ns))
         self._tell_link()
 

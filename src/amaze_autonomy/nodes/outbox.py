@@ -18,8 +18,8 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.state import EngineState
 
 from .clock import Clock
+from .interface import ros_time
 from .journal_file import JournalFile
-from .outgoing import ros_time
 from .timeline import Timeline
 
 __all__ = ["Outbox"]

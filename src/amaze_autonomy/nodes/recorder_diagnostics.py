@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording.status import WRITING, PlatformStatus, Status
 
-from .outgoing import ros_time
+from .interface import ros_time
 
 __all__ = ["RecorderDiagnostics"]
 

@@ -14,7 +14,7 @@ from amaze_autonomy.recording.collector import Exchange, Offset, best
 from amaze_autonomy.recording.status import Answer, PlatformStatus, Status
 
 from .errors import CallError
-from .outgoing import ros_time
+from .interface import ros_time
 from .service_client import ServiceClient
 
 __all__ = ["PlatformLink", "read_status"]

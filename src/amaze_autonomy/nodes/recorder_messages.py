@@ -7,7 +7,7 @@ from typing import Any
 from amaze_autonomy import msg
 from amaze_autonomy.recording.status import PlatformStatus, Status
 
-from .outgoing import number, ros_time
+from .interface import number, ros_time
 
 __all__ = ["recording_status", "ros_time"]
 

@@ -9,72 +9,20 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Any, Callable, Dict, Mapping, Tuple, Type
+from typing import Any, Callable, Dict, Mapping, Tuple
 
-from std_srvs.srv import TriggerRequest
-
-from amaze_autonomy import srv
 from amaze_autonomy.engine import commands
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
+from amaze_autonomy.interface import InvalidMessageError
 
-from . import incoming
-from .errors import BrokenCallError, CallTimeoutError, InvalidMessageError, UnavailableError
-from .interface import CHECK_SERVICES
+from .errors import BrokenCallError, CallTimeoutError, UnavailableError
+from .interface import request_of
 from .service_client import ServiceClient
 from .workers import Workers
 
 __all__ = ["Requests"]
 
 _KEEP_LIMIT_S = 0.5
-
-_CHECK_REQUESTS: Mapping[CheckName, Callable[[commands.RunCheck], Any]] = {
-    CheckName.WATCHDOG: lambda command: srv.StartWatchdogRequest(
-        startup_time=command.startup_time_ns * 1e-9, mission_id=command.mission_id, required=list(command.required)
-    ),
-    CheckName.BATTERY: lambda command: srv.CheckBatteryRequest(
-        required_fraction=float("nan") if command.required_fraction is None else command.required_fraction
-    ),
-    CheckName.AUTOPILOT: lambda _: srv.CheckAutopilotRequest(),
-    CheckName.ON_GROUND: lambda _: srv.CheckLandedRequest(),
-    CheckName.STATE_ESTIMATION: lambda _: srv.CheckStateRequest(),
-}
-
-
-def _load(command: commands.LoadMission) -> Any:
-    return srv.LoadMissionRequest(
-        session_id=command.session_id,
-        mission_id=command.mission_id,
-        file_index=command.file_index,
-        repetition=command.repetition,
-    )
-
-
-_REQUESTS: Mapping[Type[commands.Request], Tuple[str, Callable[[Any], Any]]] = {
-    commands.LoadMission: ("mission_planner/load", _load),
-    commands.MissionCommand: (
-        "mission_planner/command",
-        lambda command: srv.MissionCommandRequest(session_id=command.session_id, command=command.action.value),
-    ),
-    commands.StartRecording: (
-        "data_recorder/start",
-        lambda command: srv.StartRecordingRequest(session_id=command.session_id, mission_id=command.mission_id),
-    ),
-    commands.StopRecording: (
-        "data_recorder/stop",
-        lambda command: srv.StopRecordingRequest(session_id=command.session_id),
-    ),
-    commands.AutopilotLand: ("autopilot/land", lambda _: TriggerRequest()),
-    commands.AutopilotDisarm: ("autopilot/disarm", lambda _: TriggerRequest()),
-}
-
-
-def _service_of(command: commands.Request) -> Tuple[str, Any]:
-    """Return the name of the service that carries out a command, and the request."""
-    if isinstance(command, commands.RunCheck):
-        return CHECK_SERVICES[command.check], _CHECK_REQUESTS[command.check](command)
-    name, make = _REQUESTS[type(command)]
-    return name, make(command)
 
 
 class Requests:
@@ -97,8 +45,8 @@ class Requests:
 
     def send(self, command: commands.Request) -> None:
         """Send a request, or have a worker connect and send it. Returns at once."""
-        name, request = _service_of(command)
-        client = self._clients[name]
+        service, request = request_of(command)
+        client = self._clients[service.name]
         deadline_s = time.monotonic() + command.limit_ns * 1e-9
         data = client.serialize(request)
         connection = client.send_now(data)
@@ -126,14 +74,10 @@ class Requests:
             return self._failed(command, Outcome.BROKEN, f"{type(error).__name__}: {error}")
 
     def _read(self, command: commands.Request, response: Any) -> Event:
-        if isinstance(command, commands.RunCheck):
-            return incoming.check_answer(response, command.check, command.id, self._now_ns())
-        good = response.success if hasattr(response, "success") else response.accepted
-        outcome = Outcome.ACCEPTED if good else Outcome.REFUSED
-        return Reply(t_ns=self._now_ns(), command_id=command.id, outcome=outcome, message=response.message)
+        return request_of(command)[0].reply(response, command.id, self._now_ns())
 
     def _failed(self, command: commands.Request, outcome: Outcome, message: str) -> Event:
-        text = f"{_service_of(command)[0]}: {message}"
+        text = f"{request_of(command)[0].name}: {message}"
         if isinstance(command, commands.RunCheck):
             return CheckReply(
                 t_ns=self._now_ns(), command_id=command.id, check=command.check, outcome=outcome, message=text

@@ -10,7 +10,7 @@ import rospy
 from amaze_autonomy.simulation.messages import Sample
 
 from .clock import Clock
-from .outgoing import ros_time
+from .interface import ros_time
 
 __all__ = ["SensorPublisher", "fill", "message_of"]
 

@@ -1,6 +1,6 @@
 """The simulated world behind real services and topics: everything the engine talks to, for a laptop without a vehicle.
 
-Offers the services and publishes the status topics of `interface.py` for the peers it plays, and the sensors' topics.
+Offers the services and publishes the status topics of `interface/` for the peers it plays, and the sensors' topics.
 
     ~peers      which peers it plays: a mapping of name to true or false, or names with commas; default all
     ~sensors    publish the sensors' samples (default: true)
@@ -27,7 +27,7 @@ import signal
 import sys
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple, Type
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import rospy
 
@@ -38,6 +38,7 @@ from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import Event, Outcome
+from amaze_autonomy.interface import PEERS, SERVICES, STATUSES, peer_of, status_of
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.autopilots import AUTOPILOTS
 from amaze_autonomy.simulation.external import WANTED, ExternalVehicle, Observer, as_external
@@ -47,13 +48,12 @@ from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.scenario_file import load_scenario
 from amaze_autonomy.simulation.vehicle import VehicleSettings
 
-from . import outgoing, parameters, process
+from . import parameters, process
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
-from .interface import SERVICES, STATUS_TOPICS
+from .interface import SERVICE_CLASSES, message_class, response_of, status_message
 from .live_world import LiveWorld, Received, Turn
 from .real_peers import RealPeers
-from .request_reader import command_of, response_of
 from .sensor_publisher import SensorPublisher
 from .simulated_drivers import SimulatedDrivers
 
@@ -62,24 +62,8 @@ __all__ = ["PEERS", "SimulationNode", "main"]
 _LANDING_LIMIT_S = 10.0
 _EXTERNAL = "external"
 _OBSERVER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER3  # the third, beside those of the autopilot node and of the planner
+_LIMIT_NS = 3600 * 1_000_000_000  # the caller's limit is not known here
 _HISTORY_NS = 5_000_000_000  # the world is older than the node, so that its checks have seen enough samples
-
-PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner", "data_recorder")
-
-_Writer = Callable[[Any, int], Any]
-_STATUS: Mapping[Type[Event], Tuple[str, _Writer]] = {
-    events.WatchdogAction: ("watchdog/action", outgoing.watchdog_action),
-    events.WatchdogInfo: ("watchdog/info", outgoing.watchdog_info),
-    events.MissionStatus: ("mission_planner/status", outgoing.mission_status),
-    events.RecordingStatus: ("data_recorder/status", outgoing.recording_status),
-    events.AutopilotStatus: ("autopilot/status", outgoing.autopilot_status),
-    events.LandedStatus: ("landing_detection/landed", outgoing.landed_status),
-}
-
-
-def _peer(name: str) -> str:
-    """Return the peer that a service or topic belongs to."""
-    return name.split("/", 1)[0]
 
 
 class SimulationNode:
@@ -125,9 +109,9 @@ class SimulationNode:
         self._is_watched = self._history_told = False
         self._services: Dict[str, Any] = {}
         self._status = {
-            topic.name: rospy.Publisher(topic.name, topic.message, queue_size=100, tcp_nodelay=True)
-            for topic in STATUS_TOPICS
-            if _peer(topic.name) in peers
+            row.topic: rospy.Publisher(row.topic, message_class(row), queue_size=100, tcp_nodelay=True)
+            for row in STATUSES
+            if peer_of(row.topic) in peers
         }
         self._engine_state = ""
 
@@ -177,30 +161,25 @@ class SimulationNode:
         if isinstance(event, events.UserRequest):
             threading.Thread(target=_ask_engine, args=(event.command.value,), daemon=True).start()
             return
-        name, write = _STATUS[type(event)]
-        publisher = self._status.get(name)
-        if publisher is None:
-            return
-        if isinstance(event, events.AutopilotStatus):
-            publisher.publish(outgoing.autopilot_status(event, self._clock.ros_ns(), turn.health))
-        else:
-            publisher.publish(write(event, self._clock.ros_ns()))
+        publisher = self._status.get(status_of(event).topic)
+        if publisher is not None:
+            publisher.publish(status_message(event, self._clock.ros_ns(), turn.health))
 
     def _offer(self, wanted: Tuple[str, ...]) -> None:
         """Have exactly those services that are there now."""
         for name in [name for name in self._services if name not in wanted]:
             self._services.pop(name).shutdown("vanished")
         for name in wanted:
-            if name not in self._services and _peer(name) in self._peers:
+            if name not in self._services and peer_of(name) in self._peers:
                 handler = functools.partial(self._serve, name)
-                self._services[name] = rospy.Service(name, SERVICES[name], handler, error_handler=_say_nothing)
+                self._services[name] = rospy.Service(name, SERVICE_CLASSES[name], handler, error_handler=_say_nothing)
 
     def _serve(self, name: str, request: Any) -> Any:
         """Answer a request; on a service thread."""
         asked: List[Request] = []
 
         def make(number: int) -> Request:
-            asked.append(command_of(name, request, number))
+            asked.append(SERVICES[name].command(request, number, _LIMIT_NS))
             return asked[0]
 
         reply = self._live.ask(name, make)
@@ -208,7 +187,7 @@ class SimulationNode:
             raise rospy.ServiceException("the node ends")
         if getattr(reply, "outcome", None) is Outcome.BROKEN:
             raise BrokenPipeError(getattr(reply, "message", ""))
-        return response_of(name, reply, self._clock.now_ns())
+        return response_of(SERVICES[name], reply, self._clock.now_ns())
 
     # --- end ------------------------------------------------------------------------------------------------------
 
@@ -284,11 +263,11 @@ def _make(stopped: threading.Event) -> SimulationNode:
 def _tell_without_effect(scenario: Optional[Scenario], real: Tuple[str, ...]) -> None:
     """Say which faults do nothing, because a real node has the service."""
     for fault in scenario.faults if scenario is not None else ():
-        if fault.kind.subject == Subject.SERVICE and _peer(fault.target) in real:
+        if fault.kind.subject == Subject.SERVICE and peer_of(fault.target) in real:
             rospy.logwarn(
                 "the fault %s does nothing: %s is a real node; start with flight:=simulated or monitors:=simulated",
                 fault,
-                _peer(fault.target),
+                peer_of(fault.target),
             )
 
 

@@ -23,10 +23,10 @@ from amaze_autonomy.engine.checks import Verdict
 from amaze_autonomy.monitoring.readings import estimate_reader, vector
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
 
-from . import outgoing
 from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .estimate_topics import ESTIMATE_MESSAGES
+from .interface import check_row, number
 from .node_main import run_node, startup_ns
 
 __all__ = ["StateEstimationNode", "main"]
@@ -76,8 +76,8 @@ class StateEstimationNode:
         return srv.CheckStateResponse(
             valid=verdict.valid,
             gravity=Vector3(*(verdict.gravity or (_NOTHING,) * 3)),
-            tilt=outgoing.number(verdict.tilt_rad),
-            checks=[outgoing.check_row(row) for row in verdict.checks],
+            tilt=number(verdict.tilt_rad),
+            checks=[check_row(row) for row in verdict.checks],
         )
 
     def run(self) -> None:

@@ -14,7 +14,7 @@ from amaze_autonomy.engine.commands import Answer, AnswerKind
 from amaze_autonomy.engine.events import Event, MissionRejected, MissionSelected, UserCommand, UserRequest
 from amaze_autonomy.engine.mission import Mission
 
-from .outgoing import number
+from .interface import number
 
 __all__ = ["UserDesk", "choose"]
 

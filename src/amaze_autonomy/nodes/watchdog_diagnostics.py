@@ -12,7 +12,7 @@ from amaze_autonomy.engine.events import ComponentStatus, WatchdogInfo
 from amaze_autonomy.engine.severity import Code, Restart
 from amaze_autonomy.monitoring.specs import ComponentSpec
 
-from .outgoing import ros_time
+from .interface import ros_time
 
 __all__ = ["array", "log_changes"]
 

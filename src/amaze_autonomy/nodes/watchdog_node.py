@@ -28,9 +28,10 @@ from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
 from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
-from . import outgoing, watchdog_diagnostics
+from . import watchdog_diagnostics
 from .clock import Clock
 from .counting_subscriber import subscribe
+from .interface import check_row, component_state, status_message
 from .node_liveness import NodeLiveness
 from .node_main import run_node
 from .periodic import Periodic
@@ -182,9 +183,9 @@ class WatchdogNode:
     def _tell(self, action: Optional[WatchdogAction], info: Optional[WatchdogInfo], now_ns: int) -> None:
         ros_ns = self._clock.ros_ns()
         if action is not None:
-            self._action.publish(outgoing.watchdog_action(action, ros_ns))
+            self._action.publish(status_message(action, ros_ns))
         if info is not None:
-            self._info.publish(outgoing.watchdog_info(info, ros_ns))
+            self._info.publish(status_message(info, ros_ns))
             watchdog_diagnostics.log_changes(info)
         if now_ns - self._diagnostics_ns >= _DIAGNOSTICS_NS:
             self._diagnostics_ns = now_ns
@@ -245,14 +246,14 @@ def _startup_ns(seconds: float) -> int:
 def _response(answer: TakeoffAnswer) -> Any:
     check = answer.check
     until = float("nan") if check.until_ns is None else (check.until_ns - answer.t_ns) / _S
-    components: Tuple[Any, ...] = tuple(outgoing.component(status, answer.t_ns) for status in answer.components)
+    components: Tuple[Any, ...] = tuple(component_state(status, answer.t_ns) for status in answer.components)
     return srv.StartWatchdogResponse(
         ready=check.ready,
         fixable=check.fixable,
         being_fixed=check.being_fixed,
         until=until,
         components=list(components),
-        checks=[outgoing.check_row(row) for row in check.checks],
+        checks=[check_row(row) for row in check.checks],
         message=answer.message,
     )
 

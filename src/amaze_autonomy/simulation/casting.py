@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Optional
 
+from amaze_autonomy.interface import PEERS, SERVICES
 from amaze_autonomy.monitoring.specs import ComponentSpec
 
 from .errors import NoEffectError, UnknownTargetError
 from .scenario import ENGINE, Fault, Scenario, Subject
-from .services import PEERS, SERVICES
 from .settings import Settings
 
 __all__ = ["check_scenario"]
@@ -42,7 +42,7 @@ def check_scenario(settings: Settings, scenario: Scenario, *, live: bool = False
 
 def _check_target(settings: Settings, fault: Fault) -> None:
     components = tuple(component.name for component in settings.components)
-    known = {Subject.COMPONENT: components, Subject.PROCESS: (*PEERS, ENGINE), Subject.SERVICE: SERVICES}
+    known = {Subject.COMPONENT: components, Subject.PROCESS: (*PEERS, ENGINE), Subject.SERVICE: tuple(SERVICES)}
     names = known.get(fault.kind.subject)
     if names is not None and fault.target not in names:
         raise UnknownTargetError(fault.kind.subject, fault.target, names, fault.where)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Callable, Iterable, List, Mapping, Sequence
 
 from amaze_autonomy import paths
+from amaze_autonomy.interface import PEERS, SERVICES
 
 from .scenario import EVENTS, KINDS, FaultKind, Parameter, Subject
 from .scenario_file import load_scenario
-from .services import PEERS, SERVICES
 
 __all__ = ["DOCUMENTS", "kinds_table"]
 

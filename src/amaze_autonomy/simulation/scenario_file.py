@@ -25,9 +25,9 @@ from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, P
 from amaze_autonomy.config.schema import Group, Key
 from amaze_autonomy.engine.events import UserCommand
 from amaze_autonomy.engine.state import State
+from amaze_autonomy.interface import PEERS, SERVICES
 
 from .scenario import EVENTS, KINDS, Fault, FaultKind, Parameter, Request, Scenario, Subject, Trigger
-from .services import PEERS, SERVICES
 
 __all__ = [
     "FAULT",
@@ -50,7 +50,7 @@ _MISSION = Text("the id of a mission", r"[A-Za-z0-9_.-]+", numbers=True)
 SUBJECTS: Mapping[str, Tuple[Kind, str]] = {
     Subject.COMPONENT: (Text("the name of a component of sensors.yaml", r"[A-Za-z][A-Za-z0-9_]*"), "what fails"),
     Subject.PROCESS: (Choice(PEERS), "which node fails"),
-    Subject.SERVICE: (Choice(SERVICES), "which service fails"),
+    Subject.SERVICE: (Choice(tuple(SERVICES)), "which service fails"),
 }
 
 

@@ -9,10 +9,10 @@ from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome
 from amaze_autonomy.engine.state import evolve
+from amaze_autonomy.interface import SERVICES, peer_of
 
 from .peer import Peer, Site, accepted, reply
 from .scenario import Fault, Subject
-from .services import SERVICES, peer_of
 
 __all__ = ["SPOILT", "Switchboard", "in_its_place"]
 

@@ -7,6 +7,7 @@ from typing import Callable, Dict, List, Mapping, Optional, Tuple, Type, Union
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Request
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Shutdown, UserRequest
+from amaze_autonomy.interface import PEERS, service_of
 
 from .autopilot import SENSORS, Autopilot, sensor_health
 from .casting import check_scenario
@@ -21,7 +22,6 @@ from .power import Power
 from .recorder import Recorder
 from .scenario import ENGINE, Fault, Scenario, Subject
 from .scenario import Request as Asked
-from .services import PEERS, peer_of, service_of
 from .settings import Settings, settings_of
 from .state_estimation import StateEstimation
 from .streams import Batch, Stream
@@ -138,11 +138,11 @@ class World:
             SimulatedTimeError: the time is in the past.
         """
         service = service_of(command)
-        if not isinstance(command, Request) or service is None or peer_of(service) not in self._classes:
+        if not isinstance(command, Request) or service is None or service.peer not in self._classes:
             return
         events = self.advance(t_ns)
         self._backlog.extend(events)
-        self._switchboard.call(t_ns, service, command)
+        self._switchboard.call(t_ns, service.name, command)
         self._observe(t_ns)
 
     def restart(self, component: str) -> None:

@@ -20,9 +20,9 @@ from amaze_autonomy.engine.events import (
     WatchdogInfo,
 )
 from amaze_autonomy.engine.state import evolve
+from amaze_autonomy.interface import service_of
 from amaze_autonomy.simulation import Fault, Subject
 from amaze_autonomy.simulation.peer import reply
-from amaze_autonomy.simulation.services import service_of
 from amaze_autonomy.simulation.switchboard import SPOILT, in_its_place
 
 from .acting import Acting
@@ -96,11 +96,12 @@ class Story:
     def answer(self, t_ns: int, command: Request) -> Tuple[bool, int, Optional[Event]]:
         """Return whether a fault answers in a service's place, after how long, and what; a delay may come alone."""
         service = service_of(command)
-        spoilt = self._find(Subject.SERVICE, (*SPOILT, "vanishes"), t_ns, service or "")
+        name = "" if service is None else service.name
+        spoilt = self._find(Subject.SERVICE, (*SPOILT, "vanishes"), t_ns, name)
         if spoilt is not None:
             self.touched[spoilt] += 1
             return (True, *self._spoilt(self._acting[spoilt].fault, command))
-        slow = self._find(Subject.SERVICE, ("slow",), t_ns, service or "")
+        slow = self._find(Subject.SERVICE, ("slow",), t_ns, name)
         if slow is None:
             return False, 0, None
         self.touched[slow] += 1

@@ -14,6 +14,7 @@ from typing import Any, Callable, List, Optional, Sequence, Tuple
 from amaze_autonomy import paths
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
+from amaze_autonomy.interface import PEERS
 from amaze_autonomy.simulation.autopilots import AUTOPILOTS
 from amaze_autonomy.simulation.cli import scenario_file
 from amaze_autonomy.simulation.errors import SimulationError
@@ -22,7 +23,6 @@ from amaze_autonomy.simulation.px4.links import PRESETS
 from amaze_autonomy.simulation.px4.pairing import fly_world
 from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.simulation.scenario_file import load_scenario
-from amaze_autonomy.simulation.services import PEERS
 from amaze_autonomy.simulation.world import World
 
 from .server import VehicleServer

@@ -1,0 +1,196 @@
+"""Fields of the engine's types <-> fields of messages, by their names and annotations: all rules, nothing by hand.
+
+A field is called in the message as in the type, without its unit (`height_m`: `height`); its annotation says the rest:
+
+| Annotation | In the message | What cannot be known |
+|---|---|---|
+| `str`, `bool`, `int`, `float` | the same | |
+| an enum | its number; that of a text is its place in the enum | is refused, with the field's name |
+| `Optional[float]`, `Figure` | a number | NaN and infinity are None; None is NaN |
+| `int` in nanoseconds (`_ns`) | seconds | |
+| `Optional[int]` in nanoseconds | seconds from now | NaN, infinity and decades are None; None is NaN |
+| `Tuple[X, ...]` | a list | |
+
+A *shape* adds what annotations do not say: other names, and flags by which a message says that a field is known.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from functools import lru_cache
+from math import isfinite, nan
+from typing import Any, Callable, Dict, Generic, List, Mapping, Optional, Tuple, Type, TypeVar
+
+from amaze_autonomy.engine.checks import Verdict
+from amaze_autonomy.engine.codec import field_types, optional_item, tuple_items
+
+__all__ = ["InvalidMessageError", "Shape", "message_name"]
+
+T = TypeVar("T")
+Read = Callable[[Any, int], Any]
+"""Makes a value of the message's; the time is the one from which its moments count."""
+Classes = Callable[[str], Callable[..., Any]]
+"""Returns a class of messages by its name."""
+Write = Callable[[Any, int, Classes], Any]
+
+_UNITS = ("_m_s", "_ns", "_m", "_s", "_v")
+_FAR_S = 1e9  # further away than this is nonsense, not a time
+_FIRST: Mapping[Type[Enum], int] = {Verdict: 1}
+"""Where the numbers of an enum of texts begin, if not with 0."""
+
+
+class InvalidMessageError(ValueError):
+    """A field of a message holds what cannot be.
+
+    Args:
+        field: name of the field.
+        value: what it holds.
+        expected: what it takes, in words.
+    """
+
+    def __init__(self, field: str, value: object, expected: str) -> None:
+        super().__init__(f"{field} is {value!r}, must be {expected}")
+        self.field, self.value, self.expected = field, value, expected
+
+
+def message_name(field: str) -> str:
+    """Return the name of a field in messages: without its unit."""
+    unit = next((each for each in _UNITS if field.endswith(each)), "")
+    return field[: len(field) - len(unit)]
+
+
+class Shape(Generic[T]):
+    """How one of the engine's types looks as a message.
+
+    Args:
+        kind: the type.
+        message: name of its class of messages.
+        without: fields that the message does not have.
+        named: fields whose name in the message is another one.
+        known_by: fields that are known only when a flag of the message says so.
+        parts: shapes of what stands in its lists.
+        needed: fields that must not be empty, with the words for what they must be.
+    """
+
+    def __init__(
+        self,
+        kind: Type[T],
+        message: str,
+        *,
+        without: Tuple[str, ...] = (),
+        named: Optional[Mapping[str, str]] = None,
+        known_by: Optional[Mapping[str, str]] = None,
+        parts: Tuple[Shape[Any], ...] = (),
+        needed: Optional[Mapping[str, str]] = None,
+    ) -> None:
+        self.kind, self.message = kind, message
+        self._flags, self._needed = dict(known_by or {}), dict(needed or {})
+        shapes = {each.kind: each for each in parts}
+        hints = {name: hint for name, hint in field_types(kind).items() if name not in without}
+        self.names: Dict[str, str] = {name: (named or {}).get(name) or message_name(name) for name in hints}
+        self._plan: List[Tuple[str, str, Read, Write]] = [
+            (name, self.names[name], *_ways(hint, name, self.names[name], shapes)) for name, hint in hints.items()
+        ]
+
+    def read(self, message: Any, from_ns: int, *only: str) -> Dict[str, Any]:
+        """Return the fields of a message by their names in the type, or some of them alone.
+
+        Raises:
+            InvalidMessageError: A field holds what cannot be.
+        """
+        plan = self._some(only) if only else self._plan
+        found = {name: read(getattr(message, at), from_ns) for name, at, read, _ in plan}
+        for name, flag in self._flags.items():
+            if not getattr(message, flag):
+                found[name] = None
+        for name, words in self._needed.items():
+            if not found[name]:
+                raise InvalidMessageError(self.names[name], found[name], words)
+        return found
+
+    def make(self, message: Any, from_ns: int) -> T:
+        """Return what a message holds as the type, where all fields are in it."""
+        return self.kind(**self.read(message, from_ns))
+
+    def write(self, value: Any, now_ns: int, classes: Classes, *only: str) -> Dict[str, Any]:
+        """Return the fields of a message by their names in it; of a type, or of some of its fields alone."""
+        plan = self._some(only) if only else self._plan
+        found = {at: write(getattr(value, name), now_ns, classes) for name, at, _, write in plan}
+        for flag in () if only else self._flags.values():
+            found[flag] = all(getattr(value, name) is not None for name, each in self._flags.items() if each == flag)
+        return found
+
+    def _some(self, only: Tuple[str, ...]) -> List[Tuple[str, str, Read, Write]]:
+        return [entry for entry in self._plan if entry[0] in only]
+
+    def written(self, value: T, now_ns: int, classes: Classes, **more: Any) -> Any:
+        """Return a message."""
+        return classes(self.message)(**self.write(value, now_ns, classes), **more)
+
+
+def _ways(hint: Any, name: str, at: str, shapes: Mapping[Any, Shape[Any]]) -> Tuple[Read, Write]:
+    inner, items = optional_item(hint), tuple_items(hint)
+    if items is not None:
+        return _list(items[0], at, shapes)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return _enum(hint, at)
+    if name.endswith("_ns"):
+        return (_duration_ns, lambda value, *_: value * 1e-9) if inner is None else (_moment_ns, _moment_s)
+    if inner is float:
+        return _known, lambda value, *_: nan if value is None else value
+    kind = hint if inner is None else inner
+    return lambda value, _: kind(value), lambda value, *_: kind(value or kind())
+
+
+def _duration_ns(seconds: float, _: int) -> int:
+    return round(seconds * 1e9)
+
+
+def _moment_ns(seconds: float, from_ns: int) -> Optional[int]:
+    return from_ns + round(seconds * 1e9) if isfinite(seconds) and abs(seconds) <= _FAR_S else None
+
+
+def _moment_s(moment_ns: Optional[int], now_ns: int, _: Classes) -> float:
+    return nan if moment_ns is None else (moment_ns - now_ns) * 1e-9
+
+
+def _known(value: float, _: int) -> Optional[float]:
+    return float(value) if isfinite(value) else None
+
+
+@lru_cache(maxsize=None)
+def _numbers(kind: Type[Enum]) -> Dict[int, Enum]:
+    if all(isinstance(member.value, int) for member in kind):
+        return {int(member.value): member for member in kind}
+    return dict(enumerate(kind, _FIRST.get(kind, 0)))
+
+
+def _enum(kind: Type[Enum], at: str) -> Tuple[Read, Write]:
+    members = _numbers(kind)
+    numbers = {member: number for number, member in members.items()}
+
+    def read(value: Any, _: int) -> Enum:
+        found = members.get(value)
+        if found is None:
+            raise InvalidMessageError(at, value, f"one of {', '.join(map(str, members))}")
+        return found
+
+    return read, lambda member, *_: numbers[member]
+
+
+def _list(item: Any, at: str, shapes: Mapping[Any, Shape[Any]]) -> Tuple[Read, Write]:
+    shape = shapes.get(item)
+    if shape is None:
+        return lambda value, _: tuple(map(item, value)), lambda value, *_: list(value)
+    inner = shape
+
+    def read(values: List[Any], from_ns: int) -> Tuple[Any, ...]:
+        try:
+            return tuple([inner.make(each, from_ns) for each in values])
+        except InvalidMessageError as error:
+            raise InvalidMessageError(f"{at}.{error.field}", error.value, error.expected) from None
+
+    def write(values: Tuple[Any, ...], now_ns: int, classes: Classes) -> List[Any]:
+        return [inner.written(each, now_ns, classes) for each in values]
+
+    return read, write

@@ -1,0 +1,140 @@
+"""The services that the engine asks: one row for each check and each other request."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import nan
+from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
+
+from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.commands import (
+    AutopilotDisarm,
+    AutopilotLand,
+    Command,
+    LoadMission,
+    MissionCommand,
+    Request,
+    RunCheck,
+    StartRecording,
+    StopRecording,
+)
+from amaze_autonomy.engine.events import CheckReply, Outcome, Reply
+
+from .fields import Classes, Shape
+from .statuses import CHECK_ROW, COMPONENT
+
+__all__ = ["CHECK_SERVICES", "PEERS", "SERVICES", "Service", "peer_of", "service_of"]
+
+_NOT_ASKED = ("id", "limit_ns", "check")
+_NOT_ANSWERED = ("t_ns", "command_id", "check", "outcome")
+
+
+@dataclass(frozen=True)
+class Service:
+    """One row.
+
+    Args:
+        name: its default name; the first part is the peer that offers it.
+        type: name of its class of services.
+        request: the command that it carries out.
+        check: the check that it makes; None: it is none.
+        ok: the field of the answer that says yes.
+        asked: fields of the command that are in the request; left out: all.
+        answered: fields of the reply that are in the answer, besides `ok`.
+        numbers: fields of the answer that people read: the first row of the check in a unit; without one: unknown.
+    """
+
+    name: str
+    type: str
+    request: Type[Request]
+    check: Optional[CheckName] = None
+    ok: str = "accepted"
+    asked: Optional[Tuple[str, ...]] = None
+    answered: Tuple[str, ...] = ("message",)
+    numbers: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def peer(self) -> str:
+        """The peer that offers it."""
+        return peer_of(self.name)
+
+    def ask(self, command: Request, classes: Classes) -> Dict[str, Any]:
+        """Return the fields of the request for a command."""
+        if self.asked == ():
+            return {}
+        return _ASKED[self.request].write(command, 0, classes, *(self.asked or ()))
+
+    def command(self, request: Any, number: int, limit_ns: int) -> Request:
+        """Return the command that a request is, with an id and a limit that are not in it."""
+        asked = {} if self.asked == () else _ASKED[self.request].read(request, 0, *(self.asked or ()))
+        fixed = {} if self.check is None else {"check": self.check}
+        return self.request(id=number, limit_ns=limit_ns, **fixed, **asked)
+
+    def reply(self, answer: Any, number: int, t_ns: int) -> Union[Reply, CheckReply]:
+        """Return the event that an answer is.
+
+        Raises:
+            InvalidMessageError: A field holds what cannot be.
+        """
+        ok, said = bool(getattr(answer, self.ok)), _ANSWERED.read(answer, t_ns, *self.answered)
+        if self.check is None:
+            outcome = Outcome.ACCEPTED if ok else Outcome.REFUSED
+            return Reply(t_ns=t_ns, command_id=number, outcome=outcome, **said)
+        return CheckReply(t_ns=t_ns, command_id=number, check=self.check, outcome=Outcome.ACCEPTED, ok=ok, **said)
+
+    def answer(self, reply: Union[Reply, CheckReply], now_ns: int, classes: Classes) -> Dict[str, Any]:
+        """Return the fields of the answer for a reply."""
+        rows = reply.checks if isinstance(reply, CheckReply) else ()
+        ok = reply.ok if isinstance(reply, CheckReply) else reply.outcome is Outcome.ACCEPTED
+        numbers = {
+            name: next((row.value for row in rows if row.unit == unit and row.value is not None), nan)
+            for name, unit in self.numbers.items()
+        }
+        return {self.ok: ok, **_ANSWERED.write(reply, now_ns, classes, *self.answered), **numbers}
+
+
+_ASKED: Mapping[Type[Request], Shape[Any]] = {
+    kind: Shape(kind, "", without=_NOT_ASKED, named={"action": "command"})
+    for kind in (RunCheck, LoadMission, MissionCommand, StartRecording, StopRecording, AutopilotLand, AutopilotDisarm)
+}
+_ANSWERED = Shape(CheckReply, "", without=_NOT_ANSWERED, parts=(CHECK_ROW, COMPONENT))
+
+_ROWS = ("checks",)
+_NEEDED = ("required_fraction",)
+_HEIGHT, _TILT = {"distance": "m"}, {"tilt": "rad"}
+_WATCHDOG = ("mission_id", "required", "startup_time_ns")
+_FIXING = ("checks", "fixable", "being_fixed", "until_ns", "components", "message")
+
+_BATTERY = {"fraction": "fraction", "voltage": "V"}
+_CHECKS: Tuple[Service, ...] = (
+    Service("watchdog/start", "StartWatchdog", RunCheck, CheckName.WATCHDOG, "ready", _WATCHDOG, _FIXING),
+    Service("autopilot/check_battery", "CheckBattery", RunCheck, CheckName.BATTERY, "ok", _NEEDED, _ROWS, _BATTERY),
+    Service("autopilot/check", "CheckAutopilot", RunCheck, CheckName.AUTOPILOT, "ok", (), _ROWS),
+    Service("landing_detection/check", "CheckLanded", RunCheck, CheckName.ON_GROUND, "on_ground", (), _ROWS, _HEIGHT),
+    Service("state_estimation/check", "CheckState", RunCheck, CheckName.STATE_ESTIMATION, "valid", (), _ROWS, _TILT),
+)
+_OTHERS: Tuple[Service, ...] = (
+    Service("mission_planner/load", "LoadMission", LoadMission, numbers={"estimated_duration": ""}),
+    Service("mission_planner/command", "MissionCommand", MissionCommand),
+    Service("data_recorder/start", "StartRecording", StartRecording),
+    Service("data_recorder/stop", "StopRecording", StopRecording),
+    Service("autopilot/land", "Trigger", AutopilotLand, ok="success"),
+    Service("autopilot/disarm", "Trigger", AutopilotDisarm, ok="success"),
+)
+
+SERVICES: Mapping[str, Service] = {row.name: row for row in (*_CHECKS, *_OTHERS)}
+"""By their names."""
+
+PEERS = ("watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner", "data_recorder")
+CHECK_SERVICES: Mapping[CheckName, Service] = {row.check: row for row in _CHECKS if row.check is not None}
+_BY_REQUEST: Mapping[Type[Command], Service] = {row.request: row for row in _OTHERS}
+
+
+def peer_of(service: str) -> str:
+    """Return the peer that offers a service: the first part of its name."""
+    return service.split("/", 1)[0]
+
+
+def service_of(command: Command) -> Optional[Service]:
+    """Return the service that carries out a command; None for what is not a request."""
+    return CHECK_SERVICES[command.check] if isinstance(command, RunCheck) else _BY_REQUEST.get(type(command))

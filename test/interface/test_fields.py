@@ -1,0 +1,148 @@
+"""Every status and every service of the tables, without ROS: what is written is read again as the same."""
+
+from __future__ import annotations
+
+import re
+from math import inf, isnan, nan
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.checks import Check, CheckName, Verdict
+from amaze_autonomy.engine.commands import AutopilotLand, MissionAction, MissionCommand, Notify, RunCheck
+from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.interface import (
+    CHECK_ROW,
+    CHECK_SERVICES,
+    COMPONENT,
+    PEERS,
+    SERVICES,
+    STATUSES,
+    InvalidMessageError,
+    message_name,
+    peer_of,
+    service_of,
+)
+
+ROOT = Path(__file__).parents[2]
+S = 1_000_000_000
+T = 7 * S
+LRF = ev.ComponentStatus(name="lrf", code=Code.HOLD, restart=Restart.TRYING, until_ns=T + 2 * S, reason="silent")
+
+
+def classes(_name):
+    return SimpleNamespace
+
+
+def fields_of(path, part=0):
+    """Return the names of the fields in a definition of a message, or of one part of a service."""
+    text = (ROOT / path).read_text(encoding="utf-8").split("\n---\n")[part]
+    lines = [line.partition("#")[0].split() for line in text.splitlines()]
+    return {line[1] for line in lines if len(line) == 2 and "=" not in line[1]}
+
+
+@pytest.mark.parametrize("status", STATUSES, ids=lambda status: status.topic)
+def test_every_field_of_an_event_is_in_its_message(status):
+    names = set(status.shape.names.values()) | {"header"}
+    assert names <= fields_of(f"msg/{status.shape.message}.msg")
+
+
+@pytest.mark.parametrize("shape", [CHECK_ROW, COMPONENT], ids=lambda shape: shape.message)
+def test_every_field_of_a_part_is_in_its_message_and_the_other_way_round(shape):
+    assert set(shape.names.values()) == fields_of(f"msg/{shape.message}.msg")
+
+
+@pytest.mark.parametrize("name", [name for name, row in SERVICES.items() if row.type != "Trigger"])
+def test_every_field_of_a_service_is_asked_or_answered(name):
+    row = SERVICES[name]
+    kind = row.request
+    command = (
+        RunCheck(id=1, limit_ns=S, check=row.check)
+        if row.check
+        else kind(
+            **{
+                each: {"int": 1, "str": "x", "MissionAction": MissionAction.HOLD}[entry.type]
+                for each, entry in kind.__dataclass_fields__.items()
+            }
+        )
+    )
+    assert set(row.ask(command, classes)) == fields_of(f"srv/{row.type}.srv")
+    reply = (
+        ev.CheckReply(t_ns=T, command_id=1, check=row.check, outcome=ev.Outcome.ACCEPTED)
+        if row.check
+        else ev.Reply(t_ns=T, command_id=1, outcome=ev.Outcome.ACCEPTED)
+    )
+    assert set(row.answer(reply, T, classes)) <= fields_of(f"srv/{row.type}.srv", 1)
+
+
+def test_a_list_of_parts_is_read_as_it_was_written():
+    status = next(each for each in STATUSES if each.event is ev.WatchdogInfo)
+    event = ev.WatchdogInfo(t_ns=T, sequence=4, changed=("lrf",), components=(LRF,), age_ns=0)
+    assert status.read(status.write(event, classes), T, 0) == event
+
+
+def test_moments_count_from_when_the_message_was_made():
+    message = COMPONENT.written(LRF, T, classes)
+    assert message.until == 2.0
+    assert COMPONENT.make(message, T + 1).until_ns == LRF.until_ns + 1
+    for seconds in (nan, inf, -inf, 1e10):
+        message.until = seconds
+        assert COMPONENT.make(message, T).until_ns is None
+
+
+def test_a_flag_says_what_is_known():
+    status = next(each for each in STATUSES if each.event is ev.AutopilotStatus)
+    event = ev.AutopilotStatus(t_ns=T, armed=None, landed=ev.VehicleLanded.IN_AIR, position_x_m=1.0)
+    message = status.write(event, classes)
+    assert (message.armed_known, message.armed, message.height_valid, message.position_valid) == (False,) * 4
+    assert isnan(message.height)
+    read = status.read(message, T, 0)
+    assert (read.armed, read.height_m, read.position_x_m) == (None, None, None)
+    message.armed_known = message.position_valid = True
+    message.position_y = 2.0
+    read = status.read(message, T, 0)
+    assert (read.armed, read.position_x_m, read.position_y_m) == (False, 1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    "field, value, words",
+    [
+        ("code", 3, "components.code is 3, must be one of 1, 2, 4, 8, 16"),
+        ("restart", 9, "components.restart is 9, must be one of 0, 1, 2"),
+        ("name", "", "components.name is '', must be the name of a component"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_the_way_to_its_field(field, value, words):
+    service = CHECK_SERVICES[CheckName.WATCHDOG]
+    reply = ev.CheckReply(
+        t_ns=T, command_id=5, check=CheckName.WATCHDOG, outcome=ev.Outcome.ACCEPTED, components=(LRF,)
+    )
+    answer = SimpleNamespace(**service.answer(reply, T, classes))
+    assert service.reply(answer, 5, T) == reply
+    setattr(answer.components[0], field, value)
+    with pytest.raises(InvalidMessageError, match=re.escape(words)):
+        service.reply(answer, 5, T)
+
+
+def test_a_verdict_has_the_numbers_of_its_message():
+    assert [CHECK_ROW.write(Check("x", verdict), 0, classes)["verdict"] for verdict in Verdict] == [1, 2, 3, 4]
+
+
+def test_which_service_a_command_goes_to():
+    assert service_of(AutopilotLand(id=1, limit_ns=S)).name == "autopilot/land"
+    assert service_of(MissionCommand(id=1, limit_ns=S, session_id="s", action=MissionAction.LAND)).peer == (
+        "mission_planner"
+    )
+    for check in CheckName:
+        assert service_of(RunCheck(id=1, limit_ns=S, check=check)).check is check
+    assert service_of(Notify(level=None, key="", text="", advice="")) is None
+    assert {peer_of(name) for name in SERVICES} == set(PEERS)
+
+
+def test_a_field_is_called_in_messages_as_it_is_without_its_unit():
+    names = ["height_m", "vertical_speed_m_s", "battery_voltage_v", "age_s", "until_ns", "waypoints", "free_fraction"]
+    assert [message_name(name) for name in names] == [
+        *("height", "vertical_speed", "battery_voltage", "age", "until", "waypoints", "free_fraction")
+    ]
