@@ -6,13 +6,20 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
-from bag_tools import bag, digest, multiset, rows, unclosed
+from bag_tools import COMPRESSIONS, bag, digest, multiset, rows, unclosed
+from replay_bags import START_NS
 
 from amaze_autonomy.bags.cli import main
+from amaze_autonomy.bags.format import Connection, message_fields, pack_field
+from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.manifest import manifest_path
+from amaze_autonomy.bags.read import index_records
+from amaze_autonomy.bags.write import Output
 
 ROOT = Path(__file__).parents[2]
+STRING = "992ce8a1687cec8c8bd883ec73ca41d1"  # the md5 of std_msgs/String
 
 
 @pytest.fixture
@@ -34,12 +41,98 @@ def test_info_shows_counts_rates_and_gaps(capsys, two):
     assert (status, err) == (0, "")
     assert out.splitlines() == [
         two[0],
-        "  80 messages, 0.59 s from 2020-09-13 12:26:40 UTC; 0.0 MB; chunks: 4 none",
-        "  /a       std_msgs/String         60   100.00 Hz   longest gap 0.010 s",
-        "  /rosout  std_msgs/String         20   100.00 Hz   longest gap 0.010 s",
+        "  80 messages, 0.59 s from 2020-09-13 12:26:40 UTC to 2020-09-13 12:26:40 UTC; 0.0 MB; version 2.0",
+        "  chunks: 4 none",
+        f"  /a       std_msgs/String         60   100.00 Hz   longest gap 0.010 s   {STRING}",
+        f"  /rosout  std_msgs/String         20   100.00 Hz   longest gap 0.400 s   {STRING}",
     ]
     status, out, _ = run(capsys, "info", *two, "--json")
     assert [bag["messages"] for bag in json.loads(out)] == [80, 60]
+
+
+def test_info_says_how_much_is_compressed(capsys, tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 400), compression="bz2", chunk_bytes=9000)
+    (found,) = json.loads(run(capsys, "info", source, "--json")[1])
+    known = found["compression"]["bz2"]
+    with Index(source) as index:
+        heads = [index.head(number) for number in range(len(index.chunks))]
+    expected = {"chunks": len(heads), "stored": sum(e.stored for e in heads), "size": sum(e.size for e in heads)}
+    assert (known, found["chunks"], found["types"]) == (expected, {"bz2": len(heads)}, {"std_msgs/String": STRING})
+    assert (
+        f"  chunks: {len(heads)} bz2 ({known['stored'] / known['size']:.1%} of 0.0 MB)"
+        in run(capsys, "info", source)[1]
+    )
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_info_of_a_bag_that_was_not_closed_is_that_of_its_chunks(capsys, tmp_path, compression):
+    source = bag(tmp_path / "1.bag", rows("/a", 200), rows("/b", 50, 31), compression=compression)
+    active = unclosed(source, tmp_path / "1.bag.active")
+    assert run(capsys, "recover", active, "-o", tmp_path / "2.bag")[0] in {0, 3}
+    whole = json.loads(run(capsys, "info", tmp_path / "2.bag", "--json")[1])[0]
+    status, out, err = run(capsys, "info", active, "--json")
+    found = json.loads(out)[0]
+    assert (status, err, found["closed"], found["problem"]) == (0, "", False, "was not closed, so it has no index")
+    same = ("messages", "start_ns", "end_ns", "types", "topics")
+    assert [found[name] for name in same] == [whole[name] for name in same]
+    assert "  was not closed, so it has no index: this is what is in its chunks\n" in run(capsys, "info", active)[1]
+
+
+@pytest.mark.parametrize("command", ["info", "doctor"])
+def test_what_looks_goes_on_after_a_bad_file(capsys, tmp_path, two, command):
+    (tmp_path / "bad.bag").write_bytes(b"no bag at all")
+    (tmp_path / "empty.bag").touch()
+    status, out, err = run(capsys, command, tmp_path / "bad.bag", two[0], tmp_path / "empty.bag", two[1])
+    assert status == 1
+    assert [line.split(":")[0] for line in out.splitlines() if str(tmp_path) in line] == two
+    assert [line.split("; ")[0] for line in err.splitlines()] == [
+        f"amaze-bag: {tmp_path / 'bad.bag'}: is no bag",
+        f"amaze-bag: {tmp_path / 'empty.bag'}: is empty",
+    ]
+    out = run(capsys, command, "--json", tmp_path / "bad.bag", two[0])[1]
+    assert ["error" in each for each in json.loads(out)] == [True, False]
+
+
+def test_names_that_would_move_the_cursor_are_shown_with_escapes(capsys, tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/odd_name", 5))
+    source.write_bytes(source.read_bytes().replace(b"/odd_name", b"/\x1b[2J\r\n\xc2\x9b"))
+    out = run(capsys, "info", source)[1]
+    assert "/\\x1b[2J\\r\\n\\x9b" in out
+    assert len(out.splitlines()) == 4
+
+
+def test_a_bag_whose_line_endings_git_converted_is_recognised(capsys, two, tmp_path):
+    converted = tmp_path / "converted.bag"
+    converted.write_bytes(Path(two[0]).read_bytes().replace(b"\n", b"\r\n"))
+    for command in ("info", "doctor", "recover"):
+        status, _, err = run(capsys, command, converted)
+        assert status == 1
+        assert "its line endings were converted (git does that unless .gitattributes says `*.bag -text`)" in err
+
+
+def test_very_many_connections_are_told_apart(capsys, tmp_path):
+    source, many = tmp_path / "many.bag", 3000
+    header = b"".join(
+        pack_field(*each) for each in ((b"type", b"a/B"), (b"md5sum", b"0" * 32), (b"message_definition", b"x"))
+    )
+    connections = {
+        number: Connection(number, f"/{number}", "a/B", "0" * 32, "", False, header) for number in range(many)
+    }
+    records = [
+        len(fields).to_bytes(4, "little") + fields + bytes(4)
+        for fields in (message_fields(number, START_NS + number) for number in range(many))
+    ]
+    data, size = b"".join(records), len(records[0])
+    numbers = np.arange(many)
+    with Output(source) as out:
+        index = index_records(START_NS + numbers, numbers, size * numbers)
+        counts = [(number, 1) for number in range(many)]
+        out.chunk("none", len(data), [data], index, times=(START_NS, START_NS + many - 1), counts=counts)
+        out.close(connections)
+    (found,) = json.loads(run(capsys, "info", "--json", source)[1])
+    assert found["messages"] == len(found["topics"]) == many
+    assert run(capsys, "merge", source, source, "-o", tmp_path / "2.bag", "--verify", "--readers", "none")[0] == 0
+    assert run(capsys, "doctor", tmp_path / "2.bag")[0] == 0
 
 
 def test_doctor_says_where_it_is_damaged(capsys, tmp_path, two):

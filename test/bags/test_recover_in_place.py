@@ -216,7 +216,10 @@ def test_the_command_line_does_and_undoes_it(tmp_path, active, capsys):
     assert "is no undo file" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["recover", "--in-place"], ["recover", "--force"], ["doctor", "--quick"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["recover", "--in-place", "--trust-data"], ["recover", "--force", "--trust-data"], ["doctor", "--quick"]],
+)
 def test_the_command_does_not_load_numpy_which_takes_longer_than_it_does(active, arguments):
     script = "import sys; from amaze_autonomy.bags.cli import main; status = main(sys.argv[1:])\n"
     script += "print(status, sorted({'numpy', 'hashlib', 'rosbags', 'rich', 'traceback'} & {*sys.modules}))"

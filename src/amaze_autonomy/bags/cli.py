@@ -14,10 +14,11 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
-from amaze_autonomy.command_line import run_command
+from amaze_autonomy.command_line import run_command, say_wrong
 from amaze_autonomy.units import MB, SECOND
 
 from .errors import BagError
+from .format import MEMORY
 
 if TYPE_CHECKING:
     from .merge import Merged
@@ -36,6 +37,7 @@ exit status:
   2  wrong use of the command
   3  done, but data was lost, or is damaged, or differs
 """
+_UNCHECKED = "; the data of whole chunks was not checked"
 _EXAMPLES = {
     None: """\
 examples:
@@ -56,7 +58,8 @@ examples:
     "recover": """\
 examples:
   amaze-bag recover flight.bag.active                 writes flight.bag
-  amaze-bag recover broken.bag -o good.bag --check-data
+  amaze-bag recover broken.bag -o good.bag
+  amaze-bag recover --trust-data flight.bag.active    in a hurry: what is whole is copied and not looked at
   amaze-bag recover --in-place flight.bag.active      no copy: flight.bag, and flight.bag.undo
   amaze-bag recover --undo flight.bag                 flight.bag.active as it was
 """,
@@ -111,7 +114,8 @@ def _parser() -> argparse.ArgumentParser:
     where.add_argument("-o", "--output", type=Path, help="default: x.bag for x.bag.active, else x.recovered.bag")
     where.add_argument("--in-place", action="store_true", help="no copy: change the end of the bag, keep x.bag.undo")
     where.add_argument("--undo", action="store_true", help="make the original of what was recovered in place")
-    recover.add_argument("--check-data", action="store_true", help="check the data of whole chunks, too (reads it all)")
+    recover.add_argument("--trust-data", action="store_true", help="do not look at the data of whole chunks")
+    recover.add_argument("--check-data", action="store_true", help=argparse.SUPPRESS)  # what it does anyway
     recover.add_argument("--force", action="store_true", help="replace an existing output")
 
     _add_merge(adder)
@@ -161,6 +165,8 @@ def _command(
     parser = _with_help(adder.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."), name)
     parser.set_defaults(command=function)
     parser.add_argument("--json", action="store_true", help="for programs")
+    words = f"that the data of a chunk may take (default {MEMORY // MB}): a small file can hold gigabytes"
+    parser.add_argument("--memory", type=_megabytes, default=MEMORY, metavar="MB", help=words)
     return parser
 
 
@@ -179,6 +185,16 @@ def _second(text: str) -> int:
         raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds") from None
 
 
+def _megabytes(text: str) -> int:
+    try:
+        size = int(text) * MB
+    except ValueError:
+        size = 0
+    if size <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of megabytes")
+    return size
+
+
 def _seconds(text: str) -> Tuple[int, ...]:
     parts: List[str] = text.split(",")
     return tuple(_second(part) for part in parts)
@@ -191,11 +207,13 @@ def _info(options: argparse.Namespace) -> bool:
     """Show topics, counts, times and rates."""
     from .info import info_result
 
-    results = [info_result(path) for path in options.bags]
+    results, errors = _each(options.bags, lambda path: info_result(path, options.memory))
     lines: List[str] = []
     for result in results:
-        lines += [*([""] if lines else []), *_info_lines(result)]
+        if "error" not in result:
+            lines += [*([""] if lines else []), *_info_lines(result)]
     _show(lines, results, as_json=options.json)
+    _raise_last(errors)
     return False
 
 
@@ -203,15 +221,42 @@ def _doctor(options: argparse.Namespace) -> bool:
     """Show what is damaged."""
     from .scan import scan
 
-    lines, results, damaged = [], [], False
-    for path in options.bags:
+    lines: List[str] = []
+    damaged = False
+
+    def look(path: Path) -> Dict[str, Any]:
+        nonlocal damaged
         with _progress_bar(f"look through {path.name}") as progress:
-            found = scan(path, check_data=not options.quick, progress=progress)
-        lines += _scan_lines(found)
-        results.append(_scan_result(found))
+            found = scan(path, check_data=not options.quick, memory=options.memory, progress=progress)
+        lines.extend(_scan_lines(found))
         damaged = damaged or bool(found.damages) or not found.closed
+        return _scan_result(found)
+
+    results, errors = _each(options.bags, look)
     _show(lines, results, as_json=options.json)
+    _raise_last(errors)
     return damaged
+
+
+def _each(bags: Sequence[Path], look: Callable[[Path], Dict[str, Any]]) -> Tuple[List[Dict[str, Any]], List[BagError]]:
+    """Return what is found of each bag, and what was wrong with those that could not be read."""
+    results: List[Dict[str, Any]] = []
+    errors: List[BagError] = []
+    for path in bags:
+        try:
+            results.append(look(path))
+        except BagError as error:
+            errors.append(error)
+            results.append({"file": str(path), "error": f"{error.wrong}; {error.remedy}"})
+    return results, errors
+
+
+def _raise_last(errors: Sequence[BagError]) -> None:
+    """Say what was wrong, one line each; the last one is said by whoever ends the command."""
+    for error in errors[:-1]:
+        say_wrong("amaze-bag", str(error), IMPOSSIBLE)
+    if errors:
+        raise errors[-1]
 
 
 # --- recover ----------------------------------------------------------------------------------------------------------
@@ -235,10 +280,11 @@ def _recover(options: argparse.Namespace) -> bool:
 def _recovered(options: argparse.Namespace, progress: Any) -> Recovered:
     from .recover import recover, recover_in_place, recovered_name
 
+    how = {"check_data": not options.trust_data, "memory": options.memory, "progress": progress}
     if options.in_place:
-        return recover_in_place(options.bag, check_data=options.check_data, progress=progress)
+        return recover_in_place(options.bag, **how)
     output = options.output or recovered_name(options.bag)
-    return recover(options.bag, output, check_data=options.check_data, replace=options.force, progress=progress)
+    return recover(options.bag, output, replace=options.force, **how)
 
 
 # --- merge and verify -------------------------------------------------------------------------------------------------
@@ -260,6 +306,7 @@ def _merge(options: argparse.Namespace) -> bool:
         window_ns=options.window_s,
         publishers_apart=not options.unify_publishers,
         replace=options.force,
+        memory=options.memory,
     )
     with _progress_bar("merge") as progress:
         merged = merge(options.inputs, options.output, how, progress)
@@ -268,7 +315,7 @@ def _merge(options: argparse.Namespace) -> bool:
     lines = _merge_lines(merged)
     verified = None
     if options.verify:
-        verified, manifest = _verified(merged.path, options.inputs, how.offsets_ns, manifest, options.readers)
+        verified, manifest = _verified(merged.path, options.inputs, how.offsets_ns, manifest, options)
         lines += _verify_lines(verified)
     _show(lines, manifest, as_json=options.json)
     return bool(verified and verified.problems)
@@ -287,13 +334,17 @@ def _verify(options: argparse.Namespace) -> bool:
         offsets = tuple(entry["offset_ns"] for entry in manifest["inputs"])
     if offsets and len(offsets) != len(inputs):
         raise BagError("--offsets-s", f"{len(offsets)} offsets for {len(inputs)} inputs", "give one each")
-    verified, manifest = _verified(options.bag, inputs, offsets, manifest, options.readers)
+    verified, manifest = _verified(options.bag, inputs, offsets, manifest, options)
     _show(_verify_lines(verified), manifest, as_json=options.json)
     return bool(verified.problems)
 
 
 def _verified(
-    bag: Path, inputs: List[Path], offsets: Tuple[int, ...], manifest: Optional[Dict[str, Any]], readers: str
+    bag: Path,
+    inputs: List[Path],
+    offsets: Tuple[int, ...],
+    manifest: Optional[Dict[str, Any]],
+    options: argparse.Namespace,
 ) -> Tuple[Verified, Dict[str, Any]]:
     from .manifest import declared_duplicates, manifest_path, verified_manifest, write_manifest
     from .verify import verify
@@ -301,7 +352,8 @@ def _verified(
     duplicates = declared_duplicates(manifest) if manifest else {}
 
     with _progress_bar("verify") as progress:
-        verified = verify(bag, inputs, offsets_ns=offsets, duplicates=duplicates, readers=readers, progress=progress)
+        how = {"readers": options.readers, "memory": options.memory, "progress": progress}
+        verified = verify(bag, inputs, offsets_ns=offsets, duplicates=duplicates, **how)
     new = verified_manifest(manifest, verified)
     if inputs:
         write_manifest(manifest_path(bag), new)
@@ -317,27 +369,47 @@ def _listed_inputs(manifest: Dict[str, Any], folder: Path) -> Tuple[List[Path], 
 
 
 def _show(lines: Sequence[str], result: Any, *, as_json: bool) -> None:
-    """Print one or the other; a topic whose name is not UTF-8 is shown with escapes."""
-    text = json.dumps(result, indent=2) if as_json else "\n".join(lines)
-    sys.stdout.write(text.encode("utf-8", "backslashreplace").decode() + "\n")
+    """Print one or the other; what is not UTF-8, or would move a terminal's cursor, is shown with escapes."""
+    text = json.dumps(result, indent=2) if as_json else "\n".join(map(_escaped, lines))
+    if text:
+        sys.stdout.write(text.encode("utf-8", "backslashreplace").decode() + "\n")
+
+
+def _escaped(line: str) -> str:
+    return "".join(each if each.isprintable() or "\ud800" <= each <= "\udfff" else ascii(each)[1:-1] for each in line)
 
 
 def _info_lines(result: Dict[str, Any]) -> List[str]:
     """Return a bag as a table."""
     start, end = result["start_ns"], result["end_ns"]
-    length = f", {(end - start) / SECOND:.2f} s from {_date(start)}" if start is not None else ""
-    chunks = ", ".join(f"{count} {kind}" for kind, count in result["chunks"].items()) or "no chunks"
+    length = f", {(end - start) / SECOND:.2f} s from {_date(start)} to {_date(end)}" if start is not None else ""
     lines = [
         result["file"],
-        f"  {result['messages']:,} messages{length}; {_size(result['bytes'])}; chunks: {chunks}",
+        f"  {result['messages']:,} messages{length}; {_size(result['bytes'])}; version {result['version']}",
+        f"  chunks: {', '.join(_chunks(*each) for each in result['compression'].items()) or 'none'}",
+        *([] if result["closed"] else [f"  {result['problem']}: this is what is in its chunks"]),
     ]
     wide = max((len(row["topic"]) for row in result["topics"]), default=0)
     kinds = max((len(row["type"]) for row in result["topics"]), default=0)
     for row in result["topics"]:
-        rate = "" if row["rate_hz"] is None else f"{row['rate_hz']:9.2f} Hz   longest gap {row['longest_gap_s']:.3f} s"
+        rate = f"{row['rate_hz']:9.2f} Hz" if row["rate_hz"] is not None else " " * 12
+        gap = f"   longest gap {row['longest_gap_s']:.3f} s" if row["messages"] else ""
         several = f"   {row['connections']} publishers" if row["connections"] > 1 else ""
-        lines.append(f"  {row['topic']:<{wide}}  {row['type']:<{kinds}}  {row['messages']:>9,}{rate}{several}")
-    return lines
+        md5 = f"   {result['types'][row['type']]}"
+        lines.append(
+            f"  {row['topic']:<{wide}}  {row['type']:<{kinds}}  {row['messages']:>9,}{rate}{gap}{several}{md5}"
+        )
+    return [line.rstrip() for line in lines]
+
+
+def _chunks(kind: str, known: Dict[str, int]) -> str:
+    """Return how chunks are compressed, as `12 lz4 (45.3 % of 1.2 MB)`."""
+    of = (
+        ""
+        if kind == "none" or not known["size"]
+        else f" ({known['stored'] / known['size']:.1%} of {_size(known['size'])})"
+    )
+    return f"{known['chunks']} {kind}{of}"
 
 
 def _date(t_ns: int) -> str:
@@ -361,6 +433,7 @@ def _scan_result(found: Scan) -> Dict[str, Any]:
         "chunks": len(found.chunks),
         "messages": found.messages,
         "lost": found.lost,
+        "checked": found.checked,
         "damages": [each._asdict() for each in found.damages],
         "bytes_read": found.bytes_read,
     }
@@ -369,6 +442,7 @@ def _scan_result(found: Scan) -> Dict[str, Any]:
 def _scan_lines(found: Scan) -> List[str]:
     """Return the damages of a file."""
     verdict = "is good" if not found.damages and found.closed else f"lost: {_lost(found.lost)}"
+    verdict += _UNCHECKED if not found.checked else ""
     head = f"{found.path}: {found.messages:,} messages in {len(found.chunks):,} chunks; {verdict}"
     return [head, *(f"  {each}" for each in found.damages)]
 
@@ -376,6 +450,7 @@ def _scan_lines(found: Scan) -> List[str]:
 def _recover_lines(done: Recovered) -> List[str]:
     """Return what was recovered."""
     head = f"{done.path}: {done.scan.messages:,} messages, {_size(done.size)}; lost: {_lost(done.scan.lost)}"
+    head += _UNCHECKED if not done.scan.checked else ""
     return [head, *(f"  {each}" for each in done.scan.damages)]
 
 

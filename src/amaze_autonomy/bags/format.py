@@ -24,7 +24,7 @@ from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple, Union
 
 import lz4.frame
 
-from amaze_autonomy.units import SECOND
+from amaze_autonomy.units import MB, SECOND
 
 from .errors import RecordError
 
@@ -40,11 +40,13 @@ __all__ = [
     "INDEX_FIELDS",
     "LARGEST_HEADER",
     "MAGIC",
+    "MEMORY",
     "MESSAGE",
     "Connection",
     "Identity",
     "Record",
     "bag_header",
+    "check_memory",
     "chunk_header",
     "chunk_info",
     "compressed",
@@ -60,8 +62,8 @@ __all__ = [
     "pack_field",
     "pack_time",
     "record_at",
-    "salvaged",
     "u32",
+    "unpacked",
 ]
 
 # --- records ----------------------------------------------------------------------------------------------------------
@@ -301,11 +303,11 @@ _OUR_INDEX_STRUCT = struct.Struct("<13sL10sL20sL")
 
 
 def our_index_record(buffer: Buffer, place: int) -> Optional[Tuple[int, int, int]]:
-    """Read the header of an index record that looks like ours: whose it is, where its data starts, and its length."""
+    """Return whose an index record is, where its data starts, and its length; None where it is not just like ours."""
     if not 0 <= place <= len(buffer) - _OUR_INDEX_STRUCT.size:
         return None
-    first, connection, second, _, third, size = _OUR_INDEX_STRUCT.unpack_from(buffer, place)
-    if (first, second, third) != _OUR_INDEX_FIXED:
+    first, connection, second, count, third, size = _OUR_INDEX_STRUCT.unpack_from(buffer, place)
+    if (first, second, third) != _OUR_INDEX_FIXED or size != INDEX_ENTRY * count:
         return None
     return connection, place + _OUR_INDEX_STRUCT.size, size
 
@@ -415,8 +417,9 @@ def _text(value: bytes) -> str:
 
 
 COMPRESSIONS = ("none", "lz4", "bz2")
-_UNPACKED_STEP = 1 << 14
-_UNPACKING = (RuntimeError, OSError, EOFError, ValueError)  # what the two decompressors raise
+MEMORY = 256 * MB  # bytes that the data of a chunk may take; recorders write less than one megabyte, or one message
+_PACKED_STEP = 1 << 16
+_UNPACKING = (RuntimeError, OSError, EOFError, ValueError, MemoryError)  # what the two decompressors raise
 
 
 def compressed(kind: str, data: Buffer) -> Buffer:
@@ -437,38 +440,69 @@ def compressed(kind: str, data: Buffer) -> Buffer:
     return packed
 
 
-def decompressed(kind: str, data: Buffer, size: int) -> Buffer:
-    """Return the data of a chunk, writable unless it was not compressed.
+def decompressed(kind: str, data: Buffer, size: int, memory: int = MEMORY) -> Buffer:
+    """Return the data of a chunk, writable unless it was not compressed; takes no more memory than is said.
+
+    Args:
+        kind: of compression.
+        data: as stored.
+        size: that the chunk says that it has.
+        memory: bytes that may be taken.
 
     Raises:
-        RecordError: It is damaged, or not of this size.
+        RecordError: It is damaged, not of this size, or larger than may be.
     """
-    if kind not in COMPRESSIONS:
-        raise RecordError(f"compressed by {kind}, which is not known")
-    try:
-        plain: Any = data if kind == "none" else _decompress(kind, data)
-    except _UNPACKING as error:
-        raise RecordError(f"its {kind} data is damaged ({error})") from error
+    if kind == "none":
+        plain: Any = data
+    else:
+        check_memory(size, memory)
+        plain = _unpacked(kind, data, size + 1)
     if len(plain) != size:
-        raise RecordError(f"it has {len(plain)} bytes instead of {size}")
+        more = "more than " if len(plain) > size else f"{len(plain)} bytes instead of "
+        raise RecordError(f"it has {more}{size}")
     return plain  # type: ignore[no-any-return]
 
 
-def _decompress(kind: str, data: Buffer) -> Any:
-    if kind == "lz4":
-        return lz4.frame.decompress(data, return_bytearray=True)
-    return bytearray(bz2.decompress(data))
+def check_memory(size: int, memory: int) -> None:
+    """Check that a chunk may be decompressed: a few bytes of bz2 can become gigabytes.
+
+    Raises:
+        RecordError: It may not.
+    """
+    if size > memory:
+        needed = -(-size // MB)
+        raise RecordError(f"it takes {needed} MB of memory, {memory // MB} may be taken (--memory {needed} permits it)")
 
 
-def salvaged(kind: str, data: Buffer) -> Buffer:
-    """Return as much of a damaged or cut chunk as can be decompressed."""
+def _unpacked(kind: str, data: Buffer, most: int) -> bytearray:
+    """Decompress a chunk; stop at so many bytes."""
+    decompressor = _decompressor(kind)
+    try:
+        plain = decompressor.decompress(data, most)
+    except _UNPACKING as error:
+        raise RecordError(f"its {kind} data is damaged ({error})") from error
+    if len(plain) < most and not decompressor.eof:
+        raise RecordError(f"its {kind} data is cut")
+    return plain if isinstance(plain, bytearray) else bytearray(plain)
+
+
+def unpacked(kind: str, data: Buffer, memory: int = MEMORY) -> Tuple[Buffer, bool]:
+    """Return the data of a chunk whatever its size, as far as it can be decompressed, and whether that is all of it."""
     if kind == "none":
-        return data
-    decompressor: Any = lz4.frame.LZ4FrameDecompressor() if kind == "lz4" else bz2.BZ2Decompressor()
-    plain = bytearray()
+        return data, True
+    decompressor = _decompressor(kind)
+    plain, view, place = bytearray(), memoryview(data), 0
     with suppress(*_UNPACKING):  # behind it nothing is good
-        for start in range(0, len(data), _UNPACKED_STEP):
-            plain += decompressor.decompress(data[start : start + _UNPACKED_STEP])
-            if decompressor.eof:
+        while len(plain) < memory and not decompressor.eof:
+            piece = view[place : place + _PACKED_STEP] if decompressor.needs_input else b""
+            if decompressor.needs_input and not len(piece):
                 break
-    return plain
+            place += len(piece)
+            plain += decompressor.decompress(piece, memory - len(plain))
+    return plain, bool(decompressor.eof)
+
+
+def _decompressor(kind: str) -> Any:
+    if kind not in COMPRESSIONS:
+        raise RecordError(f"compressed by {kind}, which is not known")
+    return lz4.frame.LZ4FrameDecompressor(return_bytearray=True) if kind == "lz4" else bz2.BZ2Decompressor()

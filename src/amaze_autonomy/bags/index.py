@@ -22,9 +22,11 @@ from .format import (
     CONNECTION,
     INDEX_ENTRY,
     MAGIC,
+    MEMORY,
     Buffer,
     Connection,
     Record,
+    check_memory,
     connection_of,
     index_record_at,
     record_at,
@@ -163,13 +165,14 @@ class Index:
 
     Args:
         path: of the bag.
+        memory: bytes that the data of a chunk may take when it is decompressed.
 
     Raises:
         BagError: It cannot be read, was not closed, or its index is damaged.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, memory: int = MEMORY) -> None:
+        self.path, self.memory = path, memory
         self.file, self.size, header = read_head(path)
         try:
             self._read(header)
@@ -258,6 +261,20 @@ class Index:
         self._heads[number] = head
         return head
 
+    def compressed_head(self, number: int) -> ChunkHead:
+        """Return the header of a chunk whose data is going to be in memory, decompressed where it is compressed.
+
+        Raises:
+            BagError: There is none, or it takes more memory than may be.
+        """
+        head = self.head(number)
+        try:
+            check_memory(0 if head.compression == "none" else head.size, self.memory)
+        except RecordError as error:
+            wrong = f"the chunk at byte {self.chunks[number].position} is too large: {error}"
+            raise BagError(str(self.path), wrong, "see whether it is what you expect") from error
+        return head
+
     def messages(self) -> Messages:
         """Return all messages in the order of chunks, connections and times; reads no chunk's data.
 
@@ -312,6 +329,8 @@ def read_head(path: Path) -> Tuple[int, int, Record]:
 
 
 def _bag_record(begin: bytes) -> Record:
+    if begin.startswith(MAGIC[:-1] + b"\r\n"):
+        raise RecordError("its line endings were converted (git does that unless .gitattributes says `*.bag -text`)")
     if begin.startswith(b"#ROS") and not begin.startswith(MAGIC):
         line = begin.split(b"\n", 1)[0][:40].decode("ascii", "replace")
         raise RecordError(f"its version is not 2.0 ({line}); older ones are converted with `rosbag fix`")

@@ -1,46 +1,125 @@
-"""What the index of a bag says of its topics."""
+"""What the index of a bag says of its topics; of one that has none, what can be told from its chunks' own."""
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from pathlib import Path
-from typing import Any, Dict
+from typing import Any, Dict, Iterable, Iterator, List, Tuple
 
 import numpy as np
 
 from amaze_autonomy.units import SECOND
 
-from .index import Index
+from .errors import BagError
+from .format import MEMORY, Connection, record_at
+from .index import ChunkHead, Index, chunk_head, index_parts
+from .read import joined_parts
+from .scan import Scan, scan
 
 __all__ = ["info_result"]
 
-
-def info_result(path: Path) -> Dict[str, Any]:
-    """Return what the index says of a bag."""
-    with Index(path) as index:
-        messages = index.messages()
-        topics = []
-        for topic, kind in sorted({(each.topic, each.kind) for each in index.connections.values()}):
-            numbers = [each.number for each in index.connections.values() if (each.topic, each.kind) == (topic, kind)]
-            times = np.sort(messages.t_ns[np.isin(messages.connection, numbers)])
-            topics.append({"topic": topic, "type": kind, "connections": len(numbers), **_rhythm(times)})
-        compressions = [index.head(number).compression for number in range(len(index.chunks))]
-        return {
-            "file": str(path),
-            "bytes": index.size,
-            "messages": len(messages.t_ns),
-            "start_ns": int(messages.t_ns.min()) if len(messages.t_ns) else None,
-            "end_ns": int(messages.t_ns.max()) if len(messages.t_ns) else None,
-            "chunks": {kind: compressions.count(kind) for kind in sorted(set(compressions))},
-            "topics": topics,
-        }
+_HEAD_BYTES = 4096
 
 
-def _rhythm(times: Any) -> Dict[str, Any]:
-    """Return count, mean rate and longest silence of messages."""
+def info_result(path: Path, memory: int = MEMORY) -> Dict[str, Any]:
+    """Return what a bag has.
+
+    Args:
+        path: of the bag; one that was not closed, or whose index is damaged, is looked through.
+        memory: bytes that the data of a chunk may take where it has to be looked at.
+
+    Raises:
+        BagError: It is no bag.
+    """
+    try:
+        with Index(path) as index:
+            messages = index.messages()
+            heads = [index.head(number) for number in range(len(index.chunks))]
+            about = _about(index.connections, messages.t_ns, messages.connection, heads)
+            return {"file": str(path), "bytes": index.size, "closed": True, "problem": "", **about}
+    except BagError as error:
+        found = scan(path, check_data=False, memory=memory)
+        t_ns, connection, heads = _columns(found)
+        about = _about(found.connections, t_ns, connection, heads)
+        return {"file": str(path), "bytes": found.size, "closed": False, "problem": error.wrong, **about}
+
+
+def _columns(found: Scan) -> Tuple[Any, Any, List[ChunkHead]]:
+    """Return times and connections of all messages that can be kept, and the headers of their chunks."""
+    parts: List[Any] = []
+    heads: List[ChunkHead] = []
+    file = os.open(found.path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        for chunk in found.chunks:
+            raw = chunk.index_bytes
+            if raw is None:
+                raw = os.pread(file, chunk.end - chunk.data_end, chunk.data_end)
+            parts += index_parts(raw, 0, len(raw), dict(chunk.counts))[0]
+            heads.append(_head(file, chunk.position, chunk.compression, chunk.data))
+    finally:
+        os.close(file)
+    t_ns, connection, _ = joined_parts(parts)
+    return t_ns, connection, heads
+
+
+def _head(file: int, position: int, compression: str, data: Any) -> ChunkHead:
+    if data is not None:
+        return ChunkHead(compression, position, len(data), len(data))
+    begin = os.pread(file, _HEAD_BYTES, position)
+    return chunk_head(record_at(begin, 0, len(begin)))
+
+
+def _about(
+    connections: Dict[int, Connection], t_ns: Any, connection: Any, heads: Iterable[ChunkHead]
+) -> Dict[str, Any]:
+    """Return what messages and chunks come to."""
+    kinds: Dict[str, Dict[str, int]] = {}
+    for head in heads:
+        known = kinds.setdefault(head.compression, {"chunks": 0, "stored": 0, "size": 0})
+        for name, value in (("chunks", 1), ("stored", head.stored), ("size", head.size)):
+            known[name] += value
+    return {
+        "version": "2.0",
+        "messages": len(t_ns),
+        "start_ns": int(t_ns.min()) if len(t_ns) else None,
+        "end_ns": int(t_ns.max()) if len(t_ns) else None,
+        "chunks": {kind: known["chunks"] for kind, known in sorted(kinds.items())},
+        "compression": dict(sorted(kinds.items())),
+        "types": {each.kind: each.md5 for each in sorted(connections.values(), key=lambda each: each.kind)},
+        "topics": list(_topics(connections, t_ns, connection)),
+    }
+
+
+def _topics(connections: Dict[int, Connection], t_ns: Any, connection: Any) -> Iterator[Dict[str, Any]]:
+    """Yield each topic with its count, rate and silence; in a time that grows with messages and topics, not both."""
+    publishers = Counter((each.topic, each.kind) for each in connections.values())
+    names = sorted(publishers)
+    places = {name: place for place, name in enumerate(names)}
+    place_of: Any = np.full(max(connections, default=0) + 1, -1, np.int64)
+    for number, each in connections.items():
+        place_of[number] = places[each.topic, each.kind]
+    topic = place_of[connection]
+    order = np.lexsort((t_ns, topic))
+    times = t_ns[order]
+    found: Any = np.searchsorted(topic[order], np.arange(len(names) + 1))
+    bounds: List[int] = found.tolist()
+    whole = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (0, 0)
+    for name, first, last in zip(names, bounds, bounds[1:]):
+        rhythm = _rhythm(times[first:last], whole)
+        yield {"topic": name[0], "type": name[1], "connections": publishers[name], **rhythm}
+
+
+def _rhythm(times: Any, whole: Tuple[int, int]) -> Dict[str, Any]:
+    """Return count, mean rate, and longest silence between the first and the last message of the bag."""
+    if not len(times):
+        return {"messages": 0, "rate_hz": None, "longest_gap_s": None}
+    first, last = int(times[0]), int(times[-1])
     steps = np.diff(times)
-    length_s = int(times[-1] - times[0]) / SECOND if len(times) else 0.0
+    longest = max(first - whole[0], whole[1] - last, int(steps.max()) if len(steps) else 0)
+    length_s = (last - first) / SECOND
     return {
         "messages": len(times),
         "rate_hz": round(len(steps) / length_s, 3) if length_s else None,
-        "longest_gap_s": round(int(steps.max()) / SECOND, 6) if len(steps) else None,
+        "longest_gap_s": round(longest / SECOND, 6),
     }

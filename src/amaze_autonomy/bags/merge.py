@@ -20,7 +20,7 @@ import numpy as np
 from amaze_autonomy.units import SECOND
 
 from .errors import BagError
-from .format import Connection, Identity
+from .format import MEMORY, Connection, Identity
 from .index import ChunkHead, Index
 from .manifest import Tally
 from .merge_writer import Writing
@@ -57,22 +57,20 @@ def unify(inputs: Sequence[Index], *, publishers_apart: bool) -> Unified:
     numbers: Dict[Identity, int] = {}
     connections: Dict[int, Connection] = {}
     targets = []
+    free = 0
     sources: Dict[int, Set[int]] = {}
     for place, index in enumerate(inputs):
         target: Any = np.zeros(max(index.connections, default=0) + 1, np.int64)
         for number, connection in sorted(index.connections.items()):
             identity = connection.identity(publishers_apart=publishers_apart)
             if identity not in numbers:
-                numbers[identity] = number if number not in connections else _free(connections)
+                numbers[identity] = number if number not in connections else free
+                free = max(free, numbers[identity] + 1)
                 connections[numbers[identity]] = connection._replace(number=numbers[identity])
             target[number] = numbers[identity]
             sources.setdefault(numbers[identity], set()).add(place)
         targets.append(target)
     return Unified(connections, targets, _comparable(connections, sources), _warnings(connections))
-
-
-def _free(taken: Dict[int, Connection]) -> int:
-    return max(taken) + 1
 
 
 def _comparable(connections: Dict[int, Connection], sources: Dict[int, Set[int]]) -> Dict[int, int]:
@@ -261,6 +259,7 @@ class MergeOptions(NamedTuple):
         window_ns: how far apart the record times of one message may be, offsets applied.
         publishers_apart: whether publishers of one topic keep their own connections, as in a recording.
         replace: whether an existing output may be replaced.
+        memory: bytes that the data of a chunk may take when it is decompressed.
     """
 
     compression: str = "auto"
@@ -269,6 +268,7 @@ class MergeOptions(NamedTuple):
     window_ns: int = SECOND
     publishers_apart: bool = True
     replace: bool = False
+    memory: int = MEMORY
 
 
 class Merged(NamedTuple):
@@ -310,7 +310,7 @@ def merge(
     """
     options = options or MergeOptions()
     with ExitStack() as stack:
-        indexes = [stack.enter_context(Index(path)) for path in inputs]
+        indexes = [stack.enter_context(Index(path, options.memory)) for path in inputs]
         offsets = options.offsets_ns or (0,) * len(indexes)
         _check(indexes, offsets, output)
         unified = unify(indexes, publishers_apart=options.publishers_apart)

@@ -400,7 +400,7 @@ class Writing:
     def _opened(self, frame: List[Any], rows: Rows) -> Any:
         """Return the record in the finished chunk that is to be the first, where connections have to be described."""
         try:
-            return decompressed("lz4", b"".join(frame), int(rows.whole[0]))
+            return decompressed("lz4", b"".join(frame), int(rows.whole[0]), self._inputs[0].memory)
         except RecordError as error:
             path = self._inputs[int(rows.source[0])].path
             raise BagError(str(path), f"its first chunk is damaged: {error}", KEEP_GOOD) from error

@@ -417,7 +417,7 @@ def decompress_into(target: bytearray, place: int, kind: str, data: bytes, size:
     """
     if kind == "lz4" and decompress_frame(data, size, target, place):
         return  # else the usual way, which says what is wrong
-    target[place : place + size] = decompressed(kind, data, size)
+    target[place : place + size] = decompressed(kind, data, size, size)
 
 
 # --- chunks loaded ----------------------------------------------------------------------------------------------------
@@ -481,9 +481,9 @@ class Loader:
         """Return the messages of compressed chunks.
 
         Raises:
-            BagError: One is damaged.
+            BagError: One is damaged, or takes more memory than may be.
         """
-        heads = [self._index.head(number) for number in numbers]
+        heads = [self._index.compressed_head(number) for number in numbers]
         places = np.cumsum([0, *(head.size for head in heads)]).tolist()
         buffer = pool.get(places[-1])
         jobs = [pool.workers.submit(self._decompress, *job, buffer) for job in zip(numbers, heads, places)]

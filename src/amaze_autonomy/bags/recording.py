@@ -189,11 +189,11 @@ class Indexed:
 
     def load(self, position: int) -> bytes:
         """Return the data of a chunk, decompressed."""
-        head = self.index.head(self._numbers[position])
+        head = self.index.compressed_head(self._numbers[position])
         stored = os.pread(self.index.file, head.stored, head.data)
         if len(stored) != head.stored:
             raise EOFError(f"{len(stored)} bytes of {head.stored}")
-        return bytes(decompressed(head.compression, stored, head.size))
+        return bytes(decompressed(head.compression, stored, head.size, self.index.memory))
 
     def peek(self, position: int, offset: int, size: int) -> Optional[bytes]:
         """Return up to some bytes from an offset in the data of a chunk on; None when it is compressed."""
@@ -412,6 +412,7 @@ class Recording:
         self._bag = opened(path)
         self._chunks = ChunkCache(self._bag.load, *([self._bag.peek] if isinstance(self._bag, Indexed) else []))
         self._links: Dict[int, Link] = {each.number: each for each in self._bag.links}
+        self._by_topic: Dict[str, List[Link]] = {}
         self._decoders: Dict[int, _Decode] = {}
         self._tapes = tapes_of(path)
         self._kept: Dict[Tuple[int, int], bytes] = {}
@@ -571,10 +572,12 @@ class Recording:
 
     def _publishers(self, topic: str) -> List[List[int]]:
         """Return the connections of a topic by publisher, publishers by name."""
+        if not self._by_topic:
+            for link in self._links.values():
+                self._by_topic.setdefault(link.topic, []).append(link)
         names: Dict[str, List[int]] = {}
-        for link in self._links.values():
-            if link.topic == topic:
-                names.setdefault(link.caller, []).append(link.number)
+        for link in self._by_topic.get(topic, ()):
+            names.setdefault(link.caller, []).append(link.number)
         return [names[name] for name in sorted(names)]
 
     def _topics(self) -> List[Topic]:

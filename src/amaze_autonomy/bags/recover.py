@@ -23,9 +23,9 @@ from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Tuple
 from amaze_autonomy.whole_file import sync_folder, write_whole
 
 from .errors import BagError
-from .format import FIRST_RECORD, bag_header, chunk_header, chunk_info, decompressed, record_at
+from .format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, record_at
 from .index import Index, chunk_head
-from .salvage import kept_by_walk, rewritten
+from .salvage import rewritten, salvaged
 from .scan import Found, Scan, scan
 from .write import Output, index_of
 
@@ -77,7 +77,8 @@ def recover(
     path: Path,
     output: Path,
     *,
-    check_data: bool = False,
+    check_data: bool = True,
+    memory: int = MEMORY,
     replace: bool = False,
     progress: Optional[Progress] = None,
 ) -> Recovered:
@@ -86,7 +87,8 @@ def recover(
     Args:
         path: of the bag; only read.
         output: path of the new bag.
-        check_data: whether to check the data of whole chunks, too; reads all of the file.
+        check_data: whether to look at the data of whole chunks; without, it is copied as it is.
+        memory: bytes that the data of a chunk may take.
         replace: whether an existing output may be replaced.
         progress: called with bytes passed and all bytes.
 
@@ -97,11 +99,11 @@ def recover(
         raise BagError(str(output), "is the bag to be recovered, which is never changed", "choose another name")
     if is_interrupted(path):
         raise BagError(str(path), "is half changed by a recovery in place", "finish that with --in-place, or --undo it")
-    found = scan(path, check_data=check_data, progress=progress)
+    found = scan(path, check_data=check_data, memory=memory, progress=progress)
     file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         with Output(output, replace=replace, needed=_needed(found)) as out:
-            write_kept(out, file, found)
+            write_kept(out, file, found, memory)
             size = out.close(found.connections)
     finally:
         os.close(file)
@@ -132,7 +134,7 @@ class Sink(Protocol):
         """Take a chunk of the bag."""
 
 
-def write_kept(out: Sink, file: int, found: Scan) -> None:
+def write_kept(out: Sink, file: int, found: Scan, memory: int = MEMORY) -> None:
     """Write all that is good in a file."""
     kept = beginning(found)
     if kept:
@@ -142,7 +144,7 @@ def write_kept(out: Sink, file: int, found: Scan) -> None:
     for chunk in found.chunks[len(kept) :]:
         times = (chunk.start_ns, chunk.end_ns)
         if chunk.drop:
-            _write_rest(out, file, chunk)
+            _write_rest(out, file, chunk, memory)
         elif chunk.data is not None:
             records = chunk.index_bytes or b""
             out.chunk("none", len(chunk.data), [chunk.data], records, times=times, counts=chunk.counts)
@@ -164,14 +166,14 @@ def beginning(found: Scan) -> List[Found]:
     return chunks
 
 
-def _write_rest(out: Sink, file: int, chunk: Found) -> None:
+def _write_rest(out: Sink, file: int, chunk: Found, memory: int) -> None:
     """Write a chunk without the messages that are to be dropped."""
     data = chunk.data
     if data is None:
         raw = os.pread(file, chunk.data_end - chunk.position, chunk.position)
         head = chunk_head(record_at(raw[:_HEAD], 0, min(len(raw), _HEAD)))
-        data = bytes(decompressed(head.compression, raw[head.data :], head.size))
-    kept = kept_by_walk(data).without(chunk.drop)
+        data = bytes(decompressed(head.compression, raw[head.data :], head.size, memory))
+    kept = salvaged(data).without(chunk.drop)
     if kept.rows:
         data, kept = rewritten(data, kept)
         out.chunk("none", len(data), [data], kept.index_bytes(), times=kept.times(), counts=kept.counts())
@@ -184,12 +186,15 @@ _MOST = 64 << 20  # bytes behind the last whole chunk: one chunk that was being 
 _COPY = "recover it without --in-place"
 
 
-def recover_in_place(path: Path, *, check_data: bool = False, progress: Optional[Progress] = None) -> Recovered:
+def recover_in_place(
+    path: Path, *, check_data: bool = True, memory: int = MEMORY, progress: Optional[Progress] = None
+) -> Recovered:
     """Close a bag where it lies; x.bag.active is called x.bag then. What cannot be kept is in the undo file.
 
     Args:
         path: of the bag; nobody may be writing it any more.
-        check_data: whether to check the data of whole chunks, too; reads all of the file.
+        check_data: whether to look at the data of whole chunks; without, hardly anything is read.
+        memory: bytes that the data of a chunk may take.
         progress: called with bytes passed and all bytes.
 
     Raises:
@@ -197,7 +202,7 @@ def recover_in_place(path: Path, *, check_data: bool = False, progress: Optional
     """
     final = path if path.name.endswith(".bag") else recovered_name(path)
     _prepare(path, final)
-    found = scan(path, check_data=check_data, progress=progress)
+    found = scan(path, check_data=check_data, memory=memory, progress=progress)
     kept = beginning(found)
     if found.closed and not found.damages and len(kept) == len(found.chunks):
         return Recovered(path, found.size, found)

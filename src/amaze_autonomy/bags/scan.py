@@ -1,17 +1,21 @@
 """A bag looked through from its first byte on, whatever its index says: which chunks are good, and what is damaged.
 
-Only headers and the index records behind each chunk are read, unless the data is asked for; of a chunk whose index
-records are missing, or that first describes a connection, the data is read in any case. Where a record is none, the
-search goes on at the next chunk.
+A bag says everything several times: where a chunk ends and how many messages it has is said by the chunk's own header,
+by the index records behind it (a count, and a length), by the bag's index at its end, and by the data. None is believed
+alone. Where they contradict each other the data is looked at, and what most say counts; where a record is none, the
+search goes on at whatever record comes next. Bytes that were passed over are a damage, and what was lost with them is
+counted by the bag's index, or said to be unknown: never nothing.
+
+All data is read and checked, unless it is to be trusted: then only headers and the index records behind each chunk are
+read, and of a chunk whose index records are missing, or that first describes a connection, the data.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import struct
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, FrozenSet, List, NamedTuple, Optional, Set, Tuple
 
 from .errors import BagError, RecordError
 from .format import (
@@ -25,26 +29,28 @@ from .format import (
     INDEX_FIELDS,
     LARGEST_HEADER,
     MAGIC,
+    MEMORY,
     MESSAGE,
     Connection,
     Record,
+    check_memory,
     connection_of,
     decompressed,
     our_index_record,
     record_at,
-    salvaged,
+    unpacked,
 )
 from .index import ChunkHead, Entries, chunk_head, read_head
-from .salvage import Kept, kept_by_index, kept_by_walk, rewritten
+from .salvage import Kept, headers, rewritten, salvaged
 
 __all__ = ["Damage", "Found", "Scan", "scan"]
 
 _READ = 1 << 14
 _SEARCH = 1 << 22
-_OVERLAP = 256
+_OVERLAP = 1 << 12
 _FIRST_PLACES = (4109, FIRST_RECORD)  # of the first chunk: the rosbags library's, and everybody else's
-_LARGEST_CUT = 1 << 28
-_CHUNK_FIELD = re.compile(rb"\x04\0\0\0op=\x05|[\x0f\x10]\0\0\0compression=|\x09\0\0\0size=")
+_FRAMES = ((b"\x04\x22\x4d\x18", "lz4"), (b"BZh", "bz2"))  # how compressed data begins
+_BEGINNING = 256  # bytes in which that is looked for behind a header that is destroyed
 _BROKEN = (RecordError, struct.error, ValueError, IndexError)
 
 Progress = Callable[[int, int], None]
@@ -103,6 +109,7 @@ class Scan(NamedTuple):
         chunks: in the order of the file.
         damages: likewise.
         bytes_read: of the file.
+        checked: whether all data was looked at.
     """
 
     path: Path
@@ -112,6 +119,7 @@ class Scan(NamedTuple):
     chunks: List[Found]
     damages: List[Damage]
     bytes_read: int
+    checked: bool = True
 
     @property
     def messages(self) -> int:
@@ -125,18 +133,19 @@ class Scan(NamedTuple):
         return None if None in known else sum(lost for lost in known if lost)
 
 
-def scan(path: Path, *, check_data: bool, progress: Optional[Progress] = None) -> Scan:
+def scan(path: Path, *, check_data: bool = True, memory: int = MEMORY, progress: Optional[Progress] = None) -> Scan:
     """Look through a file.
 
     Args:
         path: of a bag, closed or not.
         check_data: whether to read and check the data of all chunks.
+        memory: bytes that the data of a chunk may take.
         progress: called with bytes passed and all bytes.
 
     Raises:
         BagError: It cannot be read, or is no bag at all.
     """
-    scanner = _Scanner(path, check_data=check_data)
+    scanner = _Scanner(path, check_data=check_data, memory=memory)
     try:
         scanner.run(progress or (lambda _done, _total: None))
     except OSError as error:
@@ -146,65 +155,137 @@ def scan(path: Path, *, check_data: bool, progress: Optional[Progress] = None) -
     return scanner.result()
 
 
-class _Scanner:
-    def __init__(self, path: Path, *, check_data: bool) -> None:
-        self.path, self._check_data = path, check_data
-        self._damages: List[Damage] = []
-        self._bytes_read = 0
-        self._window, self._window_at = b"", 0
+class _Reader:
+    """Records of a file, read a piece at a time."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.file = -1
+        self.size = self.bytes_read = 0
+        self.window, self.window_at = b"", 0
         self._seen: Tuple[int, Record] = (-1, Record({}, 0, 0))  # the last one: what ends an index begins a chunk
-        self.file, self._size, self._first, self._index_at, self._chunk_count = self._opened()
-        self._connections: Dict[int, Connection] = {}
-        self._chunks: List[Found] = []
-        self._indexed: Dict[int, int] = {}  # messages by position of the chunk, as the bag's index says
 
-    def _opened(self) -> Tuple[int, int, int, int, int]:
-        """Return the file, its size, places of the first record and of the index, and the number of chunks."""
-        try:
-            file, size, header = read_head(self.path)
-        except BagError as error:
-            return (*self._opened_without_header(error), 0, 0)
-        try:
-            return file, size, header.end, header.number(b"index_pos"), header.number(b"chunk_count")
-        except RecordError:
-            return file, size, header.end, 0, 0
+    def read(self, position: int, size: int) -> bytes:
+        """Return bytes of the file; fewer at its end."""
+        found = os.pread(self.file, size, position)
+        self.bytes_read += len(found)
+        return found
 
-    def _opened_without_header(self, error: BagError) -> Tuple[int, int, int]:
-        """Open a file of which only the beginning is damaged."""
-        if not isinstance(error.__cause__, RecordError) or "encrypted" in error.wrong or "version" in error.wrong:
-            raise error
-        file = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
-        size = os.fstat(file).st_size
-        self._size = size
-        self.file = file
-        if os.pread(file, len(MAGIC), 0) != MAGIC and not any(map(self._is_chunk, _FIRST_PLACES)):
-            os.close(file)
-            raise error
-        return file, size, len(MAGIC)
+    def data_of(self, data: int, size: int) -> bytes:
+        """Return bytes of which a part may have been read."""
+        begin = data - self.window_at
+        if begin >= 0 and begin + size <= len(self.window):
+            return self.window[begin : begin + size]
+        return self.read(data, size)
 
-    def _read(self, position: int, size: int) -> bytes:
-        self._bytes_read += size
-        return os.pread(self.file, size, position)
-
-    def _record(self, position: int) -> Record:
+    def record(self, position: int) -> Record:
         """Return the record at a place in the file; its data's place is one in the file, too."""
         if position == self._seen[0]:
             return self._seen[1]
-        at = position - self._window_at
-        if not 0 <= at <= len(self._window) - min(_OVERLAP, self._size - position):
-            self._window, self._window_at, at = self._read(position, _READ), position, 0
-        window = self._window
+        at = position - self.window_at
+        if not 0 <= at <= len(self.window) - min(_BEGINNING, self.size - position):
+            self.window, self.window_at, at = self.read(position, _READ), position, 0
+        window = self.window
         try:
             record = record_at(window, at, len(window))
         except RecordError:
             need = 8 + int.from_bytes(window[at : at + 4], "little")
-            if not len(window) - at < need <= min(LARGEST_HEADER, self._size - position):
+            if not len(window) - at < need <= min(LARGEST_HEADER, self.size - position):
                 raise
-            window, at = self._read(position, need), 0
+            window, at = self.read(position, need), 0
             record = record_at(window, at, len(window))
         record = Record(record.fields, record.data - at + position, record.size)
         self._seen = position, record
         return record
+
+    def op(self, position: int) -> int:
+        """Return what kind of record is at a place; 0 when there is no whole one, but for an index record."""
+        try:
+            record = self.record(position)
+        except _BROKEN:
+            return 0
+        return record.op if record.op == INDEX or record.end <= self.size else 0
+
+
+class _Scanner:
+    def __init__(self, path: Path, *, check_data: bool, memory: int) -> None:
+        self._check_data, self._memory = check_data, memory
+        self._reader = _Reader(path)
+        self._damages: List[Damage] = []
+        self._connections: Dict[int, Connection] = {}
+        self._settled: Set[int] = set()  # connections of which nothing better is to be expected
+        self._chunks: List[Found] = []
+        self._before: FrozenSet[Tuple[int, int]] = frozenset()  # times and connections of the last damaged chunk
+        self._visited: Set[int] = set()  # positions of chunks
+        self._told: Dict[int, Dict[int, int]] = {}  # messages by connection, by position of the chunk: the bag's index
+        self._told_late: Dict[int, int] = {}  # messages by position, of an index that is not where the header says
+        self._index_at = self._said_at = self._chunk_count = 0
+        self._first = self._opened(path)
+        self._read_index()
+
+    @property
+    def file(self) -> int:
+        return self._reader.file
+
+    @property
+    def _size(self) -> int:
+        return self._reader.size
+
+    def _opened(self, path: Path) -> int:
+        """Open the file; return the place of the first record."""
+        reader = self._reader
+        try:
+            reader.file, reader.size, header = read_head(path)
+        except BagError as error:
+            return self._opened_without_header(path, error)
+        try:
+            self._index_at, self._chunk_count = header.number(b"index_pos"), header.number(b"chunk_count")
+        except RecordError:
+            self._index_at = 0
+        self._said_at = self._index_at
+        return header.end
+
+    def _opened_without_header(self, path: Path, error: BagError) -> int:
+        """Open a file of which only the beginning is damaged."""
+        if not isinstance(error.__cause__, RecordError) or any(
+            word in error.wrong for word in ("encrypted", "version", "line endings")
+        ):
+            raise error
+        reader = self._reader
+        reader.file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        reader.size = os.fstat(reader.file).st_size
+        if os.pread(reader.file, len(MAGIC), 0) != MAGIC and not any(map(self._is_chunk, _FIRST_PLACES)):
+            os.close(reader.file)
+            raise error
+        return len(MAGIC)
+
+    def _read_index(self) -> None:
+        """Read what the bag's index says, as far as it is good; where it is none, there is none."""
+        place = self._index_at
+        if not self._first <= place <= self._size or self._reader.op(place) not in (CONNECTION, CHUNK_INFO):
+            self._index_at = place if place == self._size and not self._chunk_count else 0
+            return
+        try:
+            while place < self._size:
+                record = self._reader.record(place)
+                if record.op not in (CONNECTION, CHUNK_INFO) or record.end > self._size:
+                    break
+                self._note(record)
+                place = record.end
+        except _BROKEN:
+            pass  # it is said when the walk comes there
+
+    def _note(self, record: Record) -> None:
+        """Take what a record of the index says."""
+        data = self._reader.data_of(record.data, record.size)
+        if record.op == CONNECTION:
+            self._meet(connection_of(record, data))
+            return
+        counts = {number: count for number, count in struct.iter_unpack("<2L", data[: len(data) & ~7]) if count}
+        if self._index_at:
+            self._told[record.number(b"chunk_pos")] = counts
+        else:  # bytes are missing before it, or its places are otherwise not those of this file
+            self._told_late[record.number(b"chunk_pos")] = sum(counts.values())
 
     def run(self, progress: Progress) -> None:
         """Look through the file."""
@@ -213,84 +294,168 @@ class _Scanner:
             try:
                 position = self._step(position)
             except _BROKEN as error:
-                position = self._search(position, str(error))
+                position = self._lost_way(position, str(error))
             progress(min(position, self._size), self._size)
 
     def result(self) -> Scan:
         """Return what was found, without messages of which nobody knows what they are."""
-        closed = 0 < self._index_at <= self._size and len(self._indexed) == self._chunk_count
+        closed = len(self._told or self._told_late) == self._chunk_count and (
+            self._index_at > 0 or bool(self._told_late)
+        )
+        if closed and not self._index_at:
+            self._damage(0, self._first, "the header does not say where the index is", 0)
         if not closed and not any(damage.offset + damage.size == self._size for damage in self._damages):
             self._damage(self._size, self._size, "the bag was not closed", 0)
-        damages = sorted(self._counted(each) if closed else each for each in self._damages)
         chunks = [self._described(each) for each in self._chunks]
-        damages += [each for each in map(self._undescribed, chunks) if each]
-        return Scan(self.path, self._size, closed, self._connections, chunks, damages, self._bytes_read)
+        self._damages += [each for each in map(self._undescribed, chunks) if each]
+        self._damages += self._not_found()
+        damages = self._balanced() if closed else self._damages
+        reader = self._reader
+        return Scan(
+            reader.path,
+            reader.size,
+            closed,
+            self._connections,
+            chunks,
+            sorted(damages, key=lambda each: each[:2]),
+            reader.bytes_read,
+            self._check_data,
+        )
+
+    def _not_found(self) -> List[Damage]:
+        """Return chunks that the bag's index names, that were not come to, and that no damage accounts for."""
+        within = [range(each.offset, each.offset + each.size) for each in self._damages]
+        return [
+            Damage(place, 0, "the bag's index names a chunk where none was found", sum(counts.values()))
+            for place, counts in sorted(self._told.items())
+            if counts and place not in self._visited and not any(place in each for each in within)
+        ]
+
+    def _balanced(self) -> List[Damage]:
+        """Return damages with what the bag's index counted there: what it counts in all is kept, or is lost."""
+        damages = [self._counted(each) for each in self._damages]
+        told = sum(sum(counts.values()) for counts in self._told.values()) + sum(self._told_late.values())
+        kept = sum(count for chunk in self._chunks for _, count in chunk.counts)
+        missing = told - kept - sum(each.lost or 0 for each in damages if "described nowhere" not in each.what)
+        unknown = [each for each in damages if each.lost is None]
+        if missing <= 0 or len(unknown) == 1:
+            return [each._replace(lost=max(0, missing)) if each.lost is None else each for each in damages]
+        if not unknown:
+            damages.append(Damage(0, self._size, "the bag's index counts messages that were not found", missing))
+        return damages
 
     def _counted(self, damage: Damage) -> Damage:
-        """Return a damage with the number of messages that the bag's index counted there."""
-        if damage.lost is not None:
-            return damage
+        """Return a damage with the number of messages that the bag's index counted in chunks that begin there."""
         places = range(damage.offset, damage.offset + damage.size)
+        told = [sum(counts.values()) for place, counts in self._told.items() if place in places]
+        if damage.lost is not None or not told:
+            return damage
         kept = sum(count for chunk in self._chunks if chunk.position in places for _, count in chunk.counts)
-        return damage._replace(lost=max(0, sum(self._indexed[each] for each in self._indexed if each in places) - kept))
+        return damage._replace(lost=max(0, sum(told) - kept))
 
     def _step(self, position: int) -> int:
-        record = self._record(position)
+        record = self._reader.record(position)
         if record.op == CHUNK:
             return self._chunk(position, chunk_head(record))
         if record.op not in (INDEX, CONNECTION, CHUNK_INFO):
             raise RecordError("a record stands where none can")
         if record.end > self._size:
             raise RecordError("the file ends within its index")
-        if record.op == CHUNK_INFO:
-            pairs = struct.iter_unpack("<2L", self._data_of(record.data, record.size - record.size % 8))
-            self._indexed[record.number(b"chunk_pos")] = sum(count for _, count in pairs)
-        if record.op == CONNECTION:
-            self._meet(connection_of(record, self._read(record.data, record.size)))
+        if record.op != INDEX:
+            self._note(record)
         return record.end
 
+    # --- one chunk ------------------------------------------------------------------------------------------------
+
     def _chunk(self, position: int, head: ChunkHead) -> int:
+        self._visited.add(position)
         end = head.data + head.stored
-        if head.compression not in COMPRESSIONS:
-            raise RecordError(f"a chunk is compressed by {head.compression[:20]}, which is not known")
-        if head.stored == 0 or end > self._size:
-            return self._keep_cut(position, head)
-        entries = self._entries(end)
-        if entries.trusted and self._all_known(entries) and not self._check_data:
-            self._keep_whole(position, end, entries, head)
+        if not head.stored and self._is_behind(head.data):
+            return self._entries(position, end).end  # it is empty
+        known = head.compression in COMPRESSIONS
+        if not known:
+            head = head._replace(compression=self._kind_at(head.data))
+        if not head.stored or not self._is_behind(end):
+            return self._keep_loose(position, head, known=known)
+        entries = self._entries(position, end)
+        if not known or self._check_data or not entries.trusted or not self._all_known(entries):
+            self._keep_checked(position, head, entries, known=known)
         else:
-            self._keep_checked(position, head, entries)
+            self._keep_whole(position, end, entries, head)
         return entries.end
 
-    def _entries(self, position: int) -> Entries:
+    def _is_behind(self, place: int) -> bool:
+        """Return whether what may stand behind a chunk's data stands at a place."""
+        if place == self._size:
+            return True
+        op = self._reader.op(place)
+        return op in (INDEX, CHUNK, CHUNK_INFO) or (op == CONNECTION and place == self._index_at)
+
+    def _kind_at(self, data: int) -> str:
+        """Return how data is compressed, by its beginning."""
+        begin = self._reader.read(data, 4)
+        return next((kind for magic, kind in _FRAMES if begin.startswith(magic)), "none")
+
+    def _entries(self, chunk: int, position: int) -> Entries:
         """Return the index records behind a chunk."""
+        reader = self._reader
         parts: List[Tuple[int, bytes]] = []
+        told = self._told.get(chunk)
         trusted = foreign = False
         while position < self._size:
-            found = our_index_record(self._window, position - self._window_at)
+            found = our_index_record(reader.window, position - reader.window_at)
             if found is None:
                 try:
-                    record = self._record(position)
+                    record = reader.record(position)
+                    if record.op != INDEX:
+                        trusted = record.op in (CHUNK, CONNECTION, CHUNK_INFO)
+                        break
+                    number, data = record.number(b"conn"), record.data
+                    size = self._index_size(record, told)
                 except _BROKEN:
                     break
-                if record.op != INDEX or record.end > self._size:
-                    trusted = record.op in (CHUNK, CONNECTION)
-                    break
-                foreign = foreign or tuple(record.fields) != INDEX_FIELDS
-                number, data, size = record.number(b"conn"), record.data, record.size
+                foreign = foreign or size != record.size or tuple(record.fields) != INDEX_FIELDS
             else:
-                number, data, size = found[0], self._window_at + found[1], found[2]
+                number, data, size = found[0], reader.window_at + found[1], found[2]
                 if data + size > self._size:
                     break
-            parts.append((number, self._data_of(data, size - size % INDEX_ENTRY)))
+            parts.append((number, reader.data_of(data, size)))
             position = data + size
-        return Entries(tuple(parts), position, trusted, foreign)
+        if parts and not trusted and position < self._size and self._has_swallowed(parts[-1][1], chunk):
+            position -= len(parts.pop()[1])  # with what is not its own; its header is passed over
+        entries = Entries(tuple(parts), position, trusted, foreign)
+        if told is not None and dict(entries.counts()) != told:
+            entries = entries._replace(trusted=False)
+        return entries
 
-    def _data_of(self, data: int, size: int) -> bytes:
-        begin = data - self._window_at
-        if begin >= 0 and begin + size <= len(self._window):
-            return self._window[begin : begin + size]
-        return self._read(data, size)
+    def _has_swallowed(self, part: bytes, chunk: int) -> bool:
+        """Return whether an index record has something else in it: places that are not in the chunk."""
+        try:
+            size = chunk_head(self._reader.record(chunk)).size
+        except _BROKEN:
+            return True
+        return any(offset >= size for _, _, offset in struct.iter_unpack("<3L", part))
+
+    def _index_size(self, record: Record, told: Optional[Dict[int, int]]) -> int:
+        """Return how long an index record is: its length, its count and the bag's index say so, what follows decides.
+
+        Raises:
+            RecordError: It is as none of them says.
+        """
+        count, number = record.number(b"count"), record.number(b"conn")
+        said = [record.size, INDEX_ENTRY * count]
+        said += [INDEX_ENTRY * told[number]] if told and number in told else []
+        possible = [
+            (self._is_behind(record.data + size) + said.count(size), size)
+            for size in said
+            if size % INDEX_ENTRY == 0 and record.data + size <= self._size
+        ]
+        if not possible:
+            raise RecordError("an index record contradicts itself")
+        size = max(possible)[1]
+        if size != record.size:
+            self._damage(record.data - 4, record.data, f"an index record says {record.size} bytes and has {size}", 0)
+        return size
 
     def _keep_whole(self, position: int, end: int, entries: Entries, head: ChunkHead) -> None:
         if not entries.messages:
@@ -303,47 +468,72 @@ class _Scanner:
         found = Found(position, end, entries.end, *entries.times(), entries.counts(), index, None, head.compression)
         self._chunks.append(found)
 
-    def _keep_checked(self, position: int, head: ChunkHead, entries: Entries) -> None:
-        raw = self._read(head.data, head.stored)
-        end, count = head.data + head.stored, entries.messages
-        try:
-            data = decompressed(head.compression, raw, head.size)
-        except RecordError as error:
-            # bz2 alone has checksums of its parts; what of lz4 is good nobody knows.
-            data = b"" if head.compression == "lz4" else salvaged(head.compression, raw)
-            kept = kept_by_index(data, [*entries.rows()]) if entries.trusted else kept_by_walk(data)
-            self._add(position, end, entries.end, kept, data, head)
-            self._damage(position, end, f"in a chunk, {error}", count - len(kept.rows) if count else None)
-            return
-        if entries.trusted:
-            self._keep_compared(position, head, entries, data)
-            return
-        walked = kept_by_walk(data)
-        self._add(position, end, entries.end, walked, data, head)
-        if walked.end != len(data):
-            self._damage(position, end, "a chunk is damaged, and the index behind it", None)
-        elif count != len(walked.rows):
-            self._damage(end, entries.end, "the index behind a chunk is cut, it was made anew", 0)
-
-    def _keep_compared(self, position: int, head: ChunkHead, entries: Entries, data: Any) -> None:
-        """Keep what a chunk and the index behind it agree on."""
+    def _keep_checked(self, position: int, head: ChunkHead, entries: Entries, *, known: bool) -> None:
+        """Keep of a chunk what its data and the index behind it agree on."""
         end = head.data + head.stored
-        error = self._contradiction(entries, data)
-        if error is None:
-            self._keep_whole(position, end, entries, head)
+        try:
+            check_memory(head.stored, self._memory)
+            data = decompressed(head.compression, self._reader.read(head.data, head.stored), head.size, self._memory)
+        except RecordError as error:
+            self._keep_broken(position, head, entries, error)
             return
-        kept, walked = kept_by_index(data, [*entries.rows()]), kept_by_walk(data)
-        if 2 * len(kept.rows) < len(walked.rows):  # the index is damaged, not the messages
-            kept = walked
+        wrong: Optional[Exception] = self._contradiction(entries, data)
+        if not known:
+            wrong = RecordError("its header does not say how it is compressed")
+        if wrong is None:
+            self._keep_whole(position, end, entries, head)
+            if dict(entries.counts()) != self._told.get(position, dict(entries.counts())):
+                self._damage(position, end, "the bag's index counts other messages in a chunk than it has", 0)
+            return
+        anew = head if known else head._replace(size=-1)
+        self._keep_salvaged(position, anew, entries, data, str(wrong), whole=True)
+
+    def _keep_broken(self, position: int, head: ChunkHead, entries: Entries, error: RecordError) -> None:
+        """Keep what can be decompressed of a chunk; one that has another size than it says may be good."""
+        data: Any = b""
+        whole = False
+        if head.stored <= self._memory and (head.compression == "none" or head.size <= self._memory):
+            raw = self._reader.read(head.data, head.stored)
+            data, whole = unpacked(head.compression, raw, self._memory)
+            if not whole and head.compression == "lz4":
+                data = b""  # bz2 alone has checksums of its parts; what of lz4 is good nobody knows
+        self._keep_salvaged(position, head._replace(size=-1), entries, data, str(error), whole=whole)
+
+    def _keep_salvaged(
+        self, position: int, head: ChunkHead, entries: Entries, data: Any, wrong: str, *, whole: bool
+    ) -> None:
+        """Keep what is good in the data of a chunk, and say what is lost; `whole`: it is all of the data."""
+        end, kept = head.data + head.stored, salvaged(data, list(entries.rows()))
         self._add(position, end, entries.end, kept, data, head)
-        self._damage(position, end, f"in a chunk, {error}", max(0, entries.messages - len(kept.rows)))
+        what = f"in a chunk, {wrong}"
+        if not entries.parts:
+            what = "a chunk is damaged, and the index behind it" if kept.gaps or not whole else "a chunk has no index"
+        self._damage(position, end, what, self._lost(position, entries, kept, whole=whole))
+
+    def _lost(self, position: int, entries: Entries, kept: Kept, *, whole: bool) -> Optional[int]:
+        """Return how many messages of a chunk were not kept, by what most say that it had; None when nobody knows.
+
+        Args:
+            position: of the chunk.
+            entries: the index behind it.
+            kept: of it.
+            whole: whether all of its data was there.
+        """
+        said = [entries.messages] if entries.parts else []
+        said += [sum(self._told[position].values())] if position in self._told else []
+        if whole and not kept.gaps:
+            said.append(len(kept.rows))
+            return max(0, max(said, key=lambda count: (said.count(count), count == len(kept.rows))) - len(kept.rows))
+        lost = max(said, default=0) - len(kept.rows)
+        return lost if lost > 0 or (lost == 0 and said and min(said) == max(said)) else None
 
     def _contradiction(self, entries: Entries, data: Any) -> Optional[Exception]:
         """Return what is wrong where a chunk's data is not what its index says; learn its connections."""
         if not self._all_known(entries):
-            walked = kept_by_walk(data)
-            self._learn(walked)
-            if walked.end == len(data) and sorted(walked.rows) == sorted(entries.rows()):
+            kept = salvaged(data, list(entries.rows()))
+            self._learn(kept)
+            self._settled.update(number for number, _ in entries.counts())
+            if not kept.gaps and sorted(kept.rows) == sorted(entries.rows()):
                 return None
         from .read import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
 
@@ -355,10 +545,10 @@ class _Scanner:
 
     def _all_known(self, entries: Entries) -> bool:
         """Return whether there is nothing to be learnt; a chunk without messages may be there for its connections."""
-        return entries.messages > 0 and all(number in self._connections for number, _ in entries.counts())
+        return entries.messages > 0 and all(number in self._settled for number, _ in entries.counts())
 
-    def _learn(self, kept: Optional[Kept]) -> None:
-        for each in (kept.connections if kept else {}).values():
+    def _learn(self, kept: Kept) -> None:
+        for each in kept.connections.values():
             self._meet(each)
 
     def _meet(self, connection: Connection) -> None:
@@ -366,25 +556,94 @@ class _Scanner:
         known = self._connections.get(connection.number)
         if known is None or (connection.plausible and not known.plausible):
             self._connections[connection.number] = connection
+        if connection.plausible:
+            self._settled.add(connection.number)
 
-    def _keep_cut(self, position: int, head: ChunkHead) -> int:
+    # --- chunks without an end, or without a beginning ------------------------------------------------------------
+
+    def _keep_loose(self, position: int, head: ChunkHead, *, known: bool) -> int:
         """Keep what is there of a chunk that was not finished, that is cut, or whose length is damaged."""
-        raw = self._read(head.data, min(self._size - head.data, _LARGEST_CUT))
-        data = salvaged(head.compression, raw)
-        kept = kept_by_walk(data)
-        self._add(position, self._size, self._size, kept, data, head._replace(size=-1))
-        end = head.data + kept.end if head.compression == "none" else head.data
-        return self._search(end, "a chunk is not whole") if end < self._size else end
+        if head.stored and head.data + head.stored <= self._size:
+            end = self._keep_ended(position, head, known=known)
+            if end:
+                return end
+        stop = self._next_place(head.data)
+        entries = self._entries(position, stop)
+        raw = self._reader.read(head.data, min(stop - head.data, self._memory))
+        data, whole = unpacked(head.compression, raw, self._memory)
+        if head.compression == "lz4" and not whole and stop < self._size:
+            data = b""
+        kept = salvaged(data, list(entries.rows()) or None)
+        self._add(position, stop, entries.end, kept, data, head._replace(size=-1))
+        whole = whole and len(raw) == stop - head.data
+        if stop < self._size or entries.parts or not whole or kept.gaps:
+            plain = head.compression == "none" and kept.gaps and not entries.parts
+            begin = head.data + kept.gaps[0][0] if plain else position
+            self._damage(begin, stop, "a chunk is not whole", self._lost(position, entries, kept, whole=whole))
+        return entries.end
+
+    def _keep_ended(self, position: int, head: ChunkHead, *, known: bool) -> int:
+        """Keep a chunk that is good although what should follow it does not; return where what follows ends, or 0."""
+        end = head.data + head.stored
+        try:
+            check_memory(head.stored, self._memory)
+            data = decompressed(head.compression, self._reader.read(head.data, head.stored), head.size, self._memory)
+        except RecordError:
+            return 0
+        kept = salvaged(data)
+        if kept.gaps:
+            return 0
+        stop = self._next_place(end)
+        behind = self._reader.read(end, min(stop - end, self._memory))
+        other = bool(salvaged(behind).rows) or any(magic in behind for magic, _ in _FRAMES)
+        entries = Entries((), end, trusted=False, foreign=False) if other else self._entries(position, stop)
+        self._add(position, end, entries.end, kept, data, head if known else head._replace(size=-1))
+        if not other:
+            lost = self._lost(position, Entries((), end, trusted=False, foreign=False), kept, whole=True)
+            self._damage(end, stop, "the index behind a chunk is damaged, it was made anew", lost)
+        return entries.end
+
+    def _lost_way(self, position: int, what: str) -> int:
+        """Go on behind what is no record; keep the messages there of a chunk whose header is destroyed."""
+        stop = self._next_place(position + 1)
+        if 0 < self._index_at <= position or self._is_index_due(position):
+            self._damage(position, stop, "the index is damaged or cut", 0)
+            return stop
+        entries, before = self._entries(position, stop), self._before
+        kept, data = self._headless(position, stop, entries)
+        if kept.rows:
+            self._add(position, stop, entries.end, kept, data, ChunkHead("none", position, stop - position, -1))
+        lost = self._lost(position, entries, kept, whole=False) if kept.rows or entries.parts else None
+        if not kept.rows and entries.parts and before.issuperset(row[:2] for row in entries.rows()):
+            lost = 0  # it is the rest of the index of the chunk before, all of which was looked at
+        self._damage(position, stop, what, lost)
+        return entries.end
+
+    def _is_index_due(self, position: int) -> bool:
+        """Return whether the index should begin here: the header says so, and all chunks that it counts were met."""
+        return position == self._said_at and len(self._visited) == self._chunk_count
+
+    def _headless(self, position: int, stop: int, entries: Entries) -> Tuple[Kept, Any]:
+        """Return the messages of a chunk whose header is destroyed, and the data that they are in."""
+        rows = [(*row[:2], -1) for row in entries.rows()]  # where its data began is not known
+        raw = self._reader.read(position, min(stop - position, self._memory))
+        for magic, kind in _FRAMES:
+            begin = raw.find(magic, 0, _BEGINNING)
+            if begin >= 0:
+                data, whole = unpacked(kind, raw[begin:], self._memory)
+                if len(data) and (whole or kind == "bz2"):
+                    return salvaged(data, list(entries.rows()) or None), data
+        kept = salvaged(raw, rows or None)
+        return kept, raw
 
     def _add(self, position: int, end: int, index_end: int, kept: Kept, data: Any, head: ChunkHead) -> None:
         """Keep messages of a chunk that cannot stay as it is."""
         self._learn(kept)
         if not kept.rows:
             return
-        walked = kept_by_walk(data)
-        complete = walked.end == len(data) == head.size and walked.rows == kept.rows
+        self._before = frozenset(row[:2] for row in kept.rows)
         new = None
-        if not complete:
+        if kept.gaps or kept.end != len(data) or len(data) != head.size:
             new, kept = rewritten(data, kept)
         self._chunks.append(
             Found(position, end, index_end, *kept.times(), kept.counts(), kept.index_bytes(), new, head.compression)
@@ -405,43 +664,50 @@ class _Scanner:
     def _damage(self, start: int, end: int, what: str, lost: Optional[int]) -> None:
         self._damages.append(Damage(start, end - start, what, lost))
 
-    def _search(self, position: int, what: str) -> int:
-        """Return where the next chunk or the index begins, or the end of the file."""
-        found = self._next_chunk(position)
-        if found is None and position < self._index_at < self._size and self._is_index(self._index_at):
-            found = self._index_at
-        in_index = 0 < self._index_at <= position
-        stop = self._size if found is None else found
-        self._damage(position, stop, "the index is damaged or cut" if in_index else what, 0 if in_index else None)
-        return stop
+    # --- where the next record is ---------------------------------------------------------------------------------
 
-    def _next_chunk(self, position: int) -> Optional[int]:
-        begin = position + 1
+    def _next_place(self, begin: int) -> int:
+        """Return where, from a place on, the next record stands that is in no chunk, or the end of the file."""
+        return min([self._next_found(begin), *(place for place in self._told if place >= begin)])
+
+    def _next_found(self, begin: int) -> int:
         while begin < self._size:
-            window = self._read(begin, _SEARCH)
-            for match in _CHUNK_FIELD.finditer(window):
-                candidate = begin + match.start() - 4
-                if candidate > position and self._is_chunk(candidate):
-                    return candidate
+            window = self._reader.read(begin, _SEARCH)
+            for start in headers(window, 0, (INDEX, CHUNK, CHUNK_INFO)):
+                if self._is_outer(begin + start):
+                    return begin + start
+            if begin <= self._index_at < begin + len(window):
+                return self._index_at
             if begin + len(window) >= self._size:
                 break
             begin += len(window) - _OVERLAP
-        return None
+        return self._size
 
-    def _is_index(self, position: int) -> bool:
+    def _is_outer(self, position: int) -> bool:
         try:
-            return self._record(position).op in (CONNECTION, CHUNK_INFO)
+            record = self._reader.record(position)
+            if record.op == INDEX:
+                record.number(b"conn")
+                return record.end <= self._size and record.size == INDEX_ENTRY * record.number(b"count")
+            if record.op == CHUNK_INFO:
+                return record.end <= self._size and record.number(b"chunk_pos") < position
         except _BROKEN:
             return False
+        return self._is_chunk(position)
 
     def _is_chunk(self, position: int) -> bool:
+        """Return whether a chunk begins at a place: its header is one, and its beginning or its end is."""
+        if position in self._told:
+            return True
         try:
-            head = chunk_head(self._record(position))
+            head = chunk_head(self._reader.record(position))
             if head.compression not in COMPRESSIONS:
                 return False
             end = head.data + head.stored
-            if end < self._size and head.stored:
-                return self._record(end).op == INDEX
-            return head.compression != "none" or self._record(head.data).op in (MESSAGE, CONNECTION)
+            if head.stored and end <= self._size and self._is_behind(end):
+                return True
+            if head.compression != "none":
+                return self._kind_at(head.data) == head.compression or head.data == self._size
+            return self._reader.op(head.data) in (MESSAGE, CONNECTION) or head.data >= self._size - 8
         except _BROKEN:
             return False

@@ -12,16 +12,18 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from .errors import BagError
+from .format import MEMORY
 from .index import Index
 from .manifest import Tallies, Tally, TopicKey, checksums, payload_checksums
 from .merge import Source
-from .read import Block, Pool, distinct
+from .read import Block, Pool
 
 __all__ = ["READERS", "Counted", "Reading", "Verified", "count", "disagreements", "read_with", "verify"]
 
@@ -70,9 +72,13 @@ class _Counter:
             return
         crc = payload_checksums(block.buffer, table.payload.tolist(), table.end.tolist())
         sums = checksums(crc, table.end - table.payload, table.t_ns)
-        for number in distinct(table.connection):
-            which = table.connection == number
-            self._add(number, int(which.sum()), int(sums[which].sum(dtype=np.uint64)), int(crc[which].sum()))
+        order = np.argsort(table.connection, kind="stable")
+        numbers = table.connection[order]
+        firsts = np.flatnonzero(np.diff(numbers, prepend=-1))
+        counts = np.diff(np.append(firsts, len(numbers)))
+        columns = (numbers[firsts], counts, np.add.reduceat(sums[order], firsts), np.add.reduceat(crc[order], firsts))
+        for each in zip(*(column.tolist() for column in columns)):
+            self._add(*each)
         self._follow(table.t_ns)
 
     def _add(self, number: int, messages: int, checksum: int, crc_sum: int) -> None:
@@ -88,13 +94,13 @@ class _Counter:
         self.last = last if self.last is None else max(self.last, last)
 
 
-def count(path: Path, shift_ns: int = 0, progress: Optional[Progress] = None) -> Counted:
+def count(path: Path, shift_ns: int = 0, progress: Optional[Progress] = None, *, memory: int = MEMORY) -> Counted:
     """Read all of a bag; check every chunk against its index.
 
     Raises:
         BagError: It is damaged.
     """
-    with Index(path) as index, Pool() as pool:
+    with Index(path, memory) as index, Pool() as pool:
         counter = _Counter(index)
         target = np.arange(max(index.connections, default=0) + 1)
         source = Source(index, 0, target, shift_ns, set(), np.zeros(len(target), bool))
@@ -134,6 +140,7 @@ _LIMIT_S = 3600
 
 _ROSBAGS = """
 import json, sys, zlib
+from functools import partial
 from pathlib import Path
 from rosbags.rosbag1 import Reader
 with Reader(Path(sys.argv[1])) as reader:
@@ -294,6 +301,7 @@ def verify(
     offsets_ns: Sequence[int] = (),
     duplicates: Optional[Dict[TopicKey, Tally]] = None,
     readers: str = "open",
+    memory: int = MEMORY,
     progress: Optional[Progress] = None,
 ) -> Verified:
     """Compare a merged bag with its inputs, message by message.
@@ -304,6 +312,7 @@ def verify(
         offsets_ns: that were added to the record times of each input.
         duplicates: messages that were dropped because another input has them.
         readers: none, open (they read the index) or read (they read every message).
+        memory: bytes that the data of a chunk may take when it is decompressed.
         progress: called with bytes done and all bytes.
 
     Raises:
@@ -313,7 +322,7 @@ def verify(
     paths = [output, *inputs]
     report = _together(paths, progress)
     with ThreadPoolExecutor(2) as pool:
-        counted = list(pool.map(count, paths, shifts, report))
+        counted = list(pool.map(partial(count, memory=memory), paths, shifts, report))
     readings = read_with(output, every_message=readers == "read") if readers != "none" else []
     problems = disagreements(counted[0], readings)
     if not counted[0].ordered:

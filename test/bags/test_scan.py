@@ -1,0 +1,257 @@
+"""Damage costs the messages that it touches, and is never called nothing: each test makes its own damaged bags."""
+
+from __future__ import annotations
+
+import bz2
+import random
+import struct
+import tracemalloc
+from collections import Counter
+
+import pytest
+from bag_tools import COMPRESSIONS, bag, contents, digest, rows
+from replay_bags import START_NS
+
+from amaze_autonomy.bags import merge_writer
+from amaze_autonomy.bags.cli import main
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.format import chunk_header, chunk_info, index_header, record_at
+from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.merge import MergeOptions, merge
+from amaze_autonomy.bags.recover import recover
+from amaze_autonomy.bags.scan import scan
+from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.write import Output
+
+DAMAGES = ("bit", "zeros", "noise", "cut", "inserted")
+PAGE = 4096
+NEAR = 4  # a message that ends so near to damage is not known to be whole
+
+
+def recording(path, compression="none", count=500, chunk_bytes=20_000):
+    """Write a bag of chunks with about 140 messages each."""
+    return bag(path, rows("/a", count, 1), rows("/b", count // 10, 7), compression=compression, chunk_bytes=chunk_bytes)
+
+
+def checked(folder, compression):
+    """Write a bag as rosbag does, with checksums in its lz4, which the rosbags library leaves out."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(merge_writer, "CHUNK_BYTES", 20_000)
+        return merge(
+            [recording(folder / "plain.bag")], folder / "whole.bag", MergeOptions(compression=compression)
+        ).path
+
+
+def places(path):
+    """Return (begin, end) in the file of each message of an uncompressed bag, in the order of `contents`."""
+    raw, found = path.read_bytes(), []
+    with Index(path) as index:
+        messages = index.messages()
+        for chunk, offset, t_ns in zip(messages.chunk.tolist(), messages.offset.tolist(), messages.t_ns.tolist()):
+            begin = index.head(chunk).data + offset
+            record = record_at(raw, begin, len(raw))
+            found.append((begin, record.end, (t_ns, raw[record.data : record.end])))
+    return sorted(found)
+
+
+def damaged(raw, kind, at, chance):
+    """Return a file with damage, and where it begins and ends in the good one."""
+    if kind == "bit":
+        changed = bytes([raw[at] ^ 1 << chance.randrange(8)])
+        return raw[:at] + changed + raw[at + 1 :], (at, at + 1)
+    if kind == "cut":
+        return raw[:at] + raw[at + PAGE :], (at, at + PAGE)
+    if kind == "inserted":
+        return raw[:at] + bytes(chance.randrange(256) for _ in range(PAGE)) + raw[at:], (at, at + 1)
+    page = bytes(PAGE) if kind == "zeros" else bytes(chance.randrange(256) for _ in range(PAGE))
+    return raw[:at] + page + raw[at + PAGE :], (at, at + PAGE)
+
+
+def recovered(tmp_path, source, **options):
+    before = digest(source)
+    done = recover(source, tmp_path / "recovered.bag", replace=True, **options)
+    assert digest(source) == before
+    assert verify(done.path, [], readers="none").problems in ((), ("its messages are not in order of time",))
+    there = contents(done.path)
+    assert len(there) == done.scan.messages
+    return done, there
+
+
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_damage_of_a_plain_bag_costs_the_messages_that_it_touches_and_is_counted(tmp_path, kind):
+    source = recording(tmp_path / "whole.bag")
+    raw, messages, chance = source.read_bytes(), places(source), random.Random(kind)
+    with Index(source) as index:
+        first, last = index.chunks[0].position, index.position - PAGE - 1
+    broken = tmp_path / "broken.bag"
+    for _ in range(25):
+        content, (begin, end) = damaged(raw, kind, chance.randrange(first, last), chance)
+        broken.write_bytes(content)
+        done, there = recovered(tmp_path, broken)
+        untouched = Counter(each for at, until, each in messages if until <= begin - NEAR or end <= at)
+        kept = Counter((t_ns, data) for t_ns, _, data in there)
+        assert not untouched - kept, (kind, begin)
+        assert sum((kept - untouched).values()) <= len(messages) - sum(untouched.values()), (kind, begin)
+        assert done.scan.lost in (None, len(messages) - len(there)), (kind, begin, done.scan.damages)
+        if len(there) < len(messages):
+            assert done.scan.damages, (kind, begin)
+
+
+@pytest.mark.parametrize("compression", ["lz4", "bz2"])
+@pytest.mark.parametrize("kind", DAMAGES)
+def test_damage_of_a_compressed_bag_costs_the_chunks_that_it_touches_and_is_counted(tmp_path, compression, kind):
+    source = checked(tmp_path, compression)
+    raw, whole, chance = source.read_bytes(), contents(source), random.Random(kind)
+    with Index(source) as index:
+        chunks = [(each.position, each.end, each.messages) for each in index.chunks]
+        last = index.position - PAGE - 1
+    broken = tmp_path / "broken.bag"
+    for _ in range(12):
+        content, (begin, end) = damaged(raw, kind, chance.randrange(chunks[0][0], last), chance)
+        broken.write_bytes(content)
+        done, there = recovered(tmp_path, broken)
+        touched = sum(count for at, until, count in chunks if at < end and begin < until)
+        assert len(whole) - touched <= len(there), (kind, begin, done.scan.damages)
+        assert not Counter(there) - Counter(whole), (kind, begin)
+        assert done.scan.lost in (None, len(whole) - len(there)), (kind, begin, done.scan.damages)
+
+
+@pytest.mark.parametrize("kind", ["bit", "zeros", "cut"])
+def test_without_the_index_of_the_bag_nothing_else_is_lost_and_no_number_is_made_up(tmp_path, kind):
+    source = recording(tmp_path / "whole.bag", count=400)
+    messages, chance = places(source), random.Random(kind)
+    with Index(source) as index:
+        first, end_of_chunks = index.chunks[0].position, index.position
+    raw = source.read_bytes()[:end_of_chunks]
+    broken = tmp_path / "broken.bag.active"
+    for _ in range(15):
+        content, (begin, end) = damaged(raw, kind, chance.randrange(first, end_of_chunks - PAGE), chance)
+        broken.write_bytes(content)
+        done, there = recovered(tmp_path, broken)
+        untouched = Counter(each for at, until, each in messages if until <= begin - NEAR or end <= at)
+        assert not untouched - Counter((t_ns, data) for t_ns, _, data in there), (kind, begin)
+        assert done.scan.lost in (None, len(messages) - len(there)), (kind, begin, done.scan.damages)
+
+
+def index_record(path):
+    """Return where the length of the first index record stands."""
+    with Index(path) as index:
+        head = index.head(0)
+    return record_at(path.read_bytes(), head.data + head.stored, path.stat().st_size).data - 4
+
+
+@pytest.mark.parametrize("wrong", [0, 12, 7, 5000, 1 << 30])
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("check_data", [True, False])
+def test_an_index_record_with_a_wrong_length_costs_nothing(tmp_path, compression, wrong, check_data):
+    source = recording(tmp_path / "whole.bag", compression, count=300)
+    whole, raw = contents(source), bytearray(source.read_bytes())
+    at = index_record(source)
+    raw[at : at + 4] = struct.pack("<L", wrong)
+    source.write_bytes(raw)
+    done, there = recovered(tmp_path, source, check_data=check_data)
+    assert (there, done.scan.lost) == (whole, 0)
+    assert any("an index record says" in each.what for each in done.scan.damages)
+
+
+def copied(source, path, between):
+    """Write a bag's chunks again, with something between the first and the second."""
+    with Index(source) as index, Output(path) as out:
+        for number, chunk in enumerate(index.chunks):
+            if number == 1:
+                between(out, chunk)
+            times = (chunk.start_ns, chunk.end_ns)
+            out.copy_chunk(index.file, chunk.position, chunk.end, times=times, counts=chunk.counts)
+        out.close(index.connections)
+    return path
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("check_data", [True, False])
+def test_an_empty_chunk_in_a_good_bag_costs_nothing(tmp_path, compression, check_data):
+    source = recording(tmp_path / "1.bag", compression, count=300)
+
+    def empty(out, chunk):
+        out.chunk("none", 0, [], b"", times=(chunk.start_ns, chunk.start_ns), counts=())
+
+    path = copied(source, tmp_path / "2.bag", empty)
+    done, there = recovered(tmp_path, path, check_data=check_data)
+    assert there == contents(source)
+    assert (done.scan.damages, done.scan.lost, done.scan.closed) == ([], 0, True)
+
+
+def test_a_chunk_that_the_index_names_and_nobody_finds_is_lost_and_counted(tmp_path):
+    source = recording(tmp_path / "1.bag", count=300)
+    raw = source.read_bytes()
+    with Index(source) as index:
+        last = index.chunks[-1]
+    said = b"chunk_pos=" + struct.pack("<Q", last.position)
+    assert raw.count(said) == 1
+    source.write_bytes(raw.replace(said, b"chunk_pos=" + struct.pack("<Q", last.position + 1)))
+    done, there = recovered(tmp_path, source)
+    assert len(there) == 330
+    assert done.scan.damages
+
+
+def test_what_was_not_looked_at_is_said_not_to_be_checked(tmp_path, capsys):
+    source = recording(tmp_path / "1.bag", count=300)
+    assert main(["recover", str(source), "-o", str(tmp_path / "2.bag")]) == 0
+    assert capsys.readouterr().out.endswith("lost: 0 messages\n")
+    assert main(["recover", "--trust-data", str(source), "-o", str(tmp_path / "3.bag")]) == 0
+    assert capsys.readouterr().out.endswith("lost: 0 messages; the data of whole chunks was not checked\n")
+    assert (tmp_path / "2.bag").read_bytes() == (tmp_path / "3.bag").read_bytes()
+
+
+def test_a_page_of_zeros_is_found_unless_the_data_is_to_be_trusted(tmp_path):
+    source = recording(tmp_path / "1.bag", count=300)
+    raw = bytearray(source.read_bytes())
+    with Index(source) as index:
+        begin = index.head(0).data + 3000
+    raw[begin : begin + PAGE] = bytes(PAGE)
+    source.write_bytes(raw)
+    done, there = recovered(tmp_path, source)
+    assert done.scan.lost == 330 - len(there) > 0
+    assert verify(done.path, [], readers="read").problems in ((), ("its messages are not in order of time",))
+    assert scan(source, check_data=False).checked is False
+
+
+def bomb(path, unpacks, says):
+    """Write a bag of one bz2 chunk that says to have so many bytes, and unpacks to so many."""
+    source = bag(path.with_name("good.bag"), rows("/a", 1))
+    data = bz2.compress(bytes(unpacks))
+    with Index(source) as index, Output(path) as out:
+        entries = index_header(0, 1) + struct.pack("<3L", START_NS // 10**9, 0, 0)
+        header = chunk_header("bz2", says, len(data))
+        out._infos.append(chunk_info(out.position, START_NS, START_NS, [(0, 1)]))
+        out.position += out._write([header, data, entries])
+        out.close(index.connections)
+    return path
+
+
+@pytest.mark.parametrize("says", [60_000_000, 1000])
+def test_a_small_bag_that_unpacks_to_much_is_refused_and_takes_little_memory(tmp_path, capsys, says):
+    path = bomb(tmp_path / "bomb.bag", 60_000_000, says)
+    assert path.stat().st_size < 6000
+    wrong = "takes 60 MB of memory, 5 may be taken" if says > 1000 else "it has more than 1000"
+    tracemalloc.start()
+    for arguments in (
+        ["merge", "--compression", "none", "-o", str(tmp_path / "out.bag")],
+        ["verify", "--readers", "none"],
+    ):
+        assert main([*arguments, "--memory", "5", str(path)]) == 1
+        assert wrong in capsys.readouterr().err
+    assert main(["doctor", "--memory", "5", str(path)]) == 3
+    assert wrong in capsys.readouterr().out
+    assert main(["recover", "--memory", "5", str(path)]) == 3
+    assert "lost: 1 messages" in capsys.readouterr().out
+    assert main(["info", "--memory", "5", str(path)]) == 0
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20_000_000
+
+
+def test_memory_permits_what_is_meant_to_be_large(tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 2000, 1), compression="lz4", chunk_bytes=500_000)
+    with pytest.raises(BagError, match=r"takes 1 MB of memory, 0 may be taken \(--memory 1 permits it\)"):
+        merge([source], tmp_path / "2.bag", MergeOptions(memory=100_000, compression="none"))
+    assert len(contents(merge([source], tmp_path / "2.bag", MergeOptions(memory=1_000_000)).path)) == 2000
