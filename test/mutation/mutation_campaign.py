@@ -1,0 +1,233 @@
+"""A campaign: a sample of mutants, shown to each net, two at a time, each in a copy of the repository.
+
+Every look is kept as soon as it is over, so that a campaign can be ended and gone on with. What was caught stays caught
+as long as engine and monitors are the same; what survived, as long as the tests are the same too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Callable, Counter, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple
+
+from mutation_code import mutated, span
+from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT, Mutant
+from mutation_nets import CPU_LIMIT_S, PATHS, Look, Seen, look, observe, start
+
+__all__ = ["Campaign", "fingerprint"]
+
+COPIED = ("config", "docs", "launch", "msg", "package.xml", "pyproject.toml", "setup.py", "src", "srv", "test")
+WALL_LIMIT_S = 10 * CPU_LIMIT_S
+"""After which a look that sleeps, or waits, is over; a working one ends by the processor time that it has used."""
+FIRST = {EXPLORER: 1000, UNIT: 15, SCENARIOS: 6}
+"""So many look first: to load fewer files of tests is faster, and most mutants are caught by then."""
+_POLL_S = 0.02
+
+
+Tell = Callable[["Task", str], None]
+
+
+class Task(NamedTuple):
+    """A mutant and the net that it is shown to."""
+
+    mutant: Mutant
+    net: str
+
+
+class Running(NamedTuple):
+    """A look that is not over, and what has not looked yet."""
+
+    task: Task
+    tree: Path
+    since: float
+    rest: Tuple[str, ...]
+
+
+def fingerprint(root: Path, folders: Iterable[str]) -> str:
+    """Return a digest of the Python and YAML files in some folders."""
+    digest = hashlib.sha256()
+    for folder in folders:
+        for path in [root / folder, *sorted((root / folder).rglob("*"))]:
+            if path.suffix in {".py", ".yaml", ".jsonl"} and path.is_file():
+                digest.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+class Campaign:
+    """What is known of each mutant, and how more is found out.
+
+    Args:
+        root: of the repository, which is only read.
+        work: folder for copies, and for what was found out so far.
+        jobs: looks at a time.
+    """
+
+    def __init__(self, root: Path, work: Path, jobs: int) -> None:
+        self.root, self.work = root, work
+        work.mkdir(parents=True, exist_ok=True)
+        self.code = fingerprint(root, MUTATED)
+        self.tests = {net: fingerprint(root, ("src", *paths)) for net, paths in PATHS.items()}
+        self.trees = [work / f"copy{number}" for number in range(jobs)]
+        self.observed: Dict[str, Dict[str, Seen]] = {}
+        self.catchers: Counter[Tuple[str, str]] = Counter()
+        self.known = dict(self._read())
+
+    def _read(self) -> Iterator[Tuple[Tuple[str, str], str]]:
+        path = self.work / "looks.jsonl"
+        for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+            one = json.loads(line)
+            if one["code"] == self.code and (one["caught_by"] or one["tests"] == self.tests[one["net"]]):
+                yield (one["key"], one["net"]), one["caught_by"]
+
+    def _keep(self, task: Task, caught_by: str) -> None:
+        self.known[task.mutant.key, task.net] = caught_by
+        self.catchers[task.mutant.place.path, caught_by] += bool(caught_by)
+        one = {"key": task.mutant.key, "net": task.net, "caught_by": caught_by}
+        with (self.work / "looks.jsonl").open("a", encoding="utf-8") as out:
+            out.write(json.dumps({**one, "code": self.code, "tests": self.tests[task.net]}) + "\n")
+
+    def run(self, mutants: Sequence[Mutant], nets: Sequence[str], tell: Tell) -> None:
+        """Show every mutant to every net that does not know it yet."""
+        tasks = [Task(mutant, net) for mutant in mutants for net in nets if (mutant.key, net) not in self.known]
+        if not tasks:
+            return
+        self._prepare({task.net for task in tasks})
+        free = list(self.trees)
+        running: Dict[int, Running] = {}
+        tasks.reverse()
+        with _ended_with_us(running):
+            while tasks or running:
+                while tasks and free:
+                    self._begin(tasks.pop(), free, running, tell)
+                self._end_one(free, running, tell)
+
+    def _prepare(self, nets: Iterable[str]) -> None:
+        """Make the copies, and observe in the first one what runs what: nothing may fail there."""
+        for tree in self.trees:
+            shutil.rmtree(tree, ignore_errors=True)
+        self._copy(self.root, self.trees[0])
+        for net in sorted(nets):
+            kept = self.work / f"observed-{net}-{self.tests[net]}.json"
+            if not kept.exists():
+                process = start(self.trees[0], lambda net=net: observe(net), self.work / "answer.json", limit=False)  # type: ignore[misc]
+                with _ended_with_us([process]):
+                    _, status = os.waitpid(process, 0)
+                answer = self.work / "answer.json"
+                if status or not isinstance(json.loads(answer.read_text(encoding="utf-8")), dict):
+                    raise SystemExit(f"{net}: not green without a mutant, see {answer.with_suffix('.log')}")
+                answer.rename(kept)
+            found = json.loads(kept.read_text(encoding="utf-8"))
+            self.observed[net] = {name: Seen(*seen) for name, seen in found.items()}
+        for tree in self.trees[1:]:
+            self._copy(self.trees[0], tree)
+
+    @staticmethod
+    def _copy(origin: Path, tree: Path) -> None:
+        tree.mkdir(parents=True)
+        for name in COPIED:
+            if (origin / name).is_dir():
+                shutil.copytree(origin / name, tree / name, symlinks=True)
+            elif (origin / name).exists():
+                shutil.copy2(origin / name, tree / name)
+
+    def names(self, task: Task) -> Tuple[str, ...]:
+        """Return the worlds, tests or scenarios that run a mutant's statement, the most promising first."""
+        path, line = task.mutant.place.path, task.mutant.place.line
+        begin, end = span((self.root / path).read_text(encoding="utf-8"), line)
+        seen = self.observed[task.net]
+        names = [
+            name
+            for name, (_, lines) in seen.items()
+            if not begin or any(begin <= each <= end for each in lines.get(path, ()))
+        ]
+        return tuple(sorted(names, key=lambda name: (-self.catchers[path, name], seen[name].seconds)))
+
+    def files(self, nets: Iterable[str]) -> Dict[str, List[str]]:
+        """Return of each net the files of which it runs a function."""
+        found: Dict[str, List[str]] = {}
+        for net in nets:
+            kept = self.work / f"observed-{net}-{self.tests[net]}.json"
+            seen = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+            found[net] = sorted({path for _, lines in seen.values() for path in lines})
+        return found
+
+    def _begin(self, task: Task, free: List[Path], running: Dict[int, Running], tell: Tell) -> None:
+        """Put a mutant into a copy, and have the first look at it."""
+        names = self.names(task)
+        if not names:
+            self._keep(task, "")
+            tell(task, "")
+            return
+        tree, place = free.pop(), task.mutant.place
+        path = tree / place.path
+        path.write_text(mutated((self.root / place.path).read_text(encoding="utf-8"), place), encoding="utf-8")
+        for cached in path.parent.glob(f"__pycache__/{path.stem}.*"):
+            cached.unlink()
+        self._look(Running(task, tree, 0.0, names), running)
+
+    @staticmethod
+    def _look(over: Running, running: Dict[int, Running]) -> None:
+        """Have the next ones look: first a few that promise most, then all the others."""
+        task, tree, since, rest = over
+        count = FIRST[task.net] if not since else len(rest)
+        answer = tree / "answer.json"
+        if answer.exists():
+            answer.unlink()
+        process = start(tree, lambda: look(Look(task.net, rest[:count])), answer)
+        running[process] = Running(task, tree, time.monotonic(), rest[count:])
+
+    def _end_one(self, free: List[Path], running: Dict[int, Running], tell: Tell) -> None:
+        """Wait until a look is over, or takes too long."""
+        while running:
+            for process, look_ in list(running.items()):
+                late = time.monotonic() - look_.since > WALL_LIMIT_S
+                if late:
+                    os.killpg(process, signal.SIGKILL)
+                ended, status = os.waitpid(process, 0 if late else os.WNOHANG)
+                if not ended:
+                    continue
+                del running[process]
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process, signal.SIGKILL)  # what it may have started
+                caught_by = _caught_by(status, look_.tree / "answer.json")
+                if not caught_by and look_.rest:
+                    self._look(look_, running)
+                    continue
+                place = look_.task.mutant.place
+                shutil.copy2(self.root / place.path, look_.tree / place.path)
+                self._keep(look_.task, caught_by)
+                tell(look_.task, caught_by)
+                free.append(look_.tree)
+                return
+            time.sleep(_POLL_S)
+
+
+@contextlib.contextmanager
+def _ended_with_us(processes: Iterable[int]) -> Iterator[None]:
+    """End what is still at work when this process is told to end."""
+    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        yield
+    except BaseException:
+        for process in processes:
+            os.killpg(process, signal.SIGKILL)
+        raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _caught_by(status: int, answer: Path) -> str:
+    if not status:
+        found: str = json.loads(answer.read_text(encoding="utf-8"))
+        return found
+    if os.WIFSIGNALED(status):
+        number = signal.Signals(os.WTERMSIG(status))
+        return "time-out" if number in {signal.SIGXCPU, signal.SIGKILL} else f"signal {number.name}"
+    return f"exit status {os.WEXITSTATUS(status)}"

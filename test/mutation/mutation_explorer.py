@@ -1,0 +1,41 @@
+"""The proof as a net for mutants: fast worlds first, up to ever higher bounds, until a law is broken."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from typing import Callable, Optional, Sequence
+
+from proof_explorer import explore
+from proof_liveness import loops
+from proof_run import BOUND, Proof
+from proof_worlds import WORLDS
+
+__all__ = ["broken", "each_world"]
+
+
+def broken(names: Sequence[str], bounds: Sequence[int]) -> str:
+    """Return which law is broken in which world, or what is not reached any more; empty: nothing is."""
+    for bound in (*bounds, BOUND):
+        proof = Proof()
+        for name in names:
+            found = explore(WORLDS[name], bound, compare=bound == BOUND)
+            proof.stats[name] = found.stats
+            law: Optional[str] = None
+            if found.broken is not None:
+                law = found.broken.law
+            elif loops(found):
+                law = "no_loop_without_progress"
+            if law is not None:
+                return f"{law} ({name})"
+    if set(names) == set(WORLDS) and proof.missing:
+        return f"not reached: {', '.join(proof.missing)}"[:200]
+    return ""
+
+
+def each_world(context: Callable[[str], AbstractContextManager[None]], bound: int) -> None:
+    """Explore each world within a context of its own."""
+    for name in WORLDS:
+        with context(name):
+            found = explore(WORLDS[name], bound, compare=False)
+        if found.broken is not None:
+            raise ValueError(f"{name}: {found.broken.law} is broken without a mutant")

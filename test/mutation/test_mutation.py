@@ -1,0 +1,202 @@
+"""Mutants: nobody picks them, what a net caught is told apart from what survived, and the page shows what was found."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mutation_mutant
+import mutation_results
+import pytest
+from mutation_code import diff, mutated, of_source, places, sample, span
+from mutation_mutant import Mutant, Place
+from mutation_results import Results, Verdict, rate, read, section, summary, waivers, write
+
+ROOT = Path(__file__).parents[2]
+SOURCE = """\
+LIMIT = 3
+
+
+def judged(value, last):
+    if value > LIMIT and value is not None:
+        return last == value
+    for each in last:
+        value += each
+    return value
+"""
+LIMIT = "src/amaze_autonomy/engine/limit.py"
+
+
+@pytest.fixture
+def repository(tmp_path):
+    """Return a repository of one function, with one test."""
+    files = {
+        "src/amaze_autonomy/__init__.py": "",
+        "src/amaze_autonomy/engine/__init__.py": "",
+        LIMIT: "def over(value):\n    return value > 3\n\n\ndef unseen(value):\n    pass\n    return not value\n",
+        "src/amaze_autonomy/monitoring/__init__.py": "",
+        "test/engine/test_limit.py": "from amaze_autonomy.engine.limit import over\n\n\n"
+        "def test_over():\n    assert (over(2), over(9)) == (False, True)\n",
+        "test/monitoring/test_nothing.py": "def test_nothing():\n    assert 1 < 2\n",
+        "test/test_documents.py": "def test_nothing():\n    assert 1 < 2\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def run(repository):
+    program = (
+        f"import sys, pathlib; sys.path.insert(0, {str(Path(__file__).parent)!r}); import mutate;"
+        f"sys.exit(mutate.main(['--nets', 'unit', '--seed', '4'], pathlib.Path({str(repository)!r})))"
+    )
+    environment = {"PATH": "/usr/bin:/bin", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False, cwd=repository
+    )
+    assert done.stderr == ""
+    return done.returncode, done.stdout
+
+
+def test_each_place_is_found_with_each_operator_but_those_that_change_nothing():
+    found = [(place.line, place.operator.rpartition("/")[2]) for place in of_source(SOURCE, "a.py")]
+    assert {name for line, name in found if line == 1} == {"NumberReplacer"}
+    assert {name for line, name in found if line == 7} == {"ZeroIterationForLoop"}
+    assert "ReplaceAndWithOr" in {name for line, name in found if line == 5}
+    assert "ReplaceComparisonOperator_Eq_NotEq" in {name for line, name in found if line == 6}
+    assert not {name for _, name in found} & {name.rpartition("/")[2] for name in mutation_mutant.SAME_BY_NATURE}
+
+
+def test_a_mutant_is_the_file_with_one_change():
+    (place,) = (each for each in of_source(SOURCE, "a.py") if each.operator == "core/ReplaceAndWithOr")
+    assert mutated(SOURCE, place) == SOURCE.replace(" and ", " or ")
+    assert diff(SOURCE, place).splitlines()[3:] == [
+        " def judged(value, last):",
+        "-    if value > LIMIT and value is not None:",
+        "+    if value > LIMIT or value is not None:",
+        "         return last == value",
+    ]
+
+
+def test_a_sample_is_drawn_by_its_seed_and_a_larger_one_begins_with_it(repository):
+    found = places(repository)
+    some, more, others = (sample(found, *what, repository) for what in ((3, 1), (6, 1), (6, 2)))
+    assert more[:3] == some == sample(found, 3, 1, repository)
+    assert more != others
+    assert len({mutant.key for mutant in more}) == 6
+    assert len({mutant.place[:3] for mutant in some}) == 3, "places first"
+
+
+def test_more_than_there_are_is_all_there_are(repository):
+    found = places(repository)
+    drawn = sample(found, 1000, 1, repository)
+    assert sorted(mutant.place for mutant in drawn) == sorted(found)
+
+
+@pytest.mark.parametrize(
+    "line, statement", [(1, (0, 0)), (4, (0, 0)), (5, (5, 5)), (6, (6, 6)), (7, (7, 7)), (8, (8, 8)), (9, (9, 9))]
+)
+def test_a_mutant_belongs_to_a_statement_or_to_the_loading_of_its_module(line, statement):
+    assert span(SOURCE, line) == statement
+
+
+def test_a_statement_of_several_lines_is_one():
+    source = "def one():\n    return [\n        1,\n        2,\n    ]\n\n\ntwo = {\n    3: 4,\n}\n"
+    assert [span(source, line) for line in range(1, 11)] == [(0, 0), *[(2, 5)] * 4, *[(0, 0)] * 5]
+
+
+def test_who_asks_catches_nobody_else_does_and_what_is_known_is_not_looked_at_again(repository):
+    status, shown = run(repository)
+    lines = shown.splitlines()
+    caught = {line.rpartition(" ")[2] for line in lines if f"{LIMIT}:2" in line}
+    unseen = {line.rpartition(" ")[2] for line in lines if f"{LIMIT}:7" in line}
+    assert status == 1
+    assert "test/engine/test_limit.py::test_over" in caught
+    assert unseen == {"SURVIVED"}
+    assert "-    return value > 3\n+    return value > 4" in shown, "a survivor is shown with its change"
+    assert (repository / LIMIT).read_text(encoding="utf-8").startswith("def over(value):\n    return value > 3\n")
+    again = run(repository)
+    assert again[0] == 1
+    assert again[1].splitlines()[1:] == lines[next(n for n, line in enumerate(lines) if not line) :]
+
+
+def test_a_test_more_shows_the_survivors_again_and_them_alone(repository):
+    before = run(repository)[1]
+    more = "\n\ndef test_the_limit():\n    assert (over(3), over(4)) == (False, True)\n"
+    path = repository / "test/engine/test_limit.py"
+    path.write_text(path.read_text(encoding="utf-8") + more, encoding="utf-8")
+    status, shown = run(repository)
+    assert before.count("SURVIVED\n") > shown.count("SURVIVED\n") > 0
+    assert "test_the_limit\n" in shown
+    assert "test_over\n" not in shown
+    assert status == 1
+
+
+def test_a_net_that_is_not_green_without_a_mutant_is_no_net(repository):
+    (repository / "test/engine/test_limit.py").write_text("def test_it():\n    assert 1 > 2\n", encoding="utf-8")
+    with pytest.raises(AssertionError, match="unit: not green without a mutant"):
+        run(repository)
+
+
+def verdict(line, waived="", **caught_by):
+    return Verdict(
+        Mutant(Place("a/b.py", line, 0, "core/AddNot", 0), f"if {line}:", f"if not {line}:"), caught_by, waived
+    )
+
+
+TOLD = Results(
+    seed=7,
+    places=100,
+    observed={"explorer": ["a/b.py"], "unit": ["a/b.py"], "scenarios": []},
+    verdicts=(
+        verdict(1, explorer="a_law (a world)", unit="", scenarios=""),
+        verdict(2, explorer="", unit="test_it", scenarios="nominal"),
+        verdict(3, explorer="", unit="", scenarios=""),
+        verdict(4, "the same", explorer="", unit="", scenarios=""),
+        verdict(5, "not so", explorer="", unit="test_it"),
+    ),
+)
+
+
+def test_the_rates_leave_out_what_is_waived_and_what_was_not_shown():
+    assert [rate(TOLD.verdicts, [net]) for net in ("explorer", "unit", "scenarios")] == [(1, 3), (1, 3), (1, 3)]
+    assert rate(TOLD.verdicts, ["explorer", "unit", "scenarios"]) == (2, 3)
+    assert [one.mutant.place.line for one in TOLD.survivors] == [3]
+    assert [one.mutant.place.line for one in TOLD.not_needed] == [5]
+
+
+def test_what_is_kept_is_read_again_and_shown_on_the_page(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"# Title\n\n{mutation_results.HEAD}\n\nold\n\n### older\n\n## Next\n", encoding="utf-8")
+    write(TOLD, tmp_path / "results.json", page)
+    again = read(tmp_path / "results.json")
+    assert again == TOLD._replace(verdicts=[*TOLD.verdicts])
+    assert page.read_text(encoding="utf-8") == f"# Title\n\n{section(TOLD)}\n## Next\n"
+    assert "| a/b.py:3 | `if 3:` | `if not 3:` |\n" in section(TOLD)
+    assert "| a/b.py:4 | `if 4:` | `if not 4:` | the same |\n" in section(TOLD)
+    assert "| explorer | in files that it runs | 1 of 3 (33.3 %) |\n" in section(TOLD)
+
+
+def test_a_waiver_that_is_not_needed_is_said(repository, tmp_path, monkeypatch):
+    kept = tmp_path / "waivers.yaml"
+    kept.write_text(
+        f"waivers:\n  - {{path: {LIMIT}, before: gone, after: other, reason: the line is gone}}\n"
+        f"  - {{path: {LIMIT}, before: 'return value > 3', after: other, reason: not drawn}}\n",
+        encoding="utf-8",
+    )
+    monkeypatch.setattr(mutation_results, "WAIVERS", kept)
+    monkeypatch.setattr(mutation_results.waivers, "__defaults__", (kept,))
+    shown = summary(TOLD._replace(verdicts=TOLD.verdicts[4:]), repository).splitlines()
+    assert shown[-2:] == [
+        "waiver not needed, caught: if 5: -> if not 5:",
+        f"waiver not needed, {LIMIT} has no such line any more: gone -> other",
+    ]
+
+
+def test_a_waiver_needs_a_reason(tmp_path):
+    kept = tmp_path / "waivers.yaml"
+    kept.write_text("waivers: [{path: a.py, before: x, after: y, reason: ' '}]\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"a\.py: x: a waiver needs a reason"):
+        waivers(kept)
