@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, is_dataclass
+from importlib import import_module
 from math import inf, nan
+from pkgutil import iter_modules
 
 import pytest
 from engine_beginnings import at
 from engine_peers import MISSION, SHIPPED, S
 from engine_story import Story
 
+from amaze_autonomy import engine, monitoring
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import AutopilotLand
@@ -29,6 +32,15 @@ def test_an_event_without_a_time_cannot_exist(t_ns):
 def test_a_selection_without_a_mission_cannot_exist():
     with pytest.raises(ev.InvalidEventError, match="at least one mission"):
         ev.MissionSelected(t_ns=0, missions=())
+
+
+@pytest.mark.parametrize("package, at_least", [(engine, 30), (monitoring, 10)], ids=["engine", "monitoring"])
+def test_no_value_can_be_changed_once_it_is_made(package, at_least):
+    modules = [import_module(f"{package.__name__}.{found.name}") for found in iter_modules(package.__path__)]
+    seen = {each for module in modules for each in vars(module).values() if isinstance(each, type)}
+    values = [each for each in seen if is_dataclass(each)]
+    assert len(values) >= at_least
+    assert [each.__name__ for each in values if not each.__dataclass_params__.frozen] == []
 
 
 def test_events_and_commands_take_keywords_only_and_do_not_change():

@@ -23,8 +23,8 @@ def main(arguments: List[str], root: Path = ROOT) -> int:
     """Run it; return 1 when a mutant survives all nets and is not waived, or a waiver is not needed any more."""
     options = _options(arguments)
     campaign = Campaign(root, root / "build" / "mutation", options.jobs)
-    found = places(root)
-    drawn = sample(found, options.sample, options.seed, root)
+    found = places(campaign.root)
+    drawn = sample(found, options.sample, options.seed, campaign.root)
     print(f"{len(drawn)} mutants of {len(found)}, seed {options.seed}", flush=True)
     numbers = {mutant.key: number for number, mutant in enumerate(drawn, 1)}
 
@@ -35,7 +35,7 @@ def main(arguments: List[str], root: Path = ROOT) -> int:
 
     campaign.run(drawn, options.nets, tell)
     told = results(campaign, drawn, len(found), options.seed, options.nets)
-    print(summary(told, root))
+    print(summary(told, campaign.root))
     if options.write:
         write(told, RESULTS)
     return int(bool(told.survivors or told.not_needed))

@@ -64,16 +64,16 @@ class Campaign:
     """What is known of each mutant, and how more is found out.
 
     Args:
-        root: of the repository, which is only read.
+        root: of the repository, which is copied at once: it may change while the campaign goes on.
         work: folder for copies, and for what was found out so far.
         jobs: looks at a time.
     """
 
     def __init__(self, root: Path, work: Path, jobs: int) -> None:
-        self.root, self.work = root, work
-        work.mkdir(parents=True, exist_ok=True)
-        self.code = fingerprint(root, MUTATED)
-        self.tests = {net: fingerprint(root, ("src", *paths)) for net, paths in PATHS.items()}
+        self.root, self.work = work / "original", work
+        self._copy(root, self.root)
+        self.code = fingerprint(self.root, MUTATED)
+        self.tests = {net: fingerprint(self.root, ("src", *paths)) for net, paths in PATHS.items()}
         self.trees = [work / f"copy{number}" for number in range(jobs)]
         self.observed: Dict[str, Dict[str, Seen]] = {}
         self.catchers: Counter[Tuple[str, str]] = Counter()
@@ -110,8 +110,6 @@ class Campaign:
 
     def _prepare(self, nets: Iterable[str]) -> None:
         """Make the copies, and observe in the first one what runs what: nothing may fail there."""
-        for tree in self.trees:
-            shutil.rmtree(tree, ignore_errors=True)
         self._copy(self.root, self.trees[0])
         for net in sorted(nets):
             kept = self.work / f"observed-{net}-{self.tests[net]}.json"
@@ -130,6 +128,7 @@ class Campaign:
 
     @staticmethod
     def _copy(origin: Path, tree: Path) -> None:
+        shutil.rmtree(tree, ignore_errors=True)
         tree.mkdir(parents=True)
         for name in COPIED:
             if (origin / name).is_dir():
