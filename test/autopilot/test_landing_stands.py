@@ -365,7 +365,7 @@ def test_a_mission_that_somebody_changed_since_the_upload_is_not_flown_and_nothi
     assert flying.load("line").accepted
     change_item(flying, 2)
     assert flying.command(A.TAKEOFF) == ""
-    flying.until_phase(P.LANDED, limit_ns=10 * S)
+    flying.until_phase(P.FAILED, limit_ns=10 * S)
     assert flying.status.message.startswith("the mission did not read back as it was sent: item 2")
     assert set(flying.since(0)) == {"disarm"}
     assert not flying.craft.armed
@@ -380,7 +380,7 @@ def test_a_mission_that_somebody_cleared_or_made_longer_is_not_flown():
         server = flying.vehicle.px4.missions
         server._stores[0] = items if items is not None else (*server.items, server.items[-1])
         assert flying.command(A.TAKEOFF) == ""
-        flying.until_phase(P.LANDED, limit_ns=10 * S)
+        flying.until_phase(P.FAILED, limit_ns=10 * S)
         assert "items instead of 5" in flying.status.message
         assert "arm" not in flying.since(0)
 
@@ -390,7 +390,7 @@ def test_a_mission_that_cannot_be_read_back_is_not_flown():
     assert flying.load("line").accepted
     flying.vehicle.px4.missions.take = lambda *_: []
     assert flying.command(A.TAKEOFF) == ""
-    flying.until_phase(P.LANDED, limit_ns=12 * S)
+    flying.until_phase(P.FAILED, limit_ns=12 * S)
     assert flying.status.message == (
         "the mission did not read back as it was sent: asking back: no end within the limit"
     )

@@ -150,7 +150,7 @@ def test_before_its_position_is_known_it_does_not_arm_and_says_why():
     flying.craft.lose_gps()
     flying.run(6 * S)
     assert flying.command(A.TAKEOFF) == ""
-    flying.until_phase(P.LANDED, limit_ns=12 * S)
+    flying.until_phase(P.FAILED, limit_ns=12 * S)
     assert flying.status.waypoint == 0
     assert flying.status.message.startswith(
         "change to a mode to arm in: not shown within 4 s (FAILED): Mode change failed"

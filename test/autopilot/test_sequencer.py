@@ -228,7 +228,7 @@ def test_a_vehicle_that_does_not_arm_is_left_as_it_is_with_the_reason(mission):
     flying = Flying()
     flying.craft.flags.not_ready["rc"] = "no RC"
     flying.take_off(mission)
-    flying.until_phase(P.LANDED, limit_ns=12 * S)
+    flying.until_phase(P.FAILED, limit_ns=12 * S)
     assert flying.status.waypoint == 0
     assert flying.status.message.startswith("arm: not shown within 4 s (")
     assert "TEMPORARILY_REJECTED" in flying.status.message

@@ -41,7 +41,7 @@ _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
 _OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
-_ASKED = "a landing was commanded"
+_ASKED, _NO_TAKEOFF = "a landing was commanded", "the takeoff failed"
 _P, _A = MissionPhase, MissionAction
 
 
@@ -195,7 +195,7 @@ class Sequencer:
 
     def _land(self, t_ns: int, why: str) -> List[Message]:
         """Land, or on the ground disarm: in place of whatever runs, until the vehicle is disarmed."""
-        self._landing = self._landing or why
+        self._landing = why if why == _ASKED else self._landing or why
         if self._loading is not None and not self._loading.over:
             self._loading.end(why)
             self._finish_loading()
@@ -317,7 +317,8 @@ class Sequencer:
             self._flight.failure = "disarmed before it lifted off"
         self._message = self._flight.failure
         if self._phase in (*IN_FLIGHT, _P.LOADED, _P.FAILED):
-            self._phase = _P.LANDED
+            never_armed = self._landing == _NO_TAKEOFF and not self._flight.armed
+            self._phase = _P.FAILED if never_armed else _P.LANDED
         self._procedure = self._verification = self._flight.guidance = None
         self._means.stream_ns = None
 
@@ -381,7 +382,7 @@ class Sequencer:
 
     def _cancel(self, t_ns: int, reason: str) -> List[Message]:
         """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
-        sent = self._land(t_ns, "the takeoff failed")
+        sent = self._land(t_ns, _NO_TAKEOFF)
         self._flight.failure = self._message = reason
         return sent
 
