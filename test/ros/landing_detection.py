@@ -158,6 +158,22 @@ class TestLandingDetection(unittest.TestCase):
         self.wait(UNKNOWN, 1.0)
         self.assertFalse(self.checks["range"]().on_ground)
 
+    def test_what_was_not_heard_yet_comes_by_itself_until_the_node_has_had_the_time_to_start(self):
+        for name, startup_s in (("starting", 600.0), ("started", 0.0)):
+            node = OneNode(
+                "landing_detection",
+                f"/{name}",
+                ["sensors.landing_detection.topic=/nothing"],
+                parameters={"startup_time": startup_s},
+            )
+            try:
+                rospy.wait_for_service(f"/{name}/landing_detection/check", 20.0)
+                answer = rospy.ServiceProxy(f"/{name}/landing_detection/check", srv.CheckLanded)()
+            finally:
+                self.assertEqual(node.end(), 0)
+            self.assertEqual([row.verdict for row in answer.checks], [msg.Check.UNKNOWN] * 2)
+            self.assertEqual([row.heals for row in answer.checks], [startup_s > 0] * 2)
+
     def test_a_tilted_range_is_corrected(self):
         self.world.tilt_rad = math.radians(30.0)
         self.fly(2.1 / math.cos(self.world.tilt_rad))

@@ -113,8 +113,10 @@ class ComponentMonitor:
         condition = self.condition
         age_s = None if condition.age_ns is None else condition.age_ns / _S
         verdict = self._verdict(required=required, tolerated=tolerated)
+        comes = self.condition.level is Level.STARTING
+        advice = self._advice(verdict)
         return Check(
-            self.spec.name, verdict, condition.value, condition.limit, condition.unit, age_s, self._advice(verdict)
+            self.spec.name, verdict, condition.value, condition.limit, condition.unit, age_s, advice, heals=comes
         )
 
     def _verdict(self, *, required: bool, tolerated: bool) -> Verdict:

@@ -71,9 +71,8 @@ def shaking_row(measured: Optional[ImuStatistics], observed_ns: int, spec: State
     """Judge the spread of the acceleration while the vehicle should stand still."""
     name, limit, unit = "shaking", spec.still_acceleration_m_s2, "m/s^2"
     if measured is None or measured.samples < spec.min_samples or observed_ns < spec.still_ns:
-        return Check(
-            name, Verdict.UNKNOWN, None, limit, unit, None, f"not observed for {seconds(spec.still_ns)} yet, wait"
-        )
+        advice = f"not observed for {seconds(spec.still_ns)} yet, wait"
+        return Check(name, Verdict.UNKNOWN, None, limit, unit, None, advice, heals=True)
     if measured.deviation <= limit:
         return Check(name, Verdict.PASS, measured.deviation, limit, unit)
     return Check(
@@ -91,9 +90,8 @@ def turning_row(measured: Optional[ImuStatistics], observed_ns: int, spec: State
     """Judge the mean turn rate: a vehicle that turns, or a gyroscope with a bias."""
     name, limit, unit = "turning", spec.still_turn_rate_rad_s, "rad/s"
     if measured is None or measured.turn_rate is None or observed_ns < spec.still_ns:
-        return Check(
-            name, Verdict.UNKNOWN, None, limit, unit, None, f"not observed for {seconds(spec.still_ns)} yet, wait"
-        )
+        advice = f"not observed for {seconds(spec.still_ns)} yet, wait"
+        return Check(name, Verdict.UNKNOWN, None, limit, unit, None, advice, heals=True)
     if measured.turn_rate <= limit:
         return Check(name, Verdict.PASS, measured.turn_rate, limit, unit)
     advice = "do not turn the vehicle; if it stands still, calibrate the gyroscope"

@@ -149,15 +149,15 @@ class LandingDetector:
     def _ground_row(self, verdict: LandingVerdict) -> Check:
         limit_m = self.spec.ground_distance_m
         age_s = None if verdict.age_ns is None else verdict.age_ns / _S
-        outcome, advice = Verdict.PASS, ""
+        outcome, advice, comes = Verdict.PASS, "", False
         if verdict.distance_m is None:
             outcome, advice = Verdict.UNKNOWN, "the distance to the ground is unknown"
         elif verdict.distance_m > limit_m:
             outcome, height = Verdict.FAIL, f"{verdict.distance_m:.2f} m above the ground, limit {limit_m:.2f} m"
             advice = f"the feet are {height}: place the vehicle on the ground"
         elif verdict.landed is not Landed.ON_GROUND:
-            outcome, advice = Verdict.UNKNOWN, f"{verdict.reason}, wait"
-        return Check("distance to ground", outcome, verdict.distance_m, limit_m, "m", age_s, advice)
+            outcome, advice, comes = Verdict.UNKNOWN, f"{verdict.reason}, wait", True
+        return Check("distance to ground", outcome, verdict.distance_m, limit_m, "m", age_s, advice, heals=comes)
 
     def _begin(self) -> None:
         """Begin anew when time has jumped backwards; that it was airborne stands."""

@@ -193,7 +193,7 @@ class StateEstimationMonitor:
         observed_ns = self._arrived_ns - self._track[0][0]
         if observed_ns < spec.still_ns or not recent:
             advice = f"not observed for {seconds(spec.still_ns)} yet, wait"
-            return Check(name, Verdict.UNKNOWN, None, spec.still_drift_m, "m", None, advice)
+            return Check(name, Verdict.UNKNOWN, None, spec.still_drift_m, "m", None, advice, heals=True)
         axes = list(zip(*recent))
         drift_m = norm((max(axes[0]) - min(axes[0]), max(axes[1]) - min(axes[1]), max(axes[2]) - min(axes[2])))
         finite = all(all(map(isfinite, axis)) for axis in axes)

@@ -1,6 +1,6 @@
 """The landing detection node: is the vehicle on the ground, has it landed?
 
-    landing_detection/check    CheckLanded; offered once there is a judgement, see `node_main.py`
+    landing_detection/check    CheckLanded
     landing_detection/landed   Landed, 5 Hz and at once on a change
     /diagnostics               diagnostic_msgs/DiagnosticArray, 1 Hz
     autopilot/status           AutopilotStatus: landed state and vertical speed (subscribed)
@@ -21,7 +21,7 @@ from std_msgs.msg import Float32
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.engine.events import Landed, LandedStatus, VehicleLanded
+from amaze_autonomy.engine.events import LandedStatus, VehicleLanded
 from amaze_autonomy.monitoring.gravity import tilt_of, up_of_quaternion
 from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
 from amaze_autonomy.monitoring.readings import estimate_reader, range_reader
@@ -31,7 +31,7 @@ from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .estimate_topics import ESTIMATE_MESSAGES
 from .interface import check_row, number, status_message
-from .node_main import run_node, startup_ns
+from .node_main import Startup, run_node
 
 __all__ = ["LandingDetectionNode", "main"]
 
@@ -62,8 +62,7 @@ class LandingDetectionNode:
         self._detector = LandingDetector(self._spec)
         self._read = range_reader(self._spec)
         self._read_estimate = estimate_reader(configuration.state_estimation.source)
-        self._startup_ns = startup_ns()
-        self._service: Any = None
+        self._startup = Startup(configuration, clock)
         self._changed = threading.Condition()
         self._urgent = self._ended = False
         self._period_ns = round(_S / configuration.streams.landing_detection_rate_hz)
@@ -111,7 +110,7 @@ class LandingDetectionNode:
     def _check(self, _request: Any) -> Any:
         with self._changed:
             now_ns = self._clock.now_ns()
-            rows, verdict = self._detector.checks(now_ns), self._detector.evaluate(now_ns)
+            rows, verdict = self._startup.rows(now_ns, self._detector.checks(now_ns)), self._detector.evaluate(now_ns)
         return srv.CheckLandedResponse(
             on_ground=all(row.passed for row in rows),
             distance=number(verdict.distance_m),
@@ -121,7 +120,8 @@ class LandingDetectionNode:
     def run(self) -> None:
         """Judge, on this thread, until `end`."""
         self._subscribe()
-        said, due_ns, offer_ns = None, 0, self._clock.now_ns() + self._startup_ns
+        rospy.Service("landing_detection/check", srv.CheckLanded, self._check)
+        said, due_ns = None, 0
         while not self._ended:
             with self._changed:
                 now_ns = self._clock.now_ns()
@@ -131,14 +131,8 @@ class LandingDetectionNode:
             if now_ns >= due_ns or verdict.landed is not said:
                 said, due_ns = verdict.landed, now_ns + self._period_ns
                 self._publish(verdict, now_ns)
-                if verdict.landed is not Landed.UNKNOWN or now_ns >= offer_ns:
-                    self._offer()
                 self._diagnostics.publish(now_ns, rows)
             self._wait(min(due_ns, verdict.changes_at_ns))
-
-    def _offer(self) -> None:
-        if self._service is None:
-            self._service = rospy.Service("landing_detection/check", srv.CheckLanded, self._check)
 
     def _wait(self, until_ns: int) -> None:
         with self._changed:

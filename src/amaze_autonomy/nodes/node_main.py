@@ -2,6 +2,7 @@
 
 ~config      folder of the configuration; empty: the one that ships with the package
 ~overrides   keys of the configuration that are to be different, with semicolons between
+~startup_time  seconds after its start in which a check says of what was not heard yet that it comes by itself
 ~nice        niceness of the process, where the system permits it
 """
 
@@ -10,11 +11,13 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from typing import Any, Callable, Protocol
+from dataclasses import replace
+from typing import Any, Callable, Protocol, Sequence, Tuple
 
 import rospy
 
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.monitoring.errors import MonitoringError
 
 from . import parameters, process
@@ -22,7 +25,7 @@ from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 from .reconnector import Reconnector
 
-__all__ = ["RunningNode", "run_node", "startup_ns"]
+__all__ = ["RunningNode", "Startup", "run_node"]
 
 _START_ERROR = 2
 _LONGEST_S = 3600.0
@@ -72,13 +75,31 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     return 0
 
 
-def startup_ns() -> int:
-    """Return ~startup_time.
+class Startup:
+    """The time after a node's start in which what it has not heard yet may still come by itself.
+
+    Args:
+        configuration: with the time, unless ~startup_time has another one.
+        clock: the node's.
+    """
+
+    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+        self._until_ns = clock.now_ns() + _startup_ns(configuration.rules.limits.watchdog_startup_time_ns)
+
+    def rows(self, now_ns: int, rows: Sequence[Check]) -> Tuple[Check, ...]:
+        """Return the rows of a check; while the node starts, what is unknown comes by itself."""
+        if now_ns >= self._until_ns:
+            return tuple(rows)
+        return tuple(replace(row, heals=True) if row.verdict is Verdict.UNKNOWN else row for row in rows)
+
+
+def _startup_ns(otherwise_ns: int) -> int:
+    """Return ~startup_time, or another time where it is not set.
 
     Raises:
         StartError: It is no time.
     """
-    value = rospy.get_param("~startup_time", 10.0)
+    value = rospy.get_param("~startup_time", otherwise_ns * 1e-9)
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value < _LONGEST_S:
         raise StartError(f"~startup_time is {value!r}, must be seconds, not negative")
     return round(value * 1e9)

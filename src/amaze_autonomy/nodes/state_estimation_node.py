@@ -1,6 +1,6 @@
 """The state estimation node: are the states valid, does gravity point down? A check, not an estimator.
 
-    state_estimation/check          CheckState; offered once it can be answered, see `node_main.py`
+    state_estimation/check          CheckState
     /diagnostics                    diagnostic_msgs/DiagnosticArray, 1 Hz
     (state_estimation.topic)        the estimate: Odometry, PoseStamped or PoseWithCovarianceStamped (subscribed)
     (state_estimation.imu_topic)    sensor_msgs/Imu (subscribed)
@@ -19,7 +19,6 @@ from sensor_msgs.msg import Imu
 
 from amaze_autonomy import srv
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.engine.checks import Verdict
 from amaze_autonomy.monitoring.readings import estimate_reader, vector
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
 
@@ -27,14 +26,13 @@ from .check_diagnostics import CheckDiagnostics
 from .clock import Clock
 from .estimate_topics import ESTIMATE_MESSAGES
 from .interface import check_row, number
-from .node_main import run_node, startup_ns
+from .node_main import Startup, run_node
 
 __all__ = ["StateEstimationNode", "main"]
 
 _NOTHING = float("nan")
 _QUEUE = 50
 _PERIOD_S = 1.0
-_LOOK_AGAIN_S = 0.1
 
 
 class StateEstimationNode:
@@ -50,6 +48,7 @@ class StateEstimationNode:
         self._monitor = StateEstimationMonitor(self._spec)
         self._read = estimate_reader(self._spec.source)
         self._lock, self._ended = threading.Lock(), threading.Event()
+        self._startup = Startup(configuration, clock)
         self._diagnostics = CheckDiagnostics("state estimation", clock)
 
     def _take_estimate(self, message: Any) -> None:
@@ -73,11 +72,12 @@ class StateEstimationNode:
 
     def _check(self, _request: Any) -> Any:
         verdict = self._verdict()
+        rows = self._startup.rows(self._clock.now_ns(), verdict.checks)
         return srv.CheckStateResponse(
             valid=verdict.valid,
             gravity=Vector3(*(verdict.gravity or (_NOTHING,) * 3)),
             tilt=number(verdict.tilt_rad),
-            checks=[check_row(row) for row in verdict.checks],
+            checks=[check_row(row) for row in rows],
         )
 
     def run(self) -> None:
@@ -88,17 +88,9 @@ class StateEstimationNode:
             rospy.Subscriber(spec.topic, kind, self._take_estimate, queue_size=_QUEUE, tcp_nodelay=True)
         if spec.imu_topic:
             rospy.Subscriber(spec.imu_topic, Imu, self._take_imu, queue_size=_QUEUE, tcp_nodelay=True)
-        self._wait_for_evidence()
         rospy.Service("state_estimation/check", srv.CheckState, self._check)
         while not self._ended.wait(_PERIOD_S):
             self._diagnostics.publish(self._clock.now_ns(), self._verdict().checks)
-
-    def _wait_for_evidence(self) -> None:
-        """Wait until every row says something, or has had the time to."""
-        until_ns = self._clock.now_ns() + startup_ns()
-        while self._clock.now_ns() < until_ns and not self._ended.wait(_LOOK_AGAIN_S):
-            if all(row.verdict is not Verdict.UNKNOWN for row in self._verdict().checks):
-                return
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""

@@ -1,0 +1,48 @@
+"""A check that is asked while its node starts: what is unknown comes by itself, what failed does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rospy")
+
+import rospy
+
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.nodes.clock import SimulatedClock
+from amaze_autonomy.nodes.errors import StartError
+from amaze_autonomy.nodes.node_main import Startup
+from amaze_autonomy.paths import config_folder
+
+S = 1_000_000_000
+ROWS = (Check("age", Verdict.UNKNOWN), Check("tilt", Verdict.FAIL), Check("rate", Verdict.PASS))
+COMING = (Check("age", Verdict.UNKNOWN, heals=True), *ROWS[1:])
+
+
+@pytest.fixture
+def startup(monkeypatch):
+    def make(given=None):
+        monkeypatch.setattr(rospy, "get_param", lambda _name, otherwise: otherwise if given is None else given)
+        configuration = load_configuration(Path(config_folder()), ("autonomy.checks.watchdog_startup_time_s=7.0",))
+        return Startup(configuration, SimulatedClock(lambda: 100 * S))
+
+    return make
+
+
+def test_what_is_unknown_comes_by_itself_for_the_configured_time(startup):
+    assert startup().rows(107 * S - 1, ROWS) == COMING
+    assert startup().rows(107 * S, ROWS) == ROWS
+
+
+def test_the_parameter_is_before_the_configuration(startup):
+    assert startup(2).rows(102 * S - 1, ROWS) == COMING
+    assert startup(2.0).rows(102 * S, ROWS) == ROWS
+
+
+@pytest.mark.parametrize("nonsense", [-1.0, True, "soon", float("nan"), 1e9])
+def test_what_is_no_time_does_not_start(startup, nonsense):
+    with pytest.raises(StartError, match="startup_time"):
+        startup(nonsense)
