@@ -10,6 +10,8 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy.nodes.clock import MonotonicClock, SimulatedClock
 
+S = 1_000_000_000
+
 
 class Ros:
     """ROS time that a test sets."""
@@ -64,3 +66,54 @@ def test_real_time_is_the_systems_monotonic_clock():
     assert abs(clock.ros_ns() - time.time_ns()) < 1_000_000_000
     assert clock.wall_wait_s(before - 1) == 0.0
     assert 900.0 < clock.wall_wait_s(time.monotonic_ns() + 1_000_000_000_000) <= 1000.0
+
+
+class Wall:
+    """Wall time that a test sets, and /clock with it."""
+
+    def __init__(self, *, goes_on=False, limit_s=1.0):
+        self.ros, self.ns = Ros(100 * S), 0
+        self.clock = SimulatedClock(self.ros, stall_limit_ns=round(limit_s * S), wall_ns=lambda: self.ns)
+        self.clock.goes_on = goes_on
+        self.clock.now_ns()
+
+    def passes(self, seconds, *, speed=0.0, looks=0.05):
+        """Let wall time pass while /clock runs at a speed; return the deciding time since the beginning, in s."""
+        for _ in range(round(seconds / looks)):
+            self.ns += round(looks * S)
+            self.ros.ns += round(looks * speed * S)
+            self.clock.now_ns()
+        return round(self.clock.now_ns() / S - 100.0, 6)
+
+
+def test_a_clock_that_stands_for_longer_than_its_limit_is_stalled_until_it_runs():
+    wall = Wall()
+    assert wall.passes(1.0) == 0.0
+    assert wall.clock.stalled_s() == 0.0
+    assert wall.passes(0.5) == 0.0
+    assert wall.clock.stalled_s() == pytest.approx(1.5)
+    assert wall.passes(0.1, speed=1.0) == 0.1
+    assert wall.clock.stalled_s() == 0.0
+
+
+@pytest.mark.parametrize("speed", [0.001, 0.1, 1.0, 20.0])
+def test_a_clock_that_is_slow_but_runs_is_not_stalled(speed):
+    wall = Wall(goes_on=True)
+    assert wall.passes(30.0, speed=speed) == pytest.approx(30.0 * speed)
+    assert wall.clock.stalled_s() == 0.0
+
+
+def test_in_flight_the_deciding_clock_goes_on_by_wall_time_after_the_limit():
+    wall = Wall(goes_on=True)
+    assert wall.passes(1.0) == 0.0
+    assert wall.passes(5.0) == pytest.approx(5.0)
+    assert wall.passes(0.5, speed=1.0) == pytest.approx(5.5), "and from there with /clock when that runs again"
+    assert wall.clock.stalled_s() == 0.0
+
+
+def test_a_process_that_was_stopped_does_not_take_itself_for_a_clock_that_stands():
+    wall = Wall(goes_on=True)
+    wall.passes(1.0, speed=1.0)
+    wall.ns += 30 * S
+    assert wall.clock.now_ns() == 101 * S
+    assert wall.clock.stalled_s() == 0.0

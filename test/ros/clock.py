@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 
@@ -25,7 +26,7 @@ class FastClock:
 
     def __init__(self) -> None:
         self._began_s = time.monotonic()
-        self._back_s = 0.0
+        self._back_s, self._stands_s = 0.0, math.nan
 
     def start(self) -> None:
         self._publisher = rospy.Publisher("/clock", Clock, queue_size=1)
@@ -34,8 +35,19 @@ class FastClock:
     def now_s(self) -> float:
         return START_S + SPEED * (time.monotonic() - self._began_s) - self._back_s
 
+    def said_s(self) -> float:
+        return self.now_s() if math.isnan(self._stands_s) else self._stands_s
+
     def jump_back(self) -> None:
         self._back_s += JUMP_S
+
+    def stand(self) -> None:
+        """Say the same time again and again."""
+        self._stands_s = self.now_s()
+
+    def go_on(self) -> None:
+        self._back_s += self.now_s() - self._stands_s
+        self._stands_s = math.nan
 
     def _run(self) -> None:
         tick = threading.Event()
@@ -43,7 +55,7 @@ class FastClock:
             tick.wait(0.05)
         self._began_s = time.monotonic()
         while not tick.wait(0.005) and not rospy.is_shutdown():
-            self._publisher.publish(Clock(clock=rospy.Time.from_sec(self.now_s())))
+            self._publisher.publish(Clock(clock=rospy.Time.from_sec(self.said_s())))
 
 
 FAST = FastClock()
@@ -72,6 +84,32 @@ def clock_that_jumps_back_in_flight_is_survived(stack: Stack) -> None:
     journal = [event.t_ns for event in stack.journal() if hasattr(event, "t_ns")]
     assert journal == sorted(journal), "time runs back in the journal"
     assert stack.states[-1].result == "LANDED_EARLY"
+
+
+@clocks.add(mission="long")
+def clock_that_stands_in_flight_is_landed_for_by_both_routes(stack: Stack) -> None:
+    """All simulated peers stand with it, so that the vehicle shows nothing: the landing is repeated by wall time."""
+    stack.wait_state("MISSION")
+    FAST.stand()
+    try:
+        stack.wait_received("autopilot/land")
+        stack.wait_received("LAND", 3)
+        assert stack.states[-1].state == "LAND"
+        assert any(each.name == "clock" for each in stack.states[-1].failures), stack.states[-1]
+    finally:
+        FAST.go_on()
+    stack.wait_state("MISSION_ENDED")
+    assert stack.states[-1].result == "LANDED_EARLY"
+
+
+@clocks.add(mission="")
+def clock_that_stands_on_the_ground_is_warned_of(stack: Stack) -> None:
+    stack.wait_state("MISSION_INPUT")
+    FAST.stand()
+    try:
+        stack.wait(lambda: "clock" in stack.states[-1].message, "the warning")
+    finally:
+        FAST.go_on()
 
 
 if __name__ == "__main__":

@@ -206,6 +206,7 @@ class AutonomyNode:
 
     def _record(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         """Hand on a step of the engine; on its thread, after the requests went out."""
+        self._clock.goes_on = state.in_flight  # a landing that is under way needs time that passes
         self._outbox.put(event, state, commands)
         self._farewell.see(event, commands)
         self._ending.see(state)
@@ -310,7 +311,8 @@ def _make(stopped: threading.Event) -> AutonomyNode:
     _check_missions(parameters, configuration)
     wait_for_time(stopped)
     unfinished = _unfinished(parameters, configuration)
-    clock = make_clock(unfinished.last_ns if unfinished is not None else 0)
+    stall_limit_ns = configuration.rules.limits.clock_stall_limit_ns
+    clock = make_clock(unfinished.last_ns if unfinished is not None else 0, stall_limit_ns)
     label = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S")
     return AutonomyNode(parameters, configuration, clock, label, unfinished)
 

@@ -124,11 +124,18 @@ class SimulatedClock(Clock):
             time.sleep(_CATCH_UP_S)
 
 
-def make_clock(start_ns: int = 0) -> Clock:
-    """Return the clock that `use_sim_time` asks for. Call it after `rospy.init_node`."""
+def make_clock(start_ns: int = 0, stall_limit_ns: int = _FOREVER_NS) -> Clock:
+    """Return the clock that `use_sim_time` asks for. Call it after `rospy.init_node`.
+
+    Args:
+        start_ns: the clock is never below this.
+        stall_limit_ns: wall time for which `/clock` may stand.
+    """
     if rospy.rostime.is_wallclock():
         return MonotonicClock()
-    return SimulatedClock(lambda: int(rospy.rostime.get_rostime().to_nsec()), start_ns=start_ns)
+    return SimulatedClock(
+        lambda: int(rospy.rostime.get_rostime().to_nsec()), start_ns=start_ns, stall_limit_ns=stall_limit_ns
+    )
 
 
 def wait_for_time(stopped: threading.Event) -> None:
