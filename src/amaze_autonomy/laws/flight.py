@@ -64,6 +64,8 @@ def _lost(m: Moment) -> str:
     saw, limits, now = m.saw, m.rules.limits, m.saw.now
     status = saw.vehicle
     started = saw.flight_ns
+    if saw.stalled_s * 1e9 > limits.clock_stall_limit_ns:
+        return "the clock stands"
     if now - max(saw.beat_ns or 0, 0) > limits.watchdog_heartbeat_limit_ns and saw.watching:
         return "the watchdog's heartbeat is lost"
     if now - saw.planner_ns > limits.planner_status_limit_ns and saw.planner_ns:

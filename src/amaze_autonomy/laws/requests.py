@@ -19,7 +19,7 @@ from amaze_autonomy.engine.commands import (
     StartRecording,
     StopRecording,
 )
-from amaze_autonomy.engine.state import State
+from amaze_autonomy.engine.state import State, evolve
 from amaze_autonomy.engine.timers import next_deadline
 
 from .moment import ENDLESS, Moment, Verdict, law, shows_landing
@@ -77,11 +77,13 @@ def _records(m: Moment) -> bool:
     return m.saw.growing_ns is not None and fresh
 
 
-@law("3, 6", "A late, foreign, stale or future message changes nothing.", always=True)
+@law("3, 6", "A late, foreign, stale or future message changes nothing, but that its clock is named.", always=True)
 def late_and_foreign_change_nothing(m: Moment) -> Verdict:
     if not _is_noise(m):
         return None
-    same = m.commands == () and m.before == m.after
+    named = evolve(m.after, clocks_apart=m.before.clocks_apart, failures=m.before.failures)
+    failures = [[(each.name, each.verb) for each in state.failures] for state in (m.before, m.after)]
+    same = m.commands == () and m.before == named and failures[0] == failures[1]
     return True if same else f"a {type(m.event).__name__} that does not count was listened to"
 
 

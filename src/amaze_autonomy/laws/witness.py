@@ -100,6 +100,7 @@ class Witness:
     user_hold: bool = False
     waited: Tuple[Tuple[str, int], ...] = ()
     shutting_down: bool = False
+    stalled_s: float = 0.0
 
     # --- what it says of the vehicle ----------------------------------------------------------------------------------
 
@@ -294,7 +295,7 @@ def _started(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
-        changes.update(growing_ns=None, descending_ns=None)
+        changes.update(growing_ns=None, descending_ns=None, stalled_s=0.0)
         for field in ("beat_ns", "battery_ns"):
             if getattr(witness, field) is not None:
                 changes[field] = now
@@ -304,9 +305,14 @@ def _shutdown(_witness: Witness, _event: Any, _now: int, changes: Dict[str, Any]
     changes["shutting_down"] = True
 
 
+def _clock(_witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: Any) -> None:
+    changes["stalled_s"] = event.stalled_s
+
+
 _READ: Dict[type, Any] = {
     ev.AutopilotStatus: _autopilot,
     ev.CheckReply: _check_reply,
+    ev.ClockStatus: _clock,
     ev.EngineStarted: _started,
     ev.LandedStatus: _landed,
     ev.MissionStatus: _planner,
