@@ -10,7 +10,7 @@ from engine_peers import MISSION, SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.commands import LoadMission, StopRecording
+from amaze_autonomy.engine.commands import LoadMission, Notify, StopRecording
 from amaze_autonomy.engine.mission import Mission
 
 CHECKS = 5
@@ -300,3 +300,19 @@ def test_every_way_to_the_end_has_its_result(place, command, result):
     story.until("MISSION_ENDED")
     assert story.state.result.value == result
     assert result in story.state.message
+
+
+def test_a_planner_that_lands_before_its_last_waypoint_has_not_flown_the_mission():
+    story = at("MISSION flying")
+    story.planner.says.update(phase=ev.MissionPhase.LANDING, waypoint=2, waypoints=3)
+    story.report()
+    story.fail("imu", 16).until("MISSION_ENDED")
+    assert story.state.result.value == "LANDED_EARLY"
+
+
+def test_where_the_data_is_comes_with_what_the_recorder_says_of_it():
+    story = at("DATA_CLEANUP")
+    story.recorder.says["message"] = "2.1 GB, nothing was lost"
+    story.until("MISSION_ENDED")
+    (text,) = [c.text for _, c in story.sent if isinstance(c, Notify) and c.key == "mission_ended"]
+    assert text.endswith(f"The data is at {story.state.data_location} (2.1 GB, nothing was lost).")

@@ -13,9 +13,11 @@ import pytest
 from engine_beginnings import BEGINNINGS, at
 from engine_peers import MISSION, SHIPPED, S
 from engine_story import Story
+from expected_values import VALUES
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import transitions
+from amaze_autonomy.engine.commands import Value
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.severity import Severity
 
@@ -585,11 +587,29 @@ def test_row(row):
     decision = fired[-1] if row.rule == "next_mission" else fired[0]
     where = f"{decision.after} {decision.step}".strip()
     assert (where, _names(decision.commands)) == (row.target, row.commands)
+    assert _worded(decision.values) == VALUES[row.rule]
     if row.tells:
         assert row.tells in story.told
 
 
+def _worded(values: Tuple[Value, ...]) -> Tuple[str, ...]:
+    """Return what a decision looked at as `expected_values` says it: name, value, limit and unit."""
+    return tuple(
+        f"{value.name}: {value.value!r}"
+        + (f" of {value.limit!r}" if value.limit is not None else "")
+        + (f" {value.unit}" if value.unit else "")
+        for value in values
+    )
+
+
+def test_the_time_of_a_state_begins_with_it_and_not_with_each_of_its_steps():
+    story = at("TAKEOFF climbing")
+    (began,) = {decision.t_ns for decision in story.decisions if decision.rule == "takeoff"}
+    assert story.state.entered_ns == began < story.state.step_ns
+
+
 def test_every_row_has_its_story():
+    assert sorted(VALUES) == sorted(row.rule for row in transitions.TRANSITIONS)
     assert sorted(row.rule for row in ROWS) == sorted(row.rule for row in transitions.TRANSITIONS)
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import FrozenInstanceError, is_dataclass
 from importlib import import_module
 from math import inf, nan
+from pathlib import Path
 from pkgutil import iter_modules
 
 import pytest
@@ -32,6 +34,29 @@ def test_an_event_without_a_time_cannot_exist(t_ns):
 def test_a_selection_without_a_mission_cannot_exist():
     with pytest.raises(ev.InvalidEventError, match="at least one mission"):
         ev.MissionSelected(t_ns=0, missions=())
+
+
+@pytest.mark.parametrize(
+    "kind, message",
+    [
+        (ev.MissionPhase, "MissionStatus"),
+        (ev.RecordingPhase, "RecordingStatus"),
+        (ev.VehicleLanded, "AutopilotStatus"),
+        (ev.Landed, "Landed"),
+    ],
+)
+def test_the_numbers_of_a_word_are_those_of_its_message(kind, message):
+    text = (Path(__file__).parents[2] / "msg" / f"{message}.msg").read_text(encoding="utf-8")
+    said = {name: int(number) for name, number in re.findall(r"^uint8 (\w+)=(\d+)", text, re.MULTILINE)}
+    ours = {name: member.value for name, member in kind.__members__.items()}
+    assert ours == {name: number for name, number in said.items() if not name.startswith("SENSOR_")}
+    assert len(ours) == len(kind), "no two words for one number"
+
+
+def test_what_a_planner_does_not_say_is_nothing():
+    said = ev.MissionStatus(t_ns=1, session_id="s", mission_id="m", phase=ev.MissionPhase.IDLE)
+    assert (said.waypoint, said.waypoints, said.file_index, said.repetition, said.age_ns) == (0, 0, 0, 0, 0)
+    assert (said.distance_left_m, said.time_left_s, said.message) == (None, None, "")
 
 
 @pytest.mark.parametrize("package, at_least", [(engine, 30), (monitoring, 10)], ids=["engine", "monitoring"])

@@ -109,6 +109,21 @@ def test_a_tilt_that_is_too_large_or_too_old_is_no_distance(tilt_rad: float, til
     assert ground.distance_m() is None
 
 
+@given(st.lists(st.tuples(st.integers(0, S), st.floats(0.2, 30.0)), min_size=1, max_size=60), st.integers(1, 20))
+def test_readings_that_are_added_together_leave_what_they_leave_one_by_one(steps: List[tuple], at_once: int):
+    singly, together, now = GroundDistance(SPEC), GroundDistance(SPEC), 0
+    readings = []
+    for step_ns, reading in steps:
+        now += step_ns
+        readings.append((now, reading))
+        singly.add(now, reading)
+    for begin in range(0, len(readings), at_once):
+        times, distances = zip(*readings[begin : begin + at_once])
+        together.extend(times, [each - SPEC.mounting_height_m for each in distances])
+    assert list(together._window) == list(singly._window)
+    assert (together.seen_ns, together.distance_m()) == (singly.seen_ns, singly.distance_m())
+
+
 def test_time_that_jumps_backwards_begins_anew():
     ground = measured([1.1] * 100)
     ground.add(S, 5.0)

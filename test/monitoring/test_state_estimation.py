@@ -75,6 +75,29 @@ def test_a_level_vehicle_that_stands_still_passes_every_row():
     ]
 
 
+def test_a_row_that_passes_says_what_it_saw_and_its_limit():
+    seen = {row.name: (row.value, row.limit, row.unit, row.age_s) for row in on_the_pad().check(NOW).checks}
+    tilt, agreement = pytest.approx(radians(10.0)), pytest.approx(radians(5.0))
+    assert seen == {
+        "estimate age": (0.0, 0.5, "s", 0.0),
+        "estimate rate": (30.0, 24.0, "Hz", None),
+        "estimate finite": (0.0, 0.0, "numbers", None),
+        "quaternion norm": (0.0, 0.01, "", None),
+        "distance from origin": (pytest.approx(5.0**0.5), 1000.0, "m", None),
+        "position deviation": (0.1, 0.5, "m", None),
+        "orientation deviation": (0.01, tilt, "rad", None),
+        "estimated speed": (0.0, 0.3, "m/s", None),
+        "estimated tilt": (0.0, tilt, "rad", None),
+        "estimate drift": (0.0, 0.1, "m", None),
+        "IMU age": (0.0, 0.5, "s", 0.0),
+        "gravity magnitude": (pytest.approx(G), pytest.approx(G - 0.5), "m/s^2", None),
+        "tilt": (0.0, tilt, "rad", None),
+        "shaking": (pytest.approx(0.0, abs=1e-6), 0.5, "m/s^2", None),
+        "turning": (0.0, 0.1, "rad/s", None),
+        "tilt agreement": (0.0, agreement, "rad", None),
+    }
+
+
 @pytest.mark.parametrize("angle_deg,side", [(-14.0, "left"), (14.0, "right")])
 def test_a_tilted_vehicle_is_told_the_side_and_the_limit(angle_deg: float, side: str):
     up, estimate = rolled(angle_deg)

@@ -100,7 +100,7 @@ class Journal:
     """
 
     lines: Tuple[JournalLine, ...]
-    truncated: bool = False
+    truncated: bool
 
 
 def encode_event(event: Event) -> str:

@@ -13,7 +13,7 @@ from .checks import CheckName
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
 
-__all__ = ["TIMERS", "Timer", "applies", "next_deadline", "passed", "state_deadline", "time_of"]
+__all__ = ["TIMERS", "Timer", "next_deadline", "passed", "state_deadline", "time_of"]
 
 _NS = 1_000_000_000
 Place = Union[State, Tuple[State, Step]]
@@ -213,14 +213,6 @@ TIMERS: Tuple[Timer, ...] = (
 )
 
 _BY_NAME: Dict[str, Timer] = {timer.name: timer for timer in TIMERS}
-
-
-def applies(timer: Timer, state: EngineState) -> bool:
-    """Return True when a timer applies in the engine's present state and step."""
-    return any(
-        place == (state.state, state.step) if isinstance(place, tuple) else place is state.state
-        for place in timer.places
-    )
 
 
 def _index() -> Mapping[Tuple[State, Step], Tuple[Timer, ...]]:

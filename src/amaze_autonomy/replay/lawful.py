@@ -63,7 +63,7 @@ def check_laws(
 
 def laws_of_lines(lines: Iterable[str]) -> Lawful:
     """Decide the lines of a journal, header first, again under all laws."""
-    return check_laws(Journal(tuple(decode(text, number) for number, text in enumerate(lines, 1))))
+    return check_laws(Journal(tuple(decode(text, number) for number, text in enumerate(lines, 1)), truncated=False))
 
 
 def _check(

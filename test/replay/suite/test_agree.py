@@ -36,7 +36,7 @@ HOLDS, LANDS = decision(5, "hold", ("MissionCommand(HOLD)#5",)), decision(9, "la
 
 def journal(*decisions, until_s=20, more=()):
     payloads = (Tick(t_ns=S), *decisions, Tick(t_ns=until_s * S), *more)
-    return Journal(tuple(JournalLine("", payload, number) for number, payload in enumerate(payloads)))
+    return Journal(tuple(JournalLine("", payload, number) for number, payload in enumerate(payloads)), truncated=False)
 
 
 def test_the_same_decisions_agree_and_say_how_far_apart_they_are():
