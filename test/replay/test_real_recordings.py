@@ -120,10 +120,10 @@ def test_the_crazyflies_invalid_orientation_is_not_used():
     assert {each.name: each.verdict for each in rows}["tilt"] is Verdict.PASS
 
 
-def test_the_crazyflie_flies_its_mission_when_the_takeoff_height_is_its_own():
+def test_the_crazyflies_sensors_end_before_the_end_of_its_flight_is_believed():
+    """It is on the ground 0.6 s before its logs end; what the engine has not seen agree for long enough it lands for."""
     outcome, _ = replay(recording("crazyflie_sine.bag"), overrides=["autonomy.takeoff.takeoff_height_m=0.3"])
-    assert [move[2] for move in moves(outcome)][-3:] == ["takeoff", "at_takeoff_height", "mission_complete"]
-    assert outcome.counterfactual_ns is None
+    assert [move[2] for move in moves(outcome)][-3:] == ["takeoff", "at_takeoff_height", "land"]
 
 
 def test_a_recording_without_a_vehicle_shows_rates_of_custom_types():
