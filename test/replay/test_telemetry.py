@@ -70,8 +70,8 @@ def test_a_normal_mission_is_flown_to_its_end():
     rows, outcome = replayed(recording("px4_normal_mission.tlog"), "px4_telemetry")
     assert [row for row in rows if row[0] > 1.2] == [
         (7.6, "MISSION", "at_takeoff_height"),
-        (66.9, "DATA_CLEANUP", "mission_complete"),
-        (68.0, "MISSION_ENDED", "data_complete"),
+        (67.4, "DATA_CLEANUP", "mission_complete"),
+        (68.5, "MISSION_ENDED", "data_complete"),
     ]
     assert (outcome.state.result.value, outcome.counterfactual_ns) == ("COMPLETE", None)
 
@@ -81,9 +81,9 @@ def test_a_lost_gps_is_flown_on_without_until_px4_itself_lands():
     rows, outcome = replayed(recording("px4_gps_loss_param.tlog"), "px4_telemetry")
     assert [row for row in rows if row[0] > 1.2] == [
         (6.8, "MISSION", "at_takeoff_height"),
-        (27.7, "PILOT", "pilot_took_over"),
-        (52.7, "DATA_CLEANUP", "acknowledged"),
-        (54.0, "MISSION_ENDED", "data_complete"),
+        (28.0, "PILOT", "pilot_took_over"),
+        (48.0, "DATA_CLEANUP", "acknowledged"),
+        (49.5, "MISSION_ENDED", "data_complete"),
     ]
     seen = [each for each in outcome.decisions if each.rule == "failure_continue"]
     assert [round((each.t_ns - outcome.start_ns) / 1e9, 1) for each in seen][:1] == [22.0]
@@ -102,7 +102,7 @@ def test_a_drained_battery_is_landed_five_seconds_before_px4_acts():
     assert [row for row in rows if row[0] > 1.2][:3] == [
         (10.3, "MISSION", "at_takeoff_height"),
         (57.9, "LAND", "land"),
-        (63.4, "PILOT", "pilot_took_over"),
+        (63.7, "PILOT", "pilot_took_over"),
     ]
     assert round((outcome.counterfactual_ns - outcome.start_ns) / 1e9, 1) == 57.9
 
@@ -112,7 +112,7 @@ def test_a_lost_stream_of_set_points_is_px4_s_failsafe():
     rows, _ = replayed(recording("px4_offboard.tlog"), "px4_telemetry")
     assert [row for row in rows if row[0] > 1.2] == [
         (6.8, "MISSION", "at_takeoff_height"),
-        (30.0, "PILOT", "pilot_took_over"),
+        (30.3, "PILOT", "pilot_took_over"),
     ]
 
 
@@ -120,8 +120,8 @@ def test_a_pilot_s_own_flights_are_nobody_s_mission():
     path = recording("copter_low_battery.tlog")
     rows, outcome = replayed(path, "copter_low_battery", "sensors.battery.cells=3")
     assert [row for row in rows if row[0] > 461.9] == [
-        (462.0, "PILOT", "armed_by_others"),
-        (737.0, "DATA_CLEANUP", "acknowledged"),
+        (462.4, "PILOT", "armed_by_others"),
+        (737.4, "DATA_CLEANUP", "acknowledged"),
         (738.5, "MISSION_ENDED", "data_complete"),
     ]
     assert outcome.state.result.value == "PILOT"

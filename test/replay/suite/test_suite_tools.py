@@ -118,7 +118,7 @@ def test_the_page_holds_everything_and_loads_nothing(folder):
     page = Path("r.html").read_text()
     content = json.loads(page.split("const CONTENT = ")[1].split(";\n")[0])
     (test,) = content["tests"]
-    assert (test["verdict"], test["end_s"], test["states"][0]) == ("FAIL", 38.2, [0.0, 5.0, "MISSION_INPUT"])
+    assert (test["verdict"], test["end_s"], test["states"][0]) == ("FAIL", 38.8, [0.0, 5.0, "MISSION_INPUT"])
     assert test["marks"] == [["fault", 16.3, None, "lrf killed"]]
     assert [bar[2] for bar in test["codes"]["lrf"]] == ["1", "8", "16"]
     hold = next(each for each in test["moments"] if each["rule"] == "hold")
