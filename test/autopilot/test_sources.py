@@ -113,10 +113,13 @@ def test_an_autopilot_that_was_restarted_behind_the_same_address_is_heard_again_
     assert sources.strangers(2 * S) == ()
 
 
-@pytest.mark.parametrize("offset", [60, 128, 200])
+@pytest.mark.parametrize("offset", [100, 128, 200])
 @pytest.mark.parametrize("rates", [(500, 490), (500, 100), (100, 500)])
 def test_two_vehicles_behind_one_router_are_never_mixed(offset, rates):
-    """Each message is of one of two runs; what nobody can tell apart is lost, nothing of the other is taken."""
+    """Each message is of one of two runs; what nobody can tell apart is lost, nothing of the other is taken.
+
+    Runs nearer than datagrams may overtake one another, 32 numbers, are told apart by their boot times alone.
+    """
     sources, wrong, taken, sent = Sources(), 0, 0, 0
     times = sorted(
         [(n / rates[0], 0, n) for n in range(5 * rates[0])]
