@@ -121,7 +121,7 @@ def test_the_crazyflies_invalid_orientation_is_not_used():
 
 
 def test_the_crazyflies_sensors_end_before_the_end_of_its_flight_is_believed():
-    """It is on the ground 0.6 s before its logs end; what the engine has not seen agree for long enough it lands for."""
+    """It is on the ground 0.6 s before its logs end: what has not been seen to agree for long enough is landed for."""
     outcome, _ = replay(recording("crazyflie_sine.bag"), overrides=["autonomy.takeoff.takeoff_height_m=0.3"])
     assert [move[2] for move in moves(outcome)][-3:] == ["takeoff", "at_takeoff_height", "land"]
 
