@@ -36,6 +36,7 @@ def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
     alarms = [c.key for c in story.since if isinstance(c, Notify) and c.level is Level.ALARM]
     assert alarms == ["land_alarm", "land_limit"]
     assert story.motions[-4:] == ["LAND", "AutopilotLand", "LAND", "AutopilotLand"]
+    assert story.state.both_routes
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,12 @@ def test_all_checks_are_asked_in_their_order():
     assert [c.mission_id for c in asked] == ["1"] * 5
 
 
+def test_the_watchdog_alone_is_told_which_components_the_mission_requires():
+    story = Story(SHIPPED, Mission(id="1", required=("gps", "lrf"))).start().after(0.5).select()
+    asked = {c.check.value: c.required for c in story.since if isinstance(c, RunCheck)}
+    assert asked == {**dict.fromkeys(ORDER, ()), "watchdog": ("gps", "lrf")}
+
+
 def test_the_second_start_of_the_watchdog_is_answered_at_once():
     story = at("MISSION_ENDED").select()
     asked = [c for c in story.since if isinstance(c, RunCheck)]

@@ -17,11 +17,11 @@ from engine_story import Story
 from amaze_autonomy import engine, monitoring
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.checks import Check, Verdict
-from amaze_autonomy.engine.commands import AutopilotLand
+from amaze_autonomy.engine.commands import AutopilotLand, Level
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.severity import Code, ComponentRule, Restart, Severity, Verb
-from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.engine.state import EngineState, OutreachKind, Result, State, Step
 
 
 @pytest.mark.parametrize("t_ns", [-1, 1.5, None, "0"])
@@ -51,6 +51,13 @@ def test_the_numbers_of_a_word_are_those_of_its_message(kind, message):
     ours = {name: member.value for name, member in kind.__members__.items()}
     assert ours == {name: number for name, number in said.items() if not name.startswith("SENSOR_")}
     assert len(ours) == len(kind), "no two words for one number"
+
+
+def test_an_engine_that_has_heard_nothing_believes_nothing():
+    fresh = vars(EngineState())
+    begins = {"state": State.MISSION_INPUT, "step": Step.NONE, "next_id": 1, "label": "session", "result": Result.NONE}
+    begins.update(outreach=OutreachKind.NONE, interrupted=State.MISSION, message_level=Level.INFO)
+    assert {name: value for name, value in fresh.items() if value} == begins
 
 
 def test_what_a_planner_does_not_say_is_nothing():

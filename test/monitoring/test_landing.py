@@ -69,6 +69,13 @@ def hovering() -> Flight:
     return flight
 
 
+@pytest.mark.parametrize("t_ns", [0, 1, S])
+def test_the_first_reading_is_judged_at_once(t_ns: int):
+    detector = LandingDetector(LandingSpec(min_samples=1, mounting_height_m=0.0))
+    detector.add_range(t_ns, 1.0)
+    assert detector.evaluate(t_ns)[:2] == (UNKNOWN, 1.0)
+
+
 def test_a_vehicle_that_stands_is_on_the_ground_after_half_a_second():
     flight = Flight().fly(1.0, level(0.0))
     assert flight.said == [UNKNOWN, GROUND]

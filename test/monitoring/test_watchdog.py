@@ -135,6 +135,27 @@ def test_a_silent_autopilot_is_a_failed_imu_too(flying: World):
     assert status == ComponentStatus("px4_imu", Code.ABORT, Restart.NONE, None, reason)
 
 
+def test_it_is_steady_while_every_rate_is_as_intended_and_was_looked_at():
+    specs = (SPECS[1], SPECS[2])
+    made = Watchdog(specs)
+    assert not made.steady, "nobody has started it"
+    made.start(0)
+    for number in range(1, 301):
+        for name in ("camera", "lrf"):
+            made.add_samples(name, number * S // 50)
+        made.evaluate(number * S // 50)
+    assert not made.steady, "the camera is too fast"
+    flying = World()
+    flying.watchdog = Watchdog(specs)
+    flying.rates = {"camera": 30.0, "lrf": 50.0}
+    flying.watchdog.start(0)
+    flying.run(10.0)
+    assert flying.watchdog.steady
+    flying.rates["lrf"] = 0.0
+    flying.run(12.0)
+    assert not flying.watchdog.steady
+
+
 def test_a_component_at_half_rate_is_code_2_and_not_restarted(flying: World):
     flying.rates["lrf"] = 25.0
     flying.run(20.0)
