@@ -112,6 +112,8 @@ def write(told: Results, path: Path, page: Path = PAGE) -> None:
     head = json.dumps({"seed": told.seed, "places": told.places, "observed": told.observed})
     path.write_text(f'{{"campaign": {head}, "mutants": [\n{body}\n]}}\n', encoding="utf-8")
     text = page.read_text(encoding="utf-8")
+    if HEAD not in text:
+        text = text.rstrip() + f"\n\n{HEAD}\n"
     around = re.compile(f"{re.escape(HEAD)}\n.*?(?=^## |\\Z)", re.DOTALL | re.MULTILINE)
     page.write_text(around.sub(lambda _: f"{section(told)}\n", text), encoding="utf-8")
 

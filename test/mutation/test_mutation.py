@@ -179,6 +179,13 @@ def test_what_is_kept_is_read_again_and_shown_on_the_page(tmp_path):
     assert "| explorer | in files that it runs | 1 of 3 (33.3 %) |\n" in section(TOLD)
 
 
+def test_a_page_without_the_part_gets_it_at_its_end(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# Title\n\ntext\n", encoding="utf-8")
+    write(TOLD, tmp_path / "results.json", page)
+    assert page.read_text(encoding="utf-8").rstrip() == f"# Title\n\ntext\n\n{section(TOLD)}".rstrip()
+
+
 def test_a_waiver_that_is_not_needed_is_said(repository, tmp_path, monkeypatch):
     kept = tmp_path / "waivers.yaml"
     kept.write_text(
