@@ -316,12 +316,12 @@ DEFECTS = (
     ),
     Defect(
         "every mode is ours",
-        attribute(absorb, "ours", lambda *_: True),
+        attribute(absorb, "ours", lambda *_, **__: True),
         lambda: test_pilot.test_takeover_in_every_phase_stops_commanding("MISSION flying", {"mode": "POSCTL"}),
     ),
     Defect(
         "only the last mode is ours",
-        attribute(absorb, "ours", lambda *_: False),
+        attribute(absorb, "ours", lambda *_, **__: False),
         test_pilot.test_the_old_mode_goes_on_until_the_command_takes_effect,
     ),
     Defect(

@@ -120,6 +120,17 @@ def test_started_while_armed_lands_by_both_routes():
     story.until("MISSION_ENDED", limit_s=30.0)
 
 
+def test_started_while_armed_lands_although_the_mode_of_before_goes_on():
+    """The mode that it was in when it was found is no takeover: LAND is repeated until the vehicle shows it."""
+    story = Story()
+    story.vehicle.armed, story.vehicle.height = True, 10.0
+    story.vehicle.landed, story.vehicle.mode = ev.VehicleLanded.IN_AIR, "AUTO.MISSION"
+    story.disobeyed += ["LAND", "AutopilotLand"]
+    story.start().after(5.0).expect("LAND", "commanding")
+    assert story.motions.count("LAND") >= 9
+    assert story.motions.count("AutopilotLand") >= 9
+
+
 def test_started_while_armed_and_the_pilot_flies_commands_nothing():
     story = Story()
     story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.IN_AIR, pilot_in_control=True)

@@ -47,6 +47,21 @@ def lie(story: Story, **claims) -> Story:
     return story
 
 
+def test_nothing_is_resumed_while_a_status_says_it_stands_on_the_ground():
+    """Whether it is true shows the next one; until then nothing is sent to what may stand there."""
+    story = at("HOLD holding").say(landed=ev.VehicleLanded.ON_GROUND, height_m=0.0).look()
+    story.user("resume")
+    assert story.motions == []
+
+
+def test_a_hold_is_not_repeated_while_a_status_says_it_stands_on_the_ground():
+    story = at("HOLD confirming")
+    repeated_ns = story.state.step_ns + story.rules.limits.hold_repeat_after_ns
+    story.after_ns(repeated_ns - story.now - 1).say(landed=ev.VehicleLanded.ON_GROUND, height_m=0.0).look()
+    story.after_ns(1)
+    assert story.motions == []
+
+
 @pytest.mark.parametrize("claims", LIES.values(), ids=LIES)
 @pytest.mark.parametrize("place", IN_FLIGHT)
 def test_code_16_lands_after_any_one_wrong_status(place, claims):

@@ -9,12 +9,14 @@ from engine_beginnings import at
 from engine_peers import COMPONENTS, MISSION, SHIPPED, S
 from engine_story import Story
 
+from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import RunCheck
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.state import State
 
 ORDER = ["watchdog", "battery", "autopilot", "on_ground", "state_estimation"]
 
@@ -64,6 +66,24 @@ def test_each_silent_check_runs_out(check):
     story.select().after_ns(round(limit_s * S) - 1).expect("PREFLIGHT")
     story.after_ns(1).expect("OUTREACH")
     assert f"the {check} check got no answer in time" in story.state.message
+
+
+def test_checks_run_out_although_another_answer_comes_before_the_engine_is_woken():
+    """An answer that comes late closes the others: their limit is over, nobody would wake the engine for it again."""
+    story = at("MISSION_INPUT")
+    for check in ORDER:
+        story.answers[f"check:{check}"] = None
+    story.select()
+    asked = {r.check: r.command_id for r in story.state.checks}
+    late = story.state.t_ns + 14 * S
+    event = ev.CheckReply(
+        t_ns=late, command_id=asked[CheckName.BATTERY], check=CheckName.BATTERY, outcome=ev.Outcome.ACCEPTED, ok=True
+    )
+    state, _ = engine.decide(story.state, event, story.rules)
+    outcomes = {r.check: r.outcome for r in state.checks}
+    assert outcomes.pop(CheckName.BATTERY) is ev.Outcome.ACCEPTED
+    assert set(outcomes.values()) == {ev.Outcome.TIMED_OUT}
+    assert state.state is State.OUTREACH
 
 
 @pytest.mark.parametrize("check", ORDER)

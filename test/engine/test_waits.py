@@ -77,6 +77,13 @@ def taken(story: Story) -> None:
     story.say(pilot_in_control=True)
 
 
+def armed_once_and_silent(story: Story) -> None:
+    """One status says that somebody has armed it, then no other one comes; meanwhile a component fails."""
+    story.say(armed=True)
+    story.silent.append("autopilot")
+    story.fail("lrf", 8)
+
+
 def flies_long(story: Story) -> None:
     story.planner.flown_ns = -2000 * S
 
@@ -264,6 +271,16 @@ WAITS = (
         "pilot_took_over",
         "PILOT",
         taken,
+    ),
+    Wait(
+        "takeover_silent",
+        "READY",
+        lambda s: s.state.autopilot_ns,
+        1.0,
+        "ready_taken_back",
+        "PREFLIGHT",
+        armed_once_and_silent,
+        lost=True,
     ),
     Wait("land_repeat_period", "LAND commanding", lambda s: s.state.land_sent_ns, 0.5, "land_repeat", "LAND"),
     Wait("land_second_route_after", "LAND commanding", lambda s: s.state.land_ns, 3.0, "land_second_route", "LAND"),

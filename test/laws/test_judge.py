@@ -5,6 +5,8 @@ That each law can be broken at all is shown by the defects of test/proof.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from amaze_autonomy.engine.commands import AutopilotDisarm, Decision
@@ -16,7 +18,7 @@ from amaze_autonomy.laws import LAWS, Broken, BrokenLawError, Judge, Judged, Wit
 
 S = 1_000_000_000
 RULES = Rules()
-DISARM = AutopilotDisarm(id=1, limit_ns=S)
+DISARM = AutopilotDisarm(id=1, limit_ns=RULES.limits.command_reply_limit_ns)
 WRITTEN = Decision(
     t_ns=S,
     sequence=0,
@@ -50,13 +52,15 @@ def test_what_is_kept_is_counted():
 def test_a_broken_law_is_told_once_with_its_first_moment_and_how_often():
     judge_ = Judge(RULES)
     judge_.watch(at(0), Tick(t_ns=S), (), at(S))
-    for t_ns in (2 * S, 3 * S):
-        judge_.watch(at(t_ns - S), Tick(t_ns=t_ns), (DISARM, WRITTEN), at(t_ns))
+    for number, t_ns in enumerate((2 * S, 3 * S), 1):
+        sent, written = replace(DISARM, id=number), replace(WRITTEN, commands=(f"AutopilotDisarm()#{number}",))
+        judge_.watch(at(t_ns - S), Tick(t_ns=t_ns), (sent, written), at(t_ns))
     why = "disarm although the vehicle does not say, freshly, armed and ON_GROUND"
     assert judge_.judged().broken == (Broken(LAWS["disarm_on_the_ground_only"], why, 2 * S, "Tick", 2, times=2),)
     assert judge_.judged().applied == {
         "everything_is_written_down": 2,
         "no_request_twice": 2,
+        "requests_say_what_they_mean": 2,
         "the_engine_restarts_nothing": 2,
         "time_never_runs_back": 3,
     }

@@ -8,6 +8,7 @@ from typing import Any, Dict, List, Optional, Set, Tuple
 
 from proof_key import Key, make_key
 from proof_moves import BOOT, Move, Node, Observer, World, moves_of, perform
+from proof_sound import sound
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.state import State
@@ -121,6 +122,10 @@ class Exploration:
             except Exception as error:  # noqa: BLE001 - whatever it is, it came out of `decide`
                 self.broken = Broken("decide_never_fails", repr(error), (*self.path(number), move))
                 return
+            if move[0] == "lie" and _ended(node, reached):
+                why = f"one wrong status, and it is {reached.state.state.value}"
+                self.broken = Broken("a_lie_ends_nothing", why, (*self.path(number), move))
+                return
             found = self._add(reached, (number, move), following)
             if is_fair:
                 fair.append(found)
@@ -159,6 +164,10 @@ class Exploration:
         self.origin.append(origin)
         self.fair.append([])
         state = node.state
+        wrong = sound(state, self.world.rules)
+        if wrong and self.broken is None:
+            path = (*self.path(origin[0]), origin[1]) if origin[0] >= 0 else self.seeds[-1]
+            self.broken = Broken("every_state_is_sound", wrong[0], path)
         down = node.peers.vehicle == "ground" and "autopilot" not in node.peers.silent
         self.where.append((state.state, state.in_flight, down))
         self.stats.places.add((state.state.value, state.step.value))
@@ -210,6 +219,13 @@ class Exploration:
             check(moment)
 
         return observe
+
+
+def _ended(before: Node, after: Node) -> bool:
+    """Return True when the care for a vehicle that flies is over: no flight any more, or in somebody else's hands."""
+    flew = before.state.in_flight and before.state.state is not State.PILOT
+    flies = before.peers.vehicle in ("lifting", "flying", "loitering", "landing")
+    return flew and flies and (not after.state.in_flight or after.state.state is State.PILOT)
 
 
 def explore(world: World, limit: Optional[int] = None, *, compare: bool = True) -> Exploration:

@@ -62,6 +62,9 @@ def _caps(rules: Rules) -> Dict[str, int]:
         "position_ns": units(at.position_age_limit_ns),
         "descending_ns": units(at.descent_time_ns),
         "landing_ns": units(at.landing_detection_limit_ns),
+        "confirm": units(at.flight_end_confirm_ns, at.confirm_limit_ns),
+        "pilot": units(at.pilot_confirm_ns),
+        "moving_ns": units(at.descent_time_ns),
         "flown": int(at.max_flight_time_ns < NEVER),
         "check": units(at.check_max_age_ns, at.check_reply_limit_ns + at.watchdog_startup_time_ns),
     }
@@ -119,6 +122,11 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         state.landing.landed if state.landing is not None else None,
         state.file_index,
         state.repetition,
+        _agreed(state, "takeover", caps["pilot"]),
+        state.takeover_noted,
+        bool(state.signal),
+        state.clock_stalled_s,
+        state.was_airborne,
     )
     return (
         base
@@ -126,6 +134,15 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         + (_recording(state, caps) if state.recording_asked else ())
         + (_flight(state, caps) if place in _FLIGHT or state.in_flight else (state.was_airborne, state.flown))
     )
+
+
+def _agreed(state: EngineState, field: str, cap: int) -> Key:
+    """Return how many statuses agree, and over how long a time, as far as anything asks."""
+    agreed = getattr(state, field)
+    if agreed is None:
+        return ()
+    lasts = (agreed.until_ns - agreed.since_ns) // UNIT
+    return (agreed.statuses, min(cap, lasts), min(cap, (state.t_ns - agreed.since_ns) // UNIT))
 
 
 def _vehicle(state: EngineState) -> Key:
@@ -142,6 +159,7 @@ def _vehicle(state: EngineState) -> Key:
         status.height_m,
         status.position_x_m,
         status.vertical_speed_m_s,
+        status.horizontal_speed_m_s,
         status.battery_fraction,
     )
 
@@ -162,7 +180,8 @@ def _checks(state: EngineState, caps: Dict[str, int]) -> Key:
     planner = state.planner
     loaded = planner is not None and (planner.phase, planner.mission_id, planner.file_index, planner.repetition)
     fix = None if state.fix_deadline_ns is None else max(-1, (state.fix_deadline_ns - now) // UNIT)
-    return (records, fix, state.load_outcome, loaded, _age(state, caps, "planner_ns"))
+    down = () if state.state is State.PREFLIGHT else _agreed(state, "down", caps["confirm"])
+    return (records, fix, state.load_outcome, loaded, _age(state, caps, "planner_ns"), down)
 
 
 def _recording(state: EngineState, caps: Dict[str, int]) -> Key:
@@ -185,6 +204,13 @@ def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
         state.was_armed,
         state.was_airborne,
         state.flown,
+        _agreed(state, "down", caps["confirm"]),
+        _agreed(state, "aloft", 0),
+        _agreed(state, "motors", 0),
+        state.mode_before if state.confirmed is None else "",
+        state.mode_shown,
+        state.hold_repeated,
+        _age(state, caps, "moving_ns"),
         state.interrupted if state.state is State.HOLD else None,
         state.spent,
         state.flown_without,
@@ -218,6 +244,12 @@ def _unheard(state: EngineState) -> bool:
     return None in heard or state.autopilot_ns is None
 
 
+def _since(since: Optional[int], state: EngineState, cap: int) -> int:
+    """Return the age of something that counts in a flight, or right before one; -1: never, or elsewhere."""
+    counts = state.state in (*_FLIGHT, State.LOAD_MISSION, State.PILOT) or state.in_flight
+    return -1 if since is None or not counts else min(cap, (state.t_ns - since) // UNIT)
+
+
 def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
     """Return what the witness knows beyond what the engine's own state says already."""
     now = witness.now
@@ -230,11 +262,17 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.codes,
         witness.flight,
         witness.airborne,
+        min(2, witness.aloft),
+        witness.taken > 0 and (min(2, witness.taken), min(caps["pilot"], (now - witness.taken_ns) // UNIT)),
+        _since(witness.ground_ns, state, caps["confirm"]),
+        _since(witness.down_ns, state, caps["confirm"]),
         witness.landing,
         witness.landing and min(caps["land_ns"], (now - witness.land_ns) // UNIT),
         witness.landing and min(caps["land_sent_ns"], (now - witness.sent_ns) // UNIT),
         witness.second,
+        witness.second and min(caps["land_sent_ns"], (now - witness.second_ns) // UNIT),
         witness.alarmed,
+        witness.alarms,
         witness.motion,
         witness.motion_outcome,
         witness.answered,

@@ -53,6 +53,10 @@ class World:
         anytime: scenes that may come at any time, and be left to any scene of `scenes`.
         codes: component -> (code, restart) that it may have; NOMINAL is always possible.
         failing: how many components may fail at the same time.
+        users_later: commands of the user that come together with a unit of time: no wake-up before them.
+        at_once: components that fail together in one message, each as name=code.
+        clocks: for how many seconds the clock that decides stands.
+        lies: peer=status, said in one message; the next one is the truth again.
         checks: check -> answers; all others are answered well by one move.
         stop: places that are not gone on from; another world begins there.
     """
@@ -72,6 +76,10 @@ class World:
     silences: Tuple[str, ...] = ()
     quiet: int = 1
     users: Tuple[str, ...] = ()
+    users_later: Tuple[str, ...] = ()
+    at_once: Tuple[Tuple[str, ...], ...] = ()
+    lies: Tuple[str, ...] = ()
+    clocks: Tuple[str, ...] = ()
     missions: Tuple[Tuple[str, ...], ...] = ()
     checks: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
     motion: Tuple[str, ...] = ("ACCEPTED", "REFUSED")
@@ -96,6 +104,10 @@ def moves_of(node: Node, world: World) -> List[Tuple[Move, bool]]:
     if world.late:
         found += [(move, False) for move in _late(node)]
     found += [(("user", command), False) for command in world.users]
+    found += [(("user_later", command), False) for command in world.users_later]
+    found += [(("at_once", *components), False) for components in world.at_once if not node.peers.components]
+    found += [(("clock", s), False) for s in world.clocks if float(s) != node.state.clock_stalled_s]
+    found += [(("lie", lie), False) for lie in world.lies if _can_lie(node, lie)]
     if world.missions and node.state.state in (State.MISSION_INPUT, State.MISSION_ENDED):
         found += [(("select", *missions), False) for missions in world.missions]
     if world.noise:
@@ -167,6 +179,14 @@ def _components(peers: Peers, world: World) -> Iterator[Move]:
             room = is_now[0] > 1 or failing < world.failing
             if (code, restart) != is_now and (code == 1 or room):
                 yield ("component", name, str(code), restart)
+
+
+def _can_lie(node: Node, lie: str) -> bool:
+    """Return True when a peer speaks, of our session, and the lie is none of what it says already."""
+    peer, _, said = lie.partition("=")
+    told = {"planner": node.peers.planner, "recorder": node.peers.recorder}.get(peer, "-")
+    now = {"planner": node.peers.planner, "recorder": node.peers.recorder, "landing": node.peers.detection}.get(peer)
+    return peer not in node.peers.silent and bool(told) and bool(node.state.session_id) and now != said
 
 
 def _late(node: Node) -> Iterator[Move]:
@@ -370,6 +390,41 @@ def _user(_node: Node, move: Move) -> Iterator[Any]:
     yield lambda _p, now, _w, _o: ev.UserRequest(t_ns=now.t_ns, command=ev.UserCommand(move[1]), request_id=7)
 
 
+def _user_later(_node: Node, move: Move) -> Iterator[Any]:
+    yield lambda _p, now, _w, _o: ev.UserRequest(t_ns=now.t_ns + UNIT, command=ev.UserCommand(move[1]), request_id=7)
+
+
+def _clock(_node: Node, move: Move) -> Iterator[Any]:
+    yield lambda _p, now, _w, _o: ev.ClockStatus(t_ns=now.t_ns, stalled_s=float(move[1]))
+
+
+def _at_once(node: Node, move: Move) -> Iterator[Any]:
+    """Several components fail in one message."""
+    failed = sorted(part.split("=") for part in move[1:])
+    yield node.peers._replace(components=tuple((name, int(code), "none") for name, code in failed))
+    yield _SAY["watchdog"]
+    yield _SAY["info"]
+
+
+_LIES: Dict[str, Callable[[Peers, str], Peers]] = {
+    "autopilot": lambda peers, said: peers._replace(vehicle=said),
+    "battery": lambda peers, said: peers._replace(battery=said),
+    "landing": lambda peers, said: peers._replace(detection=said),
+    "planner": lambda peers, said: peers._replace(planner=said.rstrip("!"), done=said.endswith("!")),
+    "recorder": lambda peers, said: peers._replace(recorder=said),
+}
+
+
+def _lie(node: Node, move: Move) -> Iterator[Any]:
+    """One message is wrong; the next one is the truth again."""
+    peer, _, said = move[1].partition("=")
+    speaker = "autopilot" if peer == "battery" else peer
+    yield _LIES[peer](node.peers, said)
+    yield _SAY[speaker]
+    yield node.peers
+    yield _SAY[speaker]
+
+
 def _select(_node: Node, move: Move) -> Iterator[Any]:
     missions = tuple(MISSIONS[name] for name in move[1:])
     yield lambda _p, now, _w, _o: ev.MissionSelected(t_ns=now.t_ns, missions=missions, request_id=7)
@@ -413,13 +468,16 @@ _NOISE: Tuple[Make, ...] = (
 )
 
 _SCRIPTS: Dict[str, Callable[[Node, Move], Iterator[Any]]] = {
+    "at_once": _at_once,
     "battery": _battery,
     "beat": _beat,
     "check": _check,
     "checks": _checks,
+    "clock": _clock,
     "component": _component,
     "detection": _detection,
     "late": _late_reply,
+    "lie": _lie,
     "noise": _noise,
     "planner": _planner,
     "recorder": _recorder,
@@ -431,6 +489,7 @@ _SCRIPTS: Dict[str, Callable[[Node, Move], Iterator[Any]]] = {
     "silence": _silence,
     "start": _start,
     "user": _user,
+    "user_later": _user_later,
     "vehicle": _vehicle,
     "wait": _wait,
 }

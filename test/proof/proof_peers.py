@@ -36,7 +36,7 @@ LIMITS = Limits(
     takeoff_limit_ns=3 * UNIT,
     cancel_limit_ns=2 * UNIT,
     command_reply_limit_ns=UNIT,
-    hold_confirm_limit_ns=2 * UNIT,
+    hold_confirm_limit_ns=3 * UNIT,
     resume_confirm_limit_ns=2 * UNIT,
     user_hold_limit_ns=3 * UNIT,
     unlisted_wait_limit_ns=2 * UNIT,
@@ -48,6 +48,9 @@ LIMITS = Limits(
     ground_disarm_after_ns=2 * UNIT,
     ground_disarm_period_ns=UNIT,
     confirm_limit_ns=2 * UNIT,
+    flight_end_confirm_ns=UNIT,
+    pilot_confirm_ns=UNIT,
+    hold_repeat_after_ns=2 * UNIT,
     data_cleanup_limit_ns=4 * UNIT,
     watchdog_heartbeat_limit_ns=UNIT,
     planner_status_limit_ns=UNIT,
@@ -75,6 +78,16 @@ RULES = Rules(components=tuple(ROWS.values()), limits=LIMITS)
 MISSIONS: Dict[str, Mission] = {
     "one": Mission(id="one", battery_needed_fraction=0.4),
     "two": Mission(id="two", files=2, battery_needed_fraction=0.4),
+    "own": Mission(
+        id="own",
+        files=2,
+        repetitions=2,
+        severities=(("gps", Severity.HIGHEST), ("lrf", Severity.LOW), ("imu", Severity.MODERATE)),
+        tolerated=("barometer",),
+        max_height_m=10.0,
+        max_distance_m=50.0,
+        max_flight_time_ns=4 * UNIT,
+    ),
     "some": Mission(id="some", battery_needed_fraction=0.4, required=("imu", "lrf"), tolerated=("gps",)),
 }
 
@@ -90,7 +103,13 @@ SCENES: Dict[str, Dict[str, Any]] = {
     "ground": {"armed": False, "landed": _L.ON_GROUND, "mode": "AUTO.LOITER"},
     "armed": {"armed": True, "landed": _L.ON_GROUND, "mode": "AUTO.TAKEOFF"},
     "lifting": {"armed": True, "landed": _L.TAKING_OFF, "mode": "AUTO.TAKEOFF", "height_m": 0.5},
-    "flying": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0},
+    "flying": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "AUTO.MISSION",
+        "height_m": 2.0,
+        "horizontal_speed_m_s": 3.0,
+    },
     "loitering": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.LOITER", "height_m": 2.0},
     "landing": {
         "armed": True,
@@ -121,6 +140,47 @@ SCENES: Dict[str, Dict[str, Any]] = {
     "link_unknown": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "link_age_s": None},
     "too_high": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 99.0},
     "too_far": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "position_x_m": 999.0},
+    "far_both_ways": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "AUTO.MISSION",
+        "height_m": 2.0,
+        "position_x_m": 80.0,
+        "position_y_m": -80.0,
+    },
+    "high_for_one": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 15.0},
+    "far_for_one": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "AUTO.MISSION",
+        "height_m": 2.0,
+        "position_x_m": 40.0,
+        "position_y_m": 40.0,
+    },
+    # two facts in one status
+    "pilot_critical": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "POSCTL",
+        "height_m": 2.0,
+        "pilot_in_control": True,
+        "battery_fraction": 0.1,
+    },
+    "failsafe_lost": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "AUTO.RTL",
+        "height_m": 99.0,
+        "failsafe": True,
+        "link_age_s": 9.0,
+    },
+    "high_critical": {
+        "armed": True,
+        "landed": _L.IN_AIR,
+        "mode": "AUTO.MISSION",
+        "height_m": 99.0,
+        "battery_fraction": 0.1,
+    },
     "height_nan": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": float("nan")},
 }
 BATTERIES: Dict[str, Dict[str, Any]] = {
@@ -128,6 +188,9 @@ BATTERIES: Dict[str, Dict[str, Any]] = {
     "critical": {"battery_fraction": 0.1},
     "unknown": {"battery_fraction": float("nan")},
     "negative": {"battery_fraction": -0.53},
+    "aged": {"battery_fraction": 0.9, "battery_age_s": 1.0},
+    "old": {"battery_fraction": 0.9, "battery_age_s": 2.5},
+    "ageless": {"battery_fraction": 0.9, "battery_age_s": None},
 }
 
 
@@ -150,6 +213,7 @@ _BASE: Dict[str, Any] = {
     "position_x_m": 0.0,
     "position_y_m": 0.0,
     "vertical_speed_m_s": 0.0,
+    "horizontal_speed_m_s": 0.0,
     "battery_voltage_v": 15.0,
     "battery_age_s": 0.0,
 }
@@ -160,7 +224,7 @@ _KEPT: Dict[Any, Any] = {}
 def _vehicle(peers: Peers, state: EngineState) -> ev.Event:
     key = (peers.vehicle, peers.battery)
     if key not in _KEPT:
-        said = {**_BASE, **SCENES[peers.vehicle], **BATTERIES[peers.battery]}
+        said = {**_BASE, **BATTERIES[peers.battery], **SCENES[peers.vehicle]}
         _KEPT[key] = ev.AutopilotStatus(t_ns=0, **said)
     return evolve(_KEPT[key], t_ns=state.t_ns)
 

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Callable, Dict, List, Optional, Set, Tuple
+from multiprocessing import Pool
+from typing import Any, Callable, Dict, Iterator, List, Optional, Set, Tuple
 
 from proof_defects import DEFECTS, Caught, caught_by
-from proof_explorer import Broken, Exploration, Stats, explore
+from proof_explorer import Broken, Stats, explore
 from proof_liveness import loops
 from proof_worlds import WORLDS
 
 from amaze_autonomy.engine.rules import LOSSES
 from amaze_autonomy.engine.state import State
-from amaze_autonomy.engine.transitions import STEPS, TRANSITIONS
+from amaze_autonomy.engine.transitions import STEPS as PLACES
+from amaze_autonomy.engine.transitions import TRANSITIONS
 from amaze_autonomy.laws import LAWS
 
-__all__ = ["BOUND", "LARGE", "Coverage", "Proof", "expected_coverage", "prove", "self_test"]
+__all__ = [
+    "BOUND",
+    "LARGE",
+    "SEED",
+    "STEPS",
+    "Coverage",
+    "Proof",
+    "expected_coverage",
+    "explored",
+    "prove",
+    "self_test",
+]
 
 BOUND, LARGE = 6_000, 400_000
 """Transitions after which a world begins no further layer: in CI, and on demand."""
+
+STEPS, SEED = 200_000, 1
+"""Of the induction in CI; on demand any number, with any seed."""
 
 _OF_FAILURES = (
     "failure_continue",
@@ -52,8 +69,8 @@ def expected_coverage() -> Coverage:
     failures = {(name, verb) for name, verbs in _VERBS.items() for verb in verbs}
     failures |= {(loss.name, "continue" if loss.name in _NEVER_LANDED_FOR else "land") for loss in LOSSES}
     failures |= {("user_hold", "wait"), ("lrf", "pilot")}
-    places = {(state.value, step.value) for state in STEPS for step in STEPS[state]}
-    places |= {(state.value, "") for state in State if state not in STEPS} - {("READY", "")}
+    places = {(state.value, step.value) for state in PLACES for step in PLACES[state]}
+    places |= {(state.value, "") for state in State if state not in PLACES} - {("READY", "")}
     return Coverage({*(row.rule for row in TRANSITIONS), *_OF_FAILURES}, failures, places)
 
 
@@ -92,25 +109,50 @@ class Proof:
         return counts
 
 
-def prove(bound: int, tell: Callable[[str, Exploration], None] = lambda *_: None) -> Proof:
-    """Explore every world up to a bound."""
-    proof = Proof()
-    for name, world in WORLDS.items():
-        found = explore(world, bound)
-        proof.stats[name] = found.stats
-        stuck = loops(found) if found.broken is None else []
-        if found.broken is not None:
-            proof.broken[name] = found.broken
-        elif stuck:
-            proof.broken[name] = Broken("no_loop_without_progress", "time goes round", found.path(stuck[0]))
-        tell(name, found)
+def explored(work: Tuple[str, int]) -> Tuple[str, Stats, Optional[Broken]]:
+    """Explore one world up to a bound; return its name, what was counted, and what is broken."""
+    name, bound = work
+    found = explore(WORLDS[name], bound)
+    stuck = loops(found) if found.broken is None else []
+    broken = found.broken
+    if stuck:
+        broken = Broken("no_loop_without_progress", "time goes round", found.path(stuck[0]))
+    return name, found.stats, broken
+
+
+def prove(bound: int, tell: Callable[[str, Stats], None] = lambda *_: None, jobs: int = 1) -> Proof:
+    """Explore every world up to a bound; the processes take whole worlds, so their number changes nothing."""
+    proof, works = Proof(), [(name, bound) for name in WORLDS]
+    with in_processes(jobs) as each:
+        for name, stats, broken in each(explored, works):
+            proof.stats[name] = stats
+            if broken is not None:
+                proof.broken[name] = broken
+            tell(name, stats)
     return proof
 
 
-def self_test(tell: Callable[[str, Optional[Caught]], None] = lambda *_: None) -> Dict[str, Optional[Caught]]:
+def _tested(number: int) -> Optional[Caught]:
+    return caught_by(DEFECTS[number])
+
+
+def self_test(
+    tell: Callable[[str, Optional[Caught]], None] = lambda *_: None, jobs: int = 1
+) -> Dict[str, Optional[Caught]]:
     """Put in every defect, one after the other; return what caught each."""
     found = {}
-    for defect in DEFECTS:
-        found[defect.words] = caught_by(defect)
-        tell(defect.words, found[defect.words])
+    with in_processes(jobs) as each:
+        for defect, caught in zip(DEFECTS, each(_tested, range(len(DEFECTS)))):
+            found[defect.words] = caught
+            tell(defect.words, caught)
     return found
+
+
+@contextmanager
+def in_processes(jobs: int) -> Iterator[Callable[..., Iterator[Any]]]:
+    """Give a `map` that works in so many processes, in order; one: in this one."""
+    if jobs == 1:
+        yield map
+        return
+    with Pool(jobs) as pool:
+        yield pool.imap

@@ -10,12 +10,13 @@ from proof_peers import UNIT, limited
 
 from amaze_autonomy.engine.state import State
 
-__all__ = ["SEEDS", "WORLDS"]
+__all__ = ["SEEDS", "WORLDS", "script"]
 
 Script = Tuple[Move, ...]
 
 
-def _script(text: str) -> Script:
+def script(text: str) -> Script:
+    """Return the moves of a text."""
     return tuple(tuple(part.split(":")) for part in text.split())
 
 
@@ -29,28 +30,42 @@ _ARMING = f"{_LOADED} planner:LOADED"
 _CLIMBING = f"{_ARMING} reply:motion:ACCEPTED beat planner:TAKING_OFF vehicle:armed detection:AIRBORNE vehicle:lifting"
 _FLYING = f"{_CLIMBING} planner:FLYING vehicle:flying"
 _TWO = _FLYING.replace("select:one", "select:two")
-_TOUCHDOWN = f"{_TWO} planner:LANDING vehicle:landing detection:ON_GROUND vehicle:ground planner:LANDED!"
+_TOUCHDOWN = f"{_TWO} planner:LANDING vehicle:landing detection:ON_GROUND vehicle:ground wait planner:LANDED!"
 _LANDING = f"{_FLYING} user:land"
 _MISSION_OF_TWO = (
-    f"{_FLYING} planner:LANDING vehicle:landing detection:ON_GROUND vehicle:ground planner:LANDED!".replace(
+    f"{_FLYING} planner:LANDING vehicle:landing detection:ON_GROUND vehicle:ground wait planner:LANDED!".replace(
         "select:one", "select:one:some"
     )
 )
-_CLEANING = f"{_LANDING} vehicle:landing detection:ON_GROUND vehicle:ground"
+_CLEANING = f"{_LANDING} vehicle:landing detection:ON_GROUND vehicle:ground wait"
 
 SEEDS: Dict[str, Script] = {
-    "boot": _script(_BOOT),
-    "selected": _script(_SELECTED),
-    "checked": _script(_CHECKED),
-    "loading": _script(_LOADING),
-    "loaded": _script(_LOADED),
-    "arming": _script(_ARMING),
-    "climbing": _script(_CLIMBING),
-    "flying": _script(_FLYING),
-    "touchdown": _script(_TOUCHDOWN),
-    "landing": _script(_LANDING),
-    "cleaning": _script(_CLEANING),
+    "boot": script(_BOOT),
+    "selected": script(_SELECTED),
+    "checked": script(_CHECKED),
+    "loading": script(_LOADING),
+    "loaded": script(_LOADED),
+    "arming": script(_ARMING),
+    "climbing": script(_CLIMBING),
+    "flying": script(_FLYING),
+    "touchdown": script(_TOUCHDOWN),
+    "landing": script(_LANDING),
+    "cleaning": script(_CLEANING),
 }
+
+_OWN = _FLYING.replace("select:one", "select:own")
+_ALARMED = f"{_FLYING} user:hold user:land wait wait wait wait"
+_HOME = "vehicle:landing detection:ON_GROUND vehicle:ground wait recorder:COMPLETE"
+_AGAIN = (
+    "select:one checks:ok reply:recording:ACCEPTED recorder:RECORDING beat checks:ok reply:load:ACCEPTED "
+    "planner:LOADED reply:motion:ACCEPTED beat planner:TAKING_OFF vehicle:armed detection:AIRBORNE vehicle:lifting "
+    "planner:FLYING vehicle:flying"
+)
+_NEXT_FILE = (
+    "planner:LANDING vehicle:landing detection:ON_GROUND vehicle:ground wait planner:LANDED! checks:ok "
+    "reply:load:ACCEPTED planner:LOADED reply:motion:ACCEPTED beat planner:TAKING_OFF vehicle:armed "
+    "detection:AIRBORNE vehicle:lifting planner:FLYING vehicle:flying"
+)
 
 _GROUNDED = (State.DATA_CLEANUP, State.OUTREACH, State.PREFLIGHT, State.MISSION_INPUT)
 _STANDS = {"ground": ()}
@@ -82,7 +97,7 @@ _ALL: Tuple[World, ...] = (
     World(
         name="start",
         words="the engine starts, or is started anew, with a vehicle in any state; missions are selected",
-        seeds=(_script("start"), _script("vehicle:ground start"), _script("vehicle:flying start")),
+        seeds=(script("start"), script("vehicle:ground start"), script("vehicle:flying start")),
         missions=(("one",), ("one", "two")),
         scenes={
             "ground": ("armed",),
@@ -109,7 +124,6 @@ _ALL: Tuple[World, ...] = (
         users=("retry", "give_up"),
         restart=True,
         late=True,
-        noise=True,
         stop=(State.START_RECORDING,),
     ),
     World(
@@ -125,6 +139,17 @@ _ALL: Tuple[World, ...] = (
         restart=True,
         shutdown=True,
         stop=(State.START_RECORDING, State.PILOT),
+    ),
+    World(
+        name="mute watchdog",
+        words="a watchdog that accepts its start and never beats, or only later",
+        seeds=(script(_CHECKED.replace("start ", "start silence:watchdog ", 1)),),
+        rules=limited(require_go=True),
+        scenes=_STANDS,
+        silences=("watchdog",),
+        users=("go", "retry"),
+        restart=True,
+        stop=(State.START_RECORDING,),
     ),
     World(
         name="recording",
@@ -184,6 +209,7 @@ _ALL: Tuple[World, ...] = (
             "flying": (),
         },
         anytime=("unknown", "landed?", "pilot"),
+        planner=("FAILED",),
         codes={"lrf": ((8, "trying"),), "imu": ((16, "none"),)},
         motion=("ACCEPTED", "REFUSED", "TIMED_OUT"),
         users=("abort",),
@@ -240,11 +266,11 @@ _ALL: Tuple[World, ...] = (
         scenes=_FLIES,
         planner=("FLYING", "HOLDING"),
         codes={
-            "gps": ((4, "none"), (16, "none")),
-            "barometer": ((4, "trying"), (8, "given_up"), (16, "given_up")),
-            "lrf": ((4, "none"), (8, "given_up")),
+            "gps": ((2, "given_up"), (4, "none"), (16, "none")),
+            "barometer": ((4, "trying"), (4, "given_up"), (8, "given_up"), (16, "given_up")),
+            "lrf": ((4, "none"), (4, "given_up"), (8, "given_up")),
             "imu": ((4, "none"), (8, "trying")),
-            "stranger": ((4, "none"), (8, "trying"), (16, "none")),
+            "stranger": ((4, "none"), (4, "given_up"), (8, "trying"), (8, "given_up"), (16, "none")),
         },
         motion=("ACCEPTED",),
         shutdown=True,
@@ -312,7 +338,7 @@ _ALL: Tuple[World, ...] = (
         words="in flight, any two peers fall silent and return, the battery is low or unknown",
         seeds=(SEEDS["flying"],),
         scenes=_FLIES,
-        batteries=("good", "unknown", "critical"),
+        batteries=("good", "unknown", "critical", "aged", "old"),
         planner=("FAILED",),
         silences=("watchdog", "loop", "planner", "autopilot", "recorder", "landing"),
         quiet=2,
@@ -321,14 +347,98 @@ _ALL: Tuple[World, ...] = (
     ),
     World(
         name="limits",
-        words="in flight, the limits of flight time, height and distance, and a link or a position that is lost",
+        words="in flight, the limits of flight time, height and distance; a link, a position or the clock is lost",
         seeds=(SEEDS["climbing"],),
         rules=limited(max_flight_time_ns=5 * UNIT),
         scenes={"lifting": ("flying",), "flying": ("landing",), "landing": ("ground",), "ground": ()},
-        anytime=("too_high", "too_far", "height_nan", "link_lost", "link_unknown", "flying"),
+        anytime=("too_high", "too_far", "far_both_ways", "height_nan", "link_lost", "link_unknown", "flying"),
+        clocks=("1.5", "0.0"),
         motion=(),
         planner=("FLYING",),
         restart=True,
+        stop=_GROUNDED,
+    ),
+    World(
+        name="lies",
+        words="in flight, one status of the vehicle, planner, recorder or landing detection is wrong, and no other",
+        seeds=(
+            SEEDS["flying"],
+            script(f"{_FLYING} user:hold vehicle:loitering planner:HOLDING beat"),
+            SEEDS["landing"],
+        ),
+        scenes=_FLIES,
+        planner=("FLYING", "HOLDING"),
+        lies=(
+            "autopilot=ground",
+            "autopilot=touched",
+            "autopilot=pilot",
+            "autopilot=failsafe",
+            "autopilot=foreign",
+            "autopilot=landed?",
+            "autopilot=disarmed_flying",
+            "autopilot=unknown",
+            "planner=IDLE",
+            "planner=LOADED",
+            "planner=HOLDING",
+            "planner=LANDING",
+            "planner=LANDED!",
+            "recorder=FAILED",
+            "recorder=COMPLETE",
+            "recorder=STALLED",
+            "landing=ON_GROUND",
+            "landing=UNKNOWN",
+            "battery=unknown",
+            "battery=old",
+        ),
+        codes={"lrf": ((8, "trying"),)},
+        users=("resume",),
+        motion=(),
+        stop=_GROUNDED,
+    ),
+    World(
+        name="two at once",
+        words="in flight, two facts in one event: pilot and loss, several failures, a user in the moment of a limit",
+        seeds=(SEEDS["flying"], script(f"{_FLYING} component:lrf:8:trying vehicle:loitering planner:HOLDING beat")),
+        scenes=_FLIES,
+        anytime=("pilot_critical", "failsafe_lost", "high_critical"),
+        planner=("HOLDING",),
+        at_once=(("imu=16", "lrf=8"), ("barometer=4", "lrf=8"), ("gps=4", "imu=4"), ("lrf=16", "stranger=8")),
+        codes={"lrf": ((8, "given_up"),)},
+        users_later=("hold", "resume", "land", "abort"),
+        silences=("autopilot", "planner"),
+        motion=("REFUSED",),
+        shutdown=True,
+        stop=_GROUNDED,
+    ),
+    World(
+        name="own mission",
+        words="a mission with severities, limits and tolerated components of its own, its second file and repetition",
+        seeds=(script(_OWN), script(f"{_OWN} {_NEXT_FILE}"), script(f"{_OWN} {_NEXT_FILE} {_NEXT_FILE}")),
+        rules=limited(max_flight_time_ns=6 * UNIT),
+        scenes=_FLIES,
+        anytime=("high_for_one", "far_for_one", "flying"),
+        batteries=("aged",),
+        planner=("FLYING", "HOLDING", "LANDED!"),
+        codes={
+            "gps": ((4, "none"),),
+            "lrf": ((8, "trying"),),
+            "imu": ((8, "none"),),
+            "barometer": ((2, "none"), (4, "none")),
+        },
+        motion=(),
+        stop=_GROUNDED,
+    ),
+    World(
+        name="next flight",
+        words="a second flight in one process, after one with a hold, both routes and an alarm: none of it is left",
+        seeds=(script(f"{_ALARMED} {_HOME} {_AGAIN}"),),
+        scenes={"flying": ("landing",), "landing": ("touched",), "touched": ("ground",), "ground": ()},
+        planner=("HOLDING", "LANDED!"),
+        codes={"imu": ((16, "none"),), "lrf": ((8, "trying"),)},
+        silences=("autopilot",),
+        users=("hold", "land"),
+        restart=True,
+        motion=(),
         stop=_GROUNDED,
     ),
     World(
@@ -369,7 +479,7 @@ _ALL: Tuple[World, ...] = (
     World(
         name="next file",
         words="a mission of two files: down, loaded, checked, up and down again",
-        seeds=(_script(_TWO),),
+        seeds=(script(_TWO),),
         scenes={"flying": ("ground",), "ground": ("armed",), "armed": ("lifting",), "lifting": ("flying",)},
         planner=("LOADED", "FLYING", "LANDED!"),
         motion=(),
@@ -398,9 +508,10 @@ _ALL: Tuple[World, ...] = (
     World(
         name="data",
         words="the recording is stopped, collected, fails, is silent, is retried or given up; the next mission follows",
-        seeds=(SEEDS["cleaning"], _script(f"{_CLEANING} recorder:FAILED wait wait")),
+        seeds=(SEEDS["cleaning"], script(f"{_CLEANING} recorder:FAILED wait wait")),
         missions=(("one",),),
         scenes={"ground": ("armed",), "armed": ("ground",)},
+        anytime=("landing",),
         recorder=("RECORDING", "STOPPING", "COMPLETE", "FAILED"),
         recording=("ACCEPTED", "REFUSED"),
         silences=("recorder",),
@@ -413,7 +524,7 @@ _ALL: Tuple[World, ...] = (
     World(
         name="queue",
         words="several missions one after the other: complete goes on, anything else drops the rest",
-        seeds=(_script(_MISSION_OF_TWO),),
+        seeds=(script(_MISSION_OF_TWO),),
         scenes=_STANDS,
         recorder=("STOPPING", "COMPLETE", "FAILED"),
         users=("give_up", "retry"),

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 from proof_defects import DEFECTS
-from proof_pages import defects, explored
-from proof_run import BOUND, prove, self_test
+from proof_figures import Figures, differences, figures_of, read
+from proof_induction import Induction
+from proof_pages import page
+from proof_run import BOUND, Proof, prove, self_test
 from proof_worlds import WORLDS
-
-from amaze_autonomy.laws import LAWS
 
 # One process explores, another one tests the test; both are done once, on the newer Python.
 explored_once = pytest.mark.skipif(
@@ -45,8 +46,9 @@ class TestProof:
     def test_every_law_has_something_to_say(self, proof):
         assert [name for name, count in proof.applied.items() if count == 0] == []
 
-    def test_the_page_begins_with_what_was_proven(self, proof):
-        assert PAGE.read_text(encoding="utf-8").startswith("\n".join(explored(proof))), "run: ./run proof"
+    def test_what_was_explored_is_what_was_accepted(self, proof):
+        parts = [field.name for field in fields(Figures) if field.name not in ("defects", "induction", "reason")]
+        assert differences(read(), figures_of(proof, {}, Induction()), *parts) == ()
 
 
 class TestDefects:
@@ -56,15 +58,15 @@ class TestDefects:
         assert [words for words, by in caught.items() if by is None] == []
         assert len(caught) == len(DEFECTS) >= 40
 
-    def test_the_page_goes_on_with_the_defects(self, caught):
-        assert defects(caught) in PAGE.read_text(encoding="utf-8"), "run: ./run proof"
+    def test_what_was_caught_is_what_was_accepted(self, caught):
+        assert differences(read(), figures_of(Proof(), caught, Induction()), "defects") == ()
+
+
+def test_the_page_says_what_was_accepted():
+    assert PAGE.read_text(encoding="utf-8") == page(read())
 
 
 def test_every_pair_of_rows_with_different_verbs_is_explored():
     rows = ("gps", "barometer", "lrf", "imu")
     pairs = {f"{one} and {other}" for number, one in enumerate(rows) for other in rows[number + 1 :]}
     assert pairs <= set(WORLDS)
-
-
-def test_every_law_names_its_rule():
-    assert [law.name for law in LAWS.values() if not law.source or not law.words.endswith(".")] == []

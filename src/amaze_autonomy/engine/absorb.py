@@ -51,14 +51,17 @@ def absorb(turn: Turn) -> None:
 
 
 def _expire_checks(turn: Turn) -> None:
-    """Close the checks that were not answered in time."""
-    state = turn.state
+    """Close the checks that were not answered in time; a late answer is taken if it comes before anything else."""
+    state, event = turn.state, turn.event
+    answered = event.command_id if isinstance(event, CheckReply) else None
     late = [
         record
         for record in state.checks
-        if record.outcome is None and turn.now >= record.asked_ns + check_limit_ns(state, turn.rules, record.check)
+        if record.outcome is None
+        and record.command_id != answered
+        and turn.now >= record.asked_ns + check_limit_ns(state, turn.rules, record.check)
     ]
-    if late and not isinstance(turn.event, CheckReply):
+    if late:
         turn.set(checks=tuple(_timed_out(r, turn.now) if r in late else r for r in state.checks))
 
 

@@ -296,6 +296,7 @@ def adopt_flight(turn: Turn) -> None:
         both_routes=True,
         commanded=(),
         confirmed=None,
+        mode_before=turn.state.autopilot.mode if turn.state.autopilot is not None else "",
         takeover_noted=False,
         land_ns=None,
         alarmed=False,

@@ -107,6 +107,14 @@ def _disarm(state: EngineState, rules: Rules) -> Optional[int]:
     return _after(state.grounded_ns, rules.limits.ground_disarm_after_ns)
 
 
+def _takeover_silent(state: EngineState, rules: Rules) -> Optional[int]:
+    """Return when a vehicle that somebody else seems to have is no longer heard: then nothing is in doubt any more."""
+    if state.takeover is None or state.autopilot_ns is None:
+        return None
+    ends = (state.autopilot_ns + rules.limits.autopilot_status_limit_ns + 1, _link(state, rules))
+    return min(end for end in ends if end is not None)
+
+
 def _takeover(state: EngineState, rules: Rules) -> Optional[int]:
     agreed = state.takeover
     return None if agreed is None else agreed.since_ns + rules.limits.pilot_confirm_ns
@@ -192,6 +200,7 @@ TIMERS: Tuple[Timer, ...] = (
         lambda s, r: None if s.in_flight else _after(s.grounded_ns, r.limits.confirm_limit_ns),
         ends_state=True,
     ),
+    Timer("takeover_silent", (*_BEFORE_TAKEOFF, State.DATA_CLEANUP), _takeover_silent),
     Timer("pilot_confirm", (*_BEFORE_TAKEOFF, *_WATCHED, State.DATA_CLEANUP), _takeover),
     Timer("land_repeat_period", (State.LAND,), lambda s, r: s.land_sent_ns + r.limits.land_repeat_period_ns),
     Timer("land_second_route_after", ((State.LAND, Step.COMMANDING),), _second_route),

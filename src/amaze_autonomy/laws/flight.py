@@ -13,17 +13,18 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.state import State, Step
 
-from .moment import FLIGHT, GROUND, Moment, Verdict, law
+from .moment import ENDLESS, FLIGHT, GROUND, Moment, Verdict, lands, law
 from .witness import OURS
 
 A = MissionAction
+_NS = 1e9
 
 # --- failures in flight -----------------------------------------------------------------------------------------------
 
 
 def _handed_over(m: Moment) -> bool:
     """Return True where nobody expects a landing any more: the pilot has it, or it is down."""
-    return m.after.state is State.PILOT or m.seen.flight != "armed" or m.after.takeover is not None
+    return m.after.state is State.PILOT or m.seen.flight != "armed" or m.in_doubt
 
 
 def _is_landed_for(m: Moment, why: str) -> Verdict:
@@ -44,8 +45,7 @@ def abort_is_landed(m: Moment) -> Verdict:
 def highest_is_landed_for(m: Moment) -> Verdict:
     if m.saw.flight != "armed":
         return None
-    rows = {rule.name: rule.severity.value for rule in m.rules.components}
-    bad = [name for name, code in m.saw.codes if code >= 4 and rows.get(name) == "highest"]
+    bad = [name for name, code in m.saw.codes if code >= 4 and m.severity(name, code) == "highest"]
     return _is_landed_for(m, f"{bad[0]} has failed") if bad else None
 
 
@@ -64,7 +64,7 @@ def _lost(m: Moment) -> str:
     saw, limits, now = m.saw, m.rules.limits, m.saw.now
     status = saw.vehicle
     started = saw.flight_ns
-    if saw.stalled_s * 1e9 > limits.clock_stall_limit_ns:
+    if saw.stalled_s * _NS > limits.clock_stall_limit_ns:
         return "the clock stands"
     if now - max(saw.beat_ns or 0, 0) > limits.watchdog_heartbeat_limit_ns and saw.watching:
         return "the watchdog's heartbeat is lost"
@@ -82,19 +82,19 @@ def _lost(m: Moment) -> str:
     level = status.battery_fraction if status is not None else None
     if level is not None and not level > limits.battery_critical_fraction:
         return "the battery is critical"
-    if now - started >= limits.max_flight_time_ns:
+    if now - started >= m.limit("max_flight_time_ns"):
         return "the flight time is over"
     return _out_of_bounds(m)
 
 
 def _out_of_bounds(m: Moment) -> str:
-    status, limits = m.saw.fresh(m.rules.limits), m.rules.limits
+    status = m.saw.fresh(m.rules.limits)
     if status is None:
         return ""
-    if status.height_m is not None and status.height_m > limits.max_height_m:
+    if status.height_m is not None and status.height_m > m.limit("max_height_m"):
         return "it is too high"
     x, y = status.position_x_m, status.position_y_m
-    far = x is not None and y is not None and (x * x + y * y) ** 0.5 > limits.max_distance_m
+    far = x is not None and y is not None and (x * x + y * y) ** 0.5 > m.limit("max_distance_m")
     return "it is too far" if far else ""
 
 
@@ -103,7 +103,7 @@ def both_routes_when_planner_or_autopilot_is_lost(m: Moment) -> Verdict:
     if m.saw.flight != "armed" or _handed_over(m):
         return None
     lost = _lost(m)
-    if not lost.startswith(("the planner", "the autopilot")):
+    if not lost.startswith(("the planner", "the autopilot is silent", "the clock")):
         return None
     return True if m.seen.second else f"{lost}, and the second route was not used"
 
@@ -115,16 +115,26 @@ def autopilot_lost_alarms(m: Moment) -> Verdict:
     return True if m.seen.alarmed else "the autopilot is silent, and the pilot was not alarmed"
 
 
+@law(
+    "4 losses, 5 READY",
+    "The heartbeat, once it is watched, is relied on from Ready to the landing: lost, it is left.",
+    always=True,
+)
+def the_heartbeat_is_relied_on(m: Moment) -> Verdict:
+    relies = m.after.state in (State.READY, State.START_RECORDING, State.LOAD_MISSION) or m.after.step is Step.TOUCHDOWN
+    flies = m.after.state in (State.TAKEOFF, State.MISSION, State.HOLD) and m.seen.flight != "none"
+    if not m.saw.watching or m.in_doubt or m.after.state in (*ENDLESS, State.PREFLIGHT, State.DATA_CLEANUP):
+        return None
+    silent = m.saw.now - max(m.saw.beat_ns or 0, 0) > m.rules.limits.watchdog_heartbeat_limit_ns
+    return f"it is lost, and still {m.after.state.value}" if silent and (relies or flies) else True
+
+
 def _waits(m: Moment) -> Optional[str]:
     """Return a component whose verb is `wait` now and whose budget is not spent."""
-    rows = {rule.name: rule for rule in m.rules.components}
     for name, code in m.saw.codes:
-        rule = rows.get(name)
-        severity = rule.severity.value if rule is not None else ("moderate" if code == 4 else "high")
-        budget = rule.wait_limit_ns if rule is not None else m.rules.limits.unlisted_wait_limit_ns
         spent = dict(m.saw.waited).get(name, 0)
-        waits = code in (4, 8) and severity in ("moderate", "high")
-        if waits and spent < budget and name not in m.saw.given_up:
+        waits = code in (4, 8) and m.severity(name, code) in ("moderate", "high")
+        if waits and spent < m.budget_ns(name) and name not in m.saw.given_up:
             return name
     return None
 
@@ -139,6 +149,8 @@ def a_wait_holds(m: Moment) -> Verdict:
         return None
     if m.after.state not in (State.TAKEOFF, State.MISSION) or m.after.step is Step.CANCELLING:
         return True
+    if m.in_doubt or m.saw.lands(m.rules.limits):
+        return None
     if _waits(m) in m.after.flown_without:
         return None
     return f"{_waits(m)} has failed, and it neither holds nor lands"
@@ -152,9 +164,8 @@ def a_wait_holds(m: Moment) -> Verdict:
 def a_wait_ends(m: Moment) -> Verdict:
     if m.after.state is not State.HOLD or m.seen.flight != "armed":
         return None
-    budgets = {rule.name: rule.wait_limit_ns for rule in m.rules.components}
     for name, waited in m.saw.waited:
-        budget = budgets.get(name, m.rules.limits.unlisted_wait_limit_ns)
+        budget = m.budget_ns(name)
         failing = dict(m.saw.codes).get(name, 1) in (4, 8)
         held = any(f.name == name and f.verb.name == "WAIT" for f in m.after.failures)
         if failing and held and waited >= budget:
@@ -166,10 +177,9 @@ def a_wait_ends(m: Moment) -> Verdict:
 def high_lands_in_the_end(m: Moment) -> Verdict:
     if m.saw.flight != "armed" or not m.saw.airborne:
         return None
-    rows = {rule.name: rule for rule in m.rules.components if rule.severity.value == "high"}
     for name, code in m.saw.codes:
-        over = name in m.saw.given_up or dict(m.saw.waited).get(name, 0) >= getattr(rows.get(name), "wait_limit_ns", 0)
-        if name in rows and code in (4, 8) and over:
+        over = name in m.saw.given_up or dict(m.saw.waited).get(name, 0) >= m.budget_ns(name)
+        if code in (4, 8) and m.severity(name, code) == "high" and over:
             return _is_landed_for(m, f"{name} is not coming back")
     return None
 
@@ -179,10 +189,8 @@ def a_landing_has_a_cause(m: Moment) -> Verdict:
     rules = [c.rule for c in m.commands if isinstance(c, Decision)]
     if "land" not in rules and "land_by_both_routes" not in rules:
         return None
-    rows = {rule.name: rule.severity.value for rule in m.rules.components}
-    for name, code in m.saw.codes:
-        if code == 16 or (code >= 4 and rows.get(name) in ("high", "highest")) or (code == 8 and name not in rows):
-            return True
+    if any(lands(m, name, code) for name, code in m.saw.codes):
+        return True
     return True if m.was.user_hold or _lost(m) else f"landing, and only {dict(m.saw.codes)} is wrong"
 
 
@@ -211,6 +219,35 @@ def the_pilot_has_control(m: Moment) -> Verdict:
     return "a command while somebody else seems to have control" if m.motions or m.sent(AutopilotLand) else True
 
 
+@law("4.4", "While it is not clear whether somebody else has control, nothing is commanded.")
+def nothing_is_commanded_in_doubt(m: Moment) -> Verdict:
+    if not m.in_doubt or m.after.state not in FLIGHT:
+        return None
+    moved = m.motions or m.sent(AutopilotLand) or m.sent(AutopilotDisarm)
+    return "a command while somebody else may have control" if moved else True
+
+
+@law("4.1", "A hold never interrupts a landing, whoever lands: by planner, flight mode or descent near the ground.")
+def a_hold_never_interrupts_a_landing(m: Moment) -> Verdict:
+    if A.HOLD not in m.motions:
+        return None
+    return "HOLD while it is landing" if m.saw.lands(m.rules.limits) else True
+
+
+@law(
+    "4.8, 5 HOLD",
+    "Nothing is held on the ground: who stands there for longer than one wrong status lasts, lands.",
+    always=True,
+)
+def a_hold_ends_on_the_ground(m: Moment) -> Verdict:
+    since, limits = m.saw.ground_ns, m.rules.limits
+    if m.after.state is not State.HOLD or not m.after.in_flight or m.in_doubt or since is None:
+        return None
+    stands = isinstance(m.event, ev.AutopilotStatus) and m.saw.on_ground(limits)
+    agreed = stands and m.saw.now - since >= limits.flight_end_confirm_ns
+    return "it stands on the ground, and is still held" if agreed else True
+
+
 @law("4.4", "In PILOT nothing is commanded: no motion, no landing, no disarming.")
 def nothing_is_commanded_in_pilot(m: Moment) -> Verdict:
     if m.after.state is not State.PILOT:
@@ -226,9 +263,9 @@ def pilot_has_a_cause(m: Moment) -> Verdict:
     status = m.saw.fresh(m.rules.limits)
     if status is None:
         return "nothing is known freshly"
-    if m.saw.taken == 1 and m.was.flight != "none":
+    if m.before.takeover is None and m.was.flight != "none":
         return "one status alone is believed"
-    cause = status.pilot_in_control or status.failsafe or _not_ours(m) or m.saw.taken > 0
+    cause = status.pilot_in_control or status.failsafe or _not_ours(m) or m.saw.taken
     return True if cause or (m.was.flight == "none" and status.armed is True) else f"why? the mode is {status.mode}"
 
 
@@ -260,7 +297,7 @@ def no_motion_on_the_ground(m: Moment) -> Verdict:
         return None
     for action in m.motions:
         if action in (A.HOLD, A.RESUME):
-            if m.saw.flight != "armed" or m.saw.on_ground(m.rules.limits):
+            if m.saw.flight == "none" or m.saw.on_ground(m.rules.limits):
                 return f"{action.name} on the ground"
             if action is A.RESUME and m.saw.fresh(m.rules.limits) is None:
                 return "RESUME while nothing is known of the vehicle"
@@ -268,9 +305,15 @@ def no_motion_on_the_ground(m: Moment) -> Verdict:
             return f"TAKEOFF from {m.before.state.value}"
         elif action is A.ABORT and (m.before.state is not State.TAKEOFF or m.saw.flies(m.rules.limits)):
             return "ABORT, and it is not before lift-off"
-        elif action is A.LAND and m.before.state in GROUND and m.before.state is not State.MISSION_INPUT:
+        elif action is A.LAND and m.before.state in GROUND and not _still_flies(m):
             return f"LAND from {m.before.state.value}"
     return True
+
+
+def _still_flies(m: Moment) -> bool:
+    """Return True where a landing begins on the ground: started while it flies, or its flight seemed over."""
+    over = m.before.state in (State.DATA_CLEANUP, State.OUTREACH) and m.saw.flies(m.rules.limits)
+    return over or m.before.state is State.MISSION_INPUT
 
 
 @law("4.1", "One moment commands one motion, never two that contradict each other.")
@@ -284,6 +327,6 @@ def one_motion_at_a_time(m: Moment) -> Verdict:
 def shutdown_lands_on_both_routes(m: Moment) -> Verdict:
     if not isinstance(m.event, ev.Shutdown) or m.before.state not in FLIGHT or not m.before.in_flight:
         return None
-    if m.after.state is State.PILOT:
+    if m.after.state is State.PILOT or m.in_doubt:
         return None
     return True if A.LAND in m.motions and m.sent(AutopilotLand) else "not both routes"

@@ -10,7 +10,7 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.state import Result, State
 
-from .moment import FLIGHT, Moment, Verdict, law
+from .moment import FLIGHT, Moment, Verdict, lands, law
 from .witness import CHECKS
 
 A = MissionAction
@@ -67,7 +67,7 @@ def takeoff_only_when_fit(m: Moment) -> Verdict:
         return "the vehicle does not say, freshly, that it is disarmed on the ground"
     if m.saw.shutting_down:
         return "the process was told to end"
-    bad = [name for name, code in m.saw.codes if code >= 8]
+    bad = [name for name, code in m.saw.codes if lands(m, name, code)]
     if bad:
         return f"{bad[0]} has failed"
     if m.saw.beat_ns is None or m.saw.now - m.saw.beat_ns > limits.watchdog_heartbeat_limit_ns:
@@ -75,6 +75,15 @@ def takeoff_only_when_fit(m: Moment) -> Verdict:
     if m.saw.battery_ns is None or m.saw.now - m.saw.battery_ns > limits.battery_age_limit_ns:
         return "the battery level is not known"
     return True
+
+
+@law("4, 5", "A takeoff begins afresh: nothing is left of the last flight, neither marks nor budgets.")
+def a_takeoff_begins_afresh(m: Moment) -> Verdict:
+    if A.TAKEOFF not in m.motions:
+        return None
+    names = ("was_armed", "was_airborne", "alarmed", "overdue_alarmed", "both_routes", "spent", "takeover_noted")
+    left = [name for name in (*names, "land_ns", "user_hold_ns") if getattr(m.after, name)]
+    return f"{left[0]} is left" if left else True
 
 
 @law("4.7, 5 PREFLIGHT", "Ready is said when every check has passed, by all its rows, and none is too old.")
@@ -92,6 +101,8 @@ def ready_needs_every_check(m: Moment) -> Verdict:
 @law("5 READY, LOAD_MISSION", "Ready is taken back when a required component is not at code 1, or tolerated at 2.")
 def ready_is_taken_back(m: Moment) -> Verdict:
     if m.before.state not in (State.READY, State.START_RECORDING, State.LOAD_MISSION):
+        return None
+    if m.in_doubt:
         return None
     mission = m.before.mission
     required = mission.required if mission is not None else ()
@@ -122,7 +133,8 @@ def recordings_end(m: Moment) -> Verdict:
         return None
     if m.before.state is State.MISSION_ENDED:
         return None
-    if m.saw.recording == "complete":
+    said = m.saw.recorder.phase if m.saw.recorder is not None else None
+    if m.saw.recording == "complete" or said is ev.RecordingPhase.COMPLETE:
         return True
     if m.saw.recording in ("named", "stopped") and m.after.result is Result.DATA_INCOMPLETE:
         return True

@@ -8,8 +8,10 @@ from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import (
     AutopilotDisarm,
     AutopilotLand,
+    Level,
     MissionAction,
     MissionCommand,
+    Notify,
 )
 from amaze_autonomy.engine.state import Result, State, Step
 
@@ -47,7 +49,7 @@ def land_is_the_first_command_out(m: Moment) -> Verdict:
 def _lands_unseen(m: Moment) -> bool:
     """Return True where a landing was commanded that nothing shows yet, and nobody else seems to have control."""
     unseen = m.after.state is State.LAND and m.seen.landing and not shows_landing(m.saw, m.rules)
-    return unseen and m.after.takeover is None
+    return unseen and not m.in_doubt
 
 
 @law("4.3", "LAND is repeated until the vehicle shows it: at each period while it does not.", always=True)
@@ -65,6 +67,23 @@ def second_route_in_time(m: Moment) -> Verdict:
     if m.seen.now - m.seen.land_ns < m.rules.limits.land_second_route_after_ns:
         return None
     return True if m.seen.second else "only one route was used"
+
+
+@law("4.3", "The second route, once taken, is repeated with the first while the vehicle does not land.", always=True)
+def the_second_route_is_repeated(m: Moment) -> Verdict:
+    if not _lands_unseen(m) or not m.seen.second:
+        return None
+    late = m.seen.now - m.seen.second_ns
+    return True if late < m.rules.limits.land_repeat_period_ns else f"the last one is {late / 1e9:g} s old"
+
+
+@law("4.3", "The pilot is alarmed once about one thing in one flight, and again in the next.")
+def an_alarm_is_given_once(m: Moment) -> Verdict:
+    alarms = [c.key for c in m.commands if isinstance(c, Notify) and c.level is Level.ALARM]
+    if not alarms or m.saw.flight == "none":
+        return None
+    again = [key for key in alarms if key in m.was.alarms or alarms.count(key) > 1]
+    return f"{again[0]} again" if again else True
 
 
 @law("4.3", "After that the pilot is alarmed.", always=True)
@@ -90,13 +109,24 @@ def _detects_flight(m: Moment) -> bool:
     return m.saw.detected(m.rules.limits) is ev.Landed.AIRBORNE
 
 
-@law("4.8", "A flight ends by what the vehicle says, freshly: disarmed and on the ground; never by a reply.")
+@law(
+    "4.8",
+    "A flight ends by what the vehicle says, freshly, not by a reply; or by a person once it is silent and alarmed.",
+)
 def a_flight_ends_on_the_ground(m: Moment) -> Verdict:
     if m.before.state not in (*FLIGHT, State.PILOT) or m.after.state not in GROUND:
         return None
-    if m.saw.flight == "none":
+    if m.saw.flight == "none" or _given_up(m):
         return True
     return True if m.saw.is_down(m.rules.limits) else f"{m.after.state.value} while it is not known to be down"
+
+
+def _given_up(m: Moment) -> bool:
+    """Return True when a person ends it: after the alarm, or by its last word that it is down; it is not heard."""
+    asked = isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
+    last = m.saw.vehicle
+    down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
+    return asked and m.saw.fresh(m.rules.limits) is None and (m.was.alarmed or down)
 
 
 @law("5 MISSION", "A mission is complete only when the planner says so, it was the last file, and it has landed.")
@@ -104,7 +134,8 @@ def complete_is_complete(m: Moment) -> Verdict:
     if m.after.result is not Result.COMPLETE or m.before.result is Result.COMPLETE:
         return None
     planner, mission, load = m.saw.planner, m.before.mission, m.saw.load
-    if planner is None or planner.phase is not ev.MissionPhase.LANDED or planner.waypoint < planner.waypoints:
+    ends = planner is not None and planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
+    if planner is None or not ends or planner.waypoint < planner.waypoints:
         return "the planner does not say that the last waypoint is done"
     last = mission is not None and load is not None and load.leg == (mission.repetitions - 1, mission.files - 1)
     return True if last else "it was not the last file"

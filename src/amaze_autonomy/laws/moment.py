@@ -8,16 +8,29 @@ the rule of the specification that it is written from: "4.3" is rule 3 of sectio
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, Tuple, Union
+from typing import Any, Callable, Dict, Optional, Tuple, Union
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import MissionCommand, Request
+from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
 
 from .witness import Witness
 
-__all__ = ["ENDLESS", "FLIGHT", "GROUND", "LANDING_MODES", "LAWS", "Law", "Moment", "Verdict", "law", "shows_landing"]
+__all__ = [
+    "ENDLESS",
+    "FLIGHT",
+    "GROUND",
+    "LANDING_MODES",
+    "LAWS",
+    "Law",
+    "Moment",
+    "Verdict",
+    "lands",
+    "law",
+    "shows_landing",
+]
 
 Verdict = Union[None, bool, str]
 GROUND = (
@@ -32,6 +45,7 @@ GROUND = (
 )
 FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND)
 ENDLESS = (State.MISSION_INPUT, State.OUTREACH, State.PILOT, State.MISSION_ENDED)
+_ROW_OF_CODE = {1: "low", 2: "low", 4: "moderate", 8: "high", 16: "highest"}
 LANDING_MODES = ("AUTO.LAND", "AUTO.PRECLAND")
 
 
@@ -54,10 +68,39 @@ class Moment:
         self.requests = [c for c in commands if isinstance(c, Request)] if commands else []
         self.motions = [c.action for c in self.requests if isinstance(c, MissionCommand)]
 
+    def severity(self, name: str, code: int) -> str:
+        """Return a component's severity: the mission's own, else the table's, else the row of its code."""
+        own = self.mission.severities if self.mission is not None else ()
+        listed = (*own, *((rule.name, rule.severity) for rule in self.rules.components))
+        return next((severity.value for each, severity in listed if each == name), _ROW_OF_CODE[code])
+
+    def budget_ns(self, name: str) -> int:
+        """Return how long a component may be waited for in one flight."""
+        budgets = (rule.wait_limit_ns for rule in self.rules.components if rule.name == name)
+        return next(budgets, self.rules.limits.unlisted_wait_limit_ns)
+
+    def limit(self, name: str) -> float:
+        """Return a limit of the flight: the mission's own, else the configuration's."""
+        own = getattr(self.mission, name) if self.mission is not None else None
+        return float(getattr(self.rules.limits, name) if own is None else own)
+
+    @property
+    def mission(self) -> Optional[Mission]:
+        """Return the mission that is flown."""
+        return self.after.mission if self.after.mission is not None else self.before.mission
+
     @property
     def moved(self) -> bool:
         """True when the engine is in another state than before."""
         return self.before.state is not self.after.state
+
+    @property
+    def in_doubt(self) -> bool:
+        """True while it is not clear whether somebody else has control: no longer than until statuses could agree."""
+        shown, limits = self.after.takeover, self.rules.limits
+        if shown is None or self.saw.fresh(limits) is None:
+            return False
+        return shown.statuses < 2 or self.saw.now - shown.since_ns < limits.pilot_confirm_ns
 
     def sent(self, kind: type) -> bool:
         """Return True when a request of a kind went out."""
@@ -96,3 +139,8 @@ def shows_landing(saw: Witness, rules: Rules) -> bool:
     sinks = saw.descending_ns is not None and saw.now - saw.descending_ns >= rules.limits.descent_time_ns
     landed = status.landed in (ev.VehicleLanded.ON_GROUND, ev.VehicleLanded.LANDING)
     return status.mode in LANDING_MODES or landed or sinks
+
+
+def lands(moment: Moment, name: str, code: int) -> bool:
+    """Return True when a component at a code is landed for, at once or after a wait."""
+    return code == 16 or (code >= 4 and moment.severity(name, code) in ("high", "highest"))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Optional, Tuple
 
 from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import (
     Answer,
     AnswerKind,
@@ -19,7 +20,8 @@ from amaze_autonomy.engine.commands import (
     StartRecording,
     StopRecording,
 )
-from amaze_autonomy.engine.state import State, evolve
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.state import State, Step, evolve
 from amaze_autonomy.engine.timers import next_deadline
 
 from .moment import ENDLESS, Moment, Verdict, law, shows_landing
@@ -44,6 +46,66 @@ def no_request_twice(m: Moment) -> Verdict:
     return True
 
 
+@law("6", "A request has a new id and its limit, and says session, mission, file and repetition as they are.")
+def requests_say_what_they_mean(m: Moment) -> Verdict:
+    if not m.requests:
+        return None
+    identities = sorted(request.id for request in m.requests)
+    if identities[0] <= m.was.last_id or len(set(identities)) != len(identities):
+        return f"ids {identities} after {m.was.last_id}"
+    for request in m.requests:
+        wrong = _limit_of(m, request) or _content_of(m, request)
+        if wrong:
+            return f"{type(request).__name__}: {wrong}"
+    return True
+
+
+def _limit_of(m: Moment, request: Any) -> str:
+    """Return what is wrong with the limit of a request; empty: nothing."""
+    limits, expected = m.rules.limits, m.rules.limits.command_reply_limit_ns
+    if isinstance(request, LoadMission):
+        expected = limits.load_limit_ns
+    if isinstance(request, RunCheck):
+        first = request.check is CheckName.WATCHDOG and not m.saw.watching
+        expected = limits.check_reply_limit_ns + (limits.watchdog_startup_time_ns if first else 0)
+    return "" if request.limit_ns == expected else f"its limit is {request.limit_ns}, not {expected}"
+
+
+def _content_of(m: Moment, request: Any) -> str:
+    """Return what is wrong with the rest of a request; empty: nothing."""
+    sessions, mission = (m.before.session_id, m.after.session_id), m.mission
+    if getattr(request, "session_id", sessions[0]) not in sessions:  # one event may end one and begin the next
+        return f"session {request.session_id!r}, not {sessions[1]!r}"
+    if getattr(request, "mission_id", None) not in (None, mission.id if mission is not None else ""):
+        return f"mission {request.mission_id!r}"
+    if isinstance(request, LoadMission):
+        said = (request.repetition, request.file_index)
+        return "" if said in _legs(m, mission) else f"repetition and file {said}"
+    return _question_of(m, request, mission) if isinstance(request, RunCheck) else ""
+
+
+def _question_of(m: Moment, request: RunCheck, mission: Optional[Mission]) -> str:
+    watchdog, battery = request.check is CheckName.WATCHDOG, request.check is CheckName.BATTERY
+    needed = mission.battery_needed_fraction if mission is not None and battery else None
+    required = mission.required if mission is not None and watchdog else ()
+    startup = m.rules.limits.watchdog_startup_time_ns if watchdog and not m.saw.watching else 0
+    said, expected = (request.required_fraction, request.required, request.startup_time_ns), (needed, required, startup)
+    return "" if said == expected else f"asks {said}, not {expected}"
+
+
+def _legs(m: Moment, mission: Optional[Mission]) -> Tuple[Tuple[int, int], ...]:
+    """Return the (repetition, file) that may be loaded: the first; the same until it is flown; then the next."""
+    load, files = m.was.load, mission.files if mission is not None else 1
+    if load is None:
+        return ((0, 0),)
+    repetition, file = load.leg
+    following = (repetition, file + 1) if file + 1 < files else (repetition + 1, 0)
+    touched = m.before.step is Step.TOUCHDOWN or any(
+        isinstance(c, Decision) and c.step == Step.TOUCHDOWN.value for c in m.commands
+    )
+    return (following,) if touched else (load.leg,)
+
+
 def _repeated(m: Moment, request: Any) -> str:
     same_place = (m.before.state, m.before.step) == (m.after.state, m.after.step)
     if isinstance(request, RunCheck):
@@ -60,16 +122,20 @@ def _repeated(m: Moment, request: Any) -> str:
         undone = planner is not None and planner.phase in (ev.MissionPhase.FLYING, ev.MissionPhase.TAKING_OFF)
         new_flight = request.action in (A.TAKEOFF, A.ABORT) and not same_place
         waited = m.saw.now - m.was.motion_ns >= m.rules.limits.hold_repeat_after_ns
-        undone = undone or (waited and not m.before.hold_repeated)
+        undone = undone or (waited and not m.before.hold_repeated) or m.before.step is Step.HOLDING  # it was held
         return "" if new_flight or (request.action is A.HOLD and undone) else f"{request.action.name} again"
     if isinstance(request, MissionCommand) and request.action is A.LAND and m.was.landing and m.was.flight == "armed":
         soon = m.saw.now - m.was.sent_ns < m.rules.limits.land_repeat_period_ns
-        cause = m.sent(AutopilotLand) or isinstance(m.event, (ev.Shutdown, ev.AutopilotStatus)) or m.after.both_routes
+        cause = m.sent(AutopilotLand) or isinstance(m.event, _NEW_LANDING) or m.after.both_routes
         return "LAND again before its period" if soon and not cause else ""
     if isinstance(request, AutopilotDisarm) and m.was.disarmed_ns is not None and m.saw.airborne:
         soon = m.saw.now - m.was.disarmed_ns < m.rules.limits.ground_disarm_period_ns
         return "disarm again before its period" if soon and m.was.on_ground(m.rules.limits) else ""
     return ""
+
+
+_NEW_LANDING = (ev.Shutdown, ev.AutopilotStatus, ev.EngineStarted)
+"""What a landing is commanded for at once: a signal, a vehicle that no longer shows it, an engine that starts anew."""
 
 
 def _records(m: Moment) -> bool:
@@ -81,9 +147,10 @@ def _records(m: Moment) -> bool:
 def late_and_foreign_change_nothing(m: Moment) -> Verdict:
     if not _is_noise(m):
         return None
-    named = evolve(m.after, clocks_apart=m.before.clocks_apart, failures=m.before.failures)
-    failures = [[(each.name, each.verb) for each in state.failures] for state in (m.before, m.after)]
-    same = m.commands == () and m.before == named and failures[0] == failures[1]
+    # Whose stamps are off is known, and said where he is missed; nothing else follows from it.
+    heard = evolve(m.before, clocks_apart=m.after.clocks_apart, failures=m.after.failures)
+    before, after = ([(f.name, f.verb, f.deadline_ns) for f in s.failures] for s in (m.before, m.after))
+    same = m.commands == () and heard == m.after and before == after
     return True if same else f"a {type(m.event).__name__} that does not count was listened to"
 
 
@@ -145,6 +212,8 @@ def the_user_lands(m: Moment) -> Verdict:
     if not isinstance(m.event, ev.UserRequest) or m.saw.flight != "armed" or not m.saw.airborne:
         return None
     if m.event.command not in (ev.UserCommand.LAND, ev.UserCommand.ABORT) or m.before.state is State.PILOT:
+        return None
+    if m.in_doubt or m.saw.on_ground(m.rules.limits):
         return None
     return True if m.after.state in (State.LAND, State.PILOT) or not m.before.in_flight else "not landing"
 

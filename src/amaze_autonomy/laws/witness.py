@@ -17,6 +17,7 @@ from amaze_autonomy.engine.commands import (
     MissionAction,
     MissionCommand,
     Notify,
+    Request,
     RunCheck,
     StartRecording,
     StopRecording,
@@ -63,13 +64,14 @@ class Witness:
     descending_ns: Optional[int] = None
     down_ns: Optional[int] = None
     foreign: bool = False
+    ground_ns: Optional[int] = None
     taken: int = 0
     taken_ns: int = 0
     mode_ns: int = 0
     detection: ev.Landed = ev.Landed.UNKNOWN
     detection_ns: int = 0
     beat_ns: Optional[int] = None
-    counter: Optional[int] = None
+    counters: Tuple[Tuple[str, int], ...] = ()
     watching: bool = False
     planner: Optional[ev.MissionStatus] = None
     planner_ns: int = 0
@@ -84,17 +86,21 @@ class Witness:
     flight: str = "none"
     flight_ns: int = 0
     airborne: bool = False
+    aloft: int = 0
     landing: bool = False
     land_ns: int = 0
     sent_ns: int = 0
     second: bool = False
     second_ns: int = 0
     alarmed: bool = False
+    alarms: Tuple[str, ...] = ()
+    last_id: int = 0
     motion: Optional[MissionAction] = None
     motion_id: int = 0
     motion_ns: int = 0
     motion_outcome: Optional[ev.Outcome] = None
     answered: bool = False
+    mode_before: str = ""
     disarmed_ns: Optional[int] = None
     recording: str = "none"
     user_hold: bool = False
@@ -134,9 +140,16 @@ class Witness:
             self.detection if self.now - self.detection_ns <= limits.landing_detection_limit_ns else ev.Landed.UNKNOWN
         )
 
-    def in_doubt(self, limits: Limits) -> bool:
-        """Return True while statuses have not yet agreed whether somebody else has control: nothing is commanded."""
-        return self.taken > 0 and self.fresh(limits) is not None and not self.is_taken(limits)
+    def lands(self, limits: Limits) -> bool:
+        """Return True when it is landing, whoever lands it."""
+        status = self.fresh(limits)
+        if self.planner is not None and self.planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED):
+            return True
+        if status is None:
+            return False
+        low = status.height_m is not None and status.height_m <= limits.landing_height_m
+        sinks = self.descending_ns is not None and self.now - self.descending_ns >= limits.descent_time_ns
+        return status.mode in _LANDING_MODES or status.landed is ev.VehicleLanded.LANDING or (low and sinks)
 
     def is_taken(self, limits: Limits) -> bool:
         """Return True when several statuses agree that somebody else has control."""
@@ -180,7 +193,8 @@ def _autopilot(
     changed = previous is not None and previous.mode not in ("", event.mode) and event.mode != ""
     if previous is None or previous.mode != event.mode:
         changes["mode_ns"] = now
-    changes["foreign"] = changed and event.mode in NEVER_OURS
+    unchanged = event.mode == witness.mode_before and not witness.answered  # since before the flight
+    changes["foreign"] = changed and event.mode in NEVER_OURS and not unchanged
     _count_taken(witness, event, now, changes, state)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
@@ -188,15 +202,22 @@ def _autopilot(
     if not link_good:
         return
     ground = event.landed is ev.VehicleLanded.ON_GROUND
+    changes["ground_ns"] = (now if witness.ground_ns is None else witness.ground_ns) if ground else None
     down = ground and event.armed is False
     changes["down_ns"] = (now if witness.down_ns is None else witness.down_ns) if down else None
-    agreed = down and witness.down_ns is not None and now - witness.down_ns >= limits.flight_end_confirm_ns
-    if agreed and witness.flight == "armed" and witness.detected(limits) is not ev.Landed.AIRBORNE:
+    high = event.height_m is not None and event.height_m >= limits.takeoff_height_m
+    detected = witness.detected(limits)
+    contradicted = detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
+    confirm_ns = limits.confirm_limit_ns if contradicted else limits.flight_end_confirm_ns
+    agreed = down and witness.down_ns is not None and now - witness.down_ns >= confirm_ns
+    if agreed and witness.flight == "armed":
         changes["flight"] = "none"
     if witness.flight == "commanded" and event.armed is True:
         changes["flight"] = "armed"
-    if event.landed in _FLIES and (witness.flight != "none" or (event.armed is True and state.state is State.LAND)):
-        changes.update(flight="armed", airborne=True)
+    flies = event.landed in _FLIES
+    changes["aloft"] = witness.aloft + 1 if flies else 0
+    if flies and (witness.flight != "none" or (event.armed is True and state.state is State.LAND)):
+        changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
 
 
 def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState) -> None:
@@ -228,8 +249,12 @@ NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
 
 
 def _action(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
-    if witness.counter != event.loop_counter:
-        changes.update(counter=event.loop_counter, beat_ns=now)
+    known = dict(witness.counters)
+    before = known.get(event.publisher)
+    if event.loop_counter > before if before is not None else not known:
+        changes["beat_ns"] = now
+    known[event.publisher] = event.loop_counter
+    changes["counters"] = tuple(known.items())
     listed: Dict[str, int] = {}
     for status in event.components:
         listed[status.name] = max(listed.get(status.name, 0), int(status.code))
@@ -252,6 +277,10 @@ def _info(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: 
 def _planner(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
     if event.session_id and event.session_id == witness.session:
         changes.update(planner=event, planner_ns=now)
+        status = witness.vehicle
+        lands = event.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
+        if lands and status is not None and status.mode in _LANDING_MODES and not status.pilot_in_control:
+            changes["taken"] = 0  # it is the planner that lands
 
 
 def _recorder(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
@@ -295,7 +324,7 @@ def _started(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
-        changes.update(growing_ns=None, descending_ns=None, stalled_s=0.0)
+        changes.update(growing_ns=None, descending_ns=None, down_ns=None, ground_ns=None, taken=0, stalled_s=0.0)
         for field in ("beat_ns", "battery_ns"):
             if getattr(witness, field) is not None:
                 changes[field] = now
@@ -327,14 +356,23 @@ _READ: Dict[type, Any] = {
 def hear(witness: Witness, commands: Tuple[Any, ...], after: EngineState) -> Witness:
     """Return what is known once the engine's commands are heard and its new place is seen."""
     changes: Dict[str, Any] = {}
+    identities = [command.id for command in commands if isinstance(command, Request)]
+    if identities:
+        changes["last_id"] = max(witness.last_id, *identities)
     for command in commands:
         reader = _HEARD.get(type(command))
         if reader is not None:
             reader(witness, command, changes)
+    _shown(witness, after, changes)
+    return evolve(witness, **changes) if changes else witness
+
+
+def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> None:
+    """Read what the engine shows of its place."""
     if after.state not in _FLIGHT and witness.flight != "none":
         changes["flight"] = "none"
-    if after.state not in _FLIGHT and witness.landing:
-        changes["landing"] = False
+    if after.state not in _FLIGHT and (witness.landing or witness.alarms):
+        changes.update(landing=False, alarms=())
     if after.session_id != witness.session:
         changes["session"] = after.session_id
         changes.update(planner=None, recorder=None, growing_ns=None, load=None)
@@ -345,7 +383,6 @@ def hear(witness: Witness, commands: Tuple[Any, ...], after: EngineState) -> Wit
             changes["user_hold"] = True
     elif witness.user_hold:
         changes["user_hold"] = False
-    return evolve(witness, **changes) if changes else witness
 
 
 def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
@@ -355,7 +392,8 @@ def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
         changes["answered"] = False
     if action is MissionAction.TAKEOFF:
         changes.update(flight="commanded", flight_ns=witness.now, airborne=False, landing=False, second=False)
-        changes.update(alarmed=False, waited=(), disarmed_ns=None)
+        changes.update(alarmed=False, alarms=(), waited=(), disarmed_ns=None)
+        changes["mode_before"] = witness.vehicle.mode if witness.vehicle is not None else ""
         if witness.load is not None:
             changes["load"] = witness.load._replace(used=True)
     elif action is MissionAction.LAND:
@@ -387,6 +425,7 @@ def _stopped(witness: Witness, changes: Dict[str, Any]) -> None:
 def _told(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     if command.level.name == "ALARM":
         changes["alarmed"] = True
+        changes["alarms"] = (*changes.get("alarms", witness.alarms), command.key)
     if command.key == "data_incomplete" and witness.recording not in ("none", "complete"):
         changes["recording"] = "named"
 

@@ -133,8 +133,8 @@ def test_the_result_file_is_an_error_until_the_run_has_ended(accepted, monkeypat
 
 
 REFUSED = {
-    ("accept", "suite"): "why are these decisions right now?",
-    ("accept", "suite", "--reason", "ok"): "why are these decisions right now?",
+    ("accept", "suite"): "why are these goldens right now?",
+    ("accept", "suite", "--reason", "ok"): "why are these goldens right now?",
     ("accept", "suite/lrf.scenario.yaml", REASON, "--prune"): "give it whole folders",
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .align import Change, ChangeKind, align
 from .gate import compare_with_golden, decisions_of
+from .reason import check_reason
 from .store import Golden, golden_path, orphans, read_golden, write_golden
 from .told import counted, first_difference, told
 
@@ -12,6 +13,7 @@ __all__ = [
     "ChangeKind",
     "Golden",
     "align",
+    "check_reason",
     "compare_with_golden",
     "counted",
     "decisions_of",

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, List, Mapping, Optional, Sequence, Tuple
 
 from ..errors import GoldenError
-from ..golden import golden_path, orphans, read_golden, write_golden
+from ..golden import check_reason, golden_path, orphans, read_golden, write_golden
 from ..scenario import Case
 from .result import Result, Verdict
 from .run import case_of, run_task
@@ -16,8 +15,6 @@ from .task import Task
 
 __all__ = ["Accepted", "accept", "lonely_goldens"]
 
-_LEAST = 10
-_CI = ("CI", "CONTINUOUS_INTEGRATION", "GITHUB_ACTIONS", "GITLAB_CI", "JENKINS_URL", "BUILD_NUMBER")
 Say = Callable[[str], None]
 
 
@@ -54,7 +51,7 @@ def accept(
     Raises:
         GoldenError: it may not be done here, or not in this way.
     """
-    _check(tasks, reason, prune=prune, full=full, environment=os.environ if environment is None else environment)
+    _check(tasks, reason, prune=prune, full=full, environment=environment)
     done: List[Tuple[str, str, str]] = []
     cases: List[Case] = []
     for task in tasks:
@@ -90,13 +87,10 @@ def lonely_goldens(tasks: Sequence[Task]) -> Tuple[Result, ...]:
     )
 
 
-def _check(tasks: Sequence[Task], reason: str, *, prune: bool, full: bool, environment: Mapping[str, str]) -> None:
-    found = next((name for name in _CI if environment.get(name)), None)
-    if found is not None:
-        raise GoldenError(f"goldens are not accepted in CI ({found} is set); accept them at a desk and commit them")
-    if len(reason.strip()) < _LEAST:
-        least = f"a sentence of {_LEAST} letters or more"
-        raise GoldenError(f"why are these decisions right now? Say it with --reason, in {least}")
+def _check(
+    tasks: Sequence[Task], reason: str, *, prune: bool, full: bool, environment: Optional[Mapping[str, str]]
+) -> None:
+    check_reason(reason, "goldens", environment)
     if prune and not full:
         raise GoldenError("--prune deletes goldens of no scenario: give it whole folders, without --tag and --variant")
     for task in tasks:

@@ -1,0 +1,152 @@
+"""The figures of a proof as a golden: what was explored, reached and caught, accepted by a person with a reason.
+
+They change with every change of the engine, of a law or of a world. What changed is named, figure by figure; nobody
+needs to guess from one number whether a law has fallen silent or a row of the table can no longer be reached.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
+
+from proof_defects import Caught
+from proof_induction import Induction
+from proof_run import Proof
+
+__all__ = ["ACCEPTED", "Figures", "differences", "figures_of", "keep", "kept", "read", "write"]
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+ACCEPTED = HERE / "accepted.json"
+KEPT = ROOT / "build" / "proof.json"
+_SOURCES = ("src/amaze_autonomy/engine", "src/amaze_autonomy/laws", "test/proof", "test/engine")
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What came of a proof.
+
+    Args:
+        worlds: name -> states, transitions, depth, handed over, cut off.
+        laws: name -> how often it applied.
+        compared: pairs of states that count as one.
+        rules, places, failures: that were reached.
+        defects: words -> law, world, moves.
+        induction: its steps, drawn states, states that were drawn and are not sound, laws that applied.
+        reason: why they are right, once they are accepted.
+    """
+
+    worlds: Dict[str, Dict[str, int]]
+    laws: Dict[str, int]
+    compared: int
+    rules: Tuple[str, ...]
+    places: Tuple[str, ...]
+    failures: Tuple[str, ...]
+    defects: Dict[str, Dict[str, Any]]
+    induction: Dict[str, int] = field(default_factory=dict)
+    reason: str = ""
+
+
+def figures_of(proof: Proof, caught: Mapping[str, Optional[Caught]], steps: Induction) -> Figures:
+    """Return the figures of a proof in which nothing was broken and no defect missed."""
+    reached = proof.reached
+    return Figures(
+        worlds={
+            name: {
+                "states": stats.states,
+                "transitions": stats.transitions,
+                "depth": stats.depth,
+                "handed over": stats.stopped,
+                "cut off": stats.cut,
+            }
+            for name, stats in proof.stats.items()
+        },
+        laws=dict(proof.applied),
+        compared=sum(stats.compared for stats in proof.stats.values()),
+        rules=tuple(sorted(reached.rules)),
+        places=tuple(sorted(" ".join(place).strip() for place in reached.places)),
+        failures=tuple(sorted(" -> ".join(pair) for pair in reached.failures)),
+        defects={words: by._asdict() for words, by in caught.items() if by is not None},
+        induction={
+            "steps": steps.steps,
+            "sound states": sum(steps.places.values()),
+            "places": len(steps.places),
+            "unsound states": steps.rejected,
+            "laws": len(steps.applied),
+        },
+    )
+
+
+def differences(accepted: Optional[Figures], found: Figures, *parts: str) -> Tuple[str, ...]:
+    """Return what changed, one line each; `parts` are the fields to compare: none means all."""
+    if accepted is None:
+        return ("nothing was accepted before",)
+    lines: List[str] = []
+    for each in fields(Figures):
+        if each.name != "reason" and (not parts or each.name in parts):
+            lines += _different(each.name, getattr(accepted, each.name), getattr(found, each.name))
+    return tuple(lines)
+
+
+def _different(name: str, old: Any, new: Any) -> Iterator[str]:
+    if old == new:
+        return
+    if isinstance(new, int):
+        yield f"{name}: {old} -> {new}"
+    elif isinstance(new, tuple):
+        yield from (f"{name}: {each} is no longer reached" for each in old if each not in new)
+        yield from (f"{name}: {each} is reached now" for each in new if each not in old)
+    else:
+        yield from (f"{name}: {each} is gone" for each in old if each not in new)
+        yield from (f"{name}: {each} is new: {_said(new[each])}" for each in new if each not in old)
+        both = [each for each in new if each in old and old[each] != new[each]]
+        yield from (f"{name}: {each}: {_change(old[each], new[each])}" for each in both)
+
+
+def _said(value: Any) -> str:
+    return ", ".join(f"{key} {each}" for key, each in value.items()) if isinstance(value, dict) else str(value)
+
+
+def _change(old: Any, new: Any) -> str:
+    if isinstance(new, int):
+        return f"{old} -> {new}" + (" times: it has fallen silent" if new == 0 else "")
+    changed = [key for key in new if old.get(key) != new[key]]
+    return ", ".join(f"{key} {old.get(key)} -> {new[key]}" for key in changed)
+
+
+def read(path: Path = ACCEPTED) -> Optional[Figures]:
+    """Return figures from disk; None: there are none."""
+    if not path.is_file():
+        return None
+    data = json.loads(path.read_text(encoding="ascii"))
+    return Figures(**{name: tuple(value) if isinstance(value, list) else value for name, value in data.items()})
+
+
+def write(figures: Figures, reason: str, path: Path = ACCEPTED) -> Figures:
+    """Write figures with the reason why they are right; return them."""
+    accepted = replace(figures, reason=reason)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps(asdict(accepted), indent=1) + "\n", encoding="ascii")
+    return accepted
+
+
+def keep(figures: Figures) -> None:
+    """Keep the figures of this run, so that they can be accepted without another one."""
+    write(figures, _fingerprint(), KEPT)
+
+
+def kept() -> Optional[Figures]:
+    """Return the figures of the last run, if nothing that they depend on has changed since."""
+    last = read(KEPT)
+    return last if last is not None and last.reason == _fingerprint() else None
+
+
+def _fingerprint() -> str:
+    digest = hashlib.sha256()
+    for folder in _SOURCES:
+        for path in sorted((ROOT / folder).glob("*.py")):
+            digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()

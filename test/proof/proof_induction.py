@@ -1,0 +1,633 @@
+"""Induction, past every bound: from any sound state, any event leads to a sound state and breaks no law.
+
+A state is drawn, not reached: a sound one of some place is taken, any of its fields get any other values (times of any
+age around every limit, flags of another flight, statuses that contradict each other), the engine comes to rest on it,
+and it counts when `sound` holds. The witness of such a state is what its facts say (`witness_of`): it needs no history.
+Then comes one event of any kind. A step is drawn from one `random.Random`; Hypothesis hands in its own, and shrinks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from multiprocessing import Pool
+from random import Random
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from proof_moves import BOOT, perform
+from proof_peers import BATTERIES, MISSIONS, RULES, SCENES, UNIT, limited
+from proof_sound import sound
+from proof_worlds import SEEDS, script
+
+from amaze_autonomy.engine import decide as engine
+from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.checks import Check, CheckName, Verdict
+from amaze_autonomy.engine.commands import MissionAction as A
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.engine.state import Agreement, ClockApart, EngineState, OutreachKind, Result, State, evolve
+from amaze_autonomy.laws import Moment, Witness, check
+from amaze_autonomy.laws.witness import Asked, Load, hear, see
+
+__all__ = [
+    "FIELDS",
+    "LEFT_ALONE",
+    "BrokenStep",
+    "Induction",
+    "drawn_state",
+    "drawn_step",
+    "induction",
+    "inductions",
+    "templates",
+    "told",
+    "witness_of",
+]
+
+_PAST = 1000 * UNIT
+"""Every drawn state is moved so far from time zero that ages of any length are possible."""
+_ASKED_GO = limited(require_go=True)
+_QUICK = limited(max_flight_time_ns=5 * UNIT)
+
+
+def _ways() -> Dict[str, Tuple[str, Rules]]:
+    """Return a way to each place; what is drawn begins there."""
+    go, fly, land, clean = "checked", "flying", "landing", "cleaning"
+    hold = f"{fly} + component:lrf:8:trying vehicle:loitering planner:HOLDING beat"
+    return {
+        "input": ("boot +", RULES),
+        "preflight": ("selected +", RULES),
+        "outreach": ("selected + check:battery:fail checks:ok", RULES),
+        "ready": ("checked +", _ASKED_GO),
+        "recording": (f"{go} +", RULES),
+        "load": ("loading +", RULES),
+        "loaded": ("loaded +", _ASKED_GO),
+        "arming": ("arming +", RULES),
+        "lifting off": ("arming + vehicle:armed", RULES),
+        "cancelling": ("arming + user:abort", RULES),
+        "climbing": ("climbing +", _QUICK),
+        "flying": (f"{fly} +", _QUICK),
+        "touchdown": ("touchdown +", RULES),
+        "confirming": (f"{fly} + component:lrf:8:trying", RULES),
+        "holding": (hold, RULES),
+        "user holds": (f"{fly} + user:hold vehicle:loitering planner:HOLDING beat", _QUICK),
+        "resuming": (
+            f"{fly} + component:lrf:8:trying vehicle:loitering planner:HOLDING beat component:lrf:1:none",
+            RULES,
+        ),
+        "commanding": (f"{land} +", _QUICK),
+        "descending": (f"{land} + vehicle:landing", RULES),
+        "pilot": (f"{fly} + vehicle:pilot wait wait wait", RULES),
+        "cleanup": (f"{clean} +", RULES),
+        "outreach for data": (f"{clean} + recorder:FAILED wait wait", RULES),
+        "ended": (f"{clean} + recorder:COMPLETE", RULES),
+    }
+
+
+class Template(NamedTuple):
+    """A sound state of a place, and the rules that it is decided by."""
+
+    place: str
+    state: EngineState
+    rules: Rules
+
+
+def _template(place: str, way: str, rules: Rules) -> Template:
+    seed, _, more = way.partition(" +")
+    node = BOOT
+    for move in (*SEEDS[seed], *script(more)):
+        node = perform(node, move, rules)
+    return Template(place, _later(node.state), rules)
+
+
+def _later(state: EngineState) -> EngineState:
+    """Return the same state at a later time."""
+    times = {name: getattr(state, name) for name in EngineState.__dataclass_fields__ if name.endswith("_ns")}
+    moved = {name: value + _PAST for name, value in times.items() if value is not None}
+    checks = tuple(
+        evolve(r, asked_ns=r.asked_ns + _PAST, replied_ns=None if r.replied_ns is None else r.replied_ns + _PAST)
+        for r in state.checks
+    )
+    failures = tuple(
+        evolve(f, since_ns=f.since_ns + _PAST, deadline_ns=None if f.deadline_ns is None else f.deadline_ns + _PAST)
+        for f in state.failures
+    )
+    heard = {
+        name: evolve(status, t_ns=status.t_ns + _PAST)
+        for name in ("action", "planner", "recorder", "autopilot", "landing")
+        for status in (getattr(state, name),)
+        if status is not None
+    }
+    return evolve(state, checks=checks, failures=failures, **moved, **heard)
+
+
+_TEMPLATES: List[Template] = []
+
+
+def templates() -> Sequence[Template]:
+    """Return a sound state of each place, made once."""
+    if not _TEMPLATES:
+        _TEMPLATES.extend(_template(place, *way) for place, way in _ways().items())
+    return _TEMPLATES
+
+
+# --- what is drawn ----------------------------------------------------------------------------------------------------
+
+_AGES = tuple(
+    sorted(
+        {0, 1, UNIT - 1, UNIT + 1, *(k * UNIT for k in range(1, 7)), *(k * UNIT + 1 for k in range(2, 5)), 90 * UNIT}
+    )
+)
+_NAMES = ("gps", "barometer", "lrf", "imu", "stranger")
+_CODES = tuple(Code)
+Draw = Callable[[Random, EngineState], Any]
+
+
+def _often(rng: Random) -> bool:
+    return rng.randrange(4) > 0
+
+
+def _seldom(rng: Random) -> bool:
+    return rng.randrange(3) == 0
+
+
+def _rarely(rng: Random) -> bool:
+    return rng.randrange(10) == 0
+
+
+def _time(rng: Random, s: EngineState) -> int:
+    return max(0, s.t_ns - rng.choice(_AGES))
+
+
+def _maybe(draw: Draw) -> Draw:
+    return lambda rng, s: None if _seldom(rng) else draw(rng, s)
+
+
+def _one(*values: Any) -> Draw:
+    return lambda rng, _: rng.choice(values)
+
+
+def _components(rng: Random, _: EngineState) -> Tuple[ev.ComponentStatus, ...]:
+    names = sorted(rng.sample(_NAMES, rng.choice((0, 0, 1, 1, 2, 3))))
+    return tuple(ev.ComponentStatus(name, rng.choice(_CODES), rng.choice(tuple(Restart))) for name in names)
+
+
+def _checks(rng: Random, s: EngineState) -> Any:
+    """Change when, and what, the checks have answered."""
+    records = []
+    for record in s.checks:
+        asked = _time(rng, s)
+        answered = _often(rng)
+        replied = rng.randint(asked, s.t_ns) if answered else None
+        outcome = rng.choice((ev.Outcome.ACCEPTED, ev.Outcome.ACCEPTED, *ev.Outcome)) if answered else None
+        ok = outcome is ev.Outcome.ACCEPTED and _often(rng)
+        fixable = outcome is ev.Outcome.ACCEPTED and not ok and _seldom(rng)
+        records.append(
+            evolve(
+                record, asked_ns=asked, replied_ns=replied, outcome=outcome, ok=ok, fixable=fixable, being_fixed=False
+            )
+        )
+    return tuple(records)
+
+
+def _agreement(rng: Random, s: EngineState) -> Agreement:
+    since = _time(rng, s)
+    return Agreement(since, rng.randint(since, s.t_ns), rng.choice((1, 2)))
+
+
+def _failures(rng: Random, s: EngineState) -> Any:
+    """Change how long what is waited for may still last."""
+    return tuple(
+        f if f.deadline_ns is None else evolve(f, deadline_ns=s.t_ns + rng.choice((1, UNIT, 2 * UNIT)))
+        for f in s.failures
+    )
+
+
+def _spent(rng: Random, _: EngineState) -> Tuple[Tuple[str, int], ...]:
+    names = sorted(rng.sample(_NAMES, rng.choice((0, 1, 2))))
+    return tuple((name, rng.choice((0, 1, UNIT, 2 * UNIT, 3 * UNIT))) for name in names)
+
+
+def _vehicle(rng: Random, s: EngineState) -> ev.AutopilotStatus:
+    said = {"position_x_m": 0.0, "position_y_m": 0.0, "height_m": 0.0, "vertical_speed_m_s": 0.0, "battery_age_s": 0.0}
+    said.update(SCENES[rng.choice(tuple(SCENES))])
+    said.update(BATTERIES[rng.choice(("good", "good", *BATTERIES))])
+    for name, values in _ANY_OF_VEHICLE.items():
+        if _rarely(rng):
+            said[name] = rng.choice(values)
+    return ev.AutopilotStatus(t_ns=s.t_ns, **said)
+
+
+_ANY_OF_VEHICLE: Mapping[str, Tuple[Any, ...]] = {
+    "armed": (True, False, None),
+    "landed": tuple(ev.VehicleLanded),
+    "mode": ("", "AUTO.LOITER", "AUTO.LAND", "AUTO.MISSION", "OFFBOARD", "POSCTL", "AUTO.RTL", "AUTO.PRECLAND"),
+    "pilot_in_control": (True, False),
+    "failsafe": (True, False),
+    "link_age_s": (0.0, 0.5, 1.0, 1.1, None),
+    "height_m": (None, -1.0, 0.9, 1.0, 30.0, 30.1),
+    "position_x_m": (None, 0.0, 60.0, 100.0, 100.1),
+    "position_y_m": (None, 0.0, -80.0, -80.1),
+    "horizontal_speed_m_s": (None, 0.0, 0.5, 3.0),
+    "vertical_speed_m_s": (None, 0.0, -0.2, -1.0, 1.0),
+    "battery_age_s": (0.0, 1.0, 2.0, 2.1, None),
+}
+
+
+def _planner(rng: Random, s: EngineState) -> ev.MissionStatus:
+    ours = s.mission is not None and _often(rng)
+    return ev.MissionStatus(
+        t_ns=_time(rng, s),
+        session_id=s.session_id or "proof-001",
+        mission_id=s.mission.id if ours else rng.choice(tuple(MISSIONS)),
+        phase=ev.MissionPhase.LOADED if s.state is State.LOAD_MISSION and ours else rng.choice(tuple(ev.MissionPhase)),
+        waypoint=rng.choice((0, 1, 3)),
+        waypoints=3,
+        repetition=s.repetition if ours else rng.choice((0, 1)),
+        file_index=s.file_index if ours else rng.choice((0, 1)),
+    )
+
+
+def _recorder(rng: Random, s: EngineState) -> ev.RecordingStatus:
+    phase = rng.choice((ev.RecordingPhase.RECORDING, *ev.RecordingPhase))
+    platforms = tuple(ev.PlatformRecording(name, growing=_often(rng)) for name in "ab"[: rng.choice((0, 2, 2, 2))])
+    return ev.RecordingStatus(t_ns=s.t_ns, session_id=s.session_id or "proof-001", phase=phase, platforms=platforms)
+
+
+def _action(rng: Random, s: EngineState) -> ev.WatchdogAction:
+    listed = tuple(status for status in _components(rng, s) if status.code >= Code.INCONVENIENT)
+    code = max((status.code for status in listed), default=rng.choice((Code.NOMINAL, Code.NOMINAL, Code.HOLD)))
+    latest = listed[0].name if listed else rng.choice(("", "lrf"))
+    return ev.WatchdogAction(
+        t_ns=s.t_ns,
+        sequence=0,
+        loop_counter=rng.randint(0, 4),
+        publisher=rng.choice(("", "", "other")),
+        code=code,
+        latest_component=latest,
+        components=listed,
+    )
+
+
+_bool = _one(True, False)
+_when = _maybe(_time)
+FIELDS: Mapping[str, Draw] = {
+    "entered_ns": _time,
+    "step_ns": _time,
+    "started_ns": _when,
+    "mission": lambda rng, s: s.mission and MISSIONS[rng.choice(tuple(MISSIONS))],
+    "queue": lambda rng, s: s.queue if s.state is State.MISSION_INPUT else rng.choice(((), (MISSIONS["one"],))),
+    "file_index": _one(0, 1),
+    "repetition": _one(0, 1),
+    "result": _one(*Result),
+    "checks": _checks,
+    "fix_deadline_ns": lambda rng, s: s.t_ns + rng.choice((-UNIT, 0, 1, UNIT)),
+    "rounds": _one(0, 1, 2, 3),
+    "go": _bool,
+    "outreach": _one(*OutreachKind),
+    "watchdog_started_ns": _when,
+    "load_outcome": _one(None, *ev.Outcome),
+    "in_flight": _bool,
+    "flight_started_ns": _when,
+    "was_armed": _bool,
+    "was_airborne": _bool,
+    "flown": _bool,
+    "down": _maybe(_agreement),
+    "aloft": _maybe(_agreement),
+    "motors": _maybe(_agreement),
+    "grounded_ns": _when,
+    "interrupted": _one(State.TAKEOFF, State.MISSION),
+    "user_hold_ns": _when,
+    "failures": _failures,
+    "spent": _spent,
+    "flown_without": lambda rng, _: tuple(sorted(rng.sample(_NAMES, rng.choice((0, 1))))),
+    "motion_ns": _time,
+    "motion_outcome": _one(None, *ev.Outcome),
+    "commanded": lambda rng, s: (*rng.sample(tuple(A), rng.choice((0, 1, 2))), *s.commanded[-1:]),
+    "confirmed": _one(None, *A),
+    "mode_before": _one("", "AUTO.LOITER", "AUTO.MISSION", "POSCTL"),
+    "mode_shown": _bool,
+    "hold_repeated": _bool,
+    "moving_ns": _when,
+    "takeover": _maybe(_agreement),
+    "takeover_noted": _bool,
+    "land_ns": _when,
+    "land_sent_ns": _time,
+    "second_route_ns": _when,
+    "both_routes": _bool,
+    "alarmed": _bool,
+    "overdue_alarmed": _bool,
+    "disarm_sent_ns": _when,
+    "shutting_down": _bool,
+    "armed_at_start": _one(None, True, False),
+    "recording_outcome": _one(None, *ev.Outcome),
+    "recording_since_ns": _when,
+    "recording_progressed": _bool,
+    "recording_over": _bool,
+    "action": _maybe(_action),
+    "heartbeat_ns": _when,
+    "loop_counters": _one((), (("", 3),), (("", 0), ("other", 2))),
+    "clocks_apart": lambda rng, s: rng.choice(((), (ClockApart("planner", 9 * UNIT, _time(rng, s)),))),
+    "clock_stalled_s": _one(0.0, 0.5, 1.5),
+    "components": _components,
+    "planner": _maybe(_planner),
+    "planner_ns": _when,
+    "recorder": _maybe(_recorder),
+    "recorder_ns": _when,
+    "autopilot": _maybe(_vehicle),
+    "autopilot_ns": _when,
+    "battery_ns": _when,
+    "position_ns": _when,
+    "descending_ns": _when,
+    "landing": _maybe(lambda rng, s: ev.LandedStatus(t_ns=s.t_ns, landed=rng.choice(tuple(ev.Landed)))),
+    "landing_ns": _when,
+}
+"""Every field that is drawn, and from what."""
+
+LEFT_ALONE: Mapping[str, str] = {
+    "t_ns": "all other times are drawn around it",
+    "state": "of the template: there is one for each place",
+    "step": "of the template",
+    "next_id": "a counter",
+    "decisions": "a counter",
+    "label": "a text",
+    "sessions": "a counter; none yet, and some, by the templates",
+    "session_id": "a text",
+    "cause": "a text",
+    "load_id": "a number that was given out",
+    "land_cause": "a text",
+    "load_message": "a text",
+    "motion_id": "a number that was given out",
+    "motion_message": "a text",
+    "recording_asked": "there is a recording, or none, by the templates",
+    "recording_id": "a number that was given out",
+    "recording_message": "a text",
+    "data_location": "a text",
+    "message": "a text",
+    "message_level": "of a text",
+    "advice": "a text",
+    "signal": "a text",
+    "takeover_reason": "a text",
+}
+"""What is not drawn, and why."""
+
+
+class Drawn(NamedTuple):
+    """A sound state that nobody has reached: the place that it was drawn from, and the fields that were changed."""
+
+    place: str
+    changed: Tuple[str, ...]
+    state: EngineState
+    rules: Rules
+
+
+def drawn_state(rng: Random, place: str = "") -> Optional[Drawn]:
+    """Draw a state, of one place or of any; None when what was drawn is not sound, even at rest."""
+    template = rng.choice([each for each in templates() if place in ("", each.place)])
+    state = template.state
+    names = tuple(sorted(rng.sample(_FIELD_NAMES, rng.choice((1, 2, 3, 4, 6, 10)))))
+    for name in names:
+        state = evolve(state, **{name: FIELDS[name](rng, state)})
+    state, _ = engine.decide(state, ev.Tick(t_ns=state.t_ns), template.rules)
+    return None if sound(state, template.rules) else Drawn(template.place, names, state, template.rules)
+
+
+_FIELD_NAMES = tuple(FIELDS)
+
+
+def drawn_event(rng: Random, state: EngineState) -> ev.Event:
+    """Draw an event that comes now or a little later."""
+    event = rng.choice(_EVENTS)(rng, state)
+    later = rng.choice((0, 0, 1, UNIT, UNIT + 1, 2 * UNIT, rng.choice(_AGES)))
+    changes: Dict[str, Any] = {"t_ns": state.t_ns + later}
+    if hasattr(event, "age_ns") and _rarely(rng):
+        changes["age_ns"] = rng.choice((1, UNIT, UNIT + 1, 9 * UNIT, -(UNIT // 5), -(UNIT // 5) - 1))
+    return evolve(event, **changes)
+
+
+def _reply(rng: Random, s: EngineState) -> ev.Event:
+    identity = rng.choice((s.motion_id, s.load_id, s.recording_id, max(0, s.motion_id - 1), s.next_id))
+    return ev.Reply(t_ns=s.t_ns, command_id=identity, outcome=rng.choice(tuple(ev.Outcome)))
+
+
+def _check_reply(rng: Random, s: EngineState) -> ev.Event:
+    record = rng.choice(s.checks) if s.checks else None
+    row = Check("row", rng.choice((Verdict.PASS, Verdict.PASS, *Verdict)))
+    return ev.CheckReply(
+        t_ns=s.t_ns,
+        command_id=record.command_id if record is not None else 1,
+        check=record.check if record is not None else CheckName.BATTERY,
+        outcome=rng.choice((ev.Outcome.ACCEPTED, ev.Outcome.ACCEPTED, *ev.Outcome)),
+        ok=_often(rng),
+        checks=rng.choice(((), (row,))),
+        fixable=_seldom(rng),
+    )
+
+
+_EVENTS: Tuple[Callable[[Random, EngineState], ev.Event], ...] = (
+    *(lambda _, s: ev.Tick(t_ns=s.t_ns),) * 3,
+    *(_vehicle,) * 4,
+    *(_action,) * 3,
+    *(_planner,) * 2,
+    lambda rng, s: ev.WatchdogInfo(t_ns=s.t_ns, sequence=0, changed=(), components=_components(rng, s)),
+    _recorder,
+    lambda rng, s: ev.LandedStatus(t_ns=s.t_ns, landed=rng.choice(tuple(ev.Landed))),
+    *(_reply,) * 2,
+    *(_check_reply,) * 2,
+    *(lambda rng, s: ev.UserRequest(t_ns=s.t_ns, command=rng.choice(tuple(ev.UserCommand)), request_id=7),) * 2,
+    lambda rng, s: ev.MissionSelected(
+        t_ns=s.t_ns, missions=tuple(MISSIONS[name] for name in rng.sample(tuple(MISSIONS), rng.choice((1, 2))))
+    ),
+    lambda _, s: ev.MissionRejected(t_ns=s.t_ns, mission_id="none", error="there is no such mission", request_id=7),
+    lambda rng, s: ev.ClockStatus(t_ns=s.t_ns, stalled_s=rng.choice((0.0, 0.5, 1.5))),
+    lambda _, s: ev.Shutdown(t_ns=s.t_ns, signal="SIGTERM"),
+    lambda _, s: ev.EngineStarted(t_ns=s.t_ns, label="proof", resumed=True),
+)
+
+
+# --- the witness of a state -------------------------------------------------------------------------------------------
+
+
+def witness_of(s: EngineState, rules: Rules) -> Witness:
+    """Return the witness who has seen what a state says of its past, and nothing else."""
+    flight = "none" if not s.in_flight else "armed" if s.was_armed else "commanded"
+    landing = s.land_ns is not None and s.state in (State.LAND, State.PILOT)
+    watching = s.watchdog_started_ns is not None
+    beat = s.heartbeat_ns
+    motion = s.commanded[-1] if s.commanded else None
+    return Witness(
+        now=s.t_ns,
+        vehicle=s.autopilot,
+        vehicle_ns=s.autopilot_ns or 0,
+        battery_ns=s.battery_ns,
+        descending_ns=s.descending_ns,
+        detection=s.landing.landed if s.landing is not None else ev.Landed.UNKNOWN,
+        detection_ns=s.landing_ns or 0,
+        beat_ns=max(s.watchdog_started_ns or 0, beat or 0) if watching else beat,
+        counters=s.loop_counters,
+        taken=0 if s.takeover is None else s.takeover.statuses,
+        taken_ns=0 if s.takeover is None else s.takeover.since_ns,
+        ground_ns=s.grounded_ns,
+        down_ns=s.down.since_ns if s.down is not None else None,
+        watching=watching,
+        planner=s.planner,
+        planner_ns=s.planner_ns or 0,
+        recorder=s.recorder,
+        recorder_ns=s.recorder_ns or 0,
+        growing_ns=s.recording_since_ns,
+        codes=tuple((status.name, int(status.code)) for status in s.components),
+        given_up=tuple(status.name for status in s.components if status.restart is Restart.GIVEN_UP),
+        checks=tuple((r.check.value, Asked(r.command_id, r.asked_ns, r.replied_ns, r.ok)) for r in s.checks),
+        load=_load_of(s),
+        session=s.session_id,
+        flight=flight,
+        flight_ns=s.flight_started_ns or 0,
+        airborne=s.was_airborne and s.in_flight,
+        mode_before=s.mode_before,
+        aloft=s.aloft.statuses if s.aloft is not None else 0,
+        landing=landing,
+        land_ns=s.land_ns or 0,
+        sent_ns=s.land_sent_ns,
+        second=landing and s.second_route_ns is not None,
+        second_ns=s.land_sent_ns,
+        alarmed=s.alarmed,
+        last_id=s.next_id - 1,
+        motion=motion,
+        motion_id=s.motion_id,
+        motion_ns=s.motion_ns,
+        motion_outcome=s.motion_outcome,
+        answered=s.confirmed is motion and motion is not None,
+        disarmed_ns=s.disarm_sent_ns,
+        recording=_recording_of(s),
+        user_hold=s.user_hold_ns is not None,
+        waited=_waited_of(s, rules),
+        shutting_down=s.shutting_down,
+        stalled_s=s.clock_stalled_s,
+    )
+
+
+def _load_of(s: EngineState) -> Optional[Load]:
+    if not s.load_id or s.mission is None:
+        return None
+    used = s.state not in (State.LOAD_MISSION,) and not (s.state is State.MISSION and not s.was_armed)
+    return Load(s.load_id, s.session_id, s.mission.id, (s.repetition, s.file_index), s.load_outcome, used)
+
+
+def _recording_of(s: EngineState) -> str:
+    if not s.recording_asked:
+        return "none"
+    if s.state in (State.DATA_CLEANUP, State.MISSION_ENDED) or s.outreach is OutreachKind.DATA:
+        complete = s.recorder is not None and s.recorder.phase is ev.RecordingPhase.COMPLETE
+        return "complete" if complete else "stopped"
+    return "asked"
+
+
+def _waited_of(s: EngineState, rules: Rules) -> Tuple[Tuple[str, int], ...]:
+    waited = dict(s.spent)
+    budgets = {rule.name: rule.wait_limit_ns for rule in rules.components}
+    for f in s.failures:
+        if f.deadline_ns is not None and f.name in {status.name for status in s.components}:
+            waited[f.name] = max(0, budgets.get(f.name, rules.limits.unlisted_wait_limit_ns) - (f.deadline_ns - s.t_ns))
+    return tuple(sorted(waited.items()))
+
+
+# --- steps ------------------------------------------------------------------------------------------------------------
+
+
+class BrokenStep(NamedTuple):
+    """A step that breaks a law or leads to an unsound state."""
+
+    what: str
+    why: str
+    drawn: Drawn
+    event: ev.Event
+    after: EngineState
+
+
+def drawn_step(rng: Random, drawn: Drawn, applied: Dict[str, int]) -> Optional[BrokenStep]:
+    """Take one step from a drawn state; return what it breaks."""
+    state, rules = drawn.state, drawn.rules
+    event = drawn_event(rng, state)
+    after, commands = engine.decide(state, event, rules)
+    witness = witness_of(state, rules)
+    saw = see(witness, event, state, rules.limits)
+    moment = Moment(state, event, commands, after, (witness, saw, hear(saw, commands, after)), rules)
+    for law, why in check(moment):
+        if why:
+            return BrokenStep(law.name, why, drawn, event, after)
+        applied[law.name] = applied.get(law.name, 0) + 1
+    wrong = sound(after, rules)
+    return BrokenStep("every_state_is_sound", wrong[0], drawn, event, after) if wrong else None
+
+
+@dataclass
+class Induction:
+    """What came of an induction: steps taken, states drawn and not sound, states by place, laws, and what broke."""
+
+    steps: int = 0
+    rejected: int = 0
+    places: Dict[str, int] = field(default_factory=dict)
+    applied: Dict[str, int] = field(default_factory=dict)
+    broken: List[BrokenStep] = field(default_factory=list)
+
+    def add(self, other: Induction) -> None:
+        """Add what came of another one."""
+        self.steps, self.rejected = self.steps + other.steps, self.rejected + other.rejected
+        self.broken += other.broken
+        for ours, theirs in ((self.places, other.places), (self.applied, other.applied)):
+            for name, count in theirs.items():
+                ours[name] = ours.get(name, 0) + count
+
+
+_EVENTS_OF_A_STATE = 4
+
+
+def induction(steps: int, seed: int, *, most: int = 1, place: str = "") -> Induction:
+    """Take steps from drawn states, some from each, until there are enough or `most` of them break something."""
+    rng, found = Random(seed), Induction()
+    while found.steps < steps and len(found.broken) < most:
+        drawn = drawn_state(rng, place)
+        if drawn is None:
+            found.rejected += 1
+            continue
+        name = f"{drawn.state.state.value} {drawn.state.step.value}".strip()
+        found.places[name] = found.places.get(name, 0) + 1
+        for _ in range(_EVENTS_OF_A_STATE):
+            found.steps += 1
+            broken = drawn_step(rng, drawn, found.applied)
+            if broken is not None:
+                found.broken.append(broken)
+    return found
+
+
+PORTION = 25_000
+"""Steps that one process takes at a time; each portion has a seed of its own, whoever takes it."""
+
+
+def _portion(work: Tuple[int, int]) -> Induction:
+    return induction(*work)
+
+
+def inductions(steps: int, seed: int, jobs: int, tell: Callable[[Induction], None] = lambda _: None) -> Induction:
+    """Take many steps in several processes; the same seed takes the same steps, however many processes there are."""
+    sizes = [PORTION] * (steps // PORTION) + ([steps % PORTION] if steps % PORTION else [])
+    found = Induction()
+    with Pool(jobs) as pool:
+        for each in pool.imap(_portion, [(size, seed * 1_000_000 + number) for number, size in enumerate(sizes)]):
+            found.add(each)
+            tell(found)
+            if found.broken:
+                break
+    return found
+
+
+def told(broken: BrokenStep) -> str:
+    """Return a broken step as lines: what is drawn of the state, the event, where it led."""
+    drawn = broken.drawn
+    values = [f"  {name} = {getattr(drawn.state, name)!r}" for name in ("t_ns", *drawn.changed)]
+    lines = (
+        f"{broken.what}: {broken.why}",
+        f"a state drawn from {drawn.place}: {drawn.state.state.value} {drawn.state.step.value}, with",
+        *values,
+        f"event {broken.event!r}",
+        f"leads to {broken.after.state.value} {broken.after.step.value}",
+    )
+    return "\n".join(lines)

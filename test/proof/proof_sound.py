@@ -1,0 +1,327 @@
+"""What is true of the engine's state between any two events: the invariant of the induction, one page.
+
+`sound` returns the sentences that do not hold. It is written from the specification and from what each field says that
+it is; it shares no table with the engine but the types, and asks it one thing only: the same moment again changes
+nothing. The explorer checks it on every state that it reaches; the induction (`proof_induction.py`) begins at any state
+for which it holds, however it could have come about, and shows that every event leads to such a state again.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Iterator, List, Mapping, Optional, Tuple
+
+from proof_peers import LIMITS
+
+from amaze_autonomy.engine import decide as engine
+from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.commands import MissionAction as A
+from amaze_autonomy.engine.events import Outcome, RecordingPhase, Tick
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState, OutreachKind, Result, State, Step
+from amaze_autonomy.engine.timers import next_deadline
+from amaze_autonomy.laws.moment import ENDLESS, FLIGHT, GROUND
+
+__all__ = ["SENTENCES", "sound"]
+
+Holds = Callable[[EngineState], bool]
+SENTENCES: List[Tuple[str, Holds]] = []
+
+
+def _is(words: str) -> Callable[[Holds], Holds]:
+    def register(holds: Holds) -> Holds:
+        SENTENCES.append((words, holds))
+        return holds
+
+    return register
+
+
+def sound(state: EngineState, rules: Rules) -> Tuple[str, ...]:
+    """Return what is not true of a state; empty: it is sound."""
+    wrong = [words for words, holds in SENTENCES if not holds(state)]
+    return tuple(wrong or _rests(state, rules))
+
+
+def _rests(state: EngineState, rules: Rules) -> Iterator[str]:
+    after, commands = engine.decide(state, Tick(t_ns=state.t_ns), rules)
+    if commands or after != state:
+        yield "The engine has come to rest: the same moment again changes nothing."
+    if state.state not in ENDLESS and state.state is not State.LAND and next_deadline(state, rules) is None:
+        yield "Where no person is waited for, some deadline is to come."
+
+
+_STEPS: Mapping[State, Tuple[Step, ...]] = {
+    State.TAKEOFF: (Step.ARMING, Step.LIFTING_OFF, Step.CLIMBING, Step.CANCELLING),
+    State.MISSION: (Step.FLYING, Step.TOUCHDOWN),
+    State.HOLD: (Step.CONFIRMING, Step.HOLDING, Step.RESUMING),
+    State.LAND: (Step.COMMANDING, Step.DESCENDING),
+}
+_LAST_COMMANDS: Mapping[Step, Tuple[A, ...]] = {
+    Step.ARMING: (A.TAKEOFF,),
+    Step.LIFTING_OFF: (A.TAKEOFF,),
+    Step.CLIMBING: (A.TAKEOFF, A.RESUME),
+    Step.CANCELLING: (A.ABORT,),
+    Step.FLYING: (A.TAKEOFF, A.RESUME),
+    Step.CONFIRMING: (A.HOLD,),
+    Step.HOLDING: (A.HOLD,),
+    Step.RESUMING: (A.RESUME,),
+    Step.COMMANDING: (A.LAND,),
+    Step.DESCENDING: (A.LAND,),
+}
+_SESSION = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION, State.OUTREACH)
+_ASKED = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION)
+_RECORDED = (State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD)
+_TIMES = tuple(name for name in EngineState.__dataclass_fields__ if name.endswith("_ns"))
+
+
+def _from(since: Optional[int], until: Optional[int]) -> bool:
+    return since is None or (until is not None and since <= until)
+
+
+# --- where and when ---------------------------------------------------------------------------------------------------
+
+
+@_is("A step is one of its state's.")
+def _(s: EngineState) -> bool:
+    return s.step in _STEPS.get(s.state, (Step.NONE,))
+
+
+@_is("Nothing happened later than now, but for the end of the watchdog's time to fix.")
+def _(s: EngineState) -> bool:
+    return all(_from(getattr(s, name), s.t_ns) for name in _TIMES if name != "fix_deadline_ns")
+
+
+@_is("A state is entered before its step.")
+def _(s: EngineState) -> bool:
+    return 0 <= s.entered_ns <= s.step_ns
+
+
+@_is("Ids were given out: what is waited for has one that is not new.")
+def _(s: EngineState) -> bool:
+    identities = (s.motion_id, s.load_id, s.recording_id, *(record.command_id for record in s.checks))
+    return 0 <= min(identities) <= max(identities) < s.next_id
+
+
+# --- the mission ------------------------------------------------------------------------------------------------------
+
+
+@_is("Where a mission is selected and nothing is over, there is a session and a mission.")
+def _(s: EngineState) -> bool:
+    needs = s.state in _SESSION or s.state in (State.TAKEOFF, State.MISSION, State.HOLD)
+    return not needs or (s.mission is not None and s.session_id != "" and s.sessions > 0)
+
+
+@_is("In MISSION_INPUT nothing is left of a mission, and none waits.")
+def _(s: EngineState) -> bool:
+    left = (s.session_id, s.mission, s.queue, s.result, s.checks)
+    return s.state is not State.MISSION_INPUT or left == ("", None, (), Result.NONE, ())
+
+
+@_is("The file and the repetition are the mission's.")
+def _(s: EngineState) -> bool:
+    in_mission = s.mission is None or (s.file_index < s.mission.files and s.repetition < s.mission.repetitions)
+    return s.file_index >= 0 and s.repetition >= 0 and (in_mission or s.session_id == "")
+
+
+@_is("What is over has a result; what is before, or on its way, has none.")
+def _(s: EngineState) -> bool:
+    if s.state in (*_ASKED, State.TAKEOFF, State.MISSION, State.HOLD):
+        return s.result is Result.NONE
+    return s.state not in (State.DATA_CLEANUP, State.MISSION_ENDED, State.LAND) or s.result is not Result.NONE
+
+
+@_is("A person is asked about checks, before there is a result, or about the data of a recording, after it.")
+def _(s: EngineState) -> bool:
+    if s.state is not State.OUTREACH:
+        return True
+    about_data = s.outreach is OutreachKind.DATA and s.recording_asked and s.result is not Result.NONE
+    return about_data or (s.outreach is OutreachKind.PREFLIGHT and s.result is Result.NONE)
+
+
+# --- before takeoff ---------------------------------------------------------------------------------------------------
+
+
+@_is("All five checks are asked, or none; an answered one was answered after it was asked; only an answer is ok.")
+def _(s: EngineState) -> bool:
+    whole = [record.check for record in s.checks] in ([], list(CheckName))
+    answered = all(
+        (record.outcome is None) == (record.replied_ns is None)
+        and record.asked_ns <= (s.t_ns if record.replied_ns is None else record.replied_ns) <= s.t_ns
+        and (record.outcome is Outcome.ACCEPTED or not record.ok)
+        for record in s.checks
+    )
+    return whole and answered
+
+
+@_is("Where checks are asked, they are there; after them, every one has passed.")
+def _(s: EngineState) -> bool:
+    if s.state in (State.READY, State.START_RECORDING):
+        return len(s.checks) == len(CheckName) and all(record.ok for record in s.checks)
+    return (s.state not in _ASKED and s.step is not Step.TOUCHDOWN) or len(s.checks) == len(CheckName)
+
+
+@_is("The watchdog's time to fix ends.")
+def _(s: EngineState) -> bool:
+    return s.state is not State.PREFLIGHT or s.fix_deadline_ns is not None
+
+
+@_is("Whose start was accepted watches: Ready, and what follows, rely on it.")
+def _(s: EngineState) -> bool:
+    after = (State.READY, State.START_RECORDING, State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD)
+    return s.state not in after or s.watchdog_started_ns is not None
+
+
+@_is("A takeoff is recorded: who loads or flies has asked for a recording, and it is not over.")
+def _(s: EngineState) -> bool:
+    return s.state not in _RECORDED or (s.recording_asked and not s.recording_over)
+
+
+@_is("A recording is proven only while the recorder's last status says so.")
+def _(s: EngineState) -> bool:
+    r = s.recorder
+    grows = r is not None and r.phase is RecordingPhase.RECORDING and bool(r.platforms)
+    return s.recording_since_ns is None or (grows and all(p.growing for p in r.platforms))
+
+
+# --- the flight -------------------------------------------------------------------------------------------------------
+
+
+@_is("On the ground there is no flight, no landing, and no hold.")
+def _(s: EngineState) -> bool:
+    return s.state not in GROUND or (not s.in_flight and s.land_ns is None and s.user_hold_ns is None)
+
+
+@_is("Between two files there is no flight.")
+def _(s: EngineState) -> bool:
+    return s.step is not Step.TOUCHDOWN or (not s.in_flight and s.user_hold_ns is None)
+
+
+@_is("A flight has begun; where one is flown it goes on, or the vehicle was armed and has come down.")
+def _(s: EngineState) -> bool:
+    if s.in_flight:
+        return s.flight_started_ns is not None
+    return s.state not in FLIGHT or s.step is Step.TOUCHDOWN or (s.was_armed and s.grounded_ns is not None)
+
+
+@_is("Before it is armed, it is in flight all the same: from the command on.")
+def _(s: EngineState) -> bool:
+    return s.step not in (Step.ARMING, Step.LIFTING_OFF, Step.CANCELLING) or s.in_flight
+
+
+@_is("What has flown was armed.")
+def _(s: EngineState) -> bool:
+    return s.was_armed or not s.was_airborne
+
+
+@_is("Statuses that agree came one after the other, up to the last one that was heard.")
+def _(s: EngineState) -> bool:
+    agreed = [each for each in (s.down, s.aloft, s.motors, s.takeover) if each is not None]
+    return all(each.since_ns <= each.until_ns <= s.t_ns and each.statuses in (1, 2) for each in agreed)
+
+
+@_is("What is down is not in the air; what has taken the vehicle over is noted no longer than it is said.")
+def _(s: EngineState) -> bool:
+    noted = s.takeover_noted and s.takeover is None and s.state in FLIGHT and s.step is not Step.TOUCHDOWN
+    return (s.down is None or (s.aloft is None and s.motors is None)) and not noted
+
+
+@_is("The last command is the one that the step is about.")
+def _(s: EngineState) -> bool:
+    expected = _LAST_COMMANDS.get(s.step)
+    if expected is None:
+        return s.state is not State.PILOT or (s.commanded == () and s.confirmed is None)
+    return bool(s.commanded) and s.commanded[-1] in expected and s.motion_id > 0
+
+
+@_is("On its way, nothing was commanded that ends a flight.")
+def _(s: EngineState) -> bool:
+    on_its_way = s.step in (Step.ARMING, Step.LIFTING_OFF, Step.CLIMBING, Step.FLYING) or s.state is State.HOLD
+    return not on_its_way or not {A.LAND, A.ABORT} & {*s.commanded, s.confirmed}
+
+
+@_is("A hold has interrupted the takeoff or the mission; only in a hold does the user hold.")
+def _(s: EngineState) -> bool:
+    if s.state is State.HOLD:
+        return s.interrupted in (State.TAKEOFF, State.MISSION)
+    return s.user_hold_ns is None
+
+
+@_is("Budgets are what is left of a wait: none is spent twice, none ends after its limit.")
+def _(s: EngineState) -> bool:
+    spent = dict(s.spent)
+    return (
+        len(spent) == len(s.spent)
+        and all(value >= 0 for value in spent.values())
+        and all(f.deadline_ns is None or f.deadline_ns > s.t_ns for f in s.failures)
+        and len({f.name for f in s.failures}) == len(s.failures)
+    )
+
+
+@_is("A flight on its way has no mark of a landing, of the last one neither: nobody alarmed, no second route due.")
+def _(s: EngineState) -> bool:
+    on_its_way = s.step in (*_STEPS[State.TAKEOFF], Step.FLYING) or s.state is State.HOLD
+    return not on_its_way or not (s.alarmed or s.overdue_alarmed or s.both_routes)
+
+
+# --- the landing ------------------------------------------------------------------------------------------------------
+
+
+@_is("A landing has begun exactly in LAND, or where the pilot has taken it over.")
+def _(s: EngineState) -> bool:
+    return (s.land_ns is not None) if s.state is State.LAND else (s.land_ns is None or s.state is State.PILOT)
+
+
+@_is("LAND was sent since the landing began; so was the second route, if it was; both means both.")
+def _(s: EngineState) -> bool:
+    if s.state is not State.LAND or s.land_ns is None:
+        return True
+    second = s.second_route_ns is None or s.land_ns <= s.second_route_ns <= s.land_sent_ns
+    return s.land_ns <= s.land_sent_ns and second and (s.second_route_ns is not None or not s.both_routes)
+
+
+@_is("The second route, once it was taken, is due for good: commanded by both, or late.")
+def _(s: EngineState) -> bool:
+    if s.state is not State.LAND or s.second_route_ns is None or s.land_ns is None:
+        return True
+    return s.both_routes or s.second_route_ns - s.land_ns >= LIMITS.land_second_route_after_ns
+
+
+@_is("Disarming was sent since it stands on the ground.")
+def _(s: EngineState) -> bool:
+    grounded = s.grounded_ns is not None and _from(s.grounded_ns, s.disarm_sent_ns)
+    return s.disarm_sent_ns is None or s.state not in FLIGHT or grounded
+
+
+# --- what was heard ---------------------------------------------------------------------------------------------------
+
+
+@_is("A status was heard at some time, and planner and recorder speak of this session.")
+def _(s: EngineState) -> bool:
+    heard: Tuple[Tuple[Any, Optional[int]], ...] = (
+        (s.autopilot, s.autopilot_ns),
+        (s.planner, s.planner_ns),
+        (s.recorder, s.recorder_ns),
+        (s.landing, s.landing_ns),
+    )
+    ours = all(each is None or each.session_id == s.session_id or not s.session_id for each in (s.planner, s.recorder))
+    return ours and all(status is None or seen is not None for status, seen in heard)
+
+
+@_is("Who flies has heard the vehicle; who flies a mission has heard planner, recorder, battery and heartbeat as well.")
+def _(s: EngineState) -> bool:
+    mission = s.step in (*_STEPS[State.TAKEOFF], *_STEPS[State.MISSION]) or s.state is State.HOLD
+    peers = (s.planner_ns, s.recorder_ns, s.battery_ns, s.heartbeat_ns) if mission else ()
+    return None not in (s.autopilot_ns, *peers) or not (s.in_flight or s.state in FLIGHT)
+
+
+@_is("It sinks, and it moves, only as its last status says.")
+def _(s: EngineState) -> bool:
+    status = s.autopilot
+    sinks = status is not None and status.vertical_speed_m_s is not None and status.vertical_speed_m_s < 0
+    moves = status is not None and status.horizontal_speed_m_s is not None and status.mode != "AUTO.LOITER"
+    return (s.descending_ns is None or sinks) and (s.moving_ns is None or (moves and status.horizontal_speed_m_s > 0))
+
+
+@_is("A component is known once.")
+def _(s: EngineState) -> bool:
+    names = [status.name for status in s.components]
+    return names == sorted(set(names))

@@ -1,0 +1,100 @@
+"""What changed in a proof is named figure by figure, and a person accepts it with a reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import proof_figures
+import prove
+import pytest
+from proof_figures import Figures, differences, keep, kept, read, write
+
+FOUND = Figures(
+    worlds={"takeoff": {"states": 10, "transitions": 30, "depth": 3, "handed over": 1, "cut off": 2}},
+    laws={"land_is_sticky": 7, "alarm_in_time": 3},
+    compared=4,
+    rules=("land", "landed"),
+    places=("LAND commanding",),
+    failures=("imu -> land",),
+    defects={"a defect": {"law": "land_is_sticky", "world": "takeoff", "moves": 5}},
+    induction={"steps": 200, "laws": 7},
+)
+
+
+@pytest.fixture(autouse=True)
+def desk(monkeypatch, tmp_path):
+    for name in ("CI", "CONTINUOUS_INTEGRATION", "GITHUB_ACTIONS", "GITLAB_CI", "JENKINS_URL", "BUILD_NUMBER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(proof_figures, "KEPT", tmp_path / "kept.json")
+
+
+def test_the_same_figures_do_not_differ():
+    assert differences(FOUND, replace(FOUND, reason="another one")) == ()
+
+
+def test_every_change_is_one_line_that_names_it():
+    now = Figures(
+        worlds={
+            "takeoff": {"states": 12, "transitions": 30, "depth": 4, "handed over": 1, "cut off": 2},
+            "lies": {"states": 1, "transitions": 2, "depth": 3, "handed over": 0, "cut off": 0},
+        },
+        laws={"land_is_sticky": 0, "a_new_law": 1},
+        compared=5,
+        rules=("landed", "suspected"),
+        places=("LAND commanding",),
+        failures=(),
+        defects={"a defect": {"law": "another_law", "world": "takeoff", "moves": 5}},
+        induction={"steps": 100, "laws": 7},
+    )
+    assert differences(FOUND, now) == (
+        "worlds: lies is new: states 1, transitions 2, depth 3, handed over 0, cut off 0",
+        "worlds: takeoff: states 10 -> 12, depth 3 -> 4",
+        "laws: alarm_in_time is gone",
+        "laws: a_new_law is new: 1",
+        "laws: land_is_sticky: 7 -> 0 times: it has fallen silent",
+        "compared: 4 -> 5",
+        "rules: land is no longer reached",
+        "rules: suspected is reached now",
+        "failures: imu -> land is no longer reached",
+        "defects: a defect: law land_is_sticky -> another_law",
+        "induction: steps: 200 -> 100",
+    )
+
+
+def test_only_the_parts_that_are_asked_for_are_compared():
+    assert differences(FOUND, replace(FOUND, compared=9, rules=()), "compared") == ("compared: 4 -> 9",)
+
+
+def test_what_was_never_accepted_differs(tmp_path):
+    assert differences(read(tmp_path / "none.json"), FOUND) == ("nothing was accepted before",)
+
+
+def test_figures_are_written_with_their_reason_and_read_again(tmp_path):
+    accepted = write(FOUND, "a world was added", tmp_path / "accepted.json")
+    assert read(tmp_path / "accepted.json") == accepted == replace(FOUND, reason="a world was added")
+
+
+def test_the_last_run_is_kept_until_a_source_changes(monkeypatch):
+    assert kept() is None
+    keep(FOUND)
+    assert differences(kept(), FOUND) == ()
+    monkeypatch.setattr(proof_figures, "_fingerprint", lambda: "other sources")
+    assert kept() is None
+
+
+@pytest.mark.parametrize("reason", [(), ("--reason", "ok")])
+def test_nothing_is_accepted_without_a_reason(reason, capsys):
+    assert prove.main(["accept", *reason]) == 2
+    assert "why are these figures right now? Say it with --reason" in capsys.readouterr().err
+
+
+def test_nothing_is_accepted_in_ci(monkeypatch, capsys):
+    monkeypatch.setenv("CI", "true")
+    assert prove.main(["accept", "--reason", "the engine lands again"]) == 2
+    assert "figures are not accepted in CI (CI is set)" in capsys.readouterr().err
+
+
+def test_a_proof_that_fails_cannot_be_accepted(monkeypatch, capsys):
+    monkeypatch.setattr(prove, "_prove", lambda _: None)
+    assert prove.main(["accept", "--reason", "the engine lands again"]) == 1
+    assert "not accepted" in capsys.readouterr().err

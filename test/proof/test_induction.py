@@ -1,0 +1,162 @@
+"""From any sound state, any event leads to a sound state and breaks no law; and it would be noticed if it did not."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import fields
+from random import Random
+
+import proof_peers
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from proof_defects import entering, takes
+from proof_figures import differences, figures_of, read
+from proof_induction import FIELDS, LEFT_ALONE, drawn_state, drawn_step, induction, inductions, templates, told
+from proof_run import SEED, STEPS, Proof
+from proof_sound import SENTENCES, sound
+from test_defects import row, without
+
+from amaze_autonomy.engine import absorb, effects
+from amaze_autonomy.engine.events import EngineStarted
+from amaze_autonomy.engine.state import Agreement, EngineState, State, Step, evolve
+from amaze_autonomy.engine.transitions import STEPS as PLACES
+
+
+@pytest.mark.skipif(sys.version_info < (3, 9), reason="done once, on the newer Python")
+@pytest.mark.xdist_group("induction")
+def test_no_step_from_any_drawn_state_breaks_anything():
+    found = inductions(STEPS, SEED, 1)
+    assert [told(each) for each in found.broken] == []
+    assert differences(read(), figures_of(Proof(), {}, found), "induction") == ()
+
+
+@settings(max_examples=150, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow], deadline=None)
+@given(rng=st.randoms(use_true_random=False))
+def test_what_hypothesis_draws_breaks_nothing_and_would_be_shrunk(rng):
+    drawn = drawn_state(rng)
+    assume(drawn is not None)
+    broken = drawn_step(rng, drawn, {})
+    assert broken is None, told(broken)
+
+
+def test_every_place_is_drawn_from():
+    places = {(t.state.state, t.state.step) for t in templates()}
+    expected = {(state, step) for state in State for step in PLACES.get(state, (Step.NONE,))}
+    assert places == expected
+    assert [(t.place, sound(t.state, t.rules)) for t in templates() if sound(t.state, t.rules)] == []
+
+
+def test_every_field_of_the_state_is_drawn_or_left_alone_for_a_reason():
+    names = {field.name for field in fields(EngineState)}
+    assert {*FIELDS, *LEFT_ALONE} == names
+    assert not set(FIELDS) & set(LEFT_ALONE)
+
+
+def test_the_same_seed_draws_the_same_steps():
+    one, other = induction(400, 5), induction(400, 5)
+    assert (one.steps, one.rejected, one.places, one.applied) == (
+        other.steps,
+        other.rejected,
+        other.places,
+        other.applied,
+    )
+
+
+# --- would it notice? -------------------------------------------------------------------------------------------------
+
+
+def forgets(effect, *names):
+    """Carry out an effect, but leave some fields as they were."""
+
+    def forgetful(turn):
+        before = {name: getattr(turn.state, name) for name in names}
+        effect(turn)
+        turn.set(**before)
+
+    return forgetful
+
+
+def _restart_believes(turn, event):
+    turn.set(label=event.label, started_ns=turn.now)
+
+
+def _late_answers_open_others(turn):
+    if not isinstance(turn.event, absorb.CheckReply):
+        _expire(turn)
+
+
+_expire = absorb._expire_checks
+ARMING = (State.TAKEOFF, Step.ARMING)
+DEFECTS = {
+    **{
+        f"a takeoff keeps {name}": entering(ARMING, forgets(effects.take_off, name))
+        for name in ("alarmed", "overdue_alarmed", "both_routes", "spent", "was_airborne", "user_hold_ns", "land_ns")
+    },
+    "the data's collection keeps the landing": entering(
+        (State.DATA_CLEANUP, Step.NONE), forgets(effects.clean_up, "land_ns")
+    ),
+    "the data's collection keeps the flight": entering(
+        (State.DATA_CLEANUP, Step.NONE), forgets(effects.clean_up, "in_flight")
+    ),
+    "a landing keeps the second route of the last": entering(
+        (State.LAND, Step.COMMANDING), forgets(effects.land, "second_route_ns")
+    ),
+    "PILOT keeps the commands": entering((State.PILOT, Step.NONE), forgets(effects.pilot, "commanded")),
+    "what was said before a restart is known": takes(EngineStarted, _restart_believes),
+    "a late answer leaves the others open": lambda patch: patch.setattr(
+        absorb, "_expire_checks", _late_answers_open_others
+    ),
+    "`land` is left out": without("land"),
+    "`pilot_took_over` is left out": without("pilot_took_over"),
+    "`land_repeat` is left out": without("land_repeat"),
+    "`ready_taken_back` is left out": without("ready_taken_back"),
+    "a hold goes back to the mission by itself": row("hold_confirmed", target=(State.MISSION, Step.FLYING)),
+}
+
+
+NOT_FOUND = (
+    "a hold goes back to the mission by itself",
+    *(f"a takeoff keeps {name}" for name in ("alarmed", "overdue_alarmed", "both_routes", "spent", "was_airborne")),
+    *(f"a takeoff keeps {name}" for name in ("user_hold_ns", "land_ns")),
+)
+"""What the induction does not find yet: its generated states seldom come to a takeoff, nor to a hold that is shown."""
+
+
+def _marked(words):
+    missed = pytest.mark.xfail(reason="not found in 40,000 steps yet: see NOT_FOUND", raises=AssertionError)
+    return pytest.param(words, marks=missed if words in NOT_FOUND else ())
+
+
+@pytest.mark.parametrize("words", [_marked(words) for words in DEFECTS])
+def test_a_defect_is_found(words, monkeypatch):
+    templates()
+    monkeypatch.setattr(proof_peers, "_KEPT", {})
+    DEFECTS[words](monkeypatch)
+    found = induction(40_000, 1, place="loaded" if words.startswith("a takeoff") else "")
+    assert found.broken, f"not found in {found.steps} steps"
+
+
+@pytest.mark.parametrize("number", range(len(SENTENCES)), ids=[words for words, _ in SENTENCES])
+def test_each_sentence_can_be_untrue(number):
+    """A sentence that nothing contradicts says nothing."""
+    words, holds = SENTENCES[number]
+    rng = Random(number)
+    for _ in range(20_000):
+        template = rng.choice(templates())
+        state = template.state
+        for name in rng.sample(tuple(FIELDS), 3):
+            state = evolve(state, **{name: FIELDS[name](rng, state)})
+        state = evolve(state, **_elsewhere(rng, state))
+        if not holds(state):
+            return
+    pytest.fail(f"always true: {words}")
+
+
+def _elsewhere(rng, state):
+    """Return fields that are never drawn, or always of their template."""
+    step = rng.choice(list(Step))
+    changes = ({"step": step}, {"next_id": 0}, {"session_id": "another"}, {"recording_asked": False}, {})
+    other = {"components": state.components * 2 or state.components, "checks": state.checks[:3]}
+    later = {"entered_ns": state.t_ns + 1, "down": Agreement(state.t_ns, state.t_ns + 1), "spent": (("lrf", -1),)}
+    return rng.choice((*changes, other, later, {"state": rng.choice(list(State))}))
