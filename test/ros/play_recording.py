@@ -55,10 +55,14 @@ def desk(configuration: Path, to: Path) -> None:
 def today(path: Path, to: Path) -> Path:
     """Write a recording with its messages of this package as they are defined today: nodes refuse those of before.
 
-    What a message did not have yet is unknown where that can be said (NaN), else as in an empty message.
+    What a message did not have yet is unknown where that can be said (NaN), else as in an empty message. Its last tenth
+    of a second, in which its recorder was told to stop, is left out: nodes that play to its end may not decide on it.
     """
     with rosbag.Bag(str(path)) as old, rosbag.Bag(str(to), "w") as new:
+        end_s = old.get_end_time() - 0.1
         for topic, message, stamp, header in old.read_messages(return_connection_header=True):
+            if stamp.to_sec() > end_s:
+                continue
             package, _, name = message._type.partition("/")
             kind = getattr(msg, name, None) if package == "amaze_autonomy" else None
             if kind is None or kind._md5sum == message._md5sum:
