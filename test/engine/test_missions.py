@@ -223,6 +223,16 @@ def test_a_stop_that_is_not_answered_is_followed_by_the_status(outcome):
     story.until("MISSION_ENDED")
 
 
+def test_a_recorder_that_said_complete_before_it_was_asked_to_stop_is_not_believed():
+    story = at("LAND descending")
+    story.disobeyed.append("StopRecording")
+    story.recorder.phase = ev.RecordingPhase.COMPLETE
+    story.until("DATA_CLEANUP")
+    story.silent.append("recorder")
+    story.after(5.3).expect("OUTREACH")
+    assert story.told == ["failure_continue", "data_cleanup", "data_incomplete"]
+
+
 def test_a_recorder_that_falls_silent_calls_for_a_person():
     story = at("DATA_CLEANUP")
     story.silent.append("recorder")

@@ -16,7 +16,7 @@ from amaze_autonomy.engine.commands import RunCheck
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import Code
-from amaze_autonomy.engine.state import State
+from amaze_autonomy.engine.state import State, evolve
 
 ORDER = ["watchdog", "battery", "autopilot", "on_ground", "state_estimation"]
 
@@ -66,6 +66,16 @@ def test_each_silent_check_runs_out(check):
     story.select().after_ns(round(limit_s * S) - 1).expect("PREFLIGHT")
     story.after_ns(1).expect("OUTREACH")
     assert f"the {check} check got no answer in time" in story.state.message
+
+
+def test_a_watchdog_that_has_never_beaten_is_no_takeoff_however_patient_the_limit():
+    patient = replace(SHIPPED.limits, watchdog_heartbeat_limit_ns=600 * S)
+    story = Story(replace(SHIPPED, limits=patient)).start().after(0.5)
+    story.silent.append("watchdog")
+    story.state = evolve(story.state, heartbeat_ns=None)
+    story.select().until("OUTREACH")
+    assert "TAKEOFF" not in story.motions
+    assert "the watchdog was started and has never beaten" in story.state.cause
 
 
 def test_checks_run_out_although_another_answer_comes_before_the_engine_is_woken():

@@ -122,7 +122,7 @@ def recorder(phase: str, after_s: float = 0.0) -> Callable[[Story], object]:
     def happens(story: Story) -> None:
         story.agenda.clear()
         story.recorder.phase = ev.RecordingPhase[phase]
-        story.report()
+        story.after_ns(1).report()  # what is said in the very moment of the stop was said before it
         story.after(after_s)
 
     return happens

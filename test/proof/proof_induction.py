@@ -59,7 +59,7 @@ def _ways() -> Dict[str, Tuple[str, Rules]]:
         "ready": ("checked +", _ASKED_GO),
         "recording": (f"{go} +", RULES),
         "load": ("loading +", RULES),
-        "loaded": ("loaded +", _ASKED_GO),
+        "loaded": ("loaded +", RULES),
         "arming": ("arming +", RULES),
         "lifting off": ("arming + vehicle:armed", RULES),
         "cancelling": ("arming + user:abort", RULES),
@@ -78,7 +78,7 @@ def _ways() -> Dict[str, Tuple[str, Rules]]:
         "pilot": (f"{fly} + vehicle:pilot wait wait wait", RULES),
         "cleanup": (f"{clean} +", RULES),
         "outreach for data": (f"{clean} + recorder:FAILED wait wait", RULES),
-        "ended": (f"{clean} + recorder:COMPLETE", RULES),
+        "ended": (f"{clean} + wait recorder:COMPLETE", RULES),
     }
 
 
@@ -514,7 +514,8 @@ def _load_of(s: EngineState) -> Optional[Load]:
 def _recording_of(s: EngineState) -> str:
     if not s.recording_asked:
         return "none"
-    if s.state in (State.DATA_CLEANUP, State.MISSION_ENDED) or s.outreach is OutreachKind.DATA:
+    about_data = s.state is State.OUTREACH and s.outreach is OutreachKind.DATA
+    if s.state in (State.DATA_CLEANUP, State.MISSION_ENDED) or about_data:
         complete = s.recorder is not None and s.recorder.phase is ev.RecordingPhase.COMPLETE
         return "complete" if complete else "stopped"
     return "asked"

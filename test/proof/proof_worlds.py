@@ -55,7 +55,7 @@ SEEDS: Dict[str, Script] = {
 
 _OWN = _FLYING.replace("select:one", "select:own")
 _ALARMED = f"{_FLYING} user:hold user:land wait wait wait wait"
-_HOME = "vehicle:landing detection:ON_GROUND vehicle:ground wait recorder:COMPLETE"
+_HOME = "vehicle:landing detection:ON_GROUND vehicle:ground wait wait recorder:COMPLETE"
 _AGAIN = (
     "select:one checks:ok reply:recording:ACCEPTED recorder:RECORDING beat checks:ok reply:load:ACCEPTED "
     "planner:LOADED reply:motion:ACCEPTED beat planner:TAKING_OFF vehicle:armed detection:AIRBORNE vehicle:lifting "

@@ -90,3 +90,17 @@ def _lost_the_last(events: List[Event], number: int, rules: Rules) -> Node:
         witness = observed(witness, state, event, commands, after, rules).seen
         state = after
     return Node(state, BOOT.peers._replace(vehicle="ground"), witness)
+
+
+@pytest.mark.parametrize(
+    "name, place, session",
+    [
+        ("next flight 0", ("MISSION", "flying"), "proof-002"),
+        ("lies 1", ("HOLD", "holding"), "proof-001"),
+        ("data 1", ("OUTREACH", ""), "proof-001"),
+    ],
+)
+def test_a_long_way_leads_where_its_world_begins(name, place, session):
+    """A step of it that the engine no longer follows would leave another world under the same name."""
+    begun = told(WAYS[name], WORLDS["start"].rules)[1][-1]
+    assert ((begun.state.value, begun.step.value), begun.session_id) == (place, session)

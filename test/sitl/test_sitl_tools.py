@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import time
 from pathlib import Path
@@ -147,7 +148,7 @@ def test_a_copy_of_px4_that_lost_its_links_gets_them_back(tmp_path, monkeypatch)
 
     program = ready_to_run("px4", folder_of("px4"), tmp_path / "build")
 
-    assert (program / "bin" / "px4-param").readlink() == Path("px4")
+    assert os.readlink(program / "bin" / "px4-param") == "px4"
     assert ready_to_run("px4", program, tmp_path / "other") == program
 
 

@@ -61,9 +61,14 @@ def something_recorded(turn: Turn) -> Optional[Values]:
 
 
 def data_complete(turn: Turn) -> Optional[Values]:
-    """The recorder has written, transferred, merged and verified everything."""
-    recorder = turn.state.recorder
-    complete = recorder is not None and recorder.phase is RecordingPhase.COMPLETE
+    """The recorder says, since it was asked to stop, that everything is written, transferred, merged and verified."""
+    recorder, heard_ns = turn.state.recorder, turn.state.recorder_ns
+    complete = (
+        recorder is not None
+        and recorder.phase is RecordingPhase.COMPLETE
+        and heard_ns is not None
+        and heard_ns > turn.state.entered_ns
+    )
     return holds_if(complete, Value("recording", "COMPLETE"), Value("location", turn.state.data_location))
 
 

@@ -25,6 +25,8 @@ def unfit(turn: Turn) -> Optional[Values]:
         return (Value("reason", "the vehicle does not say, freshly, that it is disarmed and on the ground"),)
     if recording_proven(turn) is None:
         return (Value("reason", "the recorder is silent, does not record, or not for long enough yet"),)
+    if turn.state.heartbeat_ns is None:
+        return (Value("reason", "the watchdog was started and has never beaten"),)
     if turn.state.battery_ns is None:
         return (Value("reason", "the battery level was never known"),)
     return _component(turn) or _loss(turn)
