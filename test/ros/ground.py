@@ -35,8 +35,7 @@ def outreach_then_fly(stack: Stack, row: str) -> None:
 
 def retry_until_it_flies(stack: Stack) -> None:
     def flies() -> bool:
-        if stack.state == "OUTREACH":
-            stack.ask("retry")
+        stack.retry()
         return "TAKEOFF" in stack.passed
 
     stack.wait(flies, "TAKEOFF after a retry")
@@ -80,8 +79,7 @@ def restarted_peer_is_found_again(stack: Stack) -> None:
 
 
 def retried(stack: Stack) -> bool:
-    if stack.state == "OUTREACH":
-        stack.ask("retry")
+    stack.retry()
     return len(stack.decisions("data_complete")) == 2
 
 
@@ -180,8 +178,7 @@ def incomplete_data_is_collected_at_the_second_try(stack: Stack) -> None:
     assert "second" in stack.states[-1].message, "it does not say whose part is missing"
 
     def complete() -> bool:
-        if stack.state == "OUTREACH":
-            stack.ask("retry")
+        stack.retry()
         return stack.state == "MISSION_ENDED"
 
     stack.wait(complete, "the end after a retry")

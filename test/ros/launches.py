@@ -7,7 +7,6 @@ has others in its configuration, but for the one whose bag is replayed by the na
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import itertools
 import json
@@ -25,7 +24,6 @@ import time
 from pathlib import Path
 from typing import Any, Callable, Optional
 
-import rospy
 from behaviours import Behaviours
 from hitches import allowed_s
 from stack import HERE, QUICK, Stack
@@ -131,9 +129,8 @@ def wait(stack: Stack, condition: Callable[[], Any], what: str) -> None:
 
     def look() -> Any:
         found = condition()
-        if not found and stack.state == "OUTREACH":
-            with contextlib.suppress(rospy.ServiceException):  # it has ended meanwhile
-                stack.ask("retry")
+        if not found:
+            stack.retry()
         return found
 
     stack.wait(look, what, LIMIT_S, alive=False)

@@ -118,6 +118,7 @@ class Stack:
         self._overrides = [*QUICK, *overrides]
         self._processes, self._rules = processes, rules
         self.engine: Optional[subprocess.Popen[bytes]] = None
+        self._again_s = 0.0
         self.launched = False
         self.peers: List[subprocess.Popen[bytes]] = []
         self._changed = threading.Condition()
@@ -320,6 +321,13 @@ class Stack:
         rospy.wait_for_service(service, LIMIT_S)
         answer = rospy.ServiceProxy(service, srv.UserCommand)()
         return answer.answer, answer.message
+
+    def retry(self) -> None:
+        """Ask again for what failed, once a second as a person does: more often starves the peers that it waits for."""
+        if self.state == "OUTREACH" and time.monotonic() >= self._again_s:
+            self._again_s = time.monotonic() + 1.0
+            with contextlib.suppress(rospy.ServiceException):  # it has ended meanwhile
+                self.ask("retry")
 
     def select(self, *missions: str) -> Tuple[bool, str]:
         service = f"/{self.name}/autonomy/select_mission"

@@ -33,9 +33,10 @@ class _Outlet(io.TextIOBase):
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write where that is possible."""
+        """Write where that is possible, and at once: what a node said before it was killed stands in its log."""
         with suppress(OSError, ValueError):
             self._stream.write(text)
+            self._stream.flush()
         return len(text)
 
     def flush(self) -> None:
