@@ -8,7 +8,7 @@ import sys
 import rospy
 
 from amaze_autonomy.interface import STATUSES
-from amaze_autonomy.nodes.interface import message_class
+from amaze_autonomy.ros.interface import message_class
 
 
 def main(namespace: str) -> None:

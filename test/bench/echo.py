@@ -8,7 +8,7 @@ import sys
 import rospy
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.nodes.process import take_precedence
+from amaze_autonomy.ros.node_main import take_precedence
 
 
 def main(namespace: str, nice: int) -> None:

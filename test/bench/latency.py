@@ -30,8 +30,8 @@ import rospy
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.nodes.process import take_precedence
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.ros.node_main import take_precedence
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))

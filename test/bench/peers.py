@@ -17,7 +17,7 @@ from std_srvs.srv import TriggerResponse
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.interface import STATUSES
-from amaze_autonomy.nodes.interface import SERVICE_CLASSES, message_class
+from amaze_autonomy.ros.interface import SERVICE_CLASSES, message_class
 
 _PERIOD_S = 0.2
 _ROW = msg.Check(name="bench", verdict=msg.Check.PASS, value=nan, limit=nan, age=nan)

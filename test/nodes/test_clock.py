@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.nodes.clock import MonotonicClock, SimulatedClock
+from amaze_autonomy.ros.clock import MonotonicClock, SimulatedClock
 
 S = 1_000_000_000
 

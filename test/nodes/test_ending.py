@@ -19,8 +19,8 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.events import Outcome, Reply, Shutdown, Tick
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.state import EngineState, Result, State
-from amaze_autonomy.nodes.ending import Ending, Farewell
-from amaze_autonomy.nodes.results import exit_status, outcome
+from amaze_autonomy.nodes.autonomy.ending import Ending, Farewell
+from amaze_autonomy.nodes.autonomy.node import exit_status, outcome
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
 SECOND = AutopilotLand(id=2, limit_ns=1)

@@ -21,9 +21,8 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.events import EngineStarted, Tick, UserCommand, UserRequest
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, evolve
-from amaze_autonomy.nodes.clock import MonotonicClock
-from amaze_autonomy.nodes.engine_thread import EngineThread
-from amaze_autonomy.nodes.inbox import Inbox
+from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread, Inbox
+from amaze_autonomy.ros.clock import MonotonicClock
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
 ANSWER = Answer(request_id=7, answer=AnswerKind.DONE)

@@ -15,10 +15,10 @@ from amaze_autonomy import msg
 from amaze_autonomy.engine.events import AutopilotStatus, ClockStatus, LandedStatus, Tick, WatchdogAction
 from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.interface import STATUSES
-from amaze_autonomy.nodes.clock import Clock
-from amaze_autonomy.nodes.inbox import Inbox, Stall
-from amaze_autonomy.nodes.interface import ros_time
-from amaze_autonomy.nodes.topic_reader import ALL, Tally, TopicStream
+from amaze_autonomy.nodes.autonomy.engine_thread import Inbox, Stall
+from amaze_autonomy.ros.clock import Clock
+from amaze_autonomy.ros.interface import ros_time
+from amaze_autonomy.ros.topic_reader import ALL, Tally, TopicStream
 
 S, MS = 1_000_000_000, 1_000_000
 TOPICS = {status.topic: status for status in STATUSES}

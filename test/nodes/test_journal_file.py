@@ -11,9 +11,9 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.nodes import journal_file
-from amaze_autonomy.nodes.errors import StartError
-from amaze_autonomy.nodes.journal_file import create, reopen
+from amaze_autonomy.nodes.autonomy import run_folder
+from amaze_autonomy.nodes.autonomy.run_folder import create, reopen
+from amaze_autonomy.ros.errors import StartError
 
 HEADER = '{"kind":"header"}'
 
@@ -55,9 +55,9 @@ def test_it_goes_on_after_the_last_whole_line(tmp_path, journal):
 
 @pytest.mark.usefixtures("journal")
 def test_two_nodes_do_not_write_one_journal(tmp_path):
-    program = "import sys; from pathlib import Path; from amaze_autonomy.nodes import journal_file as j\n"
+    program = "import sys; from pathlib import Path; from amaze_autonomy.nodes.autonomy import run_folder as j\n"
     program += "j._lock.__defaults__ = (0.1,)\n"
-    program += "from amaze_autonomy.nodes.errors import StartError\n"
+    program += "from amaze_autonomy.ros.errors import StartError\n"
     program += "try: j.reopen(Path(sys.argv[1]))\nexcept StartError as error: print(error)\n"
     command = [sys.executable, "-c", program, str(tmp_path / "journal.jsonl")]
     assert "is written by another node" in subprocess.run(command, capture_output=True, text=True, check=True).stdout
@@ -74,7 +74,7 @@ class FullDisk:
     def __init__(self, monkeypatch, free):
         self.free = free
         self._write = os.write
-        monkeypatch.setattr(journal_file.os, "write", self.write)
+        monkeypatch.setattr(run_folder.os, "write", self.write)
 
     def write(self, descriptor, data):
         if self.free <= 0:
@@ -115,7 +115,7 @@ def test_it_does_not_try_a_full_disk_at_every_line(tmp_path, journal, monkeypatc
 
 def test_what_is_kept_for_a_disk_has_a_limit_and_the_gap_is_said(journal, monkeypatch):
     FullDisk(monkeypatch, 0)
-    monkeypatch.setattr(journal_file, "_MOST_KEPT", 100)
+    monkeypatch.setattr(run_folder, "_MOST_KEPT", 100)
     for _ in range(20):
         journal.append("x" * 9)
         journal.flush()

@@ -11,9 +11,9 @@ import pytest
 
 from amaze_autonomy.autopilot import EndpointError
 from amaze_autonomy.config import AutopilotSettings, LinkSettings
-from amaze_autonomy.nodes.mavlink_router import arguments_of
+from amaze_autonomy.nodes.vehicle.mavlink_router import arguments_of
 
-PROGRAM = "import sys; from amaze_autonomy.nodes.mavlink_router import main; sys.exit(main())"
+PROGRAM = "import sys; from amaze_autonomy.nodes.vehicle.mavlink_router import main; sys.exit(main())"
 
 
 def started(*arguments, path):

@@ -18,8 +18,8 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import Code, Restart, Verb
 from amaze_autonomy.engine.state import EngineState, Failure, FailureKind
 from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
-from amaze_autonomy.nodes.interface import read_status, response_of, status_message
-from amaze_autonomy.nodes.state_publisher import state_message
+from amaze_autonomy.nodes.autonomy.outbox import state_message
+from amaze_autonomy.ros.interface import read_status, response_of, status_message
 
 T, ROS, AGE = 7_000_000_000, 1_700_000_000_000_000_000, 30_000_000
 LRF = ComponentStatus(name="lrf", code=Code.HOLD, restart=Restart.TRYING, until_ns=T + 2_000_000_000, reason="silent")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaze_autonomy.nodes.played import Reception, receptions, unconnected
+from amaze_autonomy.nodes.simulation.recorded_peers_node import Reception, receptions, unconnected
 
 STATS = [
     [["/watchdog/info", 100, [[7, 100, 2, True]]]],

@@ -15,7 +15,7 @@ AUTOGROUP = Path("/proc/self/autogroup")
 SCRIPT = """
 import os
 from pathlib import Path
-from amaze_autonomy.nodes.process import take_precedence
+from amaze_autonomy.ros.node_main import take_precedence
 {before}
 refused = take_precedence({nice})
 group = Path("/proc/self/autogroup")

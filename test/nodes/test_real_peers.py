@@ -11,9 +11,9 @@ import pytest
 
 pytest.importorskip("rospy", reason="needs ROS")
 
-from amaze_autonomy.nodes import real_peers
-from amaze_autonomy.nodes.local_process import LocalProcess
-from amaze_autonomy.nodes.real_peers import RealPeers
+from amaze_autonomy.nodes.simulation import real_peers
+from amaze_autonomy.nodes.simulation.real_peers import RealPeers
+from amaze_autonomy.ros.local_process import LocalProcess
 
 
 class Node:

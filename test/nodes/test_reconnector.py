@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.nodes import reconnector
+from amaze_autonomy.ros import reconnector
 
 TOPIC, KIND = "/planner/status", "amaze_autonomy/MissionStatus"
 

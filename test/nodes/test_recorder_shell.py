@@ -12,11 +12,11 @@ pytest.importorskip("rospy")
 from amaze_autonomy import msg
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.events import RecordingPhase
-from amaze_autonomy.nodes.recorder_children import Subscriptions
-from amaze_autonomy.nodes.recorder_collection import Collection
-from amaze_autonomy.nodes.recorder_links import read_status
-from amaze_autonomy.nodes.recorder_memory import RecorderMemory
-from amaze_autonomy.nodes.recorder_messages import recording_status
+from amaze_autonomy.nodes.recorder.collector import Collection
+from amaze_autonomy.nodes.recorder.links import read_status
+from amaze_autonomy.nodes.recorder.node import RecorderMemory
+from amaze_autonomy.nodes.recorder.processes import Subscriptions
+from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, Status
 

@@ -15,9 +15,9 @@ from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import CheckReply, Outcome, Reply
 from amaze_autonomy.interface import CHECK_SERVICES, SERVICES
-from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError
-from amaze_autonomy.nodes.interface import SERVICE_CLASSES, response_of
-from amaze_autonomy.nodes.requests import Requests
+from amaze_autonomy.nodes.autonomy.requests import Requests
+from amaze_autonomy.ros.errors import BrokenCallError, CallTimeoutError, UnavailableError
+from amaze_autonomy.ros.interface import SERVICE_CLASSES, response_of
 
 S = 1_000_000_000
 HOUR = 3600 * S

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from amaze_autonomy.nodes.run_command import Outcome, run_command
+from amaze_autonomy.nodes.watchdog.restarter import Outcome, run_command
 
 
 def python(code):

@@ -17,8 +17,8 @@ pytest.importorskip("rosgraph")
 from rosgraph.network import decode_ros_handshake_header, encode_ros_handshake_header
 
 from amaze_autonomy import srv
-from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError
-from amaze_autonomy.nodes.service_client import ServiceClient
+from amaze_autonomy.ros.errors import BrokenCallError, CallTimeoutError, UnavailableError
+from amaze_autonomy.ros.service_client import ServiceClient
 
 NAME = "/data_recorder/start"
 SOON = 0.3

@@ -12,10 +12,10 @@ import rospy
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.checks import Check, Verdict
-from amaze_autonomy.nodes.clock import SimulatedClock
-from amaze_autonomy.nodes.errors import StartError
-from amaze_autonomy.nodes.node_main import Startup
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.ros.clock import SimulatedClock
+from amaze_autonomy.ros.errors import StartError
+from amaze_autonomy.ros.node_main import Startup
 
 S = 1_000_000_000
 ROWS = (Check("age", Verdict.UNKNOWN), Check("tilt", Verdict.FAIL), Check("rate", Verdict.PASS))

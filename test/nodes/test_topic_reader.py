@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import pytest
 
-from amaze_autonomy.nodes.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream
+from amaze_autonomy.ros.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream
 
 
 def framed(messages):

@@ -9,7 +9,7 @@ pytest.importorskip("rospy")
 from amaze_autonomy.engine.events import AutopilotStatus, UserCommand, VehicleLanded
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State, evolve
-from amaze_autonomy.nodes.unattended import Unattended
+from amaze_autonomy.nodes.autonomy.users import Unattended
 
 S = 1_000_000_000
 DOWN = AutopilotStatus(t_ns=5 * S, armed=False, landed=VehicleLanded.ON_GROUND, link_age_s=0.0)

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rospy", reason="needs ROS")
 
-from amaze_autonomy.nodes.watch_loop import WatchLoop
+from amaze_autonomy.nodes.watchdog.watch_loop import WatchLoop
 
 MS = 1_000_000
 PERIOD_NS = 200 * MS

@@ -10,8 +10,8 @@ from contextlib import suppress
 
 import pytest
 
-from amaze_autonomy.nodes.errors import BrokenCallError, CallTimeoutError, UnavailableError
-from amaze_autonomy.nodes.xmlrpc_call import call
+from amaze_autonomy.ros.errors import BrokenCallError, CallTimeoutError, UnavailableError
+from amaze_autonomy.ros.liveness import call
 
 LIMIT_S = 0.3
 

@@ -55,7 +55,7 @@ def test_every_executable_names_the_interpreter_of_the_build(workspace):
 def test_the_install_space_needs_nothing_of_the_source_tree(workspace, shell):
     program = workspace / "where.py"
     program.write_text(
-        "import amaze_autonomy, amaze_autonomy.msg, amaze_autonomy.nodes.autonomy_node\n"
+        "import amaze_autonomy, amaze_autonomy.msg, amaze_autonomy.nodes.autonomy.node\n"
         "from amaze_autonomy.paths import config_folder\n"
         "print(amaze_autonomy.__file__, amaze_autonomy.msg.__file__, config_folder(), sep='\\n')\n"
     )

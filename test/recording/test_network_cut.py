@@ -17,7 +17,7 @@ from bag_tools import digest
 from part_tools import FACTS
 
 from amaze_autonomy.config.recording_schema import Transfer
-from amaze_autonomy.nodes.recorder_jobs import RecorderJobs
+from amaze_autonomy.nodes.recorder.processes import RecorderJobs
 from amaze_autonomy.recording import parts as parts_module
 from amaze_autonomy.recording.parts import check_arrived
 from amaze_autonomy.recording.storage import PARTS

@@ -14,7 +14,7 @@ import rospy
 from hitches import allowed_s
 
 from amaze_autonomy import srv
-from amaze_autonomy.nodes.process import take_precedence
+from amaze_autonomy.ros.node_main import take_precedence
 
 PAUSE_S = 0.01  # asked without a pause, several of these would measure each other
 

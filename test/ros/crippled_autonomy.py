@@ -22,6 +22,6 @@ if __name__ == "__main__":
     OPTION = "--without-rule="
     cripple([word[len(OPTION) :] for word in sys.argv if word.startswith(OPTION)])
     sys.argv = [word for word in sys.argv if not word.startswith(OPTION)]
-    from amaze_autonomy.nodes.autonomy_node import main
+    from amaze_autonomy.nodes.autonomy.node import main
 
     raise SystemExit(main())

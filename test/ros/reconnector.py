@@ -14,7 +14,7 @@ from one_node import wait_for
 from rospy.impl.registration import RegManager
 from sensor_msgs.msg import Imu
 
-from amaze_autonomy.nodes.reconnector import Reconnector, subscriptions
+from amaze_autonomy.ros.reconnector import Reconnector, subscriptions
 
 
 class TestReconnector(unittest.TestCase):

@@ -1,7 +1,7 @@
 """The recorder without ROS: what each platform does, what the collector does, and the jobs that make one bag of it.
 
 `PlatformRecorder` and `Collector` decide: times and sights in, commands and statuses out, no clock, file or thread. The
-node (`nodes/data_recorder_node.py`) carries their commands out; `job.py` is the process that recovers, merges and
+node (`nodes/recorder/node.py`) carries their commands out; `job.py` is the process that recovers, merges and
 verifies, so that the node answers at once whatever the size of the bags.
 """
 

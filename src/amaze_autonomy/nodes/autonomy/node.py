@@ -1,0 +1,374 @@
+"""The autonomy node: wires the engine to ROS. It decides nothing itself.
+
+Services it calls, topics it listens to: `interface.py`. It offers, in its private namespace:
+
+    ~state           AutonomyState, latched, at each decision and 2 Hz
+    ~journal         JournalEntry, every line of the journal; a new listener first gets all lines so far
+    /diagnostics     diagnostic_msgs/DiagnosticArray, 1 Hz
+    ~list_missions   ListMissions
+    ~select_mission  SelectMission
+    ~go ~retry ~give_up ~hold ~resume ~land ~abort ~acknowledge   UserCommand
+
+Parameters: `parameters.py`. Exit status: `results.py`.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from datetime import datetime, timezone
+from functools import partial
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+
+import rosgraph
+import rospy
+
+from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.engine import journal as codec
+from amaze_autonomy.engine.commands import Command
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import (
+    EngineStarted,
+    Event,
+    MissionRejected,
+    Shutdown,
+    UserRequest,
+)
+from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.engine.timers import next_deadline
+from amaze_autonomy.interface import STATUSES, Status
+
+from ...ros import node_main
+from ...ros.clock import Clock, make_clock, wait_for_time
+from ...ros.errors import NodeError, StartError
+from ...ros.interface import SERVICE_CLASSES, message_class
+from ...ros.node_main import Parameters, read_parameters
+from ...ros.reconnector import Reconnector
+from ...ros.service_client import ServiceClient
+from ...ros.topic_reader import ALL, Tally, subscribe
+from . import run_folder
+from .ending import Ending, Farewell
+from .engine_thread import EngineThread, Inbox, Stall
+from .outbox import Diagnostics, Outbox, StatePublisher, Timeline
+from .requests import Requests
+from .run_folder import JournalFile, create, reopen
+from .users import Unattended, UserDesk, choose
+
+__all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "exit_status", "main", "outcome"]
+
+_FAREWELL_LIMIT_S = 5.0
+_MASTER_LIMIT_S = 1.0
+_LOOK_AGAIN_S = 0.2
+_LONGEST_STATUS = 1 << 22  # bytes
+_SAY_AGAIN_S = 10.0
+_LAST_WORDS_S = 0.3  # until what was published last is on the wire
+_SPARE = {"mission_planner/command": 2, "autopilot/land": 1, "autopilot/disarm": 1}
+
+
+class AutonomyNode:
+    """All parts of the node, and how they are connected.
+
+    Args:
+        parameters: of the node.
+        configuration: as loaded.
+        clock: that decides.
+        label: prefix of session ids, made from the wall time.
+        unfinished: the journal to go on with.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        configuration: Configuration,
+        clock: Clock,
+        label: str,
+        unfinished: Optional[run_folder.Unfinished] = None,
+    ) -> None:
+        self._parameters, self._configuration, self._clock = parameters, configuration, clock
+        self._label, self._resumed = label, unfinished
+        self._reasons: SimpleQueue[str] = SimpleQueue()
+        self._rejected: Dict[str, int] = {}
+        self._warned: Set[Tuple[str, str]] = set()
+        self._timeline = Timeline()
+        self._farewell = Farewell()
+        self._journal = self._open_journal()
+        state = self._decided_again()
+        self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
+        self._unattended = Unattended(configuration.rules) if parameters.unattended else None
+        self._state_publisher = StatePublisher(configuration.rules, clock)
+        self._outbox = Outbox(self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping)
+        self._requests = Requests(self._clients(), self.put, clock.now_ns)
+        self._desk = UserDesk(configuration.missions, self.put, clock.now_ns)
+        self._inbox = Inbox(clock, self._reject, self._stalled)
+        self._engine = EngineThread(
+            decide,
+            next_deadline,
+            configuration.rules,
+            clock,
+            self._inbox,
+            self._requests.send,
+            self._desk.answer,
+            self._record,
+            state,
+        )
+        self._reconnector = Reconnector()
+        self._diagnostics = Diagnostics(
+            lambda: self._engine.state, self._journal, self._rejected, lambda: len(self._requests.open)
+        )
+
+    # --- start ----------------------------------------------------------------------------------------------------
+
+    def _clients(self) -> Dict[str, ServiceClient]:
+        master, me = rosgraph.get_master_uri(), rospy.get_name()
+        return {
+            name: ServiceClient(rospy.resolve_name(name), service, master, me, _SPARE.get(name, 0))
+            for name, service in SERVICE_CLASSES.items()
+        }
+
+    def _open_journal(self) -> JournalFile:
+        if self._resumed is not None:
+            return reopen(self._resumed.path)
+        header = codec.make_header(
+            self._configuration.rules,
+            self._configuration.effective,
+            self._configuration.hash,
+            boot_id=run_folder.boot_id(),
+            clock="ROS time" if not rospy.rostime.is_wallclock() else "monotonic",
+            label=self._label,
+            node=rospy.get_name(),
+            python=sys.version.split()[0],
+            started=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            written_by="autonomy node",
+        )
+        return create(run_folder.make_folder(self._parameters.output, self._label), codec.encode_header(header))
+
+    def _decided_again(self) -> EngineState:
+        """Return the state that an unfinished journal leads to."""
+        state = EngineState()
+        for event in self._resumed.events if self._resumed is not None else ():
+            state, _ = decide(state, event, self._configuration.rules)
+        return state
+
+    def start(self) -> None:
+        """Begin to decide, then open the node to the world."""
+        rospy.set_param("~journal_file", str(self._journal.path))  # the recorder copies it into the recording
+        self._outbox.start(self._engine.state)
+        self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
+        self._engine.start()
+        self._desk.open()
+        for status in STATUSES:
+            self._listen(status)
+        self._reconnector.start()
+        if self._parameters.missions and self._resumed is None:
+            threading.Thread(target=self._select, name="select", daemon=True).start()
+        node_main.settle()
+
+    def _select(self) -> None:
+        """Select the missions of the parameter once all peers are there, or have had the time to come."""
+        deadline_s = time.monotonic() + self._parameters.peers_limit_s
+        while time.monotonic() < deadline_s and self._requests.missing(_MASTER_LIMIT_S):
+            time.sleep(_LOOK_AGAIN_S)
+        self.put(choose(self._configuration.missions, self._parameters.missions, self._clock.now_ns()))
+
+    def _listen(self, status: Status) -> None:
+        """Have the engine's thread read a status."""
+        name = rospy.resolve_name(status.topic)
+        tally = Tally(name, ALL, _LONGEST_STATUS)
+        subscribe(name, self._inbox.reader, tally, self._inbox.look_for(status), message_class(status))
+
+    def _reject(self, topic: str, error: Any) -> None:
+        """Count an invalid message; warn once per topic and field."""
+        self._rejected[topic] = self._rejected.get(topic, 0) + 1
+        if (topic, error.field) not in self._warned:
+            self._warned.add((topic, error.field))
+            text = f"{rospy.resolve_name(topic)}: invalid message ignored: {error} (said once)"
+            self._outbox.do(partial(rospy.logwarn, text))
+
+    def _stalled(self, stall: Stall) -> None:
+        text = f"The engine did not run for {stall.duration_s:.3f} s; {stall.read} statuses had come meanwhile"
+        left_out = f", {stall.left_out} of them were passed over for later ones" if stall.left_out else ""
+        self._outbox.do(partial(rospy.logwarn_throttle, _SAY_AGAIN_S, text + left_out))
+
+    # --- run ------------------------------------------------------------------------------------------------------
+
+    def put(self, event: Event) -> None:
+        """Give the engine an event; from any thread."""
+        self._inbox.put(event)
+
+    def _record(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+        """Hand on a step of the engine; on its thread, after the requests went out."""
+        self._clock.goes_on = state.in_flight  # a landing that is under way needs time that passes
+        self._outbox.put(event, state, commands)
+        self._farewell.see(event, commands)
+        self._ending.see(state)
+        if self._unattended is not None:
+            command = self._unattended.answer(state)
+            if command is not None:
+                self.put(UserRequest(t_ns=state.t_ns, command=command))
+
+    def _housekeeping(self) -> None:
+        self._diagnostics.publish()
+        self._requests.keep_connected()
+
+    def end(self, reason: str) -> None:
+        """Have the node end; from any thread and from signal handlers. Only the first reason counts."""
+        self._reasons.put(reason)
+
+    # --- end ------------------------------------------------------------------------------------------------------
+
+    def run(self) -> int:
+        """Work until there is a reason to end; return the exit status."""
+        reason = self._reasons.get()
+        if reason != "mission ended":
+            self.put(Shutdown(t_ns=self._clock.now_ns(), signal=reason))
+            self._farewell.wait(_FAREWELL_LIMIT_S)
+        self._reconnector.stop()
+        self._engine.stop()
+        state = self._engine.state
+        self._outbox.stop()
+        status = self._write_result(state)
+        self._print_end(reason, state)
+        time.sleep(_LAST_WORDS_S)
+        self._requests.close()
+        return status
+
+    def _write_result(self, state: EngineState) -> int:
+        status = exit_status(self._ending.results, state)
+        folder = self._folder
+        result = {
+            "data": state.data_location,
+            "data_summary": state.recorder.message if state.recorder is not None else "",
+            "exit_status": status,
+            "in_flight": state.in_flight,
+            "journal": str(self._journal.path),
+            "report": str(folder / run_folder.REPORT_NAME),
+            "result": outcome(self._ending.results, state),
+            "state": state.state.value,
+        }
+        try:
+            (folder / run_folder.REPORT_NAME).write_text(self._timeline.text(), encoding="utf-8")
+            run_folder.write_result(folder, result)
+        except OSError as error:
+            print(f"autonomy: the result cannot be written: {error}", file=sys.stderr, flush=True)
+        return status
+
+    @property
+    def _folder(self) -> Path:
+        return self._journal.path.parent
+
+    def _print_end(self, reason: str, state: EngineState) -> None:
+        lines: List[str] = []
+        if reason != "mission ended":
+            flight = " IN FLIGHT" if state.in_flight else ""
+            lines.append(f"autonomy: ended by {reason}{flight} in {state.state.value}")
+            if self._farewell.text():
+                lines.append(f"autonomy: LAND was sent ({self._farewell.text()})")
+        lines.append(f"autonomy: result   {outcome(self._ending.results, state)}")
+        lines.append(f"autonomy: bag      {state.data_location or 'none'}")
+        if state.recorder is not None and state.recorder.message:
+            lines.append(f"autonomy: data     {state.recorder.message}")
+        lines.append(f"autonomy: journal  {self._journal.path}")
+        lines.append(f"autonomy: report   {self._folder / run_folder.REPORT_NAME}")
+        print("\n".join(lines), flush=True)
+
+
+def _check_missions(parameters: Parameters, configuration: Configuration) -> None:
+    """Refuse to start a run that would wait for a mission for ever."""
+    event = choose(configuration.missions, parameters.missions, 0)
+    if parameters.missions and parameters.exit_when_ended and isinstance(event, MissionRejected):
+        raise StartError(f"mission {event.mission_id!r}: {event.error}")
+
+
+def _unfinished(parameters: Parameters, configuration: Configuration) -> Optional[run_folder.Unfinished]:
+    """Return the journal to go on with, unless it cannot be read or was decided by other rules than ours.
+
+    Neither is a reason not to start: the vehicle may be in the air, and an engine that finds it armed lands it.
+    """
+    try:
+        found = run_folder.find_unfinished(parameters.output) if parameters.resume else None
+    except StartError as error:
+        rospy.logerr("%s. It is kept, and a new one begins.", error)
+        return None
+    if found is not None and found.header.get("hash") != configuration.hash:
+        rospy.logwarn("%s has not ended, but was decided by another configuration: a new one begins", found.path)
+        return None
+    return found
+
+
+def _make(stopped: threading.Event) -> AutonomyNode:
+    parameters = read_parameters()
+    node_main.take_precedence_or_say(parameters.nice)
+    configuration = load_configuration(parameters.config, parameters.overrides)
+    _check_missions(parameters, configuration)
+    wait_for_time(stopped)
+    unfinished = _unfinished(parameters, configuration)
+    stall_limit_ns = configuration.rules.limits.clock_stall_limit_ns
+    clock = make_clock(unfinished.last_ns if unfinished is not None else 0, stall_limit_ns)
+    label = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S")
+    return AutonomyNode(parameters, configuration, clock, label, unfinished)
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    node_main.survive_a_closed_terminal()
+    rospy.init_node("autonomy", disable_signals=True)
+    stopped = threading.Event()
+    ends: List[Callable[[str], None]] = [lambda _: stopped.set()]
+
+    def handle(number: int, _frame: Any) -> None:
+        ends[-1](signal.Signals(number).name)
+
+    for number in node_main.END_SIGNALS:
+        signal.signal(number, handle)
+    rospy.core.add_preshutdown_hook(lambda reason: ends[-1](f"ROS ({reason})"))
+    try:
+        node = _make(stopped)
+        ends.append(node.end)
+        if stopped.is_set():
+            node.end("a signal")
+        node.start()
+        return node.run()
+    except (ConfigError, NodeError) as error:
+        print(f"autonomy: {error}", file=sys.stderr, flush=True)
+        return START_ERROR
+    finally:
+        rospy.signal_shutdown("ended")
+
+
+# --- results ----------------------------------------------------------------------------------------------------------
+# How a run ended, as a number for scripts.
+
+
+START_ERROR = 2
+
+#: What the process exits with, by the name of the worst that happened; docs/integrator.md shows this table.
+EXIT_STATUS: Mapping[str, int] = {
+    "COMPLETE": 0,  # every mission was flown and its data is complete; or nothing was started
+    "LANDED_EARLY": 3,
+    "PILOT": 4,
+    "NOT_FLOWN": 5,
+    "DATA_INCOMPLETE": 6,
+    "INTERRUPTED": 7,  # the node was ended while a mission was under way, on the ground
+    "INTERRUPTED_IN_FLIGHT": 8,  # ... and in flight: LAND was sent
+}
+
+_NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
+
+
+def outcome(results: Sequence[Result], state: EngineState) -> str:
+    """Return the worst of how the missions ended and where the engine was when the node ended."""
+    names = [result.value for result in results if result is not Result.NONE] or ["COMPLETE"]
+    if state.in_flight:
+        names.append("INTERRUPTED_IN_FLIGHT")
+    elif state.state not in _NOTHING_UNDER_WAY:
+        names.append("INTERRUPTED")
+    return max(names, key=EXIT_STATUS.__getitem__)
+
+
+def exit_status(results: Sequence[Result], state: EngineState) -> int:
+    """Return the exit status of the node."""
+    return EXIT_STATUS[outcome(results, state)]

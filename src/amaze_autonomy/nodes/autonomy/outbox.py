@@ -1,0 +1,378 @@
+"""Writes and publishes what was decided, on a thread of its own: nothing in here can delay a decision."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from contextlib import suppress
+from math import nan
+from queue import Empty, SimpleQueue
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+import diagnostic_updater
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from amaze_autonomy import msg
+from amaze_autonomy.engine import journal as codec
+from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Value
+from amaze_autonomy.engine.events import Event
+from amaze_autonomy.engine.report import Report, report
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState, Failure
+
+from ...ros.clock import Clock
+from ...ros.interface import check_row, number, ros_time
+from .run_folder import JournalFile
+
+__all__ = ["Diagnostics", "Outbox", "StatePublisher", "Timeline", "state_message"]
+
+_MOST_WAITING = 200000  # lines for a listener that does not keep up: more than an hour
+
+_STATE_PERIOD_S = 0.5
+_log = logging.getLogger(__name__)
+
+_SAY = {
+    Level.INFO: rospy.loginfo,
+    Level.WARNING: rospy.logwarn,
+    Level.ERROR: rospy.logerr,
+    Level.ALARM: rospy.logfatal,
+}
+
+
+def _kind(line: str) -> str:
+    """Return the kind of a line of the journal; a canonical line has it between its keys."""
+    return next((kind for kind in ("decision", "header") if f'"kind":"{kind}"' in line), "event")
+
+
+class _Newcomers(rospy.SubscribeListener):
+    """Tells of each new listener."""
+
+    def __init__(self, welcome: Callable[[Callable[[msg.JournalEntry], None]], None]) -> None:
+        super().__init__()
+        self._welcome = welcome
+
+    def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Callable[[msg.JournalEntry], None]) -> None:
+        self._welcome(peer_publish)
+
+
+class Outbox:
+    """One queue of what was decided, in order.
+
+    Args:
+        journal: on disk.
+        timeline: the report for people.
+        clock: for the stamps.
+        publish_state: publishes ~state; called at each decision and twice a second.
+        housekeeping: called twice a second, after `publish_state`.
+    """
+
+    def __init__(
+        self,
+        journal: JournalFile,
+        timeline: Timeline,
+        clock: Clock,
+        publish_state: Callable[[EngineState], None],
+        housekeeping: Callable[[], None],
+    ) -> None:
+        self._journal, self._timeline, self._clock = journal, timeline, clock
+        self._publish_state, self._housekeeping = publish_state, housekeeping
+        self._queue: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
+        self._lock = threading.Lock()  # of the journal and its publisher
+        self._entries = rospy.Publisher(
+            "~journal", msg.JournalEntry, _Newcomers(self._catch_up), queue_size=_MOST_WAITING
+        )
+        self._said = ""
+        self.state = EngineState()
+
+    def put(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+        """Take one step of the engine; from its thread."""
+        self._queue.put(lambda: self._take(event, state, commands))
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Do something that may wait, in its turn; from any thread."""
+        self._queue.put(job)
+
+    def start(self, state: EngineState) -> None:
+        """Begin to write."""
+        self.state = state
+        self._thread.start()
+
+    def stop(self, limit_s: float = 5.0) -> None:
+        """Write what is left, then close the journal."""
+        self._queue.put(None)
+        self._thread.join(limit_s)
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while True:
+            try:
+                job = self._queue.get(timeout=max(0.0, due_s - time.monotonic()))
+            except Empty:
+                due_s = time.monotonic() + _STATE_PERIOD_S
+                self._guarded(self._periodic)
+                continue
+            if job is None:
+                break
+            self._guarded(job)
+        self._guarded(self._periodic)
+        with self._lock:
+            self._journal.close()
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception:
+            _log.exception("the outbox failed")
+
+    def _periodic(self) -> None:
+        with self._lock:
+            self._journal.flush()
+            self._journal.sync()
+        self._say_problem()
+        self._publish_state(self.state)
+        self._housekeeping()
+
+    def _take(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+        self.state = state
+        with self._lock:
+            self._line("event", codec.encode_event(event))
+            for command in commands:
+                if isinstance(command, Decision):
+                    self._timeline.decision(command)
+                    self._line("decision", codec.encode_decision(command))
+                elif isinstance(command, Notify):
+                    self._timeline.message(event.t_ns, command)
+            if commands:
+                self._journal.flush()
+        if commands:
+            self._publish_state(state)
+        for command in commands:
+            if isinstance(command, Notify):
+                _SAY[command.level]("%s%s", command.text, f" {command.advice}" if command.advice else "")
+
+    def _line(self, kind: str, line: str) -> None:
+        number = self._journal.append(line)
+        if self._entries.get_num_connections():
+            with suppress(rospy.ROSException):  # the topic closes before the journal does
+                self._entries.publish(self._entry(number, kind, line))
+
+    def _entry(self, number: int, kind: str, line: str) -> msg.JournalEntry:
+        entry = msg.JournalEntry(sequence=number, kind=kind, line=line)
+        entry.header.stamp = ros_time(self._clock.ros_ns())
+        return entry
+
+    def _catch_up(self, publish: Callable[[msg.JournalEntry], None]) -> None:
+        """Send a new listener the journal from its first line: a recording that starts later has all of it."""
+        with self._lock:
+            self._journal.flush()
+            text = self._journal.path.read_text(encoding="ascii")
+            for number, line in enumerate(text.splitlines()):
+                publish(self._entry(number, _kind(line), line))
+
+    def _say_problem(self) -> None:
+        """Warn once about each trouble with the disk, and when it is over."""
+        problem = self._journal.problem
+        if problem == self._said:
+            return
+        self._said = problem
+        if problem:
+            rospy.logerr("The journal cannot be written: %s. The engine goes on; make room on the disk.", problem)
+        else:
+            rospy.logwarn("The journal is written again%s.", ", with a gap" if self._journal.gap else ", without a gap")
+
+
+# --- state publisher --------------------------------------------------------------------------------------------------
+# Publishes ~state: the engine's report as a message, latched.
+
+
+class StatePublisher:
+    """Writes AutonomyState.
+
+    Args:
+        rules: that the engine decides by.
+        clock: for the time that is left.
+    """
+
+    def __init__(self, rules: Rules, clock: Clock) -> None:
+        self._rules, self._clock = rules, clock
+        self._publisher = rospy.Publisher("~state", msg.AutonomyState, latch=True, queue_size=10)
+
+    def publish(self, state: EngineState) -> None:
+        """Publish the report about a state."""
+        message = state_message(report(state, self._rules), self._clock.now_ns(), self._clock.ros_ns())
+        self._publisher.publish(message)
+
+
+#: Levels of DiagnosticStatus.
+_MESSAGE_LEVELS = {Level.INFO: 0, Level.WARNING: 1, Level.ERROR: 2, Level.ALARM: 3}
+
+
+def _pending(failure: Failure, now_ns: int) -> msg.PendingFailure:
+    return msg.PendingFailure(
+        name=failure.name,
+        code=failure.code,
+        verb=failure.verb.name.lower(),
+        then="" if failure.then is None else failure.then.name.lower(),
+        time_left=_left_s(failure.deadline_ns, now_ns),
+        reason=failure.reason,
+    )
+
+
+def _left_s(deadline_ns: Optional[int], now_ns: int) -> float:
+    return nan if deadline_ns is None else max(0.0, (deadline_ns - now_ns) * 1e-9)
+
+
+def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState:
+    """Write what a person is shown of the engine; `now_ns` is on the deciding clock."""
+    message = msg.AutonomyState(
+        state=report.state,
+        phase=report.phase,
+        session_id=report.session_id,
+        mission_id=report.mission_id,
+        mission_description=report.mission_description,
+        file_index=report.file_index,
+        files=report.files,
+        repetition=report.repetition,
+        repetitions=report.repetitions,
+        in_flight=report.in_flight,
+        checks=[check_row(row) for row in report.checks],
+        failures=[_pending(failure, now_ns) for failure in report.failures],
+        waiting_for=report.waiting_for,
+        time_left=_left_s(report.deadline_ns, now_ns),
+        message=report.message,
+        message_level=_MESSAGE_LEVELS[Level(report.message_level)],
+        advice=report.advice,
+        user_commands=list(report.user_commands),
+        waypoint=report.waypoint,
+        waypoints=report.waypoints,
+        recording_phase=report.recording_phase,
+        recording_progress=number(report.recording_progress),
+        data_location=report.data_location,
+        result=report.result,
+    )
+    message.header.stamp = ros_time(ros_ns)
+    return message
+
+
+# --- diagnostics ------------------------------------------------------------------------------------------------------
+# What the node says on /diagnostics, through diagnostic_updater.
+
+
+_PERIOD_S = 1.0
+_OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+_LEVELS = {Level.INFO: _OK, Level.WARNING: _WARN, Level.ERROR: _ERROR, Level.ALARM: _ERROR}
+
+
+class Diagnostics:
+    """Three rows: the engine, its inputs, the journal.
+
+    Args:
+        state: returns the engine's present state.
+        journal: on disk.
+        rejected: how many messages of each topic were invalid.
+        open_calls: returns how many service calls wait for an answer.
+    """
+
+    def __init__(
+        self,
+        state: Callable[[], EngineState],
+        journal: JournalFile,
+        rejected: Dict[str, int],
+        open_calls: Callable[[], int],
+    ) -> None:
+        self._state, self._journal, self._rejected, self._open_calls = state, journal, rejected, open_calls
+        self._due_s = 0.0
+        self._updater = diagnostic_updater.Updater()
+        self._updater.setHardwareID("none")
+        self._updater.add("engine", self._engine)
+        self._updater.add("inputs", self._inputs)
+        self._updater.add("journal", self._disk)
+
+    def publish(self) -> None:
+        """Publish all rows, at most once a second."""
+        now_s = time.monotonic()
+        if now_s >= self._due_s:
+            self._due_s = now_s + _PERIOD_S
+            self._updater.force_update()
+
+    def _engine(self, status: Any) -> Any:
+        state = self._state()
+        status.summary(_LEVELS.get(Level(state.message_level), _OK), f"{state.state.value}: {state.message}")
+        status.add("mission", state.mission.id if state.mission else "")
+        status.add("session", state.session_id)
+        status.add("in flight", str(state.in_flight))
+        status.add("decisions", str(state.decisions))
+        status.add("failures", ", ".join(failure.name for failure in state.failures))
+        return status
+
+    def _inputs(self, status: Any) -> Any:
+        invalid = sum(self._rejected.values())
+        if invalid:
+            status.summary(_WARN, f"{invalid} invalid messages")
+        else:
+            status.summary(_OK, "all messages were valid")
+        for topic, count in sorted(self._rejected.items()):
+            status.add(f"invalid on {topic}", str(count))
+        status.add("calls that wait", str(self._open_calls()))
+        return status
+
+    def _disk(self, status: Any) -> Any:
+        journal = self._journal
+        status.summary(_ERROR if journal.problem else _OK, journal.problem or str(journal.path))
+        status.add("lines", str(journal.lines))
+        status.add("gap", str(journal.gap))
+        return status
+
+
+# --- timeline ---------------------------------------------------------------------------------------------------------
+# The report of a run: one line per decision and message, readable by a person.
+
+
+_NS = 1_000_000_000
+
+
+class Timeline:
+    """Collects lines; times are seconds since the first."""
+
+    def __init__(self) -> None:
+        self._start_ns: Optional[int] = None
+        self.lines: List[str] = []
+
+    def decision(self, decision: Decision) -> None:
+        """Add a decision."""
+        where = decision.after + (f"/{decision.step}" if decision.step else "")
+        moved = where if decision.before == decision.after else f"{decision.before} -> {where}"
+        values = "; ".join(_value(value) for value in decision.values)
+        parts = [moved, f"rule {decision.rule} on {decision.event}"]
+        if values:
+            parts.append(values)
+        if decision.commands:
+            parts.append("=> " + ", ".join(decision.commands))
+        self._add(decision.t_ns, " | ".join(parts))
+
+    def message(self, t_ns: int, notify: Notify) -> None:
+        """Add a message to the user."""
+        advice = f" {notify.advice}" if notify.advice else ""
+        self._add(t_ns, f"{notify.level.name}: {notify.text}{advice}")
+
+    def note(self, t_ns: int, text: str) -> None:
+        """Add a remark of the node itself."""
+        self._add(t_ns, f"NODE: {text}")
+
+    def _add(self, t_ns: int, text: str) -> None:
+        if self._start_ns is None:
+            self._start_ns = t_ns
+        self.lines.append(f"{(t_ns - self._start_ns) / _NS:10.3f} s  {text}")
+
+    def text(self) -> str:
+        """Return the whole report."""
+        return "".join(line + "\n" for line in self.lines)
+
+
+def _value(value: Value) -> str:
+    unit = f" {value.unit}" if value.unit else ""
+    limit = "" if value.limit is None else f" (limit {value.limit}{unit})"
+    return f"{value.name} {value.value}{unit}{limit}"

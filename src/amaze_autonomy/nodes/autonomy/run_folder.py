@@ -1,0 +1,297 @@
+"""The folder of one run: journal, report, result; and the journal that an unfinished run left behind."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import rospkg
+
+from amaze_autonomy.engine import journal as codec
+from amaze_autonomy.engine.events import Event
+from amaze_autonomy.whole_file import write_whole
+
+from ...ros.errors import StartError
+
+__all__ = [
+    "JOURNAL_NAME",
+    "REPORT_NAME",
+    "RESULT_NAME",
+    "JournalFile",
+    "Unfinished",
+    "boot_id",
+    "create",
+    "find_unfinished",
+    "make_folder",
+    "reopen",
+    "write_result",
+]
+
+RESULT_NAME = "result.json"
+REPORT_NAME = "report.txt"
+
+
+@dataclass(frozen=True)
+class Unfinished:
+    """A journal whose run did not end: the process was killed, or ended in flight.
+
+    Args:
+        path: of the journal.
+        header: its first line.
+        events: all events in it, in order.
+    """
+
+    path: Path
+    header: Dict[str, Any]
+    events: List[Event]
+
+    @property
+    def last_ns(self) -> int:
+        """Return the time of its last event; 0 when it has none."""
+        return self.events[-1].t_ns if self.events else 0
+
+
+def boot_id() -> str:
+    """Return what tells one start of the system from the next; the monotonic clock is worth nothing beyond it."""
+    return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+
+
+def default_parent() -> Path:
+    """Return the folder that the runs' folders are made in when none is named."""
+    return Path(rospkg.get_ros_home()) / "amaze_autonomy"
+
+
+def make_folder(output: str, label: str) -> Path:
+    """Return an empty place for a new run; what an earlier run left in a named folder is kept under its own name.
+
+    Raises:
+        StartError: It cannot be made.
+    """
+    try:
+        if output:
+            folder = Path(output).expanduser()
+            folder.mkdir(parents=True, exist_ok=True)
+            _keep_earlier(folder)
+            return folder
+        return _fresh(default_parent(), label)
+    except OSError as error:
+        raise StartError(f"cannot make the output folder: {error}; name another one with ~output") from error
+
+
+def _fresh(parent: Path, label: str) -> Path:
+    parent.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while True:
+        folder = parent / (label if number == 1 else f"{label}-{number}")
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def _keep_earlier(folder: Path) -> None:
+    """Move an earlier run's files into a folder of their own beside the new ones."""
+    names = [name for name in (JOURNAL_NAME, REPORT_NAME, RESULT_NAME) if (folder / name).exists()]
+    if not names:
+        return
+    earlier = _fresh(folder, "earlier")
+    for name in names:
+        (folder / name).rename(earlier / name)
+
+
+def find_unfinished(output: str) -> Optional[Unfinished]:
+    """Return the journal to go on with: of this boot, in the named folder or the newest of the default ones.
+
+    Raises:
+        StartError: There is one, and it is damaged.
+    """
+    folder = Path(output).expanduser() if output else _newest(default_parent())
+    if folder is None or not (folder / JOURNAL_NAME).is_file() or _ended(folder / RESULT_NAME):
+        return None
+    path = folder / JOURNAL_NAME
+    try:
+        data = path.read_bytes()
+        first = codec.decode(data.split(b"\n", 1)[0].decode())
+        if first.kind != "header" or not isinstance(first.payload, dict) or first.payload.get("boot_id") != boot_id():
+            return None
+        journal = codec.read(data[: codec.whole_lines(data)].decode())
+    except (OSError, UnicodeDecodeError, codec.JournalError) as error:
+        raise StartError(f"{path} is of a run that did not end, and cannot be read: {error}") from error
+    events = [line.payload for line in journal.lines if isinstance(line.payload, Event)]
+    return Unfinished(path, first.payload, events)
+
+
+def _newest(parent: Path) -> Optional[Path]:
+    journals = sorted(parent.glob(f"*/{JOURNAL_NAME}"), key=lambda path: path.stat().st_mtime)
+    return journals[-1].parent if journals else None
+
+
+def _ended(result: Path) -> bool:
+    try:
+        return not json.loads(result.read_text(encoding="utf-8"))["in_flight"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def write_result(folder: Path, result: Dict[str, Any]) -> None:
+    """Write result.json whole or not at all.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    write_whole(folder / RESULT_NAME, json.dumps(result, indent=2, sort_keys=True) + "\n")
+
+
+# --- journal file -----------------------------------------------------------------------------------------------------
+# The journal on disk: appended line by line, flushed at each decision, on the disk within a second.
+#  A disk that is full or gone is not a reason to stop an engine in flight: what could not be written is kept, said,
+# and written as soon as it can be. The file then has no gap, unless so much was kept that the oldest had to go.
+
+
+JOURNAL_NAME = "journal.jsonl"
+_FSYNC_PERIOD_S = 1.0
+_RETRY_PERIOD_S = 1.0
+_MOST_KEPT = 16 * 1024 * 1024  # bytes that wait for a disk
+
+
+class JournalFile:
+    """An open journal. Used by one thread.
+
+    Args:
+        path: of the file.
+        descriptor: open for writing, at its end, locked.
+        lines: how many lines it holds.
+    """
+
+    def __init__(self, path: Path, descriptor: int, lines: int) -> None:
+        self.path, self.lines = path, lines
+        self.problem = ""
+        self.gap = False
+        self._descriptor = descriptor
+        self._good = os.lseek(descriptor, 0, os.SEEK_END)
+        self._kept: List[bytes] = []
+        self._kept_bytes = 0
+        self._synced_s = self._retry_s = 0.0
+        self._dirty = False
+
+    def append(self, line: str) -> int:
+        """Take a line; return its number from 0. It is on its way at the next `flush`."""
+        data = line.encode() + b"\n"
+        self._kept.append(data)
+        self._kept_bytes += len(data)
+        number = self.lines
+        self.lines += 1
+        if self._kept_bytes > _MOST_KEPT:
+            self.gap = True
+            while self._kept_bytes > _MOST_KEPT // 2:
+                self._kept_bytes -= len(self._kept.pop(0))
+        return number
+
+    def flush(self, *, force: bool = False) -> None:
+        """Write what was taken; a failure is kept in `problem` and tried again later."""
+        if not self._kept or (self.problem and not force and time.monotonic() < self._retry_s):
+            return
+        data = b"".join(self._kept)
+        try:
+            written = os.write(self._descriptor, data)
+            if written < len(data):
+                written += os.write(self._descriptor, data[written:])
+        except OSError as error:
+            self._failed(error)
+            return
+        self._good += written
+        self._kept, self._kept_bytes = [], 0
+        self._dirty, self.problem = True, ""
+
+    def _failed(self, error: OSError) -> None:
+        """Take back half-written lines, so that the file ends with a whole one."""
+        self.problem = f"{self.path}: {error.strerror or error}"
+        self._retry_s = time.monotonic() + _RETRY_PERIOD_S
+        try:
+            os.ftruncate(self._descriptor, self._good)
+            os.lseek(self._descriptor, self._good, os.SEEK_SET)
+        except OSError as again:
+            self.problem = f"{self.path}: {again.strerror or again}"
+
+    def sync(self, *, force: bool = False) -> None:
+        """Have the disk keep what was written, at most once a second unless forced."""
+        now_s = time.monotonic()
+        if not self._dirty or (not force and now_s < self._synced_s + _FSYNC_PERIOD_S):
+            return
+        self._synced_s, self._dirty = now_s, False
+        try:
+            os.fdatasync(self._descriptor)
+        except OSError as error:
+            self.problem = f"{self.path}: {error.strerror or error}"
+
+    def close(self) -> None:
+        """Write the rest and close."""
+        self.flush(force=True)
+        self.sync(force=True)
+        os.close(self._descriptor)
+
+
+def create(folder: Path, header: str) -> JournalFile:
+    """Make a journal with its header in a folder that has none. It appears whole or not at all.
+
+    Raises:
+        StartError: It cannot be written.
+    """
+    path, half = folder / JOURNAL_NAME, folder / f".{JOURNAL_NAME}.new"
+    try:
+        descriptor = os.open(half, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        os.write(descriptor, header.encode() + b"\n")
+        os.fsync(descriptor)
+        _lock(descriptor, path)
+        half.replace(path)
+        _sync_folder(folder)
+    except OSError as error:
+        raise StartError(f"cannot write {path}: {error.strerror}; name another folder with ~output") from error
+    return JournalFile(path, descriptor, 1)
+
+
+def reopen(path: Path) -> JournalFile:
+    """Open a journal to write on after its last whole line.
+
+    Raises:
+        StartError: It cannot be opened, or another process writes it.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        _lock(descriptor, path)
+        data = path.read_bytes()
+        os.ftruncate(descriptor, codec.whole_lines(data))
+    except OSError as error:
+        raise StartError(f"cannot go on with {path}: {error.strerror}") from error
+    return JournalFile(path, descriptor, data.count(b"\n"))
+
+
+def _lock(descriptor: int, path: Path, limit_s: float = 3.0) -> None:
+    """Lock the journal against a second node; one that is just ending gets a moment to let go."""
+    deadline_s = time.monotonic() + limit_s
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            if time.monotonic() > deadline_s:
+                raise StartError(f"{path} is written by another node that still runs: end it first") from error
+            time.sleep(0.05)
+        else:
+            return
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor: Optional[int] = None
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        os.fsync(descriptor)
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)

@@ -1,0 +1,149 @@
+"""The user's services: list and select missions, the commands of `UserCommand`. Each waits for the engine's answer."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from queue import Empty, SimpleQueue
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+
+import rospy
+
+from amaze_autonomy import msg, srv
+from amaze_autonomy.engine.answers import available
+from amaze_autonomy.engine.commands import Answer, AnswerKind
+from amaze_autonomy.engine.events import Event, MissionRejected, MissionSelected, Tick, UserCommand, UserRequest
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.engine.turn import Turn
+
+from ...ros.interface import number
+
+__all__ = ["Unattended", "UserDesk", "choose"]
+
+_ANSWER_LIMIT_S = 3.0
+
+
+def choose(missions: Sequence[Mission], ids: Sequence[str], t_ns: int, request_id: int = 0) -> Event:
+    """Return the event of a user who names missions by their ids."""
+    known = {mission.id: mission for mission in missions}
+    for mission_id in ids:
+        if mission_id not in known:
+            error = f"there is no such mission; there are {', '.join(known) or 'none'}"
+            return MissionRejected(t_ns=t_ns, mission_id=mission_id, error=error, request_id=request_id)
+    if not ids:
+        return MissionRejected(t_ns=t_ns, mission_id="", error="no mission was named", request_id=request_id)
+    return MissionSelected(t_ns=t_ns, missions=tuple(known[each] for each in ids), request_id=request_id)
+
+
+class UserDesk:
+    """Takes requests of users to the engine, and its answers back to them.
+
+    Args:
+        missions: that can be selected.
+        put: takes the events.
+        now_ns: the clock that decides.
+    """
+
+    def __init__(self, missions: Sequence[Mission], put: Callable[[Event], None], now_ns: Callable[[], int]) -> None:
+        self._missions, self._put, self._now_ns = missions, put, now_ns
+        self._ids = itertools.count(1)
+        self._lock = threading.Lock()
+        self._waiting: Dict[int, SimpleQueue[Answer]] = {}
+        self._services: List[Any] = []
+
+    def open(self) -> None:
+        """Offer the services."""
+        self._services = [
+            rospy.Service("~list_missions", srv.ListMissions, lambda _: self._list()),
+            rospy.Service("~select_mission", srv.SelectMission, self._select),
+        ]
+        for command in UserCommand:
+            self._services.append(rospy.Service(f"~{command.value}", srv.UserCommand, self._handler(command)))
+
+    def answer(self, answer: Answer) -> None:
+        """Hand an answer to the user who waits for it."""
+        with self._lock:
+            slot = self._waiting.get(answer.request_id)
+        if slot is not None:
+            slot.put(answer)
+
+    def _handler(self, command: UserCommand) -> Callable[[Any], Any]:
+        def handle(_: Any) -> Any:
+            answer = self._ask(
+                lambda request_id: UserRequest(t_ns=self._now_ns(), command=command, request_id=request_id)
+            )
+            return srv.UserCommandResponse(answer=answer.answer.value, message=answer.message)
+
+        return handle
+
+    def _select(self, request: Any) -> Any:
+        ids = [each.strip() for each in request.mission_ids]
+        answer = self._ask(lambda request_id: choose(self._missions, ids, self._now_ns(), request_id))
+        return srv.SelectMissionResponse(accepted=answer.answer is AnswerKind.DONE, message=answer.message)
+
+    def _ask(self, event: Callable[[int], Event]) -> Answer:
+        slot: SimpleQueue[Answer] = SimpleQueue()
+        with self._lock:
+            request_id = next(self._ids)
+            self._waiting[request_id] = slot
+        try:
+            self._put(event(request_id))
+            return slot.get(timeout=_ANSWER_LIMIT_S)
+        except Empty:
+            return Answer(request_id=request_id, answer=AnswerKind.REFUSED, message="the engine did not answer")
+        finally:
+            with self._lock:
+                del self._waiting[request_id]
+
+    def _list(self) -> Any:
+        return srv.ListMissionsResponse(missions=[_info(mission) for mission in self._missions])
+
+
+def _info(mission: Mission) -> msg.MissionInfo:
+    return msg.MissionInfo(
+        id=mission.id,
+        description=mission.description,
+        files=mission.files,
+        repetitions=mission.repetitions,
+        estimated_duration=number(mission.estimated_duration_s),
+        battery_needed=number(mission.battery_needed_fraction),
+    )
+
+
+# --- unattended -------------------------------------------------------------------------------------------------------
+# Who answers where nobody is there to: what `unattended:=true` does in a user's place, state in, command out.
+#  It does no more than a user could: only what the engine would do if it were asked now, and a pilot's landing is
+# acknowledged only once the flight is over for the engine as well, for nobody looks at the vehicle.
+
+
+_AGAIN_NS = 1_000_000_000  # a request that came too late for its state is made again
+
+_ANSWERS: Mapping[State, UserCommand] = {
+    State.OUTREACH: UserCommand.GIVE_UP,
+    State.PILOT: UserCommand.ACKNOWLEDGE,
+}
+
+
+class Unattended:
+    """Says what to ask of the engine, at every step of it.
+
+    Args:
+        rules: that the engine decides by.
+    """
+
+    def __init__(self, rules: Rules) -> None:
+        self._rules = rules
+        self._again_ns = 0
+
+    def answer(self, state: EngineState) -> Optional[UserCommand]:
+        """Return what is to be asked of the engine now; None: nothing."""
+        command = _ANSWERS.get(state.state)
+        if command is None or state.in_flight:
+            self._again_ns = 0
+            return None
+        if state.t_ns < self._again_ns or command not in available(Turn(state, Tick(t_ns=state.t_ns), self._rules)):
+            return None
+        self._again_ns = state.t_ns + _AGAIN_NS
+        return command

@@ -1,0 +1,1 @@
+"""The nodes that check: on the ground, and the states."""

@@ -1,0 +1,274 @@
+"""The collector's part of the node: the engine's requests, the other platforms, transfers, and the job that merges."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Type
+
+import rospy
+
+from amaze_autonomy import msg, srv
+from amaze_autonomy.config import Configuration
+from amaze_autonomy.config.recording_schema import Transfer
+from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.recording import Answer, Collector, Command, RecordingError, Status
+from amaze_autonomy.recording import status as asked
+from amaze_autonomy.recording.collector import correction_ns
+from amaze_autonomy.recording.storage import remove_part, session_name, write_json
+
+from ...ros.errors import CallError
+from .links import PlatformLink
+from .platform import RecorderPlatform
+from .settings import RecorderShare, collector_setup, transfers
+
+__all__ = ["Collection", "RecorderCollector"]
+
+
+class RecorderCollector:
+    """The collector's machine, and what carries its commands out.
+
+    Args:
+        share: of the node.
+        own: the recorder of this platform.
+    """
+
+    def __init__(self, share: RecorderShare, own: RecorderPlatform) -> None:
+        self._share, self._own = share, own
+        self.machine = Collector(collector_setup(share.configuration))
+        self._collection = Collection(share.configuration, transfers(share.configuration))
+        self._links: Dict[str, PlatformLink] = {}
+        self.commands: Mapping[Type[Any], Callable[[Any], None]] = {
+            asked.Ask: self._ask,
+            asked.MeasureClock: self._measure_clock,
+            asked.Transfer: self._transfer,
+            asked.Collect: self._collect,
+            asked.CopyJournal: self._copy_journal,
+        }
+
+    # --- requests; on rospy's threads -----------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Offer the services, listen to the others and to the engine."""
+        others = [each for each in self.machine.setup.platforms if each != self._own.name]
+        self._links = {name: PlatformLink(name, self._heard, self._share.stamp_ns) for name in others}
+        serve = self._share.serve
+        serve("data_recorder/start", srv.StartRecording, lambda it: self._start(it.session_id, it.mission_id))
+        serve("data_recorder/stop", srv.StopRecording, lambda it: self._stop(it.session_id))
+        rospy.Subscriber("autonomy/state", msg.AutonomyState, self._see_engine, queue_size=10)
+
+    def _start(self, session_id: str, mission_id: str) -> Answer:
+        with self._share.lock:
+            return self.machine.start(self._share.now_ns(), session_id, mission_id)
+
+    def _stop(self, session_id: str) -> Answer:
+        with self._share.lock:
+            return self.machine.stop(self._share.now_ns(), session_id, self._share.stamp_ns())
+
+    def _heard(self, platform: str, status: Status) -> None:
+        with self._share.lock:
+            self.machine.heard(self._share.now_ns(), platform, status)
+
+    def _see_engine(self, message: Any) -> None:
+        """Copy the journal again when the mission has ended: its last decisions came after the recording."""
+        if message.state == "MISSION_ENDED" and message.session_id == self.machine.session_id:
+            self._share.workers.submit(lambda: self._collection.copy_journal(self._folder(), again=True))
+
+    # --- the work; on the working thread --------------------------------------------------------------------------
+
+    def step(self) -> List[Command]:
+        """Hear the own platform, and decide; return what is to be done."""
+        with self._share.lock:
+            now_ns = self._share.now_ns()
+            self.machine.heard(now_ns, self._own.name, self._own.status())
+            return list(self.machine.step(now_ns))
+
+    def status(self) -> Status:
+        """Return the status of all; whoever asks holds the lock."""
+        return self.machine.status(self._share.now_ns())
+
+    def _folder(self) -> Path:
+        return self._share.folder / session_name(self.machine.session_id, self.machine.mission_id)
+
+    def _ask(self, command: asked.Ask) -> None:
+        machine = self.machine
+        session, mission = machine.session_id, machine.mission_id
+        if command.platform == self._own.name:
+            own = {
+                "start": lambda: self._own.start(session, mission),
+                "stop": lambda: self._own.stop(session),
+                "remove": lambda: self._own.remove(session),
+            }
+            machine.answered(self._own.name, command.verb, session, own[command.verb]())
+            return
+        self._share.workers.submit(lambda: self._ask_other(machine, command, session, mission))
+
+    def _ask_other(self, machine: Collector, command: asked.Ask, session: str, mission: str) -> None:
+        share = self._share
+        try:
+            answer = self._links[command.platform].ask(command.verb, session, mission)
+        except CallError as error:
+            with share.lock:
+                machine.unanswered(command.platform, str(error))
+        else:
+            with share.lock:
+                machine.answered(command.platform, command.verb, session, answer)
+            if command.verb == "remove" and answer.accepted:
+                remove_part(share.folder / session_name(session, mission) / command.platform, share.folder)
+        share.wake.set()
+
+    def _measure_clock(self, command: asked.MeasureClock) -> None:
+        machine = self.machine
+
+        def measure() -> None:
+            offset, problem = self._links[command.platform].offset()
+            if offset is None:
+                rospy.logwarn("the clock of %s could not be measured: %s", command.platform, problem)
+            with self._share.lock:
+                machine.clock_measured(command.platform, command.when, offset)
+
+        self._share.workers.submit(measure)
+
+    def _transfer(self, command: asked.Transfer) -> None:
+        machine, share, folder = self.machine, self._share, self._folder() / command.platform
+
+        def progress(fraction: float) -> None:
+            with share.lock:
+                machine.transfer_progress(command.platform, fraction)
+
+        def fetch() -> None:
+            transfer = self._collection.transfers[command.platform]
+            problem = share.jobs.fetch(transfer, command.location, folder, progress)
+            if problem:
+                rospy.logwarn("the part of %s: %s", command.platform, problem)
+            with share.lock:
+                machine.transfer_ended(share.now_ns(), command.platform, problem)
+            share.wake.set()
+
+        share.workers.submit(fetch)
+
+    def _collect(self, _command: asked.Collect) -> None:
+        machine, share = self.machine, self._share
+
+        def progress(line: Mapping[str, Any]) -> None:
+            with share.lock:
+                machine.job_progress(share.now_ns(), RecordingPhase[line["phase"]], float(line["progress"]))
+
+        def ended(result: Mapping[str, Any]) -> None:
+            with share.lock:
+                killed = bool(result.get("killed"))
+                machine.job_ended(share.now_ns(), str(result["problem"]), result, killed=killed)
+            share.wake.set()
+
+        share.jobs.run(self._collection.request(self._folder(), machine), progress, ended)
+
+    def _copy_journal(self, _command: asked.CopyJournal) -> None:
+        folder = self._folder()
+        self._share.workers.submit(lambda: self._collection.copy_journal(folder))
+
+    # --- memory and end -------------------------------------------------------------------------------------------
+
+    def memory(self) -> Dict[str, Any]:
+        """Return what the next process needs; whoever asks holds the lock."""
+        return self.machine.memory()
+
+    def remember(self, content: Mapping[str, Any]) -> None:
+        """Go on where another process of this node ended; what is no memory raises, and changes nothing."""
+        machine = Collector(self.machine.setup)
+        machine.remember(self._share.now_ns(), content)
+        self.machine = machine
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self.machine = Collector(self.machine.setup)
+
+    def interrupt(self) -> None:
+        """Take notice that the node ends."""
+        self.machine.interrupted(self._share.now_ns(), self._share.stamp_ns())
+
+    def close(self) -> None:
+        """Copy what the engine wrote until now; forget the others."""
+        if self.machine.session_id:
+            self._collection.copy_journal(self._folder(), again=True)
+        for link in self._links.values():
+            link.close()
+
+
+# --- recorder collection ----------------------------------------------------------------------------------------------
+# What the collector's node does to files: the journal and the configuration into the session.
+
+
+_JOURNAL = "journal.jsonl"
+
+
+class Collection:
+    """Files of the collector.
+
+    Args:
+        configuration: as loaded.
+        transfers: how each platform's part is fetched.
+    """
+
+    def __init__(self, configuration: Configuration, transfers: Mapping[str, Transfer]) -> None:
+        self._configuration, self.transfers = configuration, transfers
+        self._copying = threading.Lock()
+
+    def request(self, folder: Path, collector: Collector) -> Dict[str, Any]:
+        """Return what the job shall do that makes one recording of all parts."""
+        sources = [self._source(folder, collector, name) for name, view in collector.views.items() if view.began]
+        return {
+            "do": "collect",
+            "output": str(folder / f"{folder.name}.bag"),
+            "sources": sources,
+            "duplicates": self._configuration.recording.duplicates,
+            "facts": {
+                "session_id": collector.session_id,
+                "mission_id": collector.mission_id,
+                "stopped_ns": collector.stopped_ns,
+                "configuration_hash": self._configuration.hash,
+            },
+        }
+
+    def _source(self, folder: Path, collector: Collector, name: str) -> Dict[str, Any]:
+        view, own = collector.views[name], name == collector.setup.own
+        in_place = own or self.transfers[name].by == "here"
+        correction = correction_ns(view.offsets.get("start"), view.offsets.get("stop"))
+        return {
+            "platform": name,
+            "folder": view.part.location if in_place else str(folder / name),
+            "fetched": not in_place,
+            "correction_ns": correction if self._configuration.recording.apply_clock_offset else 0,
+            "clock": {when: offset.as_json() for when, offset in sorted(view.offsets.items())},
+        }
+
+    def copy_journal(self, folder: Path, *, again: bool = False) -> None:
+        """Copy the engine's journal, as far as it is written, and its configuration into a session."""
+        journal = str(rospy.get_param("~journal", "")) or str(rospy.get_param("autonomy/journal_file", ""))
+        try:
+            with self._copying:
+                if journal and Path(journal).is_file():
+                    _copy(Path(journal), folder / _JOURNAL)
+                if not again:
+                    self._copy_configuration(folder / "configuration")
+        except (OSError, RecordingError) as error:
+            rospy.logwarn("the journal could not be copied into the session: %s", error)
+
+    def _copy_configuration(self, target: Path) -> None:
+        source = self._configuration.folder
+        for path in [*sorted(source.glob("*.yaml")), *sorted((source / "trajectories").rglob("*"))]:
+            if path.is_file():
+                place = target / path.relative_to(source)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                _copy(path, place)
+        write_json(target / "effective.json", self._configuration.effective)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file so that the target is the old one or the new one."""
+    half = target.with_name(f".{target.name}.part")
+    shutil.copyfile(source, half)
+    with half.open("rb") as file:
+        os.fsync(file.fileno())
+    half.replace(target)

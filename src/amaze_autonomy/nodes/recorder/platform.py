@@ -1,0 +1,212 @@
+"""The recorder of this platform: its requests, its recorders' processes, and the job that makes its part whole."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Type
+
+import rosgraph
+import rospy
+
+from amaze_autonomy import srv
+from amaze_autonomy.recording import Answer, Command, PlatformRecorder, Status
+from amaze_autonomy.recording import status as asked
+from amaze_autonomy.recording.status import WRITING
+from amaze_autonomy.recording.storage import needed_bytes, remove_part, session_name, space_of, too_little
+
+from ...ros.clock import MonotonicClock
+from ...ros.threads import Periodic
+from . import statuses
+from .processes import RecorderChildren, Subscriptions, recorder_program
+from .settings import RecorderShare, platform_setup
+
+__all__ = ["MasterView", "RecorderPlatform", "resolved"]
+
+_END_LIMIT_S = 10.0
+
+
+class RecorderPlatform:
+    """This platform's machine, and what carries its commands out.
+
+    Args:
+        share: of the node.
+        name: of the platform.
+    """
+
+    def __init__(self, share: RecorderShare, name: str) -> None:
+        self._share, self.name = share, name
+        recording = share.configuration.recording
+        groups = {group.name: group for group in recording.groups_of(name)}
+        topics = {each: resolved(group.topics) for each, group in groups.items()}
+        nodes = {each: rospy.resolve_name(f"record_{name}_{each}") for each in groups}
+        self._groups = tuple(groups.values())
+        self._children = RecorderChildren(groups, topics, nodes, recording.storage, recorder_program())
+        self.machine = PlatformRecorder(platform_setup(share.configuration, name, topics))
+        self._master = MasterView()
+        self.commands: Mapping[Type[Any], Callable[[Any], None]] = {
+            asked.StartChild: self._start_child,
+            asked.Signal: lambda it: self._children.signal(it.group, it.name),
+            asked.Recover: self._recover,
+        }
+
+    # --- requests; on rospy's threads -----------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Offer the services."""
+        own, serve = f"{self.name}/data_recorder", self._share.serve
+        serve(f"{own}/start", srv.StartRecording, lambda it: self.start(it.session_id, it.mission_id))
+        serve(f"{own}/stop", srv.StopRecording, lambda it: self.stop(it.session_id))
+        serve(f"{own}/remove", srv.StopRecording, lambda it: self.remove(it.session_id))
+        self._share.services.append(rospy.Service(f"{own}/clock", srv.ExchangeClock, self._exchange))
+
+    def _exchange(self, _request: Any) -> Any:
+        received_ns = self._share.stamp_ns()
+        return srv.ExchangeClockResponse(
+            received=statuses.ros_time(received_ns),
+            answered=statuses.ros_time(self._share.stamp_ns()),
+        )
+
+    def start(self, session_id: str, mission_id: str) -> Answer:
+        """Begin to record."""
+        share, storage = self._share, self._share.configuration.recording.storage
+        space = space_of(share.folder)
+        needed = needed_bytes(storage, self._groups, self._duration_s(mission_id))
+        with share.lock:
+            again = self.machine.session_id == session_id and self.machine.phase in WRITING
+            problem = "" if again or space is None else too_little(storage, needed, space, str(share.folder))
+            return self.machine.start(share.now_ns(), session_id, mission_id, problem)
+
+    def _duration_s(self, mission_id: str) -> float:
+        try:
+            return self._share.configuration.plan(mission_id).mission.estimated_duration_s or 0.0
+        except KeyError:
+            return 0.0
+
+    def stop(self, session_id: str) -> Answer:
+        """End the recording."""
+        with self._share.lock:
+            return self.machine.stop(self._share.now_ns(), session_id)
+
+    def remove(self, session_id: str) -> Answer:
+        """Remove the part; only the collector asks for it, when the complete recording is verified."""
+        share = self._share
+        with share.lock:
+            answer = self.machine.may_remove(session_id, keep=share.configuration.recording.keep_parts)
+            location = Path(self.machine.location)
+        if answer.accepted:
+            share.workers.submit(lambda: remove_part(location, share.folder))
+        return answer
+
+    # --- the work; on the working thread --------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Begin to look."""
+        self._master.start()
+
+    @property
+    def folder(self) -> Path:
+        """Return the folder of its part."""
+        return self._share.folder / session_name(self.machine.session_id, self.machine.mission_id) / self.name
+
+    def step(self) -> List[Command]:
+        """See and decide; return what is to be done. The files are looked at without holding the lock."""
+        with self._share.lock:
+            self._enter()
+        sight = self._children.look(Subscriptions(*self._master.seen()))
+        with self._share.lock:
+            commands = list(self.machine.step(self._share.now_ns(), sight))
+            self._enter()
+        return commands
+
+    def _enter(self) -> None:
+        if self.machine.session_id:
+            self._children.enter(self.folder)
+            self.machine.location = str(self.folder)
+
+    def status(self) -> Status:
+        """Return its status; whoever asks holds the lock."""
+        return self.machine.status(self._share.now_ns())
+
+    def _start_child(self, command: asked.StartChild) -> None:
+        problem = self._children.start(command.group, command.number)
+        if problem:
+            rospy.logerr("the recorder of %s: %s", command.group, problem)
+
+    def _recover(self, _command: asked.Recover) -> None:
+        machine, share, session = self.machine, self._share, self.machine.session_id
+
+        def progress(line: Mapping[str, Any]) -> None:
+            with share.lock:
+                machine.recovery_progress(float(line["progress"]))
+
+        def ended(result: Mapping[str, Any]) -> None:
+            with share.lock:
+                if machine.session_id == session:
+                    killed = bool(result.get("killed"))
+                    machine.recovery_ended(share.now_ns(), str(result["problem"]), killed=killed)
+            share.wake.set()
+
+        share.jobs.run({"do": "close", "folder": str(self.folder), "facts": machine.facts()}, progress, ended)
+
+    # --- memory and end -------------------------------------------------------------------------------------------
+
+    def memory(self) -> Dict[str, Any]:
+        """Return what the next process needs; whoever asks holds the lock."""
+        return {"platform": self.machine.memory(), "processes": self._children.memory()}
+
+    def remember(self, content: Mapping[str, Any], *, same_boot: bool) -> None:
+        """Go on where another process of this node ended; what is no memory raises, and changes nothing."""
+        machine = PlatformRecorder(self.machine.setup)
+        machine.remember(self._share.now_ns(), content["platform"], same_boot=same_boot)
+        self._children.remember(content["processes"] if same_boot else {})
+        self.machine = machine
+
+    def interrupt(self) -> None:
+        """Close what is recorded: who ends this node ends the recording; who kills it does not."""
+        if self.machine.phase in WRITING:
+            self.machine.stop(self._share.now_ns(), self.machine.session_id)
+
+    def wait(self) -> None:
+        """Wait until its recorders have ended."""
+        self._children.wait(self._children.running, _END_LIMIT_S)
+
+
+# --- recorder topics --------------------------------------------------------------------------------------------------
+# Names of the topics that are recorded, and what the master says about who publishes and subscribes to them.
+
+
+_PERIOD_NS = 500_000_000
+_FRESH_S = 5.0
+
+
+def resolved(topics: Sequence[str]) -> Tuple[str, ...]:
+    """Return names as the recorder takes them; ~ is the autonomy node's private namespace."""
+    names = [rospy.resolve_name(name.replace("~", "autonomy/", 1)) for name in topics]
+    return tuple(dict.fromkeys(names))
+
+
+class MasterView:
+    """Asks the master, again and again, on a thread of its own: a master that hangs makes nobody wait."""
+
+    def __init__(self) -> None:
+        self._master = rosgraph.Master(rospy.get_name())
+        self._seen: Tuple[Mapping[str, Sequence[str]], List[str]] = ({}, [])
+        self._at_s: Optional[float] = None
+        self._periodic = Periodic("master", self._ask, _PERIOD_NS, MonotonicClock())
+
+    def start(self) -> None:
+        """Begin to ask."""
+        self._periodic.start()
+
+    def _ask(self) -> None:
+        publishers, subscribers, _ = self._master.getSystemState()
+        found: Dict[str, Sequence[str]] = dict(subscribers)
+        self._seen = found, [topic for topic, nodes in publishers if nodes]
+        self._at_s = time.monotonic()
+
+    def seen(self) -> Tuple[Optional[Mapping[str, Sequence[str]]], List[str]]:
+        """Return subscribers by topic and topics that are published; None when that is not known any more."""
+        if self._at_s is None or time.monotonic() - self._at_s > _FRESH_S:
+            return None, []
+        return self._seen

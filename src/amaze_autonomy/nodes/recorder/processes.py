@@ -1,0 +1,393 @@
+"""The recorders' processes on one platform: started, told to end, seen; found again by the next process of the node.
+
+Each has its own process group, so that a Ctrl-C in a terminal does not reach it, and writes its warnings to a file, so
+that it does not die with the node: a node that was killed is started again, and goes on with the recorders that run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+
+import roslib.packages
+
+from amaze_autonomy.config.recording_schema import Storage, TopicGroup, Transfer
+from amaze_autonomy.recording.programs import (
+    LogState,
+    bag_name,
+    child_command,
+    files_of,
+    log_name,
+    mounted,
+    problem_of,
+    progress_of,
+    read_line,
+    transfer_command,
+)
+from amaze_autonomy.recording.status import GroupSight, Sight
+from amaze_autonomy.recording.storage import PARTS, read_json, space_of
+
+from ...ros.local_process import LocalProcess
+
+__all__ = ["RecorderChildren", "RecorderJobs", "Subscriptions", "recorder_program"]
+
+
+def recorder_program() -> List[str]:
+    """Return the recorder in C++; the script that wraps it would die without it."""
+    found = roslib.packages.find_node("rosbag", "record")
+    return [str(found[0])] if found else ["rosbag", "record"]
+
+
+class Subscriptions:
+    """What the master says: who subscribes to what, and which topics are published. None: it said nothing lately."""
+
+    def __init__(self, subscribed: Optional[Mapping[str, Sequence[str]]] = None, published: Sequence[str] = ()) -> None:
+        self._subscribed, self._published = subscribed, frozenset(published)
+
+    def missing(self, node: str, topics: Sequence[str]) -> Optional[Tuple[str, ...]]:
+        """Return the topics that a node is not subscribed to; None when nobody knows."""
+        if self._subscribed is None:
+            return None
+        return tuple(topic for topic in topics if node not in self._subscribed.get(topic, ()))
+
+    def silent(self, topics: Sequence[str]) -> bool:
+        """Return whether it is known that nobody publishes any of some topics."""
+        return self._subscribed is not None and not any(topic in self._published for topic in topics)
+
+
+class _Log:
+    """Reads a group's log as it grows."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.state = LogState()
+        self._place, self._rest = 0, b""
+
+    def read(self) -> LogState:
+        with suppress(OSError), self.path.open("rb") as file:
+            file.seek(self._place)
+            data = file.read()
+            self._place += len(data)
+            *lines, self._rest = (self._rest + data).split(b"\n")
+            for line in lines:
+                self.state = read_line(self.state, line.decode("utf-8", "replace"))
+        return self.state
+
+    def forget_end(self) -> None:
+        """Keep what was counted; how the last recorder ended says nothing about the next one."""
+        self.read()
+        self.state = LogState(dropped=self.state.dropped)
+
+
+class RecorderChildren:
+    """The processes of one session on this platform. Used by the node's one working thread.
+
+    Args:
+        groups: by name.
+        topics: of each group, resolved.
+        nodes: name of each group's recorder node, resolved.
+        storage: settings.
+        program: of the recorder.
+    """
+
+    def __init__(
+        self,
+        groups: Mapping[str, TopicGroup],
+        topics: Mapping[str, Sequence[str]],
+        nodes: Mapping[str, str],
+        storage: Storage,
+        program: Sequence[str],
+    ) -> None:
+        self._groups, self._topics, self._nodes = dict(groups), dict(topics), dict(nodes)
+        self._storage, self._program = storage, list(program)
+        self._folder: Optional[Path] = None
+        self._processes: Dict[str, LocalProcess] = {}
+        self._own: Dict[str, subprocess.Popen[bytes]] = {}
+        self._endings: Dict[str, str] = {}
+        self._logs: Dict[str, _Log] = {}
+
+    def enter(self, folder: Path) -> None:
+        """Work in a session's folder from now on."""
+        if folder != self._folder:
+            if self._folder is not None:
+                self._endings = {}
+            self._folder = folder
+            self._logs = {name: _Log(folder / log_name(name)) for name in self._groups}
+
+    def start(self, name: str, number: int) -> str:
+        """Start a recorder; return why that is not possible, or an empty text."""
+        folder = self._folder
+        if folder is None:
+            return "no session"
+        group = self._groups[name]
+        short = self._nodes[name].rsplit("/", 1)[-1]
+        command = child_command(
+            self._program, short, group, self._topics[name], self._storage, folder / bag_name(name, number)
+        )
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with (folder / log_name(name)).open("ab") as log:
+                process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+                )
+        except OSError as error:
+            self._endings[name] = f"it cannot be started: {error}"
+            return self._endings[name]
+        self._own[name] = process
+        self._logs[name].forget_end()
+        self._take(name, process.pid)
+        return ""
+
+    def _take(self, name: str, pid: int) -> None:
+        found = LocalProcess.of(pid)
+        if found is not None:
+            self._processes[name] = found
+
+    def signal(self, name: str, word: str) -> None:
+        """Send INT, TERM or KILL to the process group of a recorder."""
+        process = self._processes.get(name)
+        if process is not None and process.alive:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, getattr(signal, f"SIG{word}"))
+
+    @property
+    def running(self) -> Tuple[str, ...]:
+        """Return the groups whose recorder is there."""
+        return tuple(name for name in self._groups if self._is_running(name))
+
+    def _is_running(self, name: str) -> bool:
+        own = self._own.get(name)
+        if own is not None and own.poll() is not None:
+            self._endings[name] = _ending(own.returncode)
+            del self._own[name]
+        process = self._processes.get(name)
+        return process is not None and process.alive
+
+    def look(self, subscriptions: Subscriptions) -> Sight:
+        """Return everything as it is now."""
+        folder = self._folder
+        if folder is None:
+            return Sight()
+        files = _files(folder)
+        groups = {name: self._see(name, files, subscriptions) for name in self._groups}
+        return Sight(groups, space_of(folder))
+
+    def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupSight:
+        mine = [files[each] for each in files_of(name, list(files))]
+        running = self._is_running(name)
+        log, topics = self._logs[name].read(), self._topics[name]
+        ending = "" if running else "; ".join(each for each in (self._endings.get(name, ""), log.error) if each)
+        return GroupSight(
+            running=running,
+            ending=ending,
+            size=sum(each.st_size for each in mine),
+            idle_ns=max(0, time.time_ns() - max(each.st_mtime_ns for each in mine)) if mine else None,
+            missing=subscriptions.missing(self._nodes[name], topics) if running else tuple(topics),
+            silent=subscriptions.silent(topics),
+            dropped=log.dropped,
+            full=running and log.full,
+        )
+
+    def memory(self) -> Dict[str, List[int]]:
+        """Return number and time of start of each process."""
+        return {name: [process.pid, process.start] for name, process in self._processes.items() if process.alive}
+
+    def remember(self, memory: Mapping[str, Sequence[int]]) -> None:
+        """Find the processes again that another process of the node started."""
+        for name, (pid, start) in memory.items():
+            if name in self._groups:
+                self._processes[name] = LocalProcess(int(pid), int(start))
+                self._endings[name] = "it ended while this node was away"
+
+    def wait(self, names: Iterable[str], limit_s: float) -> None:
+        """Wait until recorders have ended."""
+        for name in names:
+            if name in self._own:
+                with suppress(subprocess.TimeoutExpired):
+                    self._own[name].wait(limit_s)
+            elif name in self._processes:
+                self._processes[name].wait(limit_s)
+
+
+def _ending(status: int) -> str:
+    if status < 0:
+        with suppress(ValueError):
+            return f"killed by {signal.Signals(-status).name}"
+    return f"it ended with status {status}"
+
+
+def _files(folder: Path) -> Dict[str, os.stat_result]:
+    found: Dict[str, os.stat_result] = {}
+    with suppress(OSError), os.scandir(folder) as entries:  # not there yet
+        for entry in entries:
+            with suppress(OSError):
+                found[entry.name] = entry.stat()
+    return found
+
+
+# --- recorder jobs ----------------------------------------------------------------------------------------------------
+# The processes that work on a recorder's files: jobs on bags, and rsync. None of them outlives the node for long.
+
+
+_LAST_WORDS = 400
+Progress = Callable[[Mapping[str, Any]], None]
+Ended = Callable[[Mapping[str, Any]], None]
+
+
+class RecorderJobs:
+    """Starts them, each with a thread of its own that waits for it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._processes: Set[subprocess.Popen[Any]] = set()
+        self._over = False
+
+    @property
+    def pids(self) -> List[int]:
+        """Return the numbers of the processes that run."""
+        with self._lock:
+            return [process.pid for process in self._processes]
+
+    def stop(self) -> None:
+        """End all of them."""
+        with self._lock:
+            self._over = True
+            processes = list(self._processes)
+        for process in processes:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+    # --- jobs on bags ---------------------------------------------------------------------------------------------
+
+    def run(self, request: Mapping[str, Any], progress: Progress, ended: Ended) -> None:
+        """Run a job of `amaze_autonomy.recording.job`.
+
+        Args:
+            request: what it shall do.
+            progress: called with each line of its progress.
+            ended: called with its result: its problem, or an empty text; `killed` when it was.
+        """
+        threading.Thread(target=self._run, args=(request, progress, ended), name="job", daemon=True).start()
+
+    def _run(self, request: Mapping[str, Any], progress: Progress, ended: Ended) -> None:
+        result: Dict[str, Any] = {}
+        command = [sys.executable, "-m", "amaze_autonomy.recording.job"]
+        try:
+            process = self._start(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        except OSError as error:
+            ended({"problem": f"the job cannot be started: {error}"})
+            return
+        last = _Tail(process.stderr)
+        with suppress(OSError):
+            process.stdin.write((json.dumps(request) + "\n").encode())
+            process.stdin.flush()
+        for line in process.stdout:
+            with suppress(ValueError):
+                said = json.loads(line)
+                result = said.get("result", result)
+                if "progress" in said:
+                    progress(said)
+        status = self._wait(process)
+        if not result:
+            words = "; ".join(last.text().splitlines()[-2:])
+            why = f"killed by {signal.Signals(-status).name}" if status < 0 else words or f"status {status}"
+            result = {"problem": f"the process that works on the bags has ended ({why})", "killed": status < 0}
+        ended(result)
+
+    # --- transfer -------------------------------------------------------------------------------------------------
+
+    def fetch(self, transfer: Transfer, location: str, target: Path, progress: Callable[[float], None]) -> str:
+        """Fetch a part, waiting for it; return why it did not come, or an empty text.
+
+        Args:
+            transfer: how.
+            location: of the part, as the platform names it.
+            target: folder on this computer.
+            progress: called with 0..1.
+        """
+        if not location:
+            return "the platform did not say where its part lies"
+        if transfer.by == "here":
+            return "" if (Path(location) / PARTS).is_file() else f"{location} is not on this computer"
+        source = mounted(transfer, location)
+        if transfer.by == "shared" and not Path(source).is_dir():
+            return f"{source} is not there: is the other platform's storage mounted?"
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+            problem = self._rsync(transfer, location, target, [PARTS], progress)
+            content = read_json(target / PARTS)
+            if problem or content is None:
+                return problem or f"{location}/{PARTS} cannot be read"
+            files = [str(each["file"]) for each in content["files"]]
+            return self._rsync(transfer, location, target, [*files, *content.get("logs", [])], progress)
+        except OSError as error:
+            return f"{target}: {error.strerror}"
+
+    def _rsync(
+        self, transfer: Transfer, location: str, target: Path, names: Sequence[str], progress: Callable[[float], None]
+    ) -> str:
+        listing = target / ".wanted"
+        listing.write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
+        process = self._start(transfer_command(transfer, location, target, listing), stderr=subprocess.PIPE)
+        last = _Tail(process.stderr)
+        while True:
+            data = os.read(process.stdout.fileno(), 4096)
+            if not data:
+                break
+            done = progress_of(data.decode("utf-8", "replace"))
+            if done is not None and names != [PARTS]:
+                progress(done)
+        status = self._wait(process)
+        listing.unlink()
+        return "" if status == 0 else f"rsync: {problem_of(last.text(), status)}"
+
+    # --- processes ------------------------------------------------------------------------------------------------
+
+    def _start(self, command: Sequence[str], **options: Any) -> Any:
+        options.setdefault("stdin", subprocess.DEVNULL)
+        with self._lock:
+            if self._over:
+                raise OSError(0, "the node ends")
+            process = subprocess.Popen(list(command), stdout=subprocess.PIPE, start_new_session=True, **options)
+            self._processes.add(process)
+        return process
+
+    def _wait(self, process: Any) -> int:
+        status = int(process.wait())
+        with self._lock:
+            self._processes.discard(process)
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                with suppress(OSError):
+                    stream.close()
+        return status
+
+
+class _Tail:
+    """Reads a stream to its end on a thread of its own, and keeps its last words."""
+
+    def __init__(self, stream: Any) -> None:
+        self._data = b""
+        self._thread = threading.Thread(target=self._read, args=(stream,), name="stderr", daemon=True)
+        self._thread.start()
+
+    def _read(self, stream: Any) -> None:
+        with stream:
+            while True:
+                data = stream.read1(4096)
+                if not data:
+                    return
+                self._data = (self._data + data)[-_LAST_WORDS:]
+
+    def text(self) -> str:
+        self._thread.join(1.0)
+        lines = [line.strip() for line in self._data.decode("utf-8", "replace").splitlines() if line.strip()]
+        return "\n".join(lines)

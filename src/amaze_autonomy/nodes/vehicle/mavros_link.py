@@ -1,0 +1,252 @@
+"""The way to the vehicle through a running mavros, with the face of a `Connection`: topics in, services out.
+
+Subscribes to the topics of which the wanted messages are made, calls `set_mode`, `cmd/command`, `param/get` and
+`mission/*`, publishes `setpoint_raw/local`. Services are called by threads of their own, one for each lane, each call
+within a limit of mavros' own making; what was asked twice meanwhile is asked once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import queue
+import threading
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Iterable, Tuple
+
+import rospy
+
+from amaze_autonomy.autopilot import Client, LinkState
+from amaze_autonomy.autopilot.dialect import Message, mavlink
+from amaze_autonomy.autopilot.hosting import ClientHost
+from amaze_autonomy.autopilot.mavros_messages import (
+    STATE,
+    VEHICLE,
+    WAYPOINTS,
+    Converter,
+    Source,
+    mode_problem,
+    sources_of,
+)
+from amaze_autonomy.autopilot.mavros_mission import MavrosMission
+from amaze_autonomy.autopilot.mavros_requests import Lane, Publication, Request, publication_of, request_of
+
+from ...ros.errors import StartError
+
+__all__ = ["MavrosLink"]
+
+_QUEUE = 20
+_WAKE_S = 0.05
+_WAITING = 16
+_HOW = "install mavros for this ROS, or use backend: mavlink through mavros' GCS port (docs/autopilot.md)"
+_SERVICES = ("SetMode", "CommandLong", "ParamGet")
+_MISSION = ("WaypointPush", "WaypointPull", "WaypointSetCurrent")
+_TYPES = ("mavros_msgs/Waypoint", "mavros_msgs/PositionTarget")
+
+
+class MavrosLink(ClientHost):
+    """A link through mavros.
+
+    Args:
+        namespace: of mavros.
+        client: what lives on it.
+        wanted: names of the messages that the client wants; with MISSION_CURRENT missions are sent, too.
+        now_ns: the clock that stamps what the client is given.
+        complain: is told of each new kind of problem.
+
+    Raises:
+        StartError: mavros_msgs is not installed.
+    """
+
+    def __init__(
+        self,
+        namespace: str,
+        client: Client,
+        wanted: Iterable[str],
+        now_ns: Callable[[], int],
+        complain: Callable[[str], None],
+    ) -> None:
+        super().__init__(client, now_ns, complain)
+        self._namespace, self._converter, self._mission = namespace, Converter(), MavrosMission()
+        self._requests: Dict[Lane, queue.Queue[Request]] = {lane: queue.Queue(_WAITING) for lane in Lane}
+        self._ended = threading.Event()
+        self._heartbeat_ns: Any = None
+        self._frames = self._unsent = 0
+        self._publishers: Dict[str, Any] = {}
+        self._kinds = {source: _message(source.kind) for source in sources_of(wanted)}
+        flies = WAYPOINTS in self._kinds
+        self._services = {name: _service(name) for name in (*_SERVICES, *(_MISSION if flies else ()))}
+        self._types = {name: _message(name) for name in (_TYPES if flies else ())}
+
+    def start(self) -> None:
+        """Subscribe, and begin to look at the time."""
+        for source, kind in self._kinds.items():
+            topic = f"{self._namespace}/{source.topic}"
+            rospy.Subscriber(topic, kind, self._take, callback_args=source, queue_size=_QUEUE, tcp_nodelay=True)
+        threading.Thread(target=self._wake, name="mavros wake", daemon=True).start()
+        for lane in Lane:
+            threading.Thread(target=self._serve, args=(lane,), name=f"mavros {lane.value}", daemon=True).start()
+
+    def close(self) -> None:
+        """Send what waits, and end."""
+        deadline = rospy.Time.now() + rospy.Duration(1.0)
+        while not self._requests[Lane.URGENT].empty() and rospy.Time.now() < deadline:
+            self._ended.wait(0.02)
+        self._ended.set()
+
+    @property
+    def address(self) -> Tuple[int, int]:
+        """System and component of the vehicle; mavros addresses it by itself."""
+        return VEHICLE
+
+    @property
+    def state(self) -> LinkState:
+        """How it is."""
+        return LinkState(
+            opened=True,
+            problem="",
+            vehicle=VEHICLE[0],
+            heartbeat_ns=self._heartbeat_ns,
+            others=(),
+            strangers=(),
+            frames=self._frames,
+            damaged_bytes=0,
+            refused=0,
+            unsent=self._unsent,
+            doubles=0,
+            errors=self._errors,
+        )
+
+    # --- threads --------------------------------------------------------------------------------------------------
+
+    def _take(self, message: Any, source: Source) -> None:
+        with self._changed:
+            self._frames += 1
+            for made in self._made(source, message):
+                self._give(made)
+            self._changed.notify_all()
+
+    def _made(self, source: Source, message: Any) -> Iterable[Message]:
+        if source is WAYPOINTS:
+            return self._mission.listed(message)
+        problem = mode_problem(message) if source is STATE else ""
+        if problem:
+            self._say(problem)
+        made = self._converter.convert(source, message)
+        return () if made is None else (made,)
+
+    def _give(self, message: Message) -> None:
+        """Give the client a message, and send what it says to it."""
+        t_ns = self._now_ns()
+        if message.get_type() == "HEARTBEAT":
+            self._heartbeat_ns = t_ns
+        self._tell(lambda: self._client.receive(t_ns, message))
+
+    def _wake(self) -> None:
+        while not self._ended.wait(_WAKE_S):
+            with self._changed:
+                self._tell(lambda: self._client.wake(self._now_ns()))
+                self._changed.notify_all()
+
+    def _transmit(self, messages: Iterable[Message]) -> None:
+        """Send messages; what the mission answers at once makes the client say more."""
+        waiting: Deque[Message] = deque(messages)
+        while waiting:
+            message = waiting.popleft()
+            taken = self._mission.take(message)
+            if taken is None:
+                self._pass_on(message)
+                continue
+            for request in taken.requests:
+                self._enqueue(request)
+            for answer in taken.answers:
+                waiting.extend(self._client.receive(self._now_ns(), answer))
+
+    def _pass_on(self, message: Message) -> None:
+        publication, request = publication_of(message), request_of(message)
+        if publication is not None:
+            self._publish(publication)
+        elif request is not None:
+            self._enqueue(request)
+
+    def _publish(self, publication: Publication) -> None:
+        kind = self._types[publication.kind]
+        if publication.topic not in self._publishers:
+            topic = f"{self._namespace}/{publication.topic}"
+            self._publishers[publication.topic] = rospy.Publisher(topic, kind, queue_size=1, tcp_nodelay=True)
+        message = kind()
+        for name, value in publication.fields.items():
+            *outer, inner = name.split(".")
+            setattr(getattr(message, outer[0]) if outer else message, inner, value)
+        message.header.stamp = rospy.Time.now()
+        self._publishers[publication.topic].publish(message)
+
+    def _enqueue(self, request: Request) -> None:
+        waiting = self._requests[request.lane]
+        if request in waiting.queue:
+            return
+        try:
+            waiting.put_nowait(request)
+        except queue.Full:
+            self._unsent += 1
+
+    def _serve(self, lane: Lane) -> None:
+        while not self._ended.is_set():
+            try:
+                request = self._requests[lane].get(timeout=0.2)
+            except queue.Empty:
+                continue
+            answer = self._call(request)
+            with self._changed:
+                for message in self._answers(request, answer):
+                    self._give(message)
+                self._changed.notify_all()
+
+    def _call(self, request: Request) -> Any:
+        """Return what a service answers; None: nothing."""
+        name, fields = f"{self._namespace}/{request.service}", dict(request.fields)
+        if "waypoints" in fields:
+            fields["waypoints"] = [self._types["mavros_msgs/Waypoint"](**each) for each in fields["waypoints"]]
+        try:
+            return rospy.ServiceProxy(name, self._services[request.kind])(**fields)
+        except (rospy.ServiceException, rospy.ROSException) as error:
+            self._unsent += 1
+            self._say(f"{name}: {error}")
+            return None
+
+    def _answers(self, request: Request, answer: Any) -> Iterable[Message]:
+        if request.lane is Lane.MISSION:
+            return self._mission.answered(request, answer)
+        message = None if answer is None else _acknowledgement(request, answer)
+        return () if message is None else (message,)
+
+
+def _acknowledgement(request: Request, answer: Any) -> Any:
+    """Return what the vehicle answered, as MAVLink has it."""
+    if request.kind == "ParamGet":
+        return _parameter(request, answer) if answer.success else None
+    good = answer.mode_sent if request.kind == "SetMode" else answer.success
+    result = getattr(answer, "result", mavlink.MAV_RESULT_ACCEPTED if good else mavlink.MAV_RESULT_FAILED)
+    return mavlink.MAVLink_command_ack_message(request.command, result)
+
+
+def _parameter(request: Request, answer: Any) -> Any:
+    """Return a PARAM_VALUE; mavros fills in the whole number or the real one, the other is 0."""
+    value = float(answer.value.real or answer.value.integer)
+    name = request.fields["param_id"].encode("ascii")
+    return mavlink.MAVLink_param_value_message(name, value, mavlink.MAV_PARAM_TYPE_REAL32, 0, 0)
+
+
+def _message(kind: str) -> Any:
+    package, name = kind.split("/")
+    return _imported(f"{package}.msg", name)
+
+
+def _service(name: str) -> Any:
+    return _imported("mavros_msgs.srv", name)
+
+
+def _imported(module: str, name: str) -> Any:
+    try:
+        return getattr(importlib.import_module(module), name)
+    except ImportError as error:
+        raise StartError(f"backend mavros: {error}; {_HOW}") from None

@@ -1,0 +1,310 @@
+"""The watchdog node: are all sensors, nodes and drivers working? It restarts what may be restarted.
+
+    watchdog/start    StartWatchdog; the first call begins the watching
+    watchdog/action   WatchdogAction, 5 Hz and at once on a change: issues, and the heartbeat
+    watchdog/info     WatchdogInfo, 1 Hz and at once on a change: everything
+    /diagnostics      diagnostic_msgs/DiagnosticArray, 1 Hz: a row per component
+    autopilot/status  AutopilotStatus, what the PX4 says of its sensors (subscribed)
+
+What is watched: sensors.yaml. Parameters: `node_main.py`. How it judges: docs/monitoring.md.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from queue import Empty, SimpleQueue
+from typing import Any, Dict, Iterable, List, Optional, Sequence, Tuple
+
+import rosgraph
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from amaze_autonomy import msg, srv
+from amaze_autonomy.config import Configuration
+from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo
+from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.monitoring.errors import RestartRefusedError
+from amaze_autonomy.monitoring.restart import RestartRequest
+from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
+from amaze_autonomy.monitoring.streams import Streams
+from amaze_autonomy.monitoring.watchdog import Watchdog
+
+from ...ros.clock import Clock
+from ...ros.interface import check_row, component_state, ros_time, status_message
+from ...ros.liveness import NodeLiveness
+from ...ros.node_main import run_node
+from ...ros.threads import Periodic
+from ...ros.topic_reader import TopicReader, subscribe
+from .restarter import Restarter, run_command
+from .watch_loop import TakeoffAnswer, TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop
+
+__all__ = ["WatchdogNode", "array", "log_changes", "main"]
+
+_S = 1_000_000_000
+_QUEUE = 10
+_LONGEST_STARTUP_S = 600.0
+_LOOK_AGAIN_S = 0.5
+_DIAGNOSTICS_NS = _S
+_SAY_AGAIN_S = 10.0
+_HEALTH = {msg.AutopilotStatus.SENSOR_HEALTHY: True, msg.AutopilotStatus.SENSOR_FAILED: False}
+
+
+class WatchdogNode:
+    """All parts of the node, and how they are connected.
+
+    Args:
+        configuration: as loaded.
+        clock: the node's.
+    """
+
+    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+        self._clock, self._specs = clock, configuration.components
+        self._watchdog = Watchdog(self._specs)
+        self._reader = TopicReader()
+        self._watches = self._make_watches()
+        self._desk = TakeoffDesk(self._watchdog, {mission.id: mission for mission in configuration.missions})
+        self._ended = False
+        self._diagnostics_ns = 0
+        period_ns = round(_S / configuration.streams.watchdog_action_rate_hz)
+        self._loop = WatchLoop(
+            self._watchdog,
+            Streams(self._watchdog, action_period_ns=period_ns),
+            self._reader,
+            tuple(self._watches.values()),
+            self._desk,
+            clock,
+            self._tell,
+            self._restart,
+            self._excuse,
+        )
+        self._answers: Dict[Tuple[str, bool], Tuple[int, Optional[bool], str]] = {}
+        self._action = rospy.Publisher("watchdog/action", msg.WatchdogAction, queue_size=_QUEUE, tcp_nodelay=True)
+        self._info = rospy.Publisher("watchdog/info", msg.WatchdogInfo, queue_size=_QUEUE, tcp_nodelay=True)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=_QUEUE)
+        self._nodes = self._make_nodes()
+        self._restarter = Restarter(self._specs, self._nodes, self._tell_restart)
+        self._periodics = self._ask_nodes() + self._check_drivers()
+
+    # --- what is watched ------------------------------------------------------------------------------------------
+
+    def _make_watches(self) -> Dict[str, TopicWatch]:
+        watches: Dict[str, TopicWatch] = {}
+        for component in self._specs:
+            for spec in component.topics:
+                self._watch(watches, spec.topic).use(component.name, spec)
+        if any(component.autopilot for component in self._specs):
+            self._watch(watches, "autopilot/status").take_whole(self._take_autopilot)
+        return watches
+
+    def _watch(self, watches: Dict[str, TopicWatch], topic: str) -> TopicWatch:
+        name = rospy.resolve_name(topic)
+        return watches.setdefault(name, TopicWatch(name, self._watchdog, self._clock))
+
+    def _make_nodes(self) -> Dict[str, NodeLiveness]:
+        master, me = rosgraph.get_master_uri(), rospy.get_name()
+        return {
+            spec.node: NodeLiveness(spec.node, master, me, spec.polling.node_answer_limit_ns / _S)
+            for spec in self._specs
+            if spec.node
+        }
+
+    def _ask_nodes(self) -> List[Periodic]:
+        """Ask each node on a thread of its own, for all components that it has."""
+        by_node: Dict[str, List[ComponentSpec]] = {}
+        for spec in self._specs:
+            if spec.node:
+                by_node.setdefault(spec.node, []).append(spec)
+        return [
+            Periodic(f"ask {node}", self._asker(node, specs), specs[0].polling.node_period_ns, self._clock)
+            for node, specs in by_node.items()
+        ]
+
+    def _asker(self, node: str, specs: List[ComponentSpec]) -> Any:
+        liveness, names = self._nodes[node], [spec.name for spec in specs]
+
+        def ask() -> None:
+            answer = liveness.ask()
+
+            def tell(now_ns: int) -> None:
+                for name in names:
+                    self._answer(name, False, now_ns, answer.alive, answer.message)
+
+            self._loop.put(tell)
+
+        return ask
+
+    def _check_drivers(self) -> List[Periodic]:
+        return [
+            Periodic(f"driver of {spec.name}", self._driver_check(spec), spec.polling.driver_period_ns, self._clock)
+            for spec in self._specs
+            if spec.driver
+        ]
+
+    def _driver_check(self, spec: ComponentSpec) -> Any:
+        limit_s = spec.polling.driver_run_limit_ns / _S
+
+        def check() -> None:
+            outcome = run_command(spec.driver, limit_s)
+            message = "" if outcome.good else outcome.message
+            self._loop.put(lambda now_ns: self._answer(spec.name, True, now_ns, outcome.good, message))
+
+        return check
+
+    def _answer(self, name: str, driver: bool, t_ns: int, good: Optional[bool], message: str) -> None:  # noqa: FBT001
+        """Hand over the answer of a node, or the outcome of a look at a driver."""
+        if good is None:
+            return
+        self._answers[name, driver] = (t_ns, good, message)
+        if driver:
+            self._watchdog.add_driver(name, good, t_ns, message)
+        else:
+            self._watchdog.add_process(name, good, t_ns, message)
+
+    def _excuse(self, stall_ns: int, now_ns: int) -> None:
+        """Make the last answers younger by a time in which nobody was asked, because this process did not run."""
+        rospy.logwarn_throttle(_SAY_AGAIN_S, "the watchdog did not run for %.3f s", stall_ns / _S)
+        for (name, driver), (t_ns, good, message) in list(self._answers.items()):
+            self._answer(name, driver, min(now_ns, t_ns + stall_ns), good, message)
+
+    def _take_autopilot(self, data: memoryview) -> None:
+        """Take what the autopilot says of its sensors; when its link is old, it says nothing."""
+        status = msg.AutopilotStatus().deserialize(bytes(data))
+        limit_s = min(spec.polling.autopilot_age_limit_ns for spec in self._specs) / _S
+        fresh = status.link_age <= limit_s
+        health = {sensor: _HEALTH.get(getattr(status, sensor.value)) if fresh else None for sensor in AutopilotSensor}
+        self._watchdog.add_autopilot(self._clock.now_ns(), health)
+
+    # --- what is said and done; on the watching thread ------------------------------------------------------------
+
+    def _tell(self, action: Optional[WatchdogAction], info: Optional[WatchdogInfo], now_ns: int) -> None:
+        ros_ns = self._clock.ros_ns()
+        if action is not None:
+            self._action.publish(status_message(action, ros_ns))
+        if info is not None:
+            self._info.publish(status_message(info, ros_ns))
+            log_changes(info)
+        if now_ns - self._diagnostics_ns >= _DIAGNOSTICS_NS:
+            self._diagnostics_ns = now_ns
+            self._diagnostics.publish(
+                array(ros_ns, self._watchdog.checks(now_ns).checks, self._watchdog.evaluate(now_ns), self._specs)
+            )
+
+    def _restart(self, request: RestartRequest) -> None:
+        try:
+            self._restarter.begin(request)
+        except RestartRefusedError as error:
+            rospy.logerr("%s", error)
+            self._watchdog.restart_outcome(request, self._clock.now_ns(), good=False)
+
+    def _tell_restart(self, request: RestartRequest, good: bool) -> None:  # noqa: FBT001
+        self._loop.put(lambda now_ns: self._watchdog.restart_outcome(request, now_ns, good=good))
+
+    # --- the service; on its own threads --------------------------------------------------------------------------
+
+    def _start(self, request: Any) -> Any:
+        slot: SimpleQueue[TakeoffAnswer] = SimpleQueue()
+        asked = TakeoffRequest(request.mission_id, tuple(request.required), _startup_ns(request.startup_time), slot)
+        self._loop.put(lambda now_ns: self._desk.ask(now_ns, asked))
+        while not self._ended:
+            try:
+                return _response(slot.get(timeout=_LOOK_AGAIN_S))
+            except Empty:
+                continue
+        raise rospy.ServiceException("the watchdog ends")
+
+    # --- life -----------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Watch, on this thread, until `end`."""
+        for watch in self._watches.values():
+            subscribe(watch.tally.topic, self._reader, watch.tally, watch.look_for)
+        for periodic in self._periodics:
+            periodic.start()
+        rospy.Service("watchdog/start", srv.StartWatchdog, self._start)
+        self._loop.run()
+        for periodic in self._periodics:
+            periodic.stop()
+        self._reader.close()
+
+    def end(self) -> None:
+        """End; from any thread and from signal handlers."""
+        self._ended = True
+        self._loop.stop()
+
+
+def _startup_ns(seconds: float) -> int:
+    """Return the time to come up; what is no time is none."""
+    return round(min(max(seconds, 0.0), _LONGEST_STARTUP_S) * _S) if isfinite(seconds) else 0
+
+
+def _response(answer: TakeoffAnswer) -> Any:
+    check = answer.check
+    until = float("nan") if check.until_ns is None else (check.until_ns - answer.t_ns) / _S
+    components: Tuple[Any, ...] = tuple(component_state(status, answer.t_ns) for status in answer.components)
+    return srv.StartWatchdogResponse(
+        ready=check.ready,
+        fixable=check.fixable,
+        being_fixed=check.being_fixed,
+        until=until,
+        components=list(components),
+        checks=[check_row(row) for row in check.checks],
+        message=answer.message,
+    )
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    return run_node("watchdog", WatchdogNode)
+
+
+# --- watchdog diagnostics ---------------------------------------------------------------------------------------------
+# The watchdog's words for people: a row per component on /diagnostics, a line of the log for each change.
+
+
+_LEVELS = {
+    Code.NOMINAL: DiagnosticStatus.OK,
+    Code.NON_CRITICAL: DiagnosticStatus.WARN,
+    Code.INCONVENIENT: DiagnosticStatus.WARN,
+    Code.HOLD: DiagnosticStatus.ERROR,
+    Code.ABORT: DiagnosticStatus.ERROR,
+}
+
+
+def array(
+    ros_ns: int, rows: Iterable[Check], statuses: Iterable[ComponentStatus], specs: Sequence[ComponentSpec]
+) -> Any:
+    """Return the message for all components, in their order."""
+    message = DiagnosticArray()
+    message.header.stamp = ros_time(ros_ns)
+    message.status = [_status(row, status, spec) for row, status, spec in zip(rows, statuses, specs)]
+    return message
+
+
+def _status(row: Check, status: ComponentStatus, spec: ComponentSpec) -> Any:
+    values: Tuple[Tuple[str, Any], ...] = (
+        ("code", f"{int(status.code)} {status.code.name}"),
+        ("restart", status.restart.value),
+        ("value", "" if row.value is None else f"{row.value:.4g} {row.unit}".strip()),
+        ("limit", "" if row.limit is None else f"{row.limit:.4g} {row.unit}".strip()),
+        ("age", "" if row.age_s is None else f"{row.age_s:.3f} s"),
+        ("advice", row.advice),
+        ("topics", ", ".join(topic.topic for topic in spec.topics)),
+        ("node", spec.node or ""),
+    )
+    return DiagnosticStatus(
+        level=_LEVELS[status.code],
+        name=f"watchdog: {spec.name}",
+        message=status.reason or status.code.name,
+        hardware_id=spec.group,
+        values=[KeyValue(key, value) for key, value in values if value],
+    )
+
+
+def log_changes(info: WatchdogInfo) -> None:
+    """Write a line of the log for each component that changed."""
+    for status in info.components:
+        if status.name in info.changed:
+            log = rospy.loginfo if status.code is Code.NOMINAL else rospy.logwarn
+            restart = "" if status.restart is Restart.NONE else f", restart {status.restart.value}"
+            log("%s: %s%s%s%s", status.name, status.code.name, restart, ": " if status.reason else "", status.reason)

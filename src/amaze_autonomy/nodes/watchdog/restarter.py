@@ -1,0 +1,189 @@
+"""Carry out the restarts that the watchdog asks for, off its thread, each within its limit.
+
+A node under roslaunch's `respawn` is restarted by ending it: asked to shut down while it still answers, killed when it
+does not end. One that is gone already, or has just come back, is left to roslaunch. Whether the component is back is
+shown by its samples, not by what is reported here. Nothing of the PX4 is ever touched.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import subprocess
+import time
+from contextlib import suppress
+from typing import Callable, Mapping, NamedTuple, Sequence, Tuple
+
+import rospy
+
+from amaze_autonomy.monitoring.errors import RestartRefusedError
+from amaze_autonomy.monitoring.restart import RestartRequest
+from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy
+
+from ...ros.errors import BrokenCallError, CallError, UnavailableError
+from ...ros.liveness import NodeLiveness, Place, call
+from ...ros.local_process import find
+from ...ros.threads import Workers
+
+__all__ = ["Outcome", "Restarter", "run_command"]
+
+_POLITE_S = 1.0  # for a node to shut down by itself
+_GONE = "it is gone"
+_YOUNG_S = 2.0  # a node that started so recently is just coming back
+
+
+class Restarter:
+    """Restarts components.
+
+    Args:
+        specs: all components.
+        nodes: the nodes that are watched, by name.
+        tell: gets each request when it has been carried out, or could not be; on a worker.
+    """
+
+    def __init__(
+        self,
+        specs: Tuple[ComponentSpec, ...],
+        nodes: Mapping[str, NodeLiveness],
+        tell: Callable[[RestartRequest, bool], None],
+    ) -> None:
+        self._specs = {spec.name: spec for spec in specs}
+        self._nodes, self._tell = nodes, tell
+        self._workers = Workers("restart")
+
+    def begin(self, request: RestartRequest) -> None:
+        """Begin a restart; returns at once.
+
+        Raises:
+            RestartRefusedError: It belongs to the PX4, or to nobody.
+        """
+        spec = self._specs.get(request.component)
+        if spec is None or spec.group == "px4" or spec.restart.policy is RestartPolicy.NEVER:
+            raise RestartRefusedError(request.component)
+        self._workers.submit(lambda: self._carry_out(request))
+
+    def _carry_out(self, request: RestartRequest) -> None:
+        limit_s = request.limit_ns * 1e-9
+        outcome = Outcome(good=False, message="failed by an error of its own")
+        try:
+            if request.policy is RestartPolicy.NODE:
+                outcome = self._restart_node(request.node, limit_s)
+            else:
+                outcome = run_command(request.command, limit_s)
+        finally:
+            words = "carried out" if outcome.good else "NOT carried out"
+            rospy.logwarn(
+                "restart %d of %s %s%s%s",
+                request.attempt,
+                request.component,
+                words,
+                ": " if outcome.message else "",
+                outcome.message,
+            )
+            self._tell(request, outcome.good)
+
+    def _restart_node(self, node: str, limit_s: float) -> Outcome:
+        """End a node, so that roslaunch starts it again."""
+        liveness = self._nodes[node]
+        place = liveness.place
+        if place is None:
+            return Outcome(good=True, message=f"{node} has never answered, roslaunch may bring it")
+        process = find(place.uri, place.pid)
+        if process is not None and process.age_s < _YOUNG_S:
+            return Outcome(good=True, message=f"{node} has just come back, it gets the time to start")
+        problem = _ask_to_shut_down(place, min(_POLITE_S, limit_s / 4))
+        if process is None:
+            return _without_process(node, problem)
+        if not problem and process.wait(min(_POLITE_S, limit_s / 4)):
+            return Outcome(good=True, message=f"{node} has shut down")
+        process.kill()
+        if process.wait(min(_POLITE_S, limit_s / 4)):
+            return Outcome(good=True, message=f"process {process.pid} of {node} was killed")
+        return Outcome(good=False, message=f"process {process.pid} of {node} does not end, though it was killed")
+
+
+def _ask_to_shut_down(place: Place, limit_s: float) -> str:
+    """Ask a node to shut down; return why it will not, or an empty text. Nobody else who got its port is asked."""
+    try:
+        if int(call(place.uri, "getPid", (rospy.get_name(),), limit_s)) != place.pid:
+            return _GONE
+        call(place.uri, "shutdown", (rospy.get_name(), "restarted by the watchdog"), limit_s)
+    except BrokenCallError:
+        return ""  # it has shut down before it answered
+    except UnavailableError:
+        return _GONE
+    except CallError as error:
+        return str(error)
+    return ""
+
+
+def _without_process(node: str, problem: str) -> Outcome:
+    """Say what came of a node that is gone, or on another computer."""
+    if not problem:
+        return Outcome(good=True, message=f"{node} on another computer was asked to shut down")
+    if problem == _GONE:
+        return Outcome(good=True, message=f"{node} is gone, roslaunch brings it back")
+    return Outcome(good=False, message=f"{node} is not on this computer and does not answer: {problem}")
+
+
+# --- run command ------------------------------------------------------------------------------------------------------
+# Run a command of the configuration: program and arguments, no shell, a time limit, its exit status.
+
+
+_TAIL_BYTES = 400
+_LOOK_S = 0.02
+
+
+class Outcome(NamedTuple):
+    """How a command ended.
+
+    Args:
+        good: with status 0, in time.
+        message: why not: its last line, its status, or that it took too long.
+    """
+
+    good: bool
+    message: str
+
+
+def run_command(command: Sequence[str], limit_s: float) -> Outcome:
+    """Run a command in a session of its own; when it takes too long, it ends with everything that it started."""
+    try:
+        process = subprocess.Popen(
+            list(command),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    except (OSError, ValueError) as error:
+        return Outcome(good=False, message=f"{command[0]} cannot be run: {getattr(error, 'strerror', '') or error}")
+    with process:
+        said = _listen(process, time.monotonic() + limit_s)
+        if process.poll() is None:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            return Outcome(good=False, message=f"{command[0]} took longer than {limit_s:g} s")
+    if process.returncode == 0:
+        return Outcome(good=True, message=said)
+    how = f"status {process.returncode}" if process.returncode > 0 else f"signal {-process.returncode}"
+    return Outcome(good=False, message=f"{command[0]} ended with {how}{': ' if said else ''}{said}")
+
+
+def _listen(process: subprocess.Popen[bytes], deadline_s: float) -> str:
+    """Read until the process ends or a time comes; return its last line. What it starts may keep the pipe open."""
+    assert process.stdout is not None  # noqa: S101
+    pipe, tail, ended = process.stdout.fileno(), b"", False
+    while not ended and time.monotonic() < deadline_s:
+        ended = process.poll() is not None
+        while select.select([pipe], [], [], 0.0 if ended else _LOOK_S)[0] and time.monotonic() < deadline_s:
+            part = os.read(pipe, 65536)
+            tail = (tail + part)[-_TAIL_BYTES:]
+            if not part:
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, deadline_s - time.monotonic()))
+                ended = True
+                break
+    lines = tail.decode("utf-8", "replace").strip().splitlines()
+    return lines[-1].strip() if lines else ""

@@ -1,0 +1,304 @@
+"""What the nodes beside the engine have in common: their start, their parameters, their end.
+
+~config      folder of the configuration; empty: the one that ships with the package
+~overrides   keys of the configuration that are to be different, with semicolons between
+~startup_time  seconds after its start in which a check says of what was not heard yet that it comes by itself
+~nice        niceness of the process, where the system permits it
+"""
+
+from __future__ import annotations
+
+import gc
+import io
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Callable, Protocol, Sequence, Tuple
+
+import rospy
+
+from amaze_autonomy.config import ConfigError, Configuration, load_configuration
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.monitoring.errors import MonitoringError
+from amaze_autonomy.paths import config_folder
+
+from .clock import Clock, make_clock, wait_for_time
+from .errors import NodeError, StartError
+from .reconnector import Reconnector
+
+__all__ = [
+    "END_SIGNALS",
+    "Parameters",
+    "RunningNode",
+    "Startup",
+    "configuration_folder",
+    "overrides",
+    "read_parameters",
+    "run_node",
+    "settle",
+    "survive_a_closed_terminal",
+    "take_precedence",
+    "take_precedence_or_say",
+]
+
+_START_ERROR = 2
+_LONGEST_S = 3600.0
+
+
+class RunningNode(Protocol):
+    """A node that `run_node` starts."""
+
+    def run(self) -> None:
+        """Work until `end` is called."""
+
+    def end(self) -> None:
+        """Have `run` return; called from signal handlers and other threads."""
+
+
+def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> int:
+    """Run a node on this thread until it is told to end; return its exit status."""
+    survive_a_closed_terminal()
+    rospy.init_node(name, disable_signals=True)
+    stopped = threading.Event()
+    node: Any = None
+    reconnector = Reconnector()
+
+    def end(*_: Any) -> None:
+        stopped.set()
+        if node is not None:
+            node.end()
+
+    for number in END_SIGNALS:
+        signal.signal(number, end)
+    rospy.core.add_preshutdown_hook(end)
+    try:
+        take_precedence_or_say(_nice())
+        configuration = load_configuration(configuration_folder(), overrides())
+        wait_for_time(stopped)
+        node = make(configuration, make_clock())
+        settle()
+        reconnector.start()
+        if not stopped.is_set():
+            node.run()
+    except (ConfigError, NodeError, MonitoringError) as error:
+        print(f"{name}: {error}", file=sys.stderr, flush=True)
+        return _START_ERROR
+    finally:
+        reconnector.stop()
+        rospy.signal_shutdown("ended")
+    return 0
+
+
+class Startup:
+    """The time after a node's start in which what it has not heard yet may still come by itself.
+
+    Args:
+        configuration: with the time, unless ~startup_time has another one.
+        clock: the node's.
+    """
+
+    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+        self._until_ns = clock.now_ns() + _startup_ns(configuration.rules.limits.watchdog_startup_time_ns)
+
+    def rows(self, now_ns: int, rows: Sequence[Check]) -> Tuple[Check, ...]:
+        """Return the rows of a check; while the node starts, what is unknown comes by itself."""
+        if now_ns >= self._until_ns:
+            return tuple(rows)
+        return tuple(replace(row, heals=True) if row.verdict is Verdict.UNKNOWN else row for row in rows)
+
+
+def _startup_ns(otherwise_ns: int) -> int:
+    """Return ~startup_time, or another time where it is not set.
+
+    Raises:
+        StartError: It is no time.
+    """
+    value = rospy.get_param("~startup_time", otherwise_ns * 1e-9)
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value < _LONGEST_S:
+        raise StartError(f"~startup_time is {value!r}, must be seconds, not negative")
+    return round(value * 1e9)
+
+
+def _nice() -> int:
+    value = rospy.get_param("~nice", -10)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise StartError(f"~nice is {value!r}, must be a whole number")
+    return value
+
+
+# --- parameters -------------------------------------------------------------------------------------------------------
+# The private parameters of the autonomy node.
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What the launch file says to the node.
+
+    Args:
+        config: folder of the configuration.
+        overrides: keys of the configuration that are to be different: "file.group.key=value".
+        missions: ids to be flown one after the other without asking; empty: the user selects.
+        output: folder of the run; empty: a new one under ROS_HOME/amaze_autonomy.
+        exit_when_ended: end the process when the last mission has ended.
+        unattended: nobody will answer: `unattended.py` does.
+        peers_limit_s: how long the missions of `missions` wait for all peers to be started, in any order.
+        resume: go on with the journal of a run that did not end.
+        nice: niceness of the process, where the system permits it.
+    """
+
+    config: Path
+    overrides: Tuple[str, ...] = ()
+    missions: Tuple[str, ...] = ()
+    output: str = ""
+    exit_when_ended: bool = False
+    unattended: bool = False
+    peers_limit_s: float = 15.0
+    resume: bool = True
+    nice: int = -10
+
+
+def _words(name: str, value: Any) -> Tuple[str, ...]:
+    """Return ids from what YAML makes of `1`, `"1,2"` or `[1, 2]`."""
+    if isinstance(value, (list, tuple)):
+        return tuple(str(item).strip() for item in value)
+    if isinstance(value, (str, int)) and not isinstance(value, bool):
+        return tuple(word.strip() for word in str(value).split(",") if word.strip())
+    raise StartError(f"~{name} is {value!r}, must be ids of missions, e.g. 1 or '1,2'")
+
+
+def _flag(name: str, default: bool) -> bool:  # noqa: FBT001 - a parameter of rospy's kind
+    value = rospy.get_param(f"~{name}", default)
+    if not isinstance(value, bool):
+        raise StartError(f"~{name} is {value!r}, must be true or false")
+    return value
+
+
+def _seconds(name: str, default: float) -> float:
+    value = rospy.get_param(f"~{name}", default)
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0.0 <= value < float("inf"):
+        raise StartError(f"~{name} is {value!r}, must be seconds, not negative")
+    return float(value)
+
+
+def configuration_folder() -> Path:
+    """Return the folder that ~config names, or the one that ships with the package."""
+    config = str(rospy.get_param("~config", ""))
+    return Path(config).expanduser() if config else config_folder()
+
+
+def overrides() -> Tuple[str, ...]:
+    """Return ~overrides, a list or one text with semicolons, with ~require_go among them when it is set."""
+    value = rospy.get_param("~overrides", "")
+    given = [str(each) for each in value] if isinstance(value, (list, tuple)) else str(value).split(";")
+    require_go = str(rospy.get_param("~require_go", "")).lower()
+    if require_go:
+        given.append(f"autonomy.require_go={require_go}")
+    return tuple(each.strip() for each in given if each.strip())
+
+
+def read_parameters() -> Parameters:
+    """Read them from the parameter server.
+
+    Raises:
+        StartError: One is not of its kind.
+    """
+    nice = rospy.get_param("~nice", -10)
+    if not isinstance(nice, int) or isinstance(nice, bool):
+        raise StartError(f"~nice is {nice!r}, must be a whole number")
+    return Parameters(
+        config=configuration_folder(),
+        overrides=overrides(),
+        missions=_words("mission", rospy.get_param("~mission", "")),
+        output=str(rospy.get_param("~output", "")),
+        exit_when_ended=_flag("exit_when_ended", default=False),
+        unattended=_flag("unattended", default=False),
+        peers_limit_s=_seconds("peers_limit", 15.0),
+        resume=_flag("resume", default=True),
+        nice=nice,
+    )
+
+
+# --- process ----------------------------------------------------------------------------------------------------------
+# What the process itself does for speed: threads that take turns quickly, no pauses for garbage, precedence.
+
+
+#: What ends a node in good order; a terminal that closes is no reason to leave a flying vehicle to itself.
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_SWITCH_INTERVAL_S = 0.0005
+_AUTOGROUP = Path("/proc/self/autogroup")
+
+
+class _Outlet(io.TextIOBase):
+    """A stream for people that nobody may read any more."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        """Be the stream in everything else."""
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write where that is possible, and at once: what a node said before it was killed stands in its log."""
+        with suppress(OSError, ValueError):
+            self._stream.write(text)
+            self._stream.flush()
+        return len(text)
+
+    def flush(self) -> None:
+        """Write out where that is possible."""
+        with suppress(OSError, ValueError):
+            self._stream.flush()
+
+
+def survive_a_closed_terminal() -> None:
+    """Have words to people never fail: a node writes to the terminal of roslaunch, which may be closed in flight.
+
+    Call it before `rospy.init_node`, which keeps both streams for its log.
+    """
+    sys.stdout, sys.stderr = _Outlet(sys.stdout), _Outlet(sys.stderr)
+
+
+def take_precedence(nice: int) -> str:
+    """Ask for a niceness; return what the system did not permit, empty when it did.
+
+    Where the kernel groups tasks by session (sched_autogroup_enabled, the default of Debian and Ubuntu), a niceness
+    counts only among those of the same session, and roslaunch gives each node one: the niceness of the session's group
+    is what counts against everybody else (sched(7)). It is set only for a session of our own, not for a terminal's.
+    """
+    refused = []
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+    except OSError as error:
+        refused.append(f"niceness {nice}: {error.strerror}")
+    if os.getsid(0) == os.getpid():
+        try:
+            _AUTOGROUP.write_text(f"{nice}\n", encoding="ascii")
+        except FileNotFoundError:
+            return "; ".join(refused)  # this kernel does not group by session
+        except OSError as error:
+            refused.append(f"niceness {nice} of the session: {error.strerror}")
+    return "; ".join(refused)
+
+
+def take_precedence_or_say(nice: int) -> None:
+    """Ask for a niceness, and say once what the system did not permit."""
+    refused = take_precedence(nice)
+    if refused:
+        rospy.logwarn(
+            "Precedence over other programs was not permitted (%s): reactions are late when the computer is busy."
+            " Run as root, with CAP_SYS_NICE or with a limit of nice in /etc/security/limits.conf; or set ~nice to 0.",
+            refused,
+        )
+
+
+def settle() -> None:
+    """Call once everything is loaded: what is there now is never searched for garbage again."""
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+    gc.collect()
+    gc.freeze()
