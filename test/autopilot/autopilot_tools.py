@@ -8,7 +8,7 @@ import time
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from amaze_autonomy.autopilot.wire import Wire
+from amaze_autonomy.autopilot.link.wire import Wire
 
 LIMIT_S = 5.0
 

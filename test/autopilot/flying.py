@@ -6,8 +6,8 @@ from typing import Any, Callable, List, Tuple
 
 from mission_channel import MS, Channel, S, good
 
-from amaze_autonomy.autopilot.loading import LoadRequest
-from amaze_autonomy.autopilot.sequencer import Sequencer, SequencerSettings
+from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.planner.sequencer import Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 from amaze_autonomy.engine.mission import Mission

@@ -5,8 +5,8 @@ from __future__ import annotations
 import heapq
 from typing import Any, Callable, List, Tuple
 
-from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.wire import Wire
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.link.wire import Wire
 from amaze_autonomy.simulation.px4.mission_server import MissionServer
 
 MS = 1_000_000

@@ -12,11 +12,11 @@ from flying import MODEL, PLANS
 from link_fuzz import NUMBERS, STATE, Fuzz
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from amaze_autonomy.autopilot.framing import LONGEST
-from amaze_autonomy.autopilot.loading import LoadRequest
-from amaze_autonomy.autopilot.peers import Identity, Peers
-from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
-from amaze_autonomy.autopilot.wire import Wire
+from amaze_autonomy.autopilot.link.framing import LONGEST
+from amaze_autonomy.autopilot.link.peers import Identity, Peers
+from amaze_autonomy.autopilot.link.wire import Wire
+from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 from amaze_autonomy.missions import PlannerSpec

@@ -10,7 +10,7 @@ from autopilot_tools import Recorder, UdpVehicle, beat, free_port, wait_until
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot import Connection, Identity
-from amaze_autonomy.autopilot.wire import Wire
+from amaze_autonomy.autopilot.link.wire import Wire
 
 KEY = bytes(range(32))
 PING = mavlink.MAVLink_ping_message(1, 2, 0, 0)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.autopilot import LinkState
-from amaze_autonomy.autopilot.diagnosis import link_problem
+from amaze_autonomy.autopilot.link.connection import link_problem
 
 GOOD = LinkState(True, "", 1, 5, (), (), 100, 0, 0, 0, 0, 0)
 

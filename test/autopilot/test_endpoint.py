@@ -2,9 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from amaze_autonomy.autopilot.endpoint import Endpoint, EndpointKind, parse_endpoint
 from amaze_autonomy.autopilot.errors import EndpointError
-from amaze_autonomy.autopilot.ports import make_port
+from amaze_autonomy.autopilot.link.ports import Endpoint, EndpointKind, make_port, parse_endpoint
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from amaze_autonomy.autopilot.guidance import Guidance
-from amaze_autonomy.autopilot.mission_vehicle import Pose
+from amaze_autonomy.autopilot.planner.guidance import Guidance
+from amaze_autonomy.autopilot.planner.mission_vehicle import Pose
 from amaze_autonomy.missions import FlightModel, PlannerSpec, Waypoint
 
 S, STEP_NS = 1_000_000_000, 50_000_000

@@ -11,8 +11,8 @@ import pytest
 from flying import ARDUPILOT, MS, PX4, Flying, S
 from mission_channel import good
 
-from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.loading import LoadRequest
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mission_channel import MS, TARGET, Channel, S, Vehicle, good
 
-from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.mission_items import (
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.planner.mission_items import (
     Dialect,
     MissionItem,
     beginning,
@@ -19,7 +19,7 @@ from amaze_autonomy.autopilot.mission_items import (
     mission_items,
     waypoint_index,
 )
-from amaze_autonomy.autopilot.mission_upload import MissionUpload, UploadPhase
+from amaze_autonomy.autopilot.planner.mission_upload import MissionUpload, UploadPhase
 from amaze_autonomy.missions import Home, Place, Trajectory, Waypoint
 
 HOME = Home(47.397742, 8.545594)

@@ -8,7 +8,7 @@ from random import Random
 import pytest
 from flying import ARDUPILOT, BACK, LINE, PX4, Flying, S, plan
 
-from amaze_autonomy.autopilot.dialect import mavlink
+from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 from amaze_autonomy.missions import Controller, Trajectory, Waypoint

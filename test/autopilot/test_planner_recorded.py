@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from recorded import S, recording
 
-from amaze_autonomy.autopilot.flight_record import FlightRecord
-from amaze_autonomy.autopilot.mission_items import Dialect
-from amaze_autonomy.autopilot.mission_steps import Means, steps_of
-from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
-from amaze_autonomy.autopilot.peers import Identity, Peers
-from amaze_autonomy.autopilot.procedure import Procedure, Progress
-from amaze_autonomy.autopilot.tlog import read_tlog
-from amaze_autonomy.autopilot.wire import decode
+from amaze_autonomy.autopilot.link.framing import read_tlog
+from amaze_autonomy.autopilot.link.peers import Identity, Peers
+from amaze_autonomy.autopilot.link.wire import decode
+from amaze_autonomy.autopilot.planner.flight_progress import FlightRecord
+from amaze_autonomy.autopilot.planner.mission_items import Dialect
+from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
+from amaze_autonomy.autopilot.planner.procedure import Means, Procedure, Progress, steps_of
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 from amaze_autonomy.missions import Controller, PlannerSpec

@@ -8,9 +8,9 @@ import pytest
 from flying import BACK, LINE, MS, PLANS, Flying, S, plan
 from mission_channel import good
 
-from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.loading import LoadRequest
-from amaze_autonomy.autopilot.mission_vehicle import VehicleWatch
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
 from amaze_autonomy.engine.answers import ANSWERS
 from amaze_autonomy.engine.commands import AnswerKind, MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand

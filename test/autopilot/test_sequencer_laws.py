@@ -10,9 +10,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mission_channel import good
 
-from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.loading import LoadRequest
-from amaze_autonomy.autopilot.mission_items import Dialect
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.planner.mission_items import Dialect
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 

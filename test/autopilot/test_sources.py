@@ -11,8 +11,8 @@ from client_bench import ClientBench
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot import Connection, Identity
-from amaze_autonomy.autopilot.diagnosis import link_problem
-from amaze_autonomy.autopilot.sources import Sources
+from amaze_autonomy.autopilot.link.connection import link_problem
+from amaze_autonomy.autopilot.link.peers import Sources
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.checks import Verdict
 from amaze_autonomy.engine.events import Landed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from autopilot_tools import beat
 from recorded import Flight, changes, recording, texts
 
-from amaze_autonomy.autopilot.tlog import TlogCount, read_tlog
+from amaze_autonomy.autopilot.link.framing import TlogCount, read_tlog
 
 
 def flying(vehicle, t_ns):

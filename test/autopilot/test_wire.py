@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
-from amaze_autonomy.autopilot.crc import crc16
-from amaze_autonomy.autopilot.framing import LONGEST, FrameReader
-from amaze_autonomy.autopilot.wire import Wire, decode
+from amaze_autonomy.autopilot.link.framing import LONGEST, FrameReader, crc16
+from amaze_autonomy.autopilot.link.wire import Wire, decode
 
 TEXT = mavlink.MAVLink_statustext_message(6, b"Takeoff detected\t")
 BATTERY = mavlink.MAVLink_battery_status_message(0, 0, 0, 2500, [4100] * 4 + [65535] * 6, 120, 5, 6, 88, 60, 1, [0] * 4)

@@ -24,8 +24,8 @@ from px4_tools import QUICK
 from udp_tools import served
 
 from amaze_autonomy.autopilot import Connection, Identity
-from amaze_autonomy.autopilot.loading import LoadRequest
-from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
+from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 from amaze_autonomy.engine.mission import Mission

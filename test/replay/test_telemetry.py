@@ -12,7 +12,7 @@ from replay_bags import START_NS
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from amaze_autonomy.autopilot.tlog import read_tlog
+from amaze_autonomy.autopilot.link.framing import read_tlog
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.paths import config_folder

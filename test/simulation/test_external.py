@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from amaze_autonomy.autopilot.dialect import mavlink
+from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation import NoEffectError, parse_scenario
 from amaze_autonomy.simulation.external import ExternalVehicle, Observer, as_external

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Callable, Dict, Iterator, List, Optional, Tuple
 
-from amaze_autonomy.autopilot.framing import frame_at
+from amaze_autonomy.autopilot.link.framing import frame_at
 
 _BYTES = 65536
 _SLICE_S = 0.02

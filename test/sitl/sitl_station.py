@@ -10,8 +10,8 @@ from typing import Any, Dict, List, Optional, Tuple
 from sitl_autopilots import Kind
 from sitl_relay import Link
 
-from amaze_autonomy.autopilot.dialect import mavlink, message_id
-from amaze_autonomy.autopilot.wire import Wire
+from amaze_autonomy.autopilot.link.dialect import mavlink, message_id
+from amaze_autonomy.autopilot.link.wire import Wire
 from amaze_autonomy.simulation.external import WANTED, Observer
 
 _SYSTEM, _COMPONENT = 255, 190

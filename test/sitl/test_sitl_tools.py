@@ -14,8 +14,8 @@ from sitl_autopilots import KINDS, folder_of, ready_to_run
 from sitl_relay import Relay
 from sitl_scenario import ScenarioError, load
 
-from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.tlog import read_tlog
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.link.framing import read_tlog
 from amaze_autonomy.simulation import parse_scenario
 
 HERE = Path(__file__).parent

@@ -5,11 +5,10 @@ No ROS. `connection.py` has the one thread; all else takes times and messages an
 
 from __future__ import annotations
 
-from .connection import Connection, LinkState
 from .errors import AutopilotError, EndpointError, KeyFileError
-from .hosting import Client
-from .peers import Identity
-from .signing import read_key
+from .link.connection import Client, Connection, LinkState
+from .link.peers import Identity
+from .link.signing import read_key
 
 __all__ = [
     "AutopilotError",

@@ -12,15 +12,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
-from amaze_autonomy.autopilot.dialect import mavlink
-from amaze_autonomy.autopilot.framing import Frame
-from amaze_autonomy.autopilot.peers import Identity, Peers
-from amaze_autonomy.autopilot.tlog import Counter, TlogCount, TlogError, read_tlog
-from amaze_autonomy.autopilot.vehicle import WANTED, VehicleState
-from amaze_autonomy.autopilot.wire import decode
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
 from amaze_autonomy.config import AutopilotSettings
 
+from ..autopilot.link.dialect import mavlink
+from ..autopilot.link.framing import Counter, Frame, TlogCount, TlogError, read_tlog
+from ..autopilot.link.peers import Identity, Peers
+from ..autopilot.link.wire import decode
+from ..autopilot.vehicle.vehicle import WANTED, VehicleState
 from .telemetry_messages import Status, imu, status
 
 __all__ = ["Telemetry", "topics_of_log"]

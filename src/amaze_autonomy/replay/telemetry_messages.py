@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import nan
 from typing import Any, Optional
 
-from amaze_autonomy.autopilot.vehicle import VehicleState
+from ..autopilot.vehicle.vehicle import VehicleState
 
 __all__ = ["Status", "imu", "status"]
 

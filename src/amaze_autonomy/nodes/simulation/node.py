@@ -33,7 +33,6 @@ import rospy
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.autopilot import Connection, EndpointError, Identity
-from amaze_autonomy.autopilot.dialect import mavlink
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
@@ -48,6 +47,7 @@ from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.scenario_file import load_scenario
 from amaze_autonomy.simulation.vehicle import VehicleSettings
 
+from ...autopilot.link.dialect import mavlink
 from ...ros import node_main
 from ...ros.clock import Clock, make_clock, wait_for_time
 from ...ros.errors import NodeError, StartError

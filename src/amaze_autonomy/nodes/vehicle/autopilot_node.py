@@ -23,13 +23,13 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.autopilot.client import CLIENT_MESSAGES, AutopilotClient, Reply
-from amaze_autonomy.autopilot.diagnosis import link_problem
-from amaze_autonomy.autopilot.dialect import mavlink
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import Landed
 
+from ...autopilot.link.connection import link_problem
+from ...autopilot.link.dialect import mavlink
+from ...autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient, Reply
 from ...ros.clock import Clock
 from ...ros.interface import check_row, number, status_message
 from ...ros.node_main import run_node

@@ -15,9 +15,10 @@ import sys
 from typing import List, Optional, Sequence
 
 from amaze_autonomy.autopilot import EndpointError
-from amaze_autonomy.autopilot.endpoint import EndpointKind, parse_endpoint
 from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configuration
 from amaze_autonomy.paths import config_folder
+
+from ...autopilot.link.ports import EndpointKind, parse_endpoint
 
 __all__ = ["arguments_of", "main"]
 

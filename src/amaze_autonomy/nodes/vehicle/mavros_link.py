@@ -16,20 +16,11 @@ from typing import Any, Callable, Deque, Dict, Iterable, Tuple
 import rospy
 
 from amaze_autonomy.autopilot import Client, LinkState
-from amaze_autonomy.autopilot.dialect import Message, mavlink
-from amaze_autonomy.autopilot.hosting import ClientHost
-from amaze_autonomy.autopilot.mavros_messages import (
-    STATE,
-    VEHICLE,
-    WAYPOINTS,
-    Converter,
-    Source,
-    mode_problem,
-    sources_of,
-)
-from amaze_autonomy.autopilot.mavros_mission import MavrosMission
-from amaze_autonomy.autopilot.mavros_requests import Lane, Publication, Request, publication_of, request_of
 
+from ...autopilot.link.connection import ClientHost
+from ...autopilot.link.dialect import Message, mavlink
+from ...autopilot.mavros.messages import STATE, VEHICLE, WAYPOINTS, Converter, Source, mode_problem, sources_of
+from ...autopilot.mavros.requests import Lane, MavrosMission, Publication, Request, publication_of, request_of
 from ...ros.errors import StartError
 
 __all__ = ["MavrosLink"]

@@ -21,15 +21,15 @@ import rospy
 from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.autopilot.diagnosis import link_problem
-from amaze_autonomy.autopilot.keeping import keep, origin_from, origin_to, read_kept
-from amaze_autonomy.autopilot.loading import Loading, LoadRequest
-from amaze_autonomy.autopilot.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 
+from ...autopilot.link.connection import link_problem
+from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kept
+from ...autopilot.planner.loading import Loading, LoadRequest
+from ...autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from ...ros.clock import Clock
 from ...ros.interface import status_message
 from ...ros.node_main import run_node

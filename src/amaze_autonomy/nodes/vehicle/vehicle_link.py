@@ -9,11 +9,11 @@ from typing import Any, Callable, Iterable, Protocol, Sequence, Tuple, TypeVar
 import rospy
 
 from amaze_autonomy.autopilot import AutopilotError, Client, Connection, Identity, LinkState, read_key
-from amaze_autonomy.autopilot.dialect import Message, mavlink
-from amaze_autonomy.autopilot.stamp_file import StampFile
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.config.autopilot_schema import LinkSettings
 
+from ...autopilot.link.dialect import Message, mavlink
+from ...autopilot.link.state_files import StampFile
 from ...ros.clock import Clock
 from ...ros.errors import StartError
 

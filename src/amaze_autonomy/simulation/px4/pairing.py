@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Dict, Mapping, Optional, Tuple, Type, Union
 
-from amaze_autonomy.autopilot.endpoint import EndpointKind, parse_endpoint
 from amaze_autonomy.autopilot.errors import EndpointError
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.events import VehicleLanded
@@ -13,6 +12,7 @@ from amaze_autonomy.simulation.scenario import Scenario
 from amaze_autonomy.simulation.vehicle import VehicleSettings
 from amaze_autonomy.simulation.world import World
 
+from ...autopilot.link.ports import EndpointKind, parse_endpoint
 from .craft import Craft
 from .errors import VehicleAddressError
 from .health import Wrong

@@ -14,9 +14,10 @@ import threading
 import time
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Protocol, Tuple
 
-from amaze_autonomy.autopilot.endpoint import Endpoint, EndpointKind, parse_endpoint
 from amaze_autonomy.autopilot.errors import EndpointError
 from amaze_autonomy.simulation.px4 import Framing, Px4, VehicleAddressError
+
+from ...autopilot.link.ports import Endpoint, EndpointKind, parse_endpoint
 
 __all__ = ["VehicleServer", "VehicleTime"]
 

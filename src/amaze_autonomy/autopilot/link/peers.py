@@ -1,0 +1,276 @@
+"""Who is who on a link: our vehicle, other vehicles, and others that use our own address. Pure."""
+
+from __future__ import annotations
+
+from typing import Any, List, Optional, Tuple
+
+from .dialect import Message, mavlink, source_of
+
+__all__ = ["Identity", "Peers", "Sources"]
+
+_OTHERS_KEPT = 16
+_AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
+
+
+class Identity:
+    """Own address, and whom it listens to.
+
+    Args:
+        system: own system id; that of the vehicle, by convention.
+        component: own component id, another for each node.
+        vehicle: system id of the vehicle; 0: of the first autopilot that is heard.
+    """
+
+    def __init__(self, system: int, component: int, vehicle: int = 1) -> None:
+        self.system, self.component, self.vehicle = system, component, vehicle
+
+
+class Peers:
+    """Tells the messages of our vehicle, to us, from all others.
+
+    Args:
+        identity: own address.
+    """
+
+    def __init__(self, identity: Identity) -> None:
+        self._identity = identity
+        self.vehicle: Optional[int] = identity.vehicle or None
+        self.heartbeat_ns: Optional[int] = None
+        self.others: List[int] = []
+        self.doubles = 0
+        self.sources = Sources()
+
+    def take(self, t_ns: int, message: Message, place: Any = None) -> bool:
+        """Return whether a message is from our vehicle's autopilot, and for us.
+
+        Args:
+            t_ns: now.
+            message: that came.
+            place: address that it came from; None: there is only one.
+        """
+        source, is_heartbeat = source_of(message), message.get_type() == "HEARTBEAT"
+        if source == (self._identity.system, self._identity.component):
+            self.doubles += 1
+            return False
+        if source[1] != _AUTOPILOT or (is_heartbeat and not _is_vehicle(message)):
+            return False
+        if is_heartbeat and self.vehicle is None:
+            self.vehicle = source[0]
+        if source[0] != self.vehicle:
+            if is_heartbeat:
+                self._note(source[0])
+            return False
+        boot_ms = getattr(message, "time_boot_ms", None)
+        if not self.sources.take(t_ns, place, message.get_seq(), boot_ms):
+            return False
+        if is_heartbeat:
+            self.heartbeat_ns = t_ns
+            self.sources.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        return self._for_us(message)
+
+    def pass_over(self, t_ns: int, source: Tuple[int, int], sequence: int, place: Any) -> None:
+        """Note that a message came that nobody wants: its number belongs to the run of its sender."""
+        if source == (self.vehicle, _AUTOPILOT) and self.heartbeat_ns is not None:
+            self.sources.take(t_ns, place, sequence)
+
+    def age_ns(self, t_ns: int) -> Optional[int]:
+        """Return the time since the last heartbeat of the vehicle; None: never."""
+        return None if self.heartbeat_ns is None else t_ns - self.heartbeat_ns
+
+    @property
+    def address(self) -> Tuple[int, int]:
+        """System and component to address the vehicle by; system 0, all, while it is not known."""
+        return self.vehicle or 0, _AUTOPILOT
+
+    def _note(self, system: int) -> None:
+        if system not in self.others and len(self.others) < _OTHERS_KEPT:
+            self.others.append(system)
+
+    def _for_us(self, message: Message) -> bool:
+        system = getattr(message, "target_system", 0)
+        component = getattr(message, "target_component", 0)
+        return system in (0, self._identity.system) and component in (0, self._identity.component)
+
+
+def _is_vehicle(heartbeat: Message) -> bool:
+    """Tell an autopilot from ground stations, gimbals and companions."""
+    return bool(heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type != mavlink.MAV_TYPE_GCS)
+
+
+# --- sources ----------------------------------------------------------------------------------------------------------
+# Who speaks as our vehicle: one source is it; another that says the same system id is a stranger. Pure.
+#
+# A source is an address and, behind one address (a router, a serial line), a run of MAVLink's sequence numbers with
+# one boot time. The first one heard is ours. In flight it stays ours: a stranger is never believed, and our own
+# silence is noticed although the stranger speaks. On the ground, where vehicles are exchanged and restarted, the next
+# one is ours once ours has been silent for a while. A vehicle whose address changes in flight (a router that was
+# restarted) is known by its boot time. What fits two runs alike is given to neither.
+
+
+_S = 1_000_000_000
+_MS = 1_000_000
+_NUMBERS = 256
+_AHEAD = 16  # numbers that one message may be ahead of the last at once, and one more for each ms between them
+_MOST_AHEAD = 64
+_LATE = 32  # datagrams may overtake one another, by 50 ms of jitter at 450 messages a second and more
+_PAUSE_NS = _S // 2  # after which any number goes on
+_IN_A_ROW = 3  # messages that make a run one
+_SILENCE_NS = 5 * _S // 2
+_BOOT_NS = _S  # by which boot times of one vehicle differ at most: messages are under way for a while
+_REMEMBERED_NS = 10 * _S
+_SOURCES_KEPT = 8
+_AVERAGED = 16  # gaps
+_ENDED_GAPS, _ENDED_NS = 5, _S // 10  # without a word in which a run ends that another one follows
+
+
+class _Run:
+    """Messages that follow one another.
+
+    Args:
+        t_ns: of the first one.
+        place: where it came from.
+        sequence: its number.
+    """
+
+    def __init__(self, t_ns: int, place: Any, sequence: int) -> None:
+        self.place, self.sequence = place, sequence
+        self.first_ns = self.heard_ns = t_ns
+        self.count = self.gap_ns = 0
+        self.boot: Optional[Tuple[int, int]] = None
+
+    def hear(self, t_ns: int, sequence: int, boot_ns: Optional[int]) -> None:
+        if (sequence - self.sequence) % _NUMBERS < _NUMBERS - _LATE:
+            self.sequence = sequence
+        self.gap_ns += (t_ns - self.heard_ns - self.gap_ns) // _AVERAGED
+        self.heard_ns = t_ns
+        self.count += 1
+        if boot_ns is not None:
+            self.boot = (t_ns, boot_ns)
+
+    def follows(self, t_ns: int, sequence: int) -> bool:
+        """Return whether a number is one of the next, or of the last."""
+        ahead = (sequence - self.sequence) % _NUMBERS
+        return ahead >= _NUMBERS - _LATE or ahead <= min(_MOST_AHEAD, _AHEAD + (t_ns - self.heard_ns) // _MS)
+
+    def denies(self, t_ns: int, boot_ns: int) -> bool:
+        """Return whether a vehicle that was started at this time is another one."""
+        return self.boot is not None and abs(boot_ns - self.boot[1]) > _BOOT_NS + t_ns - self.boot[0]
+
+
+class Sources:
+    """The sources that speak as one system id."""
+
+    def __init__(self) -> None:
+        self._runs: List[_Run] = []
+        self._ours: Optional[_Run] = None
+        self.armed = False
+
+    def take(self, t_ns: int, place: Any, sequence: int, boot_ms: Optional[int] = None) -> bool:
+        """Return whether a message is of our vehicle.
+
+        Args:
+            t_ns: now.
+            place: address it came from; None: there is only one.
+            sequence: its number.
+            boot_ms: since its start, when the message says so.
+        """
+        boot_ns = t_ns - boot_ms * _MS if boot_ms else None
+        ours = self._ours
+        alone = ours is not None and len(self._runs) == 1 and ours.place == place and boot_ns is None
+        if ours is not None and alone and ours.follows(t_ns, sequence):  # as it is nearly always
+            ours.hear(t_ns, sequence, None)
+            return True
+        run = self._run_of(t_ns, place, sequence, boot_ns)
+        if run is None:
+            return False
+        run.hear(t_ns, sequence, boot_ns)
+        self._elect(t_ns, run)
+        return run is self._ours
+
+    def strangers(self, t_ns: int) -> Tuple[str, ...]:
+        """Return where others that say our vehicle's id speak from."""
+        ours = self._ours
+        if ours is None:
+            return ()
+        others = [run for run in self._runs if run is not ours and t_ns - run.heard_ns <= _REMEMBERED_NS]
+        beside = [run for run in others if run.place != ours.place]
+        behind = [run for run in others if run.place == ours.place and run.count >= _IN_A_ROW]
+        names = [_name(run.place) for run in beside] + [f"{_name(run.place)}, where ours is, too" for run in behind]
+        return tuple(dict.fromkeys(names))
+
+    def forget(self) -> None:
+        """Forget all: the link was opened again. In flight the boot time of ours is kept."""
+        self._runs = [self._ours] if self.armed and self._ours is not None else []
+        self._ours = self._runs[0] if self._runs else None
+
+    # --- inside ---------------------------------------------------------------------------------------------------
+
+    def _run_of(self, t_ns: int, place: Any, sequence: int, boot_ns: Optional[int]) -> Optional[_Run]:
+        here = [run for run in self._runs if run.place == place]
+        if boot_ns is not None:
+            here = [run for run in here if not run.denies(t_ns, boot_ns)]
+        fits = [run for run in here if run.follows(t_ns, sequence)]
+        if len(fits) > 1:
+            fits = self._without_jumps(t_ns, fits)
+        if len(fits) > 1:
+            return None
+        if fits:
+            return fits[0]
+        if len(here) == 1 and t_ns - here[0].heard_ns > _PAUSE_NS:
+            return here[0]
+        return self._begin(t_ns, place, sequence)
+
+    def _without_jumps(self, t_ns: int, fits: List[_Run]) -> List[_Run]:
+        """Return the runs that are vehicles, of those that a message goes on with; what only began has jumped."""
+        first = self._ours if self._ours in fits else fits[0]
+        real = [run for run in fits if run is first or self._is_vehicle(t_ns, run, first)]
+        self._runs = [run for run in self._runs if run not in fits or run in real]
+        return real
+
+    @staticmethod
+    def _is_vehicle(t_ns: int, run: _Run, first: Optional[_Run]) -> bool:
+        if t_ns - run.heard_ns > _S:
+            return False
+        if run.boot is not None and first is not None and first.denies(t_ns, run.boot[1]):
+            return True
+        return run.count >= _IN_A_ROW
+
+    def _begin(self, t_ns: int, place: Any, sequence: int) -> _Run:
+        self._runs = [run for run in self._runs if run is self._ours or t_ns - run.heard_ns <= _REMEMBERED_NS]
+        if len(self._runs) >= _SOURCES_KEPT:
+            self._runs.remove(min((run for run in self._runs if run is not self._ours), key=lambda run: run.heard_ns))
+        run = _Run(t_ns, place, sequence)
+        self._runs.append(run)
+        return run
+
+    def _elect(self, t_ns: int, run: _Run) -> None:
+        """Make a run ours: the first one, one that goes on where ours ended, or one that comes after its silence."""
+        ours = self._ours
+        if ours is None:
+            self._ours = run
+        elif run is ours or run.count < _IN_A_ROW:
+            return
+        elif _follows(t_ns, run, ours) or self._replaces(t_ns, run, ours):
+            self._runs.remove(ours)
+            self._ours = run
+
+    def _replaces(self, t_ns: int, run: _Run, ours: _Run) -> bool:
+        if t_ns - ours.heard_ns <= _SILENCE_NS:
+            return False
+        return not self.armed or _same_boot(run, ours)
+
+
+def _follows(t_ns: int, run: _Run, ours: _Run) -> bool:
+    """Return whether a run began at the address of another when that had ended: messages were lost, or it restarted."""
+    ended = t_ns - ours.heard_ns > max(_ENDED_NS, _ENDED_GAPS * ours.gap_ns)
+    return ended and run.place == ours.place and run.first_ns >= ours.heard_ns
+
+
+def _same_boot(run: _Run, ours: _Run) -> bool:
+    return run.boot is not None and ours.boot is not None and abs(run.boot[1] - ours.boot[1]) <= _BOOT_NS
+
+
+def _name(place: Any) -> str:
+    if isinstance(place, tuple) and len(place) > 1:
+        return f"{place[0]}:{place[1]}"
+    return "the same line" if place is None else str(place)

@@ -1,0 +1,390 @@
+"""Where bytes go in and out: serial devices, UDP and TCP sockets, all without waiting.
+
+A port belongs to one thread. Its methods raise OSError when the other end is gone; the link closes it then and opens it
+again later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import fcntl
+import os
+import re
+import select
+import socket
+import termios
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+from ..errors import EndpointError
+
+__all__ = ["Endpoint", "EndpointKind", "Port", "make_port", "parse_endpoint"]
+
+# --- endpoint ---------------------------------------------------------------------------------------------------------
+# Connection URLs as MAVLink people write them.
+#
+# serial:/dev/ttyACM0:921600   a serial device and its baud rate udpin:127.0.0.1:14540        wait there for the
+# vehicle, answer where it speaks from (udp: means the same) udpout:192.168.1.2:14550     speak there first
+# tcp:127.0.0.1:5760           connect there tcpin:127.0.0.1:5760         wait there for one peer
+
+
+_DEFAULT_BAUD = 57600
+_LAST_PORT = 65535
+_FORMS = "serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or tcpin:HOST:PORT"
+
+
+class EndpointKind(enum.Enum):
+    """How bytes reach the peer."""
+
+    SERIAL = "serial"
+    UDP_IN = "udpin"
+    UDP_OUT = "udpout"
+    TCP = "tcp"
+    TCP_IN = "tcpin"
+
+
+_KINDS: Mapping[str, EndpointKind] = {**{kind.value: kind for kind in EndpointKind}, "udp": EndpointKind.UDP_IN}
+
+
+class Endpoint(NamedTuple):
+    """Where the other end of a link is.
+
+    Args:
+        kind: how bytes reach it.
+        address: host or device.
+        number: port or baud rate.
+    """
+
+    kind: EndpointKind
+    address: str
+    number: int
+
+    def __str__(self) -> str:
+        return f"{self.kind.value}:{self.address}:{self.number}"
+
+
+def parse_endpoint(url: str) -> Endpoint:
+    """Return what a connection URL names.
+
+    Raises:
+        EndpointError: It is none.
+    """
+    found = re.fullmatch(r"([a-z]+):(?://)?(.+)", url.strip())
+    if found is None or found.group(1) not in _KINDS:
+        raise EndpointError(repr(url), "is no connection URL", f"must be {_FORMS}")
+    kind, rest = _KINDS[found.group(1)], found.group(2)
+    if kind is EndpointKind.SERIAL:
+        return _serial(url, rest)
+    address, colon, number = rest.rpartition(":")
+    if not colon or not address or not number.isdecimal() or not 0 < int(number) <= _LAST_PORT:
+        raise EndpointError(repr(url), "names no host and port", f"must be {kind.value}:HOST:PORT, PORT 1 to 65535")
+    return Endpoint(kind, address.strip("[]"), int(number))
+
+
+def _serial(url: str, rest: str) -> Endpoint:
+    device, _, number = rest.partition(":")
+    if not number:
+        return Endpoint(EndpointKind.SERIAL, device, _DEFAULT_BAUD)
+    if not device.startswith("/") or not number.isdecimal() or not int(number):
+        raise EndpointError(repr(url), "names no device and baud rate", "must be serial:/dev/ttyACM0:921600 or alike")
+    return Endpoint(EndpointKind.SERIAL, device, int(number))
+
+
+# --- ports ------------------------------------------------------------------------------------------------------------
+
+
+_CHUNK = 65536
+_PENDING_LIMIT = 65536
+_CONNECT_LIMIT_S = 0.5
+_BURST = 64
+_PEERS_KEPT = 8
+Chunk = Tuple[Any, bytes]
+
+
+class Port:
+    """A way in and out for bytes.
+
+    Args:
+        endpoint: where the other end is.
+    """
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self.endpoint = endpoint
+
+    @property
+    def silence_is_loss(self) -> bool:
+        """Whether a long silence is a reason to open it again."""
+        return False
+
+    def open(self) -> None:
+        """Open it; nothing when it is open."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Close it; nothing when it is closed."""
+        raise NotImplementedError
+
+    def fileno(self) -> Optional[int]:
+        """Return what to wait for, None while it is closed."""
+        raise NotImplementedError
+
+    @property
+    def blocked(self) -> bool:
+        """Whether something still waits to be written."""
+        return False
+
+    def read(self) -> List[Chunk]:
+        """Return what has come in, and whom from."""
+        raise NotImplementedError
+
+    def write(self, data: bytes) -> bool:
+        """Send what can be sent now, keep the rest; return False when there is no room or nobody to send to."""
+        raise NotImplementedError
+
+    def flush(self) -> None:
+        """Send what was kept."""
+
+    def prefer(self, source: Any) -> None:
+        """Send to this source from now on: the vehicle speaks from there."""
+
+
+class _Stream(Port):
+    """What serial devices and TCP have in common: bytes that must be written in their order."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._fd: Optional[int] = None
+        self._pending = bytearray()
+
+    def fileno(self) -> Optional[int]:
+        return self._fd
+
+    @property
+    def blocked(self) -> bool:
+        return bool(self._pending)
+
+    def close(self) -> None:
+        if self._fd is not None:
+            os.close(self._fd)
+        self._fd = None
+        self._pending.clear()
+
+    def read(self) -> List[Chunk]:
+        if self._fd is None:
+            return []
+        try:
+            data = os.read(self._fd, _CHUNK)
+        except BlockingIOError:
+            return []
+        if not data:
+            raise ConnectionResetError("the other end has closed")
+        return [(None, data)]
+
+    def write(self, data: bytes) -> bool:
+        if self._fd is None or len(self._pending) + len(data) > _PENDING_LIMIT:
+            return False
+        self._pending += data
+        self.flush()
+        return True
+
+    def flush(self) -> None:
+        if self._fd is None or not self._pending:
+            return
+        with contextlib.suppress(BlockingIOError):
+            del self._pending[: os.write(self._fd, self._pending)]
+
+
+class _Serial(_Stream):
+    """A serial device: 8 data bits, no parity, one stop bit, no flow control; nobody else may have it open."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._speed = getattr(termios, f"B{endpoint.number}", None)
+        if self._speed is None:
+            raise EndpointError(
+                str(endpoint), "this system has no such baud rate", "57600, 115200 and 921600 are usual"
+            )
+
+    def open(self) -> None:
+        if self._fd is not None:
+            return
+        fd = os.open(self.endpoint.address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            fcntl.ioctl(fd, termios.TIOCEXCL)
+            attributes = termios.tcgetattr(fd)
+            attributes[:4] = [0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0]
+            attributes[4] = attributes[5] = self._speed
+            attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0  # nothing to read is no end of file
+            termios.tcsetattr(fd, termios.TCSANOW, attributes)
+            termios.tcflush(fd, termios.TCIOFLUSH)
+        except termios.error as error:
+            os.close(fd)
+            raise OSError(*error.args) from None
+        except OSError:
+            os.close(fd)
+            raise
+        self._fd = fd
+
+
+class _Tcp(_Stream):
+    """A TCP connection that is made from here."""
+
+    @property
+    def silence_is_loss(self) -> bool:
+        return self._fd is not None
+
+    def open(self) -> None:
+        if self._fd is None:
+            address = (self.endpoint.address, self.endpoint.number)
+            self._adopt(socket.create_connection(address, timeout=_CONNECT_LIMIT_S))
+
+    def _adopt(self, connected: socket.socket) -> None:
+        connected.setblocking(False)
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._fd = connected.detach()
+
+
+class _TcpIn(_Tcp):
+    """A TCP socket that waits for one peer."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._listener: Optional[socket.socket] = None
+
+    def open(self) -> None:
+        if self._listener is None:
+            self._listener = _bound(self.endpoint, socket.SOCK_STREAM)
+            self._listener.listen(1)
+
+    def close(self) -> None:
+        super().close()
+        if self._listener is not None:
+            self._listener.close()
+        self._listener = None
+
+    def fileno(self) -> Optional[int]:
+        if self._fd is None and self._listener is not None:
+            return self._listener.fileno()
+        return self._fd
+
+    def read(self) -> List[Chunk]:
+        if self._fd is None and self._listener is not None:
+            with contextlib.suppress(BlockingIOError):
+                self._adopt(self._listener.accept()[0])
+            return []
+        return super().read()
+
+
+class _Udp(Port):
+    """A UDP socket; it answers where the vehicle spoke from last, or all peers while it is not known which is one."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._socket: Optional[socket.socket] = None
+        self._vehicle: Any = None
+        self._peers: Dict[Any, None] = {}
+
+    def open(self) -> None:
+        if self._socket is None:
+            self._socket = _bound(self.endpoint, socket.SOCK_DGRAM)
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket, self._vehicle = None, None
+        self._peers.clear()
+
+    def fileno(self) -> Optional[int]:
+        return None if self._socket is None else self._socket.fileno()
+
+    def read(self) -> List[Chunk]:
+        chunks: List[Chunk] = []
+        while self._socket is not None and len(chunks) < _BURST:
+            try:
+                data, source = self._socket.recvfrom(_CHUNK)
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                continue
+            self._remember(source)
+            chunks.append((source, data))
+        return chunks
+
+    def write(self, data: bytes) -> bool:
+        targets = list(self._peers) if self._vehicle is None else [self._vehicle]
+        return bool([self._send(data, target) for target in targets].count(True))
+
+    def prefer(self, source: Any) -> None:
+        self._vehicle = source
+
+    def _remember(self, source: Any) -> None:
+        if source not in self._peers and len(self._peers) < _PEERS_KEPT:
+            self._peers[source] = None
+
+    def _send(self, data: bytes, target: Any) -> bool:
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            return self._socket is not None and self._socket.sendto(data, target) == len(data)
+        return False
+
+
+class _UdpOut(_Udp):
+    """A UDP socket that speaks first, and listens to nobody but whom it speaks to."""
+
+    def open(self) -> None:
+        if self._socket is None:
+            family, kind, _, _, address = _resolved(self.endpoint, socket.SOCK_DGRAM)
+            made = socket.socket(family, kind)
+            made.setblocking(False)
+            made.connect(address)
+            self._socket = made
+
+    def write(self, data: bytes) -> bool:
+        with contextlib.suppress(BlockingIOError, ConnectionError):
+            return self._socket is not None and self._socket.send(data) == len(data)
+        return False
+
+
+def _resolved(endpoint: Endpoint, kind: int) -> Any:
+    return socket.getaddrinfo(endpoint.address, endpoint.number, type=kind)[0]
+
+
+def _bound(endpoint: Endpoint, kind: int) -> socket.socket:
+    family, kind, _, _, address = _resolved(endpoint, kind)
+    made = socket.socket(family, kind)
+    made.setblocking(False)
+    if kind == socket.SOCK_STREAM:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        made.bind(address)
+    except OSError:
+        made.close()
+        raise
+    return made
+
+
+_PORTS: Mapping[EndpointKind, Callable[[Endpoint], Port]] = {
+    EndpointKind.SERIAL: _Serial,
+    EndpointKind.UDP_IN: _Udp,
+    EndpointKind.UDP_OUT: _UdpOut,
+    EndpointKind.TCP: _Tcp,
+    EndpointKind.TCP_IN: _TcpIn,
+}
+
+
+def make_port(endpoint: Endpoint) -> Port:
+    """Return a closed port.
+
+    Raises:
+        EndpointError: This system has no such.
+    """
+    return _PORTS[endpoint.kind](endpoint)
+
+
+def wait_readable(port: Port, waker: int, limit_s: float) -> Tuple[bool, bool]:
+    """Wait until a port or a pipe can be read, or a time has passed; return which of the two."""
+    poller, fd = select.poll(), port.fileno()
+    poller.register(waker, select.POLLIN)
+    if fd is not None:
+        poller.register(fd, select.POLLIN | (select.POLLOUT if port.blocked else 0))
+    ready = [number for number, _ in poller.poll(max(0.0, limit_s) * 1e3)]
+    return fd in ready, waker in ready

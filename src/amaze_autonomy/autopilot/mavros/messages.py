@@ -1,0 +1,238 @@
+"""What mavros says, as the MAVLink messages that it was made of; by the fields of its messages alone, without ROS.
+
+So one client serves both ways to the vehicle. The table at the end: topic below mavros' namespace, type, what is made.
+PX4 only: the names of modes are turned back into PX4's numbers.
+"""
+
+from __future__ import annotations
+
+from math import atan2, isfinite, nan, pi
+from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple
+
+from ..link.dialect import Message, mavlink
+from ..vehicle.modes import px4_number
+
+__all__ = ["STATE", "VEHICLE", "WAYPOINTS", "Converter", "Source", "mode_problem", "sources_of"]
+
+VEHICLE = (1, 1)
+_UNKNOWN_MV, _UNKNOWN = 65535, -1
+_DEG7 = 1e7
+_BATTERIES = 256  # that 8 bits tell apart
+
+
+class Source(NamedTuple):
+    """One topic of mavros.
+
+    Args:
+        topic: below the namespace.
+        kind: package and type.
+        makes: name of the MAVLink message.
+        make: returns it; None: it says nothing.
+    """
+
+    topic: str
+    kind: str
+    makes: str
+    make: Callable[[Any], Optional[Message]]
+
+
+def _state(message: Any) -> Optional[Message]:
+    """Return the HEARTBEAT of a mavros_msgs/State; None while mavros is not connected to the vehicle."""
+    if not message.connected:
+        return None
+    main, sub = px4_number(message.mode) or (0, 0)
+    base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    if message.armed:
+        base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, base, sub << 24 | main << 16, message.system_status, 3
+    )
+
+
+def mode_problem(message: Any) -> str:
+    """Return what is wrong with the mode of a mavros_msgs/State, in words; empty when it is one of PX4's."""
+    if not message.connected or not message.mode or px4_number(message.mode) is not None:
+        return ""
+    return (
+        f"mavros says mode {message.mode!r}, which is none of PX4's: whoever chose it has control (PX4 only this way)"
+    )
+
+
+def _extended_state(message: Any) -> Message:
+    return mavlink.MAVLink_extended_sys_state_message(message.vtol_state, message.landed_state)
+
+
+def _sys_status(message: Any) -> Message:
+    return mavlink.MAVLink_sys_status_message(
+        message.sensors_present,
+        message.sensors_enabled,
+        message.sensors_health,
+        message.load,
+        message.voltage_battery,
+        message.current_battery,
+        message.battery_remaining,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+def _battery(message: Any) -> Message:
+    """Return a BATTERY_STATUS; sensor_msgs/BatteryState has NaN for unknown, and negative currents for discharging."""
+    cells = [_millivolts(volts) for volts in list(message.cell_voltage)[:10]]
+    cells = cells or [_millivolts(message.voltage)]
+    cells += [_UNKNOWN_MV] * (10 - len(cells))
+    percent = round(100 * message.percentage) if isfinite(message.percentage) else _UNKNOWN
+    current = round(-100 * message.current) if isfinite(message.current) else _UNKNOWN
+    return mavlink.MAVLink_battery_status_message(
+        _battery_number(message),
+        0,
+        0,
+        32767,
+        cells,
+        current,
+        _UNKNOWN,
+        _UNKNOWN,
+        percent if 0 <= percent <= 100 else _UNKNOWN,  # noqa: PLR2004
+    )
+
+
+def _battery_number(message: Any) -> int:
+    """Return the number of a battery: all come on one topic, "id0", "id1" in `location` tells them apart."""
+    number = str(message.location)[len("id") :]
+    return int(number) % _BATTERIES if number.isascii() and number.isdecimal() else 0
+
+
+def _millivolts(volts: float) -> int:
+    return round(1000 * volts) if isfinite(volts) and 0 < volts < 65 else _UNKNOWN_MV  # noqa: PLR2004 - of 16 bits
+
+
+def _text(message: Any) -> Message:
+    """Return a STATUSTEXT; mavros has put its chunks together already."""
+    return mavlink.MAVLink_statustext_message(message.severity, message.text.encode("utf-8", "replace"))
+
+
+def _estimator(message: Any) -> Message:
+    flags = sum(bit for name, bit in _FLAGS if getattr(message, name))
+    return mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+_FLAGS: Tuple[Tuple[str, int], ...] = (
+    ("attitude_status_flag", 1),
+    ("velocity_horiz_status_flag", 2),
+    ("velocity_vert_status_flag", 4),
+    ("pos_horiz_rel_status_flag", 8),
+    ("pos_horiz_abs_status_flag", 16),
+    ("pos_vert_abs_status_flag", 32),
+    ("pos_vert_agl_status_flag", 64),
+    ("const_pos_mode_status_flag", 128),
+    ("pred_pos_horiz_rel_status_flag", 256),
+    ("pred_pos_horiz_abs_status_flag", 512),
+    ("gps_glitch_status_flag", 1024),
+    ("accel_error_status_flag", 2048),
+)
+
+
+def _gps(message: Any) -> Message:
+    stamp = message.header.stamp
+    return mavlink.MAVLink_gps_raw_int_message(
+        stamp.secs * 1_000_000 + stamp.nsecs // 1000,
+        message.fix_type,
+        message.lat,
+        message.lon,
+        message.alt,
+        message.eph,
+        message.epv,
+        message.vel,
+        message.cog,
+        message.satellites_visible,
+    )
+
+
+def _pose(message: Any) -> Message:
+    """Return a LOCAL_POSITION_NED of mavros' local position, which is east, north, up; its velocity comes apart."""
+    where = message.pose.position
+    return mavlink.MAVLink_local_position_ned_message(0, where.y, where.x, -where.z, nan, nan, nan)
+
+
+def _attitude(message: Any) -> Message:
+    """Return an ATTITUDE with the yaw alone: it turns from north to the east, mavros' from the east to the north."""
+    q = message.pose.orientation
+    yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+    return mavlink.MAVLink_attitude_message(0, nan, nan, pi / 2 - yaw, nan, nan, nan)
+
+
+def _global(message: Any) -> Optional[Message]:
+    """Return a GLOBAL_POSITION_INT of a NavSatFix; its height above home comes apart."""
+    if not (isfinite(message.latitude) and isfinite(message.longitude)):
+        return None
+    place = round(message.latitude * _DEG7), round(message.longitude * _DEG7)
+    return mavlink.MAVLink_global_position_int_message(0, *place, 0, 0, 0, 0, 0, _UNKNOWN_MV)
+
+
+def _reached(message: Any) -> Message:
+    return mavlink.MAVLink_mission_item_reached_message(message.wp_seq)
+
+
+def _apart(_: Any) -> None:
+    """Say nothing by itself."""
+
+
+def _home(message: Any) -> Message:
+    where = message.position
+    return mavlink.MAVLink_home_position_message(0, 0, 0, where.y, where.x, -where.z, [1, 0, 0, 0], 0, 0, 0)
+
+
+_VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped", "LOCAL_POSITION_NED", _apart)
+_HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
+STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _state)
+WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
+"""What `MavrosMission` reads."""
+_SOURCES: Tuple[Source, ...] = (
+    STATE,
+    Source("extended_state", "mavros_msgs/ExtendedState", "EXTENDED_SYS_STATE", _extended_state),
+    Source("sys_status", "mavros_msgs/SysStatus", "SYS_STATUS", _sys_status),
+    Source("battery", "sensor_msgs/BatteryState", "BATTERY_STATUS", _battery),
+    Source("statustext/recv", "mavros_msgs/StatusText", "STATUSTEXT", _text),
+    Source("estimator_status", "mavros_msgs/EstimatorStatus", "ESTIMATOR_STATUS", _estimator),
+    Source("gpsstatus/gps1/raw", "mavros_msgs/GPSRAW", "GPS_RAW_INT", _gps),
+    Source("local_position/pose", "geometry_msgs/PoseStamped", "LOCAL_POSITION_NED", _pose),
+    _VELOCITY,
+    Source("local_position/pose", "geometry_msgs/PoseStamped", "ATTITUDE", _attitude),
+    Source("global_position/global", "sensor_msgs/NavSatFix", "GLOBAL_POSITION_INT", _global),
+    _HEIGHT,
+    Source("home_position/home", "mavros_msgs/HomePosition", "HOME_POSITION", _home),
+    WAYPOINTS,
+    Source("mission/reached", "mavros_msgs/WaypointReached", "MISSION_ITEM_REACHED", _reached),
+)
+
+
+def sources_of(wanted: Iterable[str]) -> Tuple[Source, ...]:
+    """Return the topics of which the wanted messages are made."""
+    names = frozenset(wanted)
+    return tuple(source for source in _SOURCES if source.makes in names)
+
+
+class Converter:
+    """Makes MAVLink messages of topics; puts together what comes apart: position and velocity, place and height."""
+
+    def __init__(self) -> None:
+        self._velocity = (nan, nan, nan)
+        self._height_mm = 0
+
+    def convert(self, source: Source, message: Any) -> Optional[Message]:
+        """Return the MAVLink message of a message on a topic; None: it says nothing by itself."""
+        if source is _VELOCITY:
+            speed = message.twist.linear
+            self._velocity = (speed.y, speed.x, -speed.z)
+        elif source is _HEIGHT and isfinite(message.data):
+            self._height_mm = round(1000 * message.data)
+        made = source.make(message)
+        if made is not None and source.makes == "LOCAL_POSITION_NED":
+            made.vx, made.vy, made.vz = self._velocity
+        elif made is not None and source.makes == "GLOBAL_POSITION_INT":
+            made.relative_alt = self._height_mm
+        return made

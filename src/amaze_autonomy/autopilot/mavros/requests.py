@@ -1,0 +1,255 @@
+"""What mavros is asked to do for a MAVLink message: a service to call, or a message to publish. Pure.
+
+Each request has a lane, and each lane its own thread: a landing waits for no transfer of a mission, and for no service
+that mavros answers only after its own 5 s.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+from ..link.dialect import Message, mavlink
+from ..vehicle.modes import mode_name
+
+__all__ = ["Lane", "MavrosMission", "Publication", "Request", "Taken", "publication_of", "request_of"]
+
+_URGENT = (mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
+
+
+class Lane(enum.Enum):
+    """What waits for each other."""
+
+    URGENT = "urgent"
+    MISSION = "mission"
+    REST = "rest"
+
+
+class Request(NamedTuple):
+    """A service of mavros to call.
+
+    Args:
+        service: below the namespace.
+        kind: type of it in mavros_msgs.
+        fields: of the request; waypoints as dictionaries of their fields.
+        command: MAV_CMD that the answer acknowledges; 0: none.
+        lane: what it waits for.
+    """
+
+    service: str
+    kind: str
+    fields: Dict[str, Any]
+    command: int = 0
+    lane: Lane = Lane.REST
+
+
+class Publication(NamedTuple):
+    """A message to publish.
+
+    Args:
+        topic: below the namespace.
+        kind: package and type.
+        fields: of the message; those of inner messages by their names with a dot.
+    """
+
+    topic: str
+    kind: str
+    fields: Dict[str, Any]
+
+
+def request_of(message: Message) -> Optional[Request]:
+    """Return the service of mavros that does what a message asks for; None: mavros does it by itself, or cannot."""
+    make = _REQUESTS.get(message.get_type())
+    return None if make is None else make(message)
+
+
+def _parameter(message: Message) -> Request:
+    return Request("param/get", "ParamGet", {"param_id": message.param_id})
+
+
+def _command(message: Message) -> Request:
+    lane = Lane.URGENT if message.command in _URGENT else Lane.REST
+    if message.command == mavlink.MAV_CMD_DO_SET_MODE:
+        number = int(message.param3) << 24 | int(message.param2) << 16
+        mode = mode_name(mavlink.MAV_AUTOPILOT_PX4, number)
+        return Request("set_mode", "SetMode", {"base_mode": 0, "custom_mode": mode}, message.command, lane)
+    parameters = {f"param{number}": getattr(message, f"param{number}") for number in range(1, 8)}
+    fields = {"broadcast": False, "command": message.command, "confirmation": 0, **parameters}
+    return Request("cmd/command", "CommandLong", fields, message.command, lane)
+
+
+_REQUESTS: Mapping[str, Callable[[Message], Request]] = {"PARAM_REQUEST_READ": _parameter, "COMMAND_LONG": _command}
+
+
+def publication_of(message: Message) -> Optional[Publication]:
+    """Return the set-point as mavros takes it, east, north, up; None: the message is no set-point."""
+    if message.get_type() != "SET_POSITION_TARGET_LOCAL_NED":
+        return None
+    fields = {
+        "coordinate_frame": message.coordinate_frame,
+        "type_mask": message.type_mask,
+        "yaw": math.remainder(math.pi / 2 - message.yaw, 2 * math.pi),
+        "position.x": message.y,
+        "position.y": message.x,
+        "position.z": -message.z,
+        "velocity.x": message.vy,
+        "velocity.y": message.vx,
+        "velocity.z": -message.vz,
+    }
+    return Publication("setpoint_raw/local", "mavros_msgs/PositionTarget", fields)
+
+
+# --- mavros mission ---------------------------------------------------------------------------------------------------
+# The vehicle's side of the MAVLink mission protocol, played by mavros' services and its list of waypoints. Pure.
+#
+# `MissionUpload` speaks to it as to a vehicle. Items are asked for at once and pushed together; reading back is a
+# pull, which makes mavros read the vehicle's own mission again, and the list that it publishes then. While a push or
+# a pull is under way nothing is answered: whoever asks, asks again.
+#
+#     MISSION_COUNT, MISSION_ITEM_INT   ->  mission/push         ->  MISSION_ACK
+#     MISSION_REQUEST_LIST              ->  mission/pull         ->  MISSION_COUNT, when mission/waypoints has come
+#     MISSION_REQUEST_INT               <-  mission/waypoints
+#     MISSION_SET_CURRENT               ->  mission/set_current
+#     mission/waypoints                 ->  MISSION_CURRENT
+#     mission/reached                   ->  MISSION_ITEM_REACHED (`mavros_messages.py`)
+
+
+_RELATIVE = 3  # mavros' name of both relative frames; it makes integers of the places by itself
+_DEG7 = 1e7
+_PUSH, _PULL = "mission/push", "mission/pull"
+
+
+class Taken(NamedTuple):
+    """What comes of a message: answers to the client, services to call."""
+
+    answers: Tuple[Message, ...] = ()
+    requests: Tuple[Request, ...] = ()
+
+
+class MavrosMission:
+    """One mission, on its way to the vehicle or back."""
+
+    def __init__(self) -> None:
+        self._items: Dict[int, Message] = {}
+        self._count = 0
+        self._busy = ""
+        self._listed: Optional[Tuple[Any, ...]] = None
+        self._pulled: Optional[int] = None
+
+    def take(self, message: Message) -> Optional[Taken]:
+        """Take a message of the protocol; None: it is none."""
+        take = _TAKES.get(message.get_type())
+        return None if take is None else take(self, message)
+
+    def answered(self, request: Request, answer: Any) -> List[Message]:
+        """Take the answer of a service; None: there was none."""
+        if request.service == _PUSH:
+            self._busy = ""
+            good = answer is not None and answer.success and answer.wp_transfered == self._count
+            return [_ack(mavlink.MAV_MISSION_ACCEPTED if good else mavlink.MAV_MISSION_ERROR)]
+        if request.service == _PULL:
+            self._busy = ""
+            self._pulled = answer.wp_received if answer is not None and answer.success else None
+            return self._count_of_pull() if self._pulled is not None else [_ack(mavlink.MAV_MISSION_ERROR)]
+        return []
+
+    def listed(self, message: Any) -> List[Message]:
+        """Take a WaypointList: what the vehicle has, as far as mavros knows, and where it is in it."""
+        self._listed = tuple(message.waypoints)
+        return [mavlink.MAVLink_mission_current_message(message.current_seq), *self._count_of_pull()]
+
+    def _count_of_pull(self) -> List[Message]:
+        """Return the count once both have come, the answer of the pull and its list, in whatever order."""
+        if self._pulled is None or self._listed is None or len(self._listed) != self._pulled:
+            return []
+        self._pulled = None
+        return [mavlink.MAVLink_mission_count_message(0, 0, len(self._listed))]
+
+    # --- messages of the client -----------------------------------------------------------------------------------
+
+    def _begin(self, message: Message) -> Taken:
+        if self._busy:
+            return Taken()
+        self._items, self._count = {}, message.count
+        return Taken((mavlink.MAVLink_mission_request_int_message(0, 0, 0),))
+
+    def _item(self, message: Message) -> Taken:
+        if self._busy or message.seq >= self._count:
+            return Taken()
+        self._items[message.seq] = message
+        missing = next((number for number in range(self._count) if number not in self._items), None)
+        if missing is not None:
+            return Taken((mavlink.MAVLink_mission_request_int_message(0, 0, missing),))
+        waypoints = tuple(_waypoint(self._items[number]) for number in range(self._count))
+        return self._call(Request(_PUSH, "WaypointPush", {"start_index": 0, "waypoints": waypoints}, 0, Lane.MISSION))
+
+    def _list(self, _: Message) -> Taken:
+        if self._busy:
+            return Taken()
+        self._listed = self._pulled = None
+        return self._call(Request(_PULL, "WaypointPull", {}, 0, Lane.MISSION))
+
+    def _call(self, request: Request) -> Taken:
+        self._busy = request.service
+        return Taken((), (request,))
+
+    def _hand_out(self, message: Message) -> Taken:
+        if self._listed is None or message.seq >= len(self._listed):
+            return Taken()
+        return Taken((_item_of(self._listed[message.seq], message.seq),))
+
+    def _set_current(self, message: Message) -> Taken:
+        fields = {"wp_seq": message.seq}
+        return Taken((), (Request("mission/set_current", "WaypointSetCurrent", fields, 0, Lane.MISSION),))
+
+    def _end(self, _: Message) -> Taken:
+        return Taken()  # mavros acknowledges by itself
+
+
+_TAKES: Mapping[str, Callable[[MavrosMission, Message], Taken]] = {
+    "MISSION_COUNT": MavrosMission._begin,  # noqa: SLF001 - the table of this class
+    "MISSION_ITEM_INT": MavrosMission._item,  # noqa: SLF001
+    "MISSION_REQUEST_LIST": MavrosMission._list,  # noqa: SLF001
+    "MISSION_REQUEST_INT": MavrosMission._hand_out,  # noqa: SLF001
+    "MISSION_SET_CURRENT": MavrosMission._set_current,  # noqa: SLF001
+    "MISSION_ACK": MavrosMission._end,  # noqa: SLF001
+}
+
+
+def _ack(result: int) -> Message:
+    return mavlink.MAVLink_mission_ack_message(0, 0, result)
+
+
+def _waypoint(item: Message) -> Dict[str, Any]:
+    """Return the fields of a mavros_msgs/Waypoint."""
+    return {
+        "frame": _RELATIVE,
+        "command": item.command,
+        "is_current": bool(item.current),
+        "autocontinue": bool(item.autocontinue),
+        **{f"param{number}": getattr(item, f"param{number}") for number in range(1, 5)},
+        "x_lat": item.x / _DEG7,
+        "y_long": item.y / _DEG7,
+        "z_alt": item.z,
+    }
+
+
+def _item_of(waypoint: Any, number: int) -> Message:
+    """Return the MISSION_ITEM_INT of a mavros_msgs/Waypoint."""
+    return mavlink.MAVLink_mission_item_int_message(
+        0,
+        0,
+        number,
+        waypoint.frame,
+        waypoint.command,
+        int(waypoint.is_current),
+        int(waypoint.autocontinue),
+        waypoint.param1,
+        waypoint.param2,
+        waypoint.param3,
+        waypoint.param4,
+        round(waypoint.x_lat * _DEG7),
+        round(waypoint.y_long * _DEG7),
+        waypoint.z_alt,
+    )

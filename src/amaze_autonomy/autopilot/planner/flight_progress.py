@@ -1,0 +1,234 @@
+"""What a flight has shown so far: armed, airborne, how far along its file; and which phase that is. Pure.
+
+Level-based: any heartbeat, landed state and MISSION_CURRENT are enough to know the present. What the flight before left
+behind (its mode, a MISSION_ITEM_REACHED that repeats at 1 Hz, its number) counts nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Optional, Sequence, Tuple
+
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus, VehicleLanded
+from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
+
+from ..vehicle.modes import is_foreign
+from .guidance import Guidance
+from .loading import Loading, LoadRequest, Origin
+from .mission_items import waypoint_index
+from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+
+__all__ = ["IN_FLIGHT", "FlightRecord", "Here", "Outlook", "remaining"]
+
+_COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
+_COUNT_BEATS = 3  # that must be heard meanwhile: a silent vehicle may still tell
+_P = MissionPhase
+
+
+class FlightRecord:
+    """One flight of one file.
+
+    Args:
+        watch: the vehicle.
+        waypoints: how many the file has.
+    """
+
+    def __init__(self, watch: VehicleWatch, waypoints: int = 0) -> None:
+        self._watch, self.waypoints = watch, waypoints
+        self.guidance: Optional[Guidance] = None
+        self.armed = self.airborne = self.lifted = False
+        self.failure = ""
+        self.reached = 0
+        self._highest = 0
+        self._ground_ns: Optional[int] = None
+        self._beat_ns: Optional[int] = None
+        self._beats = 0
+
+    @property
+    def item(self) -> Optional[int]:
+        """The item of its mission that the vehicle is at; None: unknown, or one that the mission does not have."""
+        current = self._watch.current
+        is_there = current is not None and waypoint_index(current, self._watch.dialect) <= self.waypoints
+        return current if is_there else None
+
+    def look(self) -> None:
+        """Take notice of what the vehicle shows now."""
+        watch = self._watch
+        self.armed = self.armed or bool(watch.armed)
+        self.airborne = self.airborne or (self.armed and bool(watch.armed) and watch.landed in AIRBORNE)
+        self.lifted = self.lifted or (self.airborne and watch.landed is VehicleLanded.IN_AIR)
+        if self.armed:
+            self._count()
+
+    def _count(self) -> None:
+        """Count waypoints that are done with."""
+        watch, item = self._watch, self.item
+        if self.guidance is not None:
+            self.reached = self.guidance.reached
+            return
+        if watch.mode != MISSION or not self.airborne or item is None:
+            return
+        self._highest = max(self._highest, item)
+        done = self._highest
+        if watch.reached is not None and watch.reached == self._highest:
+            done = watch.reached + 1
+        self.reached = max(self.reached, min(waypoint_index(done, watch.dialect), self.waypoints))
+
+    def is_counted(self, t_ns: int, *, asked: bool) -> bool:
+        """Return whether it is known how far a mission came that ended by itself: the last item may have been lost.
+
+        Args:
+            t_ns: now.
+            asked: the landing was commanded.
+        """
+        if asked or self.guidance is not None or not self.airborne or self.reached >= self.waypoints:
+            return True
+        if self._ground_ns is None:
+            self._ground_ns = t_ns
+        heard_ns = self._watch.current_ns
+        if self.item is not None and heard_ns is not None and heard_ns > self._ground_ns:
+            return True
+        self._beats += self._watch.heartbeat_ns != self._beat_ns
+        self._beat_ns = self._watch.heartbeat_ns
+        return t_ns - self._ground_ns > _COUNT_NS and self._beats > _COUNT_BEATS
+
+    @property
+    def down(self) -> bool:
+        """True when it has touched down again: PX4 shows the mode before the landing, and disarms a moment later."""
+        return self.airborne and self._watch.landed is VehicleLanded.ON_GROUND
+
+    def phase(self, before: MissionPhase) -> MissionPhase:
+        """Return the phase that the vehicle shows while it is armed; the one before where it shows none of ours."""
+        watch = self._watch
+        landing = watch.mode == LAND or watch.landed is VehicleLanded.LANDING
+        if landing or (before is _P.LANDING and self.down):
+            return _P.LANDING
+        if watch.mode == HOLD and self.airborne:
+            return _P.HOLDING
+        if watch.mode == MISSION and self.airborne:
+            return self._by_mission(before)
+        if watch.mode == OFFBOARD and self.guidance is not None:
+            return self._by_setpoints(before, self.guidance)
+        return before
+
+    def _by_mission(self, before: MissionPhase) -> MissionPhase:
+        if waypoint_index(self._highest, self._watch.dialect) >= self.waypoints:
+            return _P.LANDING
+        climbs = before is _P.TAKING_OFF and self._watch.landed is not VehicleLanded.IN_AIR
+        return _P.TAKING_OFF if climbs else _P.FLYING
+
+    @staticmethod
+    def _by_setpoints(before: MissionPhase, guidance: Guidance) -> MissionPhase:
+        if guidance.still:
+            return _P.HOLDING
+        if guidance.standing:
+            return before
+        return _P.TAKING_OFF if guidance.climbing else _P.FLYING
+
+    def hands_off(self) -> str:
+        """Return who else flies, in words; empty when nobody does."""
+        watch = self._watch
+        if watch.armed and watch.pilot:
+            return f"the pilot has control (mode {watch.mode})"
+        return f"the autopilot flies by itself (mode {watch.mode})" if watch.armed and is_foreign(watch.mode) else ""
+
+
+# --- outlook ----------------------------------------------------------------------------------------------------------
+# What is to be known of a flight, level-based: phase, waypoint of how many, distance and time that are left. Pure.
+
+
+IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
+_SILENT = "the vehicle is silent"
+
+
+class Outlook(NamedTuple):
+    """All that it is read from.
+
+    Args:
+        watch: the vehicle.
+        age_limit_ns: of what it says.
+        model: how it flies.
+        loading: of the file; None: nothing was loaded.
+        origin: of the session.
+        flight: what it has shown.
+        phase: of the planner.
+        message: of the planner.
+    """
+
+    watch: VehicleWatch
+    age_limit_ns: int
+    model: FlightModel
+    loading: Optional[Loading]
+    origin: Optional[Origin]
+    flight: FlightRecord
+    phase: MissionPhase
+    message: str
+
+    def status(self, t_ns: int, loaded: Optional[LoadRequest]) -> MissionStatus:
+        """Return it for a file."""
+        distance, seconds = self._left(t_ns)
+        return MissionStatus(
+            t_ns=t_ns,
+            session_id=loaded.session_id if loaded else "",
+            mission_id=loaded.mission_id if loaded else "",
+            phase=self.phase,
+            waypoint=self._waypoint(),
+            waypoints=self.flight.waypoints,
+            file_index=loaded.file_index if loaded else 0,
+            repetition=loaded.repetition if loaded else 0,
+            distance_left_m=distance,
+            time_left_s=seconds,
+            message=self.message if self.watch.known(t_ns, self.age_limit_ns) else _SILENT,
+        )
+
+    def _waypoint(self) -> int:
+        """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""
+        if self.phase is _P.LANDED:
+            return self.flight.reached
+        return min(self.flight.reached + 1, self.flight.waypoints) if self.phase in IN_FLIGHT else 0
+
+    def _left(self, t_ns: int) -> Tuple[Optional[float], Optional[float]]:
+        loading, origin = self.loading, self.origin
+        if loading is None or origin is None or not loading.accepted:
+            return None, None
+        waypoints = loading.trajectory.waypoints[self.flight.reached :]
+        return remaining(self._here(t_ns, origin), () if self.phase is _P.LANDED else waypoints, self.model)
+
+    def _here(self, t_ns: int, origin: Origin) -> Optional[Here]:
+        watch, yaw = self.watch, self.watch.yaw_rad or 0.0
+        if origin.local is not None:
+            pose = watch.local(t_ns, self.age_limit_ns)
+            if pose is None:
+                return None
+            x, y, z = (at - start for at, start in zip(pose.position_m, origin.local))
+            return Here(x, y, z, yaw)
+        place = watch.somewhere(t_ns, self.age_limit_ns)
+        return None if place is None or origin.home is None else Here(*origin.home.to_local(place), watch.height_m, yaw)
+
+
+# --- remaining --------------------------------------------------------------------------------------------------------
+# How far it is still, and how long it takes: along the waypoints that are left, and their holds.
+
+
+class Here(NamedTuple):
+    """Where the vehicle is, relative to the origin of the waypoints."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+
+
+def remaining(
+    here: Optional[Here], waypoints: Sequence[Waypoint], model: FlightModel
+) -> Tuple[Optional[float], Optional[float]]:
+    """Return metres and seconds that are left; None where nobody knows where the vehicle is."""
+    if here is None and waypoints:
+        return None, None
+    metres = seconds = 0.0
+    last = None if here is None else Waypoint(*here, 0.0)
+    for waypoint in waypoints:
+        if last is not None:
+            metres += distance_m(last, waypoint)
+            seconds += leg_s(last, waypoint, model) + waypoint.hold_s
+        last = waypoint
+    return round(metres, 3), round(seconds, 3)

@@ -1,0 +1,225 @@
+"""Set-points along waypoints in the local frame, for a vehicle without a position on the earth. Pure.
+
+A point runs ahead of the vehicle along each leg, as fast as the flight model says, and waits when the vehicle does not
+follow: a set-point that jumped to the next waypoint would be flown to as fast as the autopilot can. Without a fresh
+pose, and with one that has jumped, the set-point is to stand still: velocity zero. Each call gives one message,
+whatever is known: the stream never depends on anything.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Optional, Sequence, Tuple
+
+from amaze_autonomy.missions import FlightModel, PlannerSpec, Waypoint
+
+from ..link.dialect import Message, mavlink
+from .mission_vehicle import Pose
+
+__all__ = ["Guidance"]
+
+_S = 1_000_000_000
+Vector = Tuple[float, float, float]
+
+_FRAME = mavlink.MAV_FRAME_LOCAL_NED
+_NO_POSITION, _NO_VELOCITY, _NO_ACCELERATION, _NO_YAW, _NO_YAW_RATE = 0x7, 0x38, 0x1C0, 0x400, 0x800
+_BY_POSITION = _NO_VELOCITY | _NO_ACCELERATION | _NO_YAW_RATE
+_BY_VELOCITY = _NO_POSITION | _NO_ACCELERATION | _NO_YAW | _NO_YAW_RATE
+_LONGEST_STEP_S = 0.1
+_STILL_M_S = 0.2
+_LEAST_LEAD_M = 1.0
+_LEAD_S = 1.5
+_FAR_LEADS = 2.0  # further from its point than so many leads the vehicle is not where its pose says
+_THERE_M = 1e-6
+
+
+class Guidance:
+    """Leads the vehicle up, along the waypoints, and on to the end of the last hold.
+
+    Args:
+        waypoints: of one file, relative to the origin.
+        origin: position of the mission's first takeoff in the estimator's frame (ENU).
+        takeoff_height_m: of the climb.
+        model: speeds.
+        spec: radius, tolerance, limits.
+        pose: where it takes off.
+        yaw_rad: likewise; None: unknown.
+        target: system and component of the vehicle.
+    """
+
+    def __init__(
+        self,
+        waypoints: Sequence[Waypoint],
+        origin: Vector,
+        takeoff_height_m: float,
+        model: FlightModel,
+        spec: PlannerSpec,
+        pose: Pose,
+        yaw_rad: Optional[float],
+        target: Tuple[int, int],
+    ) -> None:
+        self.origin, self._target = origin, target
+        self._model, self._spec = model, spec
+        start = Waypoint(pose.position_m[0] - origin[0], pose.position_m[1] - origin[1], takeoff_height_m, 0.0, 0.0)
+        self._yaw = waypoints[0].yaw_rad if yaw_rad is None else yaw_rad
+        self._goals = (_with_yaw(start, self._yaw), *waypoints)
+        self._number = 0  # of the goals; 0 is the climb
+        self._at: Vector = pose.position_m
+        self._speed = 0.0
+        self._t_ns: Optional[int] = None
+        self._leave_ns: Optional[int] = None
+        self._standing = False
+        self._stay: Optional[Vector] = None
+        self._fresh_ns: Optional[int] = None
+        self.flying = False
+
+    @property
+    def reached(self) -> int:
+        """How many waypoints are done with."""
+        return max(0, self._number - 1)
+
+    @property
+    def finished(self) -> bool:
+        """True after the last hold."""
+        return self._number >= len(self._goals)
+
+    @property
+    def climbing(self) -> bool:
+        """True until it is at takeoff height."""
+        return self._number == 0
+
+    @property
+    def standing(self) -> bool:
+        """True while it stops or stands because it was told to."""
+        return self._standing
+
+    @property
+    def still(self) -> bool:
+        """True once it stands still because it was told to."""
+        return self._stay is not None
+
+    def stand(self) -> None:
+        """Stop, and stay there."""
+        if not self._standing:
+            self._standing, self._stay, self._leave_ns = True, None, None
+
+    def go_on(self) -> None:
+        """Fly on to the waypoint that was interrupted."""
+        if self._standing:
+            self._standing, self._speed = False, 0.0
+            self._at = self._stay or self._at
+            self._stay = None
+
+    def blind_ns(self, t_ns: int) -> int:
+        """Return for how long there has been no fresh pose."""
+        return 0 if self._fresh_ns is None else t_ns - self._fresh_ns
+
+    def step(self, t_ns: int, pose: Optional[Pose], yaw_rad: Optional[float]) -> Message:
+        """Return the set-point of this moment.
+
+        Args:
+            t_ns: now.
+            pose: None when there is no fresh and valid one.
+            yaw_rad: None when unknown.
+        """
+        passed_s = 0.0 if self._t_ns is None else min(_LONGEST_STEP_S, (t_ns - self._t_ns) / _S)
+        self._t_ns = t_ns
+        if pose is not None and self._is_far(pose):
+            pose = None  # a jump of the estimate: to follow it would be to fly away
+        if self._fresh_ns is None or pose is not None:
+            self._fresh_ns = t_ns
+        if pose is None:
+            self._speed = 0.0
+            return self._stop()
+        if self._standing:
+            return self._stand(pose)
+        if self.flying and not self.finished:
+            self._lead(passed_s, pose)
+            self._arrive(t_ns, pose, yaw_rad)
+        return self._point(self._at)
+
+    # --- the point that runs ahead --------------------------------------------------------------------------------
+
+    def _goal(self) -> Tuple[Vector, Waypoint]:
+        goal = self._goals[min(self._number, len(self._goals) - 1)]
+        x, y, z = self.origin
+        return (x + goal.x_m, y + goal.y_m, z + goal.z_m), goal
+
+    def _lead(self, passed_s: float, pose: Pose) -> None:
+        """Move the point towards the goal, and turn."""
+        goal, waypoint = self._goal()
+        turn = _angle(waypoint.yaw_rad - self._yaw)
+        most = self._model.turn_rate_rad_s * passed_s
+        self._yaw += min(most, max(-most, turn))
+        way = math.dist(self._at, goal)
+        fastest = self._fastest(self._at, goal, way)
+        if math.dist(self._at, pose.position_m) > self._longest_lead(fastest):
+            self._speed = 0.0
+            return
+        brake = math.sqrt(2.0 * self._model.acceleration_m_s2 * way)
+        self._speed = min(fastest, brake, self._speed + self._model.acceleration_m_s2 * passed_s)
+        part = 1.0 if way <= _THERE_M else min(1.0, self._speed * passed_s / way)
+        if way < 0.01:  # noqa: PLR2004 - metres; a brake that ends in zero never arrives
+            part = 1.0
+        x, y, z = (at + part * (to - at) for at, to in zip(self._at, goal))
+        self._at = (x, y, z)
+
+    def _is_far(self, pose: Pose) -> bool:
+        if not self.flying or self._standing:
+            return False
+        far = _FAR_LEADS * self._longest_lead(self._model.cruise_speed_m_s)
+        return math.dist(self._at, pose.position_m) > far + self._spec.acceptance_radius_m
+
+    @staticmethod
+    def _longest_lead(speed_m_s: float) -> float:
+        return max(_LEAST_LEAD_M, _LEAD_S * speed_m_s)
+
+    def _fastest(self, start: Vector, goal: Vector, way: float) -> float:
+        if way <= _THERE_M:
+            return self._model.cruise_speed_m_s
+        across = math.hypot(goal[0] - start[0], goal[1] - start[1]) / way
+        up = (goal[2] - start[2]) / way
+        vertical = self._model.climb_speed_m_s if up > 0 else self._model.descent_speed_m_s
+        limits = [self._model.cruise_speed_m_s / across] if across > _THERE_M else []
+        limits += [vertical / abs(up)] if abs(up) > _THERE_M else []
+        return min(limits)
+
+    def _arrive(self, t_ns: int, pose: Pose, yaw_rad: Optional[float]) -> None:
+        goal, waypoint = self._goal()
+        if self._leave_ns is None:
+            turned = yaw_rad is None or abs(_angle(waypoint.yaw_rad - yaw_rad)) <= self._spec.heading_tolerance_rad
+            near = math.dist(pose.position_m, goal) <= self._spec.acceptance_radius_m
+            if not (near and turned and math.dist(self._at, goal) <= _THERE_M):
+                return
+            self._leave_ns = t_ns + round(waypoint.hold_s * _S)
+        if t_ns >= self._leave_ns:
+            self._number, self._leave_ns, self._speed = self._number + 1, None, 0.0
+
+    # --- messages -------------------------------------------------------------------------------------------------
+
+    def _stand(self, pose: Pose) -> Message:
+        if self._stay is None and pose.speed_m_s < _STILL_M_S:
+            self._stay = pose.position_m
+        return self._stop() if self._stay is None else self._point(self._stay)
+
+    def _stop(self) -> Message:
+        return self._message(_BY_VELOCITY, (0.0, 0.0, 0.0), 0.0)
+
+    def _point(self, place: Vector) -> Message:
+        return self._message(_BY_POSITION, place, _angle(math.pi / 2 - self._yaw))
+
+    def _message(self, mask: int, enu: Vector, yaw_ned_rad: float) -> Message:
+        place = (enu[1], enu[0], -enu[2])
+        still = (0.0,) * 6  # velocity and acceleration
+        return mavlink.MAVLink_set_position_target_local_ned_message(
+            0, *self._target, _FRAME, mask, *place, *still, yaw_ned_rad, 0.0
+        )
+
+
+def _with_yaw(waypoint: Waypoint, yaw_rad: float) -> Waypoint:
+    return Waypoint(waypoint.x_m, waypoint.y_m, waypoint.z_m, yaw_rad, waypoint.hold_s)
+
+
+def _angle(value: float) -> float:
+    """Return an angle within half a turn."""
+    return math.remainder(value, 2 * math.pi)

@@ -1,0 +1,231 @@
+"""From a request to load a file to the file on the vehicle, or to the reason why it is not.
+
+The origin of local waypoints is where the first file of a session takes off; later files of the session keep it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import List, NamedTuple, Optional, Tuple
+
+from amaze_autonomy.missions import Controller, Home, MissionPlan, PlannerSpec, Trajectory
+
+from ..link.dialect import Message
+from .mission_items import mission_items
+from .mission_upload import MissionUpload, UploadPhase
+from .mission_vehicle import VehicleWatch
+
+__all__ = ["LoadRequest", "Loading", "Origin", "Readiness"]
+
+_SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart
+
+
+class LoadRequest(NamedTuple):
+    """Which file of which mission of which session; indices from 0."""
+
+    session_id: str
+    mission_id: str
+    file_index: int
+    repetition: int
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a session's waypoints are measured from.
+
+    Args:
+        session_id: its session.
+        home: on the earth; None for a flight by set-points.
+        local: in the estimator's frame (ENU); None for a mission of the autopilot.
+        boot_ns: wall time at which the autopilot was switched on, which made that frame; None: unknown.
+    """
+
+    session_id: str
+    home: Optional[Home] = None
+    local: Optional[Tuple[float, float, float]] = None
+    boot_ns: Optional[int] = None
+
+
+class Readiness(NamedTuple):
+    """The vehicle, and what it must be like; wall time minus the clock of the messages; why it is being landed."""
+
+    watch: VehicleWatch
+    spec: PlannerSpec
+    in_flight: bool
+    wall_ns: int = 0
+    landing: str = ""
+
+
+class Loading:
+    """One request to load.
+
+    Args:
+        request: what is to be loaded.
+        plan: the mission; None: there is none.
+        origin: of the session, where it is known.
+        readiness: of the vehicle.
+        takeoff_height_m: of the climb.
+        t_ns: now.
+    """
+
+    def __init__(
+        self,
+        request: LoadRequest,
+        plan: Optional[MissionPlan],
+        origin: Optional[Origin],
+        readiness: Readiness,
+        takeoff_height_m: float,
+        t_ns: int,
+    ) -> None:
+        self.request, self.origin, self.seen = request, origin, False
+        self._plan, self._readiness, self._takeoff_height_m = plan, readiness, takeoff_height_m
+        self._upload: Optional[MissionUpload] = None
+        self._accepted = False
+        self._reason = self._problem(t_ns)
+        self.refused = bool(self._reason)
+
+    @property
+    def over(self) -> bool:
+        """True when it has ended, well or not."""
+        return self._accepted or bool(self._reason)
+
+    @property
+    def accepted(self) -> bool:
+        """True when the file is there."""
+        return self._accepted
+
+    @property
+    def reason(self) -> str:
+        """Why it is not."""
+        return self._reason
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Return the file."""
+        assert self._plan is not None  # noqa: S101 - a refused request has none, and nobody asks it
+        return self._plan.trajectories[self.request.file_index]
+
+    @property
+    def duration_s(self) -> float:
+        """How long its flight takes, as estimated; not a number when there is no such flight."""
+        known = self._plan is not None and not self.refused
+        plan = self._plan
+        return plan.flight(self.request.file_index, self.request.repetition).duration_s if known and plan else math.nan
+
+    def end(self, reason: str) -> None:
+        """Give it up."""
+        if not self.over:
+            self._reason = reason
+
+    def verification(self, t_ns: int) -> Optional[MissionUpload]:
+        """Return what reads the mission on the vehicle again, and compares it; None: there is none on it."""
+        return None if self._upload is None else self._upload.verification(t_ns, self._readiness.spec.transfer_limit_ns)
+
+    def start(self, t_ns: int) -> List[Message]:
+        """Return the first messages."""
+        watch, spec = self._readiness.watch, self._readiness.spec
+        assert self._plan is not None  # noqa: S101 - see above
+        if self._plan.controller is Controller.OFFBOARD:
+            self._accepted = True
+            return []
+        place = watch.somewhere(t_ns, spec.vehicle_age_limit_ns)
+        home = self.origin.home if self.origin else None
+        assert place is not None  # noqa: S101 - both were looked at
+        assert home is not None  # noqa: S101
+        items = mission_items(
+            self.trajectory, home, place, self._takeoff_height_m, spec.acceptance_radius_m, watch.dialect
+        )
+        self._upload = MissionUpload(
+            items, watch.target, t_ns, spec.message_retry_ns, spec.transfer_limit_ns, watch.dialect
+        )
+        return self._upload.start(t_ns)
+
+    def receive(self, t_ns: int, message: Message) -> List[Message]:
+        """Take a message of the vehicle."""
+        return self._after(self._upload.receive(t_ns, message) if self._upload else [])
+
+    def wake(self, t_ns: int) -> List[Message]:
+        """Look at the time."""
+        return self._after(self._upload.wake(t_ns) if self._upload else [])
+
+    def _after(self, messages: List[Message]) -> List[Message]:
+        upload = self._upload
+        if upload is not None and upload.over:
+            self._accepted = upload.phase is UploadPhase.DONE
+            self._reason = "" if self._accepted else f"sending {self.trajectory.file}: {upload.reason}"
+        return messages
+
+    # --- before anything is sent ----------------------------------------------------------------------------------
+
+    def _problem(self, t_ns: int) -> str:
+        """Return why nothing can be loaded; empty when it can, with the origin known."""
+        return self._problem_of_request() or self._problem_of_vehicle(t_ns) or self._problem_of_place(t_ns)
+
+    def _problem_of_request(self) -> str:
+        plan, request = self._plan, self.request
+        if plan is None:
+            return f"there is no mission {request.mission_id!r}"
+        if not request.session_id:
+            return "there is no session id"
+        files, repetitions = len(plan.trajectories), plan.mission.repetitions
+        if not 0 <= request.file_index < files:
+            number = request.file_index + 1
+            return f"mission {request.mission_id} has {files} waypoint files, there is no {number}"
+        if not 0 <= request.repetition < repetitions:
+            return f"mission {request.mission_id} is flown {repetitions} times, there is no {request.repetition + 1}"
+        return ""
+
+    def _problem_of_vehicle(self, t_ns: int) -> str:
+        watch, limit_ns = self._readiness.watch, self._readiness.spec.vehicle_age_limit_ns
+        if not watch.known(t_ns, limit_ns):
+            return "the vehicle is silent"
+        if watch.armed is not False or self._readiness.in_flight:
+            return "the vehicle is armed"
+        if self._readiness.landing:
+            return f"{self._readiness.landing}: the vehicle is being disarmed"
+        return "" if watch.on_ground(t_ns, limit_ns) else "the vehicle does not say that it is on the ground"
+
+    def _problem_of_place(self, t_ns: int) -> str:
+        plan = self._plan
+        assert plan is not None  # noqa: S101 - looked at before
+        offboard = plan.controller is Controller.OFFBOARD
+        problem = self._find_local(t_ns) if offboard else self._find_home(t_ns, plan)
+        if problem or self.origin is not None:
+            return problem
+        return "the place of the session's first takeoff is not known"
+
+    def _first(self) -> bool:
+        return self.request.file_index == 0 and self.request.repetition == 0
+
+    def _find_local(self, t_ns: int) -> str:
+        pose = self._readiness.watch.local(t_ns, self._readiness.spec.pose_age_limit_ns)
+        if pose is None:
+            return "there is no fresh and valid local position"
+        watch = self._readiness.watch
+        boot_ns = None if watch.boot_ns is None else watch.boot_ns + self._readiness.wall_ns
+        if self._first():
+            self.origin = Origin(self.request.session_id, local=pose.position_m, boot_ns=boot_ns)
+        elif self.origin is not None and _restarted(self.origin.boot_ns, boot_ns):
+            return "the autopilot was started again since the session's first takeoff: its local frame is another one"
+        return ""
+
+    def _find_home(self, t_ns: int, plan: MissionPlan) -> str:
+        spec = self._readiness.spec
+        place = self._readiness.watch.somewhere(t_ns, spec.vehicle_age_limit_ns)
+        if place is None:
+            return "there is no fresh and valid position on the earth"
+        if not self._first():
+            return ""
+        home = plan.home or Home(*place)
+        away = math.hypot(*home.to_local(place))
+        if away > spec.home_tolerance_m:
+            return (
+                f"the vehicle stands {away:.1f} m from the mission's home, at most {spec.home_tolerance_m:g} m are good"
+            )
+        self.origin = Origin(self.request.session_id, home=home)
+        return ""
+
+
+def _restarted(before_ns: Optional[int], now_ns: Optional[int]) -> bool:
+    return before_ns is not None and now_ns is not None and abs(now_ns - before_ns) > _SAME_BOOT_NS

@@ -1,0 +1,248 @@
+"""Sends a mission, reads it back, compares it, and sets its first item: the MAVLink mission protocol without I/O.
+
+Times and messages go in, messages to send come out. No acknowledgement is believed: the mission is there when it reads
+back as it was sent, and it begins at its beginning when MISSION_CURRENT says so. What is lost is sent again; a transfer
+that gets stuck begins anew, reading back by itself, until its time is over.
+
+    COUNT      we say how many items        until the vehicle asks for one
+    ITEMS      we answer what it asks for   until the last one was sent, and acknowledged or not
+    LIST       we ask how many it has       until it says so
+    READ       we ask for each              until all came back, the same
+    CURRENT    we set the first item        until MISSION_CURRENT says that
+    DONE
+
+Traps: PX4 first asks with MISSION_REQUEST, then with MISSION_REQUEST_INT, and takes MISSION_ITEM_INT for both. With no
+item marked as current it keeps the number of the mission before, and "finishes" on the ground: the first is marked, and
+MISSION_SET_CURRENT is sent and confirmed as well; ArduPilot, told 0, which is home, says 1. An acknowledgement may be
+late, doubled, or of the transfer before.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from ..link.dialect import Message, mavlink
+from .mission_items import Dialect, MissionItem, difference
+
+__all__ = ["UPLOAD_MESSAGES", "MissionUpload", "UploadPhase"]
+
+_MISSION = mavlink.MAV_MISSION_TYPE_MISSION
+_ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
+_RESENDS = 9  # of one message, before the transfer begins anew: PX4 forgets one after 5 s without a word
+_ACK_PATIENCE = 2  # how long the acknowledgement is waited for, in pauses
+
+
+class UploadPhase(enum.Enum):
+    """How far a transfer is."""
+
+    COUNT = "announcing"
+    ITEMS = "sending"
+    LIST = "asking back"
+    READ = "reading back"
+    CURRENT = "setting the first item"
+    DONE = "done"
+    FAILED = "failed"
+
+
+_OVER = (UploadPhase.DONE, UploadPhase.FAILED)
+
+
+class MissionUpload:
+    """One transfer.
+
+    Args:
+        items: of the mission.
+        target: system and component of the vehicle.
+        t_ns: now.
+        retry_ns: time without an answer after which a message is sent again.
+        limit_ns: time for the whole.
+        dialect: of the autopilot.
+        reads_only: the mission is there, and is only read and compared; another one is not replaced.
+    """
+
+    def __init__(
+        self,
+        items: Sequence[MissionItem],
+        target: Tuple[int, int],
+        t_ns: int,
+        retry_ns: int,
+        limit_ns: int,
+        dialect: Dialect = Dialect.PX4,
+        *,
+        reads_only: bool = False,
+    ) -> None:
+        self._items, self._target, self._dialect = tuple(items), target, dialect
+        self._retry_ns, self._deadline_ns = retry_ns, t_ns + limit_ns
+        self._reads_only = reads_only
+        self.phase = UploadPhase.LIST if reads_only else UploadPhase.COUNT
+        self.reason = ""
+        self._sent_ns, self._resends = t_ns, 0
+        self._asked = -1  # the highest item that the vehicle asked for
+        self._last: Optional[int] = None  # the one that was sent last
+        self._read: Dict[int, Message] = {}
+
+    @property
+    def over(self) -> bool:
+        """True when it has ended, well or not."""
+        return self.phase in _OVER
+
+    def verification(self, t_ns: int, limit_ns: int) -> MissionUpload:
+        """Return what reads the same mission once more: somebody else may have changed it meanwhile."""
+        return MissionUpload(self._items, self._target, t_ns, self._retry_ns, limit_ns, self._dialect, reads_only=True)
+
+    def start(self, t_ns: int) -> List[Message]:
+        """Return the first message."""
+        return self._send(t_ns)
+
+    def receive(self, t_ns: int, message: Message) -> List[Message]:
+        """Take a message of the vehicle."""
+        take = None if self.over else _TAKES.get((self.phase, message.get_type()))
+        if take is None or getattr(message, "mission_type", _MISSION) != _MISSION:
+            return []
+        return take(self, t_ns, message)
+
+    def wake(self, t_ns: int) -> List[Message]:
+        """Look at the time: give up, send again, or begin anew."""
+        if self.over:
+            return []
+        if t_ns >= self._deadline_ns:
+            return self._fail(f"{self.phase.value}: no end within the limit{self._because()}")
+        if t_ns < self._sent_ns + self._retry_ns:
+            return []
+        self._resends += 1
+        if self.phase is UploadPhase.ITEMS and self._last == len(self._items) - 1 and self._resends >= _ACK_PATIENCE:
+            return self._enter(t_ns, UploadPhase.LIST)  # the acknowledgement may be lost: look what is there
+        stuck = self._resends > _RESENDS  # the vehicle may have forgotten the transfer
+        if stuck and self.phase is UploadPhase.ITEMS:
+            return self._again(t_ns, "no answer")
+        if stuck and self.phase is UploadPhase.READ:
+            self.reason = "no answer"
+            return self._enter(t_ns, UploadPhase.LIST)
+        return self._send(t_ns)
+
+    # --- what comes -----------------------------------------------------------------------------------------------
+
+    def _take_request(self, t_ns: int, message: Message) -> List[Message]:
+        number = message.seq
+        if not 0 <= number < len(self._items):
+            return []
+        self.phase, self._last = UploadPhase.ITEMS, number
+        self._asked = max(self._asked, number)
+        self._sent_ns, self._resends = t_ns, 0
+        return [self._items[number].message(number, self._target)]
+
+    def _take_ack(self, t_ns: int, message: Message) -> List[Message]:
+        """Take the end of the upload; an early "accepted" is of another transfer."""
+        if message.type != _ACCEPTED:
+            return self._again(t_ns, f"the autopilot says {_result(message.type)}", wait=True)
+        if self._asked == len(self._items) - 1:
+            return self._enter(t_ns, UploadPhase.LIST)
+        return []
+
+    def _take_count(self, t_ns: int, message: Message) -> List[Message]:
+        if message.count != len(self._items):
+            return self._again(t_ns, f"it has {message.count} items instead of {len(self._items)}")
+        self._read.clear()
+        return self._enter(t_ns, UploadPhase.READ)
+
+    def _take_item(self, t_ns: int, message: Message) -> List[Message]:
+        number = message.seq
+        if number != len(self._read):
+            return []  # doubled, or late
+        wrong = difference(self._items, number, message, self._dialect)
+        if wrong:
+            return self._again(t_ns, wrong)
+        self._read[number] = message
+        if len(self._read) < len(self._items):
+            return self._enter(t_ns, UploadPhase.READ)
+        ack = mavlink.MAVLink_mission_ack_message(*self._target, _ACCEPTED)
+        return [ack, *self._enter(t_ns, UploadPhase.CURRENT)]
+
+    def _take_refusal(self, t_ns: int, message: Message) -> List[Message]:
+        """Take an acknowledgement while reading back: an error, or a late one of the upload."""
+        if message.type == _ACCEPTED:
+            return []
+        if self._reads_only:  # it is busy with somebody else's transfer: asked again after a pause
+            self.reason = f"the autopilot says {_result(message.type)}"
+            return []
+        return self._again(t_ns, f"the autopilot says {_result(message.type)}", wait=True)
+
+    def _take_current(self, _: int, message: Message) -> List[Message]:
+        if message.seq <= self._dialect.value:  # ArduPilot begins at 1: its item 0 is home
+            self.phase = UploadPhase.DONE
+        return []
+
+    # --- what goes ------------------------------------------------------------------------------------------------
+
+    def _send(self, t_ns: int) -> List[Message]:
+        self._sent_ns = t_ns
+        return [_SENDS[self.phase](self)]
+
+    def _enter(self, t_ns: int, phase: UploadPhase) -> List[Message]:
+        self.phase, self._resends = phase, 0
+        return self._send(t_ns)
+
+    def _again(self, t_ns: int, reason: str, *, wait: bool = False) -> List[Message]:
+        """Begin anew, at once or after a pause; what is only read is another mission, then."""
+        if self._reads_only:
+            return self._fail(reason)
+        self.reason = reason
+        self._asked, self._last = -1, None
+        self._read.clear()
+        self.phase, self._resends, self._sent_ns = UploadPhase.COUNT, 0, t_ns
+        return [] if wait else self._send(t_ns)
+
+    def _fail(self, reason: str) -> List[Message]:
+        self.phase, self.reason = UploadPhase.FAILED, reason
+        return []
+
+    def _because(self) -> str:
+        return f" ({self.reason})" if self.reason else ""
+
+    def _count(self) -> Message:
+        return mavlink.MAVLink_mission_count_message(*self._target, len(self._items))
+
+    def _item(self) -> Message:
+        number = self._last or 0
+        return self._items[number].message(number, self._target)
+
+    def _list(self) -> Message:
+        return mavlink.MAVLink_mission_request_list_message(*self._target)
+
+    def _request(self) -> Message:
+        return mavlink.MAVLink_mission_request_int_message(*self._target, len(self._read))
+
+    def _current(self) -> Message:
+        return mavlink.MAVLink_mission_set_current_message(*self._target, 0)
+
+
+def _result(number: int) -> str:
+    found = mavlink.enums["MAV_MISSION_RESULT"].get(number)
+    return str(found.name) if found else f"result {number}"
+
+
+_Take = Callable[[MissionUpload, int, Message], List[Message]]
+_P = UploadPhase
+_TAKES: Mapping[Tuple[UploadPhase, str], _Take] = {
+    (_P.COUNT, "MISSION_REQUEST"): MissionUpload._take_request,  # noqa: SLF001 - the table of this class
+    (_P.COUNT, "MISSION_REQUEST_INT"): MissionUpload._take_request,  # noqa: SLF001
+    (_P.COUNT, "MISSION_ACK"): MissionUpload._take_ack,  # noqa: SLF001
+    (_P.ITEMS, "MISSION_REQUEST"): MissionUpload._take_request,  # noqa: SLF001
+    (_P.ITEMS, "MISSION_REQUEST_INT"): MissionUpload._take_request,  # noqa: SLF001
+    (_P.ITEMS, "MISSION_ACK"): MissionUpload._take_ack,  # noqa: SLF001
+    (_P.LIST, "MISSION_COUNT"): MissionUpload._take_count,  # noqa: SLF001
+    (_P.LIST, "MISSION_ACK"): MissionUpload._take_refusal,  # noqa: SLF001
+    (_P.READ, "MISSION_ITEM_INT"): MissionUpload._take_item,  # noqa: SLF001
+    (_P.READ, "MISSION_ACK"): MissionUpload._take_refusal,  # noqa: SLF001
+    (_P.CURRENT, "MISSION_CURRENT"): MissionUpload._take_current,  # noqa: SLF001
+}
+UPLOAD_MESSAGES = tuple(sorted({name for _, name in _TAKES}))
+"""Names of the messages that are looked at."""
+_SENDS: Mapping[UploadPhase, Callable[[MissionUpload], Message]] = {
+    _P.COUNT: MissionUpload._count,  # noqa: SLF001
+    _P.ITEMS: MissionUpload._item,  # noqa: SLF001
+    _P.LIST: MissionUpload._list,  # noqa: SLF001
+    _P.READ: MissionUpload._request,  # noqa: SLF001
+    _P.CURRENT: MissionUpload._current,  # noqa: SLF001
+}

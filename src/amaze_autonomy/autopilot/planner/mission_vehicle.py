@@ -1,0 +1,257 @@
+"""What the planner knows of the vehicle: the last word of each kind, and when it came. Pure.
+
+Every reading has an age; what is old is unknown. Positions that are fresh and wrong are told by the estimator's flags.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Callable, Dict, Mapping, NamedTuple, Optional, Tuple
+
+from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.missions import Place
+
+from ..link.dialect import Message, mavlink, source_of
+from ..vehicle.modes import is_piloted, mode_name, mode_number
+from ..vehicle.texts import Texts
+from .mission_items import Dialect
+
+__all__ = [
+    "AIRBORNE",
+    "DRAIN_NS",
+    "GROUND_NS",
+    "HOLD",
+    "LAND",
+    "MISSION",
+    "OFFBOARD",
+    "STALL_NS",
+    "STREAMS",
+    "TAKEN",
+    "Pose",
+    "VehicleWatch",
+]
+
+_S = 1_000_000_000
+AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
+HOLD, LAND, MISSION, OFFBOARD = "AUTO.LOITER", "AUTO.LAND", "AUTO.MISSION", "OFFBOARD"
+
+_LANDED = {
+    mavlink.MAV_LANDED_STATE_ON_GROUND: VehicleLanded.ON_GROUND,
+    mavlink.MAV_LANDED_STATE_TAKEOFF: VehicleLanded.TAKING_OFF,
+    mavlink.MAV_LANDED_STATE_IN_AIR: VehicleLanded.IN_AIR,
+    mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
+}
+STALL_NS, DRAIN_NS = _S // 2, 3 * _S // 10  # not woken for so long; for so long what came meanwhile is read
+GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
+_FAILSAFE = (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
+_RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
+_ESTIMATE_AGE_NS = 3 * _S
+_ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED  # PX4 sets the first at rest, too
+_OTHERS = {
+    Dialect.PX4: ("EKF_STATUS_REPORT", "HEARTBEAT"),  # it beats at 1 Hz, and refuses to be asked
+    Dialect.ARDUPILOT: ("ESTIMATOR_STATUS", "CURRENT_MODE"),
+}
+_WARNING = mavlink.MAV_SEVERITY_WARNING
+_COMPLAINTS = 3
+_DEG7, _MM = 1e-7, 1e-3
+_POLAR_DEG, _TURN_DEG = 85.0, 180.0
+
+
+class Pose(NamedTuple):
+    """The local position (ENU, REP-103) in the frame of the estimator.
+
+    Args:
+        t_ns: when it came.
+        position_m: east, north, up.
+        velocity_m_s: likewise.
+    """
+
+    t_ns: int
+    position_m: Tuple[float, float, float]
+    velocity_m_s: Tuple[float, float, float]
+
+    @property
+    def speed_m_s(self) -> float:
+        """Return how fast it moves."""
+        return math.sqrt(sum(each * each for each in self.velocity_m_s))
+
+
+class VehicleWatch:
+    """Takes messages, keeps the last of each kind."""
+
+    def __init__(self) -> None:
+        self.autopilot = int(mavlink.MAV_AUTOPILOT_PX4)
+        self.target: Tuple[int, int] = (0, 0)
+        self.heartbeat_ns: Optional[int] = None
+        self._heard_ns = 0
+        self.mode_ns: Optional[int] = None
+        self.armed: Optional[bool] = None
+        self.mode = ""
+        self.failsafe = False
+        self.landed = VehicleLanded.UNKNOWN
+        self.landed_ns: Optional[int] = None
+        self.pose: Optional[Pose] = None
+        self.boot_ns: Optional[int] = None
+        self.yaw_rad: Optional[float] = None
+        self.yaw_ns = 0
+        self.place: Optional[Place] = None
+        self.height_m = 0.0
+        self.place_ns = 0
+        self.estimator: Optional[int] = None
+        self.estimator_ns = 0
+        self.current: Optional[int] = None
+        self.current_ns: Optional[int] = None
+        self.reached: Optional[int] = None
+        self.texts = Texts()
+        self.results: Dict[int, str] = {}
+
+    def take(self, t_ns: int, message: Message) -> None:
+        """Take a message of the vehicle."""
+        self._heard_ns = t_ns
+        take = _TAKES.get(message.get_type())
+        if take is not None:
+            take(self, t_ns, message)
+
+    def known(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether the vehicle speaks: it has beaten, and the last that it said is young."""
+        return self.heartbeat_ns is not None and t_ns - self._heard_ns <= limit_ns
+
+    def on_ground(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether it says, freshly, that it is on the ground."""
+        fresh = self.landed_ns is not None and t_ns - self.landed_ns <= limit_ns
+        return fresh and self.landed is VehicleLanded.ON_GROUND
+
+    def local(self, t_ns: int, limit_ns: int) -> Optional[Pose]:
+        """Return the local position, unless it is old or the estimator disowns it."""
+        good = self.pose is not None and t_ns - self.pose.t_ns <= limit_ns
+        return self.pose if good and self._estimates(t_ns, _RELATIVE | _ABSOLUTE) else None
+
+    def heading(self, t_ns: int, limit_ns: int) -> Optional[float]:
+        """Return the yaw in radians counter-clockwise from east, unless it is old."""
+        return self.yaw_rad if t_ns - self.yaw_ns <= limit_ns else None
+
+    def somewhere(self, t_ns: int, limit_ns: int) -> Optional[Place]:
+        """Return the place on the earth, unless it is old or the estimator disowns it."""
+        good = self.place is not None and t_ns - self.place_ns <= limit_ns
+        return self.place if good and self._estimates(t_ns, _ABSOLUTE) else None
+
+    @property
+    def lands(self) -> bool:
+        """True while it says that it lands, armed."""
+        return bool(self.armed) and self.landed is VehicleLanded.LANDING
+
+    @property
+    def pilot(self) -> bool:
+        """True in a mode that pilots choose, unless a failsafe chose it."""
+        return is_piloted(self.mode) and not self.failsafe
+
+    @property
+    def dialect(self) -> Dialect:
+        """How it speaks the mission protocol."""
+        ardupilot = self.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return Dialect.ARDUPILOT if ardupilot else Dialect.PX4
+
+    @property
+    def unknown_streams(self) -> Tuple[str, ...]:
+        """Messages of `STREAMS` that this autopilot does not have."""
+        return _OTHERS[self.dialect]
+
+    def numbers(self, mode: str) -> Optional[Tuple[int, int]]:
+        """Return the parameters 2 and 3 of DO_SET_MODE; None where there is no such mode."""
+        return mode_number(self.autopilot, mode)
+
+    def complaints(self, t_ns: int, since_ns: int) -> Tuple[str, ...]:
+        """Return its warnings since a time, in its words; why it does not arm before anything else, at most three."""
+        said = [text.text for text in self.texts.recent(t_ns, t_ns - since_ns) if text.severity <= _WARNING]
+        reasons = self.texts.complaints(t_ns, t_ns - since_ns)
+        return tuple(reasons or said)[-_COMPLAINTS:]
+
+    def _estimates(self, t_ns: int, any_of: int) -> bool:
+        fresh = self.estimator is not None and t_ns - self.estimator_ns <= _ESTIMATE_AGE_NS
+        flags = self.estimator or 0
+        disowned = self.dialect is Dialect.ARDUPILOT and bool(flags & _ARDUPILOT_BAD)
+        return fresh and bool(flags & any_of) and not disowned
+
+    # --- messages -------------------------------------------------------------------------------------------------
+
+    def _heartbeat(self, t_ns: int, message: Message) -> None:
+        self.autopilot, self.target, self.heartbeat_ns = message.autopilot, source_of(message), t_ns
+        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.mode, self.mode_ns = mode_name(message.autopilot, message.custom_mode), t_ns
+        self.failsafe = message.system_status in _FAILSAFE
+
+    def _current_mode(self, t_ns: int, message: Message) -> None:
+        """Take the mode in the air; on the ground, that of a heartbeat, which says as well whether it is disarmed."""
+        if self.heartbeat_ns is not None and self.landed in AIRBORNE:
+            self.mode, self.mode_ns = mode_name(self.autopilot, message.custom_mode), t_ns
+
+    def _event(self, t_ns: int, message: Message) -> None:
+        if not self.armed:  # armed, they tell which modes are not to be had now
+            self.texts.add_event(t_ns, message)
+
+    def _extended(self, t_ns: int, message: Message) -> None:
+        self.landed, self.landed_ns = _LANDED.get(message.landed_state, VehicleLanded.UNKNOWN), t_ns
+
+    def _local(self, t_ns: int, message: Message) -> None:
+        values = (message.y, message.x, -message.z, message.vy, message.vx, -message.vz)
+        if all(map(math.isfinite, values)):
+            self.pose = Pose(t_ns, values[:3], values[3:])
+        if message.time_boot_ms:  # through mavros it is not known
+            self.boot_ns = t_ns - message.time_boot_ms * 1_000_000
+
+    def _attitude(self, t_ns: int, message: Message) -> None:
+        if math.isfinite(message.yaw):
+            self.yaw_rad, self.yaw_ns = math.pi / 2 - message.yaw, t_ns
+
+    def _global(self, t_ns: int, message: Message) -> None:
+        place = Place(message.lat * _DEG7, message.lon * _DEG7)
+        if abs(place.latitude_deg) > _POLAR_DEG or abs(place.longitude_deg) > _TURN_DEG:
+            return  # what is there, or nowhere, cannot be flown around in metres
+        self.place, self.place_ns, self.height_m = place, t_ns, message.relative_alt * _MM
+
+    def _estimator(self, t_ns: int, message: Message) -> None:
+        self.estimator, self.estimator_ns = message.flags, t_ns
+
+    def _current(self, t_ns: int, message: Message) -> None:
+        self.current, self.current_ns = message.seq, t_ns
+
+    def _reached(self, _: int, message: Message) -> None:
+        self.reached = message.seq
+
+    def _text(self, t_ns: int, message: Message) -> None:
+        self.texts.add(t_ns, message)
+
+    def _ack(self, _: int, message: Message) -> None:
+        found = mavlink.enums["MAV_RESULT"].get(message.result)
+        self.results[message.command] = str(found.name) if found else f"result {message.result}"
+
+
+_TAKES: Mapping[str, Callable[[VehicleWatch, int, Message], None]] = {
+    "HEARTBEAT": VehicleWatch._heartbeat,  # noqa: SLF001 - the table of this class
+    "CURRENT_MODE": VehicleWatch._current_mode,  # noqa: SLF001
+    "EVENT": VehicleWatch._event,  # noqa: SLF001
+    "EXTENDED_SYS_STATE": VehicleWatch._extended,  # noqa: SLF001
+    "LOCAL_POSITION_NED": VehicleWatch._local,  # noqa: SLF001
+    "ATTITUDE": VehicleWatch._attitude,  # noqa: SLF001
+    "GLOBAL_POSITION_INT": VehicleWatch._global,  # noqa: SLF001
+    "ESTIMATOR_STATUS": VehicleWatch._estimator,  # noqa: SLF001
+    "EKF_STATUS_REPORT": VehicleWatch._estimator,  # noqa: SLF001 - the same bits
+    "MISSION_CURRENT": VehicleWatch._current,  # noqa: SLF001
+    "MISSION_ITEM_REACHED": VehicleWatch._reached,  # noqa: SLF001
+    "STATUSTEXT": VehicleWatch._text,  # noqa: SLF001
+    "COMMAND_ACK": VehicleWatch._ack,  # noqa: SLF001
+}
+TAKEN = tuple(_TAKES)
+"""Names of the messages that are looked at."""
+STREAMS: Mapping[str, float] = {
+    "EXTENDED_SYS_STATE": 5.0,
+    "LOCAL_POSITION_NED": 20.0,
+    "ATTITUDE": 10.0,
+    "GLOBAL_POSITION_INT": 5.0,
+    "ESTIMATOR_STATUS": 2.0,
+    "EKF_STATUS_REPORT": 2.0,
+    "HEARTBEAT": 5.0,
+    "CURRENT_MODE": 10.0,
+    "MISSION_CURRENT": 2.0,
+}
+"""Streams that the planner asks for, and their rates in Hz."""

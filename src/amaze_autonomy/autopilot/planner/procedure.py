@@ -1,0 +1,367 @@
+"""What is sent for each command of a mission, and how the vehicle shows that it has done it: a table of steps.
+
+`procedure.py` does them one after the other.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+from typing import Callable, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.missions import Controller, PlannerSpec
+
+from ..link.dialect import Message, mavlink
+from ..vehicle.modes import LANDING_MODES, is_foreign
+from .mission_items import Dialect, beginning
+from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+
+__all__ = ["Means", "Procedure", "Progress", "Step", "steps_of"]
+
+_SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+_START, _TAKE_OFF = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
+
+
+@dataclass
+class Means:
+    """What steps look at besides the vehicle.
+
+    Args:
+        watch: the vehicle.
+        lead_ns: how long set-points must have been sent.
+        takeoff_height_m: of a climb by command.
+        resume_item: item of the mission to go on with; None: whatever the autopilot says.
+        stream_ns: since when set-points are sent; None: they are not.
+        still: the vehicle stands still by set-points.
+        lifted: the vehicle has been in the air, its takeoff over.
+        verified: the mission on the vehicle was read again, and is the one that was sent.
+        grounded: the vehicle says, within the last moment, that it is on the ground.
+        commanded: the modes that were commanded in this flight.
+    """
+
+    watch: VehicleWatch
+    lead_ns: int
+    takeoff_height_m: float = 0.0
+    resume_item: Optional[int] = None
+    stream_ns: Optional[int] = None
+    still: bool = False
+    lifted: bool = False
+    verified: bool = False
+    grounded: bool = False
+    commanded: Set[str] = field(default_factory=set)
+
+    @property
+    def streams(self) -> bool:
+        """False where no set-point may be sent yet: one during ArduPilot's own takeoff would end it."""
+        return self.watch.dialect is Dialect.PX4 or self.lifted
+
+
+class Step(NamedTuple):
+    """One thing to be done.
+
+    Args:
+        name: in words.
+        done: whether the vehicle shows it; called with the means and the time.
+        message: what is sent; None: nothing has to be.
+        command: MAV_CMD whose acknowledgement gives the reason; 0: none.
+        mode: that it leads to; empty: none.
+        always: sent even when the vehicle shows it already, because another command may be under way.
+        only: the autopilots that need it; None: all.
+        limited: given up after the limit of a command; False: it has a limit of its own.
+    """
+
+    name: str
+    done: Callable[[Means, int], bool]
+    message: Callable[[Means], Optional[Message]]
+    command: int = 0
+    mode: str = ""
+    always: bool = True
+    only: Optional[Dialect] = None
+    limited: bool = True
+
+
+# --- steps ------------------------------------------------------------------------------------------------------------
+
+
+def _long(watch: VehicleWatch, command: int, *values: float) -> Message:
+    padded = (*values, *(0.0,) * (7 - len(values)))
+    return mavlink.MAVLink_command_long_message(*watch.target, command, 0, *padded)
+
+
+def _mode_message(means: Means, mode: str) -> Optional[Message]:
+    numbers = means.watch.numbers(mode)
+    if numbers is None:
+        return None
+    means.commanded.add(mode)
+    return _long(means.watch, _SET_MODE, 1.0, *map(float, numbers))
+
+
+def _enter(mode: str) -> Step:
+    def message(means: Means) -> Optional[Message]:
+        return _mode_message(means, mode)
+
+    return Step(f"change to {mode}", lambda means, _: means.watch.mode == mode, message, _SET_MODE, mode)
+
+
+def _prepare(means: Means) -> str:
+    """Return the mode to arm in."""
+    return HOLD if means.watch.dialect is Dialect.PX4 else OFFBOARD
+
+
+_ARMING = Step("arm", lambda means, _: means.watch.armed is True, lambda means: _long(means.watch, _ARM, 1.0), _ARM)
+#: never on a landed state that is old: the vehicle may have lifted off since
+_DISARMING = Step(
+    "disarm",
+    lambda means, _: means.watch.armed is False,
+    lambda means: _long(means.watch, _ARM, 0.0) if means.grounded else None,
+    _ARM,
+)
+
+
+def _began(means: Means, command: int) -> bool:
+    """Return whether ArduPilot leaves the ground; its takeoff takes longer to show than a command may."""
+    return means.watch.landed in AIRBORNE or means.watch.results.get(command) == "MAV_RESULT_ACCEPTED"
+
+
+def _beginning(means: Means) -> int:
+    return beginning(means.resume_item or 0, means.watch.dialect)
+
+
+def _lift_message(means: Means) -> Message:
+    return _long(means.watch, _TAKE_OFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, means.takeoff_height_m)
+
+
+_VERIFY = Step(
+    "mission read back before the takeoff",
+    lambda means, _: means.verified,
+    lambda _: None,
+    always=False,
+    limited=False,
+)
+_PREPARE = Step(
+    "change to a mode to arm in",
+    lambda means, _: means.watch.mode == _prepare(means),
+    lambda means: _mode_message(means, _prepare(means)),
+    _SET_MODE,
+)
+#: ArduPilot in AUTO stays on the ground until it is told to begin, and in GUIDED until it is told to take off
+_BEGIN = Step(
+    "start of the mission",
+    lambda means, _: _began(means, _START),
+    lambda means: _long(means.watch, _START),
+    _START,
+    always=False,
+    only=Dialect.ARDUPILOT,
+)
+_LIFT = Step(
+    "takeoff",
+    lambda means, _: _began(means, _TAKE_OFF),
+    _lift_message,
+    _TAKE_OFF,
+    always=False,
+    only=Dialect.ARDUPILOT,
+)
+_ITEM = Step(
+    "return to the item where it stopped",
+    lambda means, _: means.resume_item is None or means.watch.current == means.resume_item,
+    lambda means: mavlink.MAVLink_mission_set_current_message(*means.watch.target, means.resume_item or 0),
+    always=False,
+    only=Dialect.PX4,
+)
+#: ArduPilot is sent to it also where it is there already: it has forgotten its heading; what it says then is the item
+#: that it was told, and the waypoint behind it from then on
+_TURN = Step(
+    "return to the item where it stopped, and to its heading",
+    lambda means, _: means.resume_item is None or means.watch.current in (means.resume_item, _beginning(means)),
+    lambda means: (
+        None
+        if means.resume_item is None
+        else mavlink.MAVLink_mission_set_current_message(*means.watch.target, _beginning(means))
+    ),
+    only=Dialect.ARDUPILOT,
+)
+_STREAM = Step(
+    "stream of set-points",
+    lambda means, t_ns: not means.streams or (means.stream_ns is not None and t_ns - means.stream_ns >= means.lead_ns),
+    lambda _: None,
+    always=False,
+)
+_STILL = Step("stop", lambda means, _: means.still or not means.streams, lambda _: None, always=False)
+
+_Key = Tuple[Controller, MissionAction]
+_STEPS: Mapping[_Key, Tuple[Step, ...]] = {
+    (Controller.MISSION, MissionAction.TAKEOFF): (_VERIFY, _PREPARE, _ARMING, _enter(MISSION), _BEGIN),
+    (Controller.MISSION, MissionAction.HOLD): (_enter(HOLD),),
+    (Controller.MISSION, MissionAction.RESUME): (_ITEM, _TURN, _enter(MISSION), _BEGIN),
+    (Controller.MISSION, MissionAction.LAND): (_enter(LAND),),
+    (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
+    (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _LIFT),
+    (Controller.OFFBOARD, MissionAction.HOLD): (_STREAM, _enter(OFFBOARD), _STILL),
+    (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD)),
+    (Controller.OFFBOARD, MissionAction.LAND): (_enter(LAND),),
+    (Controller.OFFBOARD, MissionAction.ABORT): (_DISARMING,),
+}
+
+
+def steps_of(controller: Controller, action: MissionAction, dialect: Dialect) -> Tuple[Step, ...]:
+    """Return what is done for a command, one after the other."""
+    return tuple(step for step in _STEPS[controller, action] if step.only in (None, dialect))
+
+
+# --- procedure --------------------------------------------------------------------------------------------------------
+# Does the steps of a command one after the other.
+#
+# A step is sent, sent again until a heartbeat that came after it shows its effect, and given up at its limit.
+# Acknowledgements only give the reason: PX4 sends two for one change of mode (ACCEPTED, then TEMPORARILY_REJECTED),
+# and for some commands none.
+#
+# While a step waits, the vehicle may fall into a mode that somebody else chose. Then it is the pilot's or the
+# failsafe's, and nothing more is sent. The same where somebody else lands it. What waits ends with a silence of the
+# vehicle, a landing excepted: nobody knows what has become of the vehicle meanwhile, and whoever commanded it must
+# say what is next.
+
+
+_SILENT_NS = 1_500_000_000  # longer than between two heartbeats
+_NO_REASONS = ("MAV_RESULT_ACCEPTED", "MAV_RESULT_IN_PROGRESS")
+
+
+class Progress(enum.Enum):
+    """How far a procedure is."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+    TAKEN = "taken"  # somebody else has chosen another mode
+    SILENT = "silent"  # the vehicle was not heard for too long
+
+
+class Procedure:
+    """Does steps one after the other.
+
+    Args:
+        action: that it carries out.
+        steps: of it.
+        means: what they look at.
+        spec: pauses and limits.
+        t_ns: now.
+        persistent: goes on after its limit, and through a silence (a landing).
+    """
+
+    def __init__(
+        self,
+        action: MissionAction,
+        steps: Sequence[Step],
+        means: Means,
+        spec: PlannerSpec,
+        t_ns: int,
+        *,
+        persistent: bool = False,
+    ) -> None:
+        self.action, self.progress, self.reason = action, Progress.RUNNING, ""
+        self._steps, self._means, self._spec, self._persistent = tuple(steps), means, spec, persistent
+        self._number = 0
+        self._start_mode = means.watch.mode
+        self._since_ns = self._woken_ns = t_ns
+        self._sent_ns: float = -math.inf
+        self._first_ns: float = math.inf
+        self._forget_result()
+
+    @property
+    def running(self) -> bool:
+        """True until it has ended."""
+        return self.progress is Progress.RUNNING
+
+    def wake(self, t_ns: int) -> List[Message]:
+        """Look at the vehicle and the time; return what is to be sent."""
+        if not self.running:
+            return []
+        limit_ns = self._spec.vehicle_age_limit_ns
+        if not self._persistent and not self._means.watch.known(t_ns, limit_ns):
+            return self._end(Progress.SILENT, f"the vehicle was silent for {limit_ns / 1e9:g} s")
+        self._pause(t_ns)
+        while self._shown(t_ns):
+            self._number += 1
+            if self._number == len(self._steps):
+                return self._end(Progress.DONE)
+            self._since_ns, self._sent_ns, self._first_ns = t_ns, -math.inf, math.inf
+            self._forget_result()
+        heard = self._means.watch.known(t_ns, limit_ns)
+        taken = self._taken() if heard else ""
+        if taken:
+            return self._end(Progress.TAKEN, taken)
+        if self._steps[self._number].limited and t_ns - self._since_ns >= self._spec.command_limit_ns:
+            self._late(t_ns)
+        blind = not heard and self._means.watch.pilot  # the last that was heard: whether he still flies is not known
+        return self._send(t_ns) if self.running and not blind else []
+
+    def cease(self, reason: str) -> None:
+        """End it: somebody else lands."""
+        if self.running:
+            self._end(Progress.TAKEN, reason)
+
+    def fail(self, reason: str) -> None:
+        """End it: it cannot be done."""
+        if self.running:
+            self.progress, self.reason = Progress.FAILED, reason
+
+    def _end(self, progress: Progress, why: str = "") -> List[Message]:
+        self.progress = progress
+        self.reason = f"{self.action.name.lower()} ended: {why}" if why else ""
+        return []
+
+    def _forget_result(self) -> None:
+        """Forget how an earlier command was acknowledged."""
+        self._means.watch.results.pop(self._steps[self._number].command, None)
+
+    def _pause(self, t_ns: int) -> None:
+        """Stop the clock of the limit while the vehicle is silent: nothing can show then."""
+        passed_ns, self._woken_ns = t_ns - self._woken_ns, t_ns
+        if not self._means.watch.known(t_ns, _SILENT_NS):
+            self._since_ns += passed_ns
+
+    def _shown(self, t_ns: int) -> bool:
+        """Return whether the vehicle shows the effect, by a heartbeat (a mode: CURRENT_MODE, too) after the command.
+
+        A mode that is shown is not sent again: a pilot may choose another one in the second until the next heartbeat.
+        """
+        step, watch = self._steps[self._number], self._means.watch
+        said_ns = watch.mode_ns if step.mode else watch.heartbeat_ns
+        after = not step.always or (said_ns is not None and said_ns > self._first_ns)
+        return after and step.done(self._means, t_ns)
+
+    def _taken(self) -> str:
+        """Return who has chosen what the vehicle does, in words; empty: nobody but us."""
+        watch, step = self._means.watch, self._steps[self._number]
+        if watch.mode == step.mode:
+            return ""
+        if watch.armed and not self._persistent and (watch.mode in LANDING_MODES or watch.lands):
+            return f"the vehicle lands (mode {watch.mode})"
+        if watch.mode == self._start_mode:  # a vehicle stands in any mode before it is armed
+            taken = bool(watch.armed) and watch.pilot
+        else:
+            by_failsafe = watch.failsafe and bool(watch.armed) and watch.mode not in self._means.commanded
+            taken = is_foreign(watch.mode) or by_failsafe
+        return f"the vehicle went to {watch.mode} by itself" if taken else ""
+
+    def _late(self, t_ns: int) -> None:
+        step, watch = self._steps[self._number], self._means.watch
+        result = watch.results.get(step.command, "")
+        answer = "" if result in _NO_REASONS else result.replace("MAV_RESULT_", "", 1)
+        shown = f"mode {watch.mode or 'unknown'}, {'armed' if watch.armed else 'not armed'}"
+        said = watch.complaints(t_ns, self._since_ns)
+        limit_s, words = self._spec.command_limit_ns / 1e9, f": {'; '.join(said)}" if said else ""
+        self.reason = f"{step.name}: not shown within {limit_s:g} s ({answer or shown}){words}"
+        if not self._persistent:
+            self.progress = Progress.FAILED
+
+    def _send(self, t_ns: int) -> List[Message]:
+        if t_ns - self._sent_ns < self._spec.command_retry_ns:
+            return []
+        message = self._steps[self._number].message(self._means)
+        self._first_ns = min(self._first_ns, t_ns)
+        if message is None:
+            return []
+        self._sent_ns = t_ns
+        return [message]

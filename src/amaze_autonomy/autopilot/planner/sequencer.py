@@ -1,0 +1,518 @@
+"""The mission planner and sequencer: loads files, takes off, holds, resumes, lands; a client of a link, without I/O.
+
+Everything it says is read from the vehicle: a file is loaded when it reads back the same, a flight is over when the
+vehicle is disarmed on the ground. Commands are tables of steps (`mission_steps.py`); which command is good in which
+phase is a table in `admission.py`. It never commands a vehicle that a pilot flies, and never sends what nobody asked
+for, with two exceptions that the offboard flight needs: it lands after the last waypoint, and when the pose stays away.
+
+A landing, commanded here or to the autopilot node, stands until the vehicle is disarmed: it replaces whatever runs, and
+nothing else is taken or sent. What else runs ends with a silence of the vehicle, and is not taken up again by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase, MissionStatus
+from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
+
+from ..link.dialect import Message
+from ..vehicle.modes import LANDING_MODES, is_foreign
+from ..vehicle.rates import Rates
+from .flight_progress import IN_FLIGHT, FlightRecord, Outlook
+from .guidance import Guidance
+from .loading import Loading, LoadRequest, Origin, Readiness
+from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
+from .mission_vehicle import DRAIN_NS, GROUND_NS, LAND, OFFBOARD, STALL_NS, STREAMS, TAKEN, Pose, VehicleWatch
+from .procedure import Means, Procedure, Progress, steps_of
+
+__all__ = ["PLANNER_MESSAGES", "Sequencer", "SequencerSettings", "Standing", "refusal"]
+
+PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
+"""Names of the messages that a planner wants to be given."""
+
+_S = 1_000_000_000
+_BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
+_LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
+_OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
+_LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
+_ASKED, _NO_TAKEOFF = "a landing was commanded", "the takeoff failed"
+_P, _A = MissionPhase, MissionAction
+
+
+@dataclass(frozen=True)
+class SequencerSettings:
+    """What the planner knows.
+
+    Args:
+        plans: every mission.
+        spec: limits.
+        model: how the vehicle flies.
+        takeoff_height_m: of each climb.
+    """
+
+    plans: Tuple[MissionPlan, ...]
+    spec: PlannerSpec
+    model: FlightModel
+    takeoff_height_m: float
+
+
+class Sequencer:
+    """One planner on one link.
+
+    Args:
+        settings: what it knows.
+        origin: of the last session, kept from before a restart.
+        wall_minus_clock_ns: wall time minus the clock of the messages.
+    """
+
+    def __init__(
+        self,
+        settings: SequencerSettings,
+        origin: Optional[Origin] = None,
+        wall_minus_clock_ns: Callable[[], int] = lambda: 0,
+    ) -> None:
+        self._settings, self._spec, self._wall = settings, settings.spec, wall_minus_clock_ns
+        self._plans = {plan.mission.id: plan for plan in settings.plans}
+        self.watch = VehicleWatch()
+        self._means = Means(self.watch, self._spec.setpoint_lead_ns, settings.takeoff_height_m)
+        self._phase, self._message = _P.IDLE, ""
+        self._loading: Optional[Loading] = None
+        self._loaded: Optional[LoadRequest] = None
+        self._origin = origin
+        self._procedure: Optional[Procedure] = None
+        self._flight = FlightRecord(self.watch)
+        self._setpoint_ns = 0
+        self._rates = Rates(STREAMS)
+        self._verification: Optional[MissionUpload] = None
+        self._landing = ""  # why it is landed, whatever else is asked for
+        self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
+        self._other, self._other_ns = "", -_OTHER_NS
+        self._looked_ns: Optional[int] = None
+        self._awake_ns = 0  # what the vehicle said before may be older than its stamp
+
+    # --- the link -------------------------------------------------------------------------------------------------
+
+    def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
+        """Take a message of the vehicle."""
+        self._notice_stall(t_ns)
+        self.watch.take(t_ns, message)
+        self._rates.heard(t_ns, message.get_type())
+        sent: List[Message] = []
+        if self._loading is not None and not self._loading.over:
+            sent += self._loading.receive(t_ns, message)
+            self._finish_loading()
+        if self._verification is not None:
+            sent += self._verification.receive(t_ns, message)
+        if message.get_type() in ("HEARTBEAT", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "MISSION_ITEM_REACHED"):
+            self._follow(t_ns)
+            sent += self._proceed(t_ns)
+        return sent
+
+    def wake(self, t_ns: int) -> Iterable[Message]:
+        """Look at the time; called at least as often as set-points are sent."""
+        self._notice_stall(t_ns)
+        sent: List[Message] = []
+        if self._loading is not None and not self._loading.over:
+            sent += self._loading.wake(t_ns)
+            self._finish_loading()
+        if self._verification is not None:
+            sent += self._verification.wake(t_ns)
+        self.watch.texts.wake(t_ns)
+        self._follow(t_ns)
+        sent += self._proceed(t_ns) + self._stream(t_ns)
+        asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        return [*sent, *self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)] if asks else sent
+
+    def _notice_stall(self, t_ns: int) -> None:
+        """Notice that this process stood still: what lay in the socket meanwhile is stamped as if it came now."""
+        if self._looked_ns is not None and t_ns - self._looked_ns > STALL_NS:
+            self._awake_ns = t_ns + DRAIN_NS
+        self._looked_ns = t_ns
+
+    def _grounded(self, t_ns: int) -> bool:
+        """Return whether the vehicle says, just now, that it is on the ground."""
+        watch = self.watch
+        return watch.on_ground(t_ns, GROUND_NS) and watch.landed_ns is not None and watch.landed_ns >= self._awake_ns
+
+    # --- requests -------------------------------------------------------------------------------------------------
+
+    def load(self, t_ns: int, request: LoadRequest) -> Tuple[Loading, Sequence[Message]]:
+        """Begin to send a waypoint file; the loading says when it is over, and how it ended."""
+        plan = self._plans.get(request.mission_id)
+        in_flight = self._phase in IN_FLIGHT and bool(self.watch.armed)
+        disarming = self._landing if self._procedure is not None and self._procedure.running else ""
+        readiness = Readiness(self.watch, self._spec, in_flight, self._wall(), disarming)
+        origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
+        loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
+        if loading.refused:
+            return loading, ()
+        if self._loading is not None:
+            self._loading.end("another file was loaded meanwhile")
+        self._loading = loading
+        self._phase, self._message, self._loaded, self._procedure = _P.IDLE, "", request, None
+        self._landing, self._verification = "", None
+        self._flight = FlightRecord(self.watch)
+        messages = loading.start(t_ns)
+        self._finish_loading()
+        return loading, messages
+
+    def _finish_loading(self) -> None:
+        loading = self._loading
+        if loading is None or not loading.over or loading.seen:
+            return
+        loading.seen = True
+        self._phase, self._message = (_P.LOADED, "") if loading.accepted else (_P.IDLE, loading.reason)
+        if loading.accepted:
+            self._origin = loading.origin
+            self._flight = FlightRecord(self.watch, len(loading.trajectory.waypoints))
+
+    def command(self, t_ns: int, session_id: str, action: MissionAction) -> Tuple[str, Sequence[Message]]:
+        """Begin to carry out a command; return why it is refused, empty when it is taken."""
+        problem = refusal(self._standing(t_ns), session_id, action)
+        if problem:
+            return problem, ()
+        return "", self._land(t_ns, _ASKED) if action in _LANDINGS else self._start(t_ns, action)
+
+    def other_commands(self, t_ns: int, what: str) -> Sequence[Message]:
+        """Take what the autopilot node commands: a landing or disarming then stands here as well; empty: nothing."""
+        self._other, self._other_ns = what, t_ns
+        busy = self._phase in IN_FLIGHT or (self._procedure is not None and self._procedure.running)
+        down = self.watch.armed is False and self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        if not what or not busy or self._landing or (down and not self._doing(_A.TAKEOFF)):
+            return ()
+        return self._land(t_ns, f"the autopilot node commands {what}")
+
+    def _start(self, t_ns: int, action: MissionAction) -> List[Message]:
+        """Begin a command that is no landing."""
+        self._begin(t_ns, action)
+        return [*(self._verification.start(t_ns) if self._verification else ()), *self._proceed(t_ns)]
+
+    def _land(self, t_ns: int, why: str) -> List[Message]:
+        """Land, or on the ground disarm: in place of whatever runs, until the vehicle is disarmed."""
+        self._landing = why if why == _ASKED else self._landing or why
+        if self._loading is not None and not self._loading.over:
+            self._loading.end(why)
+            self._finish_loading()
+        self._begin(t_ns, self._meant(t_ns))
+        return self._proceed(t_ns)
+
+    def _standing(self, t_ns: int) -> Standing:
+        return Standing(
+            watch=self.watch,
+            known=self.watch.known(t_ns, self._spec.vehicle_age_limit_ns),
+            phase=self._phase,
+            session_id=self._loaded.session_id if self._loaded else None,
+            lost=self._controller is Controller.OFFBOARD and self._pose(t_ns) is None,
+            landing=self._landing,
+            other=self._other if t_ns - self._other_ns < _OTHER_NS else "",
+        )
+
+    def _meant(self, t_ns: int) -> MissionAction:
+        """Return what a landing is: disarming, before lift-off with the ground shown freshly; else the landing mode."""
+        heard = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        down = heard and self._grounded(t_ns)
+        if self._doing(_A.ABORT):  # once it is that, a landed state that is a little late does not end it
+            down = heard and self.watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns)
+        return _A.ABORT if down and not self._flight.airborne else _A.LAND
+
+    def _begin(self, t_ns: int, action: MissionAction) -> None:
+        running = self._procedure
+        if running is not None and running.running and running.action is action:
+            return  # it is being done already
+        if action is _A.TAKEOFF:
+            self._take_off(t_ns)
+        if action is _A.HOLD and self._flight.guidance is not None:
+            self._flight.guidance.stand()
+        if action is _A.HOLD and self._controller is Controller.MISSION and self._phase is not _P.HOLDING:
+            self._means.resume_item = self._flight.item
+        if action is _A.RESUME and self._flight.guidance is not None:
+            self._flight.guidance.go_on()
+        if action is _A.RESUME and self._means.resume_item is not None:
+            self._means.resume_item = max(self._means.resume_item, self._flight.item or 0)  # told late, it was passed
+        if action in _LANDINGS:
+            self._landing, self._verification = self._landing or _ASKED, None
+        persistent = action in _LANDINGS
+        steps = steps_of(self._controller, action, self.watch.dialect)
+        self._procedure = Procedure(action, steps, self._means, self._spec, t_ns, persistent=persistent)
+        self._message = self._flight.hands_off()
+
+    def _take_off(self, t_ns: int) -> None:
+        self._phase, self._flight = _P.TAKING_OFF, FlightRecord(self.watch, self._flight.waypoints)
+        self._means.resume_item = self._means.stream_ns = None
+        self._means.lifted = self._means.verified = False
+        self._means.commanded.clear()
+        self._verification = self._loading.verification(t_ns) if self._loading else None
+        pose, origin, loading = self._pose(t_ns), self._origin, self._loading
+        if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
+            waypoints, height = loading.trajectory.waypoints, self._settings.takeoff_height_m
+            self._flight.guidance = Guidance(
+                waypoints,
+                origin.local,
+                height,
+                self._settings.model,
+                self._spec,
+                pose,
+                self.watch.yaw_rad,
+                self.watch.target,
+            )
+            self._means.stream_ns = t_ns
+
+    def shutdown(self, t_ns: int) -> Tuple[bool, Sequence[Message]]:
+        """Land before the process ends, unless it is on the ground, or a pilot flies; return whether it lands."""
+        if self._phase not in IN_FLIGHT or not self.watch.armed or self.watch.pilot:
+            return False, ()
+        return True, self._land(t_ns, "the planner ends")
+
+    @property
+    def landing_shown(self) -> bool:
+        """True once the vehicle lands, has landed, or is somebody else's."""
+        over = self._phase not in IN_FLIGHT or not self.watch.armed
+        return over or self.watch.mode == LAND or is_foreign(self.watch.mode)
+
+    # --- what the vehicle does ------------------------------------------------------------------------------------
+
+    @property
+    def _controller(self) -> Controller:
+        plan = self._plans.get(self._loaded.mission_id) if self._loaded else None
+        return plan.controller if plan else Controller.MISSION
+
+    def _pose(self, t_ns: int) -> Optional[Pose]:
+        return self.watch.local(t_ns, self._spec.pose_age_limit_ns)
+
+    def _follow(self, t_ns: int) -> None:
+        """Read the phase from the vehicle."""
+        watch, flight, procedure = self.watch, self._flight, self._procedure
+        if not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return
+        if self._landing and self._phase not in IN_FLIGHT:
+            flight.look()
+        if self._phase not in (*IN_FLIGHT, _P.FAILED):
+            return
+        flight.look()
+        self._means.lifted = flight.lifted
+        if not flight.armed and self._phase is _P.FAILED:
+            flight.guidance = None
+        if not flight.armed and not self._doing(_A.LAND):
+            return  # mode and landed state are still those of the flight before
+        if watch.armed is False and watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns):
+            if flight.is_counted(t_ns, asked=self._doing(_A.LAND, _A.ABORT)):
+                self._end()
+        elif watch.armed:
+            self._phase = flight.phase(self._phase)
+            self._message = flight.hands_off() or (procedure.reason if procedure else "") or flight.failure
+
+    def _doing(self, *actions: MissionAction) -> bool:
+        """Return whether one of these was commanded last."""
+        return self._procedure is not None and self._procedure.action in actions
+
+    def _end(self) -> None:
+        """Be on the ground, disarmed."""
+        if not self._flight.airborne and not self._flight.failure and not self._doing(_A.LAND, _A.ABORT):
+            self._flight.failure = "disarmed before it lifted off"
+        self._message = self._flight.failure
+        if self._phase in (*IN_FLIGHT, _P.LOADED, _P.FAILED):
+            never_armed = self._landing == _NO_TAKEOFF and not self._flight.armed
+            self._phase = _P.FAILED if never_armed else _P.LANDED
+        self._procedure = self._verification = self._flight.guidance = None
+        self._means.stream_ns = None
+
+    def _uphold(self, t_ns: int) -> None:
+        """Keep a landing up until the vehicle is disarmed, and nothing of ours that is late can arm it again."""
+        watch, procedure = self.watch, self._procedure
+        if not self._landing or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return
+        late = t_ns - self._commanded_ns <= _LATE_NS
+        if procedure is not None and procedure.running:
+            meant = self._meant(t_ns)
+            over = watch.armed is False and procedure.action is _A.LAND and meant is _A.LAND and self._flight.airborne
+            if over and watch.on_ground(t_ns, GROUND_NS):
+                self._procedure = None
+            elif meant is not procedure.action:
+                self._begin(t_ns, meant)
+        elif watch.armed is False:
+            self._landing = self._landing if late else ""
+        elif self._is_done() and not self._flight.hands_off():
+            late = late and watch.mode in self._means.commanded - {LAND}  # an older command of ours came last
+            if late or self._meant(t_ns) is _A.ABORT:
+                self._begin(t_ns, self._meant(t_ns))
+
+    def _is_done(self) -> bool:
+        """Return whether nothing runs because it is done, not because somebody else has control."""
+        return self._procedure is None or self._procedure.progress is Progress.DONE
+
+    # --- what is sent ---------------------------------------------------------------------------------------------
+
+    def _proceed(self, t_ns: int) -> List[Message]:
+        if t_ns < self._awake_ns and not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
+            return []  # not silent: not read yet
+        self._means.grounded = not self._flight.airborne and self._grounded(t_ns)
+        self._uphold(t_ns)
+        self._end_upload_of_armed(t_ns)
+        procedure = self._procedure
+        if procedure is None or not procedure.running:
+            return []
+        self._verify()
+        sent = procedure.wake(t_ns)
+        if sent and procedure.action not in _LANDINGS:
+            self._commanded_ns = t_ns
+        if procedure.action is _A.TAKEOFF and procedure.progress is Progress.FAILED:
+            sent += self._cancel(t_ns, procedure.reason)
+        elif procedure.action is _A.TAKEOFF and procedure.progress is Progress.SILENT:
+            self._fail(procedure.reason)
+        elif procedure.progress is Progress.DONE and procedure.action is _A.ABORT:
+            self._end()
+        elif procedure.reason:
+            self._message = self._flight.hands_off() or procedure.reason
+        return sent
+
+    def _verify(self) -> None:
+        """Look whether the mission on the vehicle is still the one that was sent."""
+        reading = self._verification
+        if self._controller is Controller.OFFBOARD or (reading is not None and reading.phase is UploadPhase.DONE):
+            self._means.verified, self._verification = True, None
+        elif reading is not None and reading.over and self._procedure is not None:
+            self._procedure.fail(f"the mission did not read back as it was sent: {reading.reason}")
+            self._verification = None
+
+    def _cancel(self, t_ns: int, reason: str) -> List[Message]:
+        """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
+        sent = self._land(t_ns, _NO_TAKEOFF)
+        self._flight.failure = self._message = reason
+        return sent
+
+    def _fail(self, reason: str) -> None:
+        """Have failed to take off, with what the vehicle does now unknown: whoever commanded it says what is next."""
+        self._phase, self._flight.failure, self._message, self._verification = _P.FAILED, reason, reason, None
+        if self._flight.guidance is not None:
+            self._flight.guidance.stand()
+
+    def _end_upload_of_armed(self, t_ns: int) -> None:
+        """End an upload into a vehicle that somebody else arms."""
+        loading, watch = self._loading, self.watch
+        armed = watch.armed is not False and watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        if armed and loading is not None and not loading.over:
+            loading.end("the vehicle was armed meanwhile")
+            self._finish_loading()
+
+    def _stream(self, t_ns: int) -> List[Message]:
+        """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""
+        guidance = self._flight.guidance
+        if (
+            guidance is None
+            or not self._means.streams
+            or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9
+        ):
+            return []
+        if self._flight.airborne and self.watch.mode != OFFBOARD and not self._wants_offboard():
+            return []
+        self._setpoint_ns = t_ns
+        guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD and not self._flight.down
+        sent = [guidance.step(t_ns, self._pose(t_ns), self.watch.heading(t_ns, self._spec.vehicle_age_limit_ns))]
+        self._means.still = guidance.still
+        blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
+        if guidance.flying and (guidance.finished or blind) and not self._lands():
+            sent += self._land(t_ns, "the local position stays away" if blind else "the last waypoint is done with")
+            self._message = "the local position stays away: landing" if blind else ""
+        return sent
+
+    def _wants_offboard(self) -> bool:
+        procedure = self._procedure
+        return procedure is not None and procedure.running and procedure.action in (_A.TAKEOFF, _A.HOLD, _A.RESUME)
+
+    def _lands(self) -> bool:
+        procedure = self._procedure
+        return procedure is not None and procedure.running and procedure.action is _A.LAND
+
+    # --- what is told ---------------------------------------------------------------------------------------------
+
+    def status(self, t_ns: int) -> MissionStatus:
+        """Return what is to be known of it, level-based."""
+        outlook = Outlook(
+            watch=self.watch,
+            age_limit_ns=self._spec.vehicle_age_limit_ns,
+            model=self._settings.model,
+            loading=self._loading,
+            origin=self._origin,
+            flight=self._flight,
+            phase=self._phase,
+            message=self._message,
+        )
+        return outlook.status(t_ns, self._loaded)
+
+
+# --- admission --------------------------------------------------------------------------------------------------------
+# Whether a command of a mission is taken: a table of phases, and the reasons against it. Pure.
+#
+# LAND and ABORT are taken always, of a silent vehicle as well: only a pilot who is seen to fly is a reason against
+# them.
+
+
+#: phases in which a command is taken; any other refuses it. LAND and ABORT are taken always.
+_GOOD_IN: Mapping[MissionAction, Tuple[MissionPhase, ...]] = {
+    _A.TAKEOFF: (_P.LOADED,),
+    _A.HOLD: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
+    _A.RESUME: (_P.TAKING_OFF, _P.FLYING, _P.HOLDING),
+}
+_WORDS: Mapping[MissionAction, str] = {_A.TAKEOFF: "fly", _A.HOLD: "hold", _A.RESUME: "resume"}
+
+
+class Standing(NamedTuple):
+    """How it is when a command comes.
+
+    Args:
+        watch: the vehicle.
+        known: it speaks.
+        phase: of the planner.
+        session_id: that is loaded; None: none is.
+        lost: the local position is needed for a takeoff, and is not there.
+        landing: why the vehicle is landed, whatever else is asked for, in words; empty: it is not.
+        other: what the autopilot node commands; empty: nothing.
+    """
+
+    watch: VehicleWatch
+    known: bool
+    phase: MissionPhase
+    session_id: Optional[str]
+    lost: bool
+    landing: str = ""
+    other: str = ""
+
+
+def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
+    """Return why a command is refused; empty when it is taken."""
+    watch = standing.watch
+    if standing.known and watch.armed and watch.pilot:
+        return f"the pilot has control (mode {watch.mode})"
+    if action not in _GOOD_IN:
+        return ""
+    return _landed_or_silent(standing) or _out_of_place(standing, session_id, action) or _unfit(standing, action)
+
+
+def _landed_or_silent(standing: Standing) -> str:
+    if not standing.known:
+        return "the vehicle is silent"
+    return f"{standing.landing}: it stands until the vehicle is disarmed" if standing.landing else ""
+
+
+def _out_of_place(standing: Standing, session_id: str, action: MissionAction) -> str:
+    if session_id != standing.session_id:
+        return f"session {session_id!r} is not the one that is loaded"
+    if standing.phase not in _GOOD_IN[action]:
+        return f"there is nothing to {_WORDS[action]} in phase {standing.phase.name}"
+    if action is not _A.TAKEOFF and not standing.watch.armed:
+        return f"there is nothing to {_WORDS[action]} on the ground: ABORT cancels the takeoff"
+    return ""
+
+
+def _unfit(standing: Standing, action: MissionAction) -> str:
+    watch, takes_off = standing.watch, action is _A.TAKEOFF
+    if watch.armed and is_foreign(watch.mode):
+        return f"the autopilot flies by itself (mode {watch.mode})"
+    if not takes_off and (watch.mode in LANDING_MODES or watch.lands):
+        return f"the vehicle lands (mode {watch.mode})"
+    if takes_off and standing.other:
+        return f"the autopilot node commands {standing.other}"
+    return "there is no fresh local position" if takes_off and standing.lost else ""

@@ -1,0 +1,1 @@
+"""What the vehicle says of itself, and what the autopilot node asks of it."""

@@ -1,0 +1,130 @@
+"""The battery from SYS_STATUS and BATTERY_STATUS: unknown stays unknown, and the autopilot's judgement caps the level.
+
+ArduPilot counts its fraction from the current alone; that the voltage is low is in `charge_state` only. So a state of
+LOW or worse caps the fraction. PX4 writes the voltage of the whole pack into the first cell when it knows no cells.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
+
+from ..link.dialect import mavlink
+
+__all__ = ["Battery", "BatteryReading"]
+
+_UNKNOWN_MV = 65535
+_PACK_MV = 6000  # no single cell has so much
+_FRESH_NS = 5_000_000_000
+_MOST_BATTERIES = 4
+
+LOW = mavlink.MAV_BATTERY_CHARGE_STATE_LOW
+CRITICAL = mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL
+EMERGENCY = mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY
+FAILED = mavlink.MAV_BATTERY_CHARGE_STATE_FAILED
+UNHEALTHY = mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY
+_CRITICAL_STATES = frozenset((CRITICAL, EMERGENCY, FAILED, UNHEALTHY))
+STATE_NAMES: Mapping[int, str] = {
+    0: "undefined",
+    1: "ok",
+    LOW: "low",
+    CRITICAL: "critical",
+    EMERGENCY: "emergency",
+    FAILED: "failed",
+    UNHEALTHY: "unhealthy",
+    7: "charging",
+}
+
+
+class BatteryReading(NamedTuple):
+    """What is known of the battery; None is unknown.
+
+    Args:
+        t_ns: when it said so.
+        fraction: that is left, 0..1, capped by the charge state.
+        voltage_v: of the pack.
+        cell_voltage_v: of the lowest cell.
+        current_a: drawn.
+        charge_state: MAV_BATTERY_CHARGE_STATE, 0 undefined.
+    """
+
+    t_ns: int
+    fraction: Optional[float]
+    voltage_v: Optional[float]
+    cell_voltage_v: Optional[float] = None
+    current_a: Optional[float] = None
+    charge_state: int = 0
+
+
+class Battery:
+    """The battery, or the worst of several.
+
+    Args:
+        caps: greatest fraction that is believed in a charge state.
+        cells: in series, for the voltage per cell; 0: unknown.
+    """
+
+    def __init__(self, caps: Mapping[int, float], cells: int = 0) -> None:
+        self._caps, self._cells = caps, cells
+        self._system: Optional[BatteryReading] = None
+        self._packs: Dict[int, BatteryReading] = {}
+
+    def add_system(self, t_ns: int, message: Any) -> None:
+        """Take a SYS_STATUS."""
+        volts = None if message.voltage_battery in (0, _UNKNOWN_MV) else message.voltage_battery / 1000
+        current = None if message.current_battery < 0 else message.current_battery / 100
+        fraction = _fraction(message.battery_remaining)
+        self._system = BatteryReading(t_ns, fraction, volts, self._per_cell(volts), current)
+
+    def add_pack(self, t_ns: int, message: Any) -> None:
+        """Take a BATTERY_STATUS."""
+        if message.id not in self._packs and len(self._packs) >= _MOST_BATTERIES:
+            return
+        volts, cell = _voltages([*message.voltages, *(mv or _UNKNOWN_MV for mv in message.voltages_ext)])
+        state = int(message.charge_state)
+        fraction = _fraction(message.battery_remaining)
+        cap = self._caps.get(state)
+        if fraction is not None and cap is not None:
+            fraction = min(fraction, cap)
+        current = None if message.current_battery < 0 else message.current_battery / 100
+        self._packs[message.id] = BatteryReading(t_ns, fraction, volts, cell or self._per_cell(volts), current, state)
+
+    def reading(self, t_ns: int) -> Optional[BatteryReading]:
+        """Return the worst pack that is fresh, else what SYS_STATUS said; None: nothing was ever said."""
+        fresh = [self._packs[key] for key in sorted(self._packs) if t_ns - self._packs[key].t_ns <= _FRESH_NS]
+        if fresh:
+            worst = min(fresh, key=_badness)
+            return worst if worst.voltage_v is not None or self._system is None else _with_voltage(worst, self._system)
+        older = [*self._packs.values(), *([] if self._system is None else [self._system])]
+        return max(older, key=lambda reading: reading.t_ns) if older else None
+
+    def critical(self, t_ns: int) -> bool:
+        """Return whether the autopilot says, freshly, that any pack is critical or worse, whatever its level."""
+        fresh = (pack for pack in self._packs.values() if t_ns - pack.t_ns <= _FRESH_NS)
+        return any(pack.charge_state in _CRITICAL_STATES for pack in fresh)
+
+    def _per_cell(self, volts: Optional[float]) -> Optional[float]:
+        return volts / self._cells if volts is not None and self._cells else None
+
+
+def _badness(reading: BatteryReading) -> Tuple[bool, float, int]:
+    """Order readings: an unknown level first, then the lowest."""
+    return reading.fraction is not None, reading.fraction or 0.0, -reading.charge_state
+
+
+def _with_voltage(reading: BatteryReading, system: BatteryReading) -> BatteryReading:
+    return reading._replace(voltage_v=system.voltage_v, cell_voltage_v=reading.cell_voltage_v or system.cell_voltage_v)
+
+
+def _fraction(percent: int) -> Optional[float]:
+    """Return a fraction; -1, and what is no percentage, is unknown."""
+    return percent / 100 if 0 <= percent <= 100 else None  # noqa: PLR2004 - per cent
+
+
+def _voltages(cells_mv: List[int]) -> Tuple[Optional[float], Optional[float]]:
+    """Return the voltage of the pack and of its lowest cell; the latter only when cells are told one by one."""
+    known = [mv for mv in cells_mv if mv != _UNKNOWN_MV]
+    if not known or not sum(known):
+        return None, None
+    if len(known) == 1 or known[0] > _PACK_MV:
+        return sum(known) / 1000, None
+    return sum(known) / 1000, min(known) / 1000

@@ -1,0 +1,419 @@
+"""What the autopilot node does on its link: listens, asks for what it needs, lands and disarms. Pure.
+
+Drive it with a `Connection`; the services call `land`, `disarm` and the checks through `Connection.ask`.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
+from amaze_autonomy.monitoring.specs import BatterySpec
+
+from ..link.dialect import Message, mavlink
+from ..planner.mission_vehicle import DRAIN_NS, GROUND_NS, STALL_NS
+from .modes import LAND, mode_number
+from .parameters import Parameters
+from .preflight import Preflight, battery_state_row, preflight_rows
+from .rates import Rates
+from .vehicle import WANTED, VehicleState
+
+__all__ = ["CLIENT_MESSAGES", "AutopilotClient", "Confirmed", "Progress", "Reply", "command_long", "set_mode"]
+
+_S = 1_000_000_000
+_LANDING = ("AUTO.LAND", "AUTO.PRECLAND")
+_BREAK_NS = 5 * _S
+_ASK_PREARM_NS = 5 * _S
+_NOT_PX4, _NOT_ARDUPILOT = ("EKF_STATUS_REPORT", "HEARTBEAT"), ("ESTIMATOR_STATUS", "CURRENT_MODE")
+_BEAT_LATE_NS, _ASK_BEAT_NS = 1_300_000_000, 300_000_000  # PX4 beats at 1 Hz
+
+CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")
+
+Address = Callable[[], Tuple[int, int]]
+
+
+class Reply(NamedTuple):
+    """The answer to a command.
+
+    Args:
+        accepted: it was done or sent.
+        message: in words.
+        final: nothing more is to be waited for.
+    """
+
+    accepted: bool
+    message: str
+    final: bool
+
+
+class AutopilotClient:
+    """One vehicle and what we ask of it.
+
+    Args:
+        settings: of autopilot.yaml.
+        battery: of sensors.yaml.
+        address: returns system and component of the vehicle.
+        wall_minus_clock_ns: wall time minus the clock of the messages, for the vehicle's time of day.
+        strangers: returns where others speak from that say our vehicle's system id.
+    """
+
+    def __init__(
+        self,
+        settings: AutopilotSettings,
+        battery: BatterySpec,
+        address: Address,
+        wall_minus_clock_ns: Callable[[], int] = lambda: 0,
+        strangers: Callable[[], Sequence[str]] = lambda: (),
+    ) -> None:
+        self.settings, self._battery = settings, battery
+        self._address, self._wall, self._strangers = address, wall_minus_clock_ns, strangers
+        self.vehicle = VehicleState(settings, battery.cells)
+        self._rates, self._parameters = Rates(settings.rates_hz), Parameters(settings.parameters)
+        limits = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
+        self.landing = Confirmed(self._land_message, self._landing_seen, limits, stands=True)
+        self.disarming = Confirmed(self._disarm_message, self._disarm_seen, limits)
+        self._lands = False
+        self._looked_ns: Optional[int] = None
+        self._awake_ns = 0  # what the vehicle said before may be older than its stamp
+        self._t_ns = self._prearm_due_ns = self._beat_due_ns = self._restarts = 0
+        self.on_text: Callable[[int, str], None] = lambda _severity, _text: None
+
+    # --- the link's thread ----------------------------------------------------------------------------------------
+
+    def receive(self, t_ns: int, message: Message) -> List[Message]:
+        """Take a message of the vehicle."""
+        age_ns = self.vehicle.link_age_ns(t_ns)
+        self._notice_stall(t_ns)
+        name = message.get_type()
+        self._rates.heard(t_ns, name)
+        self.vehicle.receive(t_ns, message)
+        if name == "HEARTBEAT":
+            settings = self.settings
+            self._parameters.expect(settings.parameters if self._is_px4() else settings.ardupilot_parameters)
+            self._began_again(age_ns is None or age_ns > _BREAK_NS)
+            self._look_at_the_landing()
+            return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
+        if name == "CURRENT_MODE":
+            self._look_at_the_landing()
+            return [*self.landing.wake(t_ns), *self._ask_beat(t_ns)]
+        if name == "COMMAND_ACK":
+            self._acknowledged(message)
+        elif name == "PARAM_VALUE":
+            self._parameters.add(message, bytewise=self._is_px4())
+        elif name == "SYSTEM_TIME":
+            self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
+        return []
+
+    def wake(self, t_ns: int) -> List[Message]:
+        """Ask for what is missing, send commands again."""
+        self._notice_stall(t_ns)
+        self.vehicle.texts.wake(t_ns)
+        self._tell_texts()
+        if not self.vehicle.connected(t_ns):
+            self.disarming.stop()  # nobody knows any more whether it is on the ground
+            return self.landing.wake(t_ns)
+        asked = self.vehicle.offset.wake(t_ns)
+        return [
+            *self.landing.wake(t_ns),
+            *self.disarming.wake(t_ns),
+            *self._rates.wake(t_ns, *self._address(), _NOT_PX4 if self._is_px4() else _NOT_ARDUPILOT),
+            *self._parameters.wake(t_ns, *self._address()),
+            *self._ask_beat(t_ns),
+            *([] if asked is None else [asked]),
+        ]
+
+    def _notice_stall(self, t_ns: int) -> None:
+        """Notice that this process stood still: what lay in the socket meanwhile is stamped as if it came now."""
+        if self._looked_ns is not None and t_ns - self._looked_ns > STALL_NS:
+            self._awake_ns = t_ns + DRAIN_NS
+        self._t_ns = self._looked_ns = t_ns
+
+    # --- commands; through `Connection.ask` -----------------------------------------------------------------------
+
+    def land(self, t_ns: int) -> Tuple[Reply, List[Message]]:
+        """Command the landing mode, unless there is no reason to or the pilot has control."""
+        self._t_ns = t_ns
+        refusal = self._no_landing(t_ns)
+        if refusal is not None:
+            return refusal, []
+        self.vehicle.control.command(LAND)
+        messages = self.landing.ask(t_ns)
+        self._lands = True
+        if not self.vehicle.connected(t_ns):
+            return Reply(
+                accepted=False, message="the vehicle is not heard; commanded all the same", final=True
+            ), messages
+        return self.land_reply(), messages
+
+    @property
+    def commanding(self) -> str:
+        """What stands: a landing until the vehicle is disarmed or a pilot takes it, a disarming while it is sent."""
+        return LAND if self._lands else "DISARM" if self.disarming.sending else ""
+
+    def _look_at_the_landing(self) -> None:
+        """End a landing that stands, at a heartbeat: the vehicle is disarmed, or somebody else's."""
+        beat = self.vehicle.beat
+        pilot = self.vehicle.control.pilot
+        if pilot:
+            self.landing.stop()
+        if pilot or (beat is not None and not beat.armed):
+            self._lands = False
+
+    def land_reply(self) -> Reply:
+        """Return how far the landing is."""
+        beat = self.vehicle.beat
+        if beat is not None and self.vehicle.control.pilot:
+            return Reply(accepted=False, message=f"the pilot has control, in {beat.mode}", final=True)
+        return _reply(self.landing, "the vehicle is in its landing mode", "landing")
+
+    def disarm(self, t_ns: int) -> Tuple[Reply, List[Message]]:
+        """Disarm on the ground; anywhere else it is refused."""
+        self._t_ns = t_ns
+        beat = self.vehicle.beat
+        if beat is None or not self.vehicle.connected(t_ns):
+            return Reply(accepted=False, message="no link to the vehicle", final=True), []
+        if not beat.armed:
+            return Reply(accepted=True, message="the vehicle is disarmed", final=True), []
+        landed = self.vehicle.landed(t_ns)
+        if landed is not VehicleLanded.ON_GROUND:
+            return Reply(accepted=False, message=f"not on the ground: the vehicle says {landed.name}", final=True), []
+        age_ns = self.vehicle.landed_age_ns(t_ns)
+        if age_ns > GROUND_NS:
+            said = f"ON_GROUND, as the vehicle said {age_ns / _S:.1f} s ago, is too old to disarm"
+            return Reply(accepted=False, message=said, final=True), []
+        messages = self.disarming.ask(t_ns)
+        return self.disarm_reply(), messages
+
+    def disarm_reply(self) -> Reply:
+        """Return how far the disarming is."""
+        return _reply(self.disarming, "the vehicle is disarmed", "disarming")
+
+    def leave(self, t_ns: int) -> Tuple[Reply, List[Message]]:
+        """Command the landing mode because this node ends; the autopilot's own failsafe is left alone."""
+        vehicle = self.vehicle
+        if not vehicle.in_flight(t_ns):
+            return Reply(accepted=True, message="the vehicle is not in flight", final=True), []
+        mode = vehicle.beat.mode if vehicle.beat is not None else ""
+        if vehicle.control.failsafe and (mode.startswith("AUTO.") or vehicle.system.rc(t_ns)):
+            return Reply(accepted=False, message=f"the autopilot acts by its failsafe, in {mode}", final=True), []
+        reply, messages = self.land(t_ns)
+        # a vehicle that is not heard may hear: sent on for as long as the node stays
+        return reply._replace(final=reply.final and self.landing.progress is not Progress.SENT), messages
+
+    # --- checks ---------------------------------------------------------------------------------------------------
+
+    def check(self, t_ns: int, ground: Optional[Landed]) -> Tuple[Tuple[Check, ...], List[Message]]:
+        """Return the rows of the pre-flight table; have the autopilot look again when it is not ready."""
+        messages: List[Message] = []
+        beat = self.vehicle.beat
+        if t_ns >= self._prearm_due_ns and beat is not None and not beat.armed and not self._ready(t_ns):
+            self._prearm_due_ns = t_ns + _ASK_PREARM_NS
+            messages.append(command_long(*self._address(), mavlink.MAV_CMD_RUN_PREARM_CHECKS))
+        return self.rows(t_ns, ground), messages
+
+    def rows(self, t_ns: int, ground: Optional[Landed]) -> Tuple[Check, ...]:
+        """Return the rows of the pre-flight table."""
+        states, strangers = self._parameters.states, self._strangers()
+        return preflight_rows(Preflight(t_ns, self.vehicle, self.settings, states, ground, strangers))
+
+    def check_battery(self, t_ns: int, required_fraction: Optional[float]) -> BatteryVerdict:
+        """Return whether the battery is enough for the next mission."""
+        monitor, reading = BatteryMonitor(self._battery), self.vehicle.battery.reading(t_ns)
+        if reading is not None:
+            monitor.add(reading.t_ns, reading.fraction, reading.voltage_v)
+        verdict = monitor.check(t_ns, required_fraction)
+        rows = (*verdict.checks, battery_state_row(Preflight(t_ns, self.vehicle, self.settings)))
+        return verdict._replace(ok=all(row.passed for row in rows), checks=rows)
+
+    # --- inside ---------------------------------------------------------------------------------------------------
+
+    def _ready(self, t_ns: int) -> bool:
+        return bool(self.vehicle.system.prearm(t_ns))
+
+    def _no_landing(self, t_ns: int) -> Optional[Reply]:
+        vehicle = self.vehicle
+        if vehicle.beat is None:
+            return Reply(accepted=False, message="no link to the vehicle", final=True)
+        if vehicle.control.pilot:
+            return Reply(accepted=False, message=f"the pilot has control, in {vehicle.beat.mode}", final=True)
+        if not vehicle.beat.armed and vehicle.landed(t_ns) is VehicleLanded.ON_GROUND and vehicle.connected(t_ns):
+            return Reply(accepted=True, message="the vehicle is on the ground and disarmed", final=True)
+        return None
+
+    def _land_message(self) -> Optional[Message]:
+        if self.vehicle.control.pilot or self.vehicle.beat is None:
+            return None
+        number = mode_number(self.vehicle.beat.autopilot, LAND)
+        return None if number is None else set_mode(*self._address(), *number)
+
+    def _landing_seen(self) -> bool:
+        beat = self.vehicle.beat
+        if beat is None or not self.vehicle.connected(self._t_ns):
+            return False
+        return beat.mode in _LANDING or not beat.armed
+
+    def _disarm_message(self) -> Optional[Message]:
+        age_ns = self.vehicle.landed_age_ns(self._t_ns)
+        fresh = age_ns <= GROUND_NS and self._t_ns - age_ns >= self._awake_ns
+        if not fresh or self.vehicle.landed(self._t_ns) is not VehicleLanded.ON_GROUND:
+            return None
+        return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+
+    def _disarm_seen(self) -> bool:
+        beat = self.vehicle.beat
+        return beat is not None and not beat.armed
+
+    def _acknowledged(self, message: Message) -> None:
+        command = {
+            mavlink.MAV_CMD_DO_SET_MODE: self.landing,
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self.disarming,
+        }.get(message.command)
+        if command is not None:
+            command.acknowledged(int(message.result))
+
+    def _began_again(self, after_break: bool) -> None:  # noqa: FBT001
+        if after_break or self.vehicle.restarts != self._restarts:
+            self._restarts = self.vehicle.restarts
+            self._rates.forget()
+            self._parameters.forget()
+
+    def _ask_beat(self, t_ns: int) -> List[Message]:
+        """Ask for a heartbeat that was lost, or that must say whether a failsafe chose the mode that is new."""
+        beat = self.vehicle.beat
+        if beat is None or t_ns < self._beat_due_ns or self.settings.backend != "mavlink":
+            return []
+        if not self.vehicle.mode_changed and t_ns - beat.t_ns <= _BEAT_LATE_NS:
+            return []
+        self._beat_due_ns = t_ns + _ASK_BEAT_NS
+        return [command_long(*self._address(), mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)]
+
+    def _is_px4(self) -> bool:
+        beat = self.vehicle.beat
+        return beat is None or beat.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+    def _tell_texts(self) -> None:
+        said: Sequence[Tuple[int, str]] = [(text.severity, text.text) for text in self.vehicle.texts.new]
+        self.vehicle.texts.new.clear()
+        for severity, text in said:
+            self.on_text(severity, text)
+
+
+def _reply(command: Confirmed, done: str, doing: str) -> Reply:
+    if command.progress is Progress.CONFIRMED:
+        return Reply(accepted=True, message=done, final=True)
+    if command.progress is Progress.SENT:
+        said = f"; the autopilot answered: {command.answer}" if command.answer else ""
+        return Reply(accepted=True, message=f"{doing}: commanded, not shown yet{said}", final=False)
+    said = command.answer or "no answer"
+    return Reply(accepted=False, message=f"{doing}: the vehicle did not show it in time ({said})", final=True)
+
+
+# --- commands ---------------------------------------------------------------------------------------------------------
+# Land and disarm: sent, sent again, and confirmed by what the heartbeats show, never by an acknowledgement.
+#
+# PX4 answers one DO_SET_MODE with two acknowledgements (ACCEPTED, then TEMPORARILY_REJECTED) and some commands with
+# none. So they only lend their words to the reason when the state does not change in time.
+
+
+_RESULTS: Dict[int, str] = {
+    mavlink.MAV_RESULT_ACCEPTED: "accepted",
+    mavlink.MAV_RESULT_TEMPORARILY_REJECTED: "temporarily rejected",
+    mavlink.MAV_RESULT_DENIED: "denied",
+    mavlink.MAV_RESULT_UNSUPPORTED: "not supported",
+    mavlink.MAV_RESULT_FAILED: "failed",
+    mavlink.MAV_RESULT_IN_PROGRESS: "in progress",
+}
+
+
+class Progress(enum.Enum):
+    """How far a command is."""
+
+    IDLE = "idle"
+    SENT = "sent"
+    CONFIRMED = "confirmed"
+    GIVEN_UP = "given up"
+
+
+class CommandLimits(NamedTuple):
+    """Time between two sendings, and the time after which it is given up."""
+
+    repeat_ns: int
+    limit_ns: int
+
+
+def command_long(system: int, component: int, command: int, *parameters: float) -> Message:
+    """Return a COMMAND_LONG; parameters that are not given are 0."""
+    given = [*parameters, *[0.0] * (7 - len(parameters))]
+    return mavlink.MAVLink_command_long_message(system, component, command, 0, *given)
+
+
+def set_mode(system: int, component: int, main: int, sub: int) -> Message:
+    """Return the command for a flight mode."""
+    custom = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    return command_long(system, component, mavlink.MAV_CMD_DO_SET_MODE, custom, main, sub)
+
+
+class Confirmed:
+    """One command until its effect is seen.
+
+    Args:
+        make: returns the message to send.
+        done: whether the vehicle shows it.
+        limits: see there.
+        stands: it is sent on after its limit, until it is done or stopped.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], Optional[Message]],
+        done: Callable[[], bool],
+        limits: CommandLimits,
+        *,
+        stands: bool = False,
+    ) -> None:
+        self._make, self._done, self._limits, self._stands = make, done, limits, stands
+        self.progress = Progress.IDLE
+        self.answer = ""
+        self._began_ns = self._due_ns = 0
+
+    def ask(self, t_ns: int) -> List[Message]:
+        """Begin, or go on when it is under way; return what to send now."""
+        if not self.sending:
+            self._due_ns, self.answer = t_ns, ""
+        self.progress = Progress.SENT
+        self._began_ns = t_ns
+        return self.wake(t_ns)
+
+    def stop(self) -> None:
+        """Send no more."""
+        self.progress = Progress.IDLE
+
+    @property
+    def sending(self) -> bool:
+        """True while it is sent."""
+        return self.progress is Progress.SENT or (self._stands and self.progress is Progress.GIVEN_UP)
+
+    def wake(self, t_ns: int) -> List[Message]:
+        """Look whether it is done; return what is due."""
+        if not self.sending:
+            return []
+        if self._done():
+            self.progress = Progress.CONFIRMED
+        elif t_ns - self._began_ns > self._limits.limit_ns:
+            self.progress = Progress.GIVEN_UP
+        if not self.sending or t_ns < self._due_ns:
+            return []
+        message = self._make()
+        if message is None:
+            return []
+        self._due_ns = t_ns + self._limits.repeat_ns
+        return [message]
+
+    def acknowledged(self, result: int) -> None:
+        """Keep the words of an acknowledgement; a refusal is kept over an acceptance."""
+        if self.progress is Progress.SENT and (result != mavlink.MAV_RESULT_ACCEPTED or not self.answer):
+            self.answer = _RESULTS.get(result, f"result {result}")

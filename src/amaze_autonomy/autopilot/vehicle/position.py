@@ -1,0 +1,108 @@
+"""Where the vehicle is above and beside its takeoff place, and whether that is so.
+
+Position messages stay fresh and come at full rate while the estimate is lost (it once ran 134 km away). Whether it is
+valid is in the flags of ESTIMATOR_STATUS (PX4) or EKF_STATUS_REPORT (ArduPilot) alone; without them nothing is valid.
+The takeoff place is where it stood when it was last on the ground; a link that begins in flight takes HOME_POSITION.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, sqrt
+from typing import Any, NamedTuple, Optional, Tuple
+
+from ..link.dialect import mavlink
+
+__all__ = ["Place", "Position"]
+
+Vector = Tuple[float, float, float]
+
+_VELOCITY_VERTICAL = mavlink.ESTIMATOR_VELOCITY_VERT
+_HORIZONTAL = mavlink.ESTIMATOR_POS_HORIZ_REL | mavlink.ESTIMATOR_POS_HORIZ_ABS
+_VELOCITY_HORIZONTAL = mavlink.ESTIMATOR_VELOCITY_HORIZ
+_VERTICAL = mavlink.ESTIMATOR_POS_VERT_ABS
+_ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED
+_FARTHEST_M = 1e6  # of what is believed to be a number at all
+
+
+class Place(NamedTuple):
+    """East, north and up of the takeoff place in m, m/s upwards and over ground; None is unknown."""
+
+    east_m: Optional[float] = None
+    north_m: Optional[float] = None
+    up_m: Optional[float] = None
+    climb_m_s: Optional[float] = None
+    ground_m_s: Optional[float] = None
+
+
+class Position:
+    """The local position, what its flags say, and the takeoff place.
+
+    Args:
+        age_limit_ns: older than this, position and flags say nothing.
+    """
+
+    def __init__(self, age_limit_ns: int) -> None:
+        self._age_limit_ns = age_limit_ns
+        self._local: Optional[Tuple[int, Vector, Vector]] = None
+        self._flags: Optional[Tuple[int, int]] = None
+        self._takeoff: Optional[Vector] = None
+        self._home: Optional[Vector] = None
+        self.home_ns: Optional[int] = None
+        self._bad = 0
+
+    def add_local(self, t_ns: int, message: Any, *, on_ground: bool) -> None:
+        """Take a LOCAL_POSITION_NED; on the ground, with a valid estimate, it is the takeoff place."""
+        where = (message.x, message.y, message.z)
+        if not all(isfinite(value) and abs(value) < _FARTHEST_M for value in where):
+            self._local = None
+            return
+        self._local = (t_ns, where, (message.vx, message.vy, message.vz))
+        if on_ground and self._has(t_ns, _VERTICAL):
+            self._takeoff = where
+
+    def add_px4_flags(self, t_ns: int, message: Any) -> None:
+        """Take an ESTIMATOR_STATUS; PX4 also sets CONST_POS_MODE at rest on the ground, where it says nothing."""
+        self._flags, self._bad = (t_ns, message.flags), 0
+
+    def add_ardupilot_flags(self, t_ns: int, message: Any) -> None:
+        """Take an EKF_STATUS_REPORT."""
+        self._flags, self._bad = (t_ns, message.flags), _ARDUPILOT_BAD
+
+    def add_home(self, t_ns: int, message: Any) -> None:
+        """Take a HOME_POSITION, which moves by half a metre after arming."""
+        self.home_ns = t_ns
+        where = (message.x, message.y, message.z)
+        if all(isfinite(value) and abs(value) < _FARTHEST_M for value in where):
+            self._home = where
+
+    def valid(self, t_ns: int) -> bool:
+        """Return whether the estimator stands by its horizontal position."""
+        return self._has(t_ns, _HORIZONTAL) and self._has(t_ns, _VELOCITY_HORIZONTAL)
+
+    def place(self, t_ns: int) -> Place:
+        """Return where the vehicle is, as far as the estimator stands by it."""
+        start = self._takeoff or self._home
+        if self._local is None or t_ns - self._local[0] > self._age_limit_ns:
+            return Place()
+        _, (north, east, down), (vx, vy, sinking) = self._local
+        climb = -sinking if self._has(t_ns, _VELOCITY_VERTICAL) and isfinite(sinking) else None
+        speed = sqrt(vx * vx + vy * vy) if self._has(t_ns, _VELOCITY_HORIZONTAL) else None
+        if start is None:
+            return Place(climb_m_s=climb, ground_m_s=speed)
+        up = start[2] - down if self._has(t_ns, _VERTICAL) else None
+        if not self.valid(t_ns):
+            return Place(up_m=up, climb_m_s=climb, ground_m_s=speed)
+        return Place(east - start[1], north - start[0], up, climb, speed)
+
+    def forget_takeoff(self) -> None:
+        """Forget the takeoff place: the autopilot has started again, and its origin with it."""
+        self._takeoff = self._home = self.home_ns = None
+
+    def _has(self, t_ns: int, bits: int) -> bool:
+        """Return whether any of these flags is set, freshly."""
+        if self._flags is None or t_ns - self._flags[0] > self._age_limit_ns:
+            return False
+        flags = self._flags[1]
+        if bits & (_HORIZONTAL | _VELOCITY_HORIZONTAL) and flags & self._bad:
+            return False
+        return bool(flags & bits)

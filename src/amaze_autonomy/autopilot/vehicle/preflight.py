@@ -1,0 +1,190 @@
+"""The rows that the autopilot adds to the pre-flight table; each is a function of what is known, listed in one table.
+
+What cannot be judged is UNKNOWN, which refuses the takeoff. A need that the configuration switches off is a warning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, Optional, Sequence, Tuple
+
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.events import Landed, VehicleLanded
+
+from ..link.dialect import mavlink
+from .battery import LOW, STATE_NAMES
+from .parameters import ParameterState
+from .vehicle import VehicleState
+
+__all__ = ["Preflight", "battery_state_row", "preflight_rows"]
+
+_S = 1_000_000_000
+_COMPLAINTS_NS = 60 * _S
+_CHARGING = 7
+_LONGEST_ADVICE = 300
+_OTHER_NAMES = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """What the rows look at.
+
+    Args:
+        t_ns: now.
+        vehicle: its state.
+        settings: limits and needs.
+        parameters: that are compared.
+        ground: what the landing detection says; None: it is silent.
+        strangers: where others speak from that say our vehicle's system id.
+    """
+
+    t_ns: int
+    vehicle: VehicleState
+    settings: AutopilotSettings
+    parameters: Sequence[ParameterState] = ()
+    ground: Optional[Landed] = None
+    strangers: Sequence[str] = ()
+
+    @property
+    def age_s(self) -> Optional[float]:
+        """Age of the heartbeat."""
+        age_ns = self.vehicle.link_age_ns(self.t_ns)
+        return None if age_ns is None else age_ns / _S
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a link."""
+        return self.vehicle.connected(self.t_ns)
+
+
+def preflight_rows(known: Preflight) -> Tuple[Check, ...]:
+    """Return every row."""
+    return tuple(row(known) for row in _ROWS)
+
+
+def _is_ardupilot(known: Preflight) -> bool:
+    beat = known.vehicle.beat
+    return beat is not None and beat.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+
+def _link(known: Preflight) -> Check:
+    limit = known.settings.limits.link_age_limit_ns / _S
+    verdict = Verdict.PASS if known.connected else Verdict.FAIL
+    advice = "" if known.connected else "the autopilot is not heard: check cable, port and baud rate"
+    return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice, heals=not known.connected)
+
+
+def _one_vehicle(known: Preflight) -> Check:
+    where = ", ".join(known.strangers)
+    advice = f"another one with its system id speaks from {where}: switch it off, or give it another MAV_SYS_ID or port"
+    return _row(known, "one vehicle", advice, good=not known.strangers)
+
+
+def _row(
+    known: Preflight, name: str, advice: str, *, good: Optional[bool], needed: bool = True, heals: bool = False
+) -> Check:
+    """Return a row of a yes or no; without a link it is unknown, and what is not heard yet may come by itself."""
+    if not known.connected:
+        return Check(name, Verdict.UNKNOWN, age_s=known.age_s, advice="check the link to the autopilot", heals=True)
+    bad = (Verdict.UNKNOWN if good is None else Verdict.FAIL) if needed else Verdict.WARN
+    verdict = Verdict.PASS if good else bad
+    comes = not good and (good is None or heals)
+    return Check(name, verdict, age_s=known.age_s, advice="" if good else advice[:_LONGEST_ADVICE], heals=comes)
+
+
+def _not_armed(known: Preflight) -> Check:
+    beat = known.vehicle.beat
+    return _row(known, "not armed", "disarm the vehicle", good=None if beat is None else not beat.armed)
+
+
+def _prearm(known: Preflight) -> Check:
+    """Ask the verdict; ArduPilot gives that of the present mode, and refuses in GUIDED when it has no position."""
+    vehicle = known.vehicle
+    good = vehicle.system.prearm(known.t_ns)
+    if good and _is_ardupilot(known):
+        good = vehicle.position.valid(known.t_ns)
+    texts = vehicle.texts.complaints(known.t_ns, _COMPLAINTS_NS)
+    waits = not vehicle.position.valid(known.t_ns) or vehicle.position.home_ns is None  # of its estimator and GPS
+    return _row(known, "pre-arm check", _said(texts, known), good=good, heals=waits)
+
+
+def _said(texts: Sequence[str], known: Preflight) -> str:
+    if texts:
+        return "the autopilot says: " + "; ".join(texts)
+    if not known.vehicle.position.valid(known.t_ns):
+        return "the autopilot has no valid position: wait for its estimator"
+    return "the autopilot names no reason (on a link without a ground station it withholds them): see there"
+
+
+def _landed(known: Preflight) -> Check:
+    name, landed = "landed state", known.vehicle.landed(known.t_ns)
+    if landed is VehicleLanded.UNKNOWN:
+        return _row(known, name, "the autopilot does not say whether it is on the ground", good=None)
+    if landed is not VehicleLanded.ON_GROUND:
+        return _row(known, name, f"the autopilot says {landed.name}: put it on the ground", good=False)
+    if known.ground is Landed.AIRBORNE:
+        advice = "the autopilot says ON_GROUND, the range finder that it is in the air: check its mounting height"
+        return _row(known, name, advice, good=False)
+    unsure = known.ground is not Landed.ON_GROUND
+    return _row(known, name, "the range finder cannot confirm it", good=not unsure, needed=not unsure)
+
+
+def _rc(known: Preflight) -> Check:
+    heard = known.vehicle.system.rc(known.t_ns)
+    return _row(known, "RC receiver", "switch on the transmitter", good=heard, needed=known.settings.needs.rc)
+
+
+def _kill(known: Preflight) -> Check:
+    return _row(known, "kill switch", "release the kill switch", good=not known.vehicle.control.killed)
+
+
+def _home(known: Preflight) -> Check:
+    known_home = known.vehicle.position.home_ns is not None
+    needed, advice = known.settings.needs.home, "wait for the home position"
+    return _row(known, "home position", advice, good=known_home, needed=needed, heals=True)
+
+
+def _parameters(known: Preflight) -> Check:
+    states = known.parameters
+    wrong = [f"{one.name} is {one.value:g}, should be {one.expected:g}" for one in states if one.agrees is False]
+    unread = [one.name for one in states if one.agrees is None]
+    words = wrong + ([f"not read: {', '.join(unread)}"] if unread else [])
+    if unread and len(unread) == len(states) and _is_ardupilot(known):
+        words = [_OTHER_NAMES]
+    return _row(known, "parameters", "; ".join(words), good=not words, needed=False)
+
+
+def _clocks(known: Preflight) -> Check:
+    name, limit_ns = "time of day", known.settings.needs.clock_difference_limit_ns
+    offset_ns = known.vehicle.offset.utc_offset_ns
+    if offset_ns is None:
+        return _row(known, name, "the autopilot knows no time of day (no GPS)", good=False, needed=False)
+    advice = (
+        "the autopilot's clock (GPS time; a simulator's may lag) and this computer's differ: set the one that is wrong"
+    )
+    row = _row(known, name, advice, good=abs(offset_ns) <= limit_ns, needed=False)
+    return Check(name, row.verdict, offset_ns / _S, limit_ns / _S, "s", row.age_s, row.advice)
+
+
+_ROWS: Tuple[Callable[[Preflight], Check], ...] = (
+    _link,
+    _one_vehicle,
+    _not_armed,
+    _prearm,
+    _landed,
+    _rc,
+    _kill,
+    _home,
+    _parameters,
+    _clocks,
+)
+
+
+def battery_state_row(known: Preflight) -> Check:
+    """Return the row of the charge state: the autopilot's own judgement, which knows the voltage."""
+    reading = known.vehicle.battery.reading(known.t_ns)
+    state = 0 if reading is None else reading.charge_state
+    good = not LOW <= state < _CHARGING
+    said = STATE_NAMES.get(state, str(state))
+    return _row(known, "battery state", f"the autopilot says {said}: change or charge the battery", good=good)

@@ -1,0 +1,413 @@
+"""What the vehicle says of itself: messages in, state out. Pure: time comes with each message, nothing is sent.
+
+One table says which message goes where; `WANTED` are its names. What is older than its limit is unknown.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import inf
+from typing import Any, Callable, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
+
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
+
+from ..link.dialect import Message, mavlink
+from .battery import Battery
+from .control import Control, Heartbeat
+from .modes import mode_name
+from .position import Position
+from .texts import Texts
+
+__all__ = ["SENSORS", "WANTED", "ClockOffset", "Gps", "GpsLimits", "Sync", "SystemStatus", "VehicleState", "gps_health"]
+
+_S = 1_000_000_000
+_LANDED: Mapping[int, VehicleLanded] = {
+    mavlink.MAV_LANDED_STATE_ON_GROUND: VehicleLanded.ON_GROUND,
+    mavlink.MAV_LANDED_STATE_IN_AIR: VehicleLanded.IN_AIR,
+    mavlink.MAV_LANDED_STATE_TAKEOFF: VehicleLanded.TAKING_OFF,
+    mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
+}
+_RESTART_MS = 1000
+
+
+class VehicleState:
+    """The state of one vehicle.
+
+    Args:
+        settings: limits and caps.
+        cells: of its battery in series; 0: unknown.
+    """
+
+    def __init__(self, settings: AutopilotSettings, cells: int = 0) -> None:
+        self._settings = settings
+        self.control, self.texts, self.offset = Control(), Texts(), ClockOffset()
+        self.battery = Battery(_caps(settings), cells)
+        self.system = SystemStatus(settings.limits.system_age_limit_ns)
+        self.gps = Gps(GpsLimits(settings.gps.min_fix_type, settings.gps.age_limit_ns, settings.gps.frozen_limit_ns))
+        self.position = Position(settings.limits.state_age_limit_ns)
+        self.restarts = 0
+        self.mode_changed = False
+        self._heard_ns: Optional[int] = None
+        self._landed: Optional[Tuple[int, int]] = None
+        self._boot_ms: Optional[int] = None
+        self._takers: Dict[str, Callable[[int, Any], None]] = {
+            "HEARTBEAT": self._heartbeat,
+            "CURRENT_MODE": self._mode,
+            "EXTENDED_SYS_STATE": self._extended,
+            "SYS_STATUS": self._system,
+            "BATTERY_STATUS": self.battery.add_pack,
+            "GPS_RAW_INT": self._gps,
+            "LOCAL_POSITION_NED": self._local,
+            "ESTIMATOR_STATUS": self.position.add_px4_flags,
+            "EKF_STATUS_REPORT": self.position.add_ardupilot_flags,
+            "HOME_POSITION": self.position.add_home,
+            "STATUSTEXT": self.texts.add,
+            "EVENT": self._event,
+            "TIMESYNC": self.offset.add,
+        }
+
+    def receive(self, t_ns: int, message: Message) -> None:
+        """Take a message; of others than `WANTED` only that they came is noted."""
+        self._heard_ns = t_ns
+        taker = self._takers.get(message.get_type())
+        if taker is not None:
+            taker(t_ns, message)
+
+    # --- what it is -----------------------------------------------------------------------------------------------
+
+    @property
+    def beat(self) -> Optional[Heartbeat]:
+        """The last heartbeat."""
+        return self.control.beat
+
+    def link_age_ns(self, t_ns: int) -> Optional[int]:
+        """Return the time since anything came from the vehicle; None: no heartbeat ever came."""
+        return None if self.beat is None or self._heard_ns is None else t_ns - self._heard_ns
+
+    def connected(self, t_ns: int) -> bool:
+        """Return whether the vehicle was heard lately."""
+        age_ns = self.link_age_ns(t_ns)
+        return age_ns is not None and age_ns <= self._settings.limits.link_age_limit_ns
+
+    def armed(self, t_ns: int) -> Optional[bool]:
+        """Return whether it is armed; None: no heartbeat has said so lately."""
+        return self.beat.armed if self.beat is not None and self._fresh(t_ns, self.beat.t_ns) else None
+
+    def mode(self, t_ns: int) -> str:
+        """Return the flight mode; empty: nothing has told it lately."""
+        return self.beat.mode if self.beat is not None and self._fresh(t_ns, self.control.mode_ns) else ""
+
+    def _fresh(self, t_ns: int, told_ns: int) -> bool:
+        return t_ns - told_ns <= self._settings.limits.mode_age_limit_ns
+
+    def landed(self, t_ns: int) -> VehicleLanded:
+        """Return the landed state; ArduPilot's heartbeat tells it where EXTENDED_SYS_STATE never came."""
+        if self._landed is not None:
+            told_ns, state = self._landed
+            fresh = t_ns - told_ns <= self._settings.limits.state_age_limit_ns
+            return _LANDED.get(state, VehicleLanded.UNKNOWN) if fresh else VehicleLanded.UNKNOWN
+        beat = self.beat
+        if beat is None or beat.autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA or self.armed(t_ns) is None:
+            return VehicleLanded.UNKNOWN
+        at_rest = not beat.armed and beat.status == mavlink.MAV_STATE_STANDBY
+        return VehicleLanded.ON_GROUND if at_rest else VehicleLanded.UNKNOWN
+
+    def landed_age_ns(self, t_ns: int) -> int:
+        """Return for how long the vehicle has not said whether it is on the ground."""
+        told_ns = self._landed[0] if self._landed is not None else self.beat.t_ns if self.beat is not None else 0
+        return t_ns - told_ns
+
+    def in_flight(self, t_ns: int) -> bool:
+        """Return whether the vehicle may be in flight: it was seen armed, and not freshly disarmed or on the ground."""
+        if self.beat is None:
+            return False
+        return self.beat.armed and self.landed(t_ns) is not VehicleLanded.ON_GROUND
+
+    def health(self, t_ns: int) -> Dict[str, Optional[bool]]:
+        """Return the health of each sensor for the watchdog; None: unknown."""
+        health = {name: self.system.healthy(t_ns, bits) for name, bits in SENSORS.items()}
+        health["gps"] = gps_health(system=health["gps"], problem=self.gps.problem(t_ns))
+        return health
+
+    def status(self, t_ns: int) -> AutopilotStatus:
+        """Return all of it as the engine takes it."""
+        battery, place = self.battery.reading(t_ns), self.position.place(t_ns)
+        return AutopilotStatus(
+            t_ns=t_ns,
+            armed=self.armed(t_ns),
+            landed=self.landed(t_ns),
+            mode=self.mode(t_ns),
+            pilot_in_control=self.control.pilot,
+            failsafe=self.control.failsafe,
+            link_age_s=_seconds(self.link_age_ns(t_ns)),
+            height_m=place.up_m,
+            position_x_m=place.east_m,
+            position_y_m=place.north_m,
+            vertical_speed_m_s=place.climb_m_s,
+            horizontal_speed_m_s=place.ground_m_s,
+            battery_fraction=None if battery is None else battery.fraction,
+            battery_voltage_v=None if battery is None else battery.voltage_v,
+            battery_age_s=None if battery is None else _seconds(t_ns - battery.t_ns),
+            battery_critical=self.battery.critical(t_ns),
+        )
+
+    # --- takers ---------------------------------------------------------------------------------------------------
+
+    def _heartbeat(self, t_ns: int, message: Any) -> None:
+        self.control.add(Heartbeat.of(t_ns, message))
+        self.mode_changed = False
+        self.texts.wake(t_ns)
+
+    def _event(self, t_ns: int, message: Any) -> None:
+        """Take why it does not arm; armed, the same events tell which modes are not to be had now."""
+        if not (self.beat and self.beat.armed):
+            self.texts.add_event(t_ns, message)
+
+    def _mode(self, t_ns: int, message: Any) -> None:
+        """Take a mode; why it has changed is in the next heartbeat, which is asked for.
+
+        Near the ground that is waited for: when PX4 disarms it goes back to the mode that the user intended, and armed
+        in that mode it would look like a takeover.
+        """
+        beat, number = self.beat, int(message.custom_mode)
+        waits = self.landed(t_ns) not in (VehicleLanded.IN_AIR, VehicleLanded.TAKING_OFF)
+        if waits and beat is not None and mode_name(beat.autopilot, number) != beat.mode:
+            self.mode_changed = True
+        else:
+            self.mode_changed = self.control.add_mode(t_ns, number) or self.mode_changed
+
+    def _gps(self, t_ns: int, message: Any) -> None:
+        at_rest = self.armed(t_ns) is False or self.landed(t_ns) is VehicleLanded.ON_GROUND
+        self.gps.add(t_ns, message, at_rest=at_rest)
+
+    def _extended(self, t_ns: int, message: Any) -> None:
+        self._landed = (t_ns, int(message.landed_state))
+
+    def _system(self, t_ns: int, message: Any) -> None:
+        self.system.add(t_ns, message)
+        self.battery.add_system(t_ns, message)
+
+    def _local(self, t_ns: int, message: Any) -> None:
+        if self._boot_ms is not None and message.time_boot_ms + _RESTART_MS < self._boot_ms:
+            self.restarts += 1
+            self.position.forget_takeoff()
+        self._boot_ms = message.time_boot_ms
+        self.position.add_local(t_ns, message, on_ground=self.landed(t_ns) is VehicleLanded.ON_GROUND)
+
+
+WANTED: Tuple[str, ...] = (
+    "HEARTBEAT",
+    "CURRENT_MODE",
+    "EXTENDED_SYS_STATE",
+    "SYS_STATUS",
+    "BATTERY_STATUS",
+    "GPS_RAW_INT",
+    "LOCAL_POSITION_NED",
+    "ESTIMATOR_STATUS",
+    "EKF_STATUS_REPORT",
+    "HOME_POSITION",
+    "STATUSTEXT",
+    "EVENT",
+    "TIMESYNC",
+)
+
+
+def _caps(settings: AutopilotSettings) -> Mapping[int, float]:
+    caps = settings.battery
+    return {
+        mavlink.MAV_BATTERY_CHARGE_STATE_LOW: caps.low_fraction,
+        mavlink.MAV_BATTERY_CHARGE_STATE_CRITICAL: caps.critical_fraction,
+        mavlink.MAV_BATTERY_CHARGE_STATE_EMERGENCY: caps.emergency_fraction,
+        mavlink.MAV_BATTERY_CHARGE_STATE_FAILED: 0.0,
+        mavlink.MAV_BATTERY_CHARGE_STATE_UNHEALTHY: caps.critical_fraction,
+    }
+
+
+def _seconds(ns: Optional[int]) -> Optional[float]:
+    return None if ns is None else round(ns / _S, 3)
+
+
+# --- sensors ----------------------------------------------------------------------------------------------------------
+# Health of the autopilot's sensors for the watchdog: from the bits of SYS_STATUS, and for GPS from GPS_RAW_INT.
+#
+# What was seen: PX4 takes the bit of a lost GPS away from `present` and `enabled` 7.8 s after the loss, ArduPilot
+# leaves it healthy; GPS_RAW_INT says it at once (fix), or by silence, or by values that stand still.
+
+
+GYRO = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+ACCEL = mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+GPS = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+RC = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+
+SENSORS: Mapping[str, Tuple[int, ...]] = {
+    "gps": (GPS,),
+    "imu": (GYRO, ACCEL),
+    "magnetometer": (mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG,),
+    "barometer": (mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,),
+}
+
+
+class SystemStatus:
+    """The bits of SYS_STATUS, and which were ever present.
+
+    Args:
+        age_limit_ns: older than this they say nothing.
+    """
+
+    def __init__(self, age_limit_ns: int) -> None:
+        self._age_limit_ns = age_limit_ns
+        self._t_ns: Optional[int] = None
+        self._present = self._enabled = self._health = self._ever = 0
+
+    def add(self, t_ns: int, message: Any) -> None:
+        """Take a SYS_STATUS."""
+        self._t_ns = t_ns
+        self._present = message.onboard_control_sensors_present
+        self._enabled = message.onboard_control_sensors_enabled
+        self._health = message.onboard_control_sensors_health
+        self._ever |= self._present
+
+    def fresh(self, t_ns: int) -> bool:
+        """Return whether the bits say anything."""
+        return self._t_ns is not None and t_ns - self._t_ns <= self._age_limit_ns
+
+    def healthy(self, t_ns: int, bits: Tuple[int, ...]) -> Optional[bool]:
+        """Return whether all of these work; a bit that has left `present` has failed, one that never was is unknown."""
+        if not self.fresh(t_ns):
+            return None
+        if not all(self._ever & bit for bit in bits):
+            return None
+        good = self._present & self._enabled & self._health
+        return all(good & bit for bit in bits)
+
+    def rc(self, t_ns: int) -> Optional[bool]:
+        """Return whether a transmitter is heard: without one PX4 has RC enabled and unhealthy, and never present."""
+        if not self.fresh(t_ns) or not (self._present | self._enabled) & RC:
+            return None
+        return bool(self._present & self._enabled & self._health & RC)
+
+    def prearm(self, t_ns: int) -> Optional[bool]:
+        """Return the verdict of the pre-arm checks; PX4 has their bit in `health` only."""
+        return bool(self._health & PREARM) if self.fresh(t_ns) else None
+
+    @property
+    def tells_prearm(self) -> bool:
+        """Whether the autopilot says that it has pre-arm checks (ArduPilot does, PX4 does not)."""
+        return bool(self._present & PREARM)
+
+
+class GpsLimits(NamedTuple):
+    """Limits of the GPS: least fix type (3: three-dimensional), longest silence, longest time with the same values."""
+
+    min_fix_type: int = 3
+    age_limit_ns: int = 2 * _S
+    frozen_limit_ns: int = 3 * _S
+
+
+class Gps:
+    """The GPS receiver as GPS_RAW_INT shows it.
+
+    Args:
+        limits: see there.
+    """
+
+    def __init__(self, limits: GpsLimits) -> None:
+        self._limits = limits
+        self._t_ns: Optional[int] = None
+        self._changed_ns = self._stepped_ns = 0
+        self._time_usec: Optional[int] = None
+        self._values: Tuple[int, ...] = ()
+        self.fix_type = 0
+
+    def add(self, t_ns: int, message: Any, *, at_rest: bool = False) -> None:
+        """Take a GPS_RAW_INT; a receiver at rest may say the same again and again, with new stamps."""
+        values = tuple(getattr(message, name) for name in ("lat", "lon", "alt", "eph", "epv", "vel", "cog"))
+        if self._t_ns is None or at_rest or values != self._values:
+            self._changed_ns = t_ns
+        if self._t_ns is None or message.time_usec != self._time_usec:
+            self._stepped_ns = t_ns
+        self._t_ns, self._values, self._time_usec = t_ns, values, message.time_usec
+        self.fix_type = int(message.fix_type)
+
+    def problem(self, t_ns: int) -> Optional[str]:
+        """Return what is wrong; empty: nothing; None: it was never heard."""
+        if self._t_ns is None:
+            return None
+        age_ns = t_ns - self._t_ns
+        if not age_ns <= self._limits.age_limit_ns:
+            return f"silent for {age_ns / _S:.1f} s"
+        if self.fix_type < self._limits.min_fix_type:
+            return f"fix type {self.fix_type}, needed {self._limits.min_fix_type}"
+        still_ns = self._t_ns - min(self._changed_ns, self._stepped_ns)
+        if still_ns > self._limits.frozen_limit_ns:
+            return f"frozen: the same values for {still_ns / _S:.1f} s"
+        return ""
+
+    def age_s(self, t_ns: int) -> float:
+        """Return the time since the last GPS_RAW_INT, infinite when there was none."""
+        return inf if self._t_ns is None else (t_ns - self._t_ns) / _S
+
+
+def gps_health(*, system: Optional[bool], problem: Optional[str]) -> Optional[bool]:
+    """Return the health of the GPS from its bit and from GPS_RAW_INT: bad when either says so."""
+    if problem or system is False:
+        return False
+    return True if problem == "" else system
+
+
+# --- offset -----------------------------------------------------------------------------------------------------------
+# How far the vehicle's clocks are from this computer's: since its start (TIMESYNC), and of the day (SYSTEM_TIME).
+#
+# We ask with our time, it answers with its own; of the last answers the one that came quickest is right within half
+# of the time it took. https://mavlink.io/en/services/timesync.html
+
+
+_ASK_NS = 1_000_000_000
+_LONGEST_NS = 500_000_000
+_KEPT = 16
+_YEAR_2020_US = 1_577_836_800_000_000
+
+
+class Sync(NamedTuple):
+    """The vehicle's clock minus ours, and how long the answer took; ns."""
+
+    offset_ns: int
+    round_trip_ns: int
+
+
+class ClockOffset:
+    """Asks and listens."""
+
+    def __init__(self) -> None:
+        self._asked: Optional[int] = None
+        self._due_ns = 0
+        self._answers: Deque[Sync] = deque(maxlen=_KEPT)
+        self.utc_offset_ns: Optional[int] = None
+
+    def wake(self, t_ns: int) -> Optional[Message]:
+        """Return a question when one is due."""
+        if t_ns < self._due_ns:
+            return None
+        self._due_ns, self._asked = t_ns + _ASK_NS, t_ns
+        return mavlink.MAVLink_timesync_message(0, t_ns)
+
+    def add(self, t_ns: int, message: Any) -> None:
+        """Take a TIMESYNC; the vehicle's own questions (tc1 of 0) and answers to others are not ours."""
+        if message.tc1 <= 0 or message.ts1 != self._asked:
+            return
+        self._asked = None
+        took_ns = t_ns - message.ts1
+        if 0 <= took_ns <= _LONGEST_NS:
+            self._answers.append(Sync(message.tc1 - message.ts1 - took_ns // 2, took_ns))
+
+    def add_system_time(self, unix_ns: int, message: Any) -> None:
+        """Take a SYSTEM_TIME; one before 2020 says that the vehicle has no time of day."""
+        known = message.time_unix_usec >= _YEAR_2020_US and unix_ns > 0
+        self.utc_offset_ns = message.time_unix_usec * 1000 - unix_ns if known else None
+
+    @property
+    def best(self) -> Optional[Sync]:
+        """The quickest of the last answers, None when there was none."""
+        return min(self._answers, key=lambda answer: answer.round_trip_ns) if self._answers else None
