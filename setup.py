@@ -33,7 +33,11 @@ setup(
     license="Apache-2.0",
     packages=find_packages("src"),
     package_dir={"": "src"},
-    package_data={"": ["py.typed"], "amaze_autonomy.replay": ["maps/*.yaml", "pages/page.*"]},
+    package_data={
+        "": ["py.typed"],
+        "amaze_autonomy.replay": ["maps/*.yaml"],
+        "amaze_autonomy.tester": ["pages/page.*"],
+    },
     data_files=data_files(),
     options={"build": {"build_base": SCRATCH}, "egg_info": {"egg_base": SCRATCH}},
 )

@@ -52,7 +52,7 @@ def test_a_mistake_of_ours_shows_where_it_is_and_asks_for_a_report(capsys):
     [
         ["amaze_autonomy.cli", "missions"],
         ["amaze_autonomy.cli", "simulate", "--list"],
-        ["amaze_autonomy.replay.cli", "maps"],
+        ["amaze_autonomy.tester.command", "maps"],
     ],
     ids=["amaze-autonomy", "simulate", "amaze-replay"],
 )

@@ -18,8 +18,8 @@ from .config import load_configuration
 from .config.reference import DOCUMENTS as CONFIGURATION
 from .engine.documents import DOCUMENTS as ENGINE
 from .engine.documents import decision_table
-from .replay.documents import DOCUMENTS as REPLAY
 from .simulation.documents import DOCUMENTS as SIMULATION
+from .tester.documents import DOCUMENTS as TESTER
 
 __all__ = ["DocumentError", "documents", "filled", "first_difference", "not_shown", "regenerated"]
 
@@ -41,7 +41,7 @@ def _shipped_decision_table() -> str:
 def documents() -> Mapping[str, Callable[[], str]]:
     """Return every part that can be generated, by the name of its marker."""
     parts: Dict[str, Callable[[], str]] = {"decision-table": _shipped_decision_table}
-    for registered in (ENGINE, CONFIGURATION, SIMULATION, REPLAY):
+    for registered in (ENGINE, CONFIGURATION, SIMULATION, TESTER):
         parts.update(registered)
     return parts
 

@@ -6,11 +6,10 @@ import random
 import sys
 from pathlib import Path
 
-from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
-
 from amaze_autonomy.autopilot.link.connection import heartbeat
 from amaze_autonomy.autopilot.link.peers import Identity, Peers
 from amaze_autonomy.autopilot.link.wire import Wire
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.monitoring.specs import BatterySpec
 

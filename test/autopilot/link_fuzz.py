@@ -15,13 +15,13 @@ import struct
 import tracemalloc
 from math import isfinite
 
-from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot import Connection
 from amaze_autonomy.autopilot.link.framing import LONGEST, crc16
 from amaze_autonomy.autopilot.link.peers import Identity, Peers
 from amaze_autonomy.autopilot.link.wire import Wire
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.checks import Verdict
 from amaze_autonomy.engine.events import Landed

@@ -6,11 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
-from amaze_autonomy.autopilot.vehicle.vehicle import WANTED, VehicleState
 
 from amaze_autonomy.autopilot.link.framing import read_tlog
 from amaze_autonomy.autopilot.link.peers import Identity, Peers
 from amaze_autonomy.autopilot.link.wire import decode
+from amaze_autonomy.autopilot.vehicle.vehicle import WANTED, VehicleState
 from amaze_autonomy.config import AutopilotSettings
 
 S = 1_000_000_000

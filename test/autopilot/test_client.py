@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from amaze_autonomy.autopilot.vehicle.client import Progress, Reply
 from client_bench import ClientBench
 from px4_tools import POSCTL, RTL, S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from amaze_autonomy.autopilot.vehicle.client import Progress, Reply
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.config.autopilot_schema import TakeoffNeeds
 from amaze_autonomy.engine.events import Landed

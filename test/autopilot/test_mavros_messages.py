@@ -4,15 +4,15 @@ from math import nan, pi
 from types import SimpleNamespace as Said
 
 import pytest
-from amaze_autonomy.autopilot.vehicle.battery import Battery
-from amaze_autonomy.autopilot.vehicle.client import command_long, set_mode
-from amaze_autonomy.autopilot.vehicle.control import Heartbeat
-from amaze_autonomy.autopilot.vehicle.vehicle import WANTED
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.messages import Converter, mode_problem, sources_of
 from amaze_autonomy.autopilot.mavros.requests import Lane, Publication, Request, publication_of, request_of
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES
+from amaze_autonomy.autopilot.vehicle.battery import Battery
+from amaze_autonomy.autopilot.vehicle.client import command_long, set_mode
+from amaze_autonomy.autopilot.vehicle.control import Heartbeat
+from amaze_autonomy.autopilot.vehicle.vehicle import WANTED
 
 SOURCES = sources_of({*WANTED, *PLANNER_MESSAGES})
 BY_TOPIC = {source.topic: source for source in SOURCES if source.makes != "ATTITUDE"}

@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import product
 
 import pytest
-from amaze_autonomy.autopilot.vehicle.modes import is_foreign
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.planner.mission_items import Dialect
 from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.planner.procedure import Means, Procedure, Progress, steps_of
+from amaze_autonomy.autopilot.vehicle.modes import is_foreign
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.missions import Controller, PlannerSpec
 

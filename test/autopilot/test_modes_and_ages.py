@@ -8,14 +8,14 @@ one, and sends EVENTs on every link; ArduPilot grants 5 Hz, beats at each change
 from __future__ import annotations
 
 import pytest
-from amaze_autonomy.autopilot.vehicle.texts import event_id
-from amaze_autonomy.autopilot.vehicle.vehicle import VehicleState
 from autopilot_tools import beat
 from client_bench import ClientBench
 from px4_tools import POSCTL, S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.link.dialect import current_mode_message, event_message
+from amaze_autonomy.autopilot.vehicle.texts import event_id
+from amaze_autonomy.autopilot.vehicle.vehicle import VehicleState
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot

@@ -6,6 +6,9 @@ import struct
 from math import nan
 
 import pytest
+from autopilot_tools import beat
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from amaze_autonomy.autopilot.vehicle.battery import Battery, BatteryReading
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient
 from amaze_autonomy.autopilot.vehicle.control import Control, Heartbeat
@@ -15,9 +18,6 @@ from amaze_autonomy.autopilot.vehicle.position import Place, Position
 from amaze_autonomy.autopilot.vehicle.rates import Rates
 from amaze_autonomy.autopilot.vehicle.texts import Text, Texts
 from amaze_autonomy.autopilot.vehicle.vehicle import ClockOffset, Gps, GpsLimits, Sync, SystemStatus, gps_health
-from autopilot_tools import beat
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.monitoring.specs import BatterySpec
 

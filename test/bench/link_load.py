@@ -16,10 +16,9 @@ import sys
 import time
 from pathlib import Path
 
-from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
-
 from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link.framing import read_tlog
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.monitoring.specs import BatterySpec
 

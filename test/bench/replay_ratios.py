@@ -37,7 +37,7 @@ ROUNDS = 5
 COMMAND = """
 import sys, time
 import rosbags.rosbag1, rosbags.typesys
-from amaze_autonomy.replay.cli import main
+from amaze_autonomy.tester.command import main
 
 began = time.process_time()
 status = main(sys.argv[1:])

@@ -33,7 +33,7 @@ def fastest(arguments: list) -> float:
     for _ in range(ROUNDS):
         began = time.perf_counter()
         subprocess.run(
-            [sys.executable, "-m", "amaze_autonomy.replay.cli", *arguments],
+            [sys.executable, "-m", "amaze_autonomy.tester.command", *arguments],
             env=environment,
             stdout=subprocess.DEVNULL,
             check=True,

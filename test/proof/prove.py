@@ -30,7 +30,7 @@ from proof_run import BOUND, LARGE, SEED, STEPS, Proof, expected_coverage, explo
 from proof_worlds import WORLDS  # noqa: E402
 
 from amaze_autonomy.replay.errors import GoldenError  # noqa: E402
-from amaze_autonomy.replay.golden import check_reason  # noqa: E402
+from amaze_autonomy.tester.golden import check_reason  # noqa: E402
 
 PAGE = HERE.parents[1] / "docs" / "safety.md"
 FOUND = HERE / "found"

@@ -12,7 +12,7 @@ from proof_journal import check_journal, write
 from proof_worlds import WORLDS
 
 from amaze_autonomy.laws import LAWS, BrokenLawError
-from amaze_autonomy.replay.cli import main
+from amaze_autonomy.tester.command import main
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.jsonl"))
 

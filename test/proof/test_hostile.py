@@ -24,8 +24,8 @@ from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.report import report
 from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
 from amaze_autonomy.laws import judge, observed
-from amaze_autonomy.replay.scenario.files import parse_cases
 from amaze_autonomy.simulation.scenario_file import parse_scenario
+from amaze_autonomy.tester.scenario.files import parse_cases
 
 ROOT = Path(__file__).parents[2]
 RULES = WORLDS["start"].rules

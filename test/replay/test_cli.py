@@ -9,8 +9,8 @@ import sys
 import pytest
 from replay_bags import ROOT, START_NS, break_chunk, flight_rows, number, write_bag, write_empty_bag
 
-from amaze_autonomy.replay import cli
-from amaze_autonomy.replay.cli import main
+from amaze_autonomy.tester import command
+from amaze_autonomy.tester.command import main
 
 
 def test_a_replay_prints_timeline_figures_checks_and_verdict(flight_bag, flight_map, capsys):
@@ -95,13 +95,13 @@ def test_an_error_of_the_program_itself_is_told_from_a_difference(flight_bag, fl
     def broken(*_):
         raise ZeroDivisionError("by the test")
 
-    monkeypatch.setattr(cli, "make_plan", broken)
+    monkeypatch.setattr(command, "make_plan", broken)
     assert main(["run", str(flight_bag), "--map", flight_map]) == 70
     assert "ZeroDivisionError: by the test" in capsys.readouterr().err
 
 
 def test_a_reader_that_has_enough_is_no_error(flight_bag, flight_map):
-    command = f'"{sys.executable}" -m amaze_autonomy.replay.cli run "{flight_bag}" --map "{flight_map}" | head -1; '
+    command = f'"{sys.executable}" -m amaze_autonomy.tester.command run "{flight_bag}" --map "{flight_map}" | head -1; '
     command += 'echo "${PIPESTATUS[0]}"'
     environment = {"PYTHONPATH": str(ROOT / "src"), "PATH": "/usr/bin:/bin"}
     done = subprocess.run(
@@ -124,7 +124,7 @@ def test_the_map_is_the_one_named_as_the_bag(tmp_path, capsys):
 
 
 def test_no_ros_is_needed():
-    code = "import sys; sys.modules['rospy'] = None; import amaze_autonomy.replay.cli as c; print(c.main(['maps']))"
+    code = "import sys; sys.modules['rospy'] = None; import amaze_autonomy.tester.command as c; print(c.main(['maps']))"
     done = subprocess.run(
         [sys.executable, "-c", code],
         env={"PYTHONPATH": str(ROOT / "src")},

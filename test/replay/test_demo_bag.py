@@ -8,9 +8,9 @@ from replay_demo import demo_bag, simulated
 from replay_runs import moves, replay, texts
 
 from amaze_autonomy.engine.journal import read
-from amaze_autonomy.replay.cli import main
 from amaze_autonomy.replay.compare import compare
 from amaze_autonomy.replay.timeline import LineKind
+from amaze_autonomy.tester.command import main
 
 
 @pytest.fixture(scope="module")

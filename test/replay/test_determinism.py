@@ -22,7 +22,17 @@ def digest(outcome):
 def replayed_by(python, bag, topic_map, out, seed="0"):
     """Replay in a process of its own; return the bytes of journal, timeline and result."""
     environment = {**os.environ, "PYTHONPATH": SRC, "PYTHONHASHSEED": seed}
-    command = [str(python), "-m", "amaze_autonomy.replay.cli", "run", str(bag), "--map", topic_map, "--out", str(out)]
+    command = [
+        str(python),
+        "-m",
+        "amaze_autonomy.tester.command",
+        "run",
+        str(bag),
+        "--map",
+        topic_map,
+        "--out",
+        str(out),
+    ]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return tuple((out / name).read_bytes() for name in ("journal.jsonl", "timeline.txt", "result.json"))

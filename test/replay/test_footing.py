@@ -13,9 +13,9 @@ from replay_bags import S
 from amaze_autonomy.engine.events import Landed
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.specs import LandingSpec
-from amaze_autonomy.replay.ground_feeds import RangeFeed
+from amaze_autonomy.replay.feeds import RangeFeed
+from amaze_autonomy.replay.topic_columns import Track
 from amaze_autonomy.replay.topic_map import Reading
-from amaze_autonomy.replay.tracks import Track
 
 SPEC = LandingSpec(mounting_height_m=0.1, scale=0.01, sentinels=(8191.0,))
 READING = Reading("/range", {"distance": "range"})

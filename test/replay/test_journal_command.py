@@ -10,11 +10,11 @@ from replay_runs import CONFIG, replay
 
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.journal import JournalError, read
-from amaze_autonomy.replay.cli import main
 from amaze_autonomy.replay.compare import compare
 from amaze_autonomy.replay.errors import JournalGapError, ReplayError
-from amaze_autonomy.replay.journal_source import read_journals
+from amaze_autonomy.replay.journals import read_journals
 from amaze_autonomy.replay.report import comparison_lines
+from amaze_autonomy.tester.command import main
 
 
 @pytest.fixture

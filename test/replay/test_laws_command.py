@@ -10,9 +10,9 @@ import pytest
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine.journal import JournalError
 from amaze_autonomy.laws import LAWS
-from amaze_autonomy.replay.cli import main
-from amaze_autonomy.replay.lawful import laws_of_lines
-from amaze_autonomy.replay.suite import Options, Task, Verdict, run_task
+from amaze_autonomy.replay.journal_laws import laws_of_lines
+from amaze_autonomy.tester import Options, Task, Verdict, run_task
+from amaze_autonomy.tester.command import main
 
 ROOT = Path(__file__).parents[2]
 FLIGHT = ROOT / "test" / "proof" / "found" / "land_is_the_first_command_out-1.jsonl"

@@ -13,10 +13,10 @@ from replay_bags import S
 
 from amaze_autonomy.monitoring.specs import EstimateSource, StateEstimationSpec
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor
-from amaze_autonomy.replay.looks import unsure_looks
-from amaze_autonomy.replay.state_feeds import EstimateFeed, ImuFeed
+from amaze_autonomy.replay.feeds import EstimateFeed, ImuFeed
+from amaze_autonomy.replay.state_estimation_columns import unsure_looks
+from amaze_autonomy.replay.topic_columns import Track
 from amaze_autonomy.replay.topic_map import Reading
-from amaze_autonomy.replay.tracks import Track
 
 SPEC = StateEstimationSpec(
     topic="/odometry", imu_topic="/imu", source=EstimateSource.ODOMETRY, imu_mounting_rpy_rad=(0.1, -0.2, 3.0)

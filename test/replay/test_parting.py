@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.replay.parting import Parting, part
+from amaze_autonomy.replay.session import Parting, part
 
 S = 1_000_000_000
 

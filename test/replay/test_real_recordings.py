@@ -12,9 +12,9 @@ from replay_runs import ROOT, moves, recording, replay, texts
 from amaze_autonomy.engine.checks import CheckName, Verdict
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.state import State
-from amaze_autonomy.replay.cli import main
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.replay.topic_map import load_map
+from amaze_autonomy.tester.command import main
 
 RECORDINGS = (
     "ardrone_indoor_flight",

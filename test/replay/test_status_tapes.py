@@ -10,10 +10,9 @@ from replay_runs import replay
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.severity import Code
-from amaze_autonomy.replay import status_tapes
+from amaze_autonomy.replay import statuses
 from amaze_autonomy.replay.sources import Recordings
-from amaze_autonomy.replay.status_tapes import taped_statuses
-from amaze_autonomy.replay.statuses import EVENT_OF
+from amaze_autonomy.replay.statuses import EVENT_OF, taped_statuses
 
 STATUSES = {
     "/mission_planner/status": "mission_planner",
@@ -59,7 +58,7 @@ def test_a_tape_that_is_damaged_is_made_anew(bag, folder):
 def test_another_code_is_another_tape(bag, folder, monkeypatch):
     taped(bag, "/watchdog/info", "watchdog_info")
     before = set(folder.glob("*/*.npz"))
-    monkeypatch.setattr(status_tapes, "_code", lambda: "another")
+    monkeypatch.setattr(statuses, "_code", lambda: "another")
     taped(bag, "/watchdog/info", "watchdog_info")
     assert len(set(folder.glob("*/*.npz")) - before) == 1
 

@@ -16,10 +16,9 @@ from amaze_autonomy.autopilot.link.framing import read_tlog
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.paths import config_folder
-from amaze_autonomy.replay.opening import recordings_of, topics_of
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.session import Session
-from amaze_autonomy.replay.sources import Recordings
+from amaze_autonomy.replay.sources import Recordings, recordings_of, topics_of
 from amaze_autonomy.replay.telemetry import Telemetry
 from amaze_autonomy.replay.topic_map import load_map
 

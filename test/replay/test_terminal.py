@@ -15,7 +15,7 @@ def at_a_terminal(arguments):
     """Run `amaze-replay` at a terminal of its own; return exit status and what it printed there."""
     main, other = pty.openpty()
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "TERM": "xterm-256color", "COLUMNS": "200"}
-    command = [sys.executable, "-m", "amaze_autonomy.replay.cli", *arguments]
+    command = [sys.executable, "-m", "amaze_autonomy.tester.command", *arguments]
     process = subprocess.Popen(command, env=environment, stdin=other, stdout=other, stderr=other)
     os.close(other)
     printed = b""
@@ -46,6 +46,6 @@ def test_a_terminal_shows_colours_progress_and_speed(tmp_path, flight_map):
 def test_plain_text_has_no_escape_sequences(tmp_path, flight_map):
     bag = write_bag(tmp_path / "x.bag", flight_rows(4.0))
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "FORCE_COLOR": "1"}
-    command = [sys.executable, "-m", "amaze_autonomy.replay.cli", "run", str(bag), "--map", flight_map]
+    command = [sys.executable, "-m", "amaze_autonomy.tester.command", "run", str(bag), "--map", flight_map]
     done = subprocess.run(command, env=environment, capture_output=True, timeout=60, check=True)
     assert b"\x1b" not in done.stdout + done.stderr

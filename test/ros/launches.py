@@ -28,7 +28,7 @@ from behaviours import Behaviours
 from hitches import allowed_s
 from stack import HERE, QUICK, Stack
 
-from amaze_autonomy.replay.cli import main as replay
+from amaze_autonomy.tester.command import main as replay
 
 AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
 #: what a machine that starts others meanwhile may take

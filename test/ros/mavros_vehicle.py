@@ -8,13 +8,13 @@ import threading
 import time
 
 import rospy
-from amaze_autonomy.autopilot.vehicle.modes import mode_name, px4_number
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from mavros_definitions import ESTIMATOR_FLAGS
 from pymavlink.dialects.v20 import common as mavlink
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
 
+from amaze_autonomy.autopilot.vehicle.modes import mode_name, px4_number
 from amaze_autonomy.missions import FlightModel
 from amaze_autonomy.simulation.power import Power, PowerSettings
 from amaze_autonomy.simulation.px4 import Craft, Framing, Px4

@@ -26,10 +26,10 @@ from stack import HERE
 from amaze_autonomy import msg
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.paths import config_folder
-from amaze_autonomy.replay.cli import main as replay
-from amaze_autonomy.replay.journal_source import read_journals
-from amaze_autonomy.replay.scenario import load_cases
-from amaze_autonomy.replay.suite.agree import agree, agreement_lines
+from amaze_autonomy.replay.journals import read_journals
+from amaze_autonomy.tester.agree import agree, agreement_lines
+from amaze_autonomy.tester.command import main as replay
+from amaze_autonomy.tester.scenario import load_cases
 
 SCENARIO = HERE.parent / "scenarios" / "demo_flight_anew.scenario.yaml"
 TOLERANCE_S = 0.3

@@ -28,8 +28,8 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.journal import decode
 from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.paths import config_folder
-from amaze_autonomy.replay.journal_source import read_journals
-from amaze_autonomy.replay.lawful import check_laws, law_lines
+from amaze_autonomy.replay.journal_laws import check_laws, law_lines
+from amaze_autonomy.replay.journals import read_journals
 
 HERE = Path(__file__).resolve().parent
 LIMIT_S = 40.0

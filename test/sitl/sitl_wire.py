@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
 
-from amaze_autonomy.autopilot.vehicle.modes import mode_name
 from sitl_station import CURRENT_MODE
 
 from amaze_autonomy.autopilot.link.dialect import mavlink, message_id
 from amaze_autonomy.autopilot.link.framing import V2, frame_at
 from amaze_autonomy.autopilot.link.wire import decode
+from amaze_autonomy.autopilot.vehicle.modes import mode_name
 
 _OURS = {191: "autopilot", 192: "planner"}
 _CURRENT_MODE = 436

@@ -19,15 +19,22 @@ from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from .agenda import Turns
 from .errors import FieldError, MisfitError
-from .fact_feeds import BatteryFeed, Fact, FactFeed
-from .feed import Feed
+from .feeds import (
+    BatteryFeed,
+    ComponentFeed,
+    EstimateFeed,
+    Fact,
+    FactFeed,
+    Feed,
+    HealthFeed,
+    ImuFeed,
+    RangeFeed,
+    TiltFeed,
+)
 from .fields import kind_of
-from .ground_feeds import RangeFeed, TiltFeed
-from .looks import unsure_looks
 from .plan import Plan
-from .state_feeds import EstimateFeed, ImuFeed
-from .tracks import Track
-from .watchdog_feeds import ComponentFeed, HealthFeed
+from .state_estimation_columns import unsure_looks
+from .topic_columns import Track
 
 __all__ = ["Light", "Monitors"]
 

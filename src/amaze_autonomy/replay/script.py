@@ -15,10 +15,21 @@ from amaze_autonomy.engine.events import (
     PlatformRecording,
     RecordingPhase,
     RecordingStatus,
+    UserCommand,
     VehicleLanded,
 )
+from amaze_autonomy.engine.state import EngineState, OutreachKind, State
 
-__all__ = ["Planner", "Recorder", "Vehicle"]
+from .topic_map import Script
+
+__all__ = ["Planner", "Recorder", "User", "Vehicle"]
+
+# --- script -----------------------------------------------------------------------------------------------------------
+# The scripted world of a replay: planner, recorder and vehicle, as far as no bag tells. Nothing ever fails here.
+#
+# It is open loop: the recorded vehicle does not do what the engine says. The script does what a working peer would do
+# at once, so that the engine goes on; what the recording tells takes the place of what the script would have said.
+
 
 _S = 1_000_000_000
 _ARM_NS, _LIFT_NS, _CLIMB_M_S = _S // 2, 1 * _S, 1.0
@@ -184,3 +195,48 @@ class Recorder:
     def _written(self, t_ns: int) -> int:
         end = t_ns if self._stopped_ns is None else self._stopped_ns
         return 0 if self._started_ns is None else max(0, end - self._started_ns) // 1000
+
+
+# --- user -------------------------------------------------------------------------------------------------------------
+# The scripted user of a replay: selects the mission, gives the go, retries, gives up, acknowledges.
+
+
+_THINKS_NS = 1_000_000_000
+
+
+class User:
+    """Answers what the engine asks a person for, each time it asks.
+
+    Args:
+        script: how often and after how long.
+    """
+
+    def __init__(self, script: Script) -> None:
+        self._script = script
+        self._retries = script.retries
+        self._asked: Tuple[State, int] = (State.MISSION_INPUT, -1)
+
+    def react(self, state: EngineState, *, require_go: bool) -> Optional[Tuple[int, UserCommand]]:
+        """Return what the user will ask and when; None: nothing new."""
+        asked = (state.state, state.entered_ns)
+        if asked == self._asked:
+            return None
+        self._asked = asked
+        if state.state is State.OUTREACH:
+            return self._outreach(state)
+        if state.state is State.PILOT:
+            return state.t_ns + self._script.retry_after_ns, UserCommand.ACKNOWLEDGE
+        if state.state is State.READY and require_go:
+            return state.t_ns + _THINKS_NS, UserCommand.GO
+        return None
+
+    def again(self, state: EngineState, command: UserCommand) -> Optional[int]:
+        """Return when the user asks the same again, because it was refused; None: never."""
+        waits = command is UserCommand.ACKNOWLEDGE and state.state is State.PILOT
+        return state.t_ns + self._script.retry_after_ns if waits else None
+
+    def _outreach(self, state: EngineState) -> Tuple[int, UserCommand]:
+        if state.outreach is OutreachKind.PREFLIGHT and self._retries > 0:
+            self._retries -= 1
+            return state.t_ns + self._script.retry_after_ns, UserCommand.RETRY
+        return state.t_ns + self._script.retry_after_ns, UserCommand.GIVE_UP

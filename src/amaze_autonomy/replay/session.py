@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from itertools import zip_longest
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from amaze_autonomy.bags.columns import WHOLE
@@ -37,17 +38,24 @@ from amaze_autonomy.engine.timers import next_deadline
 
 from .agenda import Agenda, Rank
 from .faults.story import Story
-from .log import FlightLog, read_log
+from .journals import FlightLog, read_log
 from .monitors import Light, Monitors
-from .parting import Parting, part
 from .plan import Plan
+from .script import User
 from .sources import Recordings, Sample
 from .statuses import FLAT
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
-from .user import User
 from .world import World
 
-__all__ = ["Outcome", "Session"]
+__all__ = ["Outcome", "Parting", "Session", "part"]
+
+# --- session ----------------------------------------------------------------------------------------------------------
+# One replay: the recording's samples, the script's answers and the engine's deadlines, in virtual time.
+#
+# Time is the recording's. Everything that happens is one of: a message of the recording, a task of the agenda (a
+# status that is due, an answer, the user), a deadline of the engine. They happen in the order (time, rank, position),
+# so that the journal of a recording is the same whenever and wherever it is made.
+
 
 _S = 1_000_000_000
 _STEP_NS = 1_000_000
@@ -372,3 +380,49 @@ class Session:
 
 def _level(level: Level) -> int:
     return {Level.INFO: 0, Level.WARNING: 1}.get(level, 2)
+
+
+# --- parting ----------------------------------------------------------------------------------------------------------
+# Where a replay parts from the flight it replays: the first decision that is not that of the flight.
+#
+# Compared are states, steps and rules in their order, not times and values. From there on the recorded vehicle did
+# what the flight's engine said, not what this one says.
+
+
+@dataclass(frozen=True)
+class Parting:
+    """The first decision that is not that of the flight.
+
+    Args:
+        number: of it, from 0.
+        flown: the flight's; None: it made none any more.
+        decided: the replay's; None: it made none any more.
+        t_ns: the earlier time of the two.
+    """
+
+    number: int
+    flown: Optional[Decision]
+    decided: Optional[Decision]
+    t_ns: int
+
+
+def part(flown: Tuple[Decision, ...], decided: Tuple[Decision, ...], until_ns: int) -> Optional[Parting]:
+    """Return where two flights part; None: they do not.
+
+    Args:
+        flown: decisions of the flight, in the bag's time.
+        decided: those of the replay.
+        until_ns: from then on a decision may be missing on either side: the recording's topics do not end at one
+            moment, and what the flight decided after its journal ends is not known.
+    """
+    for number, (one, other) in enumerate(zip_longest(flown, decided)):
+        t_ns: int = min(each.t_ns for each in (one, other) if each is not None)
+        if one is None or other is None:
+            return None if t_ns >= until_ns else Parting(number, one, other, t_ns)
+        if _step(one) != _step(other):
+            return Parting(number, one, other, t_ns)
+    return None
+
+
+def _step(decision: Decision) -> Tuple[str, str, str, str]:
+    return decision.before, decision.after, decision.step, decision.rule

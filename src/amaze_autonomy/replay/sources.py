@@ -14,18 +14,25 @@ from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, O
 
 import numpy as np
 
-from amaze_autonomy.bags import Entry, Recording
+from amaze_autonomy.bags import BagError, Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recording import Numbers
 from amaze_autonomy.engine.events import Event
 
 from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
-from .opening import recordings_of
-from .status_tapes import status_rows, taped_statuses
-from .statuses import sent_by
-from .tracks import Track
+from .statuses import sent_by, status_rows, taped_statuses
+from .topic_columns import Track
 
-__all__ = ["Damage", "Recordings", "Sample", "TopicFigures"]
+__all__ = ["MAVLINK_KIND", "Damage", "Recordings", "Sample", "TopicFigures", "recordings_of", "topics_of"]
+
+# --- sources ----------------------------------------------------------------------------------------------------------
+# The messages of all bags in one total order that is ours.
+#
+# The order is (time, rank of the topic in the map, bag, publisher, position in the file). Bags rank by their
+# beginning and then by name, not by their place on the command line. Nothing in it depends on the library, on the
+# numbers of the connections, on the compression or on the order of a hash table.
+
 
 _S = 1_000_000_000
 _JUMP_NS = 3600 * _S
@@ -337,3 +344,66 @@ def _figures(topic: str, times: Any) -> TopicFigures:
     longest = int(gaps.argmax())
     rate = (len(times) - 1) * _S / (int(times[-1]) - int(times[0]))
     return TopicFigures(topic, len(times), rate, int(gaps[longest]) / _S, int(times[longest]))
+
+
+# --- opening ----------------------------------------------------------------------------------------------------------
+# Files as recordings: bags, and MAVLink in a file of its own or inside a bag, whose code is loaded only for that.
+
+
+MAVLINK_KIND = "mavros_msgs/Mavlink"
+_LOG = ".tlog"
+
+
+def recordings_of(path: Path) -> List[Any]:
+    """Return a file as recordings: a telemetry log, or a bag and, where it carries MAVLink, that as another one.
+
+    Raises:
+        BagError: It cannot be read.
+    """
+    if path.suffix == _LOG:
+        from .telemetry import Telemetry  # noqa: PLC0415
+
+        return [Telemetry.of_log(path)]
+    bag = Recording(path)
+    topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
+    if not topics:
+        return [bag]
+    from .telemetry import Telemetry  # noqa: PLC0415
+
+    return [bag, Telemetry.of_bag(bag, topics)]
+
+
+def topics_of(paths: Iterable[Path]) -> Tuple[str, ...]:
+    """Return every topic of some files, each once.
+
+    Raises:
+        BagError: One cannot be read.
+    """
+    return tuple(dict.fromkeys(name for path in paths for name in _topics(path)))
+
+
+def _topics(path: Path) -> Iterable[str]:
+    if path.suffix == _LOG:
+        from .telemetry import topics_of_log  # noqa: PLC0415
+
+        return topics_of_log(path)
+    named = _named(path)
+    if named is not None:
+        return named
+    names: List[str] = []
+    for recording in recordings_of(path):
+        names += [topic.name for topic in recording.topics]
+        recording.close()
+    return names
+
+
+def _named(path: Path) -> Optional[List[str]]:
+    """Return the topics that a bag names, without a look at its messages; None when they must be looked at."""
+    try:
+        with Index(path) as index:
+            connections = list(index.connections.values())
+    except BagError:
+        return None
+    if any(connection.kind == MAVLINK_KIND for connection in connections):
+        return None
+    return sorted({connection.topic for connection in connections})

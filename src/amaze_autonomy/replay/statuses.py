@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import sys
 from enum import Enum
 from functools import lru_cache
 from math import isfinite, nan
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple, Type, TypeVar
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
 
+from amaze_autonomy.bags import Recording
+from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.engine import bundle, checks, codec, events, severity
+from amaze_autonomy.engine.bundle import bundled, unbundled
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
     ComponentStatus,
@@ -27,7 +34,11 @@ from amaze_autonomy.engine.severity import Code, Restart
 
 from .errors import InvalidStatusError
 
-__all__ = ["EVENT_OF", "FLAT", "Flat", "health_of", "sent_by"]
+__all__ = ["EVENT_OF", "FLAT", "Flat", "health_of", "sent_by", "status_rows", "taped_statuses"]
+
+# --- statuses ---------------------------------------------------------------------------------------------------------
+# Statuses of our own nodes that a recording carries, as events of the engine. Messages of msg/, fields as there.
+
 
 E = TypeVar("E", bound=Enum)
 _S = 1_000_000_000
@@ -233,3 +244,79 @@ def health_of(message: Any) -> Dict[str, Optional[bool]]:
     names = ("gps", "imu", "magnetometer", "barometer")
     values = {name: int(getattr(message, name)) for name in names}
     return {name: _HEALTH[value] if 0 <= value < len(_HEALTH) else None for name, value in values.items()}
+
+
+# --- status tapes -----------------------------------------------------------------------------------------------------
+# The recorded statuses of a bag as events, many at once: out of columns of their messages, and out of tapes.
+
+
+_KIND = "statuses"
+_CLASSES: Mapping[str, type] = {
+    "watchdog_action": WatchdogAction,
+    "watchdog_info": WatchdogInfo,
+    "mission_planner": MissionStatus,
+    "autopilot": AutopilotStatus,
+    "landing_detection": LandedStatus,
+    "data_recorder": RecordingStatus,
+}
+
+
+def taped_statuses(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
+    """Return all statuses of a topic in the order of its entries, each with the session that was recorded.
+
+    Returns:
+        None without tapes, and when a message is damaged or holds what cannot be: then each is asked by itself.
+    """
+    tapes = bag.tapes
+    if tapes is None or name not in _CLASSES:
+        return None
+    what = [topic, name, _code()]
+    found = _unbundled(_CLASSES[name], tapes.text(_KIND, what))
+    if found is not None and len(found) == len(bag.table(topic).t_ns):
+        return found
+    found = _read(bag, topic, name)
+    if found is not None:
+        tapes.keep_text(_KIND, what, bundled(found))
+    return found
+
+
+def status_rows(
+    name: str, times: Sequence[int], rows: Sequence[Optional[Tuple[Any, ...]]], callers: Sequence[str]
+) -> List[Optional[Event]]:
+    """Return statuses out of their messages, or the columns `FLAT`; None for what must be asked for by itself."""
+    make, names = EVENT_OF[name], [path.rpartition(".")[2] for path in FLAT.get(name, ())]
+    found: List[Optional[Event]] = []
+    for t_ns, row, caller in zip(times, rows, callers):
+        try:
+            whole = None if row is None else Flat(dict(zip(names, row))) if names else row[0]
+            found.append(None if whole is None else make(sent_by(whole, caller), t_ns))
+        except (InvalidStatusError, AttributeError, TypeError):  # of another type than the map says
+            found.append(None)
+    return found
+
+
+def _unbundled(kind: type, text: Optional[str]) -> Optional[List[Event]]:
+    try:
+        return None if text is None else unbundled(kind, text)
+    except ValueError:  # damaged: made anew
+        return None
+
+
+def _read(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
+    make = EVENT_OF[name]
+    try:
+        return [
+            make(sent_by(bag.message(entry), bag.caller(entry.connection)), entry.t_ns) for entry in bag.entries(topic)
+        ]
+    except (MessageError, InvalidStatusError, AttributeError, TypeError):
+        return None
+
+
+@lru_cache(maxsize=None)
+def _code() -> str:
+    """Return a digest of the code that makes the events: a tape of another version is another tape."""
+    digest = hashlib.sha256()
+    modules: Sequence[object] = (bundle, checks, codec, events, severity, sys.modules[__name__])
+    for module in modules:
+        digest.update(Path(str(getattr(module, "__file__", ""))).read_bytes())
+    return digest.hexdigest()

@@ -11,8 +11,17 @@ from .timeline import Line, LineKind, written
 
 if TYPE_CHECKING:
     from rich.text import Text
+import argparse
+import os
+from pathlib import Path
 
-__all__ = ["progress_bar", "show_lines", "show_timeline"]
+from amaze_autonomy.bags.tapes import VARIABLE
+
+__all__ = ["add_tapes", "progress_bar", "show_lines", "show_timeline", "use_tapes"]
+
+# --- terminal ---------------------------------------------------------------------------------------------------------
+# What a person at a terminal sees: colours and a progress bar there, plain text everywhere else.
+
 
 Report = Callable[[int, int], None]
 
@@ -69,3 +78,19 @@ def _styled(line: Line, start_ns: int) -> Text:
 def show_lines(lines: Sequence[str]) -> None:
     """Print lines as they are."""
     sys.stdout.write("".join(f"{line}\n" for line in lines))
+
+
+# --- tape option ------------------------------------------------------------------------------------------------------
+# The option that says where tapes are kept.
+
+
+def add_tapes(parser: argparse.ArgumentParser) -> None:
+    """Add where tapes are kept."""
+    words = f"keep what is taken out of bags, and take it from there the next time; default: ${VARIABLE}, else nowhere"
+    parser.add_argument("--tapes", type=Path, metavar="DIR", help=words)
+
+
+def use_tapes(options: argparse.Namespace) -> None:
+    """Tell this process, and those that it starts, where tapes are kept."""
+    if options.tapes is not None:
+        os.environ[VARIABLE] = str(options.tapes.resolve())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from dataclasses import dataclass
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import (
@@ -21,6 +22,7 @@ from amaze_autonomy.engine.events import (
     Event,
     Landed,
     LandedStatus,
+    MissionPhase,
     MissionStatus,
     Outcome,
     Reply,
@@ -28,27 +30,29 @@ from amaze_autonomy.engine.events import (
     WatchdogInfo,
     made,
 )
+from amaze_autonomy.engine.modes import LANDING_MODES
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 
 from .agenda import Agenda, Rank, Task, Turns
-from .answers import Answers
+from .answers import Answers, Follower
 from .errors import InvalidStatusError, MisfitError
-from .evidence import Evidence, Observed
 from .faults.story import Story
-from .feed import Feed
+from .feeds import Feed
 from .fields import kind_of
-from .follower import Follower
 from .monitors import Monitors
-from .notes import Notes, Say
-from .origins import Origins
 from .plan import Plan
 from .script import Planner, Recorder, Vehicle
 from .sources import Recordings
 from .statuses import EVENT_OF
-from .timeline import Source
+from .timeline import Notes, Say, Source
 
-__all__ = ["World"]
+__all__ = ["Evidence", "Observed", "Origins", "World"]
+
+# --- world ------------------------------------------------------------------------------------------------------------
+# The engine's peers in a replay: statuses at their periods, answers to commands, from the recording or the script.
+
 
 _S = 1_000_000_000
 _LATENCY_NS = 1_000_000
@@ -382,3 +386,163 @@ class World:
         }.get(check, ())
         topics: List[str] = [readings[name].topic for name in names if name in readings]
         return self._origins.of(tuple(topics), t_ns) if topics else self._origins.source(t_ns)
+
+
+# --- origins ----------------------------------------------------------------------------------------------------------
+# Where what is known at a time comes from: the recording, or the script that plays what has not begun yet.
+
+
+class Origins:
+    """When each topic begins to speak for itself.
+
+    Args:
+        plan: of the replay.
+        recordings: open.
+
+    Attributes:
+        script_until_ns: until then silent topics may be played.
+    """
+
+    def __init__(self, plan: Plan, recordings: Recordings) -> None:
+        self.script_until_ns = recordings.start_ns + plan.topic_map.script.sensors_until_ns
+        self._statuses = plan.topic_map.statuses
+        self._watched = plan.component_topics or recordings.topics
+        self._first_ns = _first_times(recordings)
+
+    def begins_ns(self, topic: str) -> int:
+        """Return until when a topic may be played."""
+        return min(self.script_until_ns, self._first_ns.get(topic, self.script_until_ns))
+
+    def source(self, t_ns: int) -> Source:
+        """Return where what is known of the components comes from at a time."""
+        return self.of(self._watched, t_ns)
+
+    def of(self, topics: Tuple[str, ...], t_ns: int) -> Source:
+        """Return where what some topics say comes from at a time."""
+        if t_ns >= self.script_until_ns:
+            return Source.BAG
+        begun = [topic for topic in topics if t_ns >= self._first_ns.get(topic, self.script_until_ns)]
+        if len(begun) == len(topics):
+            return Source.BAG
+        return Source.BAG | Source.SCRIPT if begun else Source.SCRIPT
+
+    def has(self, name: str, t_ns: int) -> bool:
+        """Return True when the recording tells a status, so that the script is silent; before it begins it may play."""
+        topic = self._statuses.get(name)
+        return topic is not None and t_ns >= self.begins_ns(topic)
+
+
+def _first_times(recordings: Recordings) -> Dict[str, int]:
+    first: Dict[str, int] = {}
+    for rank, topic in enumerate(recordings.topics):
+        times = recordings.times(rank)
+        if len(times):
+            first[topic] = int(times[0])
+    return first
+
+
+# --- evidence ---------------------------------------------------------------------------------------------------------
+# Did the recorded vehicle do what the engine says? After the first command that it did not get, all is
+# counterfactual.
+#
+# Only what the recording tells counts. Where it tells nothing of the vehicle, no command is known to have been got.
+
+
+_DESCENT_M = 0.5
+_LAND_LIMIT_NS = 5 * _S
+_LANDING_PHASES = (MissionPhase.LANDING, MissionPhase.LANDED)
+
+
+class Observed(NamedTuple):
+    """What the recording shows at a time; None: nothing."""
+
+    t_ns: int
+    landed: Optional[VehicleLanded] = None
+    height_m: Optional[float] = None
+    mode: Optional[str] = None
+    phase: Optional[MissionPhase] = None
+
+
+@dataclass
+class _Waiting:
+    t_ns: int
+    action: MissionAction
+    until_ns: int
+    height_m: Optional[float]
+
+
+class Evidence:
+    """Waits for the recorded vehicle to show each command.
+
+    Args:
+        limits: within which a command must show.
+
+    Attributes:
+        height_m: that the recording showed last; while nobody waits, it is all that counts of it.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._waiting: List[_Waiting] = []
+        self.height_m: Optional[float] = None
+        self.counterfactual_ns: Optional[int] = None
+        self.action: Optional[MissionAction] = None
+
+    @property
+    def waits(self) -> bool:
+        """True when what the recording shows may be what a command waits for."""
+        return bool(self._waiting)
+
+    def command(self, t_ns: int, action: MissionAction) -> None:
+        """Note a command of motion; LAND is repeated, the first one counts."""
+        if self.counterfactual_ns is None and all(each.action is not action for each in self._waiting):
+            self._waiting.append(_Waiting(t_ns, action, t_ns + self._limit_ns(action), self.height_m))
+
+    def observe(self, seen: Observed) -> None:
+        """Take what the recording shows now."""
+        self.height_m = seen.height_m
+        if not self._waiting:
+            return
+        self._waiting = [each for each in self._waiting if not self._shows(each, seen)]
+        for each in self._waiting:
+            if seen.t_ns >= each.until_ns:
+                self._miss(each)
+
+    def end(self) -> None:
+        """Take the end of the recording: what has not shown by now never did."""
+        for each in self._waiting:
+            self._miss(each)
+
+    def _miss(self, waiting: _Waiting) -> None:
+        if self.counterfactual_ns is None or waiting.t_ns < self.counterfactual_ns:
+            self.counterfactual_ns, self.action = waiting.t_ns, waiting.action
+
+    def _limit_ns(self, action: MissionAction) -> int:
+        limits = {
+            MissionAction.TAKEOFF: self._limits.takeoff_limit_ns,
+            MissionAction.HOLD: self._limits.hold_confirm_limit_ns,
+            MissionAction.RESUME: self._limits.resume_confirm_limit_ns,
+        }
+        return limits.get(action, _LAND_LIMIT_NS)
+
+    def _shows(self, waiting: _Waiting, seen: Observed) -> bool:
+        if waiting.action is MissionAction.TAKEOFF:
+            return self._flies(seen)
+        if waiting.action is MissionAction.HOLD:
+            return seen.phase is MissionPhase.HOLDING
+        if waiting.action is MissionAction.RESUME:
+            return seen.phase is MissionPhase.FLYING
+        return self._lands(waiting, seen)
+
+    def _flies(self, seen: Observed) -> bool:
+        if seen.landed is not None and seen.landed is not VehicleLanded.UNKNOWN:
+            return seen.landed is not VehicleLanded.ON_GROUND
+        return seen.height_m is not None and seen.height_m >= self._limits.takeoff_height_m
+
+    def _lands(self, waiting: _Waiting, seen: Observed) -> bool:
+        if seen.phase in _LANDING_PHASES or seen.mode in LANDING_MODES:
+            return True
+        if seen.landed in (VehicleLanded.ON_GROUND, VehicleLanded.LANDING):
+            return True
+        known = waiting.height_m is not None and seen.height_m is not None
+        return known and (waiting.height_m or 0.0) - (seen.height_m or 0.0) >= _DESCENT_M

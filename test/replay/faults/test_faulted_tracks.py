@@ -7,7 +7,7 @@ from replay_bags import START_NS, S, number, write_bag
 
 from amaze_autonomy.config.document import parse
 from amaze_autonomy.replay.faults import RECORDED_FAULT
-from amaze_autonomy.replay.faults.acting import Acting
+from amaze_autonomy.replay.faults.kinds import Acting
 from amaze_autonomy.replay.faults.stream import FaultedRecordings
 from amaze_autonomy.replay.sources import Recordings
 

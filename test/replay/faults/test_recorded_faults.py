@@ -13,8 +13,8 @@ from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.document import parse
 from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.replay.faults import RECORDED_FAULT, RECORDED_KINDS, TOPIC
-from amaze_autonomy.replay.faults.acting import Acting
-from amaze_autonomy.replay.faults.edits import VALUES as EDITS
+from amaze_autonomy.replay.faults.kinds import Acting
+from amaze_autonomy.replay.faults.stream import VALUES as EDITS
 from amaze_autonomy.replay.faults.stream import FaultedRecordings
 from amaze_autonomy.replay.sources import Sample
 from amaze_autonomy.simulation import Subject

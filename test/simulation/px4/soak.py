@@ -11,12 +11,11 @@ import random
 from collections import Counter
 from typing import Dict, List, NamedTuple, Tuple
 
-from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
-
 from amaze_autonomy.autopilot.link.connection import heartbeat
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded

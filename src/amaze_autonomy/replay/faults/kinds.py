@@ -6,17 +6,25 @@ says; of a `service`, of what the scripted peers answer; of none of them, of the
 
 from __future__ import annotations
 
-from typing import Dict, Mapping, Tuple
+from dataclasses import dataclass
+from typing import Dict, Mapping, Optional, Tuple
 
 from amaze_autonomy.config.components_schema import TOPIC_NAME
 from amaze_autonomy.config.kinds import Kind, Text
-from amaze_autonomy.simulation import KINDS, FaultKind, Subject
+from amaze_autonomy.simulation import KINDS, Fault, FaultKind, Subject
 from amaze_autonomy.simulation.scenario import Parameter
 from amaze_autonomy.simulation.scenario_file import SUBJECTS, FaultEntry
 
 from ..fields import FIELD_PATH
 
-__all__ = ["RECORDED_FAULT", "RECORDED_KINDS", "TOPIC"]
+__all__ = ["RECORDED_FAULT", "RECORDED_KINDS", "TOPIC", "Acting"]
+
+# --- kinds ------------------------------------------------------------------------------------------------------------
+# The table of faults on recorded data. What a recording shares with the simulated world has the same word there.
+#
+# A fault of a `component` is one of all its topics; of a `topic`, of that topic alone; of a `process`, of what a peer
+# says; of a `service`, of what the scripted peers answer; of none of them, of the recording as a whole.
+
 
 TOPIC = "topic"
 _FIELD = Parameter("field", None, "path of the field, e.g. linear_acceleration.z", pattern=FIELD_PATH)
@@ -148,3 +156,28 @@ _SUBJECTS: Mapping[str, Tuple[Kind, str]] = {
     TOPIC: (Text("the name of a topic", TOPIC_NAME), "which topic fails"),
 }
 RECORDED_FAULT = FaultEntry(RECORDED_KINDS, _SUBJECTS)
+
+
+# --- acting -----------------------------------------------------------------------------------------------------------
+# A fault of a scenario that is on a recording: with its time, and the topics that it is about.
+
+
+@dataclass(frozen=True)
+class Acting:
+    """A fault with its time.
+
+    Args:
+        fault: of the scenario.
+        begin_ns: when it begins.
+        end_ns: when it ends; None: at the end of the recording.
+        topics: that it is about.
+    """
+
+    fault: Fault
+    begin_ns: int
+    end_ns: Optional[int]
+    topics: Tuple[str, ...] = ()
+
+    def holds(self, t_ns: int) -> bool:
+        """Tell whether it acts at a time."""
+        return self.begin_ns <= t_ns and (self.end_ns is None or t_ns < self.end_ns)

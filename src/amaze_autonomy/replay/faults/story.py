@@ -25,7 +25,7 @@ from amaze_autonomy.simulation import Fault, Subject
 from amaze_autonomy.simulation.peer import reply
 from amaze_autonomy.simulation.switchboard import SPOILT, in_its_place
 
-from .acting import Acting
+from .kinds import Acting
 
 __all__ = ["Story"]
 

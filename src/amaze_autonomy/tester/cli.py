@@ -1,0 +1,303 @@
+"""The verbs of `amaze-replay` about scenarios: test and accept; the others are added here."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, List, Mapping, Sequence, Tuple
+
+from amaze_autonomy.whole_file import write_whole
+
+from ..replay.errors import ReplayError
+from ..replay.journals import read_journals
+from ..replay.terminal import show_lines
+from .accept import accept, lonely_goldens
+from .agree import agree, agreement_lines
+from .choice import (
+    add_choice,
+    add_configuration,
+    add_waivers,
+    check_options,
+    chosen,
+    finite,
+    is_full,
+    options_of,
+    waivers_of,
+)
+from .coverage import Coverage, coverage_lines, coverage_of
+from .mutation import hunts_of, mutation_lines, mutation_passed, run_hunts
+from .pages.page import write_page
+from .pages.sweep_page import write_sweep_page
+from .result import NOT_COMPARED, Result, as_json, as_junit, as_markdown, exit_status, result_lines, summary_line
+from .run import case_of, run_tasks
+from .scenario import Case, load_cases
+from .shrink import MOST_LINES, shrink
+from .sweep import sweep, sweep_lines, sweep_plain
+from .task import Options, Task
+from .whatif import other_options, what_if, what_if_lines, what_if_status
+
+__all__ = ["add_commands", "add_coverage_commands", "add_tools"]
+
+# --- cli --------------------------------------------------------------------------------------------------------------
+# The verbs of `amaze-replay` about scenarios: test and accept; the others are added here.
+
+
+_Parsers = Any
+_STARTED = '{"version": 1, "verdict": "ERROR", "headline": "the run has not ended"}\n'
+
+
+def add_commands(commands: _Parsers) -> None:
+    """Add the verbs to the command line."""
+    _add_test(commands)
+    _add_accept(commands)
+    add_coverage_commands(commands)
+    add_tools(commands)
+
+
+def _add_test(commands: _Parsers) -> None:
+    test = commands.add_parser("test", help="run scenarios and compare them with their goldens")
+    add_choice(test)
+    add_configuration(test)
+    test.add_argument("-j", "--jobs", type=int, default=1, metavar="N", help="processes; 0: one for each core")
+    test.add_argument("-v", "--verbose", action="store_true", help="print every expectation with its margin")
+    test.add_argument("--no-goldens", action="store_true", help="judge the expectations alone")
+    test.add_argument("--json", type=Path, metavar="FILE", help="write the results; ERROR until the run has ended")
+    test.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML")
+    test.add_argument("--markdown", type=Path, metavar="FILE", help="write a summary")
+    test.add_argument("--html", type=Path, metavar="FILE", help="write the report: one page, nothing else is needed")
+    add_waivers(test)
+    test.set_defaults(command=_test)
+
+
+def _test(options: argparse.Namespace) -> int:
+    began = time.perf_counter()
+    if options.json is not None:
+        write_whole(options.json, _STARTED)
+    waivers = waivers_of(options) if options.html is not None else {}
+    goldens = not (options.no_goldens or options.config or options.set)
+    tasks = chosen(options, options_of(options, goldens=goldens, story=options.html is not None))
+    check_options(options_of(options), tasks)
+    results = run_tasks(tasks, options.jobs or os.cpu_count() or 1, lambda each: _say(each, verbose=options.verbose))
+    if goldens and is_full(options):
+        lonely = lonely_goldens(tasks)
+        for each in lonely:
+            _say(each, verbose=False)
+        results += lonely
+    wall_s = time.perf_counter() - began
+    show_lines([summary_line(results, wall_s) + ("" if goldens or options.no_goldens else NOT_COMPARED)])
+    _write(options, results, waivers, wall_s)
+    return exit_status(result.verdict for result in results)
+
+
+def _say(result: Result, *, verbose: bool) -> None:
+    show_lines(result_lines(result, verbose=verbose))
+    sys.stdout.flush()
+
+
+def _write(options: argparse.Namespace, results: Sequence[Result], waivers: Mapping[str, str], wall_s: float) -> None:
+    if options.html is not None:
+        write_page(options.html, results, coverage_of(results, waivers), wall_s)
+    if options.junit is not None:
+        write_whole(options.junit, as_junit(results))
+    if options.markdown is not None:
+        write_whole(options.markdown, as_markdown(results, wall_s))
+    if options.json is not None:
+        write_whole(options.json, as_json(results))
+
+
+def _add_accept(commands: _Parsers) -> None:
+    parser = commands.add_parser("accept", help="make runs the goldens, with a reason; shows each difference")
+    add_choice(parser)
+    parser.add_argument("--reason", default="", help="why the decisions are right now, in a sentence")
+    parser.add_argument("--prune", action="store_true", help="delete goldens that belong to no scenario")
+    parser.set_defaults(command=_accept, config=None, set=[])
+
+
+def _accept(options: argparse.Namespace) -> int:
+    tasks = [replace(task, options=Options()) for task in chosen(options, Options())]
+    lines: List[str] = []
+    done = accept(tasks, options.reason, lambda line: show_lines([line]), prune=options.prune, full=is_full(options))
+    lines.append(
+        f"{len(done.new)} new, {len(done.changed)} replaced, {len(done.unchanged)} unchanged, "
+        f"{len(done.pruned)} deleted, {len(done.refused)} refused"
+    )
+    show_lines(lines)
+    return 1 if done.refused else 0
+
+
+# --- cli coverage -----------------------------------------------------------------------------------------------------
+# The verbs of `amaze-replay` about the quality of a suite: coverage and mutate.
+
+
+_JOBS = "processes; 0: one for each core"
+
+
+def add_coverage_commands(commands: Any) -> None:
+    """Add the verbs to the command line."""
+    coverage = commands.add_parser("coverage", help="which rows of the engine's tables fire in a suite; a gate")
+    _add(coverage)
+    coverage.add_argument("-v", "--verbose", action="store_true", help="print every row, where it fired, with values")
+    coverage.set_defaults(command=_coverage)
+    mutate = commands.add_parser("mutate", help="change each row of the tables: does a scenario notice?")
+    _add(mutate)
+    mutate.add_argument(
+        "--only", default="", metavar="TEXT", help="mutants whose name holds this, e.g. 'shifted limit'"
+    )
+    mutate.set_defaults(command=_mutate)
+
+
+def _add(parser: argparse.ArgumentParser) -> None:
+    add_choice(parser)
+    add_waivers(parser)
+    parser.add_argument("-j", "--jobs", type=int, default=1, metavar="N", help=_JOBS)
+
+
+def _covered(options: argparse.Namespace) -> Tuple[Tuple[Task, ...], Tuple[Result, ...], Coverage, Mapping[str, str]]:
+    waivers = waivers_of(options)
+    tasks = chosen(options, Options(goldens=False))
+    results = run_tasks(tasks, _jobs(options))
+    return tasks, results, coverage_of(results, waivers), waivers
+
+
+def _jobs(options: argparse.Namespace) -> int:
+    return int(options.jobs) or os.cpu_count() or 1
+
+
+def _coverage(options: argparse.Namespace) -> int:
+    _, _, coverage, _ = _covered(options)
+    show_lines(coverage_lines(coverage, verbose=options.verbose))
+    return 0 if coverage.passed else 1
+
+
+def _mutate(options: argparse.Namespace) -> int:
+    tasks, results, coverage, waivers = _covered(options)
+    hunts = hunts_of(tasks, results, coverage, options.only)
+
+    def tell(survival: Any) -> None:
+        if sys.stderr.isatty():
+            sys.stderr.write(f"{survival.mutant}: {survival.caught_by or 'SURVIVED'}\n")
+
+    survivals = run_hunts(hunts, _jobs(options), tell)
+    show_lines(mutation_lines(survivals, waivers))
+    return 0 if mutation_passed(survivals, waivers) else 1
+
+
+# --- cli tools --------------------------------------------------------------------------------------------------------
+# The verbs of `amaze-replay` that ask questions of scenarios and of runs: what-if, sweep, shrink, agree.
+
+
+_MOST_RUNS = 10_000
+
+
+def add_tools(commands: Any) -> None:
+    """Add the verbs to the command line."""
+    _add_what_if(commands)
+    _add_sweep(commands)
+    _add_shrink(commands)
+    _add_agree(commands)
+
+
+def _add_what_if(commands: Any) -> None:
+    parser = commands.add_parser("what-if", help="the same scenarios by two configurations: what would be different")
+    add_choice(parser)
+    add_configuration(parser)
+    words = "the other configuration: a folder, a YAML file with folder and set, or FILE.KEY=VALUE on top of the first"
+    parser.add_argument("--against", required=True, metavar="DIR|FILE|KEY=VALUE", help=words)
+    parser.add_argument("-j", "--jobs", type=int, default=1, metavar="N", help="processes; 0: one for each core")
+    parser.set_defaults(command=_what_if)
+
+
+def _what_if(options: argparse.Namespace) -> int:
+    run = options_of(options, goldens=False)
+    tasks = chosen(options, run)
+    for each in (run, other_options(run, options.against)):
+        check_options(each, tasks)
+    forks = what_if(tasks, options.against, options.jobs or os.cpu_count() or 1)
+    show_lines(what_if_lines(forks))
+    return what_if_status(forks)
+
+
+def _add_sweep(commands: Any) -> None:
+    parser = commands.add_parser("sweep", help="begin a fault at each time of a grid: what is commanded, by its time")
+    _add_file(parser)
+    parser.add_argument("--fault", type=int, default=1, metavar="N", help="number of the fault, from 1 (default: 1)")
+    parser.add_argument("--from", type=finite, default=0.0, dest="first_s", metavar="S", help="first time (default: 0)")
+    parser.add_argument("--to", type=finite, required=True, dest="last_s", metavar="S", help="last time")
+    parser.add_argument("--step", type=finite, default=1.0, metavar="S", help="of the grid (default: 1)")
+    words = "how closely boundaries are found (default: 0.05)"
+    parser.add_argument("--resolution", type=finite, default=0.05, metavar="S", help=words)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the map")
+    parser.add_argument(
+        "--html", type=Path, metavar="FILE", help="write the map as a picture: one page, no more needed"
+    )
+    parser.set_defaults(command=_sweep)
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    count = int((options.last_s - options.first_s) / options.step + 1e-9) if options.step > 0 else 0
+    if count > _MOST_RUNS:
+        raise ReplayError(f"a sweep of {count + 1} runs: must be at most {_MOST_RUNS}; take a larger --step")
+    times = [round(options.first_s + number * options.step, 6) for number in range(max(0, count) + 1)]
+    case = _case(options)
+    result = sweep(case, options.fault, times, options.resolution, _progress)
+    show_lines(sweep_lines(result))
+    if options.json is not None:
+        write_whole(options.json, json.dumps(sweep_plain(result), indent=1) + "\n")
+    if options.html is not None:
+        write_sweep_page(options.html, case.id, result)
+    return 0
+
+
+def _progress(t_s: float, outcome: str) -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write(f"{t_s:.3f} s: {outcome}\n")
+
+
+def _add_shrink(commands: Any) -> None:
+    parser = commands.add_parser("shrink", help="reduce a failing scenario to the few events of its first difference")
+    _add_file(parser)
+    parser.add_argument("--rule", default="", help="take the first decision by this rule instead; needs no golden")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the scenario; default: print it")
+    parser.set_defaults(command=_shrink)
+
+
+def _shrink(options: argparse.Namespace) -> int:
+    result = shrink(_case(options), options.rule)
+    lines: List[str] = result.text.splitlines()
+    if options.out is not None:
+        write_whole(options.out, result.text)
+    else:
+        show_lines(lines)
+    long = "" if len(lines) < MOST_LINES else f", more than {MOST_LINES}"
+    sys.stderr.write(f"{result.before} events became {len(result.events)}; {len(lines)} lines{long}\n")
+    return 0
+
+
+def _add_agree(commands: Any) -> None:
+    parser = commands.add_parser("agree", help="two journals, live and replayed: the same decisions at the same times?")
+    parser.add_argument("one", type=Path, metavar="FILE", help="journal of a run, or a bag with it")
+    parser.add_argument("other", type=Path, metavar="FILE", help="journal of the other one, on the same clock")
+    words = "how far apart the times of a decision may be (default: 0.3)"
+    parser.add_argument("--tolerance", type=finite, default=0.3, metavar="S", help=words)
+    parser.set_defaults(command=_agree)
+
+
+def _agree(options: argparse.Namespace) -> int:
+    one, other = (read_journals(path)[-1] for path in (options.one, options.other))
+    result = agree(one, other, options.tolerance)
+    show_lines(agreement_lines(result))
+    return 0 if result.agreed else 1
+
+
+def _add_file(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, metavar="FILE", help="scenario")
+    parser.add_argument("--variant", help="combination of its matrix; default: the first")
+
+
+def _case(options: argparse.Namespace) -> Case:
+    return load_cases(options.file)[0] if options.variant is None else case_of(Task(str(options.file), options.variant))

@@ -1,0 +1,217 @@
+"""`amaze-replay`: recorded bags and journals through the decision code, on any machine.
+
+Exit status: 0 replayed, no difference; 1 a journal is decided differently or breaks a law, or a scenario fails; 2 it
+cannot be replayed, one line says why; 3 replayed, but a part of the recording or of the journal is damaged, or a
+scenario is inconclusive; 70 an error in this program.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import sys
+import time
+from pathlib import Path
+from typing import List, Optional, Sequence
+
+from amaze_autonomy.bags import BagError
+from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.command_line import run_command
+from amaze_autonomy.config import ConfigError
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.journal import JournalError
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.whole_file import write_whole
+
+from ..replay.compare import Comparison, compare
+from ..replay.errors import ReplayError
+from ..replay.journal_laws import Lawful, check_laws, law_lines, laws_result
+from ..replay.journals import read_journals
+from ..replay.plan import Plan, make_plan
+from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text
+from ..replay.session import Outcome, Session
+from ..replay.sources import Recordings, topics_of
+from ..replay.terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
+from ..replay.topic_map import TopicMap, load_map, map_names
+
+__all__ = ["main"]
+
+_ALONE = (["run"], ["journal"], ["laws"], ["maps"])
+DONE, DIFFERENT, IMPOSSIBLE, PARTIAL = 0, 1, 2, 3
+_KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command line; return the exit status."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    options = _parser(scenarios=given[:1] not in _ALONE).parse_args(given)
+    return run_command("amaze-replay", lambda: int(options.command(options)), _KNOWN, wrong=IMPOSSIBLE)
+
+
+def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
+    """Return the command line; the verbs about scenarios are loaded only where one of them may be meant."""
+    parser = argparse.ArgumentParser(
+        prog="amaze-replay",
+        description="Replays recorded bags and journals through the decision code of the flight, without ROS.",
+        epilog="Exit status: 0 replayed, no difference; 1 a journal is decided differently or breaks a law, or a "
+        "scenario fails; 2 it cannot be replayed; 3 a part is damaged or a scenario is inconclusive; 70 an error in "
+        "this program.",
+    )
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    _add_run(commands)
+    _add_journal(commands)
+    _add_laws(commands)
+    if scenarios:
+        from .cli import add_commands  # noqa: PLC0415
+        from .corpus import add_corpus  # noqa: PLC0415
+
+        add_commands(commands)
+        add_corpus(commands)
+    maps = commands.add_parser("maps", help="list the topic maps that ship with the package")
+    maps.set_defaults(command=_maps)
+    return parser
+
+
+def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    run = commands.add_parser("run", help="replay the sensors of one or several bags of one flight")
+    run.add_argument(
+        "bags", nargs="+", type=Path, metavar="FILE", help="ROS 1 bag of version 2.0, or MAVLink log (.tlog)"
+    )
+    run.add_argument("--map", metavar="MAP", help="topic map: name or YAML file; default: the one named as the bag")
+    run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: its first")
+    run.add_argument("--mute", action="append", default=[], metavar="TOPIC", help="leave a topic out; repeatable")
+    _add_configuration(run, "default: the one that ships with the package")
+    add_tapes(run)
+    run.add_argument("--out", type=Path, metavar="DIR", help="folder for journal.jsonl, timeline.txt and result.json")
+    run.add_argument("--json", action="store_true", help="print result.json instead of the timeline")
+    run.set_defaults(command=_run)
+
+
+def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    journal = commands.add_parser("journal", help="decide every event of a flight's journal again, and compare")
+    journal.add_argument("file", type=Path, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
+    journal.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
+    _add_configuration(journal, "decide with its rules; default: those in the journal's header")
+    journal.add_argument("--json", action="store_true", help="print the result as JSON")
+    journal.set_defaults(command=_journal)
+
+
+def _add_laws(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    laws = commands.add_parser("laws", help="check the safety laws at every event of a flight's journal")
+    laws.add_argument("file", type=Path, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
+    laws.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
+    _add_configuration(laws, "decide with its rules; default: those in the journal's header")
+    laws.add_argument("--json", action="store_true", help="print the result as JSON")
+    laws.set_defaults(command=_laws)
+
+
+def _add_configuration(parser: argparse.ArgumentParser, words: str) -> None:
+    parser.add_argument("--config", type=Path, metavar="DIR", help=f"folder of the configuration; {words}")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="FILE.KEY=VALUE",
+        help="replace a value of the configuration; repeatable",
+    )
+
+
+def _maps(_: argparse.Namespace) -> int:
+    show_lines([f"{name:<28} {load_map(name).about}" for name in map_names()])
+    return DONE
+
+
+def _run(options: argparse.Namespace) -> int:
+    began = time.monotonic()
+    use_tapes(options)
+    gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
+    topic_map = _map(options.map, options.bags)
+    configuration = load_configuration(options.config or config_folder(), options.set)
+    mission_id = options.mission or configuration.missions[0].id
+    plan = make_plan(configuration, topic_map, mission_id, topics_of(options.bags))
+    with Recordings(options.bags, plan.topics, options.mute) as recordings:
+        with progress_bar("replaying") as progress:
+            outcome = Session(plan, recordings).run(progress)
+        _write(options.out, plan, recordings, outcome)
+        if options.json:
+            show_lines([json.dumps(replay_result(plan, recordings, outcome), indent=1)])
+        else:
+            show_timeline(outcome)
+            show_lines(footer_lines(plan, recordings, outcome))
+    _say_speed(outcome, time.monotonic() - began)
+    return PARTIAL if recordings.damage else DONE
+
+
+def _map(name: Optional[str], bags: List[Path]) -> TopicMap:
+    """Return the map that was asked for, or the one named as the first bag that has one."""
+    stems = [bag.stem for bag in bags if bag.stem in map_names()]
+    if name is None and not stems and all(bag.suffix == ".tlog" for bag in bags):
+        return load_map("px4_telemetry")
+    if name is None and not stems:
+        raise ReplayError(f"which topics are what? Name a topic map with --map: a file, or {', '.join(map_names())}")
+    return load_map(name if name is not None else stems[0])
+
+
+def _write(folder: Optional[Path], plan: Plan, recordings: Recordings, outcome: Outcome) -> None:
+    if folder is None:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    footer = "".join(f"{line}\n" for line in footer_lines(plan, recordings, outcome))
+    write_whole(folder / "journal.jsonl", "".join(f"{line}\n" for line in outcome.journal))
+    write_whole(folder / "timeline.txt", timeline_text(outcome) + footer)
+    write_whole(folder / "result.json", json.dumps(replay_result(plan, recordings, outcome), indent=1) + "\n")
+
+
+def _say_speed(outcome: Outcome, took_s: float) -> None:
+    if sys.stderr.isatty():
+        ratio = (outcome.end_ns - outcome.start_ns) / 1e9 / max(took_s, 1e-9)
+        sys.stderr.write(f"replayed in {took_s:.2f} s, {ratio:.0f} x real time\n")
+
+
+def _given_rules(options: argparse.Namespace) -> Optional[Rules]:
+    """Return the rules that the command line names; None: none."""
+    if options.config is None and not options.set:
+        return None
+    return load_configuration(options.config or config_folder(), options.set).rules
+
+
+def _journal(options: argparse.Namespace) -> int:
+    rules = _given_rules(options)
+    journals = read_journals(options.file, options.topic)
+    comparisons: List[Comparison] = []
+    for journal in journals:
+        total = len(journal.lines)
+        with progress_bar("deciding again") as progress:
+            comparisons.append(compare(journal, rules, lambda done, of=total: progress(done, of)))  # type: ignore[misc]
+    if options.json:
+        show_lines([json.dumps([comparison_result(each) for each in comparisons], indent=1)])
+    else:
+        for each in comparisons:
+            show_lines(comparison_lines(each))
+    if any(each.differences for each in comparisons):
+        return DIFFERENT
+    return PARTIAL if any(each.truncated for each in comparisons) else DONE
+
+
+def _laws(options: argparse.Namespace) -> int:
+    rules = _given_rules(options)
+    found: List[Lawful] = []
+    for journal in read_journals(options.file, options.topic):
+        total = len(journal.lines)
+        with progress_bar("checking the laws") as progress:
+            found.append(check_laws(journal, rules, lambda done, of=total: progress(done, of)))  # type: ignore[misc]
+    if options.json:
+        show_lines([json.dumps([laws_result(each) for each in found], indent=1)])
+    else:
+        for each in found:
+            show_lines(law_lines(each))
+    if any(each.judged.broken for each in found):
+        return DIFFERENT
+    other = [each for each in found if each.truncated or (each.different and rules is None)]
+    return PARTIAL if other else DONE
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

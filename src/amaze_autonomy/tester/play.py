@@ -1,0 +1,406 @@
+"""Plays one case: a simulation, a journal or bags become one journal and its trace."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import EngineStarted, Event, UserCommand
+from amaze_autonomy.engine.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
+from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.severity import ComponentRule
+from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
+from amaze_autonomy.simulation.run import run
+
+from ..replay.errors import DamagedInputError, ReplayError
+from ..replay.faults.kinds import TOPIC, Acting
+from ..replay.faults.story import Story
+from ..replay.faults.stream import FaultedRecordings
+from ..replay.journals import read_journals
+from ..replay.plan import Plan, make_plan
+from ..replay.session import Outcome, Session
+from ..replay.sources import Recordings, topics_of
+from ..replay.topic_map import TopicMap, load_map, map_names
+from .expect.pattern import Pattern, instants
+from .expect.trace import Trace, trace_of
+from .scenario.files import meant, place_of
+from .scenario.model import Case, SourceKind
+from .task import Options
+
+__all__ = ["Mark", "Played", "configuration_of", "missions_of", "play", "replay_case", "written"]
+
+# --- played -----------------------------------------------------------------------------------------------------------
+# What came of playing a case, and what every way of playing it needs: configuration and missions.
+
+
+_OVERRIDE = "override "
+Mark = Tuple[str, float, Optional[float], str]
+
+
+@dataclass(frozen=True)
+class Played:
+    """A run.
+
+    Args:
+        lines: of its journal, header first.
+        trace: of it.
+        vacuous: faults and requests of the scenario that did nothing, one line each.
+        broken: why the input says nothing about the rules, one line each.
+        marks: what went wrong and what the user asked, for reports.
+    """
+
+    lines: Tuple[str, ...]
+    trace: Trace
+    vacuous: Tuple[str, ...] = ()
+    broken: Tuple[str, ...] = ()
+    marks: Tuple[Mark, ...] = ()
+
+
+def configuration_of(case: Case, options: Options) -> Configuration:
+    """Return the configuration that a case is decided by: its own, unless the run names another.
+
+    Raises:
+        ConfigError: it has a mistake.
+    """
+    folder = options.configuration or case.configuration or config_folder()
+    try:
+        if not options.overrides:
+            return load_configuration(folder, case.overrides)
+        own = [f"{key}={written(value)}" for key, value in case.overrides.items()]
+        return load_configuration(folder, [*own, *options.overrides])
+    except ConfigError as error:
+        raise _placed(error, case) from error
+
+
+def _placed(error: ConfigError, case: Case) -> ConfigError:
+    """Return a mistake in an override of the scenario's own with its line in the scenario."""
+    key = error.file[len(_OVERRIDE) :].partition("=")[0]
+    if not error.file.startswith(_OVERRIDE) or key not in case.overrides:
+        return error
+    place = place_of(case.path, ("configuration", "set", key), ("matrix", key))
+    return ConfigError(place, f"{key.partition('.')[0]}.{error.key}" if error.key else key, error.wrong, error.right)
+
+
+def written(value: Any) -> str:
+    """Return a plain value as YAML."""
+    if isinstance(value, list):
+        return f"[{', '.join(written(each) for each in value)}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "null" if value is None else repr(value)
+
+
+def missions_of(case: Case, configuration: Configuration) -> Tuple[Mission, ...]:
+    """Return the missions that a case flies.
+
+    Raises:
+        ReplayError: the configuration has no such mission.
+    """
+    known = {mission.id: mission for mission in configuration.missions}
+    for name in case.missions:
+        if name not in known:
+            place = place_of(case.path, ("missions",), ("matrix", "missions"))
+            raise ReplayError(f"{place}: there is no mission {name!r}; {meant(name, known)}")
+    return tuple(known[name] for name in case.missions) or configuration.missions[:1]
+
+
+# --- bags -------------------------------------------------------------------------------------------------------------
+# Plays a case on bags: the part of the recording, with its faults, through the replay's session.
+
+
+_S = 1_000_000_000
+_BLOCK = 1 << 20
+
+
+def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    """Replay the bags of a case.
+
+    Raises:
+        BagError: a bag cannot be read.
+        ConfigError: the configuration, or the map, has a mistake.
+        DamagedInputError: a bag is not the one that the scenario was written for.
+        ReplayError: the case does not fit the recording.
+    """
+    configuration = configuration_of(case, options)
+    topic_map, missions = _map(case), missions_of(case, configuration)
+    _check_bags(case)
+    paths = [bag.path for bag in case.bags]
+    plan = make_plan(configuration, topic_map, missions[0].id, topics_of(paths))
+    if rules is not None:
+        plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
+    with Recordings(paths, plan.topics) as recordings:
+        part = FaultedRecordings(recordings, case.from_ns, case.to_ns)
+        if not part.samples:
+            place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
+            raise ReplayError(f"{place}: there is no message between from_s and to_s")
+        broken = _needs(case, part)
+        acting, requests = _times(case, plan, part)
+        part.apply(acting, case.seed)
+        story = Story(acting, requests)
+        outcome = Session(plan, part, story).run()
+        touched = [one + other for one, other in zip(part.touched, story.touched)]
+        broken += [
+            f"{each.topic}: {each.count} messages cannot be read ({each.reason})" for each in part.damage.values()
+        ]
+    return _played(outcome, acting, touched, broken)
+
+
+def _rows(own: Rules, other: Rules) -> Tuple[ComponentRule, ...]:
+    """Return the rows of other rules, and of the map's components that they do not have."""
+    names = [row.name for row in other.components]
+    return (*other.components, *(row for row in own.components if row.name not in names))
+
+
+def _check_bags(case: Case) -> None:
+    for bag in case.bags:
+        if not bag.path.is_file():
+            raise DamagedInputError(f"{bag.path}: is not there; the scenario needs it{_hint(bag.path)}")
+        if bag.sha256 and _sha256(bag.path) != bag.sha256:
+            raise DamagedInputError(f"{bag.path}: is another file than the scenario was written for (sha256 differs)")
+
+
+def _hint(path: Path) -> str:
+    return f" (is {path.parts[0][2:-1]} set?)" if path.parts[0].startswith("${") else ""
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        for block in iter(lambda: file.read(_BLOCK), b""):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _map(case: Case) -> TopicMap:
+    name = case.topic_map or case.bags[0].path.stem
+    if not case.topic_map and name not in map_names():
+        raise ReplayError(f"{case.path}: which topics are what? Name a topic map with map: {', '.join(map_names())}")
+    if name not in map_names() and not Path(name).is_file():
+        place = place_of(case.path, ("map",), ("matrix", "map"))
+        raise ReplayError(f"{place}: map: {name} is no topic map and no file; {meant(name, map_names())}")
+    return load_map(name)
+
+
+def _needs(case: Case, part: FaultedRecordings) -> List[str]:
+    """Return which needs the recording does not meet, before any fault."""
+    figures = {each.topic: each for each in part.figures()}
+    broken: List[str] = []
+    for need in case.needs:
+        found = figures.get(need.topic)
+        if found is None or not found.messages:
+            right = meant(need.topic, (topic for topic in figures if figures[topic].messages))
+            broken.append(
+                f"{need.topic}: is needed, and the map does not read it or the recording does not have it; {right}"
+            )
+            continue
+        rate_hz, gap_s = found.rate_hz or 0.0, found.longest_gap_s or 0.0
+        if rate_hz < need.rate_hz:
+            broken.append(f"{need.topic}: {rate_hz:.2f} Hz, at least {need.rate_hz:g} Hz are needed")
+        if need.gap_ns is not None and gap_s * _S > need.gap_ns:
+            broken.append(f"{need.topic}: silent for {gap_s:.3f} s, at most {need.gap_ns / _S:g} s are allowed")
+    return broken
+
+
+def _times(
+    case: Case, plan: Plan, part: FaultedRecordings
+) -> Tuple[Tuple[Acting, ...], Tuple[Tuple[int, UserCommand], ...]]:
+    """Return faults and requests with their times; `after` is looked up in the same run without any fault."""
+    triggers = (*(fault.trigger for fault in case.faults), *(request.trigger for request in case.requests))
+    calm: Optional[Trace] = None
+    if any(trigger.at_ns is None for trigger in triggers):
+        calm = trace_of(Session(plan, part).run().journal, part.start_ns, part.end_ns)
+    acting: List[Acting] = []
+    for fault in case.faults:
+        begin_ns = _begin(case, fault.trigger, part.start_ns, calm, str(fault))
+        end_ns = None if fault.for_ns is None or begin_ns is None else begin_ns + fault.for_ns
+        acting.append(Acting(fault, _NEVER if begin_ns is None else begin_ns, end_ns, _topics_of(fault, plan)))
+    requests: List[Tuple[int, UserCommand]] = []
+    for request in case.requests:
+        t_ns = _begin(case, request.trigger, part.start_ns, calm, str(request))
+        if request.command is None:
+            raise ReplayError(f"{case.path}: {request}: a replay selects its mission by `missions`")
+        if t_ns is not None:
+            requests.append((t_ns, request.command))
+    return tuple(acting), tuple(requests)
+
+
+_NEVER = 1 << 62
+
+
+def _begin(case: Case, trigger: Trigger, start_ns: int, calm: Optional[Trace], what: str) -> Optional[int]:
+    if trigger.at_ns is not None:
+        return start_ns + trigger.at_ns
+    if trigger.event:
+        raise ReplayError(f"{case.path}: {what}: a recording has no events; use at_s, or after with a state")
+    if calm is None:
+        return None
+    times = instants(Pattern(states=(trigger.state,)), calm)
+    return times[trigger.occurrence - 1] + trigger.delay_ns if len(times) >= trigger.occurrence else None
+
+
+def _topics_of(fault: Fault, plan: Plan) -> Tuple[str, ...]:
+    """Return the topics that a fault is about.
+
+    Raises:
+        ReplayError: there is no such component or topic in the map.
+    """
+    if fault.kind.subject == TOPIC:
+        if fault.target not in plan.topics:
+            raise ReplayError(
+                f"{fault.where}: the map reads no topic {fault.target}; {meant(fault.target, plan.topics, 'it reads')}"
+            )
+        return (fault.target,)
+    if fault.kind.subject != Subject.COMPONENT:
+        return ()
+    known: Dict[str, Tuple[str, ...]] = {s.name: tuple(t.topic for t in s.topics) for s in plan.components}
+    if fault.target not in known:
+        raise ReplayError(
+            f"{fault.where}: the map has no component {fault.target}; {meant(fault.target, known, 'it has')}"
+        )
+    return known[fault.target]
+
+
+def _played(outcome: Outcome, acting: Sequence[Acting], touched: Sequence[int], broken: Sequence[str]) -> Played:
+    began = tuple(None if each.begin_ns == _NEVER else each.begin_ns for each in acting)
+    trace = trace_of(outcome.journal, outcome.start_ns, outcome.end_ns, began)
+    vacuous = [
+        f"{each.fault} touched nothing" if each.begin_ns != _NEVER else f"{each.fault} never began"
+        for each, count in zip(acting, touched)
+        if not count
+    ]
+    return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), _marks_of_bags(outcome, acting))
+
+
+def _marks_of_bags(outcome: Outcome, acting: Sequence[Acting]) -> Tuple[Mark, ...]:
+    def seconds(t_ns: int) -> float:
+        return (t_ns - outcome.start_ns) / 1e9
+
+    marks: List[Mark] = [
+        ("fault", seconds(each.begin_ns), None if each.end_ns is None else seconds(each.end_ns), str(each.fault))
+        for each in acting
+        if each.begin_ns != _NEVER
+    ]
+    if outcome.counterfactual_ns is not None:
+        words = "the recorded vehicle did otherwise"
+        marks.append(("counterfactual", seconds(outcome.counterfactual_ns), seconds(outcome.end_ns), words))
+    return tuple(marks)
+
+
+# --- play -------------------------------------------------------------------------------------------------------------
+
+
+def play(case: Case, options: Options, rules: Optional[Rules] = None) -> Played:
+    """Run a case.
+
+    Args:
+        case: of a scenario.
+        options: of the run.
+        rules: to decide by instead of the configuration's, for mutations of the table.
+
+    Raises:
+        ConfigError: the configuration has a mistake.
+        ReplayError: it cannot be run.
+        BagError: a bag cannot be read.
+        SimulationError: the scenario does not fit the simulated world.
+        JournalError: a journal is damaged.
+    """
+    return _PLAYERS[case.source](case, options, rules)
+
+
+def _simulate(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    configuration = configuration_of(case, options)
+    missions = missions_of(case, configuration)
+    scenario = Scenario(case.description, case.faults, case.requests)
+    result = run(configuration, missions, scenario, seed=case.seed, limit_ns=case.limit_ns, rules=rules)
+    began = _beginnings(case, result.history)
+    vacuous = [f"{fault} did nothing: it never began" for fault, t in zip(case.faults, began) if t is None]
+    asked = [text for _, text in result.history]
+    vacuous += [f"{each} was never asked" for each in case.requests if f"the user asks: {each}" not in asked]
+    if not result.finished:
+        vacuous.append(f"the run had not ended after {case.limit_ns / 1e9:g} s of simulated time")
+    return Played(
+        result.lines, trace_of(result.lines, 0, None, began), tuple(vacuous), (), _marks_of_a_simulation(result.history)
+    )
+
+
+def _beginnings(case: Case, history: Tuple[Tuple[int, str], ...]) -> Tuple[Optional[int], ...]:
+    """Return when each fault began; two that are the same in words begin in their order."""
+    times: Dict[str, List[int]] = {}
+    for t_ns, text in history:
+        times.setdefault(text, []).append(t_ns)
+    found: List[Optional[int]] = []
+    for fault in case.faults:
+        left = times.get(f"fault begins: {fault}", [])
+        found.append(left.pop(0) if left else None)
+    return tuple(found)
+
+
+def _marks_of_a_simulation(history: Tuple[Tuple[int, str], ...]) -> Tuple[Mark, ...]:
+    marks: List[Mark] = []
+    for number, (t_ns, text) in enumerate(history):
+        kind, _, what = text.partition(": ")
+        if kind == "fault begins":
+            ends = (end for end, other in history[number:] if other == f"fault ends: {what}")
+            end_ns = next(ends, None)
+            marks.append(("fault", t_ns / 1e9, None if end_ns is None else end_ns / 1e9, what))
+        elif kind == "the user asks":
+            marks.append(("user", t_ns / 1e9, t_ns / 1e9, what))
+    return tuple(marks)
+
+
+def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    """Decide a journal again, by its own rules unless the scenario or the run names a configuration."""
+    (journal, *more) = read_journals(case.journal) if case.journal is not None else ()
+    if more:
+        raise ReplayError(f"{case.journal}: holds several journals; take one of them")
+    named = options.configuration or options.overrides or case.configuration is not None or case.overrides
+    if rules is None:
+        rules = configuration_of(case, options).rules if named else rules_of(journal.lines[0])
+    header = journal.lines[0].payload
+    lines = _decided((line.payload for line in journal.lines), rules)
+    lines = [encode_header(header), *lines] if isinstance(header, dict) else lines
+    broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
+    return Played(tuple(lines), trace_of(lines), (), broken)
+
+
+def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Played:
+    """Decide the events that stand in the scenario itself."""
+    try:
+        payloads = [decode(text, number).payload for number, text in enumerate(case.events, 1)]
+    except JournalError as error:
+        raise ReplayError(f"{case.path}: events, {error}") from error
+    lines = _decided(payloads, configuration_of(case, options).rules if rules is None else rules)
+    return Played(tuple(lines), trace_of(lines))
+
+
+def _decided(payloads: Iterable[object], rules: Rules) -> List[str]:
+    """Return the lines of events and of what is decided about them; decisions among them are left out."""
+    state = EngineState()
+    lines: List[str] = []
+    for event in payloads:
+        if isinstance(event, Event):
+            if isinstance(event, EngineStarted) and not event.resumed:
+                state = EngineState()
+            lines.append(encode_event(event))
+            state, commands = decide(state, event, rules)
+            lines += [encode_decision(each) for each in commands if isinstance(each, Decision)]
+    return lines
+
+
+_Player = Callable[[Case, Options, Optional[Rules]], Played]
+_PLAYERS: Mapping[str, _Player] = {
+    SourceKind.SIMULATION: _simulate,
+    SourceKind.JOURNAL: _decide_again,
+    SourceKind.EVENTS: _decide_events,
+    SourceKind.BAGS: replay_case,
+}

@@ -1,0 +1,106 @@
+"""Each kind of expectation: met, missed with its margin, and vacuous."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from amaze_autonomy.engine.commands import Decision, Value
+from amaze_autonomy.tester.expect import Finding, Grade, Span, Trace, judge
+from amaze_autonomy.tester.scenario import parse_cases
+
+S = 1_000_000_000
+
+
+def decision(t_s, before, after, rule, *, step="", commands=(), values=()):
+    return Decision(
+        t_ns=round(t_s * S),
+        sequence=0,
+        event="Tick",
+        before=before,
+        after=after,
+        step=step,
+        rule=rule,
+        values=values,
+        commands=commands,
+    )
+
+
+FAILS = decision(10, "MISSION", "MISSION", "failure_wait", values=(Value("failure", "lrf"),))
+HOLDS = decision(10.36, "MISSION", "HOLD", "hold", step="confirming", commands=("MissionCommand(HOLD)#9",))
+LANDS = decision(14, "HOLD", "LAND", "land", step="commanding", commands=("MissionCommand(LAND)#10",))
+TRACE = Trace(
+    start_ns=0,
+    end_ns=20 * S,
+    decisions=(decision(5, "TAKEOFF", "MISSION", "at_takeoff_height", step="flying"), FAILS, HOLDS, LANDS),
+    states=(
+        Span(0, 5 * S, "MISSION_INPUT/"),
+        Span(5 * S, 10_360_000_000, "MISSION/flying"),
+        Span(10_360_000_000, 14 * S, "HOLD/confirming"),
+        Span(14 * S, 20 * S + 1, "LAND/commanding"),
+    ),
+    codes={"lrf": (Span(0, 10 * S, "1"), Span(10 * S, 20 * S + 1, "8"))},
+)
+
+
+def found(expectation, anchors=None):
+    head = "version: 1\ndescription: x\nanchors: {fails: {at_s: 10.0}, gone: {at_s: 1.0}}\n"
+    text = f"{head}expectations:\n  - {expectation}\n"
+    (case,) = parse_cases(text, Path("x.scenario.yaml"))
+    return judge(case.expectations[0], TRACE, anchors or {"fails": 10 * S, "gone": None})
+
+
+def test_a_finding_says_everything():
+    assert found("{expect: exists, of: {command: HOLD}, from: fails, within_s: 0.4}") == Finding(
+        expectation="exists command HOLD, within_s 0.4, from fails",
+        grade=Grade.PASS,
+        text="at +10.360 s, 0.360 s after",
+        margin=0.04,
+        limit=0.4,
+        unit="s",
+        begin_s=10.0,
+        end_s=20.0,
+        where="x.scenario.yaml:5",
+    )
+
+
+CASES = {
+    "{expect: exists, of: {command: HOLD}, from: fails, within_s: 0.4}": ("PASS", "0.04 s of 0.4 s left"),
+    "{expect: exists, of: {command: HOLD}, from: fails, within_s: 0.3}": ("FAIL", "missed by 0.06 s of 0.3 s"),
+    "{expect: exists, of: {state: PILOT}}": ("FAIL", ""),
+    "{expect: exists, of: {state: HOLD}, from: 12.0}": ("PASS", ""),  # it is in it
+    "{expect: exists, of: {failure: lrf}}": ("PASS", ""),
+    "{expect: exists, of: {command: HOLD}, from: gone}": ("VACUOUS", ""),
+    "{expect: never, of: {state: PILOT}}": ("PASS", ""),
+    "{expect: never, of: {state: HOLD}, from: 12.0}": ("FAIL", ""),  # it lasts into the window
+    "{expect: never, of: {rule: land}, to: 13.0}": ("PASS", ""),
+    "{expect: never, of: {rule: land}, from: 25.0}": ("VACUOUS", ""),
+    "{expect: always, of: {state: [HOLD, LAND]}, from: 10.4}": ("PASS", ""),
+    "{expect: always, of: {state: MISSION, step: flying}, from: 5.0}": ("FAIL", ""),
+    "{expect: response, when: {component: lrf, code: 8}, then: {command: HOLD}, within_s: 0.4}": (
+        "PASS",
+        "0.04 s of 0.4 s left",
+    ),
+    "{expect: response, when: {component: lrf, code: 8}, then: {command: RESUME}, within_s: 9.0}": ("FAIL", ""),
+    "{expect: response, when: {component: lrf, code: 16}, then: {command: LAND}, within_s: 9.0}": ("VACUOUS", ""),
+    "{expect: precedence, first: {command: HOLD}, then: {command: LAND}}": ("PASS", "3.64 s left"),
+    "{expect: precedence, first: {command: LAND}, then: {command: HOLD}}": ("FAIL", ""),
+    "{expect: precedence, first: {command: LAND}, then: {state: PILOT}}": ("VACUOUS", ""),
+    "{expect: sequence, of: [{state: MISSION}, {rule: hold}, {command: LAND}]}": ("PASS", ""),
+    "{expect: sequence, of: [{command: LAND}, {rule: hold}]}": ("FAIL", ""),
+    "{expect: sequence, of: [{rule: hold}, {rule: hold}]}": ("FAIL", ""),  # it happened once
+    "{expect: count, of: {command: LAND}, at_least: 1, at_most: 3}": ("PASS", "0 of 1 left"),
+    "{expect: count, of: {command: LAND}, at_least: 2}": ("FAIL", "missed by 1 of 2"),
+    "{expect: duration, of: {state: HOLD}, at_most_s: 4.0}": ("PASS", "0.36 s of 4 s left"),
+    "{expect: duration, of: {state: HOLD}, at_least_s: 4.0}": ("FAIL", "missed by 0.36 s of 4 s"),
+    "{expect: duration, of: {state: PILOT}, at_most_s: 4.0}": ("VACUOUS", ""),
+    "{expect: share, of: {state: LAND}, at_least_fraction: 0.25}": ("PASS", "0.05 of 0.25 left"),
+    "{expect: share, of: {state: LAND}, at_most_fraction: 0.25}": ("FAIL", "missed by 0.05 of 0.25"),
+}
+
+
+@pytest.mark.parametrize("expectation", CASES)
+def test_grade_and_margin(expectation):
+    finding = found(expectation)
+    assert (finding.grade.value, finding.margin_text) == CASES[expectation]

@@ -1,0 +1,193 @@
+"""`amaze-replay corpus`: the same results in any number of processes, on a cluster, and with bags from elsewhere."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from replay_bags import break_chunk, flight_rows, write_bag
+
+from amaze_autonomy.replay.errors import ReplayError
+from amaze_autonomy.tester.command import main
+from amaze_autonomy.tester.corpus import kept_in, run_on_cluster
+from amaze_autonomy.tester.result import Verdict
+from amaze_autonomy.tester.task import Options, tasks_of
+
+MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
+FLIGHT = """\
+version: 1
+description: "A flight that ends by itself."
+bags: [{{path: "{bag}", sha256: "{sha256}"}}]
+map: "{map}"
+expectations:
+  - {{expect: exists, of: {{state: MISSION_ENDED}}}}
+"""
+NOMINAL = """\
+version: 1
+description: "Nothing fails."
+expectations:
+  - {expect: exists, of: {state: MISSION_ENDED}}
+"""
+
+
+def sha256(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture
+def corpus(tmp_path, monkeypatch):
+    """Two flights, one of them longer, and a simulation; the bags lie in a folder of their own."""
+    bags, scenarios = tmp_path / "bags", tmp_path / "corpus"
+    for each in (bags, scenarios):
+        each.mkdir()
+    for name, length_s in (("short", 36.0), ("long", 40.0)):
+        path = write_bag(bags / f"{name}.bag", flight_rows(length_s), "lz4")
+        text = FLIGHT.format(bag=f"${{AMAZE_DATA}}/{name}.bag", sha256=sha256(path), map=MAP)
+        (scenarios / f"{name}.scenario.yaml").write_text(text)
+    (scenarios / "nominal.scenario.yaml").write_text(NOMINAL)
+    monkeypatch.setenv("AMAZE_DATA", str(bags))
+    return scenarios
+
+
+def run(corpus, capfd, *arguments):
+    """Return exit status, output, and the lines of the table without its times."""
+    capfd.readouterr()
+    status = main(["corpus", str(corpus), "--no-goldens", *arguments])
+    out, err = capfd.readouterr()
+    return status, out, [line.split()[0] for line in err.splitlines() if line.strip()]
+
+
+def test_two_processes_print_what_one_prints(corpus, capfd):
+    one = run(corpus, capfd, "-j1")
+    assert one[0] == 0
+    assert [line.split()[:2] for line in one[1].splitlines()] == [
+        ["PASS", "long:"],
+        ["PASS", "nominal:"],
+        ["PASS", "short:"],
+        ["3", "PASS;"],
+    ]
+    assert one[2] == ["flight", "long", "nominal", "short", "all"]
+    two = run(corpus, capfd, "-j2")
+    assert two[:2] == one[:2]
+    assert two[2] == [*one[2], "2"]
+
+
+def test_the_results_have_figures(corpus, capfd, tmp_path):
+    run(corpus, capfd, "-j1", "--json", str(tmp_path / "r.json"))
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert result["verdict"] == "PASS"
+    figures = {each["id"]: each["figures"] for each in result["tests"]}
+    assert figures["long"]["flown_s"] == pytest.approx(39.98)
+    assert all(each["wall_s"] > 0 and each["cpu_s"] > 0 and each["peak_mb"] > 10 for each in figures.values())
+
+
+@pytest.mark.parametrize("jobs", ["-j1", "-j2"])
+def test_damage_of_bags_is_said_first(corpus, capfd, jobs):
+    path = Path(os.environ["AMAZE_DATA"]) / "long.bag"
+    break_chunk(path, 0, 300, 50)
+    text = (corpus / "long.scenario.yaml").read_text()
+    (corpus / "long.scenario.yaml").write_text(re.sub('sha256: ".*"', f'sha256: "{sha256(path)}"', text))
+    status, out, _ = run(corpus, capfd, jobs)
+    assert status == 3
+    lines = out.splitlines()
+    assert lines[0].startswith(f"damaged: {path}: byte ")
+    assert lines[1].startswith("INCONCLUSIVE long: ")
+    assert run(corpus, capfd, jobs, "--no-doctor")[1].startswith("INCONCLUSIVE long: ")
+
+
+def test_a_scenario_with_a_mistake_is_an_error_and_the_others_run(corpus, capfd):
+    (corpus / "bad.scenario.yaml").write_text("version: 1\nwhat: 3\n")
+    status, out, _ = run(corpus, capfd, "-j2")
+    assert status == 1
+    assert [line.split()[0] for line in out.splitlines() if not line.startswith(" ")] == [
+        "ERROR",
+        "PASS",
+        "PASS",
+        "PASS",
+        "3",
+    ]
+
+
+@pytest.fixture
+def elsewhere(corpus, tmp_path, monkeypatch):  # noqa: ARG001  (it writes the bags)
+    """The same bags, but only behind a URL."""
+    pytest.importorskip("fsspec", reason="fsspec is not installed: pip install '.[cluster]'")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    bags = Path(os.environ["AMAZE_DATA"])
+    monkeypatch.delenv("AMAZE_DATA")
+    return bags.as_uri()
+
+
+def test_bags_are_fetched_once_from_a_url(corpus, capfd, elsewhere, tmp_path):
+    status, out, _ = run(corpus, capfd, "-j2", "--data", elsewhere)
+    assert (status, out.splitlines()[-1].split(";")[0]) == (0, "3 PASS")
+    assert "AMAZE_DATA" not in os.environ
+    kept = kept_in(elsewhere)
+    assert sorted(path.name for path in kept.iterdir()) == ["long.bag", "short.bag"]
+    shutil.rmtree(tmp_path / "bags")
+    assert run(corpus, capfd, "-j1", "--data", elsewhere)[:2] == (status, out)
+
+
+def test_a_kept_bag_that_is_another_one_is_fetched_again(corpus, capfd, elsewhere):
+    run(corpus, capfd, "-j1", "--data", elsewhere)
+    path = kept_in(elsewhere) / "short.bag"
+    path.write_bytes(path.read_bytes()[:1000])
+    assert run(corpus, capfd, "-j1", "--data", elsewhere)[0] == 0
+
+
+def test_a_bag_that_cannot_be_fetched_is_an_error_of_its_scenarios_alone(corpus, capfd, elsewhere, tmp_path):
+    (tmp_path / "bags" / "long.bag").unlink()
+    status, out, _ = run(corpus, capfd, "-j1", "--data", elsewhere)
+    assert status == 1
+    first, *_, last = out.splitlines()
+    assert first.startswith(f"ERROR        long: {elsewhere}/long.bag: cannot be fetched (")
+    assert last.startswith("2 PASS, 1 ERROR")
+    assert sorted(path.name for path in kept_in(elsewhere).iterdir()) == ["short.bag"]
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """A real scheduler on a port of its own, with two worker processes."""
+    distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install '.[cluster]'")
+    workers = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0"}
+    with distributed.LocalCluster(host="127.0.0.1", **workers) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_cluster_prints_what_one_process_prints(cluster, corpus, capfd, tmp_path, monkeypatch):
+    expected = run(corpus, capfd, "-j1")[:2]
+    pytest.importorskip("fsspec")
+    bags = Path(os.environ["AMAZE_DATA"]).as_uri()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    status, out, table = run(corpus, capfd, "--dask", cluster, "--data", bags)
+    assert (status, out) == expected
+    assert table[-2:] == ["all", "2"]
+
+
+@pytest.mark.filterwarnings("default")
+def test_every_task_of_a_cluster_has_a_result_in_its_place(cluster, corpus):
+    (corpus / "bad.scenario.yaml").write_text("version: 1\nwhat: 3\n")
+    tasks = tasks_of([corpus], Options(goldens=False))
+    told = []
+    results, workers = run_on_cluster(cluster, tasks, Path(os.environ["AMAZE_DATA"]).as_uri(), told.append)
+    assert workers == 2
+    assert tuple(told) == results
+    assert [(each.id, each.verdict) for each in results] == [
+        ("bad", Verdict.ERROR),
+        ("long", Verdict.PASS),
+        ("nominal", Verdict.PASS),
+        ("short", Verdict.PASS),
+    ]
+
+
+def test_no_scheduler_is_one_clear_error(monkeypatch):
+    pytest.importorskip("distributed", reason="distributed is not installed: pip install '.[cluster]'")
+    monkeypatch.setattr("amaze_autonomy.tester.corpus._CONNECT_S", 0.5)
+    with pytest.raises(ReplayError, match=r"^tcp://127\.0\.0\.1:9: no scheduler answers \(.*\); start one with"):
+        run_on_cluster("tcp://127.0.0.1:9", ())

@@ -1,0 +1,210 @@
+"""What-if, sweep, shrink, the report, and the plugin of pytest."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.tester import Options, Result, Task, Verdict, run_task, tasks_of
+from amaze_autonomy.tester.command import main
+from amaze_autonomy.tester.coverage import coverage_of
+from amaze_autonomy.tester.pages.page import page_content, write_page
+from amaze_autonomy.tester.shrink import MOST_LINES
+
+REASON = "--reason=the first run, and it is right"
+
+
+def test_another_rule_ends_the_flight_otherwise(folder, capsys):
+    assert main(["what-if", str(folder), "--against", "sensors.components.lrf.severity=moderate"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == ("ENDS OTHERWISE  lrf: TAKEOFF HOLD LAND MISSION_ENDED  ->  TAKEOFF HOLD RESUME MISSION_ENDED")
+    assert lines[1].startswith("    decision at +16.500 s changed value: MISSION/flying by failure_wait")
+    assert lines[-1] == "1 flights: 1 end otherwise, 0 decide otherwise and end alike"
+
+
+def test_the_other_configuration_may_be_a_file(folder, capsys):
+    shutil.copytree(config_folder(), "other")
+    Path("other.yaml").write_text("folder: other\nset: {sensors.components.lrf.severity: moderate}\n")
+    assert main(["what-if", str(folder), "--against", "other.yaml"]) == 1
+    assert capsys.readouterr().out.startswith(
+        "ENDS OTHERWISE  lrf: TAKEOFF HOLD LAND MISSION_ENDED  ->  TAKEOFF HOLD RE"
+    )
+    Path("other.yaml").write_text("sets: {sensors.components.lrf.severity: moderate}\n")
+    assert main(["what-if", str(folder), "--against", "other.yaml"]) == 2
+    assert "other.yaml:1: sets: is an unknown key; did you mean set?" in capsys.readouterr().err
+
+
+def test_a_rule_that_does_not_matter_changes_nothing(folder, capsys):
+    assert main(["what-if", str(folder), "--against", "autonomy.recording.data_cleanup_limit_s=1700"]) == 0
+    assert capsys.readouterr().out == "1 flights: 0 end otherwise, 0 decide otherwise and end alike\n"
+
+
+def test_a_configuration_that_cannot_be_is_said_and_is_no_success(folder, capsys):
+    assert main(["what-if", str(folder), "--against", "sensors.components.gps.severity=high"]) == 1
+    assert capsys.readouterr().out.startswith("CANNOT       lrf: ")
+
+
+def test_a_sweep_finds_the_boundary(folder, capsys):
+    words = ["sweep", str(folder / "lrf.scenario.yaml"), "--to", "40", "--step", "20", "--resolution", "2"]
+    assert main([*words, "--json", "map.json"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:4] == [
+        "lrf killed, after airborne",
+        "0 s [AAB] 40 s",
+        "  A  TAKEOFF HOLD LAND",
+        "  B  TAKEOFF",
+    ]
+    found = json.loads(Path("map.json").read_text())
+    (boundary,) = found["boundaries"]
+    assert boundary["outcomes"] == ["TAKEOFF HOLD LAND", "TAKEOFF"]
+    assert 20 <= boundary["after_s"] < boundary["before_s"] <= 40
+    assert boundary["before_s"] - boundary["after_s"] <= 2
+
+
+def test_a_sweep_is_drawn_with_its_boundary_in_one_page_that_loads_nothing(folder):
+    words = ["sweep", str(folder / "lrf.scenario.yaml"), "--to", "40", "--step", "20", "--resolution", "2"]
+    assert main([*words, "--json", "map.json", "--html", "map.html"]) == 0
+    (boundary,) = json.loads(Path("map.json").read_text())["boundaries"]
+    page = Path("map.html").read_text()
+    picture = ET.fromstring(page[page.index("<svg") : page.index("</svg>") + len("</svg>")])
+    titles = [each.text for each in picture.iter("title")]
+    assert {"TAKEOFF HOLD LAND", "TAKEOFF"} < set(titles)
+    assert "fault 0 s: HOLD from 11.5 s to 11.6 s" in titles
+    assert len(picture.findall("line")) == 1
+    assert [each.text for each in picture.iter("text") if each.text.endswith(" s")] == [f"{boundary['before_s']:.2f} s"]
+    assert f"<td>{boundary['after_s']:.3f} s</td><td>{boundary['before_s']:.3f} s</td><td>A &rarr; B</td>" in page
+    for loaded in ("http://", "https://", "src=", "@import", "url(", "<script"):
+        assert loaded not in page
+
+
+def test_a_sweep_of_a_fault_that_there_is_not_is_wrong_use(folder, capsys):
+    assert main(["sweep", str(folder / "lrf.scenario.yaml"), "--fault", "2", "--to", "4"]) == 2
+    assert "there is no fault 2; it has 1" in capsys.readouterr().err
+
+
+def test_a_failing_scenario_shrinks_to_its_first_different_decision(folder, capsys):
+    path = folder / "lrf.scenario.yaml"
+    assert main(["accept", str(folder), REASON]) == 0
+    path.write_text(path.read_text().replace("restart: fails", "restart: succeeds"))
+    assert main(["shrink", str(path), "--out", "small.scenario.yaml"]) == 0
+    text = Path("small.scenario.yaml").read_text()
+    assert len(text.splitlines()) < MOST_LINES
+    assert "Shrunk from lrf: " in text
+    capsys.readouterr()
+    assert main(["test", "small.scenario.yaml", "--no-goldens"]) == 1
+    assert capsys.readouterr().out.startswith("FAIL         small: never rule failure_back")
+
+
+def test_nothing_to_shrink_is_said(folder, capsys):
+    assert main(["shrink", str(folder / "lrf.scenario.yaml")]) == 2
+    assert "there is no golden to differ from; name a decision with --rule" in capsys.readouterr().err
+    assert main(["shrink", str(folder / "lrf.scenario.yaml"), "--rule", "touchdown"]) == 2
+    assert "no decision by touchdown is made" in capsys.readouterr().err
+
+
+def test_the_page_holds_everything_and_loads_nothing(folder):
+    (task,) = tasks_of([folder], Options(story=True))
+    result = run_task(task)
+    write_page(Path("r.html"), [result], coverage_of([result]), 1.0)
+    page = Path("r.html").read_text()
+    content = json.loads(page.split("const CONTENT = ")[1].split(";\n")[0])
+    (test,) = content["tests"]
+    assert (test["verdict"], test["end_s"], test["states"][0]) == ("FAIL", 38.8, [0.0, 5.0, "MISSION_INPUT"])
+    assert test["marks"] == [["fault", 16.3, None, "lrf killed"]]
+    assert [bar[2] for bar in test["codes"]["lrf"]] == ["1", "8", "16"]
+    hold = next(each for each in test["moments"] if each["rule"] == "hold")
+    assert hold["commands"] == ["MissionCommand(HOLD)"]
+    assert "waits at most 15 s" in hold["values"]
+    assert "gps" in test["quiet"]
+    assert "lrf" not in test["quiet"]
+    for loaded in ("http://", "https://", "src=", "@import", "url("):
+        assert loaded not in page.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_the_report_shows_waivers_that_lie_beside_the_scenarios(folder):
+    (folder / "waivers.yaml").write_text("waivers:\n  - {item: rule touchdown, reason: one landing is enough here}\n")
+    for words in ([], ["--waivers", str(folder / "waivers.yaml")]):
+        assert main(["test", str(folder), "--html", "r.html", *words]) == 1
+        content = json.loads(Path("r.html").read_text().split("const CONTENT = ")[1].split(";\n")[0])
+        waived = [[name, why] for name, _, _, why in content["coverage"] if why]
+        assert waived == [["rule touchdown", "one landing is enough here"]]
+
+
+def test_a_text_cannot_end_the_script(folder):
+    result = run_task(Task(str(folder / "lrf.scenario.yaml"), error="</script><b>"))
+    write_page(Path("r.html"), [result], None, 0.0)
+    assert Path("r.html").read_text().count("</script>") == 1
+
+
+@pytest.fixture
+def run_pytest(folder):
+    def run(*words):
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(folder), *words]
+        if "amaze_autonomy.tester.pytest_plugin" not in _entry_points():
+            command[3:3] = ["-p", "amaze_autonomy.tester.pytest_plugin"]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    return run
+
+
+def _entry_points():
+    try:
+        from importlib.metadata import entry_points  # noqa: PLC0415
+
+        found = entry_points()
+        group = found.select(group="pytest11") if hasattr(found, "select") else found.get("pytest11", ())
+        return [each.name for each in group]
+    except ImportError:
+        return []
+
+
+def test_pytest_collects_scenarios_with_their_tags_and_margins(folder, run_pytest):
+    assert main(["accept", str(folder), REASON]) == 0
+    (folder / "gone.scenario.yaml").write_text(
+        "version: 1\ndescription: x\nbags: [{path: no.bag}]\nmap: crazyflie_sine\n"
+    )
+    done = run_pytest("--junitxml=r.xml", "-rs")
+    assert "1 passed, 1 skipped" in done.stdout, done.stdout
+    assert "INCONCLUSIVE: " in done.stdout
+    case = next(each for each in ET.parse("r.xml").getroot().iter("testcase") if each.get("name") == "lrf")
+    names = [each.get("name") for each in case.iter("property")]
+    assert names == ["requirement", "margin", "verdict", "digest"]
+    assert "1 passed, 1 deselected" in run_pytest("-k", "hold").stdout
+
+
+def test_pytest_shows_the_difference_and_a_mistake_with_its_line(folder, run_pytest):
+    assert main(["accept", str(folder), REASON]) == 0
+    path = folder / "lrf.scenario.yaml"
+    path.write_text(path.read_text().replace("delay_s: 5.0", "delay_s: 5.5"))
+    done = run_pytest()
+    assert "0.500 s later: MISSION/flying by failure_wait" in done.stdout
+    assert "Traceback" not in done.stdout
+    path.write_text("version: 1\ndescriptions: x\n")
+    assert "lrf.scenario.yaml:2: descriptions: is an unknown key; did you mean description?" in run_pytest().stdout
+
+
+def test_the_page_says_verdicts_by_signs_and_has_colours_for_the_dark(folder):
+    """What a test can see of it without a browser: every verdict has a sign, every colour of the text a dark one."""
+    (task,) = tasks_of([folder], Options(story=True))
+    write_page(Path("r.html"), [run_task(task)], None, 1.0)
+    page = Path("r.html").read_text()
+    signs = re.search(r"const SIGNS = \{(.*)\};", page).group(1)
+    assert re.findall(r"(\w+): ", signs) == ["PASS", "FAIL", "ERROR", "VACUOUS", "INCONCLUSIVE"]
+    assert {verdict.value for verdict in Verdict} == set(re.findall(r"(\w+): ", signs))
+    light, dark = re.findall(r":root \{(.*?)\}", page, re.DOTALL)
+    names = [set(re.findall(r"(--\w+):", text)) for text in (light, dark)]
+    assert names[0] == names[1] == set(re.findall(r"var\((--\w+)\)", page))
+
+
+def test_the_page_opens_with_what_failed():
+    results = [Result(verdict.value, "x", "", "", verdict, "") for verdict in reversed(Verdict)]
+    shown = [test["id"] for test in page_content(results, None, 0.0)["tests"]]
+    assert shown == ["FAIL", "ERROR", "VACUOUS", "INCONCLUSIVE", "PASS"]
