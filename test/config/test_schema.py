@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.config import FILES
-from amaze_autonomy.config.kinds import ListOf, Number, Whole
+from amaze_autonomy.config.kinds import ListOf, Number, Whole, split_unit
 from amaze_autonomy.config.schema import Group, Named
-from amaze_autonomy.config.units import split_unit
 
 TOPIC = "components.camera.topics./camera/image"
 KNOWN = "rate_hz, tolerance_fraction, rate_failed_fraction, age_limit_s, window_s, finite, unchanged_limit_s, "

@@ -10,8 +10,8 @@ import yaml
 from amaze_autonomy import paths
 from amaze_autonomy.config import FILES, Streams, load_configuration
 from amaze_autonomy.config.autonomy_schema import LIMIT_GROUPS
+from amaze_autonomy.config.kinds import unit_words
 from amaze_autonomy.config.schema import Group
-from amaze_autonomy.config.units import unit_words
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.specs import BatterySpec, LandingSpec, PollingSpec, StateEstimationSpec
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from console_scenes import MISSIONS
 
-from amaze_autonomy.console.missions import chosen, mission_question
+from amaze_autonomy.console.dialog import chosen, mission_question
 from amaze_autonomy.console.model import MissionRow
 
 

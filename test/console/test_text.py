@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from amaze_autonomy.console.text import clean
+from amaze_autonomy.console.wire import clean
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ from amaze_autonomy.monitoring.gravity import GravityWindow
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.rate import RateMonitor
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, TopicSpec
-from amaze_autonomy.monitoring.streams import Streams
-from amaze_autonomy.monitoring.watchdog import Watchdog
+from amaze_autonomy.monitoring.watchdog import Streams, Watchdog
 
 S = 1_000_000_000
 RATES_HZ = (200, 200, 30, 30, 30, 100, 50, 10, 5, 1)

@@ -6,8 +6,8 @@ from typing import Optional
 
 from monitoring_feed import S
 
+from amaze_autonomy.monitoring.component import ContentMonitor
 from amaze_autonomy.monitoring.condition import FOREVER_NS, Condition, Level
-from amaze_autonomy.monitoring.content import ContentMonitor
 from amaze_autonomy.monitoring.specs import TopicSpec
 
 

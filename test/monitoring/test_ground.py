@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitoring_feed import S
 
-from amaze_autonomy.monitoring.ground import GroundDistance, nearest_return, seen_m
+from amaze_autonomy.monitoring.landing import GroundDistance, nearest_return, seen_m
 from amaze_autonomy.monitoring.specs import LandingSpec
 
 SPEC = LandingSpec(mounting_height_m=0.1, max_range_m=40.0)

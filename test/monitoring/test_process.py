@@ -7,8 +7,8 @@ from typing import List, Optional
 import pytest
 from monitoring_feed import S
 
+from amaze_autonomy.monitoring.component import AnswerMonitor
 from amaze_autonomy.monitoring.condition import FOREVER_NS, Condition, Level
-from amaze_autonomy.monitoring.process import AnswerMonitor
 
 
 def asked(answers: List[Optional[bool]], reports: int = 1) -> AnswerMonitor:

@@ -7,8 +7,7 @@ from monitoring_feed import S
 from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo
 from amaze_autonomy.engine.severity import Code, Restart, Severity
 from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
-from amaze_autonomy.monitoring.streams import Streams
-from amaze_autonomy.monitoring.watchdog import Watchdog
+from amaze_autonomy.monitoring.watchdog import Streams, Watchdog
 
 SPECS = (
     ComponentSpec("camera", severity=Severity.HIGHEST, topics=(TopicSpec("/camera", 10.0),)),

@@ -8,9 +8,8 @@ from __future__ import annotations
 from .autonomy_schema import Streams
 from .autopilot_schema import AutopilotSettings, LinkSettings
 from .errors import ConfigError, Place
-from .loader import FILES, hash_of, load_configuration, rules_of_effective
+from .loader import FILES, Overrides, hash_of, load_configuration, rules_of_effective
 from .model import Configuration
-from .overrides import Overrides
 from .recording_schema import Platform, Recording, Storage, TopicGroup
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Dict, Mapping, Sequence, Tuple, Union
+from typing import Any, Dict, Iterable, List, Mapping, Sequence, Tuple, Union
 
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
@@ -17,25 +17,28 @@ from .binding import make
 from .build import components_of, landing_of, recording_of, rules_of, state_estimation_of
 from .consistency import (
     check_autonomy_with_sensors,
+    check_components,
     check_heights,
+    check_order,
     check_planner,
     check_recorder_limits,
     check_recording,
 )
-from .decision_table import check_components
-from .document import Entry, entry_of, read
+from .document import Entry, entry_of, parse, read, replace
 from .errors import ConfigError, Place
 from .kinds import Places
 from .missions_schema import MISSIONS
 from .model import Configuration
-from .order import check_order
-from .overrides import Overrides, apply_overrides
 from .recording_schema import RECORDING
 from .schema import Group
 from .sensors_schema import SENSORS
 from .trajectories import Files, plans_of, read_files
 
-__all__ = ["FILES", "hash_of", "load_configuration", "rules_of_effective"]
+__all__ = ["FILES", "Overrides", "apply_overrides", "hash_of", "load_configuration", "rules_of_effective"]
+
+# --- loader -----------------------------------------------------------------------------------------------------------
+# Loads a folder of configuration files: all of them, once, strictly. One mistake is one `ConfigError`.
+
 
 FILES: Mapping[str, Group] = {
     "autonomy": AUTONOMY,
@@ -150,3 +153,49 @@ def _configuration(
         effective=effective,
         hash=hash_of(effective),
     )
+
+
+# --- overrides --------------------------------------------------------------------------------------------------------
+# Overrides: single values given on top of the files, e.g. by a launch file or a scenario. Checked like the files.
+#
+# autonomy.require_go=true sensors.components.gps.severity=high missions.missions.1.repetitions=3
+
+
+Overrides = Union[Iterable[str], Mapping[str, Any]]
+
+
+def apply_overrides(trees: Mapping[str, Entry], overrides: Overrides) -> Dict[str, Entry]:
+    """Return the trees of the files with the overrides in them; a later one wins over an earlier one.
+
+    Raises:
+        ConfigError: an override is not `file.key=value`, or addresses what cannot be.
+    """
+    changed = dict(trees)
+    for place, address, value in _pairs(overrides):
+        name, path = address[0], address[1:]
+        if name not in changed or not path or not all(path):
+            right = f"must be file.key.key=value with the file one of {', '.join(trees)}"
+            raise ConfigError(place, "", "addresses no key", right)
+        new = replace(changed[name], path, value)
+        if new is None:
+            raise ConfigError(place, "", "leads through a single value", "must address a key of a group")
+        changed[name] = new
+    return changed
+
+
+def _pairs(overrides: Overrides) -> List[Tuple[Place, Tuple[str, ...], Entry]]:
+    if isinstance(overrides, Mapping):
+        pairs = []
+        for key, value in overrides.items():
+            place = Place(f"override {key}")
+            pairs.append((place, tuple(str(key).split(".")), entry_of(value, place)))
+        return pairs
+    return [_parsed(text) for text in ([overrides] if isinstance(overrides, str) else overrides)]
+
+
+def _parsed(text: str) -> Tuple[Place, Tuple[str, ...], Entry]:
+    place = Place(f"override {text}")
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise ConfigError(place, "", "has no value", "must be file.key.key=value")
+    return place, tuple(key.strip().split(".")), parse(value, place.source, lines=False)

@@ -7,9 +7,9 @@ from typing import Tuple
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
 
 from .binding import Row, group_of
-from .components_schema import COMPONENT_NAME, NAME, SEVERITY
 from .kinds import Choice, ListOf, Number, Text, Whole
 from .schema import Group, Key, Named
+from .sensors_schema import COMPONENT_NAME, NAME, SEVERITY
 
 __all__ = ["MISSIONS", "MISSION_ID"]
 

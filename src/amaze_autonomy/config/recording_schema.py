@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import Optional, Tuple
 
 from .binding import Row, bind, group_of
-from .components_schema import COMPONENT_NAME, TOPIC_NAME
 from .kinds import Choice, Flag, ListOf, Number, Text, Whole
 from .schema import Group, Key, Named
+from .sensors_schema import COMPONENT_NAME, TOPIC_NAME
 
 __all__ = ["RECORDING", "Platform", "Recording", "Storage", "TopicGroup", "Transfer"]
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, Callable, Iterator, List, Mapping, Tuple
 
-from .kinds import ListOf
+from .consistency import LOSS_RATES, ORDER
+from .kinds import ListOf, unit_words
 from .loader import FILES
-from .order import LOSS_RATES, ORDER
 from .schema import Group, Key, Named, is_required
-from .units import unit_words
 
 __all__ = ["DOCUMENTS", "file_reference", "group_reference", "order_reference"]
 

@@ -9,8 +9,7 @@ from typing import Any, Dict, NoReturn, Tuple
 
 from .document import Entry, Scalar, Table, entry_of
 from .errors import ConfigError, Place
-from .kinds import Address, Kind, Places, described, dotted, refuse
-from .units import converted, split_unit, unit_words
+from .kinds import Address, Kind, Places, converted, described, dotted, refuse, split_unit, unit_words
 
 __all__ = ["REQUIRED", "Group", "Key", "Named", "is_required"]
 

@@ -6,13 +6,33 @@ Every function takes the desk and the time and returns the next desk, with the r
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Optional, Tuple
+from difflib import get_close_matches
+from typing import List, Optional, Tuple
 
 from .keys import QUIT_KEY, Binding, binding_of_key, binding_of_word, offered
-from .missions import chosen, mission_question
 from .model import Answer, Desk, MissionRow, Note, Question, Request, RequestKind, Snapshot, Verdict
+from .wire import clean
+from .words import duration, fraction
 
-__all__ = ["Turn", "answered", "listed", "oldest_open", "press", "received", "tick", "typed"]
+__all__ = [
+    "Turn",
+    "answered",
+    "chosen",
+    "listed",
+    "mission_question",
+    "oldest_open",
+    "press",
+    "received",
+    "tick",
+    "typed",
+]
+
+# --- dialog -----------------------------------------------------------------------------------------------------------
+# What happens on the console's desk: states arrive, answers arrive, keys and lines are typed. Pure.
+#
+# Every function takes the desk and the time and returns the next desk, with the requests to send where there can be
+# any.
+
 
 _ANSWER_SHOWN_S = 15.0
 _QUESTION_OPEN_S = 10.0
@@ -225,3 +245,44 @@ def _send(desk: Desk, request: Request, now_s: float) -> Turn:
 def oldest_open(desk: Desk) -> Optional[Request]:
     """Return the oldest request of the user that is not answered."""
     return next((each for each in desk.requests if each.kind is not RequestKind.LIST), None)
+
+
+# --- missions ---------------------------------------------------------------------------------------------------------
+# Choosing from the list of missions: what was typed, and what is wrong with it.
+
+
+def chosen(words: str, missions: Tuple[MissionRow, ...]) -> Tuple[Tuple[str, ...], str]:
+    """Return the ids that were typed, separated by blanks or commas, and what is wrong; one of both is empty."""
+    rows = {row.id: row for row in missions}
+    if clean(words) in rows:
+        ids: Tuple[str, ...] = (clean(words),)
+    else:
+        ids = tuple(clean(word) for word in words.replace(",", " ").split())
+    if not ids:
+        return (), "No mission was named."
+    for name in ids:
+        row = rows.get(name)
+        if row is None:
+            return (), _not_on_the_list(name, [each.id for each in missions])
+        if row.error:
+            return (), f"Mission {name} cannot be flown: {row.error}"
+    return ids, ""
+
+
+def _not_on_the_list(name: str, known: List[str]) -> str:
+    near = get_close_matches(name, known, n=1)
+    hint = f" Did you mean {near[0]}?" if near else ""
+    there = f"There are: {', '.join(known)}." if known else "The engine knows no mission."
+    return f'There is no mission "{name}".{hint} {there}'
+
+
+def mission_question(ids: Tuple[str, ...], missions: Tuple[MissionRow, ...]) -> str:
+    """Return the question that confirms a selection."""
+    rows = [row for name in ids for row in missions if row.id == name]
+    if len(rows) == 1:
+        row = rows[0]
+        about = f"{duration(row.duration_s)}, battery needed {fraction(row.battery_needed)}"
+        return f"Fly mission {row.id}: {row.description or 'no description'} ({about})?"
+    durations = [row.duration_s for row in rows]
+    total: Optional[float] = None if None in durations else sum(each or 0.0 for each in durations)
+    return f"Fly missions {', '.join(ids)}, one after the other ({duration(total)} in the air)?"

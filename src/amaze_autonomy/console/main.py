@@ -16,7 +16,8 @@ from amaze_autonomy.console.model import Desk
 from amaze_autonomy.console.printer import run_plain
 from amaze_autonomy.console.session import CLOSED, INTERRUPTED, Session
 from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal
-from amaze_autonomy.console.text import clean
+
+from .wire import clean
 
 __all__ = ["main"]
 

@@ -22,10 +22,11 @@ from amaze_autonomy.console.link import (
     StateCame,
 )
 from amaze_autonomy.console.model import STALE_AFTER_S, Request, RequestKind, Verdict
-from amaze_autonomy.console.text import clean
 from amaze_autonomy.console.wire import collecting_of, missions_of, snapshot_of, verdict_of
 from amaze_autonomy.msg import AutonomyState, RecordingStatus
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
+
+from .wire import clean
 
 __all__ = ["DEFAULT_ENGINE", "RosLink"]
 

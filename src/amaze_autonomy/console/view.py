@@ -13,16 +13,25 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.padding import Padding
 from rich.segment import Segment, Segments
 from rich.table import Table
+from rich.text import Text
 
 from .band import band
-from .footer import footer
+from .dialog import oldest_open
+from .keys import QUIT_KEY, offered
 from .model import Desk, Snapshot
-from .progress import progress
-from .style import Style, Tone, tone_of_level
+from .style import Style, Tone, tone_of_answer, tone_of_level
 from .tables import checks_table, failures_table, missions_table
-from .words import level
+from .words import fraction, level, seconds
 
-__all__ = ["Screen"]
+__all__ = ["Screen", "footer", "progress"]
+
+# --- view -------------------------------------------------------------------------------------------------------------
+# The screen: a desk and the time made into what rich draws. Pure.
+#
+# From top to bottom: the band (state and time left, large), the message with its advice, what is wrong, progress, the
+# table that the state is about, the log of messages; at the bottom, always visible: answer, question, keys. What does
+# not fit is cut from the middle, never from the band or the keys.
+
 
 _ALL = 10_000
 _LEAST_LOG = 3
@@ -124,3 +133,99 @@ def _message(snapshot: Snapshot, style: Style) -> RenderableType:
     if snapshot.advice:
         parts.append(style.text(f"{style.arrow} {snapshot.advice}", Tone.STRONG))
     return Padding(Group(*parts), (0, 1))
+
+
+# --- footer -----------------------------------------------------------------------------------------------------------
+# The foot of the screen, always visible: the answer, what was wrong with the input, the question, the keys.
+
+
+_SLOW_S = 1.0
+
+
+def footer(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType:
+    """Return the foot of the screen."""
+    parts = _said(desk, now_s, style)
+    if desk.question is not None:
+        yes = "Y or Enter = yes" if desk.question.enter_is_yes else "Y = yes"
+        parts.append(style.text(f"{desk.question.text}  {yes}, any other key = no", Tone.WARN))
+    elif desk.interactive:
+        parts.append(_keys(desk, style))
+    return Group(style.text(style.rule * width), Padding(Group(*parts), (0, 1)))
+
+
+def _said(desk: Desk, now_s: float, style: Style) -> List[RenderableType]:
+    """Return what became of the last request, or that there is no answer yet, and what was wrong with the input."""
+    parts: List[RenderableType] = []
+    request = oldest_open(desk)
+    if request is not None and now_s - request.sent_s >= _SLOW_S:
+        parts.append(style.text(f"{request.words}: no answer for {now_s - request.sent_s:.0f} s", Tone.WARN))
+    elif request is not None:
+        parts.append(style.text(f"{request.words}: asked ..."))
+    answer = desk.answer
+    if answer is not None:
+        verdict = style.label(answer.verdict.value, tone_of_answer(answer.verdict))
+        parts.append(Text.assemble(f"{answer.request}: ", verdict, f" {answer.message}", overflow="fold"))
+    if desk.error:
+        parts.append(style.text(desk.error, Tone.BAD))
+    return parts
+
+
+def _keys(desk: Desk, style: Style) -> Text:
+    keys = Text(overflow="fold")
+    if desk.snapshot is not None and desk.snapshot.takes_mission:
+        keys.append(f"mission id, then Enter (several: 1 2 3): {desk.entry}{style.cursor}  ", style.band(Tone.STRONG))
+        for binding in offered(desk.snapshot):
+            keys.append_text(style.label(f"{binding.key.upper()} Enter", Tone.INFO)).append(f" {binding.words}  ")
+        keys.append_text(style.label("Ctrl-C", Tone.INFO)).append(" close console only")
+        return keys
+    for binding in offered(desk.snapshot):
+        keys.append_text(style.label(binding.key.upper(), Tone.INFO)).append(f" {binding.words}   ")
+    keys.append_text(style.label(QUIT_KEY.upper(), Tone.INFO)).append(" close console only")
+    return keys
+
+
+# --- progress ---------------------------------------------------------------------------------------------------------
+# How far things are: waypoints in flight, the recording while it is collected, the result at the end.
+
+
+_COLLECTING = ("STOPPING", "RECOVERING", "TRANSFERRING", "MERGING", "VERIFYING", "COMPLETE")
+_TROUBLE = "recorder   "
+_FLYING = ("TAKEOFF", "MISSION", "HOLD", "LAND", "PILOT")
+
+
+def progress(desk: Desk, snapshot: Snapshot, now_s: float, width: int, style: Style) -> List[RenderableType]:
+    """Return the lines of progress that matter in the present state."""
+    left_s = desk.remaining_s(now_s)
+    bar = min(40, max(10, width - 45))
+    lines: List[str] = []
+    if snapshot.state in _FLYING and snapshot.waypoints > 0:
+        done = min(1.0, snapshot.waypoint / snapshot.waypoints)
+        lines.append(f"waypoint   {style.bar(done, bar)}  {snapshot.waypoint} of {snapshot.waypoints}")
+    if snapshot.recording_phase not in ("", "IDLE"):
+        lines.append(f"recording  {_recording(snapshot, bar, style)}")
+        if left_s is not None and snapshot.recording_phase in _COLLECTING:
+            lines.append(f"time left  about {seconds(left_s)} of this step")
+    lines.extend(f"{_TROUBLE}{trouble}" for trouble in desk.troubles(now_s))
+    if snapshot.data_location:
+        lines.append(f"data       {snapshot.data_location}")
+    texts = [style.text(line, _tone(snapshot, line)) for line in lines]
+    return ["", Padding(Group(*texts), (0, 1))] if lines else []
+
+
+def _tone(snapshot: Snapshot, line: str) -> Tone:
+    if line.startswith(_TROUBLE):
+        return Tone.WARN
+    return Tone.STRONG if snapshot.state == "MISSION_ENDED" and line.startswith("data") else Tone.PLAIN
+
+
+def _recording(snapshot: Snapshot, bar: int, style: Style) -> str:
+    phase, done = snapshot.recording_phase, snapshot.recording_progress
+    place = _step(phase)
+    if done is None or phase not in _COLLECTING:
+        return f"{'running' if phase == 'RECORDING' else phase.lower()}{place}"
+    return f"{style.bar(done, bar)}  {fraction(done)} {phase.lower()}{place}"
+
+
+def _step(phase: str) -> str:
+    number: Optional[int] = _COLLECTING.index(phase) + 1 if phase in _COLLECTING[:-1] else None
+    return "" if number is None else f", step {number} of {len(_COLLECTING) - 1}"

@@ -7,8 +7,16 @@ from .fence import Circle, Fence, Polygon, check_fence, polygon_problem
 from .files import SUFFIXES, parse_file
 from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, distance_m, estimate_flight, leg_s
 from .geodesy import Home, Place
-from .plan import MissionPlan, Round, battery_needed_fraction, check_files, estimate_rounds, total
-from .planner_spec import Controller, PlannerSpec
+from .plan import (
+    Controller,
+    MissionPlan,
+    PlannerSpec,
+    Round,
+    battery_needed_fraction,
+    check_files,
+    estimate_rounds,
+    total,
+)
 from .routes import GLOBAL_COLUMNS, Area, Route, RoutePoint, localize, localize_fence
 from .waypoints import COLUMNS, Trajectory, Waypoint, parse_trajectory
 

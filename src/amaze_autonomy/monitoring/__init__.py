@@ -12,8 +12,7 @@ from .landing import LandingDetector, LandingVerdict
 from .rate import RateMonitor
 from .restart import RestartRequest
 from .state_estimation import Estimate, StateEstimationMonitor, StateVerdict
-from .streams import Streams
-from .watchdog import TakeoffCheck, Watchdog
+from .watchdog import Streams, TakeoffCheck, Watchdog
 
 __all__ = [
     "FOREVER_NS",

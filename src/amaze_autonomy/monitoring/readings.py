@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any, Callable, Mapping, NamedTuple, Optional, Tuple
 
-from .estimate_rows import Estimate
 from .gravity import Vector
-from .ground import nearest_return
+from .landing import nearest_return
 from .specs import EstimateSource, LandingSpec, RangeSource
+from .state_estimation import Estimate
 
 __all__ = ["Quaternion", "RangeReading", "estimate_reader", "orientation_of", "range_reader", "vector"]
 

@@ -13,8 +13,15 @@ from typing import Optional, Tuple
 
 from amaze_autonomy.engine.severity import Severity
 
-from .checked import Checked, is_command
-from .preflight_specs import BatterySpec, EstimateSource, LandingSpec, RangeSource, StateEstimationSpec
+from .preflight_specs import (
+    BatterySpec,
+    Checked,
+    EstimateSource,
+    LandingSpec,
+    RangeSource,
+    StateEstimationSpec,
+    is_command,
+)
 
 __all__ = [
     "GROUPS",

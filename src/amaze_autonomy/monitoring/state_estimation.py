@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
-from math import isfinite
+from math import degrees, isfinite, sqrt
 from typing import Callable, Deque, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check, Verdict
 
-from . import estimate_rows as of_estimate
-from . import imu_rows as of_imu
 from .condition import Condition, Level, seconds
-from .estimate_rows import Estimate
 from .gravity import (
     BUCKET_NS,
     GravityWindow,
     ImuStatistics,
     Vector,
+    angle_between,
+    describe_tilt,
+    likely_mistake,
     norm,
     rotate,
     rotation_from_rpy,
@@ -26,7 +26,232 @@ from .gravity import (
 from .rate import RateMonitor
 from .specs import StateEstimationSpec, TopicSpec
 
-__all__ = ["Estimate", "StateEstimationMonitor", "StateVerdict"]
+__all__ = [
+    "Estimate",
+    "StateEstimationMonitor",
+    "StateVerdict",
+    "age_row",
+    "agreement_row",
+    "deviation_rows",
+    "estimate_tilt_row",
+    "finite_row",
+    "imu_tilt_row",
+    "magnitude_row",
+    "position_row",
+    "quaternion_row",
+    "shaking_row",
+    "speed_row",
+    "turning_row",
+]
+
+# --- estimate rows ----------------------------------------------------------------------------------------------------
+# The rows of the pre-flight table that judge the estimator's last estimate, one function each.
+
+
+_S = 1_000_000_000
+
+
+class Estimate(NamedTuple):
+    """One estimate.
+
+    Args:
+        position: m.
+        orientation: quaternion x, y, z, w of the vehicle in the world.
+        position_variance: diagonal of the covariance, m^2; None when the message has none.
+        orientation_variance: diagonal of the covariance, rad^2; None when the message has none.
+        velocity: m/s; None when the message has none.
+    """
+
+    position: Vector
+    orientation: Tuple[float, float, float, float]
+    position_variance: Optional[Vector] = None
+    orientation_variance: Optional[Vector] = None
+    velocity: Optional[Vector] = None
+
+
+def age_row(name: str, age_ns: Optional[int], limit_ns: int, topic: str) -> Check:
+    """Judge how old the last word of a topic is; from the future is not fresh either."""
+    limit_s = limit_ns / _S
+    if age_ns is None:
+        return Check(name, Verdict.UNKNOWN, None, limit_s, "s", None, f"nothing came on {topic}: is its node running?")
+    age_s = age_ns / _S
+    if abs(age_ns) <= limit_ns:
+        return Check(name, Verdict.PASS, age_s, limit_s, "s", age_s)
+    how = "old: did its node stop?" if age_ns > 0 else "in the future: compare the clocks of the computers"
+    advice = f"the last word on {topic} is {abs(age_s):.3g} s {how}"
+    return Check(name, Verdict.FAIL, age_s, limit_s, "s", age_s, advice)
+
+
+def finite_row(estimate: Estimate) -> Check:
+    """Judge whether every number is finite; the value is how many are not."""
+    numbers = (*estimate.position, *estimate.orientation, *(estimate.velocity or ()))
+    bad = sum(1 for number in numbers if not isfinite(number))
+    if not bad:
+        return Check("estimate finite", Verdict.PASS, 0.0, 0.0, "numbers")
+    advice = f"{bad} of {len(numbers)} numbers are NaN or infinite: restart the estimator"
+    return Check("estimate finite", Verdict.FAIL, float(bad), 0.0, "numbers", None, advice)
+
+
+def quaternion_row(estimate: Estimate, spec: StateEstimationSpec) -> Check:
+    """Judge whether the orientation is a unit quaternion; value and limit are the deviation of its norm from 1."""
+    x, y, z, w = estimate.orientation
+    off = abs(sqrt(x * x + y * y + z * z + w * w) - 1.0)
+    if off <= spec.quaternion_tolerance:
+        return Check("quaternion norm", Verdict.PASS, off, spec.quaternion_tolerance)
+    if (x, y, z, w) == (0.0, 0.0, 0.0, 0.0):
+        advice = "the orientation is all zero: the estimator does not know it, or does not fill it in"
+    else:
+        advice = "the orientation is no unit quaternion: the estimator has diverged, restart it"
+    return Check("quaternion norm", Verdict.FAIL, off, spec.quaternion_tolerance, "", None, advice)
+
+
+def position_row(estimate: Estimate, spec: StateEstimationSpec) -> Check:
+    """Judge whether the position is anywhere that makes sense."""
+    distance_m, limit_m = norm(estimate.position), spec.position_limit_m
+    if distance_m <= limit_m:
+        return Check("distance from origin", Verdict.PASS, distance_m, limit_m, "m")
+    advice = "the position is far from the origin: the estimator has diverged, or its origin is elsewhere"
+    return Check("distance from origin", Verdict.FAIL, distance_m, limit_m, "m", None, advice)
+
+
+def speed_row(estimate: Estimate, spec: StateEstimationSpec) -> Check:
+    """Judge the estimated speed of a vehicle that stands on the ground."""
+    name, limit = "estimated speed", spec.speed_limit_m_s
+    if estimate.velocity is None:
+        return Check(name, Verdict.PASS, None, limit, "m/s")
+    speed = norm(estimate.velocity)
+    if speed <= limit:
+        return Check(name, Verdict.PASS, speed, limit, "m/s")
+    return Check(
+        name, Verdict.FAIL, speed, limit, "m/s", None, "the estimate moves though the vehicle stands: restart it"
+    )
+
+
+def estimate_tilt_row(estimate: Estimate, spec: StateEstimationSpec) -> Check:
+    """Judge the tilt that the estimate says."""
+    name, limit = "estimated tilt", spec.tilt_limit_rad
+    up = up_of_quaternion(*estimate.orientation)
+    if up is None:
+        return Check(name, Verdict.UNKNOWN, None, limit, "rad", None, "the orientation is unknown")
+    tilt_rad = tilt_of(up)
+    if tilt_rad <= limit:
+        return Check(name, Verdict.PASS, tilt_rad, limit, "rad")
+    advice = f"the estimator says that the vehicle is tilted {describe_tilt(up)}, limit {degrees(limit):.0f} deg"
+    return Check(name, Verdict.FAIL, tilt_rad, limit, "rad", None, advice)
+
+
+def deviation_rows(estimate: Estimate, spec: StateEstimationSpec) -> Tuple[Check, ...]:
+    """Judge how sure the estimator is of position and orientation."""
+    return (
+        _deviation("position deviation", estimate.position_variance, spec.position_deviation_limit_m, "m", spec),
+        _deviation(
+            "orientation deviation", estimate.orientation_variance, spec.orientation_deviation_limit_rad, "rad", spec
+        ),
+    )
+
+
+def _deviation(name: str, variance: Optional[Vector], limit: float, unit: str, spec: StateEstimationSpec) -> Check:
+    """Judge the largest standard deviation; all zero, and anything negative, is how messages say "unknown"."""
+    if variance is not None and not all(isfinite(value) for value in variance):
+        advice = "the covariance is not finite: the estimator has diverged, restart it"
+        return Check(name, Verdict.FAIL, None, limit, unit, None, advice)
+    if variance is None or min(variance) < 0 or max(variance) == 0:
+        verdict = Verdict.UNKNOWN if spec.require_covariance else Verdict.WARN
+        return Check(name, verdict, None, limit, unit, None, "the estimate has no covariance")
+    deviation = sqrt(max(variance))
+    if deviation <= limit:
+        return Check(name, Verdict.PASS, deviation, limit, unit)
+    advice = "the estimator is not sure: let it converge, move the vehicle as it needs, then retry"
+    return Check(name, Verdict.FAIL, deviation, limit, unit, None, advice)
+
+
+# --- imu rows ---------------------------------------------------------------------------------------------------------
+# The rows of the pre-flight table that judge what the IMU measured over a window, one function each.
+
+
+_MISMOUNTED_DEG = 60.0
+
+
+def magnitude_row(measured: Optional[ImuStatistics], spec: StateEstimationSpec) -> Check:
+    """Judge the magnitude of gravity; the limit is the one that is nearer."""
+    name, unit = "gravity magnitude", "m/s^2"
+    if measured is None or measured.samples < spec.min_samples:
+        return Check(name, Verdict.UNKNOWN, None, spec.gravity_m_s2, unit, None, _too_few(measured, spec))
+    value = norm(measured.acceleration)
+    sign = 1.0 if value > spec.gravity_m_s2 else -1.0
+    limit = spec.gravity_m_s2 + sign * spec.gravity_tolerance_m_s2
+    if abs(value - spec.gravity_m_s2) <= spec.gravity_tolerance_m_s2:
+        return Check(name, Verdict.PASS, value, limit, unit)
+    advice = f"gravity is {value:.3g} m/s^2: {likely_mistake(value, spec.gravity_m_s2)}"
+    return Check(name, Verdict.FAIL, value, limit, unit, None, advice)
+
+
+def imu_tilt_row(up: Optional[Vector], spec: StateEstimationSpec) -> Check:
+    """Judge the tilt of the vehicle: does gravity point down in its frame?"""
+    limit = spec.tilt_limit_rad
+    if up is None:
+        return Check("tilt", Verdict.UNKNOWN, None, limit, "rad", None, "gravity is unknown")
+    tilt_rad = tilt_of(up)
+    if tilt_rad <= limit:
+        return Check("tilt", Verdict.PASS, tilt_rad, limit, "rad")
+    advice = f"vehicle is tilted {describe_tilt(up)}, limit {degrees(limit):.0f} deg"
+    if degrees(tilt_rad) > _MISMOUNTED_DEG:
+        advice += "; if it stands level, imu_mounting_rpy_deg is wrong"
+    return Check("tilt", Verdict.FAIL, tilt_rad, limit, "rad", None, advice)
+
+
+def agreement_row(up: Optional[Vector], estimated_up: Optional[Vector], spec: StateEstimationSpec) -> Check:
+    """Judge whether estimator and IMU agree about where up is."""
+    name, limit = "tilt agreement", spec.tilt_difference_limit_rad
+    if up is None or estimated_up is None:
+        return Check(name, Verdict.UNKNOWN, None, limit, "rad", None, "one of the two tilts is unknown")
+    angle = angle_between(up, estimated_up)
+    if angle <= limit:
+        return Check(name, Verdict.PASS, angle, limit, "rad")
+    advice = (
+        f"the IMU says {describe_tilt(up)}, the estimator {describe_tilt(estimated_up)}: "
+        "restart the estimator, check the mounting rotation"
+    )
+    return Check(name, Verdict.FAIL, angle, limit, "rad", None, advice)
+
+
+def shaking_row(measured: Optional[ImuStatistics], observed_ns: int, spec: StateEstimationSpec) -> Check:
+    """Judge the spread of the acceleration while the vehicle should stand still."""
+    name, limit, unit = "shaking", spec.still_acceleration_m_s2, "m/s^2"
+    if measured is None or measured.samples < spec.min_samples or observed_ns < spec.still_ns:
+        advice = f"not observed for {seconds(spec.still_ns)} yet, wait"
+        return Check(name, Verdict.UNKNOWN, None, limit, unit, None, advice, heals=True)
+    if measured.deviation <= limit:
+        return Check(name, Verdict.PASS, measured.deviation, limit, unit)
+    return Check(
+        name,
+        Verdict.FAIL,
+        measured.deviation,
+        limit,
+        unit,
+        None,
+        f"do not move the vehicle for {seconds(spec.still_ns)}",
+    )
+
+
+def turning_row(measured: Optional[ImuStatistics], observed_ns: int, spec: StateEstimationSpec) -> Check:
+    """Judge the mean turn rate: a vehicle that turns, or a gyroscope with a bias."""
+    name, limit, unit = "turning", spec.still_turn_rate_rad_s, "rad/s"
+    if measured is None or measured.turn_rate is None or observed_ns < spec.still_ns:
+        advice = f"not observed for {seconds(spec.still_ns)} yet, wait"
+        return Check(name, Verdict.UNKNOWN, None, limit, unit, None, advice, heals=True)
+    if measured.turn_rate <= limit:
+        return Check(name, Verdict.PASS, measured.turn_rate, limit, unit)
+    advice = "do not turn the vehicle; if it stands still, calibrate the gyroscope"
+    return Check(name, Verdict.FAIL, measured.turn_rate, limit, unit, None, advice)
+
+
+def _too_few(measured: Optional[ImuStatistics], spec: StateEstimationSpec) -> str:
+    count = 0 if measured is None else measured.samples
+    return f"{count} good samples on {spec.imu_topic} in {seconds(spec.window_ns)}, {spec.min_samples} are needed"
+
+
+# --- state estimation -------------------------------------------------------------------------------------------------
 
 
 class StateVerdict(NamedTuple):
@@ -104,11 +329,11 @@ class StateEstimationMonitor:
             rows.append(self._age_row(t_ns))
             if self._estimate is not None:
                 rows.append(self._rate_row(self._rate.evaluate(t_ns)))
-                rows.append(of_estimate.estimate_tilt_row(self._estimate, spec))
+                rows.append(estimate_tilt_row(self._estimate, spec))
         if spec.imu_topic:
             rows += self._gravity_rows(t_ns, measured, up)
             if spec.topic:
-                rows.append(of_imu.agreement_row(up, self._estimated_up(), spec))
+                rows.append(agreement_row(up, self._estimated_up(), spec))
         return tuple(rows)
 
     def check(self, t_ns: int) -> StateVerdict:
@@ -144,12 +369,12 @@ class StateEstimationMonitor:
         if estimate is None:
             return tuple(rows)
         rows.append(self._rate_row(self._rate.evaluate(t_ns)))
-        rows.append(of_estimate.finite_row(estimate))
-        rows.append(of_estimate.quaternion_row(estimate, spec))
-        rows.append(of_estimate.position_row(estimate, spec))
-        rows.extend(of_estimate.deviation_rows(estimate, spec))
-        rows.append(of_estimate.speed_row(estimate, spec))
-        rows.append(of_estimate.estimate_tilt_row(estimate, spec))
+        rows.append(finite_row(estimate))
+        rows.append(quaternion_row(estimate, spec))
+        rows.append(position_row(estimate, spec))
+        rows.extend(deviation_rows(estimate, spec))
+        rows.append(speed_row(estimate, spec))
+        rows.append(estimate_tilt_row(estimate, spec))
         rows.append(self._drift_row(t_ns))
         return tuple(rows)
 
@@ -161,24 +386,24 @@ class StateEstimationMonitor:
         still = self._imu.statistics(t_ns, spec.still_ns)
         rows = [
             *self._gravity_rows(t_ns, measured, up),
-            of_imu.shaking_row(still, observed_ns, spec),
-            of_imu.turning_row(still, observed_ns, spec),
+            shaking_row(still, observed_ns, spec),
+            turning_row(still, observed_ns, spec),
         ]
         if spec.topic:
-            rows.append(of_imu.agreement_row(up, self._estimated_up(), spec))
+            rows.append(agreement_row(up, self._estimated_up(), spec))
         return tuple(rows)
 
     def _age_row(self, t_ns: int) -> Check:
         age_ns = None if self._estimate is None else t_ns - self._estimate_ns
-        return of_estimate.age_row("estimate age", age_ns, self.spec.age_limit_ns, self.spec.topic)
+        return age_row("estimate age", age_ns, self.spec.age_limit_ns, self.spec.topic)
 
     def _gravity_rows(self, t_ns: int, measured: Optional[ImuStatistics], up: Optional[Vector]) -> List[Check]:
         spec, last_ns = self.spec, self._imu.last_ns
         age_ns = None if last_ns is None else t_ns - last_ns
         return [
-            of_estimate.age_row("IMU age", age_ns, spec.age_limit_ns, spec.imu_topic),
-            of_imu.magnitude_row(measured, spec),
-            of_imu.imu_tilt_row(up, spec),
+            age_row("IMU age", age_ns, spec.age_limit_ns, spec.imu_topic),
+            magnitude_row(measured, spec),
+            imu_tilt_row(up, spec),
         ]
 
     def _rate_row(self, condition: Condition) -> Check:

@@ -14,9 +14,9 @@ from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
-from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
+from ..monitoring.watchdog import Streams
 from .agenda import Turns
 from .errors import FieldError, MisfitError
 from .feeds import (

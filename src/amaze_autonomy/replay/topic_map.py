@@ -12,8 +12,6 @@ from typing import Any, Dict, Mapping, Optional, Tuple
 
 from amaze_autonomy.config import ConfigError, Place
 from amaze_autonomy.config.binding import bind, field_value, key_name, make
-from amaze_autonomy.config.checks_schema import LANDING_DETECTION, STATE_ESTIMATION
-from amaze_autonomy.config.components_schema import COMPONENT_NAME, SEVERITY, TOPIC_NAME
 from amaze_autonomy.config.document import read
 from amaze_autonomy.config.kinds import Choice, Flag, ListOf, Number, Places, Text, Whole
 from amaze_autonomy.config.schema import REQUIRED, Group, Key, Named
@@ -26,6 +24,7 @@ from amaze_autonomy.monitoring.specs import (
     TopicSpec,
 )
 
+from ..config.sensors_schema import COMPONENT_NAME, LANDING_DETECTION, SEVERITY, STATE_ESTIMATION, TOPIC_NAME
 from .fields import FIELD_PATH
 
 __all__ = ["SCHEMA", "ComponentMap", "Reading", "Script", "TopicMap", "load_map", "map_names"]

@@ -15,10 +15,9 @@ from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.state import Result, State
 
 from .errors import SimulationError
-from .run import Run, run
+from .run import Run, run, story, summary
 from .scenario import EVENTS, KINDS, Scenario
 from .scenario_file import load_scenario
-from .story import story, summary
 
 __all__ = ["COMPLETE", "LIMIT", "NOT_COMPLETE", "USAGE", "WAITING", "main", "scenario_file"]
 

@@ -13,7 +13,17 @@ from __future__ import annotations
 from difflib import get_close_matches
 from typing import Tuple
 
-__all__ = ["NoEffectError", "SimulatedTimeError", "SimulationError", "UnknownTargetError"]
+__all__ = ["NoEffectError", "SimulatedTimeError", "SimulationError", "UnknownTargetError", "VehicleAddressError"]
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+# What can go wrong in the simulated world.
+#
+#     SimulationError          base
+#     +-- SimulatedTimeError   time went backwards
+#     +-- UnknownTargetError   a fault names something that this world does not have
+#     +-- NoEffectError        a fault cannot do anything to what it names
+#
+# Mistakes in a scenario file are `amaze_autonomy.config.errors.ConfigError`, with file and line.
 
 
 class SimulationError(Exception):
@@ -64,3 +74,22 @@ class NoEffectError(SimulationError):
         place = f"{where}: " if where else ""
         super().__init__(f"{place}{fault} would do nothing: {why}")
         self.fault, self.why, self.where = fault, why, where
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+# What can go wrong around the simulated PX4.
+#
+# SimulationError (of `amaze_autonomy.simulation`) └── VehicleAddressError
+
+
+class VehicleAddressError(SimulationError):
+    """An address at which the simulated vehicle cannot be reached.
+
+    Args:
+        address: as it was given.
+        problem: what is wrong with it.
+    """
+
+    def __init__(self, address: str, problem: str) -> None:
+        super().__init__(f"{address}: {problem}")
+        self.address, self.problem = address, problem

@@ -20,7 +20,7 @@ from ..autopilot.link.dialect import Message, mavlink, source_of
 from ..autopilot.vehicle.modes import mode_name
 from ..autopilot.vehicle.rates import Rates
 from .errors import NoEffectError
-from .leg import Vector
+from .flight import Vector
 from .scenario import KINDS, Fault, Scenario, Subject
 from .vehicle import Mode, Vehicle, VehicleSettings
 

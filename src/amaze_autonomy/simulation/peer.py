@@ -8,20 +8,26 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.commands import Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 
 from .faults import Faults
 from .power import Power
-from .restarts import Restarts
 from .scenario import Fault, Subject
 from .settings import Settings
 from .streams import Batch, Stream
 from .vehicle import Vehicle
 
-__all__ = ["Cadence", "Peer", "Site", "accepted", "refused", "reply", "slowness"]
+__all__ = ["Cadence", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]
+
+# --- peer -------------------------------------------------------------------------------------------------------------
+# What every peer of the engine is in this world, and what all of them share.
+#
+# A peer is one small class: it answers the commands that go to its services, and it makes its status. Where a real
+# node takes its place, the world leaves it out, and nothing else changes.
+
 
 _S = 1_000_000_000
 
@@ -135,3 +141,45 @@ def accepted(command: Request, message: str = "") -> Event:
 def refused(command: Request, message: str) -> Event:
     """Make the reply "refused"."""
     return reply(command, Outcome.REFUSED, message)
+
+
+# --- restarts ---------------------------------------------------------------------------------------------------------
+# What comes of restarting a simulated component: what its faults say. Who asks is the watchdog, simulated or real.
+
+
+_QUICK_NS = 2 * _S
+
+
+class _Running(NamedTuple):
+    """A restart under way: when it ends, and the faults that it ends; none when it fails."""
+
+    ends_ns: int
+    good: bool
+    cures: Tuple[Fault, ...]
+
+
+class Restarts:
+    """The restarts that are under way; a component has one at most, a second one begins it anew."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._faults = faults
+        self._running: Dict[str, _Running] = {}
+
+    def begin(self, t_ns: int, component: str) -> None:
+        """Restart a component."""
+        acting = [fault for fault, _ in self._faults.on(Subject.COMPONENT, component) if fault.has("restart")]
+        good = all(fault.word("restart") == "succeeds" for fault in acting)
+        takes_ns = max((round(fault.number("restart_takes_s") * _S) for fault in acting), default=_QUICK_NS)
+        self._running[component] = _Running(t_ns + takes_ns, good, tuple(acting) if good else ())
+
+    def step(self, t_ns: int) -> List[Tuple[str, bool]]:
+        """Return (component, whether it came up) of the restarts that have ended."""
+        ended: List[Tuple[str, bool]] = []
+        for component, running in list(self._running.items()):
+            if running.ends_ns > t_ns:
+                continue
+            del self._running[component]
+            for fault in running.cures:
+                self._faults.end(t_ns, fault)
+            ended.append((component, running.good))
+        return ended

@@ -5,8 +5,7 @@ from __future__ import annotations
 from math import cos, nan, sin
 from typing import TYPE_CHECKING, Generic, NamedTuple, Optional, Tuple, TypeVar
 
-from amaze_autonomy.monitoring.estimate_rows import Estimate
-
+from ..monitoring.state_estimation import Estimate
 from .streams import Batch, Content
 from .vehicle import Pose
 

@@ -10,9 +10,9 @@ from amaze_autonomy.engine.events import CheckReply, Event, Outcome, WatchdogAct
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
-from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
+from ..monitoring.watchdog import Streams
 from .peer import Cadence, Peer, Site, refused, slowness
 from .scenario import Subject
 from .streams import Batch, Content

@@ -27,9 +27,9 @@ from amaze_autonomy.engine.severity import Code, Restart
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
-from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
+from ...monitoring.watchdog import Streams
 from ...ros.clock import Clock
 from ...ros.interface import check_row, component_state, ros_time, status_message
 from ...ros.liveness import NodeLiveness

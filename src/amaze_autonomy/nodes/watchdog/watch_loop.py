@@ -18,9 +18,9 @@ from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import TopicSpec
-from amaze_autonomy.monitoring.streams import Streams
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
+from ...monitoring.watchdog import Streams
 from ...ros.clock import Clock
 from ...ros.topic_reader import ALL, STAMP_BYTES, Look, Tally, TopicReader
 from .message_content import MessageContent

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Dict, Mapping, Optional, Tuple
 
-from amaze_autonomy.config.components_schema import TOPIC_NAME
 from amaze_autonomy.config.kinds import Kind, Text
 from amaze_autonomy.simulation import KINDS, Fault, FaultKind, Subject
 from amaze_autonomy.simulation.scenario import Parameter
 from amaze_autonomy.simulation.scenario_file import SUBJECTS, FaultEntry
 
+from ...config.sensors_schema import TOPIC_NAME
 from ..fields import FIELD_PATH
 
 __all__ = ["RECORDED_FAULT", "RECORDED_KINDS", "TOPIC", "Acting"]

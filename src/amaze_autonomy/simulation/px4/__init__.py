@@ -5,13 +5,12 @@ Pure: pymavlink's dialect, but no socket, clock or thread; `simulation/px4_udp/`
 
 from __future__ import annotations
 
+from ..errors import VehicleAddressError
 from .craft import Craft, SetPoint
-from .errors import VehicleAddressError
-from .geography import Geography, Place
-from .line import BadLine, Quality
+from .links import BadLine, Quality
 from .modes import DESCEND, OFFBOARD
 from .px4 import Px4
-from .settings import Px4Settings
+from .settings import Geography, Place, Px4Settings
 from .wire import Framing
 
 __all__ = [

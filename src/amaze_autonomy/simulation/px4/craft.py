@@ -12,12 +12,12 @@ from typing import Optional, Tuple
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.missions import Waypoint
 from amaze_autonomy.simulation.flight import Mode, VehicleSettings
-from amaze_autonomy.simulation.leg import Leg, Vector, descent, flight
 from amaze_autonomy.simulation.vehicle import Vehicle
 
-from .geography import Geography
+from ..flight import Leg, Vector, descent, flight
 from .items import Item, Task, task_of
 from .modes import DESCEND, OFFBOARD
+from .settings import Geography
 
 __all__ = ["Craft", "SetPoint"]
 

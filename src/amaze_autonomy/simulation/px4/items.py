@@ -8,7 +8,7 @@ from typing import FrozenSet, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from .geography import Geography, Place
+from .settings import Geography, Place
 
 __all__ = ["Item", "Task", "problem_of", "task_of"]
 

@@ -13,8 +13,8 @@ from amaze_autonomy.simulation.vehicle import VehicleSettings
 from amaze_autonomy.simulation.world import World
 
 from ...autopilot.link.ports import EndpointKind, parse_endpoint
+from ..errors import VehicleAddressError
 from .craft import Craft
-from .errors import VehicleAddressError
 from .health import Wrong
 from .px4 import Px4
 from .settings import PARAMETERS, Px4Settings

@@ -31,7 +31,7 @@ from .mission_server import MissionServer
 from .modes import OFFBOARD, mode_of
 from .parameters import Parameters
 from .settings import PARAMETERS, Px4Settings
-from .texts import Texts
+from .wire import Texts
 
 __all__ = ["Px4"]
 

@@ -9,7 +9,7 @@ import threading
 import time
 from typing import Optional, Tuple
 
-from amaze_autonomy.simulation.px4.line import BadLine, Quality
+from ..px4.links import BadLine, Quality
 
 __all__ = ["BadRelay"]
 

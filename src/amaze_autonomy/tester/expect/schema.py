@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, List, Mapping, Optional, Tuple
 
-from amaze_autonomy.config.components_schema import COMPONENT_NAME
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
 from amaze_autonomy.config.schema import REQUIRED, Group, Key
@@ -14,6 +13,7 @@ from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import State, Step
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
+from ...config.sensors_schema import COMPONENT_NAME
 from .model import EXPECTATIONS, Expectation, ExpectationKind, Instant
 from .pattern import Pattern
 

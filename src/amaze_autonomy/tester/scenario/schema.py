@@ -22,12 +22,12 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Mapping, Tuple
 
-from amaze_autonomy.config.components_schema import COMPONENT_NAME, TOPIC_NAME
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
 from amaze_autonomy.config.schema import Group, Key, Named
 from amaze_autonomy.simulation.scenario_file import FAULT, REQUEST
 
+from ...config.sensors_schema import COMPONENT_NAME, TOPIC_NAME
 from ...replay.faults.kinds import RECORDED_FAULT
 from ..expect.schema import ExpectationEntry, PatternEntry
 from ..expect.trace import READINGS
