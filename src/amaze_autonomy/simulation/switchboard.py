@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import heapq
+from collections import Counter
+from typing import Counter as CounterType
 from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.checks import Check, Verdict
@@ -40,7 +42,7 @@ class Switchboard:
 
     def __init__(self, site: Site, peers: Mapping[str, Peer], *, live: bool) -> None:
         self._site, self._peers, self._live = site, peers, live
-        self._latency = site.noise("latency")
+        self._calls: CounterType[str] = Counter()
         self._deliveries: List[Tuple[int, int, Event]] = []
         self._deadlines: List[Tuple[int, int, int]] = []
         self._open: Dict[int, _Open] = {}
@@ -72,7 +74,12 @@ class Switchboard:
         if answer is not None:
             slow = self._site.faults.active(Subject.SERVICE, "slow", service)
             delay_ns = round(slow.number("delay_s") * _S) if slow is not None else 0
-            self._answer(t_ns + self._latency.randrange(_QUICKEST_NS, _SLOWEST_NS) + delay_ns, answer)
+            self._answer(t_ns + self._latency_ns(service) + delay_ns, answer)
+
+    def _latency_ns(self, service: str) -> int:
+        """Draw how long an answer takes; one service more leaves those of all others as they were."""
+        self._calls[service] += 1
+        return self._site.noise(f"latency of {service} {self._calls[service]}").randrange(_QUICKEST_NS, _SLOWEST_NS)
 
     def deliver(self, t_ns: int) -> List[Event]:
         """Return what arrives up to a time, and the end of requests that were not answered in time."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Callable, List, Mapping, Optional, Sequence, Tuple
 
 from ..replay.errors import GoldenError
-from .golden import check_reason, golden_path, orphans, read_golden, write_golden
+from .golden import check_reason, compare_with_golden, golden_path, orphans, read_golden, write_golden
 from .result import Result, Verdict
 from .run import case_of, run_task
 from .scenario import Case
@@ -113,7 +113,7 @@ def _accept(case: Case, task: Task, result: Result, reason: str, say: Say) -> st
         say(f"{result.id}: the old golden is damaged, no difference can be shown: {error}")
         write_golden(case, result.lines, reason)
         return "changed"
-    if old is not None and old.lines == result.lines:
+    if old is not None and not compare_with_golden(case, result.lines, "", 0):
         return "unchanged"
     if old is not None:
         for line in run_task(task).difference:

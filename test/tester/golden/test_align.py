@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from amaze_autonomy.engine.commands import Decision, Value
-from amaze_autonomy.tester.golden import ChangeKind, align, counted, told
+from amaze_autonomy.tester.golden import ChangeKind, align, counted, is_same, told
 
 S = 1_000_000_000
 
@@ -62,7 +62,7 @@ def test_numbers_that_follow_from_one_more_are_not_changes_of_their_own():
         replace(each, sequence=each.sequence + 1, commands=tuple(c.replace("#5", "#6") for c in each.commands))
         for each in RUN[1:]
     )
-    assert kinds((TAKEOFF, one, *rest)) == ["same", "added", "renumbered", "renumbered", "renumbered"]
+    assert kinds((TAKEOFF, one, *rest)) == ["same", "added", "alike", "alike", "alike"]
 
 
 def test_a_decision_that_changed_its_place_is_reordered():
@@ -94,12 +94,47 @@ def test_the_first_difference_is_told_with_what_it_looked_at():
     assert lines[-1] == "reproduce: amaze-replay test x"
 
 
-def test_only_numbers_are_a_difference_all_the_same():
-    lines = told(align(RUN, (TAKEOFF, FLIES, HOLDS, replace(LANDS, sequence=7))), 0)
-    assert lines[0] == "decision at +12.000 s renumbered: HOLD -> LAND by land => MissionCommand(LAND)"
+def test_only_numbers_are_told_to_who_asks_and_no_difference_to_a_golden():
+    changes = align(RUN, (TAKEOFF, FLIES, HOLDS, replace(LANDS, sequence=7)))
+    assert told(changes, 0)[0] == "decision at +12.000 s alike: HOLD -> LAND by land => MissionCommand(LAND)"
+    assert is_same(changes)
 
 
 def test_counts_are_in_a_fixed_order():
     assert counted(align(RUN, RUN[:2])) == "2 same, 2 removed"
     assert counted(()) == "no decisions"
     assert next(iter(ChangeKind)) is ChangeKind.SAME
+
+
+ASKS = decision(
+    9,
+    "START_RECORDING",
+    "LOAD_MISSION",
+    "recording_proven",
+    3,
+    commands=("LoadMission(5)#7", "RunCheck(WATCHDOG)#8", "RunCheck(BATTERY)#9"),
+    values=(Value("oldest check", 0.0964, 10.0, "s"),),
+)
+
+
+def became(*, commands=ASKS.commands, values=ASKS.values, after=ASKS.after):
+    return align([ASKS], [replace(ASKS, commands=commands, values=values, after=after)])[0].kind.value
+
+
+def test_one_check_more_is_the_same_to_a_golden():
+    more = ("LoadMission(5)#7", "RunCheck(WATCHDOG)#8", "RunCheck(STORAGE)#9", "RunCheck(BATTERY)#10")
+    assert became(commands=more) == "alike"
+    assert is_same(align([ASKS], [replace(ASKS, commands=more)]))
+
+
+def test_no_checks_any_more_are_a_difference():
+    assert became(commands=("LoadMission(5)#7",)) == "changed value"
+    assert became(commands=("RunCheck(WATCHDOG)#7", "RunCheck(BATTERY)#8")) == "changed value"
+
+
+def test_how_quickly_others_answered_has_a_tolerance_and_nothing_else():
+    assert became(values=(Value("oldest check", 0.0904, 10.0, "s"),)) == "alike"
+    assert became(values=(Value("oldest check", 0.1204, 10.0, "s"),)) == "changed value"
+    assert became(values=(Value("oldest check", 0.0904, 9.0, "s"),)) == "changed value"
+    assert became(values=(Value("height", 0.0904, 10.0, "s"),)) == "changed value"
+    assert became(values=()) == "changed value"

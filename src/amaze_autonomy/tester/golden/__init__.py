@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .align import Change, ChangeKind, align
-from .difference import counted, first_difference, told
+from .difference import counted, first_difference, is_same, told
 from .store import (
     Golden,
     check_reason,
@@ -26,6 +26,7 @@ __all__ = [
     "decisions_of",
     "first_difference",
     "golden_path",
+    "is_same",
     "orphans",
     "read_golden",
     "told",

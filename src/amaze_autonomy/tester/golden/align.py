@@ -2,27 +2,36 @@
 
 Decisions are matched first by what they are (states, step, rule, what they are about), in order; only then are their
 times and values compared. So one decision more does not make all the later ones different.
+
+What is compared survives additions: that the pre-flight checks were asked counts, not which and how many there are (a
+test of its own says that it is always all of them), nor the numbers of commands; how old the oldest answer is may
+differ by as much as answers take.
 """
 
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
-from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.commands import Decision, RunCheck, Value
 
-__all__ = ["Change", "ChangeKind", "align", "key_of", "without_numbers"]
+__all__ = ["TOLERANCES", "Change", "ChangeKind", "align", "asks", "key_of", "without_numbers"]
+
+_CHECK = RunCheck.__name__
 
 Key = Tuple[str, str, str, str, str]
+
+TOLERANCES: Mapping[str, float] = {"oldest check": 0.02}
+"""By how much a value may differ, by its name and in its own unit: what hangs on how quickly others answered."""
 
 
 class ChangeKind(enum.Enum):
     """What became of a decision; the worst first."""
 
     SAME = "same"
-    RENUMBERED = "renumbered"  # only the numbers of decision or commands are others: a consequence
+    ALIKE = "alike"  # only numbers of commands, which checks are asked, or a value within its tolerance
     MOVED = "moved in time"
     CHANGED = "changed value"
     REORDERED = "reordered"
@@ -66,6 +75,12 @@ def key_of(decision: Decision) -> Key:
     return decision.before, decision.after, decision.step, decision.rule, about
 
 
+def asks(decision: Decision) -> Tuple[str, ...]:
+    """Return what a decision asks for: "MissionCommand(LAND)" for "MissionCommand(LAND)#12", all checks as one."""
+    named = without_numbers(decision.commands)
+    return tuple(dict.fromkeys(f"{_CHECK}s" if name.startswith(f"{_CHECK}(") else name for name in named))
+
+
 def without_numbers(commands: Sequence[str]) -> Tuple[str, ...]:
     """Return commands without their numbers: "MissionCommand(LAND)" for "MissionCommand(LAND)#12"."""
     return tuple(command.partition("#")[0] for command in commands)
@@ -85,17 +100,27 @@ def align(before: Sequence[Decision], after: Sequence[Decision]) -> Tuple[Change
 
 
 def _paired(before: Decision, after: Decision) -> Change:
-    if _content(before) != _content(after):
+    if not _alike(before, after):
         return Change(ChangeKind.CHANGED, before, after)
     if before.t_ns != after.t_ns:
         return Change(ChangeKind.MOVED, before, after)
     same = before == after
-    return Change(ChangeKind.SAME if same else ChangeKind.RENUMBERED, before, after)
+    return Change(ChangeKind.SAME if same else ChangeKind.ALIKE, before, after)
 
 
-def _content(decision: Decision) -> Tuple[object, ...]:
-    values = tuple((value.name, value.value, value.limit, value.unit) for value in decision.values)
-    return decision.event, values, without_numbers(decision.commands)
+def _alike(before: Decision, after: Decision) -> bool:
+    """Return True when two decisions of one kind were made of the same values and ask for the same."""
+    if (before.event, asks(before), len(before.values)) != (after.event, asks(after), len(after.values)):
+        return False
+    return all(_near(one, other) for one, other in zip(before.values, after.values))
+
+
+def _near(one: Value, other: Value) -> bool:
+    """Return True when two values are the same, or so near to one another as their name allows."""
+    tolerance = TOLERANCES.get(one.name)
+    if tolerance is None or not isinstance(one.value, float) or not isinstance(other.value, float):
+        return one == other
+    return replace(other, value=one.value) == one and abs(one.value - other.value) <= tolerance
 
 
 def _reordered(changes: List[Change]) -> List[Change]:

@@ -10,13 +10,18 @@ from amaze_autonomy.engine.state import State
 from ...replay.timeline import value_text
 from .align import Change, ChangeKind, without_numbers
 
-__all__ = ["LETTERS", "counted", "first_difference", "told", "waveform"]
+__all__ = ["LETTERS", "counted", "first_difference", "is_same", "told", "waveform"]
 
 # --- told -------------------------------------------------------------------------------------------------------------
 # A difference from a golden, as lines: the first different decision on top, with what it looked at in both runs.
 
 
-_QUIET = (ChangeKind.SAME, ChangeKind.RENUMBERED)
+_QUIET = (ChangeKind.SAME, ChangeKind.ALIKE)
+
+
+def is_same(changes: Sequence[Change]) -> bool:
+    """Return True when nothing is different that a golden says."""
+    return all(change.kind in _QUIET for change in changes)
 
 
 def first_difference(changes: Sequence[Change]) -> Optional[Change]:

@@ -19,7 +19,7 @@ from amaze_autonomy.whole_file import write_whole
 from ...replay.errors import GoldenError
 from ..scenario.model import Case
 from .align import align
-from .difference import told
+from .difference import is_same, told
 
 __all__ = [
     "FOLDER",
@@ -139,7 +139,8 @@ def compare_with_golden(case: Case, lines: Sequence[str], command: str, start_ns
         )
     if golden.lines == tuple(lines):
         return ()
-    return told(align(golden.decisions, decisions_of(lines)), start_ns, command)
+    changes = align(golden.decisions, decisions_of(lines))
+    return () if is_same(changes) else told(changes, start_ns, command)
 
 
 def decisions_of(lines: Sequence[str]) -> Tuple[Decision, ...]:
