@@ -27,9 +27,6 @@ __all__ = [
     "waits",
 ]
 
-# --- consistency ------------------------------------------------------------------------------------------------------
-# What must be true between files, and between names and what they name.
-
 
 _ANSWER_S = 1.0  # beyond the planner's own limit
 

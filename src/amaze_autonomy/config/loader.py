@@ -36,9 +36,6 @@ from .trajectories import Files, plans_of, read_files
 
 __all__ = ["FILES", "Overrides", "apply_overrides", "hash_of", "load_configuration", "rules_of_effective"]
 
-# --- loader -----------------------------------------------------------------------------------------------------------
-# Loads a folder of configuration files: all of them, once, strictly. One mistake is one `ConfigError`.
-
 
 FILES: Mapping[str, Group] = {
     "autonomy": AUTONOMY,

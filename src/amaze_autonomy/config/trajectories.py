@@ -38,9 +38,6 @@ from .kinds import Address, Places, dotted
 
 __all__ = ["File", "Files", "fences_of", "home_of", "plans_of", "read_files", "trajectories_of"]
 
-# --- trajectories -----------------------------------------------------------------------------------------------------
-# Reads the waypoint files that missions name, and plans the missions.
-
 
 _BYTES = 1_000_000
 

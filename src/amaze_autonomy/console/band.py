@@ -14,9 +14,6 @@ from .words import clock, seconds
 
 __all__ = ["band", "banner"]
 
-# --- band -------------------------------------------------------------------------------------------------------------
-# The band on top of the screen: the state and its time left, large, on the colour of how things stand.
-
 
 _ALARM = 3
 

@@ -27,12 +27,6 @@ __all__ = [
     "typed",
 ]
 
-# --- dialog -----------------------------------------------------------------------------------------------------------
-# What happens on the console's desk: states arrive, answers arrive, keys and lines are typed. Pure.
-#
-# Every function takes the desk and the time and returns the next desk, with the requests to send where there can be
-# any.
-
 
 _ANSWER_SHOWN_S = 15.0
 _QUESTION_OPEN_S = 10.0

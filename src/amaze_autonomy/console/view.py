@@ -25,13 +25,6 @@ from .words import fraction, level, seconds
 
 __all__ = ["Screen", "footer", "progress"]
 
-# --- view -------------------------------------------------------------------------------------------------------------
-# The screen: a desk and the time made into what rich draws. Pure.
-#
-# From top to bottom: the band (state and time left, large), the message with its advice, what is wrong, progress, the
-# table that the state is about, the log of messages; at the bottom, always visible: answer, question, keys. What does
-# not fit is cut from the middle, never from the band or the keys.
-
 
 _ALL = 10_000
 _LEAST_LOG = 3

@@ -25,16 +25,6 @@ from .specs import AutopilotSensor, ComponentSpec
 
 __all__ = ["Streams", "TakeoffCheck", "Watchdog"]
 
-# --- watchdog ---------------------------------------------------------------------------------------------------------
-# The watchdog's judgement: every component's code, what to restart, and whether the vehicle may take off.
-#
-# Rules of this file:
-#
-# * Nothing is judged before `start`. What arrives is cheap to add; `evaluate` does no work unless a verdict can have
-#   changed: something said so when it was added, or `next_ns` has come.
-# * Only here does health become a code (`component.code_of`, by engine.severity.SEVERITIES).
-# * It asks for restarts (`restart_requests`) and is told how they ended (`restart_outcome`).
-
 
 _S = 1_000_000_000
 

@@ -16,9 +16,6 @@ from .timeline import Source
 
 __all__ = ["Answers", "Follower", "Note", "row_text"]
 
-# --- answers ----------------------------------------------------------------------------------------------------------
-# The answers to the pre-flight checks: from the recording where it tells, else from the script.
-
 
 _NAMES = {
     CheckName.WATCHDOG: "watchdog",

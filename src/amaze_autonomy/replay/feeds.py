@@ -41,9 +41,6 @@ __all__ = [
     "TiltFeed",
 ]
 
-# --- feed -------------------------------------------------------------------------------------------------------------
-# What every feed does: it takes the messages of a topic, one by one or many at once, and can play it as nominal.
-
 
 class Feed:
     """One use of a topic.

@@ -16,9 +16,6 @@ from .errors import JournalGapError, ReplayError
 
 __all__ = ["JOURNAL_KIND", "FlightLog", "lines_of_bag", "read_journals", "read_log"]
 
-# --- journal source ---------------------------------------------------------------------------------------------------
-# Journals from where they lie: a file, or the topic `~journal` of a bag.
-
 
 JOURNAL_KIND = "amaze_autonomy/JournalEntry"
 _BAG_MAGIC = b"#ROSBAG"

@@ -24,12 +24,6 @@ from .topic_map import Script
 
 __all__ = ["Planner", "Recorder", "User", "Vehicle"]
 
-# --- script -----------------------------------------------------------------------------------------------------------
-# The scripted world of a replay: planner, recorder and vehicle, as far as no bag tells. Nothing ever fails here.
-#
-# It is open loop: the recorded vehicle does not do what the engine says. The script does what a working peer would do
-# at once, so that the engine goes on; what the recording tells takes the place of what the script would have said.
-
 
 _S = 1_000_000_000
 _ARM_NS, _LIFT_NS, _CLIMB_M_S = _S // 2, 1 * _S, 1.0

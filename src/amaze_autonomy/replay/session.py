@@ -49,13 +49,6 @@ from .world import World
 
 __all__ = ["Outcome", "Parting", "Session", "part"]
 
-# --- session ----------------------------------------------------------------------------------------------------------
-# One replay: the recording's samples, the script's answers and the engine's deadlines, in virtual time.
-#
-# Time is the recording's. Everything that happens is one of: a message of the recording, a task of the agenda (a
-# status that is due, an answer, the user), a deadline of the engine. They happen in the order (time, rank, position),
-# so that the journal of a recording is the same whenever and wherever it is made.
-
 
 _S = 1_000_000_000
 _STEP_NS = 1_000_000

@@ -26,13 +26,6 @@ from .topic_columns import Track
 
 __all__ = ["MAVLINK_KIND", "Damage", "Recordings", "Sample", "TopicFigures", "recordings_of", "topics_of"]
 
-# --- sources ----------------------------------------------------------------------------------------------------------
-# The messages of all bags in one total order that is ours.
-#
-# The order is (time, rank of the topic in the map, bag, publisher, position in the file). Bags rank by their
-# beginning and then by name, not by their place on the command line. Nothing in it depends on the library, on the
-# numbers of the connections, on the compression or on the order of a hash table.
-
 
 _S = 1_000_000_000
 _JUMP_NS = 3600 * _S

@@ -36,9 +36,6 @@ from .errors import InvalidStatusError
 
 __all__ = ["EVENT_OF", "FLAT", "Flat", "health_of", "sent_by", "status_rows", "taped_statuses"]
 
-# --- statuses ---------------------------------------------------------------------------------------------------------
-# Statuses of our own nodes that a recording carries, as events of the engine. Messages of msg/, fields as there.
-
 
 E = TypeVar("E", bound=Enum)
 _S = 1_000_000_000

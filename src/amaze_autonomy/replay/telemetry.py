@@ -25,15 +25,6 @@ from ..autopilot.vehicle.vehicle import WANTED, VehicleState
 
 __all__ = ["Status", "Telemetry", "imu", "status", "topics_of_log"]
 
-# --- telemetry --------------------------------------------------------------------------------------------------------
-# MAVLink as a recording: a telemetry log (.tlog), or the frames that mavros put into a bag (mavros_msgs/Mavlink).
-#
-# It has the face of a bag. Its topics are made of what the vehicle sent:
-#
-# /mavlink/NAME       each message by its name, fields as in MAVLink, e.g. /mavlink/GPS_RAW_INT /mavlink/imu
-# HIGHRES_IMU, else RAW_IMU (mG), in the axes of ROS (x forward, y left, z up) and SI /autopilot/status   what the
-# autopilot node would have said: the code is that of the live link
-
 
 _S = 1_000_000_000
 _STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"

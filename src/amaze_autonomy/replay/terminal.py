@@ -19,9 +19,6 @@ from amaze_autonomy.bags.tapes import VARIABLE
 
 __all__ = ["add_tapes", "progress_bar", "show_lines", "show_timeline", "use_tapes"]
 
-# --- terminal ---------------------------------------------------------------------------------------------------------
-# What a person at a terminal sees: colours and a progress bar there, plain text everywhere else.
-
 
 Report = Callable[[int, int], None]
 

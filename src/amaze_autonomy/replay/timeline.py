@@ -12,9 +12,6 @@ from amaze_autonomy.engine.severity import Code
 
 __all__ = ["Line", "LineKind", "Notes", "Say", "Source", "decision_text", "joined", "marked", "value_text", "written"]
 
-# --- timeline ---------------------------------------------------------------------------------------------------------
-# What a replay has to say, line by line: when, from which input, what.
-
 
 _S = 1_000_000_000
 

@@ -50,9 +50,6 @@ from .timeline import Notes, Say, Source
 
 __all__ = ["Evidence", "Observed", "Origins", "World"]
 
-# --- world ------------------------------------------------------------------------------------------------------------
-# The engine's peers in a replay: statuses at their periods, answers to commands, from the recording or the script.
-
 
 _S = 1_000_000_000
 _LATENCY_NS = 1_000_000

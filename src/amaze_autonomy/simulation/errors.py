@@ -15,16 +15,6 @@ from typing import Tuple
 
 __all__ = ["NoEffectError", "SimulatedTimeError", "SimulationError", "UnknownTargetError", "VehicleAddressError"]
 
-# --- errors -----------------------------------------------------------------------------------------------------------
-# What can go wrong in the simulated world.
-#
-#     SimulationError          base
-#     +-- SimulatedTimeError   time went backwards
-#     +-- UnknownTargetError   a fault names something that this world does not have
-#     +-- NoEffectError        a fault cannot do anything to what it names
-#
-# Mistakes in a scenario file are `amaze_autonomy.config.errors.ConfigError`, with file and line.
-
 
 class SimulationError(Exception):
     """Base of the errors of the simulated world."""

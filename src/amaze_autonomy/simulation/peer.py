@@ -22,12 +22,6 @@ from .vehicle import Vehicle
 
 __all__ = ["Cadence", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]
 
-# --- peer -------------------------------------------------------------------------------------------------------------
-# What every peer of the engine is in this world, and what all of them share.
-#
-# A peer is one small class: it answers the commands that go to its services, and it makes its status. Where a real
-# node takes its place, the world leaves it out, and nothing else changes.
-
 
 _S = 1_000_000_000
 

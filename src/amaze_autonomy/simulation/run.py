@@ -21,9 +21,6 @@ from .world import World
 
 __all__ = ["Run", "run", "story", "summary"]
 
-# --- run --------------------------------------------------------------------------------------------------------------
-# The closed loop in virtual time: the world and the engine, event by event, as fast as they compute.
-
 
 _S = 1_000_000_000
 _WAITING = (State.MISSION_INPUT, State.OUTREACH, State.PILOT, State.MISSION_ENDED)

@@ -30,9 +30,6 @@ from .watchdog import SimulatedWatchdog
 
 __all__ = ["World", "check_scenario"]
 
-# --- world ------------------------------------------------------------------------------------------------------------
-# The simulated world: time and commands in, events out.
-
 
 _CLASSES: Tuple[Type[Peer], ...] = (Autopilot, LandingDetection, StateEstimation, SimulatedWatchdog, Planner, Recorder)
 

@@ -43,9 +43,6 @@ from .whatif import other_options, what_if, what_if_lines, what_if_status
 
 __all__ = ["add_commands", "add_coverage_commands", "add_tools"]
 
-# --- cli --------------------------------------------------------------------------------------------------------------
-# The verbs of `amaze-replay` about scenarios: test and accept; the others are added here.
-
 
 _Parsers = Any
 _STARTED = '{"version": 1, "verdict": "ERROR", "headline": "the run has not ended"}\n'

@@ -42,9 +42,6 @@ __all__ = [
     "time_table",
 ]
 
-# --- corpus -----------------------------------------------------------------------------------------------------------
-# A whole corpus of flights: its bags are looked through first, then all its tests run, and the time is told.
-
 
 def bags_of(tasks: Sequence[Task]) -> Tuple[Path, ...]:
     """Return the bags of all tasks, each once, in the order of the tasks; what cannot be read is left to the run."""

@@ -25,9 +25,6 @@ __all__ = [
     "summary_line",
 ]
 
-# --- result -----------------------------------------------------------------------------------------------------------
-# What came of one test.
-
 
 class Verdict(enum.Enum):
     """The five verdicts."""

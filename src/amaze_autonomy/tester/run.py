@@ -35,9 +35,6 @@ from .task import Task
 
 __all__ = ["anchor_times", "case_of", "check_names", "digest_of", "peak_mb", "run_case", "run_task", "run_tasks"]
 
-# --- run --------------------------------------------------------------------------------------------------------------
-# Runs one task: plays the case, judges its expectations, compares it with its golden, and gives the verdict.
-
 
 _KNOWN = (ConfigError, ReplayError, SimulationError, JournalError, OSError)
 _INPUT = (BagError, MessageError, DamagedInputError, NoMessagesError, TimeJumpError)

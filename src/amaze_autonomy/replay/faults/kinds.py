@@ -19,12 +19,6 @@ from ..fields import FIELD_PATH
 
 __all__ = ["RECORDED_FAULT", "RECORDED_KINDS", "TOPIC", "Acting"]
 
-# --- kinds ------------------------------------------------------------------------------------------------------------
-# The table of faults on recorded data. What a recording shares with the simulated world has the same word there.
-#
-# A fault of a `component` is one of all its topics; of a `topic`, of that topic alone; of a `process`, of what a peer
-# says; of a `service`, of what the scripted peers answer; of none of them, of the recording as a whole.
-
 
 TOPIC = "topic"
 _FIELD = Parameter("field", None, "path of the field, e.g. linear_acceleration.z", pattern=FIELD_PATH)

@@ -28,12 +28,6 @@ from .kinds import TOPIC, Acting
 
 __all__ = ["TIMING", "VALUES", "WHOLE", "Edit", "FaultedRecordings", "Item", "changed"]
 
-# --- stream -----------------------------------------------------------------------------------------------------------
-# The messages of a recording with faults in them: each fault is a function from the stream to the stream.
-#
-# The functions are pure: the same recording, faults and seed give the same stream. What a fault does to a message's
-# content is an edit that is carried out when the message is read, so that nothing is decoded that nobody looks at.
-
 
 class FaultedRecordings(Recordings):
     """A part of a recording, with faults.

@@ -28,13 +28,6 @@ from .craft import BLIND, GUIDED, ArduCraft, ArduMissions, ArduParameters, base_
 
 __all__ = ["ArduPilot", "carry_out", "enter"]
 
-# --- ardupilot --------------------------------------------------------------------------------------------------------
-# The simulated ArduCopter: messages and times in, messages out, like `Px4`, whose links, craft and clock it uses.
-#
-# It streams its heartbeat and nothing else until asked, tells its texts to everybody, leaves a lost GPS healthy in
-# SYS_STATUS, says pre-arm ok in STABILIZE and refuses in GUIDED, and counts its battery's fraction from what flowed,
-# so that only the charge state tells the voltage.
-
 
 _PARAMETERS = {
     "ARMING_CHECK": 1,

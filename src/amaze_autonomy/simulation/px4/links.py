@@ -11,9 +11,6 @@ from pymavlink.dialects.v20 import common as mavlink
 
 __all__ = ["PRESETS", "BadLine", "Link", "Quality"]
 
-# --- links ------------------------------------------------------------------------------------------------------------
-# One MAVLink connection of the simulated vehicle: who was heard on it, and how often it sends which message.
-
 
 _S = 1_000_000_000
 _GCS_LIMIT_NS = 5 * _S // 2

@@ -10,9 +10,6 @@ from pymavlink.dialects.v20 import common as mavlink
 
 __all__ = ["Framing", "Texts", "current_mode", "event", "sequence"]
 
-# --- wire -------------------------------------------------------------------------------------------------------------
-# MAVLink frames of the simulated vehicle: bytes to messages and back; messages that the dialect does not know.
-
 
 class Framing:
     """The two directions of one connection; damaged and foreign bytes are passed over.

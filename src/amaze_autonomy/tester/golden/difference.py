@@ -12,9 +12,6 @@ from .align import Change, ChangeKind, without_numbers
 
 __all__ = ["LETTERS", "counted", "first_difference", "is_same", "told", "waveform"]
 
-# --- told -------------------------------------------------------------------------------------------------------------
-# A difference from a golden, as lines: the first different decision on top, with what it looked at in both runs.
-
 
 _QUIET = (ChangeKind.SAME, ChangeKind.ALIKE)
 

@@ -33,13 +33,6 @@ __all__ = [
     "write_golden",
 ]
 
-# --- store ------------------------------------------------------------------------------------------------------------
-# Goldens on disk: a folder `goldens` beside the scenario, one JSON Lines file for each case, its decisions as
-# decided.
-#
-# The first line is a header: which case, and why it was accepted. No wall time, no path: the same run is the same
-# file.
-
 
 FOLDER = "goldens"
 _VERSION = 1

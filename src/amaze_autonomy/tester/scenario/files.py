@@ -20,9 +20,6 @@ from .schema import OVERRIDE, schema_of
 
 __all__ = ["SUFFIX", "cases_of", "find_files", "load_cases", "meant", "parse_cases", "place_of", "placed"]
 
-# --- files ------------------------------------------------------------------------------------------------------------
-# From scenario files to cases: one for a file, or one for each combination of its matrix.
-
 
 SUFFIX = ".scenario.yaml"
 _S = 1_000_000_000
