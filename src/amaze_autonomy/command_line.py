@@ -1,4 +1,4 @@
-"""How every command of this package ends: one line for what a person can mend, a trace for what only we can."""
+"""How every command of this package ends: one line for what a person can put right, a trace for what only we can."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ _FLYING = replace(
     _MISSION,
     step="flying",
     in_flight=True,
-    message="At takeoff height: the mission is flown.",
+    message="Takeoff altitude reached, starting the mission.",
     user_commands=("hold", "land", "abort"),
     waypoint=3,
     waypoints=8,
@@ -158,7 +158,7 @@ SCENES: Dict[str, Desk] = {
             checks=PASSED,
             time_left_s=52.0,
             message="Ready. Waiting for the operator's go.",
-            advice="Give the go, or give up.",
+            advice="Press G to take off, U to cancel.",
             user_commands=("go", "abort", "give_up"),
         )
     ),

@@ -24,15 +24,15 @@ _I, _W, _E, _A = Level.INFO, Level.WARNING, Level.ERROR, Level.ALARM
 MESSAGES: Mapping[str, Message] = {
     "mission_input": Message(_I, "Select a mission.", "Choose a mission from the list."),
     "mission_invalid": Message(
-        _E, "Mission {mission_id} cannot be flown: {error}", "Choose another mission, or mend this one."
+        _E, "Mission {mission_id} cannot be flown: {error}", "Choose another mission, or fix this one."
     ),
     "resumed": Message(_W, "The engine was restarted and goes on in {state}."),
     "preflight": Message(_I, "Pre-flight checks of mission {mission_id} are running."),
     "preflight_fixing": Message(_W, "Not ready yet: {reason}", "Wait; the checks are repeated."),
     "ready": Message(_I, "Ready."),
-    "ready_wait_go": Message(_I, "Ready. Waiting for the operator's go.", "Give the go, or give up."),
-    "ready_old": Message(_W, "Ready is older than {limit_s:.0f} s: the checks are repeated."),
-    "ready_taken_back": Message(_W, "Ready is taken back: {reason}", "The checks are repeated."),
+    "ready_wait_go": Message(_I, "Ready. Waiting for the operator's go.", "Press G to take off, U to cancel."),
+    "ready_old": Message(_W, "Ready has expired after {limit_s:.0f} s: repeating the checks."),
+    "ready_taken_back": Message(_W, "No longer ready: {reason}", "The checks are repeated."),
     "check_failed": Message(_W, "A check failed before takeoff: {reason}", "The checks are repeated."),
     "checks_failed": Message(
         _E, "Pre-flight checks failed: {reason}", "Follow the advice in the table, then retry, or give up."
@@ -54,7 +54,7 @@ MESSAGES: Mapping[str, Message] = {
     "takeoff_cancelled": Message(
         _W, "Takeoff is being cancelled: {reason}", "Keep clear until the vehicle is disarmed."
     ),
-    "mission": Message(_I, "At takeoff height: the mission is flown."),
+    "mission": Message(_I, "Takeoff altitude reached, starting the mission."),
     "touchdown": Message(_I, "Touched down: the next waypoint file is prepared."),
     "next_takeoff_failed": Message(
         _W, "No further takeoff: {reason}", "The data is collected; select the mission again to go on."
@@ -65,7 +65,7 @@ MESSAGES: Mapping[str, Message] = {
     "resumed_flight": Message(_I, "The mission goes on."),
     "land": Message(_E, "Landing: {reason}", "Watch the vehicle; be ready to take over."),
     "land_user": Message(_W, "Landing as you asked.", "Watch the vehicle."),
-    "land_shown": Message(_I, "The vehicle shows that it lands."),
+    "land_shown": Message(_I, "Landing confirmed by the autopilot."),
     "takeover_suspected": Message(_W, "Somebody else seems to have control: {reason} Nothing is commanded."),
     "takeover_denied": Message(_W, "The vehicle answers to the engine: supervision goes on."),
     "landing_given_up": Message(
@@ -77,7 +77,7 @@ MESSAGES: Mapping[str, Message] = {
         _E, "/clock has stood still for {stalled_s:.1f} s: no limit can be kept.", "Start what publishes /clock."
     ),
     "clock_runs": Message(_I, "/clock runs again."),
-    "land_second_route": Message(_E, "The vehicle does not show that it lands: the autopilot is told directly."),
+    "land_second_route": Message(_E, "No sign of landing: sending LAND to the autopilot."),
     "land_alarm": Message(_A, "PILOT: THE VEHICLE DOES NOT LAND. TAKE OVER.", "Take over by remote control."),
     "land_limit": Message(_A, "PILOT: NOT LANDED AFTER {limit_s:.0f} s. TAKE OVER.", "Take over by remote control."),
     "autopilot_lost": Message(
@@ -94,7 +94,7 @@ MESSAGES: Mapping[str, Message] = {
     "data_incomplete": Message(_E, "The data is not complete: {reason}", "Retry, or give up; nothing is deleted."),
     "mission_ended": Message(_I, "Mission ended: {result}. {location}", "Select the next mission."),
     "queue_dropped": Message(
-        _W, "The missions that were still to come are not flown: {missions}", "Select them again."
+        _W, "Remaining missions cancelled: {missions}", "Select them again."
     ),
     "shutdown": Message(
         _E,
