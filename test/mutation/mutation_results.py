@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import yaml
 from mutation_mutant import NETS, SAME_BY_NATURE, UNIT, Mutant, Place
@@ -19,6 +19,7 @@ __all__ = [
     "read",
     "results",
     "section",
+    "shown",
     "summary",
     "waivers",
     "write",
@@ -27,7 +28,8 @@ __all__ = [
 HERE = Path(__file__).parent
 RESULTS, WAIVERS = HERE / "results.json", HERE / "waivers.yaml"
 PAGE = HERE.parents[1] / "docs" / "safety.md"
-HEAD = "## Would anybody notice a mistake?"
+HEAD, FOLLOWING = "## Would anybody notice a mistake?", "## What is assumed"
+"""Of the part of the page about the campaign, and of the one behind it: `test/proof` writes the page."""
 
 
 class Verdict(NamedTuple):
@@ -113,13 +115,15 @@ def write(told: Results, path: Path, page: Path = PAGE) -> None:
     path.write_text(f'{{"campaign": {head}, "mutants": [\n{body}\n]}}\n', encoding="utf-8")
     text = page.read_text(encoding="utf-8")
     if HEAD not in text:
-        text = text.rstrip() + f"\n\n{HEAD}\n"
+        begin, following, end = text.partition(FOLLOWING)
+        text = f"{begin.rstrip()}\n\n{HEAD}\n\n{following}{end}"
     around = re.compile(f"{re.escape(HEAD)}\n.*?(?=^## |\\Z)", re.DOTALL | re.MULTILINE)
     page.write_text(around.sub(lambda _: f"{section(told)}\n", text), encoding="utf-8")
 
 
-def read(path: Path = RESULTS) -> Results:
+def read(path: Optional[Path] = None) -> Results:
     """Return the campaign that is kept."""
+    path = RESULTS if path is None else path
     kept = json.loads(path.read_text(encoding="utf-8"))
     verdicts = [
         Verdict(
@@ -171,6 +175,11 @@ def summary(told: Results, root: Path) -> str:
 
 def _lines(path: Path) -> str:
     return " ".join(line.strip() for line in path.read_text(encoding="utf-8").splitlines()) if path.exists() else ""
+
+
+def shown() -> str:
+    """Return the part of docs/safety.md about the campaign that is kept; empty: none is."""
+    return section(read()) if RESULTS.is_file() else ""
 
 
 def section(told: Results) -> str:

@@ -1,9 +1,10 @@
-"""docs/safety.md: the laws, the numbers, the assumptions, what is not covered."""
+"""docs/safety.md: the laws, the numbers, the mutants, the assumptions, what is not covered."""
 
 from __future__ import annotations
 
 from typing import Iterable, List, Sequence
 
+from mutation_results import shown as mutants
 from proof_figures import Figures
 from proof_run import BOUND, LARGE
 from proof_sound import SENTENCES
@@ -92,10 +93,11 @@ def page(figures: Figures) -> str:
         _ABSTRACTS,
         _induction(figures),
         _defects(figures),
+        mutants(),
         _ASSUMES,
         _accepted(figures),
     )
-    return "\n".join(parts).rstrip() + "\n"
+    return "\n".join(filter(None, parts)).rstrip() + "\n"
 
 
 def _laws(figures: Figures) -> str:

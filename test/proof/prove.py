@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import List, Optional
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "engine")]
+sys.path[:0] = [str(HERE), str(HERE.parent / "engine"), str(HERE.parent / "mutation")]
 
 from proof_defects import Caught  # noqa: E402
 from proof_explorer import Broken, Stats  # noqa: E402

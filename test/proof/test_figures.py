@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mutation_results
 import proof_figures
 import prove
 import pytest
+from mutation_results import Results
 from proof_figures import Figures, differences, keep, kept, read, write
+from proof_pages import page
 
 FOUND = Figures(
     worlds={"takeoff": {"states": 10, "transitions": 30, "depth": 3, "handed over": 1, "cut off": 2}},
@@ -98,3 +101,14 @@ def test_a_proof_that_fails_cannot_be_accepted(monkeypatch, capsys):
     monkeypatch.setattr(prove, "_prove", lambda _: None)
     assert prove.main(["accept", "--reason", "the engine lands again"]) == 1
     assert "not accepted" in capsys.readouterr().err
+
+
+def test_what_a_campaign_of_mutants_writes_is_what_the_page_shows(monkeypatch, tmp_path):
+    monkeypatch.setattr(mutation_results, "RESULTS", tmp_path / "results.json")
+    path = tmp_path / "safety.md"
+    path.write_text(page(read()), encoding="utf-8")
+    assert mutation_results.HEAD not in path.read_text(encoding="utf-8"), "none is kept"
+    for seed in (7, 8):
+        mutation_results.write(Results(seed, 100, {}, []), mutation_results.RESULTS, path)
+        assert f"drawn by the seed {seed}" in path.read_text(encoding="utf-8")
+        assert path.read_text(encoding="utf-8") == page(read())
