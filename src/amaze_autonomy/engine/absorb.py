@@ -139,11 +139,10 @@ def _clock_status(turn: Turn, event: ClockStatus) -> None:
 def _watchdog_action(turn: Turn, event: WatchdogAction) -> None:
     if not _credible(turn, "watchdog", event.age_ns):
         return
-    turn.set(action=event)
     _heartbeat(turn, event)
     listed = _worst_by_name(_listed(event))
     kept = [s for s in turn.state.components if s.name not in listed and s.code < Code.INCONVENIENT]
-    turn.set(components=tuple(sorted([*kept, *listed.values()], key=_by_name)))
+    turn.set(action=event, components=tuple(sorted([*kept, *listed.values()], key=_by_name)))
 
 
 def _heartbeat(turn: Turn, event: WatchdogAction) -> None:
@@ -283,22 +282,30 @@ def proves_recording(event: RecordingStatus) -> bool:
 def _autopilot_status(turn: Turn, event: AutopilotStatus) -> None:
     if not _credible(turn, "autopilot", event.age_ns):
         return
-    state = turn.state
-    turn.set(autopilot=event, autopilot_ns=turn.now)
-    if event.battery_fraction is not None and event.battery_age_s is not None and event.battery_age_s >= 0:
-        turn.set(battery_ns=max(0, turn.now - int(event.battery_age_s * _NS)))
-    if None not in (event.height_m, event.position_x_m, event.position_y_m):
-        turn.set(position_ns=turn.now)
+    state, now = turn.state, turn.now
     speed = event.vertical_speed_m_s
     descending = speed is not None and speed <= -turn.limits.descent_speed_m_s
-    turn.set(descending_ns=(turn.now if state.descending_ns is None else state.descending_ns) if descending else None)
     moving = _moves(turn, event)
-    turn.set(moving_ns=(turn.now if state.moving_ns is None else state.moving_ns) if moving else None)
-    if state.armed_at_start is None and state.started_ns is not None and event.armed is not None:
-        turn.set(armed_at_start=event.armed)
+    first = state.armed_at_start is None and state.started_ns is not None
+    turn.set(
+        autopilot=event,
+        autopilot_ns=now,
+        battery_ns=_battery_known_ns(event, now, state.battery_ns),
+        position_ns=state.position_ns if None in (event.height_m, event.position_x_m, event.position_y_m) else now,
+        descending_ns=(now if state.descending_ns is None else state.descending_ns) if descending else None,
+        moving_ns=(now if state.moving_ns is None else state.moving_ns) if moving else None,
+        armed_at_start=event.armed if first else state.armed_at_start,
+    )
     _flight(turn)
     _command_shown(turn, event)
     _control(turn, event)
+
+
+def _battery_known_ns(event: AutopilotStatus, now_ns: int, before_ns: Optional[int]) -> Optional[int]:
+    """Return when the battery's level was last known."""
+    if event.battery_fraction is None or event.battery_age_s is None or not event.battery_age_s >= 0:
+        return before_ns
+    return max(0, now_ns - int(event.battery_age_s * _NS))
 
 
 def _control(turn: Turn, event: AutopilotStatus, *, again: bool = False) -> None:
@@ -382,17 +389,24 @@ def _flight(turn: Turn) -> None:
         return
     over = not state.in_flight and not turn.flies_again()  # unknown says nothing of a flight that is over
     if turn.on_ground():
-        turn.set(grounded_ns=turn.now if state.grounded_ns is None else state.grounded_ns)
-    else:
+        if state.grounded_ns is None:
+            turn.set(grounded_ns=turn.now)
+    elif state.disarm_sent_ns is not None or (state.grounded_ns is not None and not over):
         turn.set(grounded_ns=state.grounded_ns if over else None, disarm_sent_ns=None)
-    if turn.vehicle() is not None and _goes_on(turn):
+    if not state.in_flight and turn.vehicle() is not None and _goes_on(turn):
         turn.set(in_flight=True)  # it had said that it was down, and does not any more: then its flight is not over
-    if not turn.state.in_flight:
-        return
-    if turn.state.motors is not None and turn.state.motors.statuses > 1:
-        turn.set(was_armed=True)
-    if turn.state.aloft is not None and turn.state.aloft.statuses > 1:
+    if turn.state.in_flight:
+        _remember_flight(turn)
+
+
+def _remember_flight(turn: Turn) -> None:
+    """Remember that it was armed, and that it flew, for the rest of the flight."""
+    state = turn.state
+    armed, airborne = (each is not None and each.statuses > 1 for each in (state.motors, state.aloft))
+    if airborne and not (state.was_airborne and state.was_armed and state.flown):
         turn.set(was_airborne=True, was_armed=True, flown=True)
+    elif armed and not state.was_armed:
+        turn.set(was_armed=True)
 
 
 def _goes_on(turn: Turn) -> bool:

@@ -113,9 +113,9 @@ def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
 
 
 def _first(turn: Turn) -> Tuple[Optional[Transition], Tuple[Value, ...]]:
-    doubt = turn.suspected()
+    doubt, quiet = turn.suspected(), not turn.asked()
     for row in ROWS_AT[turn.state.state, turn.state.step]:
-        if doubt and not row.in_doubt:
+        if (doubt and not row.in_doubt) or (quiet and row.on_request):
             continue
         values = row.guard(turn)
         if values is not None:

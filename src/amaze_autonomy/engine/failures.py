@@ -61,16 +61,19 @@ def limit_of(name: str, rules: Rules) -> int:
 
 def update(turn: Turn) -> Tuple[Change, ...]:
     """Bring `state.failures`, the budgets and what is flown without up to date; return what changed in flight."""
-    old = turn.state.failures
+    state = turn.state
+    old, without = state.failures, state.flown_without
+    bad = [status for status in state.components if status.code > Code.NOMINAL]
+    lost = _lost(turn, old) if state.in_flight else []
+    if not (bad or lost or old or state.user_hold_ns is not None):
+        return ()
     ledger = _Ledger(turn, old)
-    new = [ledger.component(status) for status in turn.state.components if status.code > Code.NOMINAL]
-    if turn.state.in_flight:
-        new += _lost(turn, ledger.old)
+    new = [ledger.component(status) for status in bad] + lost
+    if state.in_flight:
         new += _user_hold(turn)
     ledger.close(new)
     if not new and not old:
         return ()
-    without = turn.state.flown_without
     turn.set(
         failures=tuple(new), spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without))
     )
@@ -157,13 +160,13 @@ class _Ledger:
             self.spent[name] = min(limit, max(0, limit - (failure.deadline_ns - self.turn.now)))
 
 
-def _lost(turn: Turn, old: Dict[str, Failure]) -> List[Failure]:
-    found = []
+def _lost(turn: Turn, old: Tuple[Failure, ...]) -> List[Failure]:
+    found, known = [], {failure.name: failure for failure in old}
     for loss in LOSSES:
         values = PREDICATES[loss.name](turn)
         if values is None:
             continue
-        before = old.get(loss.name)
+        before = known.get(loss.name)
         reason = clocks_words(turn, loss.peer) or f"{loss.words} ({_words(values)})"
         since = before.since_ns if before is not None else turn.now
         verb = Verb.PILOT if loss.verb is Verb.LAND and turn.state.state is State.PILOT else loss.verb

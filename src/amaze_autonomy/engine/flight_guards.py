@@ -121,8 +121,9 @@ def _taken(turn: Turn) -> Values:
 
 def armed_by_others(turn: Turn) -> Optional[Values]:
     """The vehicle is armed, and it was not us; several statuses agree."""
-    others = not turn.state.in_flight and turn.armed() and turn.taken()
-    return holds_if(others, Value("reason", "it was armed, and not by us"))
+    if turn.state.in_flight or not (turn.taken() and turn.armed()):
+        return None
+    return (Value("reason", "it was armed, and not by us"),)
 
 
 def still_flies(turn: Turn) -> Optional[Values]:
@@ -211,7 +212,9 @@ def must_alarm(turn: Turn) -> Optional[Values]:
 def must_wait(turn: Turn) -> Optional[Values]:
     """Something is waited for."""
     held = failures.waiting(turn.state) if turn.state.in_flight else ()
-    return tuple(value for failure in held for value in failures.values_of(failure, turn.now)) or None
+    if not held:
+        return None
+    return tuple(value for failure in held for value in failures.values_of(failure, turn.now))
 
 
 def nothing_waited_for(turn: Turn) -> Optional[Values]:
@@ -234,8 +237,9 @@ def planner_in(*phases: MissionPhase) -> Guard:
 
     def guard(turn: Turn) -> Optional[Values]:
         planner = turn.state.planner
-        said = planner is not None and planner.phase in phases and planner.t_ns > turn.state.motion_ns
-        return holds_if(said, Value("planner phase", planner.phase.name if planner else ""))
+        if planner is None or planner.phase not in phases or not planner.t_ns > turn.state.motion_ns:
+            return None
+        return (Value("planner phase", planner.phase.name),)
 
     return guard
 
@@ -243,7 +247,7 @@ def planner_in(*phases: MissionPhase) -> Guard:
 def touched_down(turn: Turn) -> Optional[Values]:
     """Disarmed and ON_GROUND after a flight that is over (`Turn.stays_down`)."""
     state = turn.state
-    if not state.was_armed or turn.flies_again() or state.in_flight:
+    if state.in_flight or not state.was_armed or turn.flies_again():
         return None
     return (Value("armed", False), Value("landed", "ON_GROUND"), Value("landing detection", turn.detection().name))
 

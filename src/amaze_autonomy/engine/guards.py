@@ -1,11 +1,13 @@
 """What a guard is, and the guards that go with any state: the user, timers, combinations.
 
 A guard is a condition of the transition table: it returns what it looked at when it holds, else None. None has effects.
+Most events ask for nothing. A guard that holds only on a request is marked `on_request`, one that is combined with it
+is so too; the table leaves their rows out on all other events.
 """
 
 from __future__ import annotations
 
-from typing import Callable, Optional, Tuple
+from typing import Callable, Optional, Set, Tuple
 
 from .commands import Value
 from .events import UserCommand
@@ -20,8 +22,10 @@ __all__ = [
     "holds_if",
     "mission_selected",
     "mission_waits",
+    "needs_request",
     "negated",
     "next_in_queue",
+    "on_request",
     "outreach_for",
     "shutdown",
     "timer",
@@ -33,6 +37,7 @@ __all__ = [
 Values = Tuple[Value, ...]
 Guard = Callable[[Turn], Optional[Values]]
 _NS = 1e9
+_ON_REQUEST: Set[Guard] = set()
 
 
 def holds_if(condition: object, *values: Value) -> Optional[Values]:
@@ -40,17 +45,30 @@ def holds_if(condition: object, *values: Value) -> Optional[Values]:
     return values if condition else None
 
 
+def on_request(guard: Guard) -> Guard:
+    """Mark a guard that holds only while `Turn.asked`."""
+    _ON_REQUEST.add(guard)
+    return guard
+
+
+def needs_request(guard: Guard) -> bool:
+    """Return True when a guard holds only while `Turn.asked`."""
+    return guard in _ON_REQUEST
+
+
 def user(command: UserCommand) -> Guard:
     """Hold when the user asks for it and the table of answers allows it."""
-    return lambda turn: holds_if(turn.user is command, Value("user", command.value))
+    return on_request(lambda turn: holds_if(turn.user is command, Value("user", command.value)))
 
 
+@on_request
 def user_gives_up(turn: Turn) -> Optional[Values]:
     """The user gives up or aborts before takeoff."""
     asked = turn.user in (UserCommand.GIVE_UP, UserCommand.ABORT)
     return holds_if(asked, Value("user", turn.user.value if turn.user else ""))
 
 
+@on_request
 def user_ends(turn: Turn) -> Optional[Values]:
     """The user lands, aborts or gives up between two files."""
     asked = turn.user in (UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
@@ -81,7 +99,7 @@ def both(*guards: Guard) -> Guard:
             seen += values
         return seen
 
-    return guard
+    return on_request(guard) if any(needs_request(part) for part in guards) else guard
 
 
 def negated(inner: Guard) -> Guard:
@@ -89,6 +107,7 @@ def negated(inner: Guard) -> Guard:
     return lambda turn: () if inner(turn) is None else None
 
 
+@on_request
 def mission_selected(turn: Turn) -> Optional[Values]:
     """The user has selected a valid mission."""
     return holds_if(turn.selected, Value("missions", ", ".join(mission.id for mission in turn.selected)))
@@ -107,6 +126,7 @@ def mission_waits(turn: Turn) -> Optional[Values]:
     return holds_if(turn.state.queue, Value("mission", turn.state.queue[0].id if turn.state.queue else ""))
 
 
+@on_request
 def shutdown(turn: Turn) -> Optional[Values]:
     """The process was told to end."""
     return holds_if(turn.signal, Value("signal", turn.signal))

@@ -26,6 +26,7 @@ from .guards import (
     both,
     mission_selected,
     mission_waits,
+    needs_request,
     negated,
     next_in_queue,
     outreach_for,
@@ -57,6 +58,8 @@ class Transition:
         act: what it does before them.
         words: the condition in words, for the documentation.
         in_doubt: it may fire while it is not clear whether somebody else has control.
+
+    `on_request` follows from the guard: it fires only when the event asks for something.
     """
 
     rule: str
@@ -68,6 +71,10 @@ class Transition:
     act: Optional[Effect] = None
     words: str = ""
     in_doubt: bool = False
+    on_request: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "on_request", needs_request(self.guard))
 
 
 STEPS: Mapping[State, Tuple[Step, ...]] = {

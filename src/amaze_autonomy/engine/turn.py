@@ -50,6 +50,10 @@ class Turn:
         """Change fields of the state."""
         self.state = evolve(self.state, **changes)
 
+    def asked(self) -> bool:
+        """Return True while somebody asks for something that was not carried out yet."""
+        return self.user is not None or bool(self.selected) or bool(self.signal)
+
     def consume(self) -> None:
         """Forget what the event asks for: a request is carried out once."""
         self.user, self.selected, self.signal = None, (), ""

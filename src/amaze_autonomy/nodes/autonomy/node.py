@@ -53,7 +53,7 @@ from ...ros.topic_reader import ALL, Tally, subscribe
 from . import run_folder
 from .ending import Ending, Farewell
 from .engine_thread import EngineThread, Inbox, Stall
-from .outbox import Diagnostics, Outbox, StatePublisher, Timeline
+from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
 from .run_folder import JournalFile, create, reopen
 from .users import Unattended, UserDesk, choose
@@ -116,8 +116,9 @@ class AutonomyNode:
             state,
         )
         self._reconnector = Reconnector()
+        self._clocks = PeerClocks(configuration.rules.limits)
         self._diagnostics = Diagnostics(
-            lambda: self._engine.state, self._journal, self._rejected, lambda: len(self._requests.open)
+            lambda: self._engine.state, self._journal, self._rejected, lambda: len(self._requests.open), self._clocks
         )
 
     # --- start ----------------------------------------------------------------------------------------------------
@@ -203,6 +204,7 @@ class AutonomyNode:
         """Hand on a step of the engine; on its thread, after the requests went out."""
         self._clock.goes_on = state.in_flight  # a landing that is under way needs time that passes
         self._outbox.put(event, state, commands)
+        self._clocks.see(event)
         self._farewell.see(event, commands)
         self._ending.see(state)
         if self._unattended is not None:

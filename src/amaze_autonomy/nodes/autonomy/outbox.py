@@ -19,18 +19,20 @@ from amaze_autonomy.engine import journal as codec
 from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Value
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.report import Report, report
-from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.state import EngineState, Failure
+from amaze_autonomy.interface import STATUSES, Status, status_of
 
 from ...ros.clock import Clock
 from ...ros.interface import check_row, number, ros_time
 from .run_folder import JournalFile
 
-__all__ = ["Diagnostics", "Outbox", "StatePublisher", "Timeline", "state_message"]
+__all__ = ["Diagnostics", "Outbox", "PeerClocks", "StatePublisher", "Timeline", "state_message"]
 
 _MOST_WAITING = 200000  # lines for a listener that does not keep up: more than an hour
 
 _STATE_PERIOD_S = 0.5
+_NS = 1_000_000_000
 _log = logging.getLogger(__name__)
 
 _SAY = {
@@ -263,17 +265,62 @@ def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState
 
 _PERIOD_S = 1.0
 _OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+_CLOCKS_ADVICE = "set the clocks of all computers by chrony"
 _LEVELS = {Level.INFO: _OK, Level.WARNING: _WARN, Level.ERROR: _ERROR, Level.ALARM: _ERROR}
 
 
+class PeerClocks:
+    """The row "clocks": how old the last status of each peer was on arrival, by its own stamp.
+
+    Args:
+        limits: what is believed: not older than one of them, not further in the future than another.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._oldest_ns, self._ahead_ns = limits.status_max_age_ns, limits.clock_tolerance_ns
+        self._ages_ns: Dict[str, Optional[int]] = dict.fromkeys(map(_peer, STATUSES))
+
+    def see(self, event: Event) -> None:
+        """Note the stamp of a status; other events have none."""
+        age_ns = getattr(event, "age_ns", None)
+        if age_ns is not None:
+            self._ages_ns[_peer(status_of(event))] = age_ns
+
+    def write(self, status: Any) -> Any:
+        """Fill a DiagnosticStatus: a line for each peer, the peers that are not believed in its summary."""
+        apart = [peer for peer, age_ns in self._ages_ns.items() if age_ns is not None and not self._credible(age_ns)]
+        if apart:
+            text = f"stamps of {', '.join(sorted(apart))} are not of the present: {_CLOCKS_ADVICE}"
+            status.summary(_ERROR, text)
+        else:
+            status.summary(_OK, "all stamps are of the present")
+        for peer, age_ns in self._ages_ns.items():
+            status.add(peer, self._words(age_ns))
+        return status
+
+    def _credible(self, age_ns: int) -> bool:
+        return -self._ahead_ns <= age_ns <= self._oldest_ns
+
+    def _words(self, age_ns: Optional[int]) -> str:
+        if age_ns is None:
+            return "not heard"
+        limit_ns, side = (self._ahead_ns, "ahead") if age_ns < 0 else (self._oldest_ns, "old")
+        return f"{abs(age_ns) / _NS:.3f} s {side} on arrival, limit {limit_ns / _NS:g} s"
+
+
+def _peer(status: Status) -> str:
+    return status.topic.split("/")[0]
+
+
 class Diagnostics:
-    """Three rows: the engine, its inputs, the journal.
+    """Four rows: the engine, its inputs, the clocks of its peers, the journal.
 
     Args:
         state: returns the engine's present state.
         journal: on disk.
         rejected: how many messages of each topic were invalid.
         open_calls: returns how many service calls wait for an answer.
+        clocks: of the peers.
     """
 
     def __init__(
@@ -282,6 +329,7 @@ class Diagnostics:
         journal: JournalFile,
         rejected: Dict[str, int],
         open_calls: Callable[[], int],
+        clocks: PeerClocks,
     ) -> None:
         self._state, self._journal, self._rejected, self._open_calls = state, journal, rejected, open_calls
         self._due_s = 0.0
@@ -289,6 +337,7 @@ class Diagnostics:
         self._updater.setHardwareID("none")
         self._updater.add("engine", self._engine)
         self._updater.add("inputs", self._inputs)
+        self._updater.add("clocks", clocks.write)
         self._updater.add("journal", self._disk)
 
     def publish(self) -> None:
@@ -329,9 +378,6 @@ class Diagnostics:
 
 # --- timeline ---------------------------------------------------------------------------------------------------------
 # The report of a run: one line per decision and message, readable by a person.
-
-
-_NS = 1_000_000_000
 
 
 class Timeline:
