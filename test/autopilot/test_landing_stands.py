@@ -221,8 +221,32 @@ def test_a_landing_of_somebody_else_ends_what_runs(mission):
     seen_ns = flying.t_ns
     flying.run(2 * S)
     assert flying.since(seen_ns) == []
-    assert flying.phase is P.LANDING
-    assert flying.command(A.RESUME) == "there is nothing to resume in phase LANDING"
+    assert flying.phase is not P.LANDING  # it is not ours: the engine must not take it for the planner's
+    assert flying.status.message == "somebody else lands the vehicle (mode AUTO.LAND)"
+    assert flying.command(A.RESUME) == "the vehicle lands (mode AUTO.LAND)"
+    flying.until_phase(P.LANDED)
+
+
+@EACH
+@pytest.mark.parametrize("mode", ["AUTO.LAND", "AUTO.RTL", "POSCTL"])
+def test_a_mode_that_somebody_else_chooses_before_our_arming_takes_effect_stands(mode, kind):
+    """Seen with PX4: a second station's AUTO.LAND, 0.2 s before it was armed, was answered by our AUTO.MISSION."""
+    flying = Recorded(kind=kind)
+    assert flying.load("line").accepted
+    flying.channel.fate = lambda: (200 * MS,)
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until(lambda: "arm" in flying.since(0), 10 * S)
+    flying.run(50 * MS)
+    assert not flying.craft.armed
+    flying.craft.command_mode(mode)
+    chosen_ns = flying.t_ns
+    flying.run(6 * S)
+    assert set(flying.since(chosen_ns)) <= {"arm", "disarm"}
+    assert "arm" not in flying.since(chosen_ns + 700 * MS)
+    assert flying.craft.height_m == 0.0
+    assert not flying.craft.armed
+    assert flying.phase is not P.FLYING
+    assert mode in flying.status.message
 
 
 # --- the autopilot node lands -----------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from sitl_faults import find
 from sitl_relay import Relay
 from sitl_scenario import Action, Scenario
 from sitl_station import Station
+from sitl_wire import orders_in
 
 from amaze_autonomy import srv
 from amaze_autonomy.engine.events import VehicleLanded
@@ -164,6 +165,7 @@ class Flight:
         self._autopilot = Autopilot(kind, program, folder / "vehicle", parameters)
         self._station = Station(self._relay.links["ground"], kind)
         self._happened = Happened()
+        self._relay.links["planner"].overhear = self._overhear
         self._done: List[Dict[str, Any]] = []
         self._later: List[Tuple[float, Callable[[], None]]] = []
         self._launch: Optional[subprocess.Popen[bytes]] = None
@@ -310,6 +312,11 @@ class Flight:
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
+
+    def _overhear(self, _: int, data: bytes) -> None:
+        """Note what the planner orders; on the relay's thread."""
+        for order in orders_in(data, self._kind.name):
+            self._happened.note("order", order)
 
     # --- what the scenario does -----------------------------------------------------------------------------------
 

@@ -173,7 +173,10 @@ def _rules(journal: Journal, wire: Wire) -> List[str]:
         )
     pilot_s = journal.first("PILOT")
     if pilot_s is not None:
-        wrong += _against(ours, pilot_s + _TOGETHER_S, _end(wire, pilot_s), (), "while the pilot has control")
+        begin_s, end_s = pilot_s + _TOGETHER_S, _end(wire, pilot_s)
+        lifted = any(height > _ON_GROUND_M for t_s, height in wire.heights if t_s < end_s)
+        good = () if lifted else ("DISARM",)  # our own arming is taken back; DISARM in the air is bad anyway
+        wrong += _against(ours, begin_s, end_s, good, "while the pilot has control")
     return wrong
 
 

@@ -29,6 +29,8 @@ class Link:
         near: port of the node; None: nobody but the listeners.
         log: telemetry log that it writes.
         seed: of what is lost.
+
+    `listeners` are given what the autopilot says, `overhear` what it is told.
     """
 
     def __init__(self, far: int, near: Optional[int], log: Path, seed: int) -> None:
@@ -36,6 +38,7 @@ class Link:
         self.cut, self.loss = False, 0.0
         self.passed = self.lost = 0
         self.listeners: List[Listener] = []
+        self.overhear: Optional[Listener] = None
         self._node = None if near is None else ("127.0.0.1", near)
         self._autopilot: Optional[Tuple[str, int]] = None
         self._chance = random.Random(seed)
@@ -74,6 +77,8 @@ class Link:
         if from_autopilot:
             for listener in self.listeners:
                 listener(t_ns, data)
+        elif self.overhear is not None:
+            self.overhear(t_ns, data)
 
     def close(self) -> None:
         """Close it; the log is whole."""

@@ -6,7 +6,8 @@ mission: "1"
 when:                                     # what happens outside of the vehicle's own nodes
   - do: cut                               # a row of ACTIONS
     for_s: 5.0                            # its arguments
-    after: {state: MISSION, delay_s: 3.0} # a state, an event of the vehicle, or a mode; left out: before the launch
+    after: {state: MISSION, delay_s: 3.0} # a state, an event of the vehicle, a mode, an order of the planner (ARM);
+                                          # left out: before the launch
 faults: [...]                             # of the simulated sensors and nodes, as in config/faults
 requests: [...]                           # what the user asks, as in config/faults
 expect:
@@ -46,7 +47,7 @@ _ARGUMENTS: Mapping[str, Tuple[Tuple[str, type], ...]] = {
 ACTIONS = tuple(_ARGUMENTS)
 """What can be done from outside: to the links, by the second ground station, to processes, to the autopilot's power."""
 _OPTIONAL = {("lose", "for_s"), ("parameter", "px4"), ("parameter", "ardupilot")}
-_TRIGGER = ("state", "step", "event", "mode", "occurrence", "delay_s")
+_TRIGGER = ("state", "step", "event", "mode", "order", "occurrence", "delay_s")
 EVENTS = ("armed", "airborne", "waypoint", "landed", "disarmed", "started")
 _EXPECT = ("result", "states", "modes", "at_most", "at_least", "texts", "own_behaviour")
 _KEYS = (
@@ -174,9 +175,9 @@ def trigger(given: Mapping[str, Any]) -> Trigger:
         ValueError: it cannot be.
     """
     _known(given, _TRIGGER, "key of after")
-    kinds = [key for key in ("state", "event", "mode") if key in given]
+    kinds = [key for key in ("state", "event", "mode", "order") if key in given]
     if len(kinds) != 1:
-        raise ValueError("after has one of state, event, mode")
+        raise ValueError("after has one of state, event, mode, order")
     if kinds == ["event"]:
         _known((given["event"],), EVENTS, "event")
     return Trigger(

@@ -94,6 +94,21 @@ def read_wire(folder: Path, autopilot: str) -> Wire:
     return Wire(_shown(messages, number), _landed(messages), _orders(messages, number, heights), heights)
 
 
+def orders_in(data: bytes, autopilot: str) -> List[str]:
+    """Return what a datagram tells the vehicle to do, as in `Order`."""
+    number = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA if autopilot == "ardupilot" else mavlink.MAV_AUTOPILOT_PX4
+    found: List[str] = []
+    at = 0
+    while at < len(data):
+        frame = frame_at(data, at)
+        if frame is None:
+            break
+        at += frame.length
+        if frame.frame is not None and frame.frame.number in _IDS:
+            found.append(_ordered(decode(frame.frame), number))
+    return [each for each in found if each]
+
+
 class _CurrentMode(NamedTuple):
     """PX4's CURRENT_MODE, of which our dialect knows nothing."""
 

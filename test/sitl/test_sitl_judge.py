@@ -51,6 +51,15 @@ def test_any_order_while_the_pilot_has_control_is_bad_and_his_own_are_not():
     ]
 
 
+def test_an_arming_of_ours_is_taken_back_on_the_ground_before_the_pilot_has_flown_and_not_after():
+    rows, disarms = journal(*FLIGHT, (20.0, "PILOT")), Order(20.5, "planner", "DISARM", 0.0)
+
+    assert _rules(rows, wire(disarms, heights=((9.0, 0.0), (30.0, 0.0)))) == []
+    assert _rules(rows, wire(disarms)) == [
+        "planner ordered DISARM 0.45 s later, while the pilot has control (1 such orders)"
+    ]
+
+
 def test_what_is_ordered_after_the_flight_is_no_matter():
     assert _rules(journal(*FLIGHT, (20.0, "LAND")), wire(Order(31.0, "planner", "AUTO.LOITER", 0.0))) == []
 

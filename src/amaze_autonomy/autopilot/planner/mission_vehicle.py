@@ -87,6 +87,7 @@ class VehicleWatch:
         self.mode_ns: Optional[int] = None
         self.armed: Optional[bool] = None
         self.mode = ""
+        self.latest_mode = ""
         self.failsafe = False
         self.landed = VehicleLanded.UNKNOWN
         self.landed_ns: Optional[int] = None
@@ -178,12 +179,19 @@ class VehicleWatch:
         self.autopilot, self.target, self.heartbeat_ns = message.autopilot, source_of(message), t_ns
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.mode, self.mode_ns = mode_name(message.autopilot, message.custom_mode), t_ns
+        self.latest_mode = self.mode
         self.failsafe = message.system_status in _FAILSAFE
 
     def _current_mode(self, t_ns: int, message: Message) -> None:
-        """Take the mode in the air; on the ground, that of a heartbeat, which says as well whether it is disarmed."""
-        if self.heartbeat_ns is not None and self.landed in AIRBORNE:
-            self.mode, self.mode_ns = mode_name(self.autopilot, message.custom_mode), t_ns
+        """Take the mode in the air; on the ground, that of a heartbeat, which says as well whether it is disarmed.
+
+        What it says on the ground is `latest_mode`, for a takeoff that somebody else comes before.
+        """
+        if self.heartbeat_ns is None:
+            return
+        self.latest_mode = mode_name(self.autopilot, message.custom_mode)
+        if self.landed in AIRBORNE:
+            self.mode, self.mode_ns = self.latest_mode, t_ns
 
     def _event(self, t_ns: int, message: Message) -> None:
         if not self.armed:  # armed, they tell which modes are not to be had now

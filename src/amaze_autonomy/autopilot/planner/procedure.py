@@ -331,9 +331,16 @@ class Procedure:
         after = not step.always or (said_ns is not None and said_ns > self._first_ns)
         return after and step.done(self._means, t_ns)
 
+    @property
+    def _answered(self) -> bool:
+        """Return whether the vehicle has shown a mode that was commanded here: from then on any other is not ours."""
+        return any(step.command == _SET_MODE for step in self._steps[: self._number])
+
     def _taken(self) -> str:
         """Return who has chosen what the vehicle does, in words; empty: nobody but us."""
         watch, step = self._means.watch, self._steps[self._number]
+        if self._answered and watch.latest_mode not in self._means.commanded:
+            return f"the vehicle went to {watch.latest_mode} by itself"
         if watch.mode == step.mode:
             return ""
         if watch.armed and not self._persistent and (watch.mode in LANDING_MODES or watch.lands):

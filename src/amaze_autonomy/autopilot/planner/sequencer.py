@@ -39,6 +39,7 @@ _LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a 
 _OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
 _ASKED, _NO_TAKEOFF = "a landing was commanded", "the takeoff failed"
+_TAKEN_OVER = "somebody else chose the flight mode before the takeoff"
 _P, _A = MissionPhase, MissionAction
 
 
@@ -212,6 +213,8 @@ class Sequencer:
 
     def _meant(self, t_ns: int) -> MissionAction:
         """Return what a landing is: disarming, before lift-off with the ground shown freshly; else the landing mode."""
+        if self._landing == _TAKEN_OVER:
+            return _A.ABORT  # never a mode of ours: a disarming is sent on the ground alone
         heard = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
         down = heard and self._grounded(t_ns)
         if self._doing(_A.ABORT):  # once it is that, a landed state that is a little late does not end it
@@ -284,7 +287,7 @@ class Sequencer:
 
     def _follow(self, t_ns: int) -> None:
         """Read the phase from the vehicle."""
-        watch, flight, procedure = self.watch, self._flight, self._procedure
+        watch, flight = self.watch, self._flight
         if not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
         if self._landing and self._phase not in IN_FLIGHT:
@@ -301,8 +304,18 @@ class Sequencer:
             if flight.is_counted(t_ns, asked=self._doing(_A.LAND, _A.ABORT)):
                 self._end()
         elif watch.armed:
+            self._follow_armed()
+
+    def _follow_armed(self) -> None:
+        """Read the phase of a vehicle that is armed; LANDING is ours: the engine takes its mode for ours then."""
+        watch, flight, procedure = self.watch, self._flight, self._procedure
+        others = watch.mode == LAND and not self._landing and LAND not in self._means.commanded
+        if not others:
             self._phase = flight.phase(self._phase)
-            self._message = flight.hands_off() or (procedure.reason if procedure else "") or flight.failure
+        elif self._phase is _P.LANDING:
+            self._phase = _P.FLYING
+        lands = f"somebody else lands the vehicle (mode {watch.mode})" if others else ""
+        self._message = lands or flight.hands_off() or (procedure.reason if procedure else "") or flight.failure
 
     def _doing(self, *actions: MissionAction) -> bool:
         """Return whether one of these was commanded last."""
@@ -314,7 +327,7 @@ class Sequencer:
             self._flight.failure = "disarmed before it lifted off"
         self._message = self._flight.failure
         if self._phase in (*IN_FLIGHT, _P.LOADED, _P.FAILED):
-            never_armed = self._landing == _NO_TAKEOFF and not self._flight.armed
+            never_armed = self._landing in (_NO_TAKEOFF, _TAKEN_OVER) and not self._flight.armed
             self._phase = _P.FAILED if never_armed else _P.LANDED
         self._procedure = self._verification = self._flight.guidance = None
         self._means.stream_ns = None
@@ -360,6 +373,8 @@ class Sequencer:
             self._commanded_ns = t_ns
         if procedure.action is _A.TAKEOFF and procedure.progress is Progress.FAILED:
             sent += self._cancel(t_ns, procedure.reason)
+        elif procedure.action is _A.TAKEOFF and procedure.progress is Progress.TAKEN and not self._flight.airborne:
+            sent += self._recall(t_ns, procedure.reason)
         elif procedure.action is _A.TAKEOFF and procedure.progress is Progress.SILENT:
             self._fail(procedure.reason)
         elif procedure.progress is Progress.DONE and procedure.action is _A.ABORT:
@@ -380,6 +395,12 @@ class Sequencer:
     def _cancel(self, t_ns: int, reason: str) -> List[Message]:
         """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""
         sent = self._land(t_ns, _NO_TAKEOFF)
+        self._flight.failure = self._message = reason
+        return sent
+
+    def _recall(self, t_ns: int, reason: str) -> List[Message]:
+        """Give a takeoff up that somebody else came before: their mode stands, our ARM is taken back on the ground."""
+        sent = self._land(t_ns, _TAKEN_OVER)
         self._flight.failure = self._message = reason
         return sent
 
