@@ -16,6 +16,7 @@ from amaze_autonomy import msg
 from amaze_autonomy.engine.commands import Decision
 
 stalls = Behaviours()
+FLIES_ON_NS = 2_000_000_000
 
 
 def stop_for(stack: Stack, seconds: float) -> int:
@@ -32,10 +33,9 @@ def decisions_after(stack: Stack, t_ns: int) -> List[Decision]:
 def flies_on(stack: Stack, seconds: float) -> None:
     stack.wait_state("MISSION")
     stopped_ns = time.monotonic_ns()
-    stop_for(stack, seconds)
+    went_on_ns = stop_for(stack, seconds)
     stack.wait(lambda: "The engine did not run for" in stack.log(), "what is said of the stall")
-    waypoint = stack.states[-1].waypoint
-    stack.wait(lambda: stack.states[-1].waypoint > waypoint, "the next waypoint")
+    stack.wait(lambda: stack.journal()[-1].t_ns > went_on_ns + FLIES_ON_NS, "two seconds more of the flight")
     assert stack.state == "MISSION"
     assert [each.rule for each in decisions_after(stack, stopped_ns)] == []
     assert stack.ask("land")[0] == 1
