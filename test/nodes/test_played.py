@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
+pytest.importorskip("rospy")
+
 from amaze_autonomy.nodes.simulation.recorded_peers_node import Reception, receptions, unconnected
 
 STATS = [

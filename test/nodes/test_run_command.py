@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("rospy")
+
 from amaze_autonomy.nodes.watchdog.restarter import Outcome, run_command
 
 

@@ -10,6 +10,8 @@ from typing import ClassVar
 
 import pytest
 
+pytest.importorskip("rospy")
+
 from amaze_autonomy.ros.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream
 
 

@@ -16,6 +16,8 @@ import pytest
 from bag_tools import digest
 from part_tools import FACTS
 
+pytest.importorskip("roslib")
+
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.nodes.recorder.processes import RecorderJobs
 from amaze_autonomy.recording import parts as parts_module
