@@ -133,3 +133,11 @@ def test_no_number_breaks_it_and_ok_means_enough(
         assert fraction is not None
         assert required is not None
         assert required <= fraction <= 1.0
+
+
+def test_a_battery_that_was_never_heard_is_waited_for_and_one_that_does_not_know_its_level_is_not():
+    """Asked in the second after a start, it has not had the time to say anything: that comes by itself."""
+    monitor = BatteryMonitor(BatterySpec(cells=4))
+    assert [row.heals for row in monitor.check(0, 0.5).checks] == [True] * 3
+    monitor.add(0, None)
+    assert not any(row.heals for row in monitor.check(0, 0.5).checks)

@@ -81,7 +81,7 @@ def _timed_out(record: CheckRecord, now_ns: int) -> CheckRecord:
 
 def _credible(turn: Turn, peer: str, age_ns: int) -> bool:
     """Return whether a status is of the present; remember whose stamps are not: their clock is another one."""
-    credible = -turn.limits.clock_tolerance_ns <= age_ns <= turn.limits.status_max_age_ns
+    credible = turn.limits.is_present(age_ns)
     apart = turn.state.clocks_apart
     if not credible or apart:
         since_ns = next((each.since_ns for each in apart if each.peer == peer), turn.now)

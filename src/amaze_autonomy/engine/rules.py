@@ -77,6 +77,10 @@ class Limits:
             if not value > 0:
                 raise ValueError(f"{entry.name} is {value}, must be above 0")
 
+    def is_present(self, age_ns: int) -> bool:
+        """Return True when a status that is so old on arrival, by its own stamp, is of the present."""
+        return -self.clock_tolerance_ns <= age_ns <= self.status_max_age_ns
+
 
 @dataclass(frozen=True)
 class Loss:

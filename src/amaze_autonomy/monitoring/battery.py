@@ -52,7 +52,7 @@ class BatteryMonitor:
         limit_s, age_s = self.spec.age_limit_ns / _S, self._age_s(t_ns)
         if age_s is None:
             advice = "the battery has not said anything: is the autopilot connected?"
-            return Check("battery age", Verdict.UNKNOWN, None, limit_s, "s", None, advice)
+            return Check("battery age", Verdict.UNKNOWN, None, limit_s, "s", None, advice, heals=True)
         if abs(age_s) <= limit_s:
             return Check("battery age", Verdict.PASS, age_s, limit_s, "s", age_s)
         how = "old" if age_s > 0 else "in the future, clocks differ"
@@ -68,7 +68,7 @@ class BatteryMonitor:
         limit = max(needed, self.spec.minimum_fraction)
         if self._fraction is None:
             advice = "the level is unknown: check the power module and its calibration"
-            return Check(name, Verdict.UNKNOWN, None, limit, "fraction", age_s, advice)
+            return Check(name, Verdict.UNKNOWN, None, limit, "fraction", age_s, advice, heals=age_s is None)
         if self._fraction >= limit:
             return Check(name, Verdict.PASS, self._fraction, limit, "fraction", age_s)
         why = "the mission needs" if limit == needed else "no mission starts below"
@@ -79,7 +79,8 @@ class BatteryMonitor:
         name, spec, age_s = "battery cell voltage", self.spec, self._age_s(t_ns)
         low, high = spec.cell_voltage_min_v, spec.cell_voltage_max_v
         if self._voltage_v is None:
-            return Check(name, Verdict.UNKNOWN, None, low, "V", age_s, "the voltage is unknown: check the power module")
+            advice = "the voltage is unknown: check the power module"
+            return Check(name, Verdict.UNKNOWN, None, low, "V", age_s, advice, heals=age_s is None)
         cell_v = self._voltage_v / spec.cells
         if cell_v > high:
             advice = f"{cell_v:.2f} V per cell cannot be: is it {spec.cells} cells, and is the power module calibrated?"

@@ -277,7 +277,7 @@ class PeerClocks:
     """
 
     def __init__(self, limits: Limits) -> None:
-        self._oldest_ns, self._ahead_ns = limits.status_max_age_ns, limits.clock_tolerance_ns
+        self._limits = limits
         self._ages_ns: Dict[str, Optional[int]] = dict.fromkeys(map(_peer, STATUSES))
 
     def see(self, event: Event) -> None:
@@ -288,7 +288,9 @@ class PeerClocks:
 
     def write(self, status: Any) -> Any:
         """Fill a DiagnosticStatus: a line for each peer, the peers that are not believed in its summary."""
-        apart = [peer for peer, age_ns in self._ages_ns.items() if age_ns is not None and not self._credible(age_ns)]
+        apart = [
+            peer for peer, age_ns in self._ages_ns.items() if age_ns is not None and not self._limits.is_present(age_ns)
+        ]
         if apart:
             text = f"stamps of {', '.join(sorted(apart))} are not of the present: {_CLOCKS_ADVICE}"
             status.summary(_ERROR, text)
@@ -298,14 +300,12 @@ class PeerClocks:
             status.add(peer, self._words(age_ns))
         return status
 
-    def _credible(self, age_ns: int) -> bool:
-        return -self._ahead_ns <= age_ns <= self._oldest_ns
-
     def _words(self, age_ns: Optional[int]) -> str:
         if age_ns is None:
             return "not heard"
-        limit_ns, side = (self._ahead_ns, "ahead") if age_ns < 0 else (self._oldest_ns, "old")
-        return f"{abs(age_ns) / _NS:.3f} s {side} on arrival, limit {limit_ns / _NS:g} s"
+        ahead = age_ns < 0
+        limit_ns = self._limits.clock_tolerance_ns if ahead else self._limits.status_max_age_ns
+        return f"{abs(age_ns) / _NS:.3f} s {'ahead' if ahead else 'old'} on arrival, limit {limit_ns / _NS:g} s"
 
 
 def _peer(status: Status) -> str:
