@@ -16,8 +16,8 @@ from typing import Callable, Dict, Iterable, Mapping, Tuple
 from . import paths
 from .config import load_configuration
 from .config.reference import DOCUMENTS as CONFIGURATION
-from .engine.documents import DOCUMENTS as ENGINE
-from .engine.documents import decision_table
+from .journal.documents import DOCUMENTS as ENGINE
+from .journal.documents import decision_table
 from .simulation.documents import DOCUMENTS as SIMULATION
 from .tester.documents import DOCUMENTS as TESTER
 

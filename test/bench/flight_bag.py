@@ -25,7 +25,7 @@ from rosbags.rosbag1 import Writer  # noqa: E402
 
 from amaze_autonomy.config.loader import load_configuration  # noqa: E402
 from amaze_autonomy.engine.events import AutopilotStatus  # noqa: E402
-from amaze_autonomy.engine.journal import read  # noqa: E402
+from amaze_autonomy.journal.journal import read  # noqa: E402
 from amaze_autonomy.paths import config_folder  # noqa: E402
 from amaze_autonomy.simulation.run import run  # noqa: E402
 from amaze_autonomy.simulation.scenario import Scenario  # noqa: E402

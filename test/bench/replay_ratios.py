@@ -106,7 +106,7 @@ def parts(bag: Path) -> list:
     from amaze_autonomy.bags import Recording  # noqa: PLC0415
     from amaze_autonomy.config.loader import load_configuration  # noqa: PLC0415
     from amaze_autonomy.engine.events import Event  # noqa: PLC0415
-    from amaze_autonomy.engine.journal import encode_event, read  # noqa: PLC0415
+    from amaze_autonomy.journal.journal import encode_event, read  # noqa: PLC0415
     from amaze_autonomy.paths import config_folder  # noqa: PLC0415
     from amaze_autonomy.replay.plan import make_plan  # noqa: PLC0415
     from amaze_autonomy.replay.session import Session  # noqa: PLC0415

@@ -23,7 +23,7 @@ import rosgraph
 import rospy
 
 from amaze_autonomy.engine.events import EngineStarted
-from amaze_autonomy.engine.journal import decode
+from amaze_autonomy.journal.journal import decode
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))

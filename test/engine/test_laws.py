@@ -19,13 +19,13 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.report import report
 from amaze_autonomy.engine.severity import Code, Restart, Severity
 from amaze_autonomy.engine.state import State
+from amaze_autonomy.journal import journal
+from amaze_autonomy.journal.report import report
 
 STREAMS = ("watchdog", "autopilot", "planner", "recorder", "landing")
 SEARCH = os.environ.get("HYPOTHESIS_PROFILE") == "search"

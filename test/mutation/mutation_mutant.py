@@ -9,7 +9,7 @@ __all__ = ["EXPLORER", "MUTATED", "NETS", "SAME_BY_NATURE", "SCENARIOS", "UNIT",
 
 EXPLORER, UNIT, SCENARIOS = "explorer", "unit", "scenarios"
 NETS = (EXPLORER, UNIT, SCENARIOS)
-MUTATED = ("src/amaze_autonomy/engine", "src/amaze_autonomy/monitoring")
+MUTATED = ("src/amaze_autonomy/engine", "src/amaze_autonomy/journal", "src/amaze_autonomy/monitoring")
 """The folders, from the root of the repository."""
 SAME_BY_NATURE = (
     "core/ReplaceComparisonOperator_Is_Eq",

@@ -25,7 +25,7 @@ __all__ = ["CPU_LIMIT_S", "PATHS", "Look", "Seen", "look", "observe", "start"]
 
 PATHS = {
     EXPLORER: ("test/proof",),
-    UNIT: ("test/engine", "test/monitoring", "test/test_documents.py"),
+    UNIT: ("test/engine", "test/journal", "test/monitoring", "test/test_documents.py"),
     SCENARIOS: ("test/scenarios",),
 }
 """Of each net its files, from the root of the repository."""

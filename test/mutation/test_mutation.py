@@ -35,9 +35,11 @@ def repository(tmp_path):
         "src/amaze_autonomy/__init__.py": "",
         "src/amaze_autonomy/engine/__init__.py": "",
         LIMIT: "def over(value):\n    return value > 3\n\n\ndef unseen(value):\n    pass\n    return not value\n",
+        "src/amaze_autonomy/journal/__init__.py": "",
         "src/amaze_autonomy/monitoring/__init__.py": "",
         "test/engine/test_limit.py": "from amaze_autonomy.engine.limit import over\n\n\n"
         "def test_over():\n    assert (over(2), over(9)) == (False, True)\n",
+        "test/journal/test_no_line.py": "def test_nothing():\n    assert 1 < 2\n",
         "test/monitoring/test_nothing.py": "def test_nothing():\n    assert 1 < 2\n",
         "test/test_documents.py": "def test_nothing():\n    assert 1 < 2\n",
     }

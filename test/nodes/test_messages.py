@@ -13,11 +13,11 @@ from amaze_autonomy import msg, srv
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.events import ComponentStatus, Outcome
-from amaze_autonomy.engine.report import report
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import Code, Restart, Verb
 from amaze_autonomy.engine.state import EngineState, Failure, FailureKind
 from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
+from amaze_autonomy.journal.report import report
 from amaze_autonomy.nodes.autonomy.outbox import state_message
 from amaze_autonomy.ros.interface import read_status, response_of, status_message
 

@@ -9,9 +9,9 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.engine import journal as codec
 from amaze_autonomy.engine.events import EngineStarted, Tick
 from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.journal import journal as codec
 from amaze_autonomy.nodes.autonomy import run_folder
 from amaze_autonomy.ros.errors import StartError
 

@@ -15,11 +15,11 @@ from proof_explorer import Broken
 from proof_moves import BOOT, Move, perform
 
 from amaze_autonomy.engine import decide as engine
-from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.journal import journal
 from amaze_autonomy.laws import Moment, Witness, judge, observed
 
 __all__ = ["check_journal", "journal_of", "write", "write_scenario"]

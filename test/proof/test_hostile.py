@@ -19,10 +19,10 @@ from proof_worlds import SEEDS, WORLDS
 
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.engine import decide as engine
-from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.checks import CheckName
-from amaze_autonomy.engine.report import report
 from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
+from amaze_autonomy.journal import journal
+from amaze_autonomy.journal.report import report
 from amaze_autonomy.laws import judge, observed
 from amaze_autonomy.simulation.scenario_file import parse_scenario
 from amaze_autonomy.tester.scenario.files import parse_cases

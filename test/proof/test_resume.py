@@ -9,11 +9,11 @@ from proof_moves import BOOT, Node, perform
 from proof_worlds import SEEDS, WORLDS
 
 from amaze_autonomy.engine import decide as engine
-from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.commands import AutopilotDisarm, LoadMission, MissionAction, MissionCommand, StartRecording
 from amaze_autonomy.engine.events import EngineStarted, Event
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.journal import journal
 from amaze_autonomy.laws import Moment, Witness, judge, observed
 
 WAYS = {

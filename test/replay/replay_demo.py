@@ -10,7 +10,7 @@ from replay_runs import CONFIG
 
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine import events
-from amaze_autonomy.engine.journal import read
+from amaze_autonomy.journal.journal import read
 from amaze_autonomy.simulation.run import run
 from amaze_autonomy.simulation.scenario import Scenario
 

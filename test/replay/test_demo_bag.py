@@ -7,7 +7,7 @@ from replay_bags import START_NS
 from replay_demo import demo_bag, simulated
 from replay_runs import moves, replay, texts
 
-from amaze_autonomy.engine.journal import read
+from amaze_autonomy.journal.journal import read
 from amaze_autonomy.replay.compare import compare
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.tester.command import main

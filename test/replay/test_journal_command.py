@@ -9,7 +9,7 @@ from replay_bags import START_NS, S, flight_rows, header, make, write_bag
 from replay_runs import CONFIG, replay
 
 from amaze_autonomy.config.loader import load_configuration
-from amaze_autonomy.engine.journal import JournalError, read
+from amaze_autonomy.journal.journal import JournalError, read
 from amaze_autonomy.replay.compare import compare
 from amaze_autonomy.replay.errors import JournalGapError, ReplayError
 from amaze_autonomy.replay.journals import read_journals

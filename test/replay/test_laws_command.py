@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from amaze_autonomy.engine import decide as engine
-from amaze_autonomy.engine.journal import JournalError
+from amaze_autonomy.journal.journal import JournalError
 from amaze_autonomy.laws import LAWS
 from amaze_autonomy.replay.journal_laws import laws_of_lines
 from amaze_autonomy.tester import Options, Task, Verdict, run_task

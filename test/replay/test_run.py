@@ -9,8 +9,8 @@ from replay_bags import START_NS, S, break_chunk, flight_rows, write_bag
 from replay_runs import moves, replay, texts
 
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.journal import read
 from amaze_autonomy.engine.state import State
+from amaze_autonomy.journal.journal import read
 from amaze_autonomy.replay.errors import FieldError, MisfitError, ReplayError
 from amaze_autonomy.replay.timeline import LineKind
 

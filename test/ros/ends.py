@@ -13,7 +13,7 @@ from hitches import allowed_s
 from stack import Stack
 
 from amaze_autonomy.engine.events import EngineStarted, Shutdown
-from amaze_autonomy.engine.journal import read
+from amaze_autonomy.journal.journal import read
 
 BEFORE = ["data_recorder/start", "mission_planner/load"]
 ends = Behaviours()

@@ -25,8 +25,8 @@ import rospy
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event
-from amaze_autonomy.engine.journal import decode
 from amaze_autonomy.interface import SERVICES
+from amaze_autonomy.journal.journal import decode
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.journal_laws import check_laws, law_lines
 from amaze_autonomy.replay.journals import read_journals

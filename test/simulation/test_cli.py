@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from amaze_autonomy.engine import journal
+from amaze_autonomy.journal import journal
 from amaze_autonomy.simulation.cli import COMPLETE, LIMIT, NOT_COMPLETE, USAGE, WAITING, main
 
 

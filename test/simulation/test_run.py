@@ -9,7 +9,6 @@ import pytest
 from expected_stories import REACTIONS_S, STORIES
 from simulation_tools import S, scenario
 
-from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.commands import (
     Answer,
     AnswerKind,
@@ -23,6 +22,7 @@ from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import Event, WatchdogAction
 from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.journal import journal
 from amaze_autonomy.simulation import load_scenario
 from amaze_autonomy.simulation.run import run
 

@@ -18,7 +18,7 @@ from sitl_scenario import Scenario
 from sitl_wire import Order, Wire, read_wire
 
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
-from amaze_autonomy.engine.journal import read
+from amaze_autonomy.journal.journal import read
 
 _TOGETHER_S = 0.05  # what was on its way when the engine decided
 _ON_GROUND_M = 0.25

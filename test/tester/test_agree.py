@@ -9,7 +9,7 @@ import pytest
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Shutdown, Tick
-from amaze_autonomy.engine.journal import Journal, JournalLine
+from amaze_autonomy.journal.journal import Journal, JournalLine
 from amaze_autonomy.tester import Options, run_task, tasks_of
 from amaze_autonomy.tester.agree import agree, agreement_lines
 from amaze_autonomy.tester.command import main

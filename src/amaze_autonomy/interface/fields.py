@@ -22,7 +22,8 @@ from math import isfinite, nan
 from typing import Any, Callable, Dict, Generic, List, Mapping, Optional, Tuple, Type, TypeVar
 
 from amaze_autonomy.engine.checks import Verdict
-from amaze_autonomy.engine.codec import field_types, optional_item, tuple_items
+
+from ..journal.codec import field_types, optional_item, tuple_items
 
 __all__ = ["InvalidMessageError", "Shape", "message_name"]
 

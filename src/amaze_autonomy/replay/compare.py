@@ -12,9 +12,10 @@ from typing import Callable, List, Optional, Sequence, Tuple
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event
-from amaze_autonomy.engine.journal import Journal, JournalLine, encode_decision, rules_of
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
+
+from ..journal.journal import Journal, JournalLine, encode_decision, rules_of
 
 __all__ = ["Comparison", "Difference", "compare"]
 

@@ -12,10 +12,11 @@ from typing import Any, Callable, Dict, Iterable, List, Optional, Tuple
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event
-from amaze_autonomy.engine.journal import Journal, decode, encode_decision, rules_of
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.laws import LAWS, Broken, Judge, Judged
+
+from ..journal.journal import Journal, decode, encode_decision, rules_of
 
 __all__ = ["Lawful", "broken_words", "check_laws", "law_lines", "laws_of_lines", "laws_result"]
 

@@ -9,9 +9,9 @@ from typing import Dict, List, Optional, Tuple
 from amaze_autonomy.bags import BagError, Recording
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionRejected, MissionSelected, Shutdown, UserRequest
-from amaze_autonomy.engine.journal import Journal, JournalError, decode, read
 from amaze_autonomy.engine.state import evolve
 
+from ..journal.journal import Journal, JournalError, decode, read
 from .errors import JournalGapError, ReplayError
 
 __all__ = ["JOURNAL_KIND", "FlightLog", "lines_of_bag", "read_journals", "read_log"]

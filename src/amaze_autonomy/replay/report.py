@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Optional, Tuple
 
-from amaze_autonomy.engine.codec import to_plain
 from amaze_autonomy.engine.commands import Decision
 
+from ..journal.codec import to_plain
 from .compare import Comparison, Difference, changed_fields
 from .plan import Plan
 from .session import Outcome

@@ -14,7 +14,6 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 from amaze_autonomy.bags.columns import WHOLE
 from amaze_autonomy.engine.checks import Check, CheckName
-from amaze_autonomy.engine.codec import to_plain
 from amaze_autonomy.engine.commands import (
     Command,
     Decision,
@@ -32,10 +31,11 @@ from amaze_autonomy.engine.events import (
     UserCommand,
     UserRequest,
 )
-from amaze_autonomy.engine.journal import encode_decision, encode_event, encode_header, make_header
 from amaze_autonomy.engine.state import EngineState, State
 from amaze_autonomy.engine.timers import next_deadline
 
+from ..journal.codec import to_plain
+from ..journal.journal import encode_decision, encode_event, encode_header, make_header
 from .agenda import Agenda, Rank
 from .faults.story import Story
 from .journals import FlightLog, read_log

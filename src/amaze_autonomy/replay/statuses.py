@@ -12,8 +12,6 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import MessageError
-from amaze_autonomy.engine import bundle, checks, codec, events, severity
-from amaze_autonomy.engine.bundle import bundled, unbundled
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
     ComponentStatus,
@@ -32,6 +30,9 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.severity import Code, Restart
 
+from ..engine import checks, events, severity
+from ..journal import codec
+from ..journal.codec import bundled, unbundled
 from .errors import InvalidStatusError
 
 __all__ = ["EVENT_OF", "FLAT", "Flat", "health_of", "sent_by", "status_rows", "taped_statuses"]
@@ -313,7 +314,7 @@ def _read(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
 def _code() -> str:
     """Return a digest of the code that makes the events: a tape of another version is another tape."""
     digest = hashlib.sha256()
-    modules: Sequence[object] = (bundle, checks, codec, events, severity, sys.modules[__name__])
+    modules: Sequence[object] = (codec, checks, codec, events, severity, sys.modules[__name__])
     for module in modules:
         digest.update(Path(str(getattr(module, "__file__", ""))).read_bytes())
     return digest.hexdigest()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.model import Configuration
-from amaze_autonomy.engine import journal
 from amaze_autonomy.engine.commands import Command, Decision, Notify, Request, Value
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
@@ -16,6 +15,7 @@ from amaze_autonomy.engine.state import EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
+from ..journal import journal
 from .scenario import Scenario
 from .world import World
 

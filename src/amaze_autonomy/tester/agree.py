@@ -11,8 +11,8 @@ from typing import List, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event, Shutdown
-from amaze_autonomy.engine.journal import Journal
 
+from ..journal.journal import Journal
 from .golden.align import Change, ChangeKind, align, without_numbers
 
 __all__ = ["Agreement", "agree", "agreement_lines"]

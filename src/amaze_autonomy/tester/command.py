@@ -20,11 +20,11 @@ from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
-from amaze_autonomy.engine.journal import JournalError
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.whole_file import write_whole
 
+from ..journal.journal import JournalError
 from ..replay.compare import Comparison, compare
 from ..replay.errors import ReplayError
 from ..replay.journal_laws import Lawful, check_laws, law_lines, laws_result

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.loader import load_configuration
-from amaze_autonomy.engine.journal import encode_decision
 from amaze_autonomy.paths import config_folder
 
+from ..journal.journal import encode_decision
 from ..replay.errors import ReplayError
 from .coverage import Coverage
 from .mutants import Mutant, mutant_of, mutants_of, mutated

@@ -13,7 +13,6 @@ from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, UserCommand
-from amaze_autonomy.engine.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.severity import ComponentRule
@@ -22,6 +21,7 @@ from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
 from amaze_autonomy.simulation.run import run
 
+from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
 from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
 from ..replay.faults.story import Story

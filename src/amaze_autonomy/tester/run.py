@@ -16,10 +16,10 @@ from typing import Callable, Dict, Iterable, Iterator, List, Optional, Sequence,
 from amaze_autonomy.bags.errors import BagError, MessageError
 from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.engine.failures import USER_HOLD
-from amaze_autonomy.engine.journal import JournalError, encode_decision
 from amaze_autonomy.engine.rules import LOSSES
 from amaze_autonomy.simulation.errors import SimulationError
 
+from ..journal.journal import JournalError, encode_decision
 from ..replay.errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
 from ..replay.journal_laws import broken_words, laws_of_lines
 from .expect import Finding, Grade, judge

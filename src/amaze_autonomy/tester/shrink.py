@@ -13,10 +13,10 @@ from typing import Callable, List, Optional, Sequence, Tuple
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event
-from amaze_autonomy.engine.journal import decode, encode_event
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, evolve
 
+from ..journal.journal import decode, encode_event
 from ..replay.errors import ReplayError
 from .golden import align, first_difference, golden_path, read_golden
 from .golden.align import key_of

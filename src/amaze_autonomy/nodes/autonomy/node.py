@@ -28,7 +28,6 @@ import rosgraph
 import rospy
 
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
-from amaze_autonomy.engine import journal as codec
 from amaze_autonomy.engine.commands import Command
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
@@ -42,6 +41,7 @@ from amaze_autonomy.engine.state import EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.interface import STATUSES, Status
 
+from ...journal import journal as codec
 from ...ros import node_main
 from ...ros.clock import Clock, make_clock, wait_for_time
 from ...ros.errors import NodeError, StartError

@@ -15,14 +15,14 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from amaze_autonomy import msg
-from amaze_autonomy.engine import journal as codec
 from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Value
 from amaze_autonomy.engine.events import Event
-from amaze_autonomy.engine.report import Report, report
 from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.state import EngineState, Failure
 from amaze_autonomy.interface import STATUSES, Status, status_of
 
+from ...journal import journal as codec
+from ...journal.report import Report, report
 from ...ros.clock import Clock
 from ...ros.interface import check_row, number, ros_time
 from .run_folder import JournalFile

@@ -12,10 +12,10 @@ from typing import Any, Dict, List, Optional
 
 import rospkg
 
-from amaze_autonomy.engine import journal as codec
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.whole_file import write_whole
 
+from ...journal import journal as codec
 from ...ros.errors import StartError
 
 __all__ = [

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.journal import JournalError, decode
 from amaze_autonomy.whole_file import write_whole
 
+from ...journal.journal import JournalError, decode
 from ...replay.errors import GoldenError
 from ..scenario.model import Case
 from .align import align

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.journal import JournalError
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.whole_file import write_whole
 
+from ...journal.journal import JournalError
 from ...replay.errors import ReplayError
 from ...replay.timeline import value_text
 from ..coverage import Coverage

@@ -19,12 +19,11 @@ from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore
 from math import isfinite
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple, Union
 
-from . import events as _events
-from .codec import CodecError, from_plain, to_plain
-from .commands import Decision
-from .events import Event
-from .lines import Form, form_of
-from .rules import Rules
+from ..engine import events as _events
+from ..engine.commands import Decision
+from ..engine.events import Event
+from ..engine.rules import Rules
+from .codec import CodecError, Form, form_of, from_plain, to_plain
 
 __all__ = [
     "VERSION",

@@ -6,7 +6,6 @@ import json
 
 import pytest
 
-from amaze_autonomy.engine.bundle import bundled, unbundled
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
     ComponentStatus,
@@ -17,6 +16,7 @@ from amaze_autonomy.engine.events import (
     WatchdogInfo,
 )
 from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.journal.codec import bundled, unbundled
 
 VEHICLES = [
     AutopilotStatus(t_ns=n, armed=armed, landed=landed, mode="ä\n", height_m=0.1 * n, link_age_s=None, age_ns=-n)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
-from .answers import available
-from .checks import Check, Verdict
-from .commands import Level
-from .events import Tick
-from .failures import waiting
-from .rules import Rules
-from .state import CheckRecord, EngineState, Failure, State, Step, evolve
-from .timers import state_deadline
-from .turn import Turn
+from ..engine.answers import available
+from ..engine.checks import Check, Verdict
+from ..engine.commands import Level
+from ..engine.events import Tick
+from ..engine.failures import waiting
+from ..engine.rules import Rules
+from ..engine.state import CheckRecord, EngineState, Failure, State, Step, evolve
+from ..engine.timers import state_deadline
+from ..engine.turn import Turn
 
 __all__ = ["Report", "report"]
 

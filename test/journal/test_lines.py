@@ -7,10 +7,11 @@ from math import inf, isfinite, nan
 
 import pytest
 
-from amaze_autonomy.engine import events, journal
+from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.lines import form_of
 from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.journal import journal
+from amaze_autonomy.journal.codec import form_of
 
 
 class Whole(int):

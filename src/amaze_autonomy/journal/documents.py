@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Callable, Iterable, List, Mapping, Sequence, Tuple
 
-from .answers import ANSWERS, OTHERWISE, SELECT
-from .commands import AnswerKind
-from .events import UserCommand
-from .messages import MESSAGES
-from .modes import MODES
-from .rules import LOSSES, Rules
-from .severity import SEVERITIES
-from .state import State, Step
-from .timers import TIMERS
-from .transitions import TRANSITIONS, Source, Transition, places_of
+from ..engine.answers import ANSWERS, OTHERWISE, SELECT
+from ..engine.commands import AnswerKind
+from ..engine.events import UserCommand
+from ..engine.messages import MESSAGES
+from ..engine.modes import MODES
+from ..engine.rules import LOSSES, Rules
+from ..engine.severity import SEVERITIES
+from ..engine.state import State, Step
+from ..engine.timers import TIMERS
+from ..engine.transitions import TRANSITIONS, Source, Transition, places_of
 
 __all__ = ["DOCUMENTS", "decision_table", "state_diagram"]
 
