@@ -9,6 +9,7 @@ __all__ = ["VALUES"]
 VALUES: Dict[str, Tuple[str, ...]] = {
     "takeover_suspected": ("reason: 'flight mode POSCTL was not commanded'", "flight mode: 'POSCTL'"),
     "takeover_denied": (),
+    "armed_late": ("reason: 'it was armed by us, after its takeoff was called off'",),
     "still_flying": ("reason: 'it is still in the air'", "landed: 'IN_AIR'"),
     "pilot_took_over": ("reason: 'the pilot has control'", "flight mode: 'AUTO.MISSION'"),
     "pilot_had_control_at_start": (

@@ -75,6 +75,12 @@ def is_in_the_air(story: Story) -> None:
     story.after(0.2)
 
 
+def arms_late(story: Story) -> None:
+    story.user("abort")
+    story.after(0.4).expect("OUTREACH").look()
+    story.say(armed=True).after(0.2)
+
+
 def takeoff_fails(story: Story) -> None:
     story.planner.says.update(phase=ev.MissionPhase.FAILED, message="arm: refused: no GPS")
     story.report()
@@ -231,6 +237,7 @@ ROWS = (
     Row("takeover_suspected", "MISSION flying", says(mode="POSCTL"), "MISSION flying", (), "takeover_suspected"),
     Row("takeover_denied", "MISSION flying", seems_taken, "MISSION flying", (), "takeover_denied"),
     Row("still_flying", "DATA_CLEANUP", is_in_the_air, "LAND commanding", BOTH, "land"),
+    Row("armed_late", "TAKEOFF arming", arms_late, "LAND commanding", BOTH, "land"),
     Row("pilot_took_over", "MISSION flying", keeps_saying(pilot_in_control=True), "PILOT", (), "pilot"),
     Row("pilot_had_control_at_start", "nowhere", started_armed(pilot_in_control=True), "PILOT", (), "pilot"),
     Row("started_armed", "nowhere", started_armed(), "LAND commanding", BOTH, "land"),

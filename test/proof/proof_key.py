@@ -62,6 +62,7 @@ def _caps(rules: Rules) -> Dict[str, int]:
         "position_ns": units(at.position_age_limit_ns),
         "descending_ns": units(at.descent_time_ns),
         "landing_ns": units(at.landing_detection_limit_ns),
+        "motion_ns": units(at.arm_limit_ns),
         "confirm": units(at.flight_end_confirm_ns, at.confirm_limit_ns),
         "pilot": units(at.pilot_confirm_ns),
         "moving_ns": units(at.descent_time_ns),
@@ -132,8 +133,15 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         base
         + (_checks(state, caps) if place in _CHECKED or state.step is Step.TOUCHDOWN else ())
         + (_recording(state, caps) if state.recording_asked else ())
-        + (_flight(state, caps) if place in _FLIGHT or state.in_flight else (state.was_airborne, state.flown))
+        + (_flight(state, caps) if place in _FLIGHT or state.in_flight else _after_flight(state, caps))
     )
+
+
+def _after_flight(state: EngineState, caps: Dict[str, int]) -> Key:
+    """Return what is left of a flight: how long an ARM of a takeoff that was called off may still take effect."""
+    late = bool(state.commanded) and not state.was_airborne and _age(state, caps, "motion_ns") < caps["motion_ns"]
+    shown = (frozenset(state.commanded), state.confirmed, _age(state, caps, "motion_ns")) if late else ()
+    return (state.was_airborne, state.flown, shown, _agreed(state, "motors", 0) if late else ())
 
 
 def _agreed(state: EngineState, field: str, cap: int) -> Key:
@@ -264,6 +272,7 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         witness.airborne,
         min(2, witness.aloft),
         witness.taken > 0 and (min(2, witness.taken), min(caps["pilot"], (now - witness.taken_ns) // UNIT)),
+        min(2, witness.armed_late),
         _since(witness.ground_ns, state, caps["confirm"]),
         _since(witness.down_ns, state, caps["confirm"]),
         witness.landing,

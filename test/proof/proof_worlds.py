@@ -217,6 +217,23 @@ _ALL: Tuple[World, ...] = (
         late=True,
         stop=(State.MISSION, State.HOLD, *_GROUNDED, State.PILOT),
     ),
+    World(
+        name="late arming",
+        words="a takeoff that is called off before the vehicle shows that it is armed, and arms all the same",
+        seeds=(script(f"{_ARMING} user:abort"), script(f"{_ARMING} user:land")),
+        scenes={
+            "ground": ("armed",),
+            "armed": ("ground", "lifting"),
+            "lifting": ("flying",),
+            "flying": ("landing",),
+            "landing": ("ground",),
+        },
+        anytime=("pilot",),
+        motion=("ACCEPTED", "REFUSED"),
+        users=("retry",),
+        restart=True,
+        stop=(State.READY, State.PILOT, State.MISSION_ENDED),
+    ),
     *(
         World(
             name=f"flight with {name}",

@@ -121,7 +121,9 @@ class TestAutopilot(unittest.TestCase):
         self.wait(lambda status: status.mode == "AUTO.LAND", "the landing mode")
         self.wait(lambda status: status.landed == STATUS.ON_GROUND, "the ground")
         self.assertFalse(self.status.pilot_in_control)
-        self.assertTrue(self.call("disarm").success)
+        answers = []
+        disarmed = lambda: answers.append(self.call("disarm")) or answers[-1].success  # noqa: E731
+        wait_for(disarmed, lambda: f"a disarmed vehicle: {answers}", period_s=1.0)
         self.wait(lambda status: not status.armed, "a disarmed vehicle")
 
     def test_a_pilot_is_seen_within_a_second_and_not_fought(self):

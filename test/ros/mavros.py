@@ -171,7 +171,9 @@ class TestMavros(unittest.TestCase):
         self.assertEqual(self.mavros.asked.count("AUTO.LAND"), 1)
         self.mavros.landed = 1
         self.wait(lambda said: said.landed == STATUS.ON_GROUND, "the ground")
-        self.assertTrue(self.call("disarm").success)
+        answers = []
+        disarmed = lambda: answers.append(self.call("disarm")) or answers[-1].success  # noqa: E731
+        wait_for(disarmed, lambda: f"a disarmed vehicle: {answers}", period_s=1.0)
         self.wait(lambda said: not said.armed, "a disarmed vehicle")
 
     def test_told_to_end_in_flight_it_lands(self):

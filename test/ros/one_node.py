@@ -73,8 +73,13 @@ class OneNode:
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def wait_for(condition: Callable[[], Any], what: Union[str, Callable[[], str]], limit_s: float = 20.0) -> Any:
-    """Wait for something that becomes true; return it. Words that are a function are asked when it did not come."""
+def wait_for(
+    condition: Callable[[], Any], what: Union[str, Callable[[], str]], limit_s: float = 20.0, period_s: float = 0.005
+) -> Any:
+    """Wait for something that becomes true; return it. Words that are a function are asked when it did not come.
+
+    A condition that asks a node for something has a period of a second, as in flight: more often starves it.
+    """
     deadline_s = time.monotonic() + limit_s
     while True:
         found = condition()
@@ -82,4 +87,4 @@ def wait_for(condition: Callable[[], Any], what: Union[str, Callable[[], str]], 
             return found
         if time.monotonic() >= deadline_s:
             raise AssertionError(f"{what if isinstance(what, str) else what()} did not come within {limit_s} s")
-        time.sleep(0.005)
+        time.sleep(period_s)

@@ -354,6 +354,8 @@ def _taken_by(turn: Turn, event: AutopilotStatus) -> str:
             and _is_ours(turn, event, lands=True)
         ):
             return ""  # it never landed: see the row still_flying
+        if turn.may_arm_late() and _is_ours(turn, event, lands=False):
+            return ""  # see the row armed_late
         at_start = state.sessions == 0 and state.armed_at_start is not False
         return "it was armed, and not by us" if event.armed and not at_start else ""
     if _is_ours(turn, event, lands=_planner_lands(turn)):

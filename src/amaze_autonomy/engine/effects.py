@@ -64,6 +64,7 @@ def begin_session(turn: Turn) -> None:
         was_armed=False,
         was_airborne=False,
         flown=False,
+        commanded=() if state.was_airborne else state.commanded,  # a takeoff called off may still arm
     )
 
 
@@ -302,6 +303,13 @@ def adopt_flight(turn: Turn) -> None:
         alarmed=False,
         overdue_alarmed=False,
     )
+
+
+def adopt_late_arming(turn: Turn) -> None:
+    """A takeoff that was called off arms all the same: it is landed as a flight; flown it is once it lifts off."""
+    flown = turn.state.flown
+    adopt_flight(turn)
+    turn.set(flown=flown)
 
 
 def alarm(turn: Turn) -> None:

@@ -18,6 +18,7 @@ __all__ = [
     "airborne",
     "armed",
     "armed_by_others",
+    "armed_late",
     "at_takeoff_height",
     "cancelled",
     "cancelled_on_ground",
@@ -134,6 +135,13 @@ def still_flies(turn: Turn) -> Optional[Values]:
     sure = state.aloft is not None and state.aloft.statuses > 1
     mine = ours(status.mode, state.commanded, state.confirmed, lands=True) and not status.pilot_in_control
     return holds_if(sure and mine, Value("reason", "it is still in the air"), Value("landed", status.landed.name))
+
+
+def armed_late(turn: Turn) -> Optional[Values]:
+    """It is armed in a mode of ours, after a takeoff of ours was called off: our ARM took effect late."""
+    armed, agreed = turn.may_arm_late() and turn.armed(), turn.state.motors
+    mine = armed and turn.state.takeover is None and agreed is not None and agreed.statuses > 1
+    return holds_if(mine, Value("reason", "it was armed by us, after its takeoff was called off"))
 
 
 def lands(turn: Turn) -> Optional[Values]:

@@ -167,6 +167,12 @@ class Turn:
         status = self.vehicle()
         return status is not None and status.landed is VehicleLanded.ON_GROUND
 
+    def may_arm_late(self) -> bool:
+        """Return True while an ARM of ours may still take effect, although its takeoff was called off."""
+        state = self.state
+        called_off = bool(state.commanded) and not state.in_flight and not state.was_airborne
+        return called_off and self.now - state.motion_ns <= self.limits.arm_limit_ns
+
     def detection(self) -> Landed:
         """Return what the landing detection says, freshly; UNKNOWN when it is silent."""
         status, seen_ns = self.state.landing, self.state.landing_ns

@@ -313,7 +313,20 @@ def no_motion_on_the_ground(m: Moment) -> Verdict:
 def _still_flies(m: Moment) -> bool:
     """Return True where a landing begins on the ground: started while it flies, or its flight seemed over."""
     over = m.before.state in (State.DATA_CLEANUP, State.OUTREACH) and m.saw.flies(m.rules.limits)
-    return over or m.before.state is State.MISSION_INPUT
+    return over or m.before.state is State.MISSION_INPUT or _armed_late(m)
+
+
+def _armed_late(m: Moment) -> bool:
+    """Return True where an ARM of ours took effect after its takeoff was called off, and several statuses say so."""
+    return m.saw.armed_late > 1 and m.saw.taken == 0 and m.saw.fresh(m.rules.limits) is not None
+
+
+@law("4.4", "An ARM of ours that takes effect after its takeoff was called off stays ours: it is landed.", always=True)
+def a_late_arming_is_landed(m: Moment) -> Verdict:
+    if m.before.state not in GROUND or not _armed_late(m) or m.after.state is State.PILOT or m.in_doubt:
+        return None
+    landed = m.after.state is State.LAND and m.seen.landing
+    return True if landed else f"it was armed by us, late, and is not landed but in {m.after.state.value}"
 
 
 @law("4.1", "One moment commands one motion, never two that contradict each other.")

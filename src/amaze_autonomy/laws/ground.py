@@ -158,7 +158,8 @@ def a_restart_starts_nothing(m: Moment) -> Verdict:
         return None
     anew = [a for a in m.motions if a not in (A.LAND, A.ABORT, A.HOLD)]
     timed_out = {State.PREFLIGHT, State.OUTREACH, State.DATA_CLEANUP, State.MISSION_ENDED}
-    if anew or (m.requests and m.after.state not in (*timed_out, *FLIGHT)):
+    held_up = m.before.takeover is not None  # a doubt of before held up what goes on now: a recording, no motion
+    if anew or (m.requests and not held_up and m.after.state not in (*timed_out, *FLIGHT)):
         return f"{anew or m.requests} at a restart"
     if m.before.state in FLIGHT and m.was.flight == "armed" and m.after.state not in (*FLIGHT, State.PILOT):
         return None if m.saw.is_down(m.rules.limits) else f"{m.before.state.value} became {m.after.state.value}"

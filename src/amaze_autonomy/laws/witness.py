@@ -67,6 +67,7 @@ class Witness:
     ground_ns: Optional[int] = None
     taken: int = 0
     taken_ns: int = 0
+    armed_late: int = 0
     mode_ns: int = 0
     detection: ev.Landed = ev.Landed.UNKNOWN
     detection_ns: int = 0
@@ -195,7 +196,7 @@ def _autopilot(
         changes["mode_ns"] = now
     unchanged = event.mode == witness.mode_before and not witness.answered  # since before the flight
     changes["foreign"] = changed and event.mode in NEVER_OURS and not unchanged
-    _count_taken(witness, event, now, changes, state)
+    _count_taken(witness, event, now, changes, state, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
@@ -220,11 +221,18 @@ def _autopilot(
         changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
 
 
-def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState) -> None:
+def _count_taken(
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, limits: Limits
+) -> None:
     """Count the statuses in a row by which somebody else has control."""
     says = event.pilot_in_control or changes["foreign"] or (witness.taken > 0 and event.mode in NEVER_OURS)
     says = says or (event.failsafe and event.mode in (*NEVER_OURS, "AUTO.LOITER"))
-    says = says or (witness.flight == "none" and event.armed is True and state.sessions > 0)
+    soon = witness.motion is not None and now - witness.motion_ns <= limits.arm_limit_ns
+    late = witness.flight == "none" and not witness.airborne and soon and event.armed is True
+    changes["armed_late"] = witness.armed_late + 1 if late else 0
+    answers = (*OURS[MissionAction.TAKEOFF], *OURS.get(witness.motion, ()))
+    late = late and event.mode in answers  # our takeoff was called off, and it arms all the same
+    says = says or (witness.flight == "none" and event.armed is True and state.sessions > 0 and not late)
     planner = witness.planner
     lands = planner is None or planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
     flies = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME, MissionAction.HOLD)
@@ -324,7 +332,9 @@ def _started(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
-        changes.update(growing_ns=None, descending_ns=None, down_ns=None, ground_ns=None, taken=0, stalled_s=0.0)
+        changes.update(
+            growing_ns=None, descending_ns=None, down_ns=None, ground_ns=None, taken=0, armed_late=0, stalled_s=0.0
+        )
         for field in ("beat_ns", "battery_ns"):
             if getattr(witness, field) is not None:
                 changes[field] = now
