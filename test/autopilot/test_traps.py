@@ -77,6 +77,14 @@ def test_parameters_that_nobody_asked_for_are_taken_when_they_are_compared_and_e
     assert states == [("COM_DISARM_LAND", 7.0, False)]
 
 
+def test_an_autopilot_that_starts_again_is_told_of_once():
+    bench, told = ClientBench().advance(20.0), []
+    bench.client.on_text = lambda severity, text: told.append((severity, text))
+    bench.client.receive(bench.t_ns, mavlink.MAVLink_local_position_ned_message(100, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    bench.advance(5.0)
+    assert told == [(mavlink.MAV_SEVERITY_ALERT, "the autopilot has started again")]
+
+
 def test_motors_that_px4_stops_by_itself_before_the_takeoff_are_no_flight():
     flying = Flying()
     flying.craft.flags.does_not_lift_off = True

@@ -276,7 +276,10 @@ class AutopilotClient:
             command.acknowledged(int(message.result))
 
     def _began_again(self, after_break: bool) -> None:  # noqa: FBT001
-        if after_break or self.vehicle.restarts != self._restarts:
+        began = self.vehicle.restarts != self._restarts
+        if began:
+            self.on_text(mavlink.MAV_SEVERITY_ALERT, "the autopilot has started again")
+        if after_break or began:
             self._restarts = self.vehicle.restarts
             self._rates.forget()
             self._parameters.forget()
