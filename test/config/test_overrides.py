@@ -37,6 +37,42 @@ def test_an_override_and_the_same_value_in_the_file_are_one_configuration(small)
     assert load_configuration(small).hash == by_override.hash
 
 
+@pytest.fixture
+def with_vehicle(small):
+    (small / "vehicles").mkdir()
+    lines = "autonomy.flight.max_height_m: 14.0\nautonomy.require_go: true\n"
+    (small / "vehicles" / "small_quad.yaml").write_text(lines)
+    return small
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_vehicle_stands_for_its_overrides_and_those_given_beside_it_win(with_vehicle, first):
+    given = ["vehicle=small_quad", "autonomy.flight.max_height_m=13.0"]
+    rules = load_configuration(with_vehicle, given if first else given[::-1]).rules
+    assert (rules.limits.max_height_m, rules.require_go) == (13.0, True)
+    assert load_configuration(with_vehicle, {"vehicle": "small_quad"}).rules.limits.max_height_m == 14.0
+
+
+@pytest.mark.parametrize("name", ["big_quad", "../small_quad", "", "null", "[small_quad]"])
+def test_a_vehicle_that_is_not_there_is_a_mistake(with_vehicle, name):
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(with_vehicle, {"vehicle": name} if name != "[small_quad]" else {"vehicle": ["small_quad"]})
+    known = f"must be one of those in {with_vehicle / 'vehicles'}: small_quad"
+    assert str(caught.value) == f"override vehicle: names no vehicle; {known}"
+
+
+def test_a_mistake_in_a_vehicles_file_is_told_with_its_line(with_vehicle):
+    path = with_vehicle / "vehicles" / "small_quad.yaml"
+    path.write_text("# a comment\nautonomy.flight.max_height_ft: 10\n")
+    with pytest.raises(ConfigError) as caught:
+        load_configuration(with_vehicle, ["vehicle=small_quad"])
+    words = "flight.max_height_ft: is an unknown key; did you mean max_height_m?"
+    assert str(caught.value) == f"{path}:2: {words}"
+    path.write_text("- 1\n")
+    with pytest.raises(ConfigError, match="holds no overrides; must hold lines of file"):
+        load_configuration(with_vehicle, ["vehicle=small_quad"])
+
+
 FILES = "autonomy, sensors, missions, recording, autopilot"
 NO_KEY = f"addresses no key; must be file.key.key=value with the file one of {FILES}"
 

@@ -146,3 +146,9 @@ def test_the_comments_in_the_files_say_what_the_schema_says(file, name):
         said = [comment for commented, comment in comments if commented == key.name]
         words = (unit_words(key.name).replace("in ", "", 1).replace("as ", "", 1), key.meaning, key.reason)
         assert any(all(part in comment for part in words) for comment in said), f"{key.name}: {said}"
+
+
+@pytest.mark.parametrize("path", sorted((FOLDER / "vehicles").glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_vehicle_that_ships_can_be_flown(path):
+    told = yaml.safe_load(path.read_text())
+    assert load_configuration(FOLDER, [f"vehicle={path.stem}"]).battery.cells == told["sensors.battery.cells"]

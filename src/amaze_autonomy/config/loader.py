@@ -24,7 +24,7 @@ from .consistency import (
     check_recorder_limits,
     check_recording,
 )
-from .document import Entry, entry_of, parse, read, replace
+from .document import Entry, Scalar, Table, entry_of, parse, read, replace
 from .errors import ConfigError, Place
 from .kinds import Places
 from .missions_schema import MISSIONS
@@ -53,7 +53,7 @@ def load_configuration(folder: Union[str, Path], overrides: Overrides = ()) -> C
     Args:
         folder: with autonomy.yaml, sensors.yaml, missions.yaml, recording.yaml, autopilot.yaml and the waypoint files.
         overrides: "file.key.key=value" texts, or a mapping from "file.key.key" to plain values; they replace what the
-            files say and are checked in the same way.
+            files say and are checked in the same way. "vehicle=NAME" stands for those of vehicles/NAME.yaml.
 
     Raises:
         ConfigError: the first mistake.
@@ -62,7 +62,7 @@ def load_configuration(folder: Union[str, Path], overrides: Overrides = ()) -> C
     if not folder.is_dir():
         raise ConfigError(Place(str(folder)), "", "is not a folder", f"must hold {', '.join(_names())}")
     trees = {name: read(folder / f"{name}.yaml") for name in FILES}
-    values, places = _read_all(apply_overrides(trees, overrides))
+    values, places = _read_all(apply_overrides(trees, overrides, folder))
     _check(values, places)
     files = read_files(folder, values["missions"], places["missions"])
     return _configuration(folder, values, places, files)
@@ -155,20 +155,30 @@ def _configuration(
 # --- overrides --------------------------------------------------------------------------------------------------------
 # Overrides: single values given on top of the files, e.g. by a launch file or a scenario. Checked like the files.
 #
-# autonomy.require_go=true sensors.components.gps.severity=high missions.missions.1.repetitions=3
+# autonomy.require_go=true sensors.components.gps.severity=high missions.missions.1.repetitions=3 vehicle=px4_sitl
 
 
 Overrides = Union[Iterable[str], Mapping[str, Any]]
 
 
-def apply_overrides(trees: Mapping[str, Entry], overrides: Overrides) -> Dict[str, Entry]:
+_Pair = Tuple[Place, Tuple[str, ...], Entry]
+_VEHICLE = ("vehicle",)
+
+
+def apply_overrides(trees: Mapping[str, Entry], overrides: Overrides, folder: Path) -> Dict[str, Entry]:
     """Return the trees of the files with the overrides in them; a later one wins over an earlier one.
+
+    A vehicle's, from `folder`/vehicles, come first, wherever it is named.
 
     Raises:
         ConfigError: an override is not `file.key=value`, or addresses what cannot be.
     """
-    changed = dict(trees)
-    for place, address, value in _pairs(overrides):
+    changed, pairs = dict(trees), _pairs(overrides)
+    vehicles = [pair for pair in pairs if pair[1] == _VEHICLE]
+    for place, address, value in (
+        *(own for vehicle in vehicles for own in _of_vehicle(folder, vehicle)),
+        *(pair for pair in pairs if pair[1] != _VEHICLE),
+    ):
         name, path = address[0], address[1:]
         if name not in changed or not path or not all(path):
             right = f"must be file.key.key=value with the file one of {', '.join(trees)}"
@@ -180,7 +190,20 @@ def apply_overrides(trees: Mapping[str, Entry], overrides: Overrides) -> Dict[st
     return changed
 
 
-def _pairs(overrides: Overrides) -> List[Tuple[Place, Tuple[str, ...], Entry]]:
+def _of_vehicle(folder: Path, vehicle: _Pair) -> List[_Pair]:
+    """Return the overrides of a vehicle: those of a file of its name, one in each line."""
+    place, _, value = vehicle
+    known = sorted(path.stem for path in (folder / "vehicles").glob("*.yaml"))
+    if not isinstance(value, Scalar) or value.text not in known:
+        right = f"must be one of those in {folder / 'vehicles'}: {', '.join(known) or 'there is none'}"
+        raise ConfigError(place, "", "names no vehicle", right)
+    tree = read(folder / "vehicles" / f"{value.text}.yaml")
+    if not isinstance(tree, Table):
+        raise ConfigError(tree.place, "", "holds no overrides", "must hold lines of file.key.key: value")
+    return [(at, tuple(key.split(".")), entry) for key, (at, entry) in tree.entries.items()]
+
+
+def _pairs(overrides: Overrides) -> List[_Pair]:
     if isinstance(overrides, Mapping):
         pairs = []
         for key, value in overrides.items():
@@ -190,7 +213,7 @@ def _pairs(overrides: Overrides) -> List[Tuple[Place, Tuple[str, ...], Entry]]:
     return [_parsed(text) for text in ([overrides] if isinstance(overrides, str) else overrides)]
 
 
-def _parsed(text: str) -> Tuple[Place, Tuple[str, ...], Entry]:
+def _parsed(text: str) -> _Pair:
     place = Place(f"override {text}")
     key, equals, value = text.partition("=")
     if not equals:
