@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from replay_bags import START_NS, S, distance, header, imu, make, write_bag
+from replay_bags import START_NS, S, distance, header, imu, magnetic, make, write_bag
 from replay_runs import CONFIG
 
 from amaze_autonomy.config.loader import load_configuration
@@ -162,8 +162,17 @@ def simulated(scenario=None, mission="1"):
     return run(configuration, missions, scenario or Scenario()).lines
 
 
-def demo_bag(path, lines, *, with_journal=True, planner_phase=None):
-    """Write the bag that a recorder would have made of a journal's flight: from START_RECORDING on, with sensors."""
+def demo_bag(path, lines, *, with_journal=True, planner_phase=None, without=(), action_until_s=math.inf):
+    """Write the bag that a recorder would have made of a journal's flight: from START_RECORDING on, with sensors.
+
+    Args:
+        path: of the bag.
+        lines: of the journal.
+        with_journal: the bag carries it as well.
+        planner_phase: that every status of the planner holds; None: its own.
+        without: topics that are left out.
+        action_until_s: from then on, from the start of the bag, no heartbeat is recorded.
+    """
     payloads = [line.payload for line in read("\n".join(lines) + "\n").lines]
     began = next(p.t_ns for p in payloads if type(p).__name__ == "Decision" and p.after == "START_RECORDING")
     ended = next(p.t_ns for p in payloads if type(p).__name__ == "Decision" and p.after == "DATA_CLEANUP")
@@ -181,14 +190,17 @@ def demo_bag(path, lines, *, with_journal=True, planner_phase=None):
             topic, message = MESSAGES[type(payload)](payload, t_ns + shift)
             if planner_phase is not None and topic == "/mission_planner/status":
                 message.phase = planner_phase
-            rows.append((t_ns + shift, topic, message))
-    for step in range(int((ended - begins_ns) / S * 50)):
-        at = START_NS + step * S // 50
+            if topic != "/watchdog/action" or t_ns - begins_ns < action_until_s * S:
+                rows.append((t_ns + shift, topic, message))
+    heights = [(p.t_ns, p.height_m or 0.0) for p in payloads if type(p).__name__ == "AutopilotStatus"]
+    for step in range(int((ended - begins_ns) / S * 100)):
+        at = START_NS + step * S // 100
         rows.append((at, "/px4/imu", imu(at)))
-        if step % 2 == 0:
-            rows.append((at, "/lrf/range", distance(at, 0.1)))
-            rows.append((at, "/odometry", odometry(at)))
-    return write_bag(path, sorted(rows, key=lambda row: row[0]))
+        height_m = next((h for t, h in reversed(heights) if t <= at - shift), 0.0) if step % 5 == 0 else 0.0
+        rows += [(at, "/lrf/range", distance(at, 0.1 + height_m))] if step % 5 == 0 else []
+        rows += [(at, "/odometry", odometry(at))] if step % 3 == 0 else []
+        rows += [(at, "/px4/gps", magnetic(at))] if step % 20 == 0 else []  # that it comes is all that counts
+    return write_bag(path, sorted((row for row in rows if row[1] not in without), key=lambda row: row[0]))
 
 
 def _entry(index, line, at):

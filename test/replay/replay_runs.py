@@ -10,6 +10,7 @@ import pytest
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.changed_keys import changes_of
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.sources import Recordings
@@ -36,10 +37,15 @@ def replay(bag, topic_map=None, mission="1", overrides=(), muted=()):
     for path in bags:
         with Recording(path) as each:
             topics += [topic.name for topic in each.topics]
-    configuration = load_configuration(CONFIG, overrides)
-    plan = make_plan(configuration, load_map(topic_map or bags[0].stem), mission, tuple(topics))
+    found = load_map(topic_map or bags[0].stem)
+
+    def plan_of(configuration):
+        return make_plan(configuration, found, mission, tuple(topics))
+
+    plan = plan_of(load_configuration(CONFIG, overrides))
+    changes = changes_of(overrides, lambda some: load_configuration(CONFIG, some), plan_of)
     with Recordings(bags, plan.topics, muted) as recordings:
-        return Session(plan, recordings).run(), recordings
+        return Session(plan, recordings, changes=changes).run(), recordings
 
 
 def texts(outcome, kind=None):

@@ -100,4 +100,8 @@ def test_a_replay_from_tapes_decodes_nothing_and_decides_the_same(bag, monkeypat
         decoded.clear()
         outcomes.append((replay(bag, "amaze_demo")[0], len(set(decoded))))
     assert outcomes[0][0] == outcomes[1][0] == outcomes[2][0]
-    assert [each for _, each in outcomes] == [1, 1, 1]  # the autopilot's, which tells of its sensors, too
+    assert [each for _, each in outcomes] == [
+        2,
+        2,
+        2,
+    ]  # the journal, and the autopilot's, which tells of its sensors, too

@@ -16,8 +16,8 @@ SMALL = "configuration: {set: {autonomy.takeoff.takeoff_height_m: 0.3}}\n"
 FAULT = "faults:\n  - {%s}\n"
 
 
-def result(more, bag=f"{{path: {BAG}}}"):
-    text = f"version: 1\ndescription: x\nbags: [{bag}]\nmap: crazyflie_sine\n{SMALL}{more}"
+def result(more, bag=f"{{path: {BAG}}}", small=SMALL):
+    text = f"version: 1\ndescription: x\nbags: [{bag}]\nmap: crazyflie_sine\n{small}{more}"
     Path("x.scenario.yaml").write_text(text)
     (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
     return run_task(task)
@@ -71,7 +71,8 @@ SEEN = {
 
 @pytest.mark.parametrize("fault", SEEN)
 def test_peers_and_engine_fail_in_a_recording(fault):
-    found = result(FAULT % fault + "to_s: 22.0\n")
+    flies = "mission_planner/load" not in fault  # else nothing asks how high a takeoff is
+    found = result(FAULT % fault + "to_s: 22.0\n", small=SMALL if flies else "")
     assert found.problems == ()
     assert set(SEEN[fault]) <= set(rules(found))
 

@@ -67,14 +67,14 @@ def test_another_decision_fails_with_the_first_difference(accepted, capsys):
 def test_a_fault_that_never_begins_is_vacuous(accepted, capsys):
     edit(accepted, "event: airborne", "event: pilot")
     capsys.readouterr()
-    assert main(["test", str(accepted)]) == 1
+    assert main(["test", str(accepted)]) == 4
     assert "VACUOUS      lrf: lrf killed did nothing: it never began" in capsys.readouterr().out
 
 
 def test_an_expectation_that_evaluated_nothing_is_vacuous(accepted, capsys):
     edit(accepted, "component: lrf, code: 8", "component: gps, code: 8")
     capsys.readouterr()
-    assert main(["test", str(accepted)]) == 1
+    assert main(["test", str(accepted)]) == 4
     assert "VACUOUS      lrf: response when gps at code 8" in capsys.readouterr().out
 
 
@@ -183,7 +183,7 @@ def test_a_golden_without_a_scenario_fails_a_full_run_and_is_pruned_with_a_reaso
 def test_without_expectations_and_goldens_nothing_is_judged_and_a_golden_alone_can_be_accepted(folder, capsys):
     path = folder / "lrf.scenario.yaml"
     path.write_text(path.read_text().partition("expectations:")[0])
-    assert main(["test", str(folder), "--no-goldens"]) == 1
+    assert main(["test", str(folder), "--no-goldens"]) == 4
     words = "VACUOUS      lrf: it has no expectations, and no golden is compared: nothing was judged"
     assert capsys.readouterr().out.startswith(words)
     assert main(["accept", str(folder), REASON]) == 0
@@ -215,7 +215,7 @@ def test_a_damaged_golden_is_an_error_with_its_path(accepted, capsys):
 
 def test_another_configuration_is_judged_by_the_expectations_alone(accepted, capsys):
     capsys.readouterr()
-    assert main(["test", str(accepted), "--set", "sensors.components.lrf.severity=moderate"]) == 1
+    assert main(["test", str(accepted), "--set", "sensors.components.lrf.severity=moderate"]) == 4
     assert verdict(capsys) == "VACUOUS"
 
 

@@ -12,6 +12,7 @@ from amaze_autonomy.engine.severity import Code
 
 from .monitors import Monitors
 from .plan import Plan
+from .recorded_nodes import RecordedNodes
 from .timeline import Source
 
 __all__ = ["Answers", "Follower", "Note", "row_text"]
@@ -32,10 +33,11 @@ class Answers:
     Args:
         plan: of the replay.
         monitors: that know what the recording tells.
+        recorded: what the recorded watchdog said of components that have no topic there.
     """
 
-    def __init__(self, plan: Plan, monitors: Monitors) -> None:
-        self._plan, self._monitors = plan, monitors
+    def __init__(self, plan: Plan, monitors: Monitors, recorded: RecordedNodes) -> None:
+        self._plan, self._monitors, self._recorded = plan, monitors, recorded
         self.recorded_info: Optional[WatchdogInfo] = None
         self.recorded_landed: Optional[LandedStatus] = None
         self.last: Dict[CheckName, Tuple[Source, Tuple[Check, ...]]] = {}
@@ -71,16 +73,22 @@ class Answers:
         return None
 
     def _watchdog(self, t_ns: int) -> Optional[Dict[str, Any]]:
-        if "watchdog_info" in self._plan.topic_map.statuses:
+        compared = self._recorded.compares("watchdog_info")
+        if "watchdog_info" in self._plan.topic_map.statuses and not compared:
             return None if self.recorded_info is None else self._recorded_watchdog(self.recorded_info)
         verdict = self._monitors.watchdog.checks(t_ns)
+        others = tuple(self._recorded.foreign.values())
+        tolerated = self._plan.mission.tolerated
+        needed = (each for each in others if each.name in self._plan.elsewhere)
+        rows = tuple(_component_row(each, tolerated=each.name in tolerated) for each in needed)
+        good = all(row.passed for row in rows)
         return {
-            "ok": verdict.ready,
-            "checks": verdict.checks,
-            "fixable": verdict.fixable,
-            "being_fixed": verdict.being_fixed,
+            "ok": verdict.ready and good,
+            "checks": (*verdict.checks, *rows),
+            "fixable": verdict.fixable and good,
+            "being_fixed": verdict.being_fixed and good,
             "until_ns": verdict.until_ns,
-            "components": self._monitors.watchdog.evaluate(t_ns),
+            "components": (*self._monitors.watchdog.evaluate(t_ns), *others),
         }
 
     def _recorded_watchdog(self, info: WatchdogInfo) -> Dict[str, Any]:

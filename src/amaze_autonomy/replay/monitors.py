@@ -225,6 +225,13 @@ class Monitors:
         """Return True when somebody looks into the messages of a topic."""
         return any(feed.decodes for feed in self._by_topic.get(topic, ()))
 
+    def paths(self, topic: str) -> Optional[Tuple[str, ...]]:
+        """Return the fields of a topic that somebody looks at; "" is all of them; None: nobody uses the topic."""
+        feeds = self._by_topic.get(topic)
+        if feeds is None:
+            return None
+        return tuple(path for feed in feeds if feed.decodes for path in feed.paths or ("",))
+
     def light(self, topic: str) -> Optional[Light]:
         """Return how messages of a topic are taken by their numbers alone; None when somebody needs whole ones."""
         feeds = self._by_topic.get(topic, ())

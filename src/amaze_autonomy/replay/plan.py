@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Dict, FrozenSet, Mapping, Optional, Tuple
 
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.mission import Mission
@@ -42,6 +42,10 @@ class Plan:
         takeoff_height_m: of the rules.
         configuration: the effective one, for the journal's header.
         configuration_hash: of it.
+        judged: nodes whose judgement is made anew from the recording's sensors, though it holds what they said:
+            "watchdog", "landing_detection"; what they said is compared.
+        elsewhere: components that the mission requires, of which the recording has no topic: a recorded watchdog's
+            word counts for them.
     """
 
     topic_map: TopicMap
@@ -53,6 +57,8 @@ class Plan:
     battery: Optional[BatterySpec]
     configuration: Mapping[str, Any]
     configuration_hash: str
+    judged: FrozenSet[str] = frozenset()
+    elsewhere: Tuple[str, ...] = ()
 
     @property
     def component_topics(self) -> Tuple[str, ...]:
@@ -78,11 +84,13 @@ def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str
         ReplayError: The mission does not exist, or the map asks for a specification that cannot be.
     """
     known = {spec.name: spec for spec in configuration.components}
+    health = topic_map.statuses.get("autopilot") in recorded
     try:
         components = tuple(_component(each, known, configuration.rules) for each in topic_map.components)
         if topic_map.as_configured:
             taken = [spec.name for spec in components]
-            components += tuple(_as_recorded(s) for s in known.values() if s.name not in taken and _has(s, recorded))
+            left = (spec for spec in known.values() if spec.name not in taken and _has(spec, recorded))
+            components += tuple(_as_recorded(spec, health=health) for spec in left)
         return Plan(
             topic_map=topic_map,
             rules=_rules(configuration.rules, components),
@@ -93,6 +101,8 @@ def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str
             battery=_battery(configuration.battery, topic_map),
             configuration=configuration.effective,
             configuration_hash=configuration.hash,
+            judged=_judged(topic_map, components, recorded),
+            elsewhere=_elsewhere(configuration, mission_id, components),
         )
     except SpecError as error:
         raise ReplayError(f"map {topic_map.name}: {error}") from error
@@ -119,9 +129,28 @@ def _has(spec: ComponentSpec, recorded: Tuple[str, ...]) -> bool:
     return bool(spec.topics) and all(topic.topic in recorded for topic in spec.topics)
 
 
-def _as_recorded(spec: ComponentSpec) -> ComponentSpec:
-    """Return a component by its topics alone: no node, no driver and no autopilot can be asked."""
-    return replace(spec, node=None, driver=(), autopilot=None, restart=_scripted(spec.restart))
+def _as_recorded(spec: ComponentSpec, *, health: bool) -> ComponentSpec:
+    """Return a component by its topics, and by what a recorded autopilot says of it: no node and no driver is asked."""
+    autopilot = spec.autopilot if health else None
+    return replace(spec, node=None, driver=(), autopilot=autopilot, restart=_scripted(spec.restart))
+
+
+def _judged(topic_map: TopicMap, components: Tuple[ComponentSpec, ...], recorded: Tuple[str, ...]) -> FrozenSet[str]:
+    """Return the nodes whose judgement is made anew: those whose sensors are in the recording."""
+    watched = any(topic.topic in recorded for spec in components for topic in spec.topics)
+    reading = topic_map.readings.get("range")
+    found = {"watchdog": watched, "landing_detection": reading is not None and reading.topic in recorded}
+    if topic_map.statuses_decide:
+        told = {"watchdog": "watchdog_info", "landing_detection": "landing_detection"}
+        found = {name: good and topic_map.statuses.get(told[name]) not in recorded for name, good in found.items()}
+    return frozenset(name for name, good in found.items() if good)
+
+
+def _elsewhere(configuration: Configuration, mission_id: str, components: Tuple[ComponentSpec, ...]) -> Tuple[str, ...]:
+    mission = next(each for each in configuration.missions if each.id == mission_id)
+    here = [spec.name for spec in components]
+    needed = [spec.name for spec in configuration.components if spec.required and spec.name not in here]
+    return tuple(name for name in needed if not mission.required or name in mission.required)
 
 
 def _scripted(restart: RestartSpec) -> RestartSpec:

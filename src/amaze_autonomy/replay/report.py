@@ -57,8 +57,23 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
     for name, (source, rows) in outcome.checks.items():
         lines.append(f"  {name.value:<{_WIDE}} {source.words}")
         lines += [f"    {row.verdict.value:<8} {row_words(row)}" for row in rows]
-    lines += _flown_lines(outcome)
+    lines += _compared_lines(outcome) + _flown_lines(outcome)
+    lines += [f"VACUOUS: {each}" for each in outcome.unread]
     return [*lines, f"Map {plan.topic_map.name}, mission {plan.mission.id}: {verdict(outcome)}"]
+
+
+def _compared_lines(outcome: Outcome) -> List[str]:
+    """Return whether what the recorded nodes said is what the recorded sensors say."""
+    if not outcome.compared:
+        return []
+    nodes = " and ".join(node.replace("_", " ") for node in outcome.compared)
+    if not outcome.disagreements:
+        return [f"The recorded {nodes} said what the recorded sensors say."]
+    return [f"The recorded {nodes} said otherwise than the recorded sensors:"] + [
+        f"  {each.about}, {(each.from_ns - outcome.start_ns) / _S:+.3f} s to "
+        f"{(each.to_ns - outcome.start_ns) / _S:+.3f} s: {each.recorded} in flight, {each.judged} by the sensors"
+        for each in outcome.disagreements
+    ]
 
 
 def _flown_lines(outcome: Outcome) -> List[str]:
@@ -117,6 +132,18 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "checks": [
             {"check": name.value, "source": source.words, "rows": [to_plain(row) for row in rows]}
             for name, (source, rows) in outcome.checks.items()
+        ],
+        "not_looked_at": [{"key": each.key, "reason": each.reason} for each in outcome.unread],
+        "compared": list(outcome.compared),
+        "disagreements": [
+            {
+                "about": each.about,
+                "from_s": _seconds(each.from_ns, outcome),
+                "to_s": _seconds(each.to_ns, outcome),
+                "recorded": each.recorded,
+                "judged": each.judged,
+            }
+            for each in outcome.disagreements
         ],
         "timeline": [_line(line, outcome) for line in outcome.timeline],
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import zip_longest
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.columns import WHOLE
 from amaze_autonomy.engine.checks import Check, CheckName
@@ -37,10 +37,12 @@ from amaze_autonomy.engine.timers import next_deadline
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
 from .agenda import Agenda, Rank
+from .changed_keys import Change, ChangedKeys, Unread, recorded_facts
 from .faults.story import Story
 from .journals import FlightLog, read_log
 from .monitors import Light, Monitors
 from .plan import Plan
+from .recorded_nodes import Disagreement
 from .script import User
 from .sources import Recordings, Sample
 from .statuses import FLAT
@@ -74,6 +76,9 @@ class Outcome:
         decisions: that were made.
         flown: those that were made in flight, where its journal is in the recording; None: it is not.
         parting: the first decision that is not one of those; None: all are.
+        compared: nodes of the recorded flight whose judgement was made anew and compared.
+        disagreements: where what they said is not what the recorded sensors say.
+        unread: changed keys of the configuration that nothing looked at.
     """
 
     journal: Tuple[str, ...]
@@ -87,6 +92,9 @@ class Outcome:
     decisions: Tuple[Decision, ...]
     flown: Optional[Tuple[Decision, ...]] = None
     parting: Optional[Parting] = None
+    compared: Tuple[str, ...] = ()
+    disagreements: Tuple[Disagreement, ...] = ()
+    unread: Tuple[Unread, ...] = ()
 
 
 class Session:
@@ -96,12 +104,16 @@ class Session:
         plan: what is decided by and with.
         recordings: open.
         story: what happens besides: faults of peers and of the engine, requests of the user.
+        changes: keys of the configuration to be followed: were they looked at?
     """
 
-    def __init__(self, plan: Plan, recordings: Recordings, story: Optional[Story] = None) -> None:
+    def __init__(
+        self, plan: Plan, recordings: Recordings, story: Optional[Story] = None, changes: Sequence[Change] = ()
+    ) -> None:
         self._plan, self._recordings = plan, recordings
         self._story = Story() if story is None else story
-        self._rules = plan.rules
+        self._keys = ChangedKeys(plan, changes)
+        self._rules = self._keys.rules
         self._state = EngineState()
         self._agenda = Agenda()
         self._journal: List[str] = []
@@ -152,6 +164,11 @@ class Session:
         if progress is not None:
             progress(total, total)
         return self._outcome()
+
+    def looks_at(self, topic: str) -> Optional[Tuple[str, ...]]:
+        """Return the fields of a topic that something looks at; "" is all of them, None not even when it comes."""
+        paths, status = self._monitors.paths(topic), self._world.status_paths(topic)
+        return None if paths is None and status is None else (*(paths or ()), *(status or ()))
 
     def _begin(self) -> None:
         start_ns = self._recordings.start_ns
@@ -320,7 +337,7 @@ class Session:
     def _ask_user(self) -> None:
         if self._log is not None:
             return
-        asked = self._user.react(self._state, require_go=self._rules.require_go)
+        asked = self._user.react(self._state, require_go=self._plan.rules.require_go)
         if asked is not None:
             self._ask(*asked)
 
@@ -348,6 +365,7 @@ class Session:
     def _outcome(self) -> Outcome:
         end_ns, evidence = self._recordings.end_ns, self._world.evidence
         evidence.end()
+        self._world.recorded.end(end_ns)
         parting = None
         if self._log is not None:
             parting = part(self._log.decisions, tuple(self._decisions), min(end_ns - _S, self._log.end_ns))
@@ -368,7 +386,16 @@ class Session:
             decisions=tuple(self._decisions),
             flown=None if self._log is None else self._log.decisions,
             parting=parting,
+            compared=self._world.recorded.compared,
+            disagreements=tuple(self._world.recorded.disagreements),
+            unread=self._unread(),
         )
+
+    def _unread(self) -> Tuple[Unread, ...]:
+        facts = recorded_facts(self._plan, self._recordings, log=self._log is not None)
+        watched = self._monitors.watchdog.started or "watchdog_info" in self._plan.topic_map.statuses
+        failed = self._world.failed
+        return self._keys.unread(self._plan, self._recordings, facts, watched=watched, failed=failed)
 
 
 def _level(level: Level) -> int:

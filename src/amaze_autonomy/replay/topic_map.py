@@ -98,6 +98,7 @@ class TopicMap:
 
     `landing` and `state_estimation` are what the recording's vehicle has differently: fields of the specifications.
     `as_configured`: every component of the configuration whose topics are all in the recording is watched.
+    `statuses_decide`: what a recorded watchdog and landing detection said decides, not the recorded sensors.
     """
 
     name: str
@@ -109,6 +110,7 @@ class TopicMap:
     state_estimation: Mapping[str, Any]
     script: Script
     as_configured: bool = False
+    statuses_decide: bool = False
 
     @property
     def topics(self) -> Tuple[str, ...]:
@@ -228,6 +230,14 @@ SCHEMA = Group(
         Key("readings", _READINGS, "where readings come from", "", {}),
         Key("statuses", Group("recorded statuses of our own nodes", _STATUS_KEYS), "recorded statuses", "", {}),
         Key(
+            "recorded_statuses",
+            Choice(("compared", "decide")),
+            "what watchdog and landing detection said is compared with what the recorded sensors say, or decides "
+            "instead of them",
+            "",
+            "compared",
+        ),
+        Key(
             "landing",
             _optional(LANDING_DETECTION, "topic", "source", "scale"),
             "landing detection of this vehicle",
@@ -273,6 +283,7 @@ def load_map(name: str) -> TopicMap:
         state_estimation=_spec_fields(StateEstimationSpec, values["state_estimation"]),
         script=_script(values["script"]),
         as_configured=values["components_as_configured"],
+        statuses_decide=values["recorded_statuses"] == "decide",
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
 
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import (
@@ -19,6 +19,7 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
+    ComponentStatus,
     Event,
     Landed,
     LandedStatus,
@@ -27,11 +28,13 @@ from amaze_autonomy.engine.events import (
     Outcome,
     Reply,
     VehicleLanded,
+    WatchdogAction,
     WatchdogInfo,
     made,
 )
 from amaze_autonomy.engine.modes import LANDING_MODES
 from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 
@@ -43,9 +46,10 @@ from .feeds import Feed
 from .fields import kind_of
 from .monitors import Monitors
 from .plan import Plan
+from .recorded_nodes import COMPARED, RecordedNodes
 from .script import Planner, Recorder, Vehicle
 from .sources import Recordings
-from .statuses import EVENT_OF
+from .statuses import EVENT_OF, FLAT
 from .timeline import Notes, Say, Source
 
 __all__ = ["Evidence", "Observed", "Origins", "World"]
@@ -87,10 +91,12 @@ class World:
         self._story = story
         self._plan, self._monitors, self._agenda = plan, monitors, agenda
         self._tell, self._say, self._recordings = tell, say, recordings
-        self.answers = Answers(plan, monitors)
+        self.recorded = RecordedNodes(plan, recordings, say)
+        self.answers = Answers(plan, monitors, self.recorded)
         self.evidence = Evidence(plan.rules.limits)
         self.state = EngineState()
         self.flown = False
+        self.failed: Set[str] = set()
         self._vehicle, self._planner, self._recorder = Vehicle(), Planner(), Recorder()
         self._statuses: Dict[str, str] = {topic: name for name, topic in plan.topic_map.statuses.items()}
         self._heard: Dict[str, Event] = {}
@@ -100,6 +106,8 @@ class World:
         self._turns = self._looks = Turns(0, _TURN_NS)
         self._turn_ns = FOREVER_NS
         self._origins = Origins(plan, recordings)
+        self._action: Optional[WatchdogAction] = None
+        self._info: Optional[WatchdogInfo] = None
 
     # --- time and sources ---------------------------------------------------------------------------------------------
 
@@ -127,11 +135,15 @@ class World:
         """Return what tells a status again and again, until the recording does."""
 
         def again(t_ns: int) -> None:
-            if not self._origins.has(name, t_ns):
+            if not self._decides(name, t_ns):
                 task(t_ns)
                 self._agenda.at(t_ns + period_ns, rank, again)
 
         return again
+
+    def _decides(self, name: str, t_ns: int) -> bool:
+        """Return True when a recorded status decides from now on; one that is only compared does not."""
+        return not self.recorded.compares(name) and self._origins.has(name, t_ns)
 
     def source(self, t_ns: int) -> Source:
         """Return where what is known of the components comes from at a time."""
@@ -173,13 +185,23 @@ class World:
         name = self._statuses.get(topic, "")
         return name if name in EVENT_OF else ""
 
+    def status_paths(self, topic: str) -> Optional[Tuple[str, ...]]:
+        """Return the fields of a recorded status that are looked at; "" is all of them; None: it is no status."""
+        name = self._statuses.get(topic)
+        if name is None:
+            return None
+        return COMPARED.get(name, ()) if self.recorded.compares(name) else FLAT.get(name, ("",))
+
     def take_status(self, name: str, t_ns: int, event: Event) -> None:
         """Take a recorded status as an event."""
         event = self._ours(event)
         self._heard[name] = event
+        if self.recorded.compares(name):
+            self._compare(t_ns, event)
+            return
         if isinstance(event, WatchdogInfo):
             self.answers.recorded_info = event
-            self._notes.components(event.components, t_ns, Source.BAG)
+            self._note_components(event.components, t_ns, Source.BAG)
         elif isinstance(event, LandedStatus):
             self.answers.recorded_landed = event
             self._notes.landed(event.landed, event.reason, t_ns, Source.BAG)
@@ -187,6 +209,22 @@ class World:
             self._planner.follow(vars(event), self._plan.rules.limits.takeoff_height_m)
         self._tell(event, Source.BAG)
         self._observe(t_ns)
+
+    def _compare(self, t_ns: int, event: Event) -> None:
+        """Take a recorded status of a node that judges anew: its heartbeat, and what nobody else can tell."""
+        if isinstance(event, WatchdogAction):
+            beats = self.recorded.beats(event)
+            new = self.recorded.take_foreign(event.components, whole=False)
+            if beats or new:
+                self._poll(t_ns, 0, again=True)
+        elif isinstance(event, WatchdogInfo):
+            new = self.recorded.take_foreign(event.components, whole=True)
+            self.recorded.hear(t_ns, event.components)
+            if new:
+                self._poll(t_ns, 0, again=True)
+        elif isinstance(event, LandedStatus):
+            self.recorded.hear_landed(t_ns, event.landed)
+            self._tell_landed(t_ns)
 
     def _read(self, name: str, topic: str, t_ns: int, message: Any) -> Optional[Event]:
         """Return a recorded status as an event; None when it holds what cannot be, which is noted."""
@@ -234,31 +272,46 @@ class World:
             self._plan_turn(next_ns)
 
     def _watch(self, t_ns: int) -> None:
-        if t_ns != self._turn_ns or self._origins.has("watchdog_action", t_ns):
+        if t_ns != self._turn_ns or self._decides("watchdog_action", t_ns):
             return
-        self._poll(t_ns)
+        self._poll(t_ns, self._turns.left_out(t_ns))
         next_ns = self._monitors.next_poll_ns(t_ns)
         if next_ns < FOREVER_NS:
             self._plan_turn(self._turns.after(max(t_ns, next_ns - 1)))
         else:
             self._turn_ns = FOREVER_NS
 
-    def _poll(self, t_ns: int) -> None:
-        action, info = self._monitors.poll(t_ns, self._turns.left_out(t_ns))
+    def _poll(self, t_ns: int, left_out: int, *, again: bool = False) -> None:
+        """Turn the watchdog's loop; `again`: its last messages count once more, with what others say now."""
+        action, info = self._monitors.poll(t_ns, left_out)
         requests = self._monitors.restart_requests()
-        if action is None and info is None and not requests:
+        if action is None and info is None and not requests and not again:
             return
         source = self._origins.source(t_ns)
         for request in requests:
             self._monitors.watchdog.restart_outcome(request, t_ns, good=True)
             words = f"watchdog: restart of {request.component}, attempt {request.attempt}"
             self._say(t_ns, Source.SCRIPT, words, 1)
-        if info is not None and "watchdog_info" not in self._heard:
-            self._notes.components(info.components, t_ns, source)
+        self._action, self._info = action or self._action, info or self._info
+        if again and self._action is not None and self._info is not None:
+            loops = self._monitors.watchdog.loop_counter
+            action = action or evolve(self._action, t_ns=t_ns, loop_counter=loops)
+            info = info or evolve(self._info, t_ns=t_ns, changed=())
+        if info is not None:
+            self.recorded.judge(t_ns, info.components)
+            info = self.recorded.merged_info(info)
+            if "watchdog_info" not in self._heard or self.recorded.compares("watchdog_info"):
+                self._note_components(info.components, t_ns, source)
+        if not self.recorded.speaks("watchdog_action", t_ns):
+            return
         if action is not None:
-            self._tell(action, source)
+            self._tell(self.recorded.merged_action(action), source)
         if info is not None:
             self._tell(info, source)
+
+    def _note_components(self, components: Tuple[ComponentStatus, ...], t_ns: int, source: Source) -> None:
+        self._notes.components(components, t_ns, source)
+        self.failed.update(each.name for each in components if each.code is not Code.NOMINAL)
 
     def _tell_landed(self, t_ns: int) -> None:
         verdict = self._monitors.judge_landing(t_ns)
@@ -271,7 +324,9 @@ class World:
             told = {"landed": verdict.landed, "distance_m": verdict.distance_m, "reason": verdict.reason}
             status = made(LandedStatus, t_ns=t_ns, age_ns=0, **told)
             self._notes.landed(verdict.landed, verdict.reason, t_ns, source)
-        self._tell(status, source)
+            self.recorded.judge_landed(t_ns, verdict.landed)
+        if self.recorded.speaks("landing_detection", t_ns):
+            self._tell(status, source)
 
     def _vehicle_facts(self, t_ns: int) -> Tuple[Dict[str, Any], Source]:
         """Return the whole of what the vehicle says, and where it comes from."""
@@ -365,7 +420,7 @@ class World:
         """Answer a check; the first one of the watchdog waits for components to come up."""
         if command.check is CheckName.WATCHDOG:
             self._wake()  # whoever asks it lets it judge
-        waits = command.check is CheckName.WATCHDOG and not self._origins.has("watchdog_action", t_ns)
+        waits = command.check is CheckName.WATCHDOG and not self._decides("watchdog_action", t_ns)
         if waits and t_ns < until_ns and self.answers.watchdog_waits(t_ns):
             self._agenda.at(
                 min(t_ns + _WATCH_NS, until_ns), Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns)

@@ -2,7 +2,8 @@
 
 Exit status: 0 replayed, no difference; 1 a journal is decided differently or breaks a law, or a scenario fails; 2 it
 cannot be replayed, one line says why; 3 replayed, but a part of the recording or of the journal is damaged, or a
-scenario is inconclusive; 70 an error in this program.
+scenario is inconclusive; 4 nothing was tested: a changed key was not looked at, a scenario is vacuous; 70 an error in
+this program.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from amaze_autonomy.paths import config_folder
 from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import JournalError
+from ..replay.changed_keys import changes_of
 from ..replay.compare import Comparison, compare
 from ..replay.errors import ReplayError
 from ..replay.journal_laws import Lawful, check_laws, law_lines, laws_result
@@ -39,7 +41,7 @@ from ..replay.topic_map import TopicMap, load_map, map_names
 __all__ = ["main"]
 
 _ALONE = (["run"], ["journal"], ["laws"], ["maps"])
-DONE, DIFFERENT, IMPOSSIBLE, PARTIAL = 0, 1, 2, 3
+DONE, DIFFERENT, IMPOSSIBLE, PARTIAL, VACUOUS = 0, 1, 2, 3, 4
 _KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError)
 
 
@@ -56,8 +58,8 @@ def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
         prog="amaze-replay",
         description="Replays recorded bags and journals through the decision code of the flight, without ROS.",
         epilog="Exit status: 0 replayed, no difference; 1 a journal is decided differently or breaks a law, or a "
-        "scenario fails; 2 it cannot be replayed; 3 a part is damaged or a scenario is inconclusive; 70 an error in "
-        "this program.",
+        "scenario fails; 2 it cannot be replayed; 3 a part is damaged or a scenario is inconclusive; 4 a changed key "
+        "was not looked at, or a scenario is vacuous; 70 an error in this program.",
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_run(commands)
@@ -129,11 +131,16 @@ def _run(options: argparse.Namespace) -> int:
     gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
     topic_map = _map(options.map, options.bags)
     configuration = load_configuration(options.config or config_folder(), options.set)
-    mission_id = options.mission or configuration.missions[0].id
-    plan = make_plan(configuration, topic_map, mission_id, topics_of(options.bags))
+    mission_id, recorded = options.mission or configuration.missions[0].id, topics_of(options.bags)
+    plan = make_plan(configuration, topic_map, mission_id, recorded)
+    changes = changes_of(
+        options.set,
+        lambda some: load_configuration(options.config or config_folder(), some),
+        lambda each: make_plan(each, topic_map, mission_id, recorded),
+    )
     with Recordings(options.bags, plan.topics, options.mute) as recordings:
         with progress_bar("replaying") as progress:
-            outcome = Session(plan, recordings).run(progress)
+            outcome = Session(plan, recordings, changes=changes).run(progress)
         _write(options.out, plan, recordings, outcome)
         if options.json:
             show_lines([json.dumps(replay_result(plan, recordings, outcome), indent=1)])
@@ -141,7 +148,7 @@ def _run(options: argparse.Namespace) -> int:
             show_timeline(outcome)
             show_lines(footer_lines(plan, recordings, outcome))
     _say_speed(outcome, time.monotonic() - began)
-    return PARTIAL if recordings.damage else DONE
+    return PARTIAL if recordings.damage else VACUOUS if outcome.unread else DONE
 
 
 def _map(name: Optional[str], bags: List[Path]) -> TopicMap:

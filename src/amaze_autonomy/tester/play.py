@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
 
 from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.config.loader import load_configuration
@@ -22,10 +22,11 @@ from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
 from amaze_autonomy.simulation.run import run
 
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
+from ..replay.changed_keys import Unread, changes_of, unread_by_rules
 from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
 from ..replay.faults.story import Story
-from ..replay.faults.stream import FaultedRecordings
+from ..replay.faults.stream import TIMING, FaultedRecordings
 from ..replay.journals import read_journals
 from ..replay.plan import Plan, make_plan
 from ..replay.session import Outcome, Session
@@ -37,7 +38,7 @@ from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind
 from .task import Options
 
-__all__ = ["Mark", "Played", "configuration_of", "missions_of", "play", "replay_case", "written"]
+__all__ = ["Mark", "Played", "configuration_of", "missions_of", "overrides_of", "play", "replay_case", "written"]
 
 # --- played -----------------------------------------------------------------------------------------------------------
 # What came of playing a case, and what every way of playing it needs: configuration and missions.
@@ -57,6 +58,8 @@ class Played:
         vacuous: faults and requests of the scenario that did nothing, one line each.
         broken: why the input says nothing about the rules, one line each.
         marks: what went wrong and what the user asked, for reports.
+        unread: changed keys of the configuration that nothing looked at; those of the scenario and of the run are in
+            `vacuous` as well.
     """
 
     lines: Tuple[str, ...]
@@ -64,6 +67,7 @@ class Played:
     vacuous: Tuple[str, ...] = ()
     broken: Tuple[str, ...] = ()
     marks: Tuple[Mark, ...] = ()
+    unread: Tuple[Unread, ...] = ()
 
 
 def configuration_of(case: Case, options: Options) -> Configuration:
@@ -72,14 +76,21 @@ def configuration_of(case: Case, options: Options) -> Configuration:
     Raises:
         ConfigError: it has a mistake.
     """
-    folder = options.configuration or case.configuration or config_folder()
     try:
         if not options.overrides:
-            return load_configuration(folder, case.overrides)
-        own = [f"{key}={written(value)}" for key, value in case.overrides.items()]
-        return load_configuration(folder, [*own, *options.overrides])
+            return load_configuration(_folder(case, options), case.overrides)
+        return load_configuration(_folder(case, options), overrides_of(case, options))
     except ConfigError as error:
         raise _placed(error, case) from error
+
+
+def _folder(case: Case, options: Options) -> Union[str, Path]:
+    return options.configuration or case.configuration or config_folder()
+
+
+def overrides_of(case: Case, options: Options) -> Tuple[str, ...]:
+    """Return what is replaced of the configuration: by the scenario, then by the run."""
+    return (*(f"{key}={written(value)}" for key, value in case.overrides.items()), *options.overrides)
 
 
 def _placed(error: ConfigError, case: Case) -> ConfigError:
@@ -135,7 +146,13 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     topic_map, missions = _map(case), missions_of(case, configuration)
     _check_bags(case)
     paths = [bag.path for bag in case.bags]
-    plan = make_plan(configuration, topic_map, missions[0].id, topics_of(paths))
+    recorded = topics_of(paths)
+    plan = make_plan(configuration, topic_map, missions[0].id, recorded)
+    changes = changes_of(
+        overrides_of(case, options) if rules is None else (),
+        lambda some: load_configuration(_folder(case, options), some),
+        lambda each: make_plan(each, topic_map, missions[0].id, recorded),
+    )
     if rules is not None:
         plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
     with Recordings(paths, plan.topics) as recordings:
@@ -147,12 +164,45 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
         acting, requests = _times(case, plan, part)
         part.apply(acting, case.seed)
         story = Story(acting, requests)
-        outcome = Session(plan, part, story).run()
+        session = Session(plan, part, story, changes)
+        outcome = session.run()
         touched = [one + other for one, other in zip(part.touched, story.touched)]
+        unseen = [
+            f"{each.fault} touched {count} messages, and nothing looked at what it changed"
+            for each, count in zip(acting, part.touched)
+            if count and not _is_looked_at(each, session)
+        ]
         broken += [
             f"{each.topic}: {each.count} messages cannot be read ({each.reason})" for each in part.damage.values()
         ]
-    return _played(outcome, acting, touched, broken)
+    played = _played(outcome, acting, touched, broken)
+    return replace(played, vacuous=(*played.vacuous, *unseen))
+
+
+def _is_looked_at(acting: Acting, session: Session) -> bool:
+    """Return True when something looks at what a fault changes: when messages come, or what stands in a field."""
+    fault = acting.fault
+    if fault.kind.subject not in (Subject.COMPONENT, TOPIC):
+        return True
+    if fault.kind.name in TIMING:
+        return any(session.looks_at(topic) is not None for topic in acting.topics)
+    given = dict(fault.parameters)
+    names = [str(given[name]) for name in ("field", "with") if name in given]
+    names = names or (["header.stamp"] if fault.kind.name == "stamped" else [""])
+    return any(_meets(name, session.looks_at(topic)) for topic in acting.topics for name in names)
+
+
+def _meets(field: str, paths: Optional[Tuple[str, ...]]) -> bool:
+    """Return True when a field is, holds, or is a part of one that is looked at; "" is any, and is in all paths."""
+    if not paths:
+        return False
+    return any(
+        not field
+        or path in ("", field)
+        or path.startswith((f"{field}.", f"{field}["))
+        or field.startswith((f"{path}.", f"{path}["))
+        for path in paths
+    )
 
 
 def _rows(own: Rules, other: Rules) -> Tuple[ComponentRule, ...]:
@@ -278,7 +328,9 @@ def _played(outcome: Outcome, acting: Sequence[Acting], touched: Sequence[int], 
         for each, count in zip(acting, touched)
         if not count
     ]
-    return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), _marks_of_bags(outcome, acting))
+    vacuous += [str(each) for each in outcome.unread]
+    marks = _marks_of_bags(outcome, acting)
+    return Played(outcome.journal, trace, tuple(vacuous), tuple(broken), marks, outcome.unread)
 
 
 def _marks_of_bags(outcome: Outcome, acting: Sequence[Acting]) -> Tuple[Mark, ...]:
@@ -370,7 +422,12 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
     lines = _decided((line.payload for line in journal.lines), rules)
     lines = [encode_header(header), *lines] if isinstance(header, dict) else lines
     broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
-    return Played(tuple(lines), trace_of(lines), (), broken)
+    unread = _unread_by_rules(case, options)
+    return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), broken, unread=unread)
+
+
+def _unread_by_rules(case: Case, options: Options) -> Tuple[Unread, ...]:
+    return unread_by_rules(overrides_of(case, options), lambda some: load_configuration(_folder(case, options), some))
 
 
 def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Played:
@@ -380,7 +437,8 @@ def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Play
     except JournalError as error:
         raise ReplayError(f"{case.path}: events, {error}") from error
     lines = _decided(payloads, configuration_of(case, options).rules if rules is None else rules)
-    return Played(tuple(lines), trace_of(lines))
+    unread = _unread_by_rules(case, options) if rules is None else ()
+    return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), unread=unread)
 
 
 def _decided(payloads: Iterable[object], rules: Rules) -> List[str]:

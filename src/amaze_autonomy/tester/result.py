@@ -33,22 +33,23 @@ class Verdict(enum.Enum):
     FAIL = "FAIL"  # an expectation, or the golden, is not met
     INCONCLUSIVE = "INCONCLUSIVE"  # the recording does not offer what the test needs, or is damaged
     ERROR = "ERROR"  # the test could not be run
-    VACUOUS = "VACUOUS"  # an expectation evaluated nothing, or a fault touched nothing: a failure
+    VACUOUS = "VACUOUS"  # nothing was tested: an expectation evaluated, a fault touched, a key changed nothing
 
 
 EXIT_STATUS = {
     Verdict.PASS: 0,
     Verdict.FAIL: 1,
     Verdict.ERROR: 1,
-    Verdict.VACUOUS: 1,
+    Verdict.VACUOUS: 4,
     Verdict.INCONCLUSIVE: 3,
 }
+_ORDER = (1, 4, 3)
 
 
 def exit_status(verdicts: Iterable[Verdict]) -> int:
-    """Return the exit status for several tests: a failure outweighs what is inconclusive."""
+    """Return the exit status for several tests: a failure outweighs a vacuous one, that an inconclusive one."""
     found = {EXIT_STATUS[verdict] for verdict in verdicts}
-    return 1 if 1 in found else 3 if 3 in found else 0  # noqa: PLR2004
+    return next((status for status in _ORDER if status in found), 0)
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class Result:
         difference: from the golden, as lines for a person; empty: there is none.
         lines: the canonical journal: the decisions.
         digest: SHA-256 of those lines.
+        unread: changed keys of the configuration that nothing looked at, each with its reason.
         story: journal lines of the whole run, for reports; empty unless asked for.
         marks: what the report draws beside: ("fault", begin in s, end in s or None, text).
         start_ns: zero of all times in seconds.
@@ -104,6 +106,7 @@ class Result:
     difference: Tuple[str, ...] = ()
     lines: Tuple[str, ...] = ()
     digest: str = ""
+    unread: Tuple[Tuple[str, str], ...] = ()
     story: Tuple[str, ...] = ()
     marks: Tuple[Tuple[str, float, Optional[float], str], ...] = ()
     start_ns: int = 0
@@ -135,6 +138,7 @@ class Result:
             ],
             "problems": list(self.problems),
             "difference": list(self.difference),
+            "not_looked_at": [{"key": key, "reason": reason} for key, reason in self.unread],
             "decisions": len(self.lines),
             "digest": self.digest,
             "command": self.command,
@@ -185,7 +189,7 @@ def summary_line(results: Sequence[Result], wall_s: float) -> str:
 def plain(results: Sequence[Result], **more: Any) -> Dict[str, Any]:
     """Return all results as JSON values."""
     verdicts = [result.verdict for result in results]
-    overall = {0: Verdict.PASS, 1: Verdict.FAIL, 3: Verdict.INCONCLUSIVE}[exit_status(verdicts)]
+    overall = {0: Verdict.PASS, 1: Verdict.FAIL, 3: Verdict.INCONCLUSIVE, 4: Verdict.VACUOUS}[exit_status(verdicts)]
     return {"version": 1, "verdict": overall.value, "tests": [result.plain() for result in results], **more}
 
 

@@ -113,6 +113,7 @@ def run_case(case: Case, task: Task) -> Result:
         difference=difference,
         lines=lines,
         digest=digest_of(lines),
+        unread=tuple((each.key, each.reason) for each in played.unread),
         story=played.lines if task.options.story else (),
         marks=played.marks,
         start_ns=trace.start_ns,

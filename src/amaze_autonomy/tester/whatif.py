@@ -11,7 +11,7 @@ from amaze_autonomy.engine.commands import Decision
 
 from .golden import align, decisions_of, first_difference, told
 from .play import written
-from .result import Result, Verdict
+from .result import EXIT_STATUS, Result, Verdict
 from .run import run_tasks
 from .scenario.schema import CONFIGURATION
 from .task import Options, Task
@@ -36,6 +36,12 @@ class Fork:
     other: Result
     difference: Tuple[str, ...]
     ends: Optional[Tuple[str, str]]
+
+    @property
+    def unread(self) -> Tuple[Tuple[str, str], ...]:
+        """Keys of the other configuration that nothing looked at in this flight, each with its reason."""
+        own = {key for key, _ in self.one.unread}
+        return tuple((key, reason) for key, reason in self.other.unread if key not in own)
 
 
 def other_options(options: Options, against: str) -> Options:
@@ -92,11 +98,13 @@ def _broken(*results: Result) -> Optional[Result]:
 
 
 def what_if_status(forks: Sequence[Fork]) -> int:
-    """Return the exit status: 1 when something is different or cannot be run, 3 when a recording is missing."""
+    """Return the exit status: 1 different, or it cannot be run; 4 keys were not looked at; 3 a bag is missing."""
     broken = [each.verdict for each in (_broken(fork.one, fork.other) for fork in forks) if each is not None]
     if any(fork.difference for fork in forks) or Verdict.ERROR in broken:
         return 1
-    return 3 if broken else 0
+    if any(fork.unread for fork in forks):
+        return EXIT_STATUS[Verdict.VACUOUS]
+    return EXIT_STATUS[Verdict.INCONCLUSIVE] if broken else 0
 
 
 def motions(decisions: Sequence[Decision]) -> Tuple[str, ...]:
@@ -129,8 +137,11 @@ def what_if_lines(forks: Sequence[Fork]) -> List[str]:
             lines += [f"    {line}" for line in fork.difference]
         elif fork.difference:
             lines.append(f"DECIDES OTHERWISE  {fork.one.id}: {fork.difference[0]}")
+    lines += [f"NOT LOOKED AT  {fork.one.id}: {key}: {reason}" for fork in forks for key, reason in fork.unread]
     ends = sum(fork.ends is not None for fork in forks)
     others = sum(bool(fork.difference) for fork in forks) - ends
     cannot = sum(_broken(fork.one, fork.other) is not None for fork in forks)
+    blind = sum(bool(fork.unread) for fork in forks)
     said = f", {cannot} cannot be run" if cannot else ""
+    said += f", {blind} did not look at every key" if blind else ""
     return [*lines, f"{len(forks)} flights: {ends} end otherwise, {others} decide otherwise and end alike{said}"]

@@ -1,0 +1,117 @@
+"""What rests on a key or a fault that nothing looked at is VACUOUS, never PASS; what-if says which keys those are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from replay_bags import flight_rows, write_bag
+
+from amaze_autonomy.tester import Options, run_task, tasks_of
+from amaze_autonomy.tester.command import main
+from amaze_autonomy.tester.play import _meets
+
+MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
+SCENARIO = """\
+version: 1
+description: a flight of the tests
+bags: [{path: flight.bag}]
+map: flight.yaml
+expectations:
+  - {expect: sequence, of: [{state: TAKEOFF}, {state: MISSION}]}
+"""
+SEVERITY = "configuration: {set: {sensors.components.%s}}\n"
+
+
+@pytest.fixture(autouse=True)
+def flight(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_bag(tmp_path / "flight.bag", flight_rows())
+    Path("flight.yaml").write_text(MAP.read_text())
+    Path("x.scenario.yaml").write_text(SCENARIO)
+
+
+def result(more):
+    Path("x.scenario.yaml").write_text(SCENARIO + more)
+    (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
+    found = run_task(task)
+    return found.verdict.value, found.headline
+
+
+VACUOUS = {
+    SEVERITY
+    % "gps.severity: highest": "sensors.components.gps.severity was not looked at: the recording has no topic of gps",
+    "configuration: {set: {autonomy.flight.max_distance_m: 50.0}}\n": "autonomy.flight.max_distance_m was not looked "
+    "at: position: scripted, not recorded",
+    "configuration: {set: {sensors.landing_detection.mounting_height_m: 0.3}}\n": "sensors.landing_detection."
+    "mounting_height_m was not looked at: a replay by the map flight does not read it",
+    "faults: [{topic: /imu, fault: scaled, field: header.seq, factor: 2.0}]\n": "/imu scaled",
+    "faults: [{topic: /mag, fault: biased, field: magnetic_field.x, by: 2.0}]\n": "/mag biased",
+}
+
+
+@pytest.mark.parametrize("more", VACUOUS)
+def test_a_test_that_rests_on_what_nothing_looked_at_is_vacuous(more):
+    verdict, headline = result(more)
+    assert verdict == "VACUOUS"
+    assert headline.startswith(VACUOUS[more])
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        SEVERITY % "imu.severity: low",
+        "configuration: {set: {sensors.landing_detection.airborne_distance_m: 0.3}}\n",  # as it is configured
+        "faults: [{topic: /imu, fault: biased, field: linear_acceleration.x, by: 0.01}]\n",
+        "faults: [{topic: /mag, fault: delayed, delay_s: 0.01}]\n",
+    ],
+)
+def test_what_was_looked_at_passes_although_it_decides_nothing_otherwise(more):
+    assert result(more)[0] == "PASS"
+
+
+def test_a_key_of_the_command_line_counts_as_one_of_the_scenario(capsys):
+    key = "sensors.components.gps.severity"
+    assert main(["test", "x.scenario.yaml", "--set", f"{key}=low", "--no-goldens"]) == 0  # as it is configured
+    words = ["test", "x.scenario.yaml", "--no-goldens", "--set", f"{key}=highest"]
+    assert main(words) == 4
+    assert f"VACUOUS      x: {key} was not looked at: the recording has no topic of gps" in capsys.readouterr().out
+
+
+def test_what_if_names_the_keys_that_a_map_bypasses(capsys):
+    assert main(["what-if", "x.scenario.yaml", "--against", "sensors.components.gps.severity=highest"]) == 4
+    assert capsys.readouterr().out.splitlines() == [
+        "NOT LOOKED AT  x: sensors.components.gps.severity: the recording has no topic of gps",
+        "1 flights: 0 end otherwise, 0 decide otherwise and end alike, 1 did not look at every key",
+    ]
+    assert main(["what-if", "x.scenario.yaml", "--against", "sensors.components.imu.severity=low"]) == 0
+    assert "NOT LOOKED AT" not in capsys.readouterr().out
+
+
+def test_a_journal_is_decided_by_the_rules_alone(capsys):
+    assert main(["run", "flight.bag", "--map", "flight.yaml", "--out", "out"]) == 0
+    Path("x.scenario.yaml").write_text(
+        "version: 1\ndescription: x\njournal: out/journal.jsonl\n"
+        "expectations: [{expect: exists, of: {state: MISSION}}]\n"
+    )
+    key = "sensors.landing_detection.ground_distance_m"
+    assert main(["test", "x.scenario.yaml", "--no-goldens", "--set", f"{key}=0.12"]) == 4
+    assert f"{key} was not looked at: a journal holds what the nodes said" in capsys.readouterr().out
+    assert main(["test", "x.scenario.yaml", "--no-goldens", "--set", "autonomy.takeoff.takeoff_height_m=0.9"]) == 0
+
+
+@pytest.mark.parametrize(
+    "field,paths,meets",
+    [
+        ("a.b", ("a",), True),
+        ("a", ("a.b",), True),
+        ("a", ("a[0]",), True),
+        ("a", ("ab",), False),
+        ("", ("x",), True),
+        ("a", ("",), True),
+        ("a", (), False),
+        ("a", None, False),
+    ],
+)
+def test_a_field_meets_what_is_looked_at(field, paths, meets):
+    assert _meets(field, paths) is meets
