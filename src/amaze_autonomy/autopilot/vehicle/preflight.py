@@ -76,9 +76,10 @@ def _link(known: Preflight) -> Check:
 
 
 def _one_vehicle(known: Preflight) -> Check:
+    """Say who else speaks as our vehicle; after a burst of lost messages ours may look like two for a moment."""
     where = ", ".join(known.strangers)
     advice = f"another one with its system id speaks from {where}: switch it off, or give it another MAV_SYS_ID or port"
-    return _row(known, "one vehicle", advice, good=not known.strangers)
+    return _row(known, "one vehicle", advice, good=not known.strangers, heals=True)
 
 
 def _row(
