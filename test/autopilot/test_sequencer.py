@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from random import Random
 
 import pytest
@@ -15,7 +16,7 @@ from amaze_autonomy.engine.answers import ANSWERS
 from amaze_autonomy.engine.commands import AnswerKind, MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand
 from amaze_autonomy.engine.state import State
-from amaze_autonomy.missions import Controller, Home, Trajectory, Waypoint
+from amaze_autonomy.missions import Controller, Frame, Home, Trajectory, Waypoint
 
 P, A = MissionPhase, MissionAction
 WHOLE = [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING, P.LANDED]
@@ -132,6 +133,38 @@ def test_an_abort_in_flight_lands_and_on_the_ground_disarms(mission):
     assert flying.command(A.ABORT) == ""
     flying.until_phase(P.LANDED)
     assert flying.craft.armed is False
+
+
+AHEAD = Trajectory(
+    "ahead.csv",
+    (Waypoint(0.0, 0.0, 2.0, 0.0, 0.5), Waypoint(6.0, 2.0, 2.0, math.pi / 2, 0.5)),
+    frame=Frame.START_HEADING,
+)
+
+
+@pytest.mark.parametrize("controller", list(Controller))
+def test_waypoints_ahead_and_left_are_flown_from_each_takeoff_as_it_heads_there(controller):
+    flying = Flying(plans=(plan("ahead", (AHEAD,), controller, 2),))
+    flying.craft.yaw_rad = math.pi / 2  # north: ahead is north, left is west
+    flying.run(2 * S)
+    flying.take_off("ahead")
+    flying.until_phase(P.LANDED)
+    assert near(flying, -2.0, 6.0)
+    assert abs(flying.craft.yaw_rad) == pytest.approx(math.pi, abs=0.3)  # west: a quarter left of north
+    flying.run(3 * S)
+    flying.take_off("ahead", 0, 1)  # heads west now: ahead is west, left is south
+    flying.until_phase(P.LANDED)
+    assert near(flying, -2.0 - 6.0, 6.0 - 2.0, 1.2)
+
+
+@pytest.mark.parametrize("controller", list(Controller))
+def test_without_a_fresh_heading_waypoints_that_count_from_it_are_not_loaded(controller):
+    flying = Flying(plans=(plan("ahead", (AHEAD,), controller), plan("line", (LINE,), controller)))
+    flying.planner.watch.yaw_ns -= 60 * S
+    ahead, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", "ahead", 0, 0))
+    assert (ahead.refused, ahead.reason) == (True, "there is no fresh heading, and the waypoints count from it")
+    assert (list(messages), flying.phase) == ([], P.IDLE)
+    assert not flying.planner.load(flying.t_ns, LoadRequest("s1", "line", 0, 0))[0].refused
 
 
 @pytest.mark.parametrize("mission", ["both", "inside twice"])

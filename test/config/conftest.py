@@ -41,7 +41,7 @@ platforms:
 groups:
   all: {topics: [/camera/image]}
 """,
-    "up.csv": "x,y,z,yaw,holdtime\n0,0,2,0,1\n",
+    "up.csv": "# frame: east_north\nx,y,z,yaw_rad,holdtime\n0,0,2,0,1\n",
 }
 
 

@@ -86,6 +86,7 @@ def test_a_file_with_a_piece_cut_replaced_or_doubled_is_good_or_one_mistake(copy
 @example(name="autonomy.yaml", content=b"%YAML 3.0\n--- {}\n")
 @example(name="autonomy.yaml", content=b'"\\ud800": 1\n')
 @example(name="trajectories/square.csv", content=b"x,y,z,yaw\n1e999,0,0,0\n")
+@example(name="trajectories/square.csv", content=b"# frame: \xff\nx,y,z,yaw\n0,0,2,0\n")
 def test_a_file_of_any_bytes_is_good_or_one_mistake(copy, name, content):
     assert _is_one_line(_mistake_in(copy, name, content), str(copy))
 

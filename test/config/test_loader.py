@@ -65,7 +65,7 @@ def test_the_small_configuration_is_all_defaults_but_what_it_says(small):
 def test_a_mission_comes_with_its_waypoints_and_estimates(small):
     plan = load_configuration(small).plan("1")
     flight = FlightEstimate(length_m=4.0, duration_s=14.0)  # 5 on the ground, 2 up, 2 to the waypoint, 1 there, 4 down
-    assert plan.trajectories == (Trajectory("up.csv", (Waypoint(0.0, 0.0, 2.0, 0.0, 1.0, line=2),), "yaw"),)
+    assert plan.trajectories == (Trajectory("up.csv", (Waypoint(0.0, 0.0, 2.0, 0.0, 1.0, line=3),), "yaw_rad"),)
     assert (plan.first, plan.again, plan.total) == (Round((flight,)), Round((flight,)), flight)
     assert plan.mission == Mission(
         id="1", description="Up and down", battery_needed_fraction=0.214, estimated_duration_s=14.0
@@ -112,7 +112,7 @@ def test_the_effective_configuration_has_every_default_and_the_hash_of_each_wayp
     effective = load_configuration(small).effective
     assert sorted(effective) == ["autonomy", "autopilot", "missions", "recording", "sensors", "trajectories"]
     assert effective["autonomy"]["landing"]["land_limit_s"] == 120.0
-    digest = hashlib.sha256(b"x,y,z,yaw,holdtime\n0,0,2,0,1\n").hexdigest()
+    digest = hashlib.sha256(b"# frame: east_north\nx,y,z,yaw_rad,holdtime\n0,0,2,0,1\n").hexdigest()
     assert effective["trajectories"] == {"up.csv": digest}
     assert json.loads(json.dumps(effective, allow_nan=False)) == effective
 

@@ -9,7 +9,7 @@ import pytest
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.missions import Controller, Home
 
-GLOBAL = "latitude,longitude,relative_altitude,yaw,holdtime\n47.00005,8.0,2,0,1\n"
+GLOBAL = "latitude,longitude,relative_altitude,yaw_rad,holdtime\n47.00005,8.0,2,0,1\n"
 RIGHT = "must stay inside the fence, and out of excluded areas, also between two waypoints"
 
 
@@ -76,8 +76,8 @@ def test_who_steers_is_the_autopilot_unless_said_otherwise(mission):
 
 def test_a_leg_that_leaves_the_fence_is_named(mistake, mission):
     mission("    fence_m: [[-5, -5], [5, -5], [5, 5], [-5, 5]]\n")
-    text = "x,y,z,yaw,holdtime\n0,0,2,0,1\n0,6,2,0,1\n"
-    assert mistake("up.csv", text) == f"up.csv:3: x,y: leaves the fence on the way there; {RIGHT}"
+    text = "# frame: east_north\nx,y,z,yaw_rad,holdtime\n0,0,2,0,1\n0,6,2,0,1\n"
+    assert mistake("up.csv", text) == f"up.csv:4: x,y: leaves the fence on the way there; {RIGHT}"
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def test_every_file_and_the_order_of_limits_stand_in_the_page():
         ("sensors.yaml", "age_limit_s: 1.0, tol", "age_limit_ms: 500, tol"),
         ("sensors.yaml", "    autopilot: imu", "    autopilot: imu\n    restart: {policy: node}"),
         ("autonomy.yaml", "watchdog_heartbeat_limit_s: 0.6", "watchdog_heartbeat_limit_s: 0.3"),
-        ("trajectories/square.csv", "yaw_deg", "yaw"),
+        ("trajectories/square.csv", "# frame: east_north\n", ""),
     ],
 )
 def test_the_messages_that_the_page_shows_are_what_the_loader_says(tmp_path, name, old, new):

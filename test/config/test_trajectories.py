@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from amaze_autonomy.config import ConfigError, load_configuration
+from amaze_autonomy.missions import Frame, Waypoint
 
-HEADER = "x,y,z,yaw,holdtime\n"
-COLUMNS = "must be the columns x,y,z,yaw,holdtime, separated by commas (yaw in radians, or yaw_deg in degrees)"
+HEADER = "# frame: east_north\nx,y,z,yaw_rad,holdtime\n"
+COLUMNS = "must be the columns x,y,z,yaw_deg,holdtime, separated by commas (or yaw_rad, in radians)"
 
 
 def test_a_file_that_is_not_there_is_named_where_the_mission_names_it(mistake, small_file):
@@ -59,22 +62,22 @@ def test_a_file_that_is_no_csv_is_refused(mistake, small_file):
         ("", "missions.yaml:4: missions.1.files.0: up.csv is missing, empty or cannot be read; "
          "must be a waypoint file in FOLDER"),
         ("\n", f"up.csv: is empty; {COLUMNS}"),
-        (HEADER, "up.csv:1: has no waypoints; must have at least one line below the header"),
-        (HEADER + "0,0,two,0,1\n", "up.csv:2: z: is 'two'; must be a finite number"),
+        (HEADER, "up.csv:2: has no waypoints; must have at least one line below the header"),
+        (HEADER + "0,0,two,0,1\n", "up.csv:3: z: is 'two'; must be a finite number"),
         (HEADER + "0,0,0.3,0,1\n",
-         "up.csv:2: z: is 0.3; must be at least 0.5 and below the height limit 30, in metres"),
+         "up.csv:3: z: is 0.3; must be at least 0.5 and below the height limit 30, in metres"),
         (HEADER + "0,0,0.8,0,1\n",
-         "up.csv:2: z: is 0.8; the first waypoint must be at the takeoff height (1 m) or above"),
+         "up.csv:3: z: is 0.8; the first waypoint must be at the takeoff height (1 m) or above"),
         (HEADER + "0,0,30,0,1\n",
-         "up.csv:2: z: is 30; must be at least 0.5 and below the height limit 30, in metres"),
+         "up.csv:3: z: is 30; must be at least 0.5 and below the height limit 30, in metres"),
         (HEADER + "0,0,2,0,1\n\n# far\n60,80,2,0,1\n",
-         "up.csv:5: x,y: is 100 m from the takeoff position; must be below the distance limit 100, in metres"),
+         "up.csv:6: x,y: is 100 m from the takeoff position; must be below the distance limit 100, in metres"),
         (HEADER + "0,0,2,0,1\n0,51,2,0,1\n",
-         "up.csv:3: x,y,z: is 51 m from the waypoint before; must be at most 50 m away (bounds)"),
+         "up.csv:4: x,y,z: is 51 m from the waypoint before; must be at most 50 m away (bounds)"),
         (HEADER + "11,0,1,0,1\n",
-         "up.csv:2: x,y,z: is 11 m from the takeoff; must be at most 10 m away (bounds)"),
-        (HEADER + "0,0,2,0,-1\n", "up.csv:2: holdtime: is -1; must be 0 to 120, in seconds"),
-        (HEADER + "0,0,2,0,2000\n", "up.csv:2: holdtime: is 2000; must be 0 to 120, in seconds"),
+         "up.csv:3: x,y,z: is 11 m from the takeoff; must be at most 10 m away (bounds)"),
+        (HEADER + "0,0,2,0,-1\n", "up.csv:3: holdtime: is -1; must be 0 to 120, in seconds"),
+        (HEADER + "0,0,2,0,2000\n", "up.csv:3: holdtime: is 2000; must be 0 to 120, in seconds"),
     ],
 )  # fmt: skip
 def test_a_waypoint_file_that_cannot_be_flown_is_named_with_line_and_column(mistake, text, message):
@@ -84,21 +87,21 @@ def test_a_waypoint_file_that_cannot_be_flown_is_named_with_line_and_column(mist
 def test_the_limits_of_the_mission_count_for_its_files(mistake, small, small_file):
     (small / "missions.yaml").write_text(small_file("missions.yaml") + "    limits: {max_height_m: 2.0}\n")
     assert mistake("up.csv", HEADER + "0,0,2,0,1\n") == (
-        "up.csv:2: z: is 2; must be at least 0.5 and below the height limit 2, in metres"
+        "up.csv:3: z: is 2; must be at least 0.5 and below the height limit 2, in metres"
     )
 
 
 def test_a_repetition_starts_where_the_last_file_landed(mistake, small, small_file):
     (small / "missions.yaml").write_text(small_file("missions.yaml") + "    repetitions: 2\n")
     assert mistake("up.csv", HEADER + "0,0,2,0,1\n15,0,2,0,1\n") == (
-        "up.csv:2: x,y,z: is 15.0333 m from the takeoff; must be at most 10 m away (bounds)"
+        "up.csv:3: x,y,z: is 15.0333 m from the takeoff; must be at most 10 m away (bounds)"
     )
 
 
 def test_too_many_waypoints_are_refused(mistake):
     assert (
         mistake("up.csv", HEADER + "0,0,2,0,1\n" * 501)
-        == "up.csv:502: has 501 waypoints; must have at most 500 (bounds)"
+        == "up.csv:503: has 501 waypoints; must have at most 500 (bounds)"
     )
 
 
@@ -106,10 +109,74 @@ def test_a_waypoint_file_that_is_not_utf8_is_named_with_its_line(small):
     (small / "up.csv").write_bytes(HEADER.encode() + b"0,0,2,0,1\n\xff\n")
     with pytest.raises(ConfigError) as caught:
         load_configuration(small)
-    assert str(caught.value) == f"{small}/up.csv:3: is not UTF-8; must be saved as UTF-8 text"
+    assert str(caught.value) == f"{small}/up.csv:4: is not UTF-8; must be saved as UTF-8 text"
 
 
 def test_a_spreadsheets_byte_order_mark_and_line_ends_are_taken(small):
-    (small / "up.csv").write_bytes(b"\xef\xbb\xbfx,y,z,yaw_deg,holdtime\r\n0,0,2,90,1\r\n")
+    (small / "up.csv").write_bytes(b"\xef\xbb\xbf# frame: east_north\r\nx,y,z,yaw_deg,holdtime\r\n0,0,2,90,1\r\n")
     (waypoint,) = load_configuration(small).plans[0].trajectories[0].waypoints
-    assert (waypoint.z_m, round(waypoint.yaw_rad, 6), waypoint.line) == (2.0, 1.570796, 2)
+    assert (waypoint.z_m, round(waypoint.yaw_rad, 6), waypoint.line) == (2.0, 1.570796, 3)
+
+
+ASKED = (
+    "write the line `# frame: east_north` above the columns where x and y are metres east and north of the takeoff, or "
+    "`# frame: start_heading` where they are metres ahead and left of the heading at the takeoff (the files of the CNS "
+    "Flight Stack are); or give its mission the key frame"
+)
+OF_CNS = "x,y,z,yaw,holdtime\n0,0,2,0,1\n3,0,2,5,1\n"
+
+
+def test_a_file_of_the_cns_flight_stack_is_asked_about_and_never_flown_as_ours(mistake):
+    assert mistake("up.csv", OF_CNS) == f"up.csv:1: the header does not say in which frame x and y are; {ASKED}"
+
+
+def test_a_mission_may_say_what_its_files_do_not(small, small_file):
+    keys = "    frame: start_heading\n    yaw_unit: deg\n"
+    (small / "missions.yaml").write_text(small_file("missions.yaml") + keys)
+    (small / "up.csv").write_text(OF_CNS)
+    (trajectory,) = load_configuration(small).plans[0].trajectories
+    assert (trajectory.frame, trajectory.waypoints[1]) == (
+        Frame.START_HEADING,
+        Waypoint(3.0, 0.0, 2.0, math.radians(5.0), 1.0, 3),
+    )
+
+
+def test_two_missions_may_each_say_it_of_the_same_file(small, small_file):
+    one = small_file("missions.yaml") + "    frame: start_heading\n    yaw_unit: deg\n"
+    other = '  "2":\n    description: Otherwise\n    files: [up.csv]\n    frame: east_north\n    yaw_unit: rad\n'
+    (small / "missions.yaml").write_text(one + other)
+    (small / "up.csv").write_text(OF_CNS)
+    frames = [(plan.frame, plan.trajectories[0].waypoints[1].yaw_rad) for plan in load_configuration(small).plans]
+    assert frames == [(Frame.START_HEADING, math.radians(5.0)), (Frame.EAST_NORTH, 5.0)]
+
+
+@pytest.mark.parametrize(
+    "key", ["fence_m: [[-5, -5], [5, -5], [5, 5]]", "home: {latitude_deg: 47.0, longitude_deg: 8.0}"]
+)
+def test_what_needs_a_direction_is_refused_beside_files_that_have_none(mistake, small_file, small, key):
+    (small / "up.csv").write_text("# frame: start_heading\nx,y,z,yaw_deg,holdtime\n0,0,2,0,1\n")
+    name = key.split(":")[0]
+    assert mistake("missions.yaml", small_file("missions.yaml") + f"    {key}\n") == (
+        f"missions.yaml:5: missions.1.{name}: is given; must be left out with the frame start_heading: where its "
+        "waypoints lie is known at the takeoff alone"
+    )
+
+
+def test_the_files_of_a_mission_are_in_one_frame(mistake, small_file, small):
+    (small / "ahead.csv").write_text("# frame: start_heading\nx,y,z,yaw_deg,holdtime\n0,0,2,0,1\n")
+    text = small_file("missions.yaml").replace("[up.csv]", "[ahead.csv, up.csv]")
+    assert mistake("missions.yaml", text) == (
+        "missions.yaml:4: missions.1.files.1: up.csv is not in metres from the heading at its takeoff; must be in the "
+        "frame of the mission's other files: ahead.csv is start_heading"
+    )
+
+
+def test_files_that_count_from_their_own_takeoffs_stay_within_the_distance_limit_whichever_way_they_head(
+    mistake, small_file, small
+):
+    (small / "missions.yaml").write_text(small_file("missions.yaml") + "    repetitions: 12\n")
+    text = "# frame: start_heading\nx,y,z,yaw_deg,holdtime\n0,0,2,0,1\n9,0,2,0,1\n"
+    assert mistake("up.csv", text) == (
+        "up.csv:4: x,y: can be 108 m from the first takeoff, after the flights before it; "
+        "must be below the distance limit 100, in metres"
+    )

@@ -19,10 +19,10 @@ from amaze_autonomy.missions import (
     parse_file,
 )
 
-HEADER = "latitude,longitude,relative_altitude,yaw,holdtime\n"
+HEADER = "latitude,longitude,relative_altitude,yaw_rad,holdtime\n"
 COLUMNS = (
-    "must be the columns latitude,longitude,relative_altitude,yaw,holdtime, separated by commas (degrees, metres above "
-    "the takeoff, yaw in radians, or yaw_deg in degrees)"
+    "must be the columns latitude,longitude,relative_altitude,yaw_deg,holdtime, separated by commas (degrees, metres "
+    "above the takeoff; or yaw_rad, in radians)"
 )
 HOME = Home(47.0, 8.0)
 
@@ -33,8 +33,8 @@ def test_a_file_in_latitude_and_longitude_is_read_with_its_lines():
 
 
 def test_the_header_says_of_which_kind_a_file_is():
-    assert isinstance(parse_file("x,y,z,yaw\n0,0,1,0\n", "a.csv"), Trajectory)
-    assert isinstance(parse_file("yaw,longitude,latitude,relative_altitude\n0,8,47,1\n", "a.csv"), Route)
+    assert isinstance(parse_file("# frame: east_north\nx,y,z,yaw_deg\n0,0,1,0\n", "a.csv"), Trajectory)
+    assert isinstance(parse_file("yaw_deg,longitude,latitude,relative_altitude\n0,8,47,1\n", "a.csv"), Route)
 
 
 def test_around_its_home_a_route_is_in_metres_and_keeps_its_places():
@@ -79,3 +79,13 @@ def test_any_text_is_a_route_or_one_mistake(text):
         assert parse_file(HEADER + text, "a.csv").points
     except WaypointError as error:
         assert error.right  # noqa: PT017 (either is good)
+
+
+def test_latitude_and_longitude_are_a_frame_and_the_unit_of_the_yaw_is_asked_for():
+    with pytest.raises(WaypointError) as caught:
+        parse_file("# frame: east_north\n" + HEADER + "47,8,5,0,1\n", "a.csv")
+    assert str(caught.value) == "a.csv:2: frame: is east_north; must be left out: latitude and longitude are a frame"
+    with pytest.raises(
+        WaypointError, match=r"^a\.csv:1: yaw: the header does not say its unit; call the column yaw_deg "
+    ):
+        parse_file("latitude,longitude,relative_altitude,yaw\n47,8,5,0\n", "a.csv")

@@ -13,7 +13,7 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.events import AutopilotStatus, MissionStatus, RecordingStatus
 from amaze_autonomy.engine.severity import Severity
-from amaze_autonomy.missions import Waypoint
+from amaze_autonomy.missions import Trajectory, Waypoint
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
 from amaze_autonomy.simulation import Settings, World, parse_scenario
 from amaze_autonomy.simulation.power import PowerSettings
@@ -34,7 +34,7 @@ def small_settings(**changes):
     """Return the settings of a world with three components, one mission and a battery of four cells."""
     given = {
         "components": COMPONENTS,
-        "waypoints": {"1": (SQUARE, SQUARE[:1])},
+        "trajectories": {"1": (Trajectory("square.csv", SQUARE), Trajectory("short.csv", SQUARE[:1]))},
         "power": PowerSettings(cells=6),
         **changes,
     }

@@ -1,10 +1,13 @@
 """The simulated mission planner, seen through its services and its status."""
 
+from math import pi
+
 import pytest
-from simulation_tools import Driver, S, changes
+from simulation_tools import Driver, S, changes, small_settings
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, Outcome
+from amaze_autonomy.missions import Frame, Trajectory, Waypoint
 
 PHASE = MissionPhase
 
@@ -48,6 +51,15 @@ def test_refuses_a_mission_or_a_file_that_it_does_not_have(driver):
         assert reason in reply.message
     driver.go_on(1.0)
     assert driver.planner.phase is PHASE.IDLE
+
+
+def test_flies_a_file_from_the_start_s_heading_as_the_vehicle_stands():
+    ahead = Trajectory("ahead.csv", (Waypoint(3.0, 0.0, 2.0, 0.0, 0.0),), frame=Frame.START_HEADING)
+    driver = Driver(settings=small_settings(trajectories={"1": (ahead,)}))
+    driver.vehicle.yaw_rad = pi / 2
+    driver.load()
+    (waypoint,) = driver.vehicle.waypoints
+    assert (waypoint.x_m, waypoint.y_m, waypoint.yaw_rad) == pytest.approx((0.0, 3.0, pi / 2))
 
 
 def test_flies_the_file_lands_by_itself_and_says_so(driver):

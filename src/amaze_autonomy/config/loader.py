@@ -132,7 +132,7 @@ def _configuration(
     plans = plans_of(folder, missions, files, rules.limits, names, places["missions"])
     autopilot = autopilot_of(values["autopilot"], places["autopilot"])
     by_setpoints = any(plan.controller is Controller.OFFBOARD for plan in plans)
-    effective = {**values, "trajectories": {name: digest for name, (_, digest) in files.items()}}
+    effective = {**values, "trajectories": {name: digest for (name, _), (_, digest) in files.items()}}
     return Configuration(
         folder=folder,
         rules=rules,

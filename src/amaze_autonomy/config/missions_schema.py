@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Tuple
 
-from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
+from amaze_autonomy.missions import Bounds, Controller, FlightModel, Frame, PlannerSpec, YawUnit
 
 from .binding import Row, group_of
 from .kinds import Choice, ListOf, Number, Text, Whole
@@ -100,6 +100,20 @@ _MISSION = Group(
             "files",
             ListOf(_FILE, "waypoint files", 1, example="[trajectories/square.csv]"),
             "CSV in metres, CSV in latitude and longitude, or .plan of QGroundControl; flown one after the other, with a touchdown in between",
+        ),
+        Key(
+            "frame",
+            Choice(tuple(each.value for each in Frame)),
+            "of files in metres that do not say it themselves: x east and y north of the first takeoff, or x ahead and y left of the heading at each file's takeoff; left out: every file says it",
+            "a file in the wrong frame is flown in another direction",
+            None,
+        ),
+        Key(
+            "yaw_unit",
+            Choice(tuple(each.value for each in YawUnit)),
+            "of files that do not say it themselves; left out: every file says it",
+            "5 degrees are not 5 rad",
+            None,
         ),
         Key("repetitions", Whole(1, 1000), "how often all files are flown", "with a touchdown in between", 1),
         Key(

@@ -14,12 +14,15 @@ from amaze_autonomy.missions import (
     Controller,
     Fence,
     FlightModel,
+    Frame,
     Home,
     MissionPlan,
     Polygon,
     Route,
+    Said,
     Trajectory,
     WaypointError,
+    YawUnit,
     battery_needed_fraction,
     check_files,
     estimate_rounds,
@@ -51,13 +54,24 @@ def read_files(folder: Path, missions: Mapping[str, Any], places: Places) -> Fil
     files: Files = {}
     for mission_id, mission in missions["missions"].items():
         for position, name in enumerate(mission["files"]):
-            if name not in files:
+            key = (name, _said_of(mission))
+            if key not in files:
                 here = ("missions", mission_id, "files", str(position))
-                files[name] = _read(folder, name, here, places)
+                files[key] = _read(folder, name, key[1], here, places)
     return files
 
 
-def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[File, str]:
+def _said_of(mission: Mapping[str, Any]) -> Said:
+    """Return what a mission says of its files."""
+    frame, unit = mission["frame"], mission["yaw_unit"]
+    return Said(None if frame is None else Frame(frame), None if unit is None else YawUnit(unit))
+
+
+def _files_of(mission: Mapping[str, Any], files: Files) -> List[File]:
+    return [files[name, _said_of(mission)][0] for name in mission["files"]]
+
+
+def _read(folder: Path, name: str, said: Said, here: Address, places: Places) -> Tuple[File, str]:
     place, path = place_of(here, places), folder / name
     inside = folder.resolve()
     try:
@@ -77,7 +91,7 @@ def _read(folder: Path, name: str, here: Address, places: Places) -> Tuple[File,
         line = content.count(b"\n", 0, error.start) + 1
         raise ConfigError(Place(str(path), line), "", "is not UTF-8", "must be saved as UTF-8 text") from None
     try:
-        return parse_file(text, name), hashlib.sha256(content).hexdigest()
+        return parse_file(text, name, said), hashlib.sha256(content).hexdigest()
     except WaypointError as error:
         raise _config_error(error, folder) from None
 
@@ -178,14 +192,14 @@ def _check_flight_time(
 
 
 File = Union[Trajectory, Route]
-Files = Dict[str, Tuple[File, str]]
+Files = Dict[Tuple[str, Said], Tuple[File, str]]  # by name, and by what the mission says of it
 
 
 def home_of(values: Mapping[str, Any], files: Files) -> Optional[Home]:
     """Return the home of a mission: its own, else that of its first plan that has one."""
     if values["home"] is not None:
         return Home(values["home"]["latitude_deg"], values["home"]["longitude_deg"])
-    homes = (file.home for file, _ in (files[name] for name in values["files"]) if isinstance(file, Route))
+    homes = (file.home for file in _files_of(values, files) if isinstance(file, Route))
     return next((home for home in homes if home is not None), None)
 
 
@@ -198,8 +212,8 @@ def trajectories_of(
         ConfigError: a file in latitude and longitude has no home, or is to be flown without a position on the earth.
     """
     found: List[Trajectory] = []
-    for position, name in enumerate(values["files"]):
-        file, at = files[name][0], (*here, "files", str(position))
+    for position, (name, file) in enumerate(zip(values["files"], _files_of(values, files))):
+        at = (*here, "files", str(position))
         if isinstance(file, Trajectory):
             found.append(file)
             continue
@@ -210,7 +224,28 @@ def trajectories_of(
             right = "must have a home in its mission: the latitude_deg and longitude_deg of the first takeoff"
             refuse_at(at, places, f"{name} is in latitude and longitude", right)
         found.append(localize(file, home))
+    _check_frames(values, found, here, places)
     return tuple(found)
+
+
+def _check_frames(values: Mapping[str, Any], found: List[Trajectory], here: Address, places: Places) -> None:
+    """Check that a mission from the start's heading asks for nothing that needs a direction or a place on the earth."""
+    ahead = [each.frame is Frame.START_HEADING for each in found]
+    if not any(ahead):
+        return
+    if not all(ahead):
+        position = ahead.index(False)
+        at = (*here, "files", str(position))
+        right = (
+            f"must be in the frame of the mission's other files: {values['files'][ahead.index(True)]} is start_heading"
+        )
+        refuse_at(at, places, f"{values['files'][position]} is not in metres from the heading at its takeoff", right)
+    for key in ("fence_m", "home"):
+        if values[key]:
+            right = (
+                "must be left out with the frame start_heading: where its waypoints lie is known at the takeoff alone"
+            )
+            refuse_at((*here, key), places, "is given", right)
 
 
 def fences_of(
@@ -233,5 +268,5 @@ def fences_of(
         wrong, right = problem.split("; ")
         refuse_at(at, places, wrong, right)
     own = (Fence((Polygon(corners),)),) if corners else ()
-    routes = [file for file, _ in (files[name] for name in values["files"]) if isinstance(file, Route)]
+    routes = [file for file in _files_of(values, files) if isinstance(file, Route)]
     return (*own, *(localize_fence(route, home) for route in routes if home is not None and route.fence))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .csv_table import Frame, Said, YawUnit
 from .errors import WaypointError
 from .fence import Circle, Fence, Polygon, check_fence, polygon_problem
 from .files import SUFFIXES, parse_file
@@ -31,6 +32,7 @@ __all__ = [
     "Fence",
     "FlightEstimate",
     "FlightModel",
+    "Frame",
     "Home",
     "MissionPlan",
     "Place",
@@ -39,9 +41,11 @@ __all__ = [
     "Round",
     "Route",
     "RoutePoint",
+    "Said",
     "Trajectory",
     "Waypoint",
     "WaypointError",
+    "YawUnit",
     "battery_needed_fraction",
     "check_fence",
     "check_files",

@@ -1,23 +1,67 @@
-"""Rows of finite numbers below a header, separated by commas: every mistake with its line and column."""
+"""Rows of finite numbers below a header, separated by commas: every mistake with its line and column.
+
+What the columns alone do not say stands in lines above them, or in the mission that names the file; what neither says
+is asked for, never guessed:
+
+    # frame: start_heading
+    # yaw_unit: deg
+"""
 
 from __future__ import annotations
 
+import enum
 import math
 import re
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, NamedTuple, Sequence, Tuple
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Type, TypeVar
 
 from .errors import WaypointError
 
-__all__ = ["YAW_COLUMNS", "Layout", "Line", "Row", "lines_of", "read_table", "yaw_of"]
+__all__ = [
+    "YAW_COLUMNS",
+    "Frame",
+    "Layout",
+    "Line",
+    "Row",
+    "Said",
+    "YawUnit",
+    "frame_of",
+    "lines_of",
+    "read_table",
+    "said_in",
+    "yaw_of",
+    "yaw_unit_of",
+]
+
+E = TypeVar("E", bound=enum.Enum)
+
+
+class Frame(enum.Enum):
+    """What the metres of a file are measured along."""
+
+    EAST_NORTH = "east_north"  # x east, y north of the mission's first takeoff, yaw from east
+    START_HEADING = "start_heading"  # x ahead, y left of where the vehicle takes off with this file, yaw from ahead
+
+
+class YawUnit(enum.Enum):
+    """The unit of a yaw."""
+
+    RAD = "rad"
+    DEG = "deg"
+
+
+class Said(NamedTuple):
+    """What is said of a file, in it or in its mission; None: nothing."""
+
+    frame: Optional[Frame] = None
+    yaw_unit: Optional[YawUnit] = None
+
 
 _NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
-YAW_COLUMNS: Mapping[str, float] = {
-    "yaw": 2 * math.pi,
-    "yaw_rad": 2 * math.pi,
-    "yaw_deg": 360.0,
-}
-"""Columns for the yaw, and one turn in the unit of each."""
+_SAID = re.compile(r"#+\s*(frame|yaw_unit)\s*:\s*(.*)", re.IGNORECASE)
+YAW_COLUMNS: Mapping[str, Optional[YawUnit]] = {"yaw": None, "yaw_rad": YawUnit.RAD, "yaw_deg": YawUnit.DEG}
+"""Columns for the yaw, and the unit that each says; None: it says none."""
+_TURNS: Mapping[YawUnit, float] = {YawUnit.RAD: 2 * math.pi, YawUnit.DEG: 360.0}
 
 Line = Tuple[int, str]
 
@@ -96,17 +140,89 @@ def _number(file: str, number: int, column: str, cell: str) -> float:
     return float(cell) + 0.0
 
 
-def yaw_of(file: str, row: Row) -> float:
-    """Return the yaw of a row, in radians counter-clockwise from east.
+# --- frame and unit ---------------------------------------------------------------------------------------------------
+
+
+def said_in(file: str, text: str) -> Said:
+    """Return what the comments of a file say of it.
+
+    Raises:
+        WaypointError: one of them says what cannot be, or says it twice.
+    """
+    found: Dict[str, Tuple[int, str]] = {}
+    for number, line in enumerate(text.lstrip("\ufeff").replace("\r\n", "\n").split("\n"), start=1):
+        match = _SAID.fullmatch(line.strip())
+        if match is None:
+            continue
+        key = match[1].lower()
+        if key in found:
+            raise WaypointError(file, number, key, "is said twice", f"must stand in one line; see line {found[key][0]}")
+        found[key] = (number, match[2].strip())
+    return Said(_member(file, "frame", Frame, found), _member(file, "yaw_unit", YawUnit, found))
+
+
+def _member(file: str, key: str, kind: Type[E], found: Mapping[str, Tuple[int, str]]) -> Optional[E]:
+    if key not in found:
+        return None
+    number, value = found[key]
+    words = [each.value for each in kind]
+    if value not in words:
+        raise WaypointError(file, number, key, f"is {value[:40]!r}", f"must be {' or '.join(words)}")
+    return kind(value)
+
+
+def frame_of(file: str, header: int, said: Said, mission: Said) -> Frame:
+    """Return the frame of a file in metres; `header` is the line of its columns.
+
+    Raises:
+        WaypointError: neither the file nor its mission says it, or they do not agree.
+    """
+    frame = _agreed(file, header, "frame", said.frame, mission.frame)
+    if frame is None:
+        right = (
+            "write the line `# frame: east_north` above the columns where x and y are metres east and north of the "
+            "takeoff, or `# frame: start_heading` where they are metres ahead and left of the heading at the takeoff "
+            "(the files of the CNS Flight Stack are); or give its mission the key frame"
+        )
+        raise WaypointError(file, header, "", "the header does not say in which frame x and y are", right)
+    return frame
+
+
+def yaw_unit_of(file: str, header: int, column: str, said: Said, mission: Said) -> YawUnit:
+    """Return the unit of the yaw in a column; `header` is the line of the columns.
+
+    Raises:
+        WaypointError: neither column, file nor mission says it, or they do not agree.
+    """
+    unit = _agreed(file, header, "yaw_unit", said.yaw_unit, mission.yaw_unit)
+    unit = _agreed(file, header, "yaw_unit", YAW_COLUMNS[column], unit)
+    if unit is None:
+        right = (
+            "call the column yaw_deg or yaw_rad, or write the line `# yaw_unit: deg` or `# yaw_unit: rad` above the "
+            "columns, or give its mission the key yaw_unit"
+        )
+        raise WaypointError(file, header, column, "the header does not say its unit", right)
+    return unit
+
+
+def _agreed(file: str, header: int, key: str, one: Optional[E], other: Optional[E]) -> Optional[E]:
+    if one is not None and other is not None and one is not other:
+        wrong = f"the file says {one.value}, and beside it {other.value} is said"
+        raise WaypointError(file, header, key, wrong, "must be said once, or be the same in file, column and mission")
+    return other if one is None else one
+
+
+def yaw_of(file: str, row: Row, unit: YawUnit) -> float:
+    """Return the yaw of a row, in radians counter-clockwise from the x axis.
 
     Raises:
         WaypointError: it is more than a turn.
     """
     column = next(column for column in YAW_COLUMNS if column in row.values)
-    value, turn = row.values[column], YAW_COLUMNS[column]
+    value, turn = row.values[column], _TURNS[unit]
     if abs(value) > turn + 1e-9:
         right = "must be within a turn, 360 degrees"
-        if column != "yaw_deg":
-            right = f"must be within a turn, {turn:.4f} rad; are these degrees? Then call the column yaw_deg"
+        if unit is YawUnit.RAD:
+            right = f"must be within a turn, {turn:.4f} rad; are these degrees? Then say so: yaw_deg"
         raise WaypointError(file, row.line, column, f"is {value:g}", right)
-    return math.radians(value) if column == "yaw_deg" else value
+    return math.radians(value) if unit is YawUnit.DEG else value

@@ -9,6 +9,8 @@ from typing import Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.mission import Mission
 
+from .csv_table import Frame
+from .errors import WaypointError
 from .fence import Fence, check_fence
 from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, estimate_flight
 from .geodesy import Home
@@ -108,12 +110,20 @@ class MissionPlan:
         return (self.again if repetition else self.first).flights[file_index]
 
     @property
+    def frame(self) -> Frame:
+        """Return the frame of all its waypoints."""
+        return self.trajectories[0].frame
+
+    @property
     def total(self) -> FlightEstimate:
         """Return length and duration of the whole mission."""
         return total(self.first, self.again, self.mission.repetitions)
 
 
 def _ends(trajectories: Tuple[Trajectory, ...]) -> Tuple[Tuple[float, float], ...]:
+    """Return where each file lands in the frame of the next: at its origin, where that counts from its own takeoff."""
+    if trajectories[0].frame is Frame.START_HEADING:
+        return (_HOME,) * len(trajectories)
     return tuple((each.waypoints[-1].x_m, each.waypoints[-1].y_m) for each in trajectories)
 
 
@@ -137,6 +147,22 @@ def check_files(
     for trajectory, start in flights:
         check_trajectory(trajectory, start, takeoff_height_m, bounds, limits)
         check_fence(trajectory, start, fences)
+    if trajectories[0].frame is Frame.START_HEADING:
+        _check_reach(trajectories, repetitions, limits[1])
+
+
+def _check_reach(trajectories: Tuple[Trajectory, ...], repetitions: int, limit_m: float) -> None:
+    """Check that files that count from their own takeoffs stay near the first one, whichever way each of them heads."""
+    moved = [math.hypot(each.waypoints[-1].x_m, each.waypoints[-1].y_m) for each in trajectories]
+    away = math.fsum(moved) * (repetitions - 1)
+    for trajectory, further in zip(trajectories, moved):
+        for waypoint in trajectory.waypoints:
+            way = away + math.hypot(waypoint.x_m, waypoint.y_m)
+            if not way < limit_m:
+                wrong = f"can be {way:.6g} m from the first takeoff, after the flights before it"
+                right = f"must be below the distance limit {limit_m:g}, in metres"
+                raise WaypointError(trajectory.file, waypoint.line, trajectory.names.place, wrong, right)
+        away += further
 
 
 def estimate_rounds(

@@ -1,7 +1,7 @@
 """Waypoint files whose places are on the earth, and how they become local ones.
 
-    latitude,longitude,relative_altitude,yaw,holdtime      degrees, metres above the takeoff position,
-    47.3977418,8.5455939,5.0,0.0,1.0                       yaw and seconds as in `waypoints.py`
+    latitude,longitude,relative_altitude,yaw_deg,holdtime  degrees, metres above the takeoff position,
+    47.3977418,8.5455939,5.0,0.0,1.0                       yaw from east and seconds as in `waypoints.py`
 
 A route is what such a file or a plan (`plan_file.py`) says. It can be checked and flown once its home is known: the
 place of the mission's first takeoff.
@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
-from .csv_table import Layout, Line, Row, lines_of, read_table, yaw_of
+from .csv_table import YAW_COLUMNS, Layout, Line, Row, Said, YawUnit, lines_of, read_table, said_in, yaw_of, yaw_unit_of
 from .errors import WaypointError
 from .fence import Circle, Fence, Point, Polygon, polygon_problem
 from .geodesy import Home, Place
@@ -26,8 +26,8 @@ _NAMES = Names("latitude,longitude", "relative_altitude", "latitude,longitude,re
 _LAYOUT = Layout(
     GLOBAL_COLUMNS,
     ("holdtime",),
-    "must be the columns latitude,longitude,relative_altitude,yaw,holdtime, separated by commas (degrees, metres above "
-    "the takeoff, yaw in radians, or yaw_deg in degrees)",
+    "must be the columns latitude,longitude,relative_altitude,yaw_deg,holdtime, separated by commas (degrees, metres "
+    "above the takeoff; or yaw_rad, in radians)",
 )
 _REACH = {"latitude": 90.0, "longitude": 180.0}
 _STILL_M = 0.1
@@ -86,24 +86,31 @@ def is_global(lines: Sequence[Line]) -> bool:
     return any(column in GLOBAL_COLUMNS[:3] for column in header)
 
 
-def parse_route(text: str, file: str) -> Route:
-    """Read a whole waypoint file in latitude and longitude.
+def parse_route(text: str, file: str, mission: Said = Said()) -> Route:  # noqa: B008 - it cannot change
+    """Read a whole waypoint file in latitude and longitude; `mission` says the unit of its yaw, if nothing in it does.
 
     Raises:
         WaypointError: the first mistake in it, with line and column.
     """
-    _, rows = read_table(file, lines_of(text), _LAYOUT)
-    return Route(file, tuple(_point(file, row) for row in rows))
+    lines = lines_of(text)
+    columns, rows = read_table(file, lines, _LAYOUT)
+    said, header = said_in(file, text), lines[0][0]
+    if said.frame is not None:
+        right = "must be left out: latitude and longitude are a frame"
+        raise WaypointError(file, header, "frame", f"is {said.frame.value}", right)
+    column = next(column for column in columns if column in YAW_COLUMNS)
+    unit = yaw_unit_of(file, header, column, said, mission)
+    return Route(file, tuple(_point(file, row, unit) for row in rows))
 
 
-def _point(file: str, row: Row) -> RoutePoint:
+def _point(file: str, row: Row, unit: YawUnit) -> RoutePoint:
     for column, reach in _REACH.items():
         if abs(row.values[column]) > reach:
             right = f"must be within {reach:g} degrees"
             raise WaypointError(file, row.line, column, f"is {row.values[column]:g}", right)
     place = Place(row.values["latitude"], row.values["longitude"])
     hold_s = row.values.get("holdtime", 0.0)
-    return RoutePoint(place, row.values["relative_altitude"], yaw_of(file, row), hold_s, row.line)
+    return RoutePoint(place, row.values["relative_altitude"], yaw_of(file, row, unit), hold_s, row.line)
 
 
 def localize(route: Route, home: Home) -> Trajectory:

@@ -1,19 +1,23 @@
 """Waypoint files: comma-separated, a header, then one waypoint per line.
 
-    x,y,z,yaw,holdtime          metres east and north of the takeoff position, metres above it,
-    2.0,0.0,1.5,0.0,1.0         yaw in radians counter-clockwise from east, seconds to hold there
+    # frame: east_north         metres east and north of the mission's first takeoff; or start_heading, below
+    x,y,z,yaw_deg,holdtime      metres above it, yaw counter-clockwise from the x axis in degrees (yaw_rad: in radians),
+    2.0,0.0,1.5,0.0,1.0         seconds to hold there
 
-The header chooses the unit of the yaw: `yaw` or `yaw_rad` is in radians, `yaw_deg` in degrees. The columns may stand in
-any order; `holdtime` may be left out and is then 0. Empty lines and lines that begin with # are not looked at. Files in
-latitude and longitude: `routes.py`.
+With `# frame: start_heading` x is ahead of and y left of the vehicle as it stands when it takes off with this file, and
+a yaw of 0 is the heading that it has then. A file that does not say its frame takes it from its mission; where neither
+does, and where a column is called `yaw` and nothing says its unit, the file is refused with what to write. The columns
+may stand in any order; `holdtime` may be left out and is then 0. Other lines that begin with #, and empty ones, are not
+looked at. Files in latitude and longitude: `routes.py`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Tuple
 
-from .csv_table import YAW_COLUMNS, Layout, lines_of, read_table, yaw_of
+from .csv_table import YAW_COLUMNS, Frame, Layout, Said, frame_of, lines_of, read_table, said_in, yaw_of, yaw_unit_of
 from .geodesy import Place
 
 __all__ = ["COLUMNS", "Names", "Trajectory", "Waypoint", "parse_trajectory"]
@@ -22,7 +26,7 @@ COLUMNS = ("x", "y", "z", "yaw", "holdtime")
 _LAYOUT = Layout(
     COLUMNS,
     ("holdtime",),
-    "must be the columns x,y,z,yaw,holdtime, separated by commas (yaw in radians, or yaw_deg in degrees)",
+    "must be the columns x,y,z,yaw_deg,holdtime, separated by commas (or yaw_rad, in radians)",
 )
 
 
@@ -40,13 +44,13 @@ LOCAL_NAMES = Names()
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A place to fly to, relative to the position of the mission's first takeoff (REP-103: x east, y north, z up).
+    """A place to fly to in the frame of its trajectory (REP-103: x east, y north, z up; or x ahead, y left, z up).
 
     Args:
-        x_m: east.
-        y_m: north.
+        x_m: east, or ahead.
+        y_m: north, or left.
         z_m: up.
-        yaw_rad: counter-clockwise from east.
+        yaw_rad: counter-clockwise from x.
         hold_s: how long to stay.
         line: of the file it was read from, for errors.
     """
@@ -69,6 +73,7 @@ class Trajectory:
         yaw_column: name of its yaw column, for errors.
         names: of its other columns.
         places: of the waypoints on the earth, as the file says them; empty when the file is in local metres.
+        frame: of the waypoints.
     """
 
     file: str
@@ -76,24 +81,46 @@ class Trajectory:
     yaw_column: str = "yaw"
     names: Names = LOCAL_NAMES
     places: Tuple[Place, ...] = ()
+    frame: Frame = Frame.EAST_NORTH
+
+    def from_start(self, heading_rad: float, x_m: float = 0.0, y_m: float = 0.0) -> Trajectory:
+        """Return it in metres east and north, for a takeoff at x, y with a heading counter-clockwise from east."""
+        if self.frame is Frame.EAST_NORTH:
+            return self
+        cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+        turned = tuple(
+            replace(
+                each,
+                x_m=x_m + cosine * each.x_m - sine * each.y_m,
+                y_m=y_m + sine * each.x_m + cosine * each.y_m,
+                yaw_rad=math.remainder(each.yaw_rad + heading_rad, 2 * math.pi),
+            )
+            for each in self.waypoints
+        )
+        return replace(self, waypoints=turned, frame=Frame.EAST_NORTH)
 
 
-def parse_trajectory(text: str, file: str) -> Trajectory:
-    """Read a whole waypoint file in local metres.
+def parse_trajectory(text: str, file: str, mission: Said = Said()) -> Trajectory:  # noqa: B008 - it cannot change
+    """Read a whole waypoint file in local metres; `mission` is what its mission says of files that do not say it.
 
     Raises:
         WaypointError: the first mistake in it, with line and column.
     """
-    columns, rows = read_table(file, lines_of(text), _LAYOUT)
+    lines = lines_of(text)
+    columns, rows = read_table(file, lines, _LAYOUT)
+    said, header = said_in(file, text), lines[0][0]
+    column = next(column for column in columns if column in YAW_COLUMNS)
+    frame = frame_of(file, header, said, mission)
+    unit = yaw_unit_of(file, header, column, said, mission)
     waypoints = tuple(
         Waypoint(
             row.values["x"],
             row.values["y"],
             row.values["z"],
-            yaw_of(file, row),
+            yaw_of(file, row, unit),
             row.values.get("holdtime", 0.0),
             row.line,
         )
         for row in rows
     )
-    return Trajectory(file, waypoints, next(column for column in columns if column in YAW_COLUMNS))
+    return Trajectory(file, waypoints, column, frame=frame)

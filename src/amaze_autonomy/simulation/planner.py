@@ -50,12 +50,13 @@ class Planner(Peer):
 
     def _load(self, command: LoadMission) -> str:
         vehicle = self.site.vehicle
-        files = self.site.settings.waypoints.get(command.mission_id)
+        files = self.site.settings.trajectories.get(command.mission_id)
         if files is None:
             return f"there is no mission {command.mission_id!r}"
         if not 0 <= command.file_index < len(files):
             return f"mission {command.mission_id} has {len(files)} waypoint files, there is no {command.file_index + 1}"
-        problem = vehicle.upload(files[command.file_index])
+        x, y, _ = vehicle.position_m
+        problem = vehicle.upload(files[command.file_index].from_start(vehicle.yaw_rad, x, y).waypoints)
         if problem:
             return problem
         self._session, self._mission = command.session_id, command.mission_id

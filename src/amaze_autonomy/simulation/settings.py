@@ -8,7 +8,7 @@ from typing import Dict, Mapping, Optional, Tuple, Union
 from amaze_autonomy.config.autonomy_schema import Streams
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.missions import Waypoint
+from amaze_autonomy.missions import Trajectory
 from amaze_autonomy.monitoring.preflight_specs import (
     BatterySpec,
     EstimateSource,
@@ -58,7 +58,7 @@ class Settings:
     Args:
         components: what is watched.
         missions: as the engine knows them.
-        waypoints: of each mission by id, one tuple for each of its files.
+        trajectories: of each mission by id, one for each of its files.
         landing: how the distance to the ground is measured.
         state_estimation: when states are valid.
         battery: when the battery is enough.
@@ -72,7 +72,7 @@ class Settings:
 
     components: Tuple[ComponentSpec, ...] = ()
     missions: Tuple[Mission, ...] = ()
-    waypoints: Mapping[str, Tuple[Tuple[Waypoint, ...], ...]] = field(default_factory=dict)
+    trajectories: Mapping[str, Tuple[Trajectory, ...]] = field(default_factory=dict)
     landing: LandingSpec = field(default_factory=LandingSpec)
     state_estimation: StateEstimationSpec = field(default_factory=StateEstimationSpec)
     battery: BatterySpec = field(default_factory=BatterySpec)
@@ -129,10 +129,7 @@ def settings_of(configuration: Union[Configuration, Settings]) -> Settings:
     return Settings(
         components=configuration.components,
         missions=configuration.missions,
-        waypoints={
-            plan.mission.id: tuple(trajectory.waypoints for trajectory in plan.trajectories)
-            for plan in configuration.plans
-        },
+        trajectories={plan.mission.id: plan.trajectories for plan in configuration.plans},
         landing=configuration.landing,
         state_estimation=configuration.state_estimation,
         battery=configuration.battery,

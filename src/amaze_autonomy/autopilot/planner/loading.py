@@ -1,6 +1,7 @@
 """From a request to load a file to the file on the vehicle, or to the reason why it is not.
 
-The origin of local waypoints is where the first file of a session takes off; later files of the session keep it.
+The origin of local waypoints is where the first file of a session takes off; later files of the session keep it. Files
+that count from their own takeoffs have another one each, and are turned by the heading that the vehicle has there.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import List, NamedTuple, Optional, Tuple
 
-from amaze_autonomy.missions import Controller, Home, MissionPlan, PlannerSpec, Trajectory
+from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, PlannerSpec, Trajectory
 
 from ..link.dialect import Message
 from .mission_items import mission_items
@@ -82,6 +83,7 @@ class Loading:
         self._plan, self._readiness, self._takeoff_height_m = plan, readiness, takeoff_height_m
         self._upload: Optional[MissionUpload] = None
         self._accepted = False
+        self._heading_rad = 0.0  # at the takeoff, for a file that counts from it
         self._reason = self._problem(t_ns)
         self.refused = bool(self._reason)
 
@@ -102,9 +104,9 @@ class Loading:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Return the file."""
+        """Return the file, east and north of the origin."""
         assert self._plan is not None  # noqa: S101 - a refused request has none, and nobody asks it
-        return self._plan.trajectories[self.request.file_index]
+        return self._plan.trajectories[self.request.file_index].from_start(self._heading_rad)
 
     @property
     def duration_s(self) -> float:
@@ -191,12 +193,22 @@ class Loading:
         assert plan is not None  # noqa: S101 - looked at before
         offboard = plan.controller is Controller.OFFBOARD
         problem = self._find_local(t_ns) if offboard else self._find_home(t_ns, plan)
+        problem = problem or self._find_heading(t_ns, plan)
         if problem or self.origin is not None:
             return problem
         return "the place of the session's first takeoff is not known"
 
-    def _first(self) -> bool:
-        return self.request.file_index == 0 and self.request.repetition == 0
+    def _find_heading(self, t_ns: int, plan: MissionPlan) -> str:
+        if plan.frame is not Frame.START_HEADING:
+            return ""
+        heading = self._readiness.watch.heading(t_ns, self._readiness.spec.vehicle_age_limit_ns)
+        self._heading_rad = heading or 0.0
+        return "" if heading is not None else "there is no fresh heading, and the waypoints count from it"
+
+    def _begins(self) -> bool:
+        """Return whether waypoints are measured from this takeoff: the session's first, or each."""
+        own = self._plan is not None and self._plan.frame is Frame.START_HEADING
+        return own or (self.request.file_index == 0 and self.request.repetition == 0)
 
     def _find_local(self, t_ns: int) -> str:
         pose = self._readiness.watch.local(t_ns, self._readiness.spec.pose_age_limit_ns)
@@ -204,7 +216,7 @@ class Loading:
             return "there is no fresh and valid local position"
         watch = self._readiness.watch
         boot_ns = None if watch.boot_ns is None else watch.boot_ns + self._readiness.wall_ns
-        if self._first():
+        if self._begins():
             self.origin = Origin(self.request.session_id, local=pose.position_m, boot_ns=boot_ns)
         elif self.origin is not None and _restarted(self.origin.boot_ns, boot_ns):
             return "the autopilot was started again since the session's first takeoff: its local frame is another one"
@@ -215,7 +227,7 @@ class Loading:
         place = self._readiness.watch.somewhere(t_ns, spec.vehicle_age_limit_ns)
         if place is None:
             return "there is no fresh and valid position on the earth"
-        if not self._first():
+        if not self._begins():
             return ""
         home = plan.home or Home(*place)
         away = math.hypot(*home.to_local(place))
