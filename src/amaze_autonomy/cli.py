@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 from . import paths
-from .command_line import run_command
+from .command_line import run_command, say_wrong
 
 __all__ = ["main"]
 
@@ -47,6 +47,11 @@ examples:
   amaze-autonomy missions
   amaze-autonomy missions ~/flight/config --json
 """
+_IMPORT_EXAMPLES = """\
+examples:
+  amaze-autonomy import-cns ~/cns/config --output ~/flight/config
+  amaze-autonomy check-config ~/flight/config
+"""
 _FOLDER = "folder of the configuration (default: the one that ships with the package)"
 
 
@@ -77,6 +82,13 @@ def _parser() -> argparse.ArgumentParser:
     missions.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
     _add_common(missions)
     missions.set_defaults(command=_missions)
+
+    words = "make a configuration of one of the CNS Flight Stack: missions, trajectories, watchdog files"
+    cns = commands.add_parser("import-cns", help=words, description=words, **_layout(_IMPORT_EXAMPLES))
+    cns.add_argument("folder", type=Path, metavar="FOLDER", help="with its files, at any depth")
+    words = "folder to write, new or empty (default: ./amaze_config)"
+    cns.add_argument("--output", type=Path, default=Path("amaze_config"), metavar="DIR", help=words)
+    cns.set_defaults(command=_import_cns)
 
     words = "write the generated parts of docs/, or check them"
     docs = commands.add_parser("docs", help=words, description=words, **_layout(_DOCS_EXAMPLES))
@@ -164,6 +176,26 @@ def _mission_row(plan: Any) -> Dict[str, Any]:
         "estimated_duration_s": round(mission.estimated_duration_s, 3),
         "battery_needed_fraction": round(mission.battery_needed_fraction, 4),
     }
+
+
+def _import_cns(options: argparse.Namespace) -> int:
+    """Write and check a configuration, with a report of what became of each line; kept beside it."""
+    from .cns.importer import ImportFolderError, import_folder  # noqa: PLC0415 (--help stays quick)
+    from .config import ConfigError, load_configuration  # noqa: PLC0415
+
+    try:
+        report = import_folder(options.folder, options.output).text()
+    except ImportFolderError as error:
+        return say_wrong("import-cns", str(error), WRONG)
+    (options.output / "import.txt").write_text(report + "\n", encoding="utf-8")
+    print(report)
+    try:
+        configuration = load_configuration(options.output)
+    except ConfigError as error:
+        return say_wrong("import-cns", f"written, and to be corrected: {error}", WRONG)
+    counts = f"{len(configuration.components)} components, {len(configuration.plans)} missions"
+    print(f"\n{options.output}: good: {counts}; read what was assumed: {options.output / 'import.txt'}")
+    return OK
 
 
 def _docs(options: argparse.Namespace) -> int:
