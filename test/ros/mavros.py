@@ -14,7 +14,7 @@ import rospy
 import rostest
 from at_once import at_once
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from mavros_definitions import install
+from mavros_definitions import MD5, install, made
 from one_node import OneNode, wait_for
 from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
@@ -92,7 +92,14 @@ class FakeMavros:
         return {
             "state": mavros.State(connected=True, armed=self.armed, mode=self.mode, system_status=3 + self.armed),
             "extended_state": mavros.ExtendedState(landed_state=self.landed),
-            "sys_status": mavros.SysStatus(None, HEALTHY, HEALTHY, HEALTHY | PREARM, 0, 15800, 100, 90),
+            "sys_status": mavros.SysStatus(
+                sensors_present=HEALTHY,
+                sensors_enabled=HEALTHY,
+                sensors_health=HEALTHY | PREARM,
+                voltage_battery=15800,
+                current_battery=100,
+                battery_remaining=90,
+            ),
             "battery": BatteryState(voltage=15.8, current=-1.0, percentage=0.9),
             "estimator_status": mavros.EstimatorStatus(**flags),
             "gpsstatus/gps1/raw": raw,
@@ -108,7 +115,7 @@ def says_all(said) -> bool:
     return bool(known) and said.vertical_speed > 0 and said.battery_fraction > 0  # not a number is neither
 
 
-@at_once(5)
+@at_once(6)
 class TestMavros(unittest.TestCase):
     def setUp(self):
         self.space, self.statuses = f"/{self._testMethodName[:24]}", []
@@ -155,6 +162,10 @@ class TestMavros(unittest.TestCase):
         self.wait(lambda said: said.gps == STATUS.SENSOR_FAILED, "a lost GPS")
         rows = {row.name: row.verdict for row in self.call("check", srv.CheckAutopilot).checks}
         self.assertEqual({rows[name] for name in ("autopilot link", "not armed", "pre-arm check", "RC receiver")}, {1})
+
+    def test_what_is_written_here_is_what_mavros_has(self):
+        written = {**made("msg"), **made("srv")}
+        self.assertEqual({name: written[name]._md5sum for name in MD5}, MD5)
 
     def test_an_autopilot_that_is_no_px4_is_said_to_be_none(self):
         self.wait(lambda said: said.mode == "AUTO.LOITER", "a vehicle")
