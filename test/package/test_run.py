@@ -25,7 +25,19 @@ def test_without_a_job_it_lists_them_all(tmp_path):
     assert listed == [
         *("build", "demo", "demo-two-computers", "console", "replay", "test", "test-py38"),
         *("test-proof", "test-ros", "test-sitl", "lint"),
-        *("proof", "mutate", "soak", "soak-cuts", "live", "sitl", "bench", "test-bare", "test-arm64", "clean"),
+        *(
+            "proof",
+            "mutate",
+            "soak",
+            "soak-cuts",
+            "live",
+            "sitl",
+            "sitl-mavsdk",
+            "bench",
+            "test-bare",
+            "test-arm64",
+            "clean",
+        ),
     ]
     assert (result.returncode, result.stderr) == (0, "")
 
