@@ -120,6 +120,11 @@ def test_a_flight_longer_than_the_limit_of_all_flights_is_refused(mistake, small
         ),
         (
             "folder: ~/recordings",
+            "folder: ~/recordings\ntolerated_topics: [/camera/imag]",
+            "2: tolerated_topics.0: /camera/imag is recorded by no group; did you mean /camera/image?",
+        ),
+        (
+            "folder: ~/recordings",
             "folder: ~/recordings\nstart_limit_s: 15",
             "2: start_limit_s: is 15; must be below recording.recording_start_limit_s of autonomy.yaml (15), "
             "or nobody hears why",

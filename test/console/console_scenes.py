@@ -286,6 +286,7 @@ SCENES: Dict[str, Desk] = {
             recording_progress=1.0,
             data_location="/data/20261121T101431-001.bag",
             result="COMPLETE",
+            data_result="COMPLETE",
         ),
         entry="2",
     ),
@@ -293,11 +294,12 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="MISSION_ENDED",
-            message="Mission ended: DATA_INCOMPLETE. The data is at main:/data/20261121T101431-001.",
+            message="Mission ended: COMPLETE; its data is INCOMPLETE. The data is at main:/data/20261121T101431-001.",
             message_level=2,
             recording_phase="FAILED",
             data_location="main:/data/20261121T101431-001",
-            result="DATA_INCOMPLETE",
+            result="COMPLETE",
+            data_result="INCOMPLETE",
         )
     ),
     "stale": replace(_desk(_HOLD, requests=(_HOLD_REQUEST,)), received_s=NOW_S - 7.4),

@@ -139,16 +139,20 @@ def test_an_engine_that_falls_silent_is_waited_for():
 
 
 @pytest.mark.parametrize(
-    "result, status", [("COMPLETE", 0), ("LANDED_EARLY", 3), ("PILOT", 3), ("NOT_FLOWN", 3), ("DATA_INCOMPLETE", 3)]
+    "result, data, status",
+    [("COMPLETE", "COMPLETE", 0), ("COMPLETE", "INCOMPLETE", 3), ("COMPLETE", "", 0)]
+    + [(result, "COMPLETE", 3) for result in ("LANDED_EARLY", "PILOT", "NOT_FLOWN")],
 )
-def test_once_ends_with_the_mission(result, status):
+def test_once_ends_with_the_mission(result, data, status):
     console = Console(once=True)
     for scene in ("mission-input", "preflight", "mission", "data-cleanup"):
         console.shows(scene)
         assert console.session.status is None
-    console.shows("mission-ended", result=result)
+    console.shows("mission-ended", result=result, data_result=data)
     assert console.session.status == status
-    assert console.session.farewell().startswith(f"Mission ended: {result}.")
+    assert console.session.farewell().startswith(
+        f"Mission ended: {result}, data INCOMPLETE." if data == "INCOMPLETE" else f"Mission ended: {result}."
+    )
 
 
 def test_once_does_not_end_with_the_mission_before():

@@ -45,12 +45,16 @@ def test_tones_of_the_states():
         ("LANDED_EARLY", Tone.WARN),
         ("PILOT", Tone.WARN),
         ("NOT_FLOWN", Tone.WARN),
-        ("DATA_INCOMPLETE", Tone.BAD),
         ("surprise", Tone.WARN),
     ],
 )
 def test_tones_of_the_results(result, tone):
     assert tone_of_state("MISSION_ENDED", result) is tone
+
+
+def test_incomplete_data_is_bad_however_the_mission_ended():
+    assert tone_of_state("MISSION_ENDED", "COMPLETE", "INCOMPLETE") is Tone.BAD
+    assert tone_of_state("MISSION_ENDED", "COMPLETE", "COMPLETE") is Tone.GOOD
 
 
 @pytest.mark.parametrize(

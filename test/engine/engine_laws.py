@@ -16,7 +16,7 @@ from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import Answer, Decision, Notify, Request, StopRecording
 from amaze_autonomy.engine.events import Landed, MissionPhase, Outcome, RecordingPhase, VehicleLanded
 from amaze_autonomy.engine.severity import Code
-from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.engine.state import DataResult, EngineState, State
 
 __all__ = ["watch"]
 
@@ -172,7 +172,7 @@ def _recording(before: EngineState, after: EngineState, commands: Tuple[Any, ...
         by_data = before.state in (State.DATA_CLEANUP, State.OUTREACH)
         assert same or by_data, "a session with a recording ends with its data"
     if before.state is State.OUTREACH and after.state is State.MISSION_ENDED and before.recording_asked:
-        assert stopped or after.result is Result.DATA_INCOMPLETE, "retried and complete, or given up"
+        assert stopped or after.data_result is DataResult.INCOMPLETE, "retried and complete, or given up"
 
 
 def _states(before: EngineState, after: EngineState) -> None:

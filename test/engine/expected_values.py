@@ -164,6 +164,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "acknowledged": ("user: 'acknowledge'",),
     "nothing_to_collect": ("recording: 'never started'",),
     "data_complete": ("recording: 'COMPLETE'", "location: '/data/test-001'"),
+    "data_lost": ("recording: 'COMPLETE'", "location: '/data/test-001'", "lost: 'second: 37.9 s'"),
     "data_incomplete": ("recorder: 'module2: no space left'",),
     "data_limit": ("data_cleanup_limit: 'passed'", "later by: 0.0 of 0.0 s"),
     "retry_data": ("user: 'retry'",),

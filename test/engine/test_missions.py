@@ -10,7 +10,7 @@ from engine_peers import MISSION, SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.commands import LoadMission, Notify, StopRecording
+from amaze_autonomy.engine.commands import Level, LoadMission, Notify, StopRecording
 from amaze_autonomy.engine.mission import Mission
 
 CHECKS = 5
@@ -239,6 +239,30 @@ def test_a_recorder_that_falls_silent_calls_for_a_person():
     story.after(5.3).expect("OUTREACH")
 
 
+def test_a_flight_is_complete_and_its_data_is_not_when_something_of_it_was_not_recorded():
+    story = at("DATA_CLEANUP")
+    story.recorder.says["lost"] = "second/cameras: 37.9 s, in which nothing was recorded (the storage was full)"
+    story.until("MISSION_ENDED")
+    assert (story.state.result.value, story.state.data_result.value) == ("LANDED_EARLY", "INCOMPLETE")
+    assert story.state.message_level is Level.ERROR
+    assert "its data is INCOMPLETE" in story.state.message
+    assert story.told[-1] == "mission_ended_incomplete"
+
+
+def test_what_is_said_to_be_lost_before_the_data_is_complete_decides_nothing():
+    story = at("DATA_CLEANUP")
+    story.recorder.phase, story.recorder.says["lost"] = ev.RecordingPhase.MERGING, "something"
+    story.report()
+    story.expect("DATA_CLEANUP")
+
+
+def test_the_data_of_the_last_mission_is_forgotten_with_it():
+    story = at("MISSION_ENDED")
+    assert story.state.data_result.value == "COMPLETE"
+    story.select()
+    assert story.state.data_result.value == ""
+
+
 def test_incomplete_data_retried_and_complete():
     story = at("OUTREACH data")
     assert "module2: no space left" in story.state.message
@@ -262,7 +286,7 @@ def test_a_retry_that_fails_again_calls_again():
     story.until("OUTREACH")
     story.user("give_up")
     story.expect("MISSION_ENDED")
-    assert story.state.result.value == "DATA_INCOMPLETE"
+    assert (story.state.result.value, story.state.data_result.value) == ("LANDED_EARLY", "INCOMPLETE"), "said apart"
 
 
 def test_a_retry_of_a_recorder_that_stays_failed_calls_again():

@@ -134,6 +134,12 @@ def recorder(phase: str, after_s: float = 0.0) -> Callable[[Story], object]:
     return happens
 
 
+def recorder_lost(story: Story) -> None:
+    """The recording is complete, and lacks something of the flight."""
+    story.recorder.says["lost"] = "second: 37.9 s"
+    recorder("COMPLETE")(story)
+
+
 def vehicle_is_put_down(story: Story) -> None:
     """The vehicle lands and disarms by itself, the planner does not know."""
     story.planner.says["phase"] = ev.MissionPhase.FLYING
@@ -551,10 +557,11 @@ ROWS = (
         "mission_ended",
     ),
     Row("data_complete", "DATA_CLEANUP", recorder("COMPLETE"), "MISSION_ENDED", (), "mission_ended"),
+    Row("data_lost", "DATA_CLEANUP", recorder_lost, "MISSION_ENDED", (), "mission_ended_incomplete"),
     Row("data_incomplete", "DATA_CLEANUP", recorder("FAILED"), "OUTREACH", (), "data_incomplete"),
     Row("data_limit", "DATA_CLEANUP", recorder("MERGING", 1800.0), "OUTREACH", (), "data_incomplete"),
     Row("retry_data", "OUTREACH data", user("retry"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
-    Row("give_up_data", "OUTREACH data", user("give_up"), "MISSION_ENDED", (), "mission_ended"),
+    Row("give_up_data", "OUTREACH data", user("give_up"), "MISSION_ENDED", (), "mission_ended_incomplete"),
     Row("retry", "OUTREACH recorded", user("retry"), "PREFLIGHT", CHECKS, "preflight"),
     Row("give_up_unrecorded", "OUTREACH", user("give_up"), "MISSION_INPUT", (), "mission_input"),
     Row("give_up", "OUTREACH recorded", user("give_up"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),

@@ -21,7 +21,7 @@ from amaze_autonomy.engine.commands import AutopilotLand, Level
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.severity import Code, ComponentRule, Restart, Severity, Verb
-from amaze_autonomy.engine.state import EngineState, OutreachKind, Result, State, Step
+from amaze_autonomy.engine.state import DataResult, EngineState, OutreachKind, Result, State, Step
 
 
 @pytest.mark.parametrize("t_ns", [-1, 1.5, None, "0"])
@@ -56,6 +56,7 @@ def test_the_numbers_of_a_word_are_those_of_its_message(kind, message):
 def test_an_engine_that_has_heard_nothing_believes_nothing():
     fresh = vars(EngineState())
     begins = {"state": State.MISSION_INPUT, "step": Step.NONE, "next_id": 1, "label": "session", "result": Result.NONE}
+    begins["data_result"] = DataResult.NONE
     begins.update(outreach=OutreachKind.NONE, interrupted=State.MISSION, message_level=Level.INFO)
     assert {name: value for name, value in fresh.items() if value} == begins
 

@@ -18,13 +18,14 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.events import Outcome, Reply, Shutdown, Tick
 from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.state import EngineState, Result, State
-from amaze_autonomy.nodes.autonomy.ending import Ending, Farewell
-from amaze_autonomy.nodes.autonomy.node import exit_status, outcome
+from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
+from amaze_autonomy.nodes.autonomy.ending import Ended, Ending, Farewell
+from amaze_autonomy.nodes.autonomy.node import data_outcome, exit_status, outcome
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
 SECOND = AutopilotLand(id=2, limit_ns=1)
 SHUTDOWN = Shutdown(t_ns=1, signal="SIGINT")
+WHOLE, LACKS = DataResult.COMPLETE, DataResult.INCOMPLETE
 
 
 def reply(number, how=Outcome.ACCEPTED):
@@ -102,7 +103,7 @@ def test_the_end_of_the_last_mission_ends_the_node():
     see(watched, State.PREFLIGHT, State.MISSION, State.DATA_CLEANUP)
     assert reasons == []
     see(watched, State.MISSION_ENDED, State.MISSION_ENDED, result=Result.COMPLETE)
-    assert (reasons, watched.results) == (["mission ended"], [Result.COMPLETE])
+    assert (reasons, watched.results) == (["mission ended"], [Ended(Result.COMPLETE)])
 
 
 def test_a_mission_that_waits_is_still_flown():
@@ -115,14 +116,14 @@ def test_a_mission_that_waits_is_still_flown():
 def test_a_mission_that_was_given_up_was_not_flown():
     watched, reasons = ending()
     see(watched, State.PREFLIGHT, State.OUTREACH, State.MISSION_INPUT)
-    assert (reasons, watched.results) == (["mission ended"], [Result.NOT_FLOWN])
+    assert (reasons, watched.results) == (["mission ended"], [Ended(Result.NOT_FLOWN)])
 
 
 def test_the_next_mission_is_selected_after_an_end():
     watched, _ = ending()
     see(watched, State.PREFLIGHT)
     see(watched, State.MISSION_ENDED, State.MISSION_INPUT, result=Result.PILOT)
-    assert watched.results == [Result.PILOT]
+    assert watched.results == [Ended(Result.PILOT)]
 
 
 def test_the_node_stays_when_it_is_not_asked_to_end():
@@ -139,14 +140,28 @@ def at(state, **more):
     "results, state, words, status",
     [
         ([], at(State.MISSION_INPUT), "COMPLETE", 0),
-        ([Result.COMPLETE], at(State.MISSION_ENDED), "COMPLETE", 0),
-        ([Result.LANDED_EARLY], at(State.MISSION_ENDED), "LANDED_EARLY", 3),
-        ([Result.PILOT], at(State.MISSION_ENDED), "PILOT", 4),
-        ([Result.NOT_FLOWN], at(State.MISSION_INPUT), "NOT_FLOWN", 5),
-        ([Result.COMPLETE, Result.DATA_INCOMPLETE, Result.COMPLETE], at(State.MISSION_ENDED), "DATA_INCOMPLETE", 6),
+        ([Ended(Result.COMPLETE)], at(State.MISSION_ENDED), "COMPLETE", 0),
+        ([Ended(Result.LANDED_EARLY)], at(State.MISSION_ENDED), "LANDED_EARLY", 3),
+        ([Ended(Result.PILOT)], at(State.MISSION_ENDED), "PILOT", 4),
+        ([Ended(Result.NOT_FLOWN)], at(State.MISSION_INPUT), "NOT_FLOWN", 5),
         ([], at(State.START_RECORDING), "INTERRUPTED", 7),
-        ([Result.COMPLETE], at(State.MISSION, in_flight=True), "INTERRUPTED_IN_FLIGHT", 8),
+        ([Ended(Result.COMPLETE)], at(State.MISSION, in_flight=True), "INTERRUPTED_IN_FLIGHT", 8),
     ],
 )
 def test_the_exit_status_is_the_worst_that_happened(results, state, words, status):
     assert (outcome(results, state), exit_status(results, state)) == (words, status)
+
+
+@pytest.mark.parametrize(
+    "results, state, words, data, status",
+    [
+        ([Ended(Result.COMPLETE, WHOLE)], at(State.MISSION_ENDED), "COMPLETE", WHOLE, 0),
+        ([Ended(Result.COMPLETE, LACKS)], at(State.MISSION_ENDED), "COMPLETE", LACKS, 6),
+        ([Ended(Result.LANDED_EARLY, LACKS)], at(State.MISSION_ENDED), "LANDED_EARLY", LACKS, 6),
+        ([Ended(Result.COMPLETE, LACKS), Ended(Result.COMPLETE, WHOLE)], at(State.MISSION_ENDED), "COMPLETE", LACKS, 6),
+        ([Ended(Result.COMPLETE, LACKS)], at(State.MISSION, in_flight=True), "INTERRUPTED_IN_FLIGHT", LACKS, 8),
+        ([Ended(Result.NOT_FLOWN)], at(State.MISSION_INPUT), "NOT_FLOWN", DataResult.NONE, 5),
+    ],
+)
+def test_what_became_of_the_data_is_said_apart_and_has_a_status_of_its_own(results, state, words, data, status):
+    assert (outcome(results, state), data_outcome(results), exit_status(results, state)) == (words, data, status)

@@ -74,7 +74,12 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
         for name in ("main", "second")
     }
     collector = SimpleNamespace(
-        views=views, setup=SimpleNamespace(own="main"), session_id="s1", mission_id="m", stopped_ns=5
+        views={**views, "third": SimpleNamespace(began=False)},
+        setup=SimpleNamespace(own="main"),
+        session_id="s1",
+        mission_id="m",
+        stopped_ns=5,
+        flights=[[1, 4]],
     )
     request = Collection(configuration, transfers).request(tmp_path / "s1_m", collector)
     assert request["output"] == str(tmp_path / "s1_m" / "s1_m.bag")
@@ -82,3 +87,5 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
         ("main", "/rec/main", False),
         ("second", str(tmp_path / "s1_m" / "second"), True),
     ]
+    told = {name: request["facts"][name] for name in ("stopped_ns", "flights", "tolerated_topics", "absent")}
+    assert told == {"stopped_ns": 5, "flights": [[1, 4]], "tolerated_topics": (), "absent": ["third"]}

@@ -355,6 +355,7 @@ DEFECTS: Tuple[Defect, ...] = (
         row("data_complete", guard=lambda t: () if t.state.recorder else None),
         ("data",),
     ),
+    Defect("what the flight lacks is kept quiet", without("data_lost"), ("data",)),
     Defect("data is given up in silence", row("give_up_data", sets={}), ("data",)),
     Defect("a restart forgets the flight", takes(events.EngineStarted, _restart_forgets), ("flight with lrf",)),
     Defect("a restart takes off again", takes(events.EngineStarted, _restart_takes_off), (_TAKEOFF,)),

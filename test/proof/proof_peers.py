@@ -275,10 +275,13 @@ def _recorder(peers: Peers, state: EngineState) -> ev.Event:
     key = ("recorder", peers.recorder, state.session_id)
     if key not in _KEPT:
         stalled = peers.recorder == "STALLED"
-        phase = ev.RecordingPhase["RECORDING" if stalled else peers.recorder]
+        lost = "some of it" if peers.recorder == "LOST" else ""
+        phase = ev.RecordingPhase["RECORDING" if stalled else "COMPLETE" if lost else peers.recorder]
         grows = phase is ev.RecordingPhase.RECORDING
         platforms = (ev.PlatformRecording("a", growing=grows), ev.PlatformRecording("b", growing=grows and not stalled))
-        _KEPT[key] = ev.RecordingStatus(t_ns=0, session_id=state.session_id, phase=phase, platforms=platforms)
+        _KEPT[key] = ev.RecordingStatus(
+            t_ns=0, session_id=state.session_id, phase=phase, platforms=platforms, lost=lost
+        )
     return evolve(_KEPT[key], t_ns=state.t_ns)
 
 

@@ -22,6 +22,7 @@ from amaze_autonomy.recording.status import Ask, Recover, Signal, Space, StartCh
 S = 1_000_000_000
 MS = 1_000_000
 GB = 1_000_000_000
+EPOCH_NS = 1_800_000_000 * S  # from the machine's time to what messages are stamped with
 PHASE = RecordingPhase
 
 
@@ -49,7 +50,8 @@ class Platform:
         self.now_ns += self.step_ns
         for name, runs in self.running.items():
             self.sizes[name] += self.grows[name] if runs else 0
-        sight = Sight({name: self.sight(name) for name in self.running}, Space(self.free, self.free / (256 * GB)))
+        groups, space = {name: self.sight(name) for name in self.running}, Space(self.free, self.free / (256 * GB))
+        sight = Sight(groups, space, self.now_ns + EPOCH_NS)
         for command in self.machine.step(self.now_ns, sight):
             self.commands.append(command)
             self.carry_out(command)

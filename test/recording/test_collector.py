@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
-from recording_story import PHASE, Fleet
+from recording_story import PHASE, Fleet, S
 
 from amaze_autonomy.recording import Answer, Collector
 from amaze_autonomy.recording.collector import Offset
@@ -285,3 +285,38 @@ def test_a_node_that_is_ended_leaves_a_session_that_can_be_collected():
     assert fleet.stop() == Answer(accepted=True)
     fleet.go_on(0.5)
     assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_the_flight_is_from_the_last_status_on_the_ground_to_the_first_one_after_it():
+    fleet = Fleet()
+    fleet.start()
+    assert fleet.collector.flights is None, "nobody said when it flew"
+    for stamp_s, session, in_flight in (
+        (1, "s1", False), (2, "s1", False), (3, "other", True), (4, "s1", True), (5, "s1", True), (6, "s1", False),
+        (8, "s1", True),
+    ):  # fmt: skip
+        fleet.collector.heard_engine(stamp_s * S, session, in_flight=in_flight)
+    assert fleet.collector.flights == [[2 * S, 6 * S], [6 * S, None]]
+    again = Fleet().collector
+    again.remember(0, json.loads(json.dumps(fleet.collector.memory())))
+    assert again.flights == [[2 * S, 6 * S], [6 * S, None]]
+    again.heard_engine(9 * S, "s1", in_flight=False)
+    assert again.flights == [[2 * S, 6 * S], [6 * S, 9 * S]]
+    fleet.stop()
+    fleet.collector.start(fleet.now_ns, "s2", "m")
+    assert fleet.collector.flights == [[2 * S, 6 * S], [6 * S, None]], "it is busy with the one before"
+
+
+def test_a_takeoff_that_nobody_saw_is_as_old_as_the_recording():
+    fleet = Fleet()
+    fleet.start()
+    fleet.collector.heard_engine(5 * S, "s1", in_flight=True)
+    assert fleet.collector.flights == [[0, None]]
+
+
+def test_what_the_flight_lacks_is_in_the_status_of_a_complete_recording_and_nowhere_else():
+    fleet = merging()
+    fleet.collector.job_ended(fleet.now_ns, "", {"location": "/rec/all.bag", "lost_in_flight": ["a: 1 s", "b: 2 s"]})
+    assert (fleet.status.phase, fleet.status.lost) == (PHASE.COMPLETE, "a: 1 s; b: 2 s")
+    fleet.collector.start(fleet.now_ns, "s2", "m")
+    assert fleet.status.lost == ""

@@ -73,6 +73,31 @@ def test_losses_are_in_the_summary_and_in_the_manifest(tmp_path):
     assert summary.message.endswith("verified; lost: " + "; ".join(lost))
 
 
+def test_what_the_flight_lacks_is_told_apart_from_what_was_lost_on_the_ground(tmp_path):
+    session = two_platforms(tmp_path)  # 300 messages of each, 10 ms apart
+    seen = {"group": "realsense", "file": 2, "seconds": 1.5, "ending": "killed by SIGKILL"}
+    facts = {"platform": "second", "topics": {"realsense": ["/c"]}, "gaps": [seen]}
+    part(session / "second", ("realsense-02.bag", [rows("/c", 50, 11, first_ms=9000)]), **facts)
+    gap = "second/realsense: 5.7 s, in which nothing was recorded (killed by SIGKILL)"
+    for flights, in_flight in (
+        ([[START_NS + 4 * S, START_NS + 5 * S]], (gap,)),
+        ([[START_NS, START_NS + 2 * S]], ()),
+        (None, (gap,)),
+    ):
+        summary = collect(plan(session, facts={"flights": flights}))
+        assert (summary.lost, summary.lost_in_flight) == ((gap,), in_flight), flights
+        assert manifest(session)["lost_in_flight"] == list(summary.lost_in_flight)
+    tolerated = collect(plan(session, facts={"tolerated_topics": ["/c"]}))
+    assert (tolerated.lost, tolerated.lost_in_flight) == ((gap,), ())
+    assert tolerated.message.endswith(f"lost: {gap}; nothing of the flight, or it is tolerated")
+
+
+def test_a_platform_that_recorded_nothing_of_the_session_is_a_loss_of_the_flight(tmp_path):
+    session = two_platforms(tmp_path)
+    summary = collect(plan(session, facts={"absent": ["third"], "flights": []}))
+    assert summary.lost_in_flight == ("third: its part, nothing of this session is there",)
+
+
 def test_what_another_platform_recovered_is_in_it_although_the_undo_file_stays_there(tmp_path):
     session, there = two_platforms(tmp_path), tmp_path / "there"
     killed(there, "realsense-02.bag.active", rows("/d", 50, first_ms=9000))

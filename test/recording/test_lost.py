@@ -2,10 +2,15 @@
 
 from replay_bags import START_NS
 
-from amaze_autonomy.recording.losses import losses
+from amaze_autonomy.recording.losses import Loss, Wanted
+from amaze_autonomy.recording.losses import losses as all_losses
 
 S = 1_000_000_000
 GAP = {"group": "cameras", "file": 2, "seconds": 0.42, "ending": "killed by SIGKILL"}
+
+
+def losses(content, end_ns=None):
+    return [each.words for each in all_losses(content, Wanted(end_ns))]
 
 
 def test_nothing_lost_is_no_word():
@@ -50,3 +55,68 @@ def test_what_was_not_closed_may_have_missed_all_until_the_end():
     content = {"files": [], "open_ends": {"cameras": START_NS}}
     assert losses(content, START_NS + 12 * S) == ["cameras: up to 12.0 s at the end (its last file was not closed)"]
     assert losses(content) == losses(content, START_NS + S // 20) == []
+
+
+def at(from_s, to_s, **more):
+    seconds = 0.0 if to_s is None else to_s - from_s
+    to_ns = {} if to_s is None else {"to_ns": round(to_s * S)}
+    return {**GAP, "from_ns": round(from_s * S), **to_ns, "seconds": seconds, **more}
+
+
+def counting(*gaps, flights=((10 * S, 20 * S),), **wanted):
+    """Return which losses make the data incomplete."""
+    wanted = Wanted(flights=flights, topics={"cameras": ["/left", "/right"]}, **wanted)
+    return [each.counts for each in all_losses({"files": [], "gaps": gaps}, wanted)]
+
+
+def test_a_gap_counts_when_a_part_of_it_may_lie_in_the_flight():
+    assert counting(at(2, 9.9)) == counting(at(20, 30)) == [False]
+    assert counting(at(9, 10.1)) == counting(at(12, 13)) == counting(at(19.9, 30)) == [True]
+    assert counting(at(25, 26), flights=((10 * S, 20 * S), (24 * S, None))) == [True], "it has not landed yet"
+    assert counting(at(2, None)) == counting(GAP) == [True], "nobody knows when it ended, or when it was"
+    assert counting(at(2, 3), flights=None) == [True], "nobody said when it flew"
+    assert counting(at(2, 3), flights=()) == [False], "it never flew"
+
+
+def test_gaps_inside_and_outside_of_the_flight_are_told_apart():
+    found = all_losses({"files": [], "gaps": [at(2, 3), at(12, 14)]}, Wanted(flights=((10 * S, 20 * S),)))
+    words = "cameras: {} s, in which nothing was recorded (killed by SIGKILL)"
+    assert found == [Loss(words.format("1.0"), counts=False), Loss(words.format("2.0"), counts=True)]
+
+
+def test_what_is_tolerated_is_told_and_does_not_count():
+    assert counting(at(12, 13), tolerated=frozenset({"/left"})) == [True], "the right one is missing as well"
+    assert counting(at(12, 13), tolerated=frozenset({"/left", "/right"})) == [False]
+    dropped = {"files": [], "missing": {"/left": 3}}
+    (tolerated,) = all_losses(dropped, Wanted(tolerated=frozenset({"/left"})))
+    assert tolerated == Loss("at least 3 messages dropped (by the numbers in headers: 3 of /left)", counts=False)
+    (warned,) = all_losses({**dropped, "dropped": 1}, Wanted(tolerated=frozenset({"/left"})))
+    assert warned.counts, "nobody knows of which topics the recorder dropped some"
+
+
+def test_a_dropped_message_counts_whenever_it_was_dropped():
+    assert [each.counts for each in all_losses({"files": [], "missing": {"/imu": 1}}, Wanted(flights=()))] == [True]
+
+
+def test_the_end_of_an_open_file_counts_when_the_flight_was_not_over():
+    content = {"files": [], "open_ends": {"cameras": 15 * S}}
+    assert [each.counts for each in all_losses(content, Wanted(30 * S, ((10 * S, 20 * S),)))] == [True]
+    assert [each.counts for each in all_losses(content, Wanted(30 * S, ((10 * S, 12 * S),)))] == [False]
+
+
+def test_messages_lost_at_the_end_of_an_open_file_count_as_the_gap_behind_it_does():
+    entry = {"file": "cameras-01.bag", "recovered_from": "cameras-01.bag.active", "lost": 4}
+    for gap, counts in ((at(2, 3), False), (at(12, 13), True)):
+        found = all_losses({"files": [entry], "gaps": [gap]}, Wanted(flights=((10 * S, 20 * S),)))
+        assert found[0] == Loss("cameras-01.bag: 4 messages", counts)
+    damaged = {"files": [{"file": "cameras-01.bag", "lost": 4}]}
+    assert all_losses(damaged, Wanted(flights=()))[0].counts, "nobody knows when they were recorded"
+
+
+def test_what_came_after_the_stop_was_not_to_be_recorded():
+    """A platform that is killed while it stops, and comes back later, has not lost what nobody wanted."""
+    words = "cameras: {} s{}, in which nothing was recorded (killed by SIGKILL)"
+    assert losses({"files": [], "gaps": [at(6.0, 25.1, missing=1900)]}, 6_600_000_000) == [words.format("0.6", "")]
+    assert losses({"files": [], "gaps": [at(6.7, 25.1)]}, 6_600_000_000) == []
+    assert losses({"files": [], "gaps": [at(6.0, None)]}, 8 * S) == [words.format("2.0", "")]
+    assert losses({"files": [], "gaps": [at(2, 3, missing=7)]}, 8 * S) == [words.format("1.0", ", at least 7 messages")]

@@ -2,7 +2,7 @@
 
 import json
 
-from recording_story import PHASE, Platform, S, recorded_memory, recording, recovered
+from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered
 
 from amaze_autonomy.recording import Answer
 from amaze_autonomy.recording.status import Recover, Signal, StartChild
@@ -81,8 +81,9 @@ def test_a_recorder_that_is_killed_is_started_at_once_into_a_new_file_and_said()
     platform.go_on(0.5)
     assert platform.part.growing
     assert platform.part.message == "cameras: its recording was interrupted once, 0.3 s are missing"
+    at = {"from_ns": EPOCH_NS + S, "to_ns": EPOCH_NS + 1_300_000_000}
     assert platform.machine.groups["cameras"].gaps == [
-        {"group": "cameras", "file": 2, "seconds": 0.3, "ending": "killed by SIGKILL"}
+        {"group": "cameras", "file": 2, "seconds": 0.3, "ending": "killed by SIGKILL", **at}
     ]
 
 
@@ -267,7 +268,8 @@ def test_a_recorder_that_ended_while_nobody_watched_has_a_gap_since_its_files_gr
     second.machine.remember(0, recorded_memory(first), same_boot=True)
     second.go_on(1.0)
     (gap,) = second.machine.groups["cameras"].gaps
-    assert gap == {"group": "cameras", "file": 2, "seconds": 20.2, "ending": "it ended while this node was away"}
+    at = {"from_ns": EPOCH_NS - 19_900_000_000, "to_ns": EPOCH_NS + 300_000_000}
+    assert gap == {"group": "cameras", "file": 2, "seconds": 20.2, "ending": "it ended while this node was away", **at}
     assert second.machine.groups["states"].gaps == []
 
 
@@ -307,3 +309,15 @@ def test_a_part_is_removed_only_when_it_is_complete_and_parts_are_not_kept():
     kept = Answer(accepted=False, message="the configuration says keep_parts: true")
     assert platform.machine.may_remove("s1", keep=True) == kept
     assert not platform.machine.may_remove("s2", keep=False).accepted
+
+
+def test_a_gap_says_when_it_was_by_the_clock_that_stamps_messages():
+    platform = recording()
+    platform.full["cameras"], platform.grows["cameras"] = True, 0
+    platform.go_on(5.0)
+    (gap,) = platform.machine.facts()["gaps"]
+    assert (gap["from_ns"], "to_ns" in gap) == (EPOCH_NS + S, False), "it lasts"
+    platform.full["cameras"], platform.grows["cameras"] = False, 2_000_000
+    platform.go_on(1.0)
+    (gap,) = platform.machine.facts()["gaps"]
+    assert gap["to_ns"] - gap["from_ns"] == round(gap["seconds"] * S) == 5_100_000_000

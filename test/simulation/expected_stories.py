@@ -20,11 +20,13 @@ class Story(NamedTuple):
         states: that the engine goes through after MISSION_INPUT.
         motion: requests of motion, in order.
         result: of the mission; None when it never began.
+        data: what became of its recording.
     """
 
     states: Tuple[str, ...]
     motion: Tuple[str, ...]
     result: Optional[str]
+    data: str = "COMPLETE"
 
 
 FLOWN = Story((*_FLY, *_END), ("TAKEOFF",), "COMPLETE")
@@ -34,6 +36,7 @@ HELD = Story((*_FLY, "HOLD", "MISSION", *_END), ("TAKEOFF", "HOLD", "RESUME"), "
 HELD_LANDED = Story((*_FLY, "HOLD", "LAND", *_END), ("TAKEOFF", "HOLD", "LAND"), "LANDED_EARLY")
 RETRIED = Story((*_RETRY, *_FLY, *_END), ("TAKEOFF",), "COMPLETE")
 PILOT = Story((*_FLY, "PILOT", *_END), ("TAKEOFF",), "PILOT")
+GIVEN_UP = Story((*_FLY, "DATA_CLEANUP", "OUTREACH", "MISSION_ENDED"), ("TAKEOFF",), "COMPLETE", "INCOMPLETE")
 CANCELLED = Story((*_UP, "OUTREACH", *_END), ("TAKEOFF", "ABORT"), "NOT_FLOWN")
 
 STORIES = {
@@ -45,7 +48,7 @@ STORIES = {
     "battery_low": Story((*_RETRY, "MISSION_INPUT"), (), None),
     "battery_unknown": LANDED,
     "data_incomplete": Story((*_FLY, "DATA_CLEANUP", "OUTREACH", *_END), ("TAKEOFF",), "COMPLETE"),
-    "data_lost": Story((*_FLY, "DATA_CLEANUP", "OUTREACH", "MISSION_ENDED"), ("TAKEOFF",), "DATA_INCOMPLETE"),
+    "data_lost": GIVEN_UP,
     "does_not_arm": CANCELLED,
     "does_not_climb": Story((*_UP, "LAND", *_END), ("TAKEOFF", "LAND"), "LANDED_EARLY"),
     "does_not_disarm": LANDED._replace(motion=("TAKEOFF", "LAND", "AutopilotDisarm")),
@@ -78,7 +81,9 @@ STORIES = {
     "realsense_camera": HELD,
     "realsense_camera_returns": HELD,
     "realsense_imu": FLOWN,
-    "recorder_dies": Story((*_FLY, "DATA_CLEANUP", "OUTREACH", "MISSION_ENDED"), ("TAKEOFF",), "DATA_INCOMPLETE"),
+    "recorder_dies": Story(
+        (*_FLY, "DATA_CLEANUP", "OUTREACH", "MISSION_ENDED"), ("TAKEOFF",), "COMPLETE", "INCOMPLETE"
+    ),
     "recorder_does_not_grow": Story((*_UP[:-2], "OUTREACH", *_FLY, *_END), ("TAKEOFF",), "COMPLETE"),
     "recorder_refuses": Story((*_UP[:-2], "OUTREACH", *_FLY, *_END), ("TAKEOFF",), "COMPLETE"),
     "slow_camera": FLOWN,

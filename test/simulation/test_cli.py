@@ -31,11 +31,12 @@ def test_tells_the_story_of_a_mission_and_its_result(capsys):
     [
         (("--mission", "1,3"), COMPLETE, "mission 3: COMPLETE"),
         (("--faults", "mission_camera"), NOT_COMPLETE, "mission 1: LANDED_EARLY"),
+        (("--faults", "data_lost"), NOT_COMPLETE, "mission 1: COMPLETE, data INCOMPLETE"),
         (("--faults", "battery_low"), WAITING, "MISSION_INPUT: waits for a person"),
         (("--set", "autonomy.require_go=true"), WAITING, "OUTREACH: waits for a person"),
         (("--limit", "30"), LIMIT, "MISSION: not finished within the limit of simulated time"),
     ],
-    ids=["complete", "landed early", "waiting", "nobody gives the go", "limit"],
+    ids=["complete", "landed early", "data incomplete", "waiting", "nobody gives the go", "limit"],
 )
 def test_the_exit_status_says_how_it_ended(capsys, arguments, status, last):
     told, out, _ = simulated(capsys, *arguments)
@@ -90,7 +91,7 @@ def test_prints_json_for_programs(capsys):
     status, out, _ = simulated(capsys, "--faults", "lrf", "--json")
     told = json.loads(out)
     assert told["exit_status"] == status == NOT_COMPLETE
-    assert told["results"] == [{"mission": "1", "result": "LANDED_EARLY"}]
+    assert told["results"] == [{"mission": "1", "result": "LANDED_EARLY", "data_result": "COMPLETE"}]
     assert [each["action"] for each in told["commands"] if each["command"] == "MissionCommand"][:3] == [
         "TAKEOFF",
         "HOLD",

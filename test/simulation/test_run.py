@@ -21,7 +21,7 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import Event, WatchdogAction
 from amaze_autonomy.engine.severity import Code
-from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.journal import journal
 from amaze_autonomy.simulation import load_scenario
 from amaze_autonomy.simulation.run import run
@@ -68,7 +68,7 @@ def in_short(names):
 @pytest.mark.parametrize("seed", [0, 7])
 def test_a_nominal_mission_is_nominal(configuration, mission_id, seed):
     result = run(configuration, (configuration.plan(mission_id).mission,), seed=seed)
-    assert result.results == ((mission_id, Result.COMPLETE),)
+    assert result.results == ((mission_id, Result.COMPLETE, DataResult.COMPLETE),)
     assert result.finished
     assert not [each for _, each in result.commands if isinstance(each, Notify) and each.level > Level.INFO]
     codes = {event.code for event in events_of(result) if isinstance(event, WatchdogAction)}
@@ -97,7 +97,8 @@ def test_a_shipped_scenario_ends_as_it_must(flown, name):
     result, expected = flown(name), STORIES[name]
     assert states(result) == expected.states
     assert in_short(each for _, each in motion(result)) == expected.motion
-    assert result.results == (() if expected.result is None else (("1", Result(expected.result)),))
+    ended = () if expected.result is None else (("1", Result(expected.result), DataResult(expected.data)),)
+    assert result.results == ended
     assert result.finished
 
 
@@ -135,7 +136,7 @@ def test_the_journal_alone_gives_the_same_decisions(flown, name):
 def test_several_missions_follow_each_other(configuration):
     missions = tuple(configuration.plan(name).mission for name in ("1", "3", "1"))
     result = run(configuration, missions)
-    assert result.results == (("1", Result.COMPLETE), ("3", Result.COMPLETE), ("1", Result.COMPLETE))
+    assert result.results == tuple((name, Result.COMPLETE, DataResult.COMPLETE) for name in "131")
     assert result.state.sessions == 3
 
 
@@ -182,3 +183,11 @@ def test_the_journal_does_not_depend_on_the_hash_seed(configuration, config_fold
         check=True,
     )
     assert told.stdout.strip() == expected
+
+
+def test_a_mission_is_complete_and_its_data_is_not_when_files_did_not_grow_in_flight(configuration):
+    faults = scenario("fault: recording_does_not_grow, platform: second, for_s: 4, after: {event: mission}")
+    result = run(configuration, (configuration.plan("1").mission,), faults)
+    assert result.results == (("1", Result.COMPLETE, DataResult.INCOMPLETE),)
+    assert result.state.recorder.lost == "second: 3.9 s in which nothing was recorded"
+    assert [decision.rule for decision in result.decisions][-1] == "data_lost"

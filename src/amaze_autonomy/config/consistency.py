@@ -115,7 +115,7 @@ def check_recorder_limits(autonomy: Mapping[str, Any], recording: Mapping[str, A
 
 
 def check_recording(values: Mapping[str, Any], places: Places) -> None:
-    """Check that platforms record groups that exist, and every topic once.
+    """Check that platforms record groups that exist, every topic once, and that what may be lost is recorded.
 
     Raises:
         ConfigError: about the first key that cannot be.
@@ -138,6 +138,11 @@ def check_recording(values: Mapping[str, Any], places: Places) -> None:
     for group in values["groups"]:
         if not any(group in content["groups"] for content in values["platforms"].values()):
             refuse_at(("groups", group), places, "is recorded by no platform", "must be in the groups of one")
+    for position, topic in enumerate(values["tolerated_topics"]):
+        if not any(_records(group, topic) for group in values["groups"].values()):
+            close = difflib.get_close_matches(topic, list(recorded), n=1)
+            right = f"did you mean {close[0]}?" if close else "must be a topic of a group"
+            refuse_at(("tolerated_topics", str(position)), places, f"{topic} is recorded by no group", right)
 
 
 def unrecorded_topics(sensors: Mapping[str, Any], recording: Mapping[str, Any]) -> List[str]:

@@ -116,6 +116,7 @@ class Recording:
         keep_parts: whether what was merged is kept after the complete recording is verified.
         apply_clock_offset: whether a merge corrects the record times of other platforms by the measured offsets.
         duplicates: what a merge does about messages that two platforms recorded.
+        tolerated_topics: of which messages may be lost, and the data of a flight is complete still.
     """
 
     folder: str
@@ -130,6 +131,7 @@ class Recording:
     keep_parts: bool = True
     apply_clock_offset: bool = False
     duplicates: str = "count"
+    tolerated_topics: Tuple[str, ...] = ()
 
     def platform(self, name: str) -> Platform:
         """Return a platform by its name.
@@ -270,6 +272,13 @@ RECORDING = Group(
             Choice(("count", "drop", "ignore")),
             "what a merge does about messages that two platforms recorded",
             "topics are recorded once; this is for match",
+        ),
+        bind(
+            Recording,
+            "tolerated_topics",
+            ListOf(_TOPIC, "topics", unique=True),
+            "topics of which messages may be lost, and the data of a flight is complete still",
+            "a loss is named in any case; of a group, all topics must be tolerated for its gaps",
         ),
         Key(
             "storage",

@@ -28,7 +28,9 @@ def band(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType:
     if snapshot.message_level >= _ALARM:
         above.append(_fill([*_headline("TAKE OVER", "", width, style), snapshot.message], Tone.BAD, style))
     lines = _headline(_title(snapshot), _time_left(snapshot, passed_s), width, style, large=not above)
-    state = _fill([*lines, _situation(snapshot)], tone_of_state(snapshot.state, snapshot.result), style)
+    state = _fill(
+        [*lines, _situation(snapshot)], tone_of_state(snapshot.state, snapshot.result, snapshot.data_result), style
+    )
     return Group(*above, state)
 
 
@@ -59,6 +61,8 @@ def _situation(snapshot: Snapshot) -> str:
     parts = [snapshot.step.replace("_", " ")] if snapshot.step else []
     if snapshot.result and snapshot.state == "MISSION_ENDED":
         parts.append(f"result {snapshot.result}")
+        if snapshot.data_result:
+            parts.append(f"data {snapshot.data_result}")
     parts.append("IN FLIGHT" if snapshot.in_flight else "not in flight")
     if snapshot.mission_id:
         parts.append(f"mission {snapshot.mission_id} {snapshot.mission_description}".strip())

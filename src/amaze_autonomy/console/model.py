@@ -85,6 +85,7 @@ class Snapshot:
     recording_progress: Optional[float] = None
     data_location: str = ""
     result: str = ""
+    data_result: str = ""
 
     @property
     def takes_mission(self) -> bool:

@@ -62,7 +62,7 @@ def _engine(before: Optional[Snapshot], desk: Desk, now_s: float) -> Iterator[st
     if after.data_location and after.data_location != old.data_location:
         yield f"DATA      {after.data_location}"
     if after.state == "MISSION_ENDED" and (old.state, old.result) != (after.state, after.result):
-        yield f"RESULT    {after.result}"
+        yield f"RESULT    {after.result}" + (", data INCOMPLETE" if after.data_result == "INCOMPLETE" else "")
     if desk.interactive and after.user_commands != old.user_commands and after.user_commands:
         yield f"COMMANDS  {', '.join(each.command.value.replace('_', ' ') for each in offered(after))}"
 

@@ -126,5 +126,7 @@ class Session:
             self._begun = True
         elif self._begun:
             complete = snapshot.state == "MISSION_ENDED" and snapshot.result == "COMPLETE"
-            ended = f"Mission ended: {snapshot.result}." if snapshot.result else "The mission was given up."
+            complete = complete and snapshot.data_result != "INCOMPLETE"
+            data = ", data INCOMPLETE" if snapshot.data_result == "INCOMPLETE" else ""
+            ended = f"Mission ended: {snapshot.result}{data}." if snapshot.result else "The mission was given up."
             self.end(CLOSED if complete else NOT_COMPLETE, ended)

@@ -70,7 +70,7 @@ _STATES: Mapping[str, Tone] = {
     "DATA_CLEANUP": Tone.INFO,
 }
 
-_RESULTS: Mapping[str, Tone] = {"COMPLETE": Tone.GOOD, "DATA_INCOMPLETE": Tone.BAD}
+_RESULTS: Mapping[str, Tone] = {"COMPLETE": Tone.GOOD}
 
 _CHECKS: Mapping[CheckVerdict, Tone] = {
     CheckVerdict.PASS: Tone.GOOD,
@@ -87,8 +87,10 @@ _ANSWERS: Mapping[Verdict, Tone] = {
 }
 
 
-def tone_of_state(state: str, result: str) -> Tone:
+def tone_of_state(state: str, result: str, data_result: str = "") -> Tone:
     """Return the tone of a state; one that nobody knows warns."""
+    if state == "MISSION_ENDED" and data_result == "INCOMPLETE":
+        return Tone.BAD
     if state == "MISSION_ENDED":
         return _RESULTS.get(result, Tone.WARN)
     return _STATES.get(state, Tone.WARN)

@@ -124,6 +124,7 @@ def snapshot_of(message: Any) -> Snapshot:
         recording_progress=_number(message, "recording_progress"),
         data_location=_text(message, "data_location"),
         result=_text(message, "result", 20),
+        data_result=_text(message, "data_result", 20),
     )
 
 

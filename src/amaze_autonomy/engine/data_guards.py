@@ -14,6 +14,7 @@ from .turn import Turn
 __all__ = [
     "data_complete",
     "data_incomplete",
+    "data_lost",
     "nothing_recorded",
     "recording_proven",
     "recording_refused",
@@ -70,6 +71,14 @@ def data_complete(turn: Turn) -> Optional[Values]:
         and heard_ns > turn.state.entered_ns
     )
     return holds_if(complete, Value("recording", "COMPLETE"), Value("location", turn.state.data_location))
+
+
+def data_lost(turn: Turn) -> Optional[Values]:
+    """What was recorded is merged and verified, but the recorder names what of the flight is not in it."""
+    recorder, complete = turn.state.recorder, data_complete(turn)
+    if complete is None or recorder is None or not recorder.lost:
+        return None
+    return (*complete, Value("lost", recorder.lost))
 
 
 def data_incomplete(turn: Turn) -> Optional[Values]:

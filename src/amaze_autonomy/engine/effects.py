@@ -19,7 +19,7 @@ from .data_guards import records
 from .events import Landed, RecordingPhase
 from .failures import flown_without
 from .flight_guards import mission_flown
-from .state import CheckRecord, OutreachKind, Result, State, Step, evolve
+from .state import CheckRecord, DataResult, OutreachKind, Result, State, Step, evolve
 from .timers import check_limit_ns, passed
 from .turn import Turn
 
@@ -61,6 +61,7 @@ def begin_session(turn: Turn) -> None:
         recording_progressed=False,
         recording_over=False,
         data_location="",
+        data_result=DataResult.NONE,
         was_armed=False,
         was_airborne=False,
         flown=False,
@@ -70,7 +71,8 @@ def begin_session(turn: Turn) -> None:
 
 def forget_mission(turn: Turn) -> None:
     """Be ready for the next selection."""
-    turn.set(mission=None, session_id="", checks=(), result=Result.NONE, outreach=OutreachKind.NONE, failures=())
+    turn.set(mission=None, session_id="", checks=(), result=Result.NONE, data_result=DataResult.NONE)
+    turn.set(outreach=OutreachKind.NONE, failures=())
 
 
 def preflight(turn: Turn) -> None:

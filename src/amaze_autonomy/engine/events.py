@@ -360,7 +360,7 @@ class PlatformRecording:
 
 @dataclass(frozen=True)
 class RecordingStatus(Event):
-    """The data recorder's status; `progress` of the present phase as a fraction 0..1."""
+    """The data recorder's status; `progress` of the phase is 0..1, `lost` names what of the flight is not recorded."""
 
     session_id: str
     phase: RecordingPhase
@@ -368,6 +368,7 @@ class RecordingStatus(Event):
     platforms: Tuple[PlatformRecording, ...] = ()
     location: str = ""
     message: str = ""
+    lost: str = ""
     age_ns: int = 0
 
     def __post_init__(self) -> None:

@@ -99,7 +99,14 @@ class Result(enum.Enum):
     LANDED_EARLY = "LANDED_EARLY"
     PILOT = "PILOT"
     NOT_FLOWN = "NOT_FLOWN"
-    DATA_INCOMPLETE = "DATA_INCOMPLETE"
+
+
+class DataResult(enum.Enum):
+    """What became of the recording, whatever became of the flight."""
+
+    NONE = ""
+    COMPLETE = "COMPLETE"
+    INCOMPLETE = "INCOMPLETE"
 
 
 class FailureKind(enum.Enum):
@@ -284,6 +291,7 @@ class EngineState:
     recording_progressed: bool = False
     recording_over: bool = False
     data_location: str = ""
+    data_result: DataResult = DataResult.NONE
 
     action: Optional[WatchdogAction] = None
     heartbeat_ns: Optional[int] = None

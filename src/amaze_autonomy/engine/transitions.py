@@ -36,7 +36,7 @@ from .guards import (
     user_ends,
     user_gives_up,
 )
-from .state import OutreachKind, Result, State, Step
+from .state import DataResult, OutreachKind, Result, State, Step
 
 __all__ = ["ROWS_AT", "TRANSITIONS", "Place", "Transition", "places_of"]
 
@@ -109,6 +109,7 @@ _NOT_FLOWN = {"result": Result.NOT_FLOWN}
 _BY_PILOT = {"result": Result.PILOT}
 _FOR_CHECKS = {"outreach": OutreachKind.PREFLIGHT}
 _FOR_DATA = {"outreach": OutreachKind.DATA}
+_INCOMPLETE = {"data_result": DataResult.INCOMPLETE}
 _PLANNER_GOES_ON = flight.planner_in(
     MissionPhase.FLYING, MissionPhase.TAKING_OFF, MissionPhase.LANDING, MissionPhase.LANDED
 )
@@ -225,11 +226,12 @@ TRANSITIONS: Tuple[Transition, ...] = (
     # after the flight
     T("acknowledged", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "data_cleanup", words="on the ground, disarmed, acknowledged"),
     T("nothing_to_collect", (CLEANUP,), data.nothing_recorded, ENDED, "mission_ended", words="nothing was recorded"),
-    T("data_complete", (CLEANUP,), data.data_complete, ENDED, "mission_ended", words="written, transferred, merged, verified"),
+    T("data_lost", (CLEANUP,), data.data_lost, ENDED, "mission_ended_incomplete", _INCOMPLETE, words="merged and verified, but something of the flight was not recorded"),
+    T("data_complete", (CLEANUP,), data.data_complete, ENDED, "mission_ended", {"data_result": DataResult.COMPLETE}, words="written, transferred, merged, verified"),
     T("data_incomplete", (CLEANUP,), data.data_incomplete, OUTREACH, "data_incomplete", _FOR_DATA, words="the recorder refuses, fails, or is silent"),
     T("data_limit", (CLEANUP,), timer("data_cleanup_limit"), OUTREACH, "data_incomplete", _FOR_DATA, words="not complete in time"),
     T("retry_data", (OUTREACH,), both(user(UserCommand.RETRY), outreach_for(OutreachKind.DATA)), CLEANUP, "data_cleanup", words="the user retries the data"),
-    T("give_up_data", (OUTREACH,), both(user(UserCommand.GIVE_UP), outreach_for(OutreachKind.DATA)), ENDED, "mission_ended", {"result": Result.DATA_INCOMPLETE}, words="the user gives up on the data; nothing is deleted"),
+    T("give_up_data", (OUTREACH,), both(user(UserCommand.GIVE_UP), outreach_for(OutreachKind.DATA)), ENDED, "mission_ended_incomplete", _INCOMPLETE, do.drop_queue, "the user gives up on the data; nothing is deleted"),
     T("retry", (OUTREACH,), user(UserCommand.RETRY), PREFLIGHT, "preflight", {}, do.forgive, "the user retries; a running recording is kept"),
     T("give_up_unrecorded", (OUTREACH,), both(user(UserCommand.GIVE_UP), data.nothing_recorded), INPUT, "mission_input", {}, do.drop_queue, "the user gives up; nothing was recorded"),
     T("give_up", (OUTREACH,), user(UserCommand.GIVE_UP), CLEANUP, "data_cleanup", _NOT_FLOWN, words="the user gives up; something was recorded"),

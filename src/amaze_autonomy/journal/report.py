@@ -39,6 +39,7 @@ class Report:
         waypoint, waypoints: progress as the planner says.
         recording_phase, recording_progress, data_location: the data.
         result: how the mission ended; empty before.
+        data_result: what became of its data: COMPLETE or INCOMPLETE; empty before, and where nothing was recorded.
     """
 
     state: str
@@ -66,6 +67,7 @@ class Report:
     recording_progress: Optional[float]
     data_location: str
     result: str
+    data_result: str
 
 
 def report(state: EngineState, rules: Rules) -> Report:
@@ -103,6 +105,7 @@ def report(state: EngineState, rules: Rules) -> Report:
         recording_progress=recorder.progress if recorder is not None else None,
         data_location=state.data_location,
         result=state.result.value,
+        data_result=state.data_result.value,
     )
 
 

@@ -8,7 +8,7 @@ from amaze_autonomy.engine.commands import (
     MissionAction,
     StopRecording,
 )
-from amaze_autonomy.engine.state import Result, State
+from amaze_autonomy.engine.state import DataResult, State
 
 from .moment import FLIGHT, Moment, Verdict, lands, law
 from .witness import CHECKS
@@ -127,7 +127,9 @@ def one_takeoff_for_each_load(m: Moment) -> Verdict:
 # --- data and restarts ------------------------------------------------------------------------------------------------
 
 
-@law("5 DATA_CLEANUP", "Every started recording ends in a verified merge, or in OUTREACH that names it.")
+@law(
+    "5 DATA_CLEANUP", "Every started recording ends in a verified merge that lacks nothing, or what it lacks is named."
+)
 def recordings_end(m: Moment) -> Verdict:
     if not m.moved or m.after.state not in (State.MISSION_ENDED, State.MISSION_INPUT) or m.was.recording == "none":
         return None
@@ -135,8 +137,10 @@ def recordings_end(m: Moment) -> Verdict:
         return None
     said = m.saw.recorder.phase if m.saw.recorder is not None else None
     if m.saw.recording == "complete" or said is ev.RecordingPhase.COMPLETE:
-        return True
-    if m.saw.recording in ("named", "stopped") and m.after.result is Result.DATA_INCOMPLETE:
+        lost = m.saw.recorder.lost if m.saw.recorder is not None else ""
+        kept_quiet = lost and m.after.data_result is DataResult.COMPLETE
+        return f"the data is COMPLETE, and the recorder says that it lacks {lost}" if kept_quiet else True
+    if m.saw.recording in ("named", "stopped") and m.after.data_result is DataResult.INCOMPLETE:
         return True
     return f"the recording is {m.saw.recording}, and it is {m.after.state.value}"
 

@@ -204,6 +204,8 @@ class Collector:
         self._copied = False
         self._summary: Mapping[str, Any] = {}
         self.stopped_ns: Optional[int] = None
+        self.flights: Optional[List[List[Optional[int]]]] = None  # from takeoff to landing; None: nobody said
+        self._engine_ns: Optional[int] = None
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -218,6 +220,7 @@ class Collector:
         if session_id != self.session_id:
             self.views = {name: view.fresh() for name, view in self.views.items()}
             self.location, self._copied, self._summary = "", False, {}
+            self.flights = self._engine_ns = None
         self.session_id, self.mission_id, self.stopped_ns = session_id, mission_id, None
         for view in self.views.values():
             view.refusal = ""
@@ -245,6 +248,19 @@ class Collector:
         if status.session_id == self.session_id and status.session_id:
             view.began = view.began or status.phase is not Phase.IDLE
             view.part = next((each for each in status.platforms if each.platform == platform), view.part)
+
+    def heard_engine(self, stamp_ns: int, session_id: str, *, in_flight: bool) -> None:
+        """Take what the engine says of the flight; a takeoff lies behind its last status on the ground."""
+        if not session_id or session_id != self.session_id:
+            return
+        if self.flights is None:
+            self.flights = []
+        flies = bool(self.flights) and self.flights[-1][1] is None
+        if in_flight and not flies:
+            self.flights.append([self._engine_ns or 0, None])
+        elif flies and not in_flight:
+            self.flights[-1][1] = stamp_ns
+        self._engine_ns = stamp_ns
 
     def answered(self, platform: str, verb: str, session_id: str, answer: Answer) -> None:
         """Take the answer of a platform to what it was asked."""
@@ -493,6 +509,7 @@ class Collector:
             platforms=tuple(self._part(view, t_ns) for view in self.views.values()),
             location=self.location,
             message=self._message,
+            lost="; ".join(self._summary.get("lost_in_flight", ())) if self.phase is Phase.COMPLETE else "",
         )
 
     def _remaining_s(self, t_ns: int) -> Optional[float]:
@@ -521,6 +538,7 @@ class Collector:
             "message": self._message,
             "summary": dict(self._summary),
             "stopped_ns": self.stopped_ns,
+            "flights": self.flights,
             "platforms": {view.name: view.memory() for view in self.views.values()},
         }
 
@@ -538,6 +556,7 @@ class Collector:
         self._enter(phase, t_ns)
         self.location, self._message = str(memory["location"]), str(memory["message"])
         self._summary, self.stopped_ns = dict(memory["summary"]), memory.get("stopped_ns")
+        self.flights = memory.get("flights")
 
 
 _TURNS: Mapping[Phase, Callable[[Collector, int], List[Command]]] = {

@@ -31,7 +31,7 @@ from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
 
 from .errors import RecordingError
-from .losses import losses
+from .losses import Loss, Wanted, losses
 from .parts import Part, check_arrived, close_parts, whole_bags
 
 __all__ = ["Plan", "Source", "Summary", "collect", "main", "plan_of", "run"]
@@ -77,7 +77,7 @@ class Plan(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What was made: where, how big, how long, and what was lost on the way."""
+    """What was made: where, how big, how long; what was lost on the way, and what of that the flight lacks."""
 
     location: str
     size: int
@@ -85,11 +85,13 @@ class Summary(NamedTuple):
     seconds: float
     platforms: Tuple[str, ...]
     lost: Tuple[str, ...]
+    lost_in_flight: Tuple[str, ...] = ()
 
     @property
     def message(self) -> str:
         """Return it as one line."""
         lost = "lost: " + "; ".join(self.lost) if self.lost else "nothing was lost"
+        lost = f"{lost}; nothing of the flight, or it is tolerated" if self.lost and not self.lost_in_flight else lost
         names = " and ".join(self.platforms)
         return (
             f"{self.size / MB:,.1f} MB, {self.seconds:.1f} s, {self.messages:,} messages of {names}, verified; {lost}"
@@ -107,24 +109,25 @@ def collect(plan: Plan, report: Optional[Report] = None) -> Summary:
     manifest = _usable_manifest(plan.output, inputs, offsets)
     if manifest is None:
         manifest = _merged(plan, inputs, offsets, report)
-    manifest.update({**plan.facts, "platforms": platforms, "lost": lost})
+    manifest.update({**plan.facts, "platforms": platforms, "lost": [each.words for each in lost]})
+    manifest["lost_in_flight"] = [each.words for each in lost if each.counts]
     manifest = _verified(plan, inputs, offsets, manifest, report)
     return _summary(plan, manifest, lost)
 
 
-def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], List[str]]:
-    """Return all bags, the correction of each, and what the manifest says of the platforms."""
+def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], List[Loss]]:
+    """Return all bags, the correction of each, what the manifest says of the platforms, and what was lost."""
     inputs: List[Path] = []
     offsets: List[int] = []
     platforms: Dict[str, Any] = {}
-    lost: List[str] = []
+    lost = [Loss(f"{name}: its part, nothing of this session is there") for name in plan.facts.get("absent", ())]
     for source in plan.sources:
         content = check_arrived(source.folder, checksums=source.fetched)
         parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
-        gone = _lost_here(content, parts, _end_ns(plan, source))
+        gone = _lost_here(content, parts, _wanted(plan, source, content))
         inputs += [part.path for part in parts]
         offsets += [source.correction_ns] * len(parts)
-        lost += [f"{source.platform}/{words}" for words in gone]
+        lost += [each._replace(words=f"{source.platform}/{each.words}") for each in gone]
         platforms[source.platform] = {
             "clock": dict(source.clock),
             "correction_ns": source.correction_ns,
@@ -132,28 +135,36 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
             "dropped_warnings": content.get("dropped", 0),
             "missing_numbers": content.get("missing", {}),
             "uncounted_topics": content.get("uncounted", []),
-            "lost": gone,
+            "lost": [each.words for each in gone],
         }
     if not inputs:
         raise RecordingError(f"{plan.output}: there is no bag on any platform, nothing was recorded; look at the logs")
     return inputs, tuple(offsets), platforms, lost
 
 
-def _end_ns(plan: Plan, source: Source) -> Optional[int]:
-    """Return when the recording was to end, on the clock of a platform; None when nobody knows."""
-    stopped_ns = plan.facts.get("stopped_ns")
+def _wanted(plan: Plan, source: Source, content: Mapping[str, Any]) -> Wanted:
+    """Return what was to be recorded on a platform, on its clock."""
+    stopped_ns, flights = plan.facts.get("stopped_ns"), plan.facts.get("flights")
     offsets = [int(each["offset_ns"]) for each in source.clock.values()]
-    return None if stopped_ns is None else int(stopped_ns) + (sum(offsets) // len(offsets) if offsets else 0)
+    shift_ns = sum(offsets) // len(offsets) if offsets else 0
+    return Wanted(
+        end_ns=None if stopped_ns is None else int(stopped_ns) + shift_ns,
+        flights=None
+        if flights is None
+        else tuple((begin + shift_ns, None if end is None else end + shift_ns) for begin, end in flights),
+        tolerated=frozenset(plan.facts.get("tolerated_topics", ())),
+        topics=content.get("topics", {}),
+    )
 
 
-def _lost_here(content: Mapping[str, Any], parts: Sequence[Part], end_ns: Optional[int]) -> List[str]:
+def _lost_here(content: Mapping[str, Any], parts: Sequence[Part], wanted: Wanted) -> List[Loss]:
     """Return the losses of a part, with what was lost in bags that were recovered here."""
     known = {part.path.name.split(".")[0]: part.lost for part in parts}
     files = [
         {**entry, "lost": known.get(str(entry["file"]).split(".")[0])} if entry.get("open") else entry
         for entry in content["files"]
     ]
-    return losses({**content, "files": files}, end_ns)
+    return losses({**content, "files": files}, wanted)
 
 
 def _usable_manifest(output: Path, inputs: Sequence[Path], offsets: Sequence[int]) -> Optional[Dict[str, Any]]:
@@ -209,7 +220,7 @@ def _as_progress(report: Optional[Report], phase: Phase) -> Optional[Callable[[i
     return lambda done, total: tell(phase, done, total)
 
 
-def _summary(plan: Plan, manifest: Mapping[str, Any], lost: Sequence[str]) -> Summary:
+def _summary(plan: Plan, manifest: Mapping[str, Any], lost: Sequence[Loss]) -> Summary:
     output = manifest["output"]
     start, end = output["start_ns"], output["end_ns"]
     return Summary(
@@ -218,7 +229,8 @@ def _summary(plan: Plan, manifest: Mapping[str, Any], lost: Sequence[str]) -> Su
         messages=output["messages"],
         seconds=(end - start) / SECOND if start is not None and end is not None else 0.0,
         platforms=tuple(source.platform for source in plan.sources),
-        lost=tuple(lost),
+        lost=tuple(each.words for each in lost),
+        lost_in_flight=tuple(each.words for each in lost if each.counts),
     )
 
 

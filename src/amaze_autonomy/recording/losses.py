@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, FrozenSet, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -27,8 +27,10 @@ from amaze_autonomy.units import SECOND
 
 __all__ = [
     "Account",
+    "Loss",
     "Numbers",
     "Stream",
+    "Wanted",
     "Written",
     "account",
     "between",
@@ -224,6 +226,7 @@ def _account_group(found: Account, group: str, files: List[Written]) -> None:
             for topic, count in missing.items():
                 _add(found.missing, topic, count)
             continue
+        gap.update(from_ns=before.last_ns, to_ns=after.first_ns)
         gap["seconds"] = max(0, (after.first_ns or 0) - (before.last_ns or 0)) / SECOND
         if sum(missing.values()):
             gap["missing"] = sum(missing.values())
@@ -268,51 +271,98 @@ def _add(counts: Dict[str, int], topic: str, count: int) -> None:
 
 
 # --- in words ---------------------------------------------------------------------------------------------------------
+# A loss counts when it makes the data of the flight incomplete: it lies, or may lie, in the flight, and its topics are
+# not tolerated. Of dropped messages nobody knows the time; they count whenever they were dropped.
 
 
 _LEAST_NS = 100_000_000
+Span = Tuple[int, Optional[int]]
 
 
-def losses(content: Mapping[str, Any], end_ns: Optional[int] = None) -> List[str]:
+class Loss(NamedTuple):
+    """What was lost, in words, and whether the data of the flight is incomplete because of it."""
+
+    words: str
+    counts: bool = True
+
+
+class Wanted(NamedTuple):
+    """What was to be recorded of a platform, on its clock.
+
+    Args:
+        end_ns: when the recording was to end; None: unknown.
+        flights: from takeoff to landing (None: not landed yet); None: nobody said when it flew, so all of it counts.
+        tolerated: topics that may be lost.
+        topics: of each group; a group that is not there records what nobody knows.
+    """
+
+    end_ns: Optional[int] = None
+    flights: Optional[Sequence[Span]] = None
+    tolerated: FrozenSet[str] = frozenset()
+    topics: Mapping[str, Sequence[str]] = {}
+
+    def counts(self, group: str, from_ns: Optional[int], to_ns: Optional[int]) -> bool:
+        """Return whether what a group did not record in a time makes the data incomplete; None: unknown."""
+        if self.topics.get(group) and self.tolerated.issuperset(self.topics[group]):
+            return False
+        if self.flights is None or from_ns is None:
+            return True
+        return any(
+            (end_ns is None or from_ns < end_ns) and (to_ns is None or to_ns > begin_ns)
+            for begin_ns, end_ns in self.flights
+        )
+
+
+def losses(content: Mapping[str, Any], wanted: Wanted = Wanted()) -> List[Loss]:  # noqa: B008  (it is a value)
     """Return what a part has lost.
 
     Args:
         content: its list (`parts.py`).
-        end_ns: when the recording was to end, on the platform's clock; None: unknown.
+        wanted: what was to be recorded.
     """
-    known = _accounted(content, end_ns)
-    found = [words for entry in content["files"] for words in _of_file(entry, known)]
-    found += _of_gaps(content.get("gaps", []))
-    found += _of_ends(content.get("open_ends", {}), end_ns)
-    return found + _of_drops(content.get("dropped", 0), content.get("missing", {}))
+    gaps = [gap for gap in (_until(each, wanted.end_ns) for each in content.get("gaps", [])) if gap is not None]
+    found = _of_files(content, gaps, wanted)
+    found += _of_gaps(gaps, wanted)
+    found += _of_ends(content.get("open_ends", {}), wanted)
+    return found + _of_drops(content.get("dropped", 0), content.get("missing", {}), wanted)
 
 
-def _accounted(content: Mapping[str, Any], end_ns: Optional[int]) -> Set[Tuple[str, int]]:
-    """Return the open files, by group and number, after which a gap is told: what their ends lack is in it."""
-    found = {(str(gap["group"]), int(gap["file"]) - 1) for gap in content.get("gaps", []) if not gap.get("inside")}
-    if end_ns is not None:
-        for entry in content["files"]:
-            file = written(str(entry.get("recovered_from", "")))
-            if file is not None and file.group in content.get("open_ends", {}):
-                found.add((file.group, file.number))
+def _until(gap: Mapping[str, Any], end_ns: Optional[int]) -> Optional[Mapping[str, Any]]:
+    """Return a gap as far as it lies before the end: what came after it was not to be recorded. None: all of it did."""
+    from_ns, to_ns = gap.get("from_ns"), gap.get("to_ns")
+    if end_ns is None or from_ns is None or (to_ns is not None and to_ns <= end_ns):
+        return gap
+    if from_ns >= end_ns:
+        return None
+    kept = {key: value for key, value in gap.items() if key != "missing"}  # nobody knows how many of them came before
+    return {**kept, "to_ns": end_ns, "seconds": (end_ns - from_ns) / SECOND}
+
+
+def _of_files(content: Mapping[str, Any], gaps: Sequence[Mapping[str, Any]], wanted: Wanted) -> List[Loss]:
+    """Return what files lack; of one that was left open, what its end lacks lies in the gap that follows it."""
+    after = {(str(gap["group"]), int(gap["file"]) - 1): gap for gap in gaps if not gap.get("inside")}
+    found: List[Loss] = []
+    for entry in content["files"]:
+        lost, file = entry.get("lost", 0), written(str(entry.get("recovered_from", "")))
+        left_open = file is not None and not file.closed
+        group, number = (file.group, file.number) if file is not None else ("", 0)
+        gap = after.get((group, number)) if left_open else None
+        ends = left_open and wanted.end_ns is not None and group in content.get("open_ends", {})
+        if lost == 0 or (lost is None and (gap is not None or ends)):
+            continue
+        counts = wanted.counts(group, *((gap.get("from_ns"), gap.get("to_ns")) if gap is not None else (None, None)))
+        how_many = "an unknown number of" if lost is None else f"{lost:,}"
+        found.append(Loss(f"{entry['file']}: {how_many} messages", counts))
     return found
 
 
-def _of_file(entry: Mapping[str, Any], accounted: Set[Tuple[str, int]]) -> List[str]:
-    lost, file = entry.get("lost", 0), written(str(entry.get("recovered_from", "")))
-    if lost is None and file is not None and not file.closed and (file.group, file.number) in accounted:
-        return []
-    if lost is None:
-        return [f"{entry['file']}: an unknown number of messages"]
-    return [f"{entry['file']}: {lost:,} messages"] if lost else []
-
-
-def _of_gaps(gaps: Sequence[Mapping[str, Any]]) -> List[str]:
+def _of_gaps(gaps: Sequence[Mapping[str, Any]], wanted: Wanted) -> List[Loss]:
     """Return the times in which a group was not recorded, one line for each group and cause."""
-    found: Dict[Tuple[str, str], List[Mapping[str, Any]]] = {}
+    found: Dict[Tuple[str, str, bool], List[Mapping[str, Any]]] = {}
     for gap in gaps:
-        found.setdefault((gap["group"], gap["ending"]), []).append(gap)
-    return [_of_cause(group, ending, mine) for (group, ending), mine in found.items()]
+        counts = wanted.counts(gap["group"], gap.get("from_ns"), gap.get("to_ns"))
+        found.setdefault((gap["group"], gap["ending"], counts), []).append(gap)
+    return [Loss(_of_cause(group, ending, mine), counts) for (group, ending, counts), mine in found.items()]
 
 
 def _of_cause(group: str, ending: str, gaps: Sequence[Mapping[str, Any]]) -> str:
@@ -324,18 +374,22 @@ def _of_cause(group: str, ending: str, gaps: Sequence[Mapping[str, Any]]) -> str
     )
 
 
-def _of_ends(open_ends: Mapping[str, int], end_ns: Optional[int]) -> List[str]:
+def _of_ends(open_ends: Mapping[str, int], wanted: Wanted) -> List[Loss]:
     """Return the ends of groups whose last file was not closed."""
+    end_ns = wanted.end_ns
     if end_ns is None:
         return []
     return [
-        f"{group}: up to {(end_ns - last_ns) / SECOND:.1f} s at the end (its last file was not closed)"
+        Loss(
+            f"{group}: up to {(end_ns - last_ns) / SECOND:.1f} s at the end (its last file was not closed)",
+            wanted.counts(group, last_ns, end_ns),
+        )
         for group, last_ns in open_ends.items()
         if end_ns - last_ns >= _LEAST_NS
     ]
 
 
-def _of_drops(warnings: int, missing: Mapping[str, int]) -> List[str]:
+def _of_drops(warnings: int, missing: Mapping[str, int], wanted: Wanted) -> List[Loss]:
     counted = sum(missing.values())
     if not warnings and not counted:
         return []
@@ -346,4 +400,5 @@ def _of_drops(warnings: int, missing: Mapping[str, int]) -> List[str]:
     if warnings:
         why.append(f"warnings of the recorder: {warnings}, one in 5 s at most; topics without numbers are not counted")
     most = max(warnings, counted)
-    return [f"at least {most:,} message{'' if most == 1 else 's'} dropped ({'; '.join(why)})"]
+    words = f"at least {most:,} message{'' if most == 1 else 's'} dropped ({'; '.join(why)})"
+    return [Loss(words, bool(warnings) or not wanted.tolerated.issuperset(missing))]

@@ -89,6 +89,7 @@ class Group:
         self.running = self.writes = False
         self.dropped = 0
         self.gaps: List[Gap] = []
+        self.shift_ns: Optional[int] = None  # from this machine's time to what messages are stamped with
         self._sight = GroupSight(running=False)
         self._asked_ns: Optional[int] = None
         self._ended_ns: Optional[int] = None
@@ -168,10 +169,14 @@ class Group:
     def _open_gap(self, t_ns: int, ending: str, number: int) -> None:
         self._gap_ns = t_ns if self._grew_ns is None else self._grew_ns
         self.gaps.append({"group": self.name, "file": number, "seconds": 0.0, "ending": ending})
+        if self.shift_ns is not None:
+            self.gaps[-1]["from_ns"] = self._gap_ns + self.shift_ns
 
     def _close_gap(self, t_ns: int) -> None:
         if self._gap_ns is not None:
             self.gaps[-1]["seconds"] = (t_ns - self._gap_ns) / SECOND
+            if "from_ns" in self.gaps[-1]:
+                self.gaps[-1]["to_ns"] = self.gaps[-1]["from_ns"] + t_ns - self._gap_ns
         self._gap_ns, self._full_size = None, 0
 
     @property
@@ -230,10 +235,17 @@ _TRIES = 25  # of a recovery that is killed
 
 @dataclass(frozen=True)
 class GroupSetup:
-    """One group: its name, and the topics that its recorder must be subscribed to."""
+    """One group.
+
+    Args:
+        name: of the group.
+        topics: that its recorder must be subscribed to.
+        named: it records no others.
+    """
 
     name: str
     topics: Tuple[str, ...]
+    named: bool = True
 
 
 @dataclass(frozen=True)
@@ -359,6 +371,7 @@ class PlatformRecorder:
         self._sight = sight
         self._growth.add(t_ns, sum(each.size for each in sight.groups.values()))
         for name, group in self.groups.items():
+            group.shift_ns = None if sight.stamp_ns is None else sight.stamp_ns - t_ns
             group.see(t_ns, sight.groups.get(name, GroupSight(running=False)), writing=self.phase in WRITING)
         turn = _TURNS.get(self.phase)
         return tuple(turn(self, t_ns)) if turn is not None else ()
@@ -445,6 +458,7 @@ class PlatformRecorder:
         return {
             "session_id": self.session_id,
             "platform": self.setup.name,
+            "topics": {each.name: list(each.topics) for each in self.setup.groups if each.named},
             "gaps": [gap for group in self.groups.values() for gap in group.gaps],
             "dropped": self.dropped,
         }

@@ -72,6 +72,7 @@ class Status:
         platforms: one, or all.
         location: of the complete recording at COMPLETE, of the parts at FAILED.
         message: what is missing, or what was collected.
+        lost: what of the flight was not recorded, at COMPLETE; empty: all of it was.
     """
 
     session_id: str = ""
@@ -81,6 +82,7 @@ class Status:
     platforms: Tuple[PlatformStatus, ...] = ()
     location: str = ""
     message: str = ""
+    lost: str = ""
 
     @property
     def dropped(self) -> int:
@@ -126,10 +128,17 @@ class GroupSight:
 
 @dataclass(frozen=True)
 class Sight:
-    """Everything as it is now; `space` is None when the storage cannot be looked at."""
+    """Everything as it is now.
+
+    Args:
+        groups: by name.
+        space: None when the storage cannot be looked at.
+        stamp_ns: what a message that is recorded now is stamped with; None: unknown.
+    """
 
     groups: Mapping[str, GroupSight] = field(default_factory=dict)
     space: Optional[Space] = None
+    stamp_ns: Optional[int] = None
 
 
 # --- what is asked of its shell ---------------------------------------------------------------------------------------

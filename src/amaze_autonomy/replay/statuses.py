@@ -173,6 +173,7 @@ def _data_recorder(message: Any, t_ns: int) -> Event:
         platforms=tuple(_platform(each) for each in message.platforms),
         location=str(message.location),
         message=str(message.message),
+        lost=str(getattr(message, "lost", "")),  # not in recordings of before
         age_ns=_age_ns(message, t_ns),
     )
 

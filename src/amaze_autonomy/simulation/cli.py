@@ -12,7 +12,7 @@ from amaze_autonomy import paths
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
 from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.state import Result, State
+from amaze_autonomy.engine.state import DataResult, Result, State
 
 from .errors import SimulationError
 from .run import Run, run, story, summary
@@ -33,7 +33,7 @@ examples:
   amaze-autonomy simulate --list                             scenarios, kinds of faults, events to wait for
 
 exit status:
-  0  every mission ended COMPLETE
+  0  every mission ended COMPLETE, and its data is complete
   1  a mission ended otherwise
   2  wrong use, or a mistake in the configuration or the scenario (one line says where)
   3  the engine waits for a person who, by the scenario, does not come
@@ -126,4 +126,5 @@ def _status(result: Run) -> int:
         return LIMIT
     if result.state.state is not State.MISSION_ENDED or not result.results:
         return WAITING
-    return COMPLETE if all(each is Result.COMPLETE for _, each in result.results) else NOT_COMPLETE
+    whole = all(each is Result.COMPLETE and data is not DataResult.INCOMPLETE for _, each, data in result.results)
+    return COMPLETE if whole else NOT_COMPLETE

@@ -38,6 +38,7 @@ class Recorder(Peer):
         self._session = self._location = self._message = ""
         self._since_ns = self._t_ns = 0
         self._written: Dict[str, int] = dict.fromkeys(site.settings.platforms, 0)
+        self._lost_ns: Dict[str, int] = dict.fromkeys(site.settings.platforms, 0)
         self._growing: Dict[str, bool] = dict.fromkeys(site.settings.platforms, False)
         self._folder = site.settings.recording_folder
         self._cadence = Cadence(site.settings.rates.recorder_status_rate_hz)
@@ -66,7 +67,7 @@ class Recorder(Peer):
             return "" if same else f"busy with session {self._session} ({self._phase.name})"
         self._session, self._location, self._message = command.session_id, "", ""
         for name in self._written:
-            self._written[name] = 0
+            self._written[name] = self._lost_ns[name] = 0
         self._enter(RecordingPhase.STARTING, t_ns)
         return ""
 
@@ -114,6 +115,8 @@ class Recorder(Peer):
         for number, name in enumerate(self._written):
             works = self._phase in _WRITING and name not in (still, dead)
             self._growing[name] = works
+            if self._phase == RecordingPhase.RECORDING and not works and self.site.vehicle.armed:
+                self._lost_ns[name] += elapsed
             if works:
                 self._written[name] += _BYTE_RATE[min(number, len(_BYTE_RATE) - 1)] * elapsed // _S
         if dead and self._phase == RecordingPhase.RECORDING:
@@ -135,7 +138,12 @@ class Recorder(Peer):
             platforms=tuple(self._platform(number, name) for number, name in enumerate(self._written)),
             location=self._location,
             message=self._message,
+            lost=self._lost() if self._phase == RecordingPhase.COMPLETE else "",
         )
+
+    def _lost(self) -> str:
+        gaps = [f"{name}: {ns / _S:.1f} s in which nothing was recorded" for name, ns in self._lost_ns.items() if ns]
+        return "; ".join(gaps)
 
     def _progress(self, t_ns: int) -> Optional[float]:
         if self._phase == RecordingPhase.COMPLETE:

@@ -11,7 +11,7 @@ from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
@@ -36,7 +36,7 @@ class Run:
         commands: (time, command) of everything that the engine asked for, decisions left out.
         decisions: in order.
         history: (time, text) of what happened in the world: faults that began and ended, what the user asked.
-        results: (mission, result) of every mission that has ended.
+        results: (mission, result, what became of its data) of every mission that has ended.
         state: the engine's last state.
         finished: it ended by itself; false: the limit of simulated time was reached.
     """
@@ -45,7 +45,7 @@ class Run:
     commands: Tuple[Tuple[int, Command], ...]
     decisions: Tuple[Decision, ...]
     history: Tuple[Tuple[int, str], ...]
-    results: Tuple[Tuple[str, Result], ...]
+    results: Tuple[Tuple[str, Result, DataResult], ...]
     state: EngineState
     finished: bool
 
@@ -92,7 +92,7 @@ class _Loop:
         self._lines: List[str] = [journal.encode_header(header)]
         self._commands: List[Tuple[int, Command]] = []
         self._decisions: List[Decision] = []
-        self._results: List[Tuple[str, Result]] = []
+        self._results: List[Tuple[str, Result, DataResult]] = []
 
     def run(self, missions: Tuple[Mission, ...], limit_ns: int) -> Run:
         self._take(EngineStarted(t_ns=0, label="simulation"))
@@ -145,8 +145,9 @@ class _Loop:
         """Note the result of a mission that has just ended; the next one may have begun with the same event."""
         if decision.after != State.MISSION_ENDED.value or before.mission is None:
             return
-        results = [row.sets["result"] for row in TRANSITIONS if row.rule == decision.rule and "result" in row.sets]
-        self._results.append((before.mission.id, Result(results[0]) if results else before.result))
+        sets = next((row.sets for row in TRANSITIONS if row.rule == decision.rule), {})
+        data = DataResult(sets.get("data_result", before.data_result))
+        self._results.append((before.mission.id, Result(sets.get("result", before.result)), data))
 
     def _over(self) -> bool:
         """Tell whether nothing more will happen without a person."""
@@ -169,12 +170,16 @@ def story(scenario: Scenario, result: Run) -> str:
     told += _messages(result.commands)
     lines = [f"scenario: {scenario.description}", ""]
     lines += [f"{t_ns / _NS:10.3f}  {text}" for t_ns, _, text in sorted(told, key=lambda line: line[:2])]
-    lines += ["", *(f"mission {name}: {each.value}" for name, each in result.results)]
+    lines += ["", *(_ended(*each) for each in result.results)]
     if not result.finished:
         lines.append(f"{result.state.state.value}: not finished within the limit of simulated time")
     elif result.state.state is not State.MISSION_ENDED:
         lines.append(f"{result.state.state.value}: waits for a person")
     return "\n".join(lines)
+
+
+def _ended(mission: str, result: Result, data: DataResult) -> str:
+    return f"mission {mission}: {result.value}" + (", data INCOMPLETE" if data is DataResult.INCOMPLETE else "")
 
 
 def _joined(decisions: Sequence[Decision]) -> List[Tuple[Decision, str]]:
@@ -243,7 +248,9 @@ def summary(result: Run) -> Dict[str, Any]:
             for decision in result.decisions
         ],
         "finished": result.finished,
-        "results": [{"mission": name, "result": each.value} for name, each in result.results],
+        "results": [
+            {"mission": name, "result": each.value, "data_result": data.value} for name, each, data in result.results
+        ],
         "simulated_s": result.state.t_ns / _NS,
         "state": result.state.state.value,
         "world": [{"t_s": t_ns / _NS, "text": text} for t_ns, text in result.history],

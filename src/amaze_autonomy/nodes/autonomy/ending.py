@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Dict, List, Tuple
+from typing import Callable, Dict, List, NamedTuple, Tuple
 
 from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction, MissionCommand
 from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
-from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 
-__all__ = ["Ending", "Farewell"]
+__all__ = ["Ended", "Ending", "Farewell"]
 
 _ROUTES = ("mission planner", "autopilot")
+
+
+class Ended(NamedTuple):
+    """How a mission ended, and what became of its data."""
+
+    result: Result
+    data: DataResult = DataResult.NONE
 
 
 class Ending:
@@ -27,7 +34,7 @@ class Ending:
     def __init__(self, end: Callable[[str], None], state: EngineState, *, exit_when_ended: bool) -> None:
         self._exit, self._end = exit_when_ended, end
         self._before = state.state
-        self.results: List[Result] = []
+        self.results: List[Ended] = []
 
     def see(self, state: EngineState) -> None:
         """Take notice of a step."""
@@ -35,9 +42,9 @@ class Ending:
         if state.state is before:
             return
         if state.state is State.MISSION_ENDED:
-            self.results.append(state.result)
+            self.results.append(Ended(state.result, state.data_result))
         elif state.state is State.MISSION_INPUT and before is not State.MISSION_ENDED:
-            self.results.append(Result.NOT_FLOWN)
+            self.results.append(Ended(Result.NOT_FLOWN))
         else:
             return
         if self._exit and not state.queue:

@@ -37,7 +37,7 @@ from amaze_autonomy.engine.events import (
     Shutdown,
     UserRequest,
 )
-from amaze_autonomy.engine.state import EngineState, Result, State
+from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.interface import STATUSES, Status
 
@@ -51,14 +51,14 @@ from ...ros.reconnector import Reconnector
 from ...ros.service_client import ServiceClient
 from ...ros.topic_reader import ALL, Tally, subscribe
 from . import run_folder
-from .ending import Ending, Farewell
+from .ending import Ended, Ending, Farewell
 from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
 from .run_folder import JournalFile, create, reopen
 from .users import Unattended, UserDesk, choose
 
-__all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "exit_status", "main", "outcome"]
+__all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "data_outcome", "exit_status", "main", "outcome"]
 
 _FAREWELL_LIMIT_S = 5.0
 _MASTER_LIMIT_S = 1.0
@@ -243,6 +243,7 @@ class AutonomyNode:
         folder = self._folder
         result = {
             "data": state.data_location,
+            "data_result": data_outcome(self._ending.results).value,
             "data_summary": state.recorder.message if state.recorder is not None else "",
             "exit_status": status,
             "in_flight": state.in_flight,
@@ -271,8 +272,10 @@ class AutonomyNode:
                 lines.append(f"autonomy: LAND was sent ({self._farewell.text()})")
         lines.append(f"autonomy: result   {outcome(self._ending.results, state)}")
         lines.append(f"autonomy: bag      {state.data_location or 'none'}")
-        if state.recorder is not None and state.recorder.message:
-            lines.append(f"autonomy: data     {state.recorder.message}")
+        data = data_outcome(self._ending.results).value
+        said = state.recorder.message if state.recorder is not None else ""
+        if data or said:
+            lines.append(f"autonomy: data     {': '.join(each for each in (data, said) if each)}")
         lines.append(f"autonomy: journal  {self._journal.path}")
         lines.append(f"autonomy: report   {self._folder / run_folder.REPORT_NAME}")
         print("\n".join(lines), flush=True)
@@ -353,7 +356,7 @@ EXIT_STATUS: Mapping[str, int] = {
     "LANDED_EARLY": 3,
     "PILOT": 4,
     "NOT_FLOWN": 5,
-    "DATA_INCOMPLETE": 6,
+    "DATA_INCOMPLETE": 6,  # flown or not, something of a flight was not recorded, or the data was given up
     "INTERRUPTED": 7,  # the node was ended while a mission was under way, on the ground
     "INTERRUPTED_IN_FLIGHT": 8,  # ... and in flight: LAND was sent
 }
@@ -361,9 +364,9 @@ EXIT_STATUS: Mapping[str, int] = {
 _NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
 
 
-def outcome(results: Sequence[Result], state: EngineState) -> str:
+def outcome(results: Sequence[Ended], state: EngineState) -> str:
     """Return the worst of how the missions ended and where the engine was when the node ended."""
-    names = [result.value for result in results if result is not Result.NONE] or ["COMPLETE"]
+    names = [each.result.value for each in results if each.result is not Result.NONE] or ["COMPLETE"]
     if state.in_flight:
         names.append("INTERRUPTED_IN_FLIGHT")
     elif state.state not in _NOTHING_UNDER_WAY:
@@ -371,6 +374,13 @@ def outcome(results: Sequence[Result], state: EngineState) -> str:
     return max(names, key=EXIT_STATUS.__getitem__)
 
 
-def exit_status(results: Sequence[Result], state: EngineState) -> int:
-    """Return the exit status of the node."""
-    return EXIT_STATUS[outcome(results, state)]
+def data_outcome(results: Sequence[Ended]) -> DataResult:
+    """Return what became of the data of all missions; NONE where nothing was recorded."""
+    known = [each.data for each in results]
+    return next((each for each in (DataResult.INCOMPLETE, DataResult.COMPLETE) if each in known), DataResult.NONE)
+
+
+def exit_status(results: Sequence[Ended], state: EngineState) -> int:
+    """Return the exit status of the node: the worse of what became of the flights and of their data."""
+    data = "DATA_INCOMPLETE" if data_outcome(results) is DataResult.INCOMPLETE else "COMPLETE"
+    return max(EXIT_STATUS[outcome(results, state)], EXIT_STATUS[data])

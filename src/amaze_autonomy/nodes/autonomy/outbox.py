@@ -254,6 +254,7 @@ def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState
         recording_progress=number(report.recording_progress),
         data_location=report.data_location,
         result=report.result,
+        data_result=report.data_result,
     )
     message.header.stamp = ros_time(ros_ns)
     return message

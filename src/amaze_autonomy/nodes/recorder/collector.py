@@ -21,7 +21,7 @@ from amaze_autonomy.recording.storage import remove_part, session_name, write_js
 
 from ...ros.errors import CallError
 from .links import PlatformLink
-from .platform import RecorderPlatform
+from .platform import RecorderPlatform, resolved
 from .settings import RecorderShare, collector_setup, transfers
 
 __all__ = ["Collection", "RecorderCollector"]
@@ -72,7 +72,9 @@ class RecorderCollector:
             self.machine.heard(self._share.now_ns(), platform, status)
 
     def _see_engine(self, message: Any) -> None:
-        """Copy the journal again when the mission has ended: its last decisions came after the recording."""
+        """Note when it flies; copy the journal again when the mission has ended: its last decisions came afterwards."""
+        with self._share.lock:
+            self.machine.heard_engine(message.header.stamp.to_nsec(), message.session_id, in_flight=message.in_flight)
         if message.state == "MISSION_ENDED" and message.session_id == self.machine.session_id:
             self._share.workers.submit(lambda: self._collection.copy_journal(self._folder(), again=True))
 
@@ -227,6 +229,9 @@ class Collection:
                 "session_id": collector.session_id,
                 "mission_id": collector.mission_id,
                 "stopped_ns": collector.stopped_ns,
+                "flights": collector.flights,
+                "tolerated_topics": resolved(self._configuration.recording.tolerated_topics),
+                "absent": [name for name, view in collector.views.items() if not view.began],
                 "configuration_hash": self._configuration.hash,
             },
         }

@@ -113,7 +113,7 @@ class RecorderPlatform:
         """See and decide; return what is to be done. The files are looked at without holding the lock."""
         with self._share.lock:
             self._enter()
-        sight = self._children.look(Subscriptions(*self._master.seen()))
+        sight = self._children.look(Subscriptions(*self._master.seen()), self._share.stamp_ns())
         with self._share.lock:
             commands = list(self.machine.step(self._share.now_ns(), sight))
             self._enter()

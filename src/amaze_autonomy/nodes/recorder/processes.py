@@ -171,14 +171,14 @@ class RecorderChildren:
         process = self._processes.get(name)
         return process is not None and process.alive
 
-    def look(self, subscriptions: Subscriptions) -> Sight:
-        """Return everything as it is now."""
+    def look(self, subscriptions: Subscriptions, stamp_ns: Optional[int] = None) -> Sight:
+        """Return everything as it is now; `stamp_ns` is what a message that is recorded now is stamped with."""
         folder = self._folder
         if folder is None:
             return Sight()
         files = _files(folder)
         groups = {name: self._see(name, files, subscriptions) for name in self._groups}
-        return Sight(groups, space_of(folder))
+        return Sight(groups, space_of(folder), stamp_ns)
 
     def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupSight:
         mine = [files[each] for each in files_of(name, list(files))]

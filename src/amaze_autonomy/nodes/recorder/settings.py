@@ -84,9 +84,10 @@ def collector_setup(configuration: Configuration) -> CollectorSetup:
 def platform_setup(configuration: Configuration, name: str, topics: Mapping[str, Sequence[str]]) -> PlatformSetup:
     """Return what the machine of a platform needs; `topics` are those of each of its groups, resolved."""
     recording = configuration.recording
+    named = {group.name for group in recording.groups_of(name) if not group.match}
     return PlatformSetup(
         name=name,
-        groups=tuple(GroupSetup(group, tuple(names)) for group, names in topics.items()),
+        groups=tuple(GroupSetup(group, tuple(names), group in named) for group, names in topics.items()),
         growth_limit_ns=recording.growth_limit_ns,
         stop_limit_ns=recording.stop_limit_ns,
         reserve_bytes=reserve_bytes(recording.storage),

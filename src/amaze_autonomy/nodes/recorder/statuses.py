@@ -26,6 +26,7 @@ def recording_status(status: Status, ros_ns: int) -> Any:
         platforms=[_platform(each) for each in status.platforms],
         location=status.location,
         message=status.message,
+        lost=status.lost,
         remaining=number(status.remaining_s),
         dropped=status.dropped,
     )
