@@ -150,7 +150,10 @@ def _attempt(scenario: Scenario, autopilot: str, own: Path, program: Path, commi
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    verdict = judge(scenario, autopilot, own)
+    try:
+        verdict = judge(scenario, autopilot, own)
+    except (OSError, ValueError) as error:  # a JournalError is one
+        verdict = Verdict((f"it cannot be judged: {error}",), {}, "", (), (), "")
     row = Row(scenario.name, autopilot, verdict, time.monotonic() - began, own)
     (own / "verdict.json").write_text(json.dumps(_document(row), indent=2) + "\n", encoding="utf-8")
     print(_line(row), flush=True)
