@@ -12,10 +12,11 @@ pytest.importorskip("rospy")
 from amaze_autonomy import msg
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection
 from amaze_autonomy.nodes.recorder.links import read_status
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
-from amaze_autonomy.nodes.recorder.processes import Subscriptions
+from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, Status
@@ -34,6 +35,7 @@ def over_the_wire(message):
     [
         Status(),
         Status("s1", RecordingPhase.MERGING, 0.5, 12.0, (PART,), "/rec/s", "message"),
+        Status("s1", RecordingPhase.COMPLETE, 1.0, None, (), "/rec/s.bag", "1 MB", "second: 3 s"),
         Status("s1", RecordingPhase.FAILED, None, None, (PlatformStatus("main"),), "", "missing"),
     ],
 )
@@ -89,3 +91,46 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
     ]
     told = {name: request["facts"][name] for name in ("stopped_ns", "flights", "tolerated_topics", "absent")}
     assert told == {"stopped_ns": 5, "flights": [[1, 4]], "tolerated_topics": (), "absent": ["third"]}
+
+
+def test_open_bags_and_the_names_of_files_are_put_on_the_disk_when_they_have_changed(tmp_path, monkeypatch):
+    kept = []
+    monkeypatch.setattr(processes, "_sync_file", lambda path: kept.append(path.name))
+    monkeypatch.setattr(processes, "sync_folder", lambda path: kept.append(f"{path.name}/"))
+    part = tmp_path / "recordings" / "s1_m" / "main"
+    disk, bag = DiskSync(), part / "a-01.bag.active"
+    disk.sync()
+    disk.enter(part)
+    disk.sync()
+    assert kept == [], "nothing is there yet"
+    part.mkdir(parents=True)
+    (part / "a.log").write_text("a warning")
+    bag.write_bytes(b"1")
+    folders = ["main/", "s1_m/", "recordings/"]
+    for happens, put in (
+        (lambda: None, [bag.name, *folders]),
+        (lambda: None, []),
+        (lambda: bag.write_bytes(b"12"), [bag.name]),
+        (lambda: bag.rename(part / "a-01.bag"), ["a-01.bag", *folders]),
+    ):
+        happens()
+        disk.sync()
+        assert kept == put
+        kept.clear()
+    assert disk.cost.startswith("put on the disk 3 times, ")
+
+
+def test_a_disk_that_takes_nothing_is_said_and_tried_again(tmp_path, monkeypatch):
+    disk = DiskSync()
+    disk.enter(tmp_path)
+    (tmp_path / "a-01.bag.active").write_bytes(b"1")
+
+    def broken(_path):
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(processes, "_sync_file", broken)
+        disk.sync()
+    assert disk.problem == f"{tmp_path}: cannot be put on the disk (Input/output error)"
+    disk.sync()
+    assert (disk.problem, disk.count) == ("", 1)

@@ -6,9 +6,13 @@ Two topics carry numbers, one for each platform, so that every message that is m
 
 from __future__ import annotations
 
+import fcntl
 import os
+import random
+import re
 import shutil
 import signal
+import struct
 import subprocess
 import tempfile
 import threading
@@ -28,11 +32,15 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recording import Recording
 from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.recording.parts import close_parts
 from amaze_autonomy.recording.storage import read_json
 
 PHASE = RecordingPhase
 PLATFORMS = ("main", "second")
 RATE_HZ = 200
+CUTS = int(os.environ.get("AMAZE_CUTS", "3"))
+LOST_BY_A_CUT_S = 1.5
+EXT4_SHUTDOWN, WITHOUT_LOG = 0x8004587D, 2  # linux/fs/ext4: what xfstests cuts the power with; nothing more is written
 CONFIGURATION = """
 folder: {folder}
 collector: main
@@ -201,6 +209,43 @@ class Recorders:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
+class Ext4:
+    """A file system of its own on an image, whose power can be cut.
+
+    Raises:
+        unittest.SkipTest: it cannot be made here.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if os.geteuid() != 0:
+            raise unittest.SkipTest("NOT TESTED: power cuts: only root can mount an ext4 image")
+        self._image, self.folder = folder / "image", folder / "mounted"
+        self.folder.mkdir()
+        with self._image.open("wb") as image:
+            image.truncate(96 << 20)
+        self._run("mkfs.ext4", "-q", "-F", str(self._image))
+        self.mount()
+
+    def _run(self, *command: str) -> None:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise unittest.SkipTest(f"NOT TESTED: power cuts: {' '.join(command[:1])}: {done.stderr.strip()}")
+
+    def mount(self) -> None:
+        self._run("mount", "-o", "loop", str(self._image), str(self.folder))
+
+    def unmount(self) -> None:
+        subprocess.run(["umount", "--lazy", str(self.folder)], check=False)
+
+    def cut(self) -> None:
+        """Cut the power: what is not on the disk now never gets there."""
+        file = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.ioctl(file, EXT4_SHUTDOWN, struct.pack("I", WITHOUT_LOG))
+        finally:
+            os.close(file)
+
+
 def another_clock(folder: Path) -> Path:
     """Return a library whose users have a clock that is 3 s ahead."""
     library = folder / "another_clock.so"
@@ -325,6 +370,49 @@ class TestRecorder(unittest.TestCase):
             f"full at {sum(part.stat().st_size for part in parts) / 1e6:.0f} MB; after space was made: {status.message}"
         )
 
+    def test_a_power_cut_at_a_random_moment_takes_at_most_a_second_and_a_half(self) -> None:
+        memory = Path("/dev/shm")  # the image lies there: how busy the disk of this machine is does not matter
+        folder = Path(tempfile.mkdtemp(prefix="amaze_cut_", dir=memory if memory.is_dir() else None))
+        draw = random.Random(1)
+        self.addCleanup(shutil.rmtree, folder, ignore_errors=True)
+        disk = Ext4(folder)
+        self.addCleanup(disk.unmount)
+        lost_s: List[float] = []
+        for number in range(CUTS):
+            recorders = self.recorders(f"cut{number}", storage=disk.folder)
+            for platform in PLATFORMS:
+                recorders.start_node(platform)
+            self.assertTrue(recorders.ask("start").accepted)
+            recorders.wait_phase(PHASE.RECORDING)
+            time.sleep(draw.uniform(0.5, 4.0))
+            recorder_pids = [recorders.process(*each) for each in (("main", "one"), ("second", "two"))]
+            sent = {platform: recorders.numbers[platform].sent for platform in PLATFORMS}
+            disk.cut()
+            for pid in (*(node.pid for node in recorders.nodes.values()), *recorder_pids):
+                os.kill(pid, signal.SIGKILL)
+            for node in recorders.nodes.values():
+                node.wait()
+            subprocess.run(["umount", str(disk.folder)], check=True)
+            disk.mount()
+            for platform in PLATFORMS:
+                numbers = self.left_of(disk.folder / platform, f"/cut{number}/{platform}/numbers")
+                self.assertEqual(holes(numbers), [])
+                lost_s.append((sent[platform] - max(numbers, default=0)) / RATE_HZ)
+                shutil.rmtree(disk.folder / platform, ignore_errors=True)
+        words = ", ".join(f"{each:.2f}" for each in lost_s)
+        print(f"{CUTS} power cuts, two bags each: lost {words} s (limit {LOST_BY_A_CUT_S} s)")
+        self.assertLess(max(lost_s), LOST_BY_A_CUT_S, words)
+
+    def left_of(self, folder: Path, topic: str) -> Set[int]:
+        """Return the numbers that a power cut has left in the part of a platform."""
+        numbers: Set[int] = set()
+        for part in {path.parent for path in folder.glob("*/*/*.bag*")}:
+            close_parts(part, {"session_id": "s1", "platform": part.name})
+            for bag in part.glob("*.bag"):
+                with Recording(bag) as recording:
+                    numbers |= {int(recording.message(each).data.split()[0]) for each in recording.entries(topic)}
+        return numbers
+
     def test_clocks_that_are_three_seconds_apart_are_corrected_and_parts_removed_in_the_end_when_configured(
         self,
     ) -> None:
@@ -346,6 +434,9 @@ class TestRecorder(unittest.TestCase):
         self.assertLess(abs(ends["main"] - ends["second"]), 1_000_000_000, "record times were not corrected")
         self.assertTrue(manifest["verified"]["ok"])
         wait_for(lambda: [*recorders.storage.rglob("*.bag")] == [Path(status.location)], "the removal of the parts")
+        costs = re.findall(r"main: (put on the disk [1-9].*)", recorders.log())
+        self.assertEqual(len(costs), 1, "what it costs is said")
+        print(f"open bags: {costs[0]}")
         print(f"clocks 3 s apart: measured {[clock[each]['offset_ns'] / 1e9 for each in ('start', 'stop')]} s")
 
 

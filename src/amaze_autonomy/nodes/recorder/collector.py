@@ -18,6 +18,7 @@ from amaze_autonomy.recording import Answer, Collector, Command, RecordingError,
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import correction_ns
 from amaze_autonomy.recording.storage import remove_part, session_name, write_json
+from amaze_autonomy.whole_file import sync_folder
 
 from ...ros.errors import CallError
 from .links import PlatformLink
@@ -277,3 +278,4 @@ def _copy(source: Path, target: Path) -> None:
     with half.open("rb") as file:
         os.fsync(file.fileno())
     half.replace(target)
+    sync_folder(target.parent)

@@ -43,6 +43,7 @@ def read_status(message: Any) -> Optional[Status]:
         platforms=tuple([_platform(each) for each in message.platforms]),
         location=message.location,
         message=message.message,
+        lost=message.lost,
     )
 
 

@@ -120,7 +120,7 @@ class DataRecorderNode:
         with self._share.lock:
             own = self._platform.status()
             whole = self._collector.status() if self._collector is not None else None
-        self._teller.tell(self._share.stamp_ns(), own, whole, force=force)
+        self._teller.tell(self._share.stamp_ns(), own, whole, self._platform.disk, force=force)
 
     # --- memory ---------------------------------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from amaze_autonomy.recording.storage import needed_bytes, remove_part, session_
 from ...ros.clock import MonotonicClock
 from ...ros.threads import Periodic
 from . import statuses
-from .processes import RecorderChildren, Subscriptions, recorder_program
+from .processes import DiskSync, RecorderChildren, Subscriptions, recorder_program
 from .settings import RecorderShare, platform_setup
 
 __all__ = ["MasterView", "RecorderPlatform", "resolved"]
@@ -43,7 +43,7 @@ class RecorderPlatform:
         self._groups = tuple(groups.values())
         self._children = RecorderChildren(groups, topics, nodes, recording.storage, recorder_program())
         self.machine = PlatformRecorder(platform_setup(share.configuration, name, topics))
-        self._master = MasterView()
+        self._master, self.disk = MasterView(), DiskSync()
         self.commands: Mapping[Type[Any], Callable[[Any], None]] = {
             asked.StartChild: self._start_child,
             asked.Signal: lambda it: self._children.signal(it.group, it.name),
@@ -103,6 +103,7 @@ class RecorderPlatform:
     def begin(self) -> None:
         """Begin to look."""
         self._master.start()
+        self.disk.start()
 
     @property
     def folder(self) -> Path:
@@ -122,6 +123,7 @@ class RecorderPlatform:
     def _enter(self) -> None:
         if self.machine.session_id:
             self._children.enter(self.folder)
+            self.disk.enter(self.folder)
             self.machine.location = str(self.folder)
 
     def status(self) -> Status:
@@ -135,6 +137,7 @@ class RecorderPlatform:
 
     def _recover(self, _command: asked.Recover) -> None:
         machine, share, session = self.machine, self._share, self.machine.session_id
+        rospy.loginfo("%s: %s", self.name, self.disk.cost)
 
         def progress(line: Mapping[str, Any]) -> None:
             with share.lock:

@@ -34,10 +34,13 @@ from amaze_autonomy.recording.programs import (
 )
 from amaze_autonomy.recording.status import GroupSight, Sight
 from amaze_autonomy.recording.storage import PARTS, read_json, space_of
+from amaze_autonomy.whole_file import sync_folder
 
+from ...ros.clock import MonotonicClock
 from ...ros.local_process import LocalProcess
+from ...ros.threads import Periodic
 
-__all__ = ["RecorderChildren", "RecorderJobs", "Subscriptions", "recorder_program"]
+__all__ = ["DiskSync", "RecorderChildren", "RecorderJobs", "Subscriptions", "recorder_program"]
 
 
 def recorder_program() -> List[str]:
@@ -231,6 +234,72 @@ def _files(folder: Path) -> Dict[str, os.stat_result]:
             with suppress(OSError):
                 found[entry.name] = entry.stat()
     return found
+
+
+# --- disk sync --------------------------------------------------------------------------------------------------------
+# Bags that are open are put on the disk once a second, on a thread of its own: a slow disk makes nobody else wait. The
+# kernel writes back after 30 s, and gives a file its length only then; until then a power cut leaves 0 bytes.
+
+
+_SYNC_PERIOD_NS = 1_000_000_000
+
+
+class DiskSync:
+    """Has the disk keep what recorders have written, and the names of their files."""
+
+    def __init__(self) -> None:
+        self._folder: Optional[Path] = None
+        self._kept: Dict[str, Tuple[int, int]] = {}
+        self._periodic = Periodic("sync", self.sync, _SYNC_PERIOD_NS, MonotonicClock())
+        self.count, self.total_s, self.most_s = 0, 0.0, 0.0
+        self.problem = ""
+
+    def start(self) -> None:
+        """Begin."""
+        self._periodic.start()
+
+    def enter(self, folder: Path) -> None:
+        """Look after another session's folder from now on."""
+        if folder != self._folder:
+            self._folder, self.count, self.total_s, self.most_s = folder, 0, 0.0, 0.0
+
+    def sync(self) -> None:
+        """Put everything on the disk that has changed since the last time."""
+        folder = self._folder
+        files = _files(folder) if folder is not None else {}
+        now = {name: (each.st_size, each.st_mtime_ns) for name, each in files.items() if ".bag" in name}
+        if folder is None or now == self._kept:
+            return
+        began_s = time.monotonic()
+        try:
+            for name in sorted(now):
+                if self._kept.get(name) != now[name]:
+                    _sync_file(folder / name)
+            if now.keys() != self._kept.keys():
+                for each in (folder, folder.parent, folder.parent.parent):
+                    sync_folder(each)
+        except OSError as error:
+            self.problem = f"{folder}: cannot be put on the disk ({error.strerror})"
+            return
+        took_s = time.monotonic() - began_s
+        self._kept, self.problem = now, ""
+        self.count, self.total_s, self.most_s = self.count + 1, self.total_s + took_s, max(self.most_s, took_s)
+
+    @property
+    def cost(self) -> str:
+        """Return what it has cost, in words."""
+        mean_ms = self.total_s / self.count * 1000 if self.count else 0.0
+        return f"put on the disk {self.count} times, {mean_ms:.1f} ms each, {self.most_s * 1000:.1f} ms at most"
+
+
+def _sync_file(path: Path) -> None:
+    """Wait until a file is on the disk, whoever writes it; one with another name by now is seen next time."""
+    with suppress(FileNotFoundError):
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fdatasync(file)
+        finally:
+            os.close(file)
 
 
 # --- recorder jobs ----------------------------------------------------------------------------------------------------

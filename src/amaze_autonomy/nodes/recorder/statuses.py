@@ -13,6 +13,7 @@ from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording.status import WRITING, PlatformStatus, Status
 
 from ...ros.interface import number, ros_time
+from .processes import DiskSync
 
 __all__ = ["RecorderDiagnostics", "RecorderTeller", "recording_status", "ros_time"]
 
@@ -71,12 +72,12 @@ class RecorderTeller:
         self._said: Dict[str, Tuple[Any, ...]] = {}
         self._diagnostics = RecorderDiagnostics(platform)
 
-    def tell(self, stamp_ns: int, own: Status, whole: Optional[Status], *, force: bool) -> None:
+    def tell(self, stamp_ns: int, own: Status, whole: Optional[Status], disk: DiskSync, *, force: bool) -> None:
         """Publish what is news, or everything; `whole` is the status of all platforms, on the collector."""
         self._tell_one(self._platform, stamp_ns, own, force=force)
         if whole is not None:
             self._tell_one("", stamp_ns, whole, force=force)
-        self._diagnostics.publish(stamp_ns, whole if whole is not None else own)
+        self._diagnostics.publish(stamp_ns, whole if whole is not None else own, disk)
 
     def _tell_one(self, who: str, stamp_ns: int, status: Status, *, force: bool) -> None:
         news = self._is_news(who, status)
@@ -112,17 +113,17 @@ class RecorderDiagnostics:
         self._platform, self._due_s = platform, 0.0
         self._publisher = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
 
-    def publish(self, ros_ns: int, status: Status) -> None:
+    def publish(self, ros_ns: int, status: Status, disk: DiskSync) -> None:
         """Publish, at most once a second."""
         now_s = time.monotonic()
         if now_s < self._due_s:
             return
         self._due_s = now_s + _PERIOD_S
-        message = DiagnosticArray(status=self.rows(status))
+        message = DiagnosticArray(status=self.rows(status, disk))
         message.header.stamp = ros_time(ros_ns)
         self._publisher.publish(message)
 
-    def rows(self, status: Status) -> List[Any]:
+    def rows(self, status: Status, disk: DiskSync) -> List[Any]:
         """Return the statuses."""
         failed = status.phase is RecordingPhase.FAILED
         whole = DiagnosticStatus(
@@ -131,6 +132,9 @@ class RecorderDiagnostics:
             message=f"{status.phase.name} {status.message}".strip(),
             values=[KeyValue("session", status.session_id), KeyValue("location", status.location)],
         )
+        whole.values.append(KeyValue("disk", disk.problem or disk.cost))
+        if disk.problem:
+            whole.level, whole.message = DiagnosticStatus.ERROR, disk.problem
         return [whole, *(_row(part, writing=status.phase in WRITING) for part in status.platforms)]
 
 
