@@ -35,7 +35,9 @@ def test_a_good_flight_is_a_whole_mission(flight_bag, flight_map):
 
 def test_every_line_says_where_its_input_came_from(flight_bag, flight_map):
     outcome, _ = replay(flight_bag, flight_map)
-    assert {line.source.words for line in outcome.timeline} == {"bag", "script"}
+    assert {line.source.words for line in outcome.timeline} == {"bag", "script", "bag+script"}
+    mixed = [line.text for line in outcome.timeline if line.source.words == "bag+script"]
+    assert all("planner phase" in text or "platforms that record" in text for text in mixed)
     assert texts(outcome, LineKind.MONITOR) == [
         "+0.000 bag landing detection: UNKNOWN 1 good ranges, 3 are needed",
         "+0.400 bag landing detection: ON_GROUND on the ground",
@@ -156,7 +158,7 @@ def test_before_the_recording_begins_the_script_plays(tmp_path, flight_map):
     first = outcome.decisions[0]
     assert (first.rule, (first.t_ns - START_NS) / S) == ("mission_selected", -2.0)
     assert moves(outcome)[:3] == NOMINAL[:3]
-    assert texts(outcome, LineKind.DECISION)[1].startswith("-1.999 script PREFLIGHT -> READY by checks_passed")
+    assert texts(outcome, LineKind.DECISION)[1].startswith("~ -1.999 script PREFLIGHT -> READY by checks_passed")
 
 
 def test_a_field_that_the_messages_do_not_have_is_one_clear_error(tmp_path, flight_map, flight_bag):

@@ -9,8 +9,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.tester import Result, Verdict, cli
 from amaze_autonomy.tester.command import main
+from amaze_autonomy.tester.golden.difference import waveform
 from amaze_autonomy.tester.result import result_lines
 
 REASON = "--reason=the first run, and it is right"
@@ -230,3 +232,25 @@ def test_from_where_on_a_recording_is_another_flight_is_said():
     ]
     passed = replace(told, verdict=Verdict.PASS)
     assert (len(result_lines(passed)), len(result_lines(passed, verbose=True))) == (1, 2)
+
+
+def test_decisions_before_the_recording_are_drawn_from_where_they_begin():
+    def decided(t_s, before, after):
+        return Decision(
+            t_ns=t_s * 10**9,
+            sequence=0,
+            event="x",
+            before=before,
+            after=after,
+            step="",
+            rule="x",
+            values=(),
+            commands=(),
+        )
+
+    lead = (decided(100, "MISSION_INPUT", "PREFLIGHT"), decided(104, "PREFLIGHT", "MISSION"))
+    later = (decided(108, "MISSION_INPUT", "PREFLIGHT"), decided(109, "PREFLIGHT", "MISSION"))
+    head, golden, new, *_ = waveform(lead, later, 105 * 10**9)
+    assert head.startswith("states   -5 s ")
+    assert head.endswith(" 4.000 s")
+    assert (golden[9:].count("i"), new[9:].count("i")) == (0, 64)

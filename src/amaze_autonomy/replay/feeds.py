@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite, nan
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.gravity import BUCKET_NS, PLAUSIBLE_M2_S4, rotation_from_rpy, tilt_of, up_of_quaternion
-from amaze_autonomy.monitoring.landing import LandingDetector
+from amaze_autonomy.monitoring.landing import LandingDetector, seen_m
 from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.monitoring.specs import AutopilotSensor, EstimateSource
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
@@ -28,6 +28,7 @@ from .topic_columns import Track
 from .topic_map import Reading
 
 __all__ = [
+    "FULL",
     "BatteryFeed",
     "ComponentFeed",
     "EstimateFeed",
@@ -38,8 +39,21 @@ __all__ = [
     "ImuFeed",
     "LastCounts",
     "RangeFeed",
+    "Rise",
     "TiltFeed",
 ]
+
+
+class Rise(NamedTuple):
+    """How a scripted vehicle comes to where the recorded one is first.
+
+    Args:
+        share: what of the way is still to come at a time, 1 to 0; 0 on the ground, where it is there already.
+        height_m: how far it is below the first recorded height at a time.
+    """
+
+    share: Callable[[int], float]
+    height_m: Callable[[int], float]
 
 
 class Feed:
@@ -65,6 +79,9 @@ class Feed:
 
     def play(self, t_ns: int) -> None:
         """Take what a good message would have said at a time."""
+
+    def join(self, message: Any, rise: Rise) -> None:
+        """Lead up to the first recorded message without a jump; `rise` tells where the scripted vehicle is before."""
 
     # --- many at once -------------------------------------------------------------------------------------------------
 
@@ -99,6 +116,7 @@ class LastCounts(Feed):
 
 
 _S = 1_000_000_000
+FULL = 0.95
 
 
 @dataclass(frozen=True)
@@ -116,6 +134,8 @@ class BatteryFeed(LastCounts):
         super().__init__(reading.topic, _S // 2, paths=tuple(reading.fields.values()))
         self._monitor, self._facts, self._scale = monitor, facts, reading.scale
         self._get: Mapping[str, Getter] = {name: getter(path) for name, path in reading.fields.items()}
+        self._first: Optional[Tuple[float, Optional[float]]] = None
+        self._rise: Optional[Rise] = None
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take a level."""
@@ -135,8 +155,24 @@ class BatteryFeed(LastCounts):
 
     def play(self, t_ns: int) -> None:
         """Take a charged battery."""
+        if self._first is not None:
+            self._monitor.add(t_ns, self.level_at(t_ns), self._first[1])
+            return
         spec = self._monitor.spec
-        self._monitor.add(t_ns, 0.95, 0.5 * (spec.cell_voltage_min_v + spec.cell_voltage_max_v) * (spec.cells or 4))
+        self._monitor.add(t_ns, FULL, 0.5 * (spec.cell_voltage_min_v + spec.cell_voltage_max_v) * (spec.cells or 4))
+
+    def join(self, message: Any, rise: Rise) -> None:
+        """Play what is recorded first, on the ground; before a flight in the air a full battery that drains to it."""
+        values = {name: number(get(message)) for name, get in self._get.items()}
+        fraction = values.get("fraction")
+        if fraction is not None and 0.0 <= fraction * self._scale <= 1.0:
+            self._first, self._rise = (fraction * self._scale, values.get("voltage")), rise
+
+    def level_at(self, t_ns: int) -> float:
+        """Return the level that is played at a time."""
+        if self._first is None or self._rise is None:
+            return FULL
+        return self._first[0] + (max(FULL, self._first[0]) - self._first[0]) * self._rise.share(t_ns)
 
 
 class FactFeed(LastCounts):
@@ -192,6 +228,8 @@ class RangeFeed(Feed):
         super().__init__(reading.topic, _S // 20, paths=(reading.fields["distance"], "min_range", "max_range"))
         self._detector, self._get = detector, getter(reading.fields["distance"])
         self.tilt: Optional[TiltFeed] = None
+        self._first_m: Optional[float] = None
+        self._below: Callable[[int], float] = lambda _: 0.0
         self._footing: Optional[Footing] = None
 
     def take_many(self, begin: int, end: int) -> None:
@@ -226,7 +264,17 @@ class RangeFeed(Feed):
     def play(self, t_ns: int) -> None:
         """Take what the sensor measures when the vehicle stands on the ground."""
         spec = self._detector.spec
-        self._detector.add_range(t_ns, max(spec.mounting_height_m, spec.min_range_m) / spec.scale)
+        on_ground_m = max(spec.mounting_height_m, spec.min_range_m)
+        distance_m = on_ground_m if self._first_m is None else max(on_ground_m, self._first_m - self._below(t_ns))
+        self._detector.add_range(t_ns, distance_m / spec.scale)
+
+    def join(self, message: Any, rise: Rise) -> None:
+        """Play the height of the scripted vehicle, to what is recorded first."""
+        spec = self._detector.spec
+        limits = (number(getattr(message, name, None)) for name in ("min_range", "max_range"))
+        value = number(self._get(message))
+        self._first_m = None if value is None else seen_m(value, spec, *limits)
+        self._below = rise.height_m
 
 
 class TiltFeed(Feed):
@@ -338,6 +386,8 @@ class EstimateFeed(Feed):
         self._monitor = monitor
         self._read = estimate_reader(monitor.spec.source)
         self._pace: Optional[Pace] = None
+        self._first: Vector = (0.0, 0.0, 0.0)
+        self._below: Callable[[int], float] = lambda _: 0.0
 
     def ride(self, track: Track, rank: int) -> None:
         """Take all estimates of a track."""
@@ -387,8 +437,15 @@ class EstimateFeed(Feed):
 
     def play(self, t_ns: int) -> None:
         """Take what a good estimator says of a vehicle that stands level and still."""
-        good = Estimate((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), _SURE, _SURE, (0.0, 0.0, 0.0))
+        x, y, z = self._first
+        good = Estimate((x, y, z - self._below(t_ns)), (0.0, 0.0, 0.0, 1.0), _SURE, _SURE, (0.0, 0.0, 0.0))
         self._monitor.add_estimate(t_ns, good)
+
+    def join(self, message: Any, rise: Rise) -> None:
+        """Play the estimate where the recorded one is first; at the origin it would seem to drift from there."""
+        x, y, z = self._read(message).position
+        if all(map(isfinite, (x, y, z))):
+            self._first, self._below = (x, y, z), rise.height_m
 
 
 # --- watchdog feeds ---------------------------------------------------------------------------------------------------

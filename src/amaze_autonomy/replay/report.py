@@ -57,6 +57,8 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
     for name, (source, rows) in outcome.checks.items():
         lines.append(f"  {name.value:<{_WIDE}} {source.words}")
         lines += [f"    {row.verdict.value:<8} {row_words(row)}" for row in rows]
+    if outcome.scripted:
+        lines.append(f"Scripted all along: {', '.join(outcome.scripted)}.")
     lines += _compared_lines(outcome) + _flown_lines(outcome)
     lines += [f"VACUOUS: {each}" for each in outcome.unread]
     return [*lines, f"Map {plan.topic_map.name}, mission {plan.mission.id}: {verdict(outcome)}"]
@@ -125,6 +127,8 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "as_flown": None if outcome.flown is None else outcome.parting is None,
         "start_ns": outcome.start_ns,
         "end_ns": outcome.end_ns,
+        "begins": _begins(outcome),
+        "scripted": list(outcome.scripted),
         "counterfactual_from_s": _seconds(outcome.counterfactual_ns, outcome),
         "missed_command": missed,
         "topics": [_topic(figures, outcome) for figures in recordings.figures()],
@@ -147,6 +151,13 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         ],
         "timeline": [_line(line, outcome) for line in outcome.timeline],
     }
+
+
+def _begins(outcome: Outcome) -> Optional[Dict[str, Any]]:
+    first = outcome.beginning
+    if first is None:
+        return None
+    return {"airborne": first.airborne, "height_m": first.height_m, "reason": first.reason}
 
 
 def _topic(figures: Any, outcome: Outcome) -> Dict[str, Any]:
@@ -177,6 +188,7 @@ def _line(line: Line, outcome: Outcome) -> Dict[str, Any]:
         "text": line.text,
         "level": line.level,
         "times": line.times,
+        "scripted": line.scripted,
         "counterfactual": line.counterfactual,
     }
 

@@ -20,6 +20,7 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.state import EngineState, OutreachKind, State
 
+from .beginning import Lead
 from .topic_map import Script
 
 __all__ = ["Planner", "Recorder", "User", "Vehicle"]
@@ -28,7 +29,7 @@ __all__ = ["Planner", "Recorder", "User", "Vehicle"]
 _S = 1_000_000_000
 _ARM_NS, _LIFT_NS, _CLIMB_M_S = _S // 2, 1 * _S, 1.0
 _CRUISE_M, _DISARM_NS = 2.0, _S // 2
-_TOUCH_M = 0.05
+_TOUCH_M, _HOVER_M = 0.05, 0.3
 _MODES: Dict[MissionAction, str] = {
     MissionAction.TAKEOFF: "AUTO.MISSION",
     MissionAction.RESUME: "AUTO.MISSION",
@@ -39,10 +40,16 @@ _MODES: Dict[MissionAction, str] = {
 
 
 class Vehicle:
-    """A vehicle that does at once what it is told: it arms, climbs, flies, descends and disarms."""
+    """A vehicle that does at once what it is told: it arms, climbs, flies, descends and disarms.
 
-    def __init__(self) -> None:
+    Args:
+        lead: before a recording that begins in the air: it climbs to where that begins, and stays there.
+    """
+
+    def __init__(self, lead: Optional[Lead] = None) -> None:
+        self._lead = lead
         self.mode = "AUTO.LOITER"
+        self._turning_ns: Optional[int] = None
         self._takeoff_ns: Optional[int] = None
         self._land_ns: Optional[int] = None
         self._land_height_m = 0.0
@@ -55,6 +62,7 @@ class Vehicle:
         if action is MissionAction.TAKEOFF:
             self._takeoff_ns, self._land_ns, self._down_ns = t_ns, None, None
             self._flew = self._disarmed = False
+            self._turning_ns = None
         elif action in (MissionAction.LAND, MissionAction.ABORT) and self._land_ns is None:
             self._land_height_m = self._height_m(t_ns)
             self._land_ns = t_ns
@@ -66,7 +74,8 @@ class Vehicle:
             t_ns: now.
             told: by the recording, fields of AutopilotStatus; what it should tell and does not is unknown.
         """
-        landed = told["landed"] if "landed" in told else self._landed(t_ns)
+        self._hear_motors(t_ns, told)
+        landed = told["landed"] if "landed" in told else self._landed_with(t_ns, told)
         if landed is not VehicleLanded.ON_GROUND:
             self._down_ns, self._flew = None, self._flew or landed is not VehicleLanded.UNKNOWN
         elif self._down_ns is None:
@@ -74,17 +83,45 @@ class Vehicle:
         return {
             "armed": told["armed"] if "armed" in told else self._armed(t_ns),
             "landed": landed or VehicleLanded.UNKNOWN,
-            "height_m": told["height_m"] if "height_m" in told else self._height_m(t_ns),
+            "height_m": told["height_m"] if "height_m" in told else self._height_with(t_ns, landed),
             "battery_fraction": told.get("battery_fraction", 0.95),
             "battery_voltage_v": told.get("battery_voltage_v"),
         }
+
+    def height_m(self, t_ns: int) -> float:
+        """Return how high it is, as far as the script alone says."""
+        return self._height_m(t_ns)
+
+    def _hear_motors(self, t_ns: int, told: Mapping[str, Any]) -> None:
+        """Take when the recorded motors began to turn after the takeoff was commanded: it lifts off after that."""
+        if self._takeoff_ns is not None and self._turning_ns is None and told.get("armed") is True:
+            self._turning_ns = t_ns
+
+    def _landed_with(self, t_ns: int, told: Mapping[str, Any]) -> VehicleLanded:
+        """Return where the scripted vehicle is, as far as recorded motors allow: none flies disarmed or rests armed."""
+        landed = self._landed(t_ns)
+        if told.get("armed") is False:
+            return VehicleLanded.ON_GROUND
+        if told.get("armed") is True and landed is VehicleLanded.ON_GROUND and self._flew:
+            return VehicleLanded.LANDING
+        return landed
+
+    def _height_with(self, t_ns: int, landed: Optional[VehicleLanded]) -> float:
+        """Return how high the scripted vehicle is; on the ground it is at 0, and above it where it is said to fly."""
+        if landed is VehicleLanded.ON_GROUND:
+            return 0.0
+        height_m = self._height_m(t_ns)
+        return max(_HOVER_M, height_m) if landed in (VehicleLanded.IN_AIR, VehicleLanded.LANDING) else height_m
 
     def _height_m(self, t_ns: int) -> float:
         if self._land_ns is not None:
             return max(0.0, self._land_height_m - _CLIMB_M_S * (t_ns - self._land_ns) / _S)
         if self._takeoff_ns is None:
             return 0.0
-        return min(_CRUISE_M, max(0.0, _CLIMB_M_S * (t_ns - self._takeoff_ns - _LIFT_NS) / _S))
+        if self._lead is not None and self._takeoff_ns < self._lead.end_ns:
+            return self._lead.height_at(t_ns, self._takeoff_ns + _LIFT_NS)
+        lift_ns = max(self._takeoff_ns + _LIFT_NS, (self._turning_ns or self._takeoff_ns) + _ARM_NS)
+        return min(_CRUISE_M, max(0.0, _CLIMB_M_S * (t_ns - lift_ns) / _S))
 
     def _landed(self, t_ns: int) -> VehicleLanded:
         height = self._height_m(t_ns)

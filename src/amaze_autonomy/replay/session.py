@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from itertools import zip_longest
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.columns import WHOLE
 from amaze_autonomy.engine.checks import Check, CheckName
@@ -37,6 +37,7 @@ from amaze_autonomy.engine.timers import next_deadline
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
 from .agenda import Agenda, Rank
+from .beginning import Beginning, Lead, beginning_of, lead_of
 from .changed_keys import Change, ChangedKeys, Unread, recorded_facts
 from .faults.story import Story
 from .journals import FlightLog, read_log
@@ -55,6 +56,7 @@ __all__ = ["Outcome", "Parting", "Session", "part"]
 _S = 1_000_000_000
 _STEP_NS = 1_000_000
 _NEVER_NS = 1 << 62
+_SCRIPTED = ("armed", "landed", "height", "mode", "position", "battery", "planner", "recorder")
 _WARM_UP_NS = 3 * _S  # what is played fills the windows of the checks before anybody asks
 Progress = Callable[[int, int], None]
 
@@ -79,6 +81,8 @@ class Outcome:
         compared: nodes of the recorded flight whose judgement was made anew and compared.
         disagreements: where what they said is not what the recorded sensors say.
         unread: changed keys of the configuration that nothing looked at.
+        beginning: of the recording: on the ground, or in the air.
+        scripted: what of the vehicle and its nodes the recording never tells.
     """
 
     journal: Tuple[str, ...]
@@ -95,6 +99,8 @@ class Outcome:
     compared: Tuple[str, ...] = ()
     disagreements: Tuple[Disagreement, ...] = ()
     unread: Tuple[Unread, ...] = ()
+    beginning: Optional[Beginning] = None
+    scripted: Tuple[str, ...] = ()
 
 
 class Session:
@@ -105,10 +111,16 @@ class Session:
         recordings: open.
         story: what happens besides: faults of peers and of the engine, requests of the user.
         changes: keys of the configuration to be followed: were they looked at?
+        beginning: of the recording, without any fault in it; None: as the recording has it.
     """
 
     def __init__(
-        self, plan: Plan, recordings: Recordings, story: Optional[Story] = None, changes: Sequence[Change] = ()
+        self,
+        plan: Plan,
+        recordings: Recordings,
+        story: Optional[Story] = None,
+        changes: Sequence[Change] = (),
+        beginning: Optional[Beginning] = None,
     ) -> None:
         self._plan, self._recordings = plan, recordings
         self._story = Story() if story is None else story
@@ -128,8 +140,14 @@ class Session:
         self._names: Dict[int, str] = {}
         self._script = plan.topic_map.script
         self._log = self._read_log()
+        self._at_first = Beginning(recordings.start_ns, airborne=False) if self._log else beginning
+        if self._at_first is None:
+            self._at_first = beginning_of(plan, recordings)
+        self._lead: Optional[Lead] = lead_of(plan, self._at_first, _WARM_UP_NS) if self._at_first.airborne else None
         self._begin_ns = self._beginning()
-        self._world = World(plan, self._monitors, self._agenda, self._feed, self._say, recordings, self._story)
+        self._world = World(
+            plan, self._monitors, self._agenda, self._feed, self._say, recordings, self._story, self._lead
+        )
         self._takers = self._made_takers()
 
     def run(self, progress: Optional[Progress] = None) -> Outcome:
@@ -174,7 +192,9 @@ class Session:
         start_ns = self._recordings.start_ns
         self._journal.append(encode_header(self._header()))
         self._world.begin(self._begin_ns, plays=self._plays())
-        self._note(start_ns, "the recording begins")
+        self._note(start_ns, f"the recording begins{self._begins_words()}")
+        if self._lead is not None:
+            self._agenda.at(start_ns, Rank.TICK, self._check_lead)
         for topic in self._recordings.missing:
             self._note(start_ns, f"{topic} is {'muted' if topic in self._recordings.muted else 'not in the recording'}")
         source = Source.SCRIPT if self._log is None else Source.LOG
@@ -185,9 +205,24 @@ class Session:
             for event in self._log.events:
                 self._agenda.at(event.t_ns, Rank.LOG, self._logged(event))
         else:
-            self._agenda.at(
-                max(self._begin_ns + _STEP_NS, start_ns + self._script.select_at_ns), Rank.USER, self._select
-            )
+            asked_ns = start_ns + self._script.select_at_ns
+            asked_ns = asked_ns if self._lead is None else self._lead.begin_ns + _WARM_UP_NS
+            self._agenda.at(max(self._begin_ns + _STEP_NS, asked_ns), Rank.USER, self._select)
+
+    def _begins_words(self) -> str:
+        first = self._at_first
+        if first is None or not (first.airborne or first.armed):
+            return ""
+        if not first.airborne:
+            return " on the ground, with motors that are armed already"
+        at = "" if first.height_m is None else f" at {first.height_m:.1f} m"
+        return f" in the air{at} ({first.reason}): it is judged from here, what led to it is scripted"
+
+    def _check_lead(self, t_ns: int) -> None:
+        """Say when the script could not lead up to a recording that begins in the air."""
+        if not self._state.in_flight:
+            words = f"contradiction: the recording begins in the air, the script has come to {self._state.state.value}"
+            self._lines.append(Line(t_ns, Source.SCRIPT, LineKind.NOTE, words, 2))
 
     def _told(self, event: Event) -> Callable[[int], None]:
         return lambda _: self._feed(event, Source.SCRIPT)
@@ -198,6 +233,8 @@ class Session:
     def _beginning(self) -> int:
         """Return when the replay begins: before the recording where the script must have played by then."""
         start_ns = self._recordings.start_ns
+        if self._lead is not None:
+            return max(0, self._lead.begin_ns - _STEP_NS)
         first_ns = min(start_ns, start_ns + self._script.select_at_ns)
         if self._log is not None:
             first_ns = min(start_ns, self._log.events[0].t_ns)
@@ -205,7 +242,12 @@ class Session:
 
     def _plays(self) -> bool:
         """Return True when the script plays topics before their recording begins."""
-        return self._log is not None or self._script.select_at_ns < 0 or self._script.sensors_until_ns > 0
+        return (
+            self._log is not None
+            or self._lead is not None
+            or self._script.select_at_ns < 0
+            or self._script.sensors_until_ns > 0
+        )
 
     def _read_log(self) -> Optional[FlightLog]:
         topic = self._plan.topic_map.statuses.get("journal", "")
@@ -326,9 +368,9 @@ class Session:
             self._journal.append(encode_decision(command))
             level = 2 if command.after in (State.LAND.value, State.PILOT.value, State.OUTREACH.value) else 0
             level = 1 if command.after == State.HOLD.value else level
-            self._lines.append(
-                Line(t_ns, self._source, LineKind.DECISION, decision_text(command, self._recordings.start_ns), level)
-            )
+            source = self._source | self._world.scripted_part(t_ns, (value.name for value in command.values))
+            text = decision_text(command, self._recordings.start_ns)
+            self._lines.append(Line(t_ns, source, LineKind.DECISION, text, level))
         else:
             if isinstance(command, MissionCommand) and command.action is MissionAction.TAKEOFF:
                 self._world.flown = True
@@ -389,10 +431,15 @@ class Session:
             compared=self._world.recorded.compared,
             disagreements=tuple(self._world.recorded.disagreements),
             unread=self._unread(),
+            beginning=self._at_first,
+            scripted=tuple(name for name in _SCRIPTED if name not in self._facts()),
         )
 
+    def _facts(self) -> FrozenSet[str]:
+        return recorded_facts(self._plan, self._recordings, log=self._log is not None)
+
     def _unread(self) -> Tuple[Unread, ...]:
-        facts = recorded_facts(self._plan, self._recordings, log=self._log is not None)
+        facts = self._facts()
         watched = self._monitors.watchdog.started or "watchdog_info" in self._plan.topic_map.statuses
         failed = self._world.failed
         return self._keys.unread(self._plan, self._recordings, facts, watched=watched, failed=failed)

@@ -66,7 +66,7 @@ def _styled(line: Line, start_ns: int) -> Text:
     from rich.text import Text  # noqa: PLC0415
 
     time, source, text = written(line, start_ns)
-    base = "dim" if line.counterfactual else ""
+    base = "dim" if line.counterfactual or line.scripted else ""
     moves = line.kind is LineKind.DECISION and " -> " in text.partition("  by ")[0]
     style = " ".join(part for part in (base, "bold" if moves else _KINDS[line.kind], _LEVELS[line.level]) if part)
     return Text.assemble((f"{time}  ", base or "bold"), (f"{source:<10}  ", "dim"), (text, style))

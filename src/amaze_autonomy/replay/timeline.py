@@ -63,6 +63,11 @@ class Line:
     until_ns: int = 0
     counterfactual: bool = False
 
+    @property
+    def scripted(self) -> bool:
+        """True when the script had a part in it."""
+        return Source.SCRIPT in self.source
+
 
 def joined(lines: Iterable[Line]) -> List[Line]:
     """Return the lines with equal ones in a row made one."""
@@ -110,8 +115,8 @@ def _plain(value: object) -> str:
 
 
 def written(line: Line, start_ns: int) -> Tuple[str, str, str]:
-    """Return time, source and text of a line as they are printed; counterfactual ones begin with "~"."""
-    time = f"{'~' if line.counterfactual else ' '}{(line.t_ns - start_ns) / _S:+9.3f}"
+    """Return time, source and text of a line as they are printed; scripted and counterfactual ones begin with "~"."""
+    time = f"{'~' if line.counterfactual or line.scripted else ' '}{(line.t_ns - start_ns) / _S:+9.3f}"
     more = "" if line.times == 1 else f"  [{line.times} times until {(line.until_ns - start_ns) / _S:+.3f}]"
     return time, line.source.words, line.text + more
 

@@ -84,12 +84,14 @@ class Script:
         sensors_until_ns: until then the script plays a topic as nominal that has not begun yet, from the first message.
         retries: how often the user retries after a failed check before giving up.
         retry_after_ns: how long the user takes for it.
+        begins: auto, ground or air: where the vehicle is at the first message.
     """
 
     select_at_ns: int = 0
     sensors_until_ns: int = 0
     retries: int = 0
     retry_after_ns: int = 5_000_000_000
+    begins: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -178,6 +180,13 @@ _SCRIPT = Group(
         ),
         Key("retries", Whole(0, 1000), "how often a failed check is retried", "", 0),
         Key("retry_after_s", Number(above=0, maximum=3600), "after how long", "", 5.0),
+        Key(
+            "begins",
+            Choice(("auto", "ground", "air")),
+            "where the vehicle is at the first message; auto: as its status, landed, range or height say",
+            "",
+            "auto",
+        ),
     ),
 )
 _READINGS = Group(
@@ -319,6 +328,7 @@ def _script(values: Dict[str, Any]) -> Script:
         sensors_until_ns=_ns(values["sensors_until_s"]),
         retries=values["retries"],
         retry_after_ns=_ns(values["retry_after_s"]),
+        begins=values["begins"],
     )
 
 

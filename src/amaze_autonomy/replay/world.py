@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Set, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Set, Tuple
 
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import (
@@ -40,9 +40,10 @@ from amaze_autonomy.monitoring.condition import FOREVER_NS
 
 from .agenda import Agenda, Rank, Task, Turns
 from .answers import Answers, Follower
-from .errors import InvalidStatusError, MisfitError
+from .beginning import Lead
+from .errors import InvalidStatusError, MisfitError, ReplayError
 from .faults.story import Story
-from .feeds import Feed
+from .feeds import BatteryFeed, Feed, Rise
 from .fields import kind_of
 from .monitors import Monitors
 from .plan import Plan
@@ -60,6 +61,12 @@ _LATENCY_NS = 1_000_000
 _TURN_NS = _S // 50
 _PERIOD_NS = _S // 5
 _WATCH_NS = _S // 10
+_TELLERS: Mapping[str, str] = {
+    "flight mode": "autopilot",
+    "planner phase": "mission_planner",
+    "platforms that record": "data_recorder",
+}
+_MOTION = frozenset(("armed", "landed", "height_m"))
 _LANDED = {VehicleLanded.UNKNOWN: Landed.UNKNOWN, VehicleLanded.ON_GROUND: Landed.ON_GROUND}
 
 Tell = Callable[[Event, Source], None]
@@ -76,6 +83,7 @@ class World:
         say: writes a line of the timeline: time, source, text, level.
         recordings: open.
         story: faults of the peers' services.
+        lead: what the script plays before a recording that begins in the air; None: it begins on the ground.
     """
 
     def __init__(
@@ -87,8 +95,9 @@ class World:
         say: Say,
         recordings: Recordings,
         story: Story,
+        lead: Optional[Lead] = None,
     ) -> None:
-        self._story = story
+        self._story, self._lead = story, lead
         self._plan, self._monitors, self._agenda = plan, monitors, agenda
         self._tell, self._say, self._recordings = tell, say, recordings
         self.recorded = RecordedNodes(plan, recordings, say)
@@ -97,7 +106,7 @@ class World:
         self.state = EngineState()
         self.flown = False
         self.failed: Set[str] = set()
-        self._vehicle, self._planner, self._recorder = Vehicle(), Planner(), Recorder()
+        self._vehicle, self._planner, self._recorder = Vehicle(lead), Planner(), Recorder()
         self._statuses: Dict[str, str] = {topic: name for name, topic in plan.topic_map.statuses.items()}
         self._heard: Dict[str, Event] = {}
         self._sessions: Dict[str, str] = {}
@@ -105,7 +114,8 @@ class World:
         self._followed = Follower()
         self._turns = self._looks = Turns(0, _TURN_NS)
         self._turn_ns = FOREVER_NS
-        self._origins = Origins(plan, recordings)
+        self._origins = Origins(plan, recordings, 0 if lead is None else _S)
+        self._contradicted: Set[str] = set()
         self._action: Optional[WatchdogAction] = None
         self._info: Optional[WatchdogInfo] = None
 
@@ -116,6 +126,7 @@ class World:
         for rank, topic in enumerate(self._recordings.topics if plays else ()):
             for feed in self._monitors.feeds:
                 if feed.topic == topic and feed.period_ns:
+                    self._join(feed, rank)
                     self._play(feed, t_ns, rank)
         peers = (
             ("landing_detection", _PERIOD_NS, Rank.LANDING, self._tell_landed),
@@ -148,6 +159,29 @@ class World:
     def source(self, t_ns: int) -> Source:
         """Return where what is known of the components comes from at a time."""
         return self._origins.source(t_ns)
+
+    def scripted_part(self, t_ns: int, names: Iterable[str]) -> Source:
+        """Return SCRIPT when one of the values that a decision looked at is what the script says at a time."""
+        told = (_TELLERS[name] for name in names if name in _TELLERS)
+        return Source.NONE if all(self._origins.has(teller, t_ns) for teller in told) else Source.SCRIPT
+
+    def _join(self, feed: Feed, rank: int) -> None:
+        """Let what is played lead up to the first recorded message, where it is played until then."""
+        first = next(iter(self._recordings.ordered((rank,))), None)
+        if first is None or not feed.decodes or first.t_ns > self._origins.begins_ns(feed.topic):
+            return
+        message = self._recordings.message(first)
+        if message is not None:
+            try:
+                feed.join(message, self._rise())
+            except (ReplayError, AttributeError, IndexError, TypeError):  # it is said when it is replayed
+                return
+
+    def _rise(self) -> Rise:
+        lead = self._lead
+        if lead is None:
+            return Rise(lambda _: 0.0, lambda _: 0.0)
+        return Rise(lead.share, lambda t_ns: lead.height_m - self._vehicle.height_m(t_ns))
 
     def _play(self, feed: Feed, t_ns: int, rank: int) -> None:
         """Play a topic as nominal until its first message, for as long as the script says."""
@@ -330,11 +364,31 @@ class World:
 
     def _vehicle_facts(self, t_ns: int) -> Tuple[Dict[str, Any], Source]:
         """Return the whole of what the vehicle says, and where it comes from."""
-        told = {} if t_ns < self._origins.script_until_ns else self._monitors.facts(t_ns, flown=self.flown)
+        told = {} if t_ns < self._recordings.start_ns else self._monitors.facts(t_ns, flown=self.flown)
+        if t_ns < self._origins.script_until_ns:  # what has not begun is played, what has begun is recorded
+            told = {name: value for name, value in told.items() if value not in (None, VehicleLanded.UNKNOWN)}
         source = (Source.BAG if told else Source.NONE) | Source.SCRIPT
-        if {"armed", "landed", "height_m", "battery_fraction"} <= told.keys():
+        if told.keys() >= _MOTION:
             source = Source.BAG
-        return self._vehicle.facts(t_ns, told), source
+        self._contradict(t_ns, told)
+        facts = self._vehicle.facts(t_ns, told)
+        if "battery_fraction" not in told:
+            batteries = (feed for feed in self._monitors.feeds if isinstance(feed, BatteryFeed))
+            facts["battery_fraction"] = next((feed.level_at(t_ns) for feed in batteries), facts["battery_fraction"])
+        return facts, source
+
+    def _contradict(self, t_ns: int, told: Dict[str, Any]) -> None:
+        """Say where the recording contradicts what the script, or the engine by it, takes for granted."""
+        landed = told.get("landed")
+        flies = landed in (VehicleLanded.IN_AIR, VehicleLanded.LANDING, VehicleLanded.TAKING_OFF)
+        found: Dict[str, bool] = {
+            "the recorded vehicle flies, and nothing here has commanded a takeoff": flies and not self.flown,
+            "the recorded vehicle is in the air and disarmed": flies and told.get("armed") is False,
+        }
+        for words, holds in found.items():
+            if holds and words not in self._contradicted:
+                self._say(t_ns, Source.BAG, f"contradiction: {words}", 2)
+            (self._contradicted.add if holds else self._contradicted.discard)(words)
 
     def _tell_autopilot(self, t_ns: int) -> None:
         facts, source = self._vehicle_facts(t_ns)
@@ -403,7 +457,8 @@ class World:
 
     def _move(self, t_ns: int, action: MissionAction) -> None:
         self._vehicle.command(t_ns, action)
-        self.evidence.command(t_ns, action)
+        if self._lead is None or t_ns >= self._lead.end_ns:  # what leads up to a recording is not asked of it
+            self.evidence.command(t_ns, action)
 
     def _check(self, t_ns: int, command: RunCheck, delay_ns: int) -> None:
         until_ns = t_ns
@@ -450,13 +505,14 @@ class Origins:
     Args:
         plan: of the replay.
         recordings: open.
+        least_ns: a recorder needs so long until it hears every topic.
 
     Attributes:
         script_until_ns: until then silent topics may be played.
     """
 
-    def __init__(self, plan: Plan, recordings: Recordings) -> None:
-        self.script_until_ns = recordings.start_ns + plan.topic_map.script.sensors_until_ns
+    def __init__(self, plan: Plan, recordings: Recordings, least_ns: int = 0) -> None:
+        self.script_until_ns = recordings.start_ns + max(least_ns, plan.topic_map.script.sensors_until_ns)
         self._statuses = plan.topic_map.statuses
         self._watched = plan.component_topics or recordings.topics
         self._first_ns = _first_times(recordings)
@@ -500,7 +556,7 @@ def _first_times(recordings: Recordings) -> Dict[str, int]:
 # Only what the recording tells counts. Where it tells nothing of the vehicle, no command is known to have been got.
 
 
-_DESCENT_M = 0.5
+_DESCENT_M, _TOUCHED_M = 0.5, 0.3
 _LAND_LIMIT_NS = 5 * _S
 _LANDING_PHASES = (MissionPhase.LANDING, MissionPhase.LANDED)
 
@@ -521,6 +577,8 @@ class _Waiting:
     action: MissionAction
     until_ns: int
     height_m: Optional[float]
+    lowest_m: Optional[float] = None
+    sinks: bool = False
 
 
 class Evidence:
@@ -557,13 +615,14 @@ class Evidence:
             return
         self._waiting = [each for each in self._waiting if not self._shows(each, seen)]
         for each in self._waiting:
-            if seen.t_ns >= each.until_ns:
+            if seen.t_ns >= each.until_ns and not each.sinks:
                 self._miss(each)
 
     def end(self) -> None:
-        """Take the end of the recording: what has not shown by now never did."""
+        """Take the end of the recording: what has not shown by now never did, but a descent may go on."""
         for each in self._waiting:
-            self._miss(each)
+            if not (each.sinks and (each.lowest_m or 0.0) <= self._limits.landing_height_m):
+                self._miss(each)
 
     def _miss(self, waiting: _Waiting) -> None:
         if self.counterfactual_ns is None or waiting.t_ns < self.counterfactual_ns:
@@ -596,5 +655,17 @@ class Evidence:
             return True
         if seen.landed in (VehicleLanded.ON_GROUND, VehicleLanded.LANDING):
             return True
-        known = waiting.height_m is not None and seen.height_m is not None
-        return known and (waiting.height_m or 0.0) - (seen.height_m or 0.0) >= _DESCENT_M
+        if seen.mode:
+            return False
+        return self._sinks_to_the_ground(waiting, seen.height_m)
+
+    def _sinks_to_the_ground(self, waiting: _Waiting, height_m: Optional[float]) -> bool:
+        """Return True when it has come down: a descent that ends above the ground, or rises again, is none."""
+        if waiting.height_m is None or height_m is None:
+            return False
+        lowest_m = waiting.height_m if waiting.lowest_m is None else waiting.lowest_m
+        if height_m > lowest_m + _DESCENT_M:
+            waiting.sinks = False
+        waiting.lowest_m = min(lowest_m, height_m)
+        waiting.sinks |= waiting.height_m - height_m >= _DESCENT_M
+        return waiting.sinks and height_m <= _TOUCHED_M

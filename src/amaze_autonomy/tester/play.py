@@ -22,6 +22,7 @@ from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
 from amaze_autonomy.simulation.run import run
 
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
+from ..replay.beginning import beginning_of
 from ..replay.changed_keys import Unread, changes_of, unread_by_rules
 from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
@@ -161,10 +162,11 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
             place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
             raise ReplayError(f"{place}: there is no message between from_s and to_s")
         broken = _needs(case, part)
+        beginning = beginning_of(plan, part)
         acting, requests = _times(case, plan, part)
         part.apply(acting, case.seed)
         story = Story(acting, requests)
-        session = Session(plan, part, story, changes)
+        session = Session(plan, part, story, changes, beginning)
         outcome = session.run()
         touched = [one + other for one, other in zip(part.touched, story.touched)]
         unseen = [
@@ -342,6 +344,9 @@ def _marks_of_bags(outcome: Outcome, acting: Sequence[Acting]) -> Tuple[Mark, ..
         for each in acting
         if each.begin_ns != _NEVER
     ]
+    if outcome.scripted:
+        words = f"scripted all along: {', '.join(outcome.scripted)}"
+        marks.append(("script", 0.0, seconds(outcome.end_ns), words))
     if outcome.counterfactual_ns is not None:
         words = "the recorded vehicle did otherwise"
         marks.append(("counterfactual", seconds(outcome.counterfactual_ns), seconds(outcome.end_ns), words))

@@ -114,12 +114,14 @@ def waveform(
     ends = [decisions[-1].t_ns for decisions in (before, after) if decisions]
     if not ends:
         return ()
-    end_ns = max(*ends, start_ns + 1)
-    one, other = _drawn(before, start_ns, end_ns), _drawn(after, start_ns, end_ns)
+    # What the script plays before a recording has times before 0; the picture begins with it.
+    begin_ns = min(start_ns, *(decisions[0].t_ns for decisions in (before, after) if decisions))
+    end_ns = max(*ends, begin_ns + 1)
+    one, other = _drawn(before, begin_ns, end_ns), _drawn(after, begin_ns, end_ns)
     marks = "".join("^" if left != right else " " for left, right in zip(one, other)).rstrip()
     legend = ", ".join(f"{letter} {state.value}" for state, letter in LETTERS.items() if letter in one + other)
-    length = f"{(end_ns - start_ns) / 1e9:.3f} s"
-    lines = [f"states   0 s{length:>{_WIDTH - 3}}", f"{name:<8} {one}", f"new      {other}"]
+    begin, length = f"{(begin_ns - start_ns) / 1e9:g} s", f"{(end_ns - start_ns) / 1e9:.3f} s"
+    lines = [f"states   {begin}{length:>{_WIDTH - len(begin)}}", f"{name:<8} {one}", f"new      {other}"]
     return (*lines, *([f"         {marks}"] if marks else []), f"         {legend}")
 
 

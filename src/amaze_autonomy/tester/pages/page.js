@@ -3,7 +3,7 @@ const SVG = "http://www.w3.org/2000/svg";
 const COLOURS = CONTENT.colours;
 const CODES = { 1: "#d3f9d8", 2: "#fff3bf", 4: "#ffe066", 8: "#ffa94d", 16: "#ff6b6b" };
 const CODE_NAMES = { 1: "1 nominal", 2: "2 non-critical", 4: "4 inconvenient", 8: "8 hold", 16: "16 abort" };
-const MARKS = { fault: ["faults", "#f783ac"], user: ["user", "#748ffc"], counterfactual: ["another flight", "#dee2e6"] };
+const MARKS = { fault: ["faults", "#f783ac"], user: ["user", "#748ffc"], counterfactual: ["another flight", "#dee2e6"], script: ["~ script", "#e9ecef"] };
 const SIGNS = { PASS: "✓", FAIL: "✗", ERROR: "!", VACUOUS: "∅", INCONCLUSIVE: "?" };
 const LEFT = 170, ROW = 26, NEAR = 9, STEP = 11;
 const $ = (id) => document.getElementById(id);
