@@ -140,6 +140,7 @@ def _recorder(event, at):
         ],
         location=event.location,
         message=event.message,
+        lost=event.lost,
         remaining=NAN,
         dropped=0,
     )
