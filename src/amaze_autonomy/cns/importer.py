@@ -42,6 +42,9 @@ checks:
   # seconds: the supervisor answers after its window, 10 s by default
   check_reply_limit_s: 12.0
   check_max_age_s: 30.0
+takeoff:
+  # seconds: the checks are asked again while the mission is loaded, the supervisor among them
+  load_limit_s: 20.0
 losses:
   # seconds: its watchdog beats once a check, 0.5 to 2 Hz
   watchdog_heartbeat_limit_s: 6.0

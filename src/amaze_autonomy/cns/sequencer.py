@@ -1,0 +1,333 @@
+"""The mission sequencer of the CNS Flight Stack as our mission planner. Pure.
+
+Our commands become its requests, its pairs (response, completed) become our phases; `_TAKEN` is the table. Its traps:
+
+* ARM is never refused, a refusing autopilot is asked for ever: our limit ends it with DISARM.
+* ABORT does nothing in flight: it is never sent; DISARM before its takeoff, LAND after it.
+* Waypoints out of its bounds are skipped without a word: they are checked before they are sent, and counted on the way.
+* After the last waypoint it hovers: LAND is sent, and on the ground DISARM.
+* HOLD would interrupt its landing: it is not sent while it lands.
+* A request with another id than the mission's is answered to nobody: the id is that of the loaded mission.
+"""
+
+from __future__ import annotations
+
+from math import cos, degrees, dist, inf, radians, remainder, sin
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCommand
+from amaze_autonomy.engine.commands import Request as Command
+from amaze_autonomy.engine.events import Event, MissionPhase, MissionStatus
+from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.missions import Frame, MissionPlan, Trajectory
+
+from .peers import Peer, Publish, Rhythm, replied
+from .tables import Answer, Request, WaypointAction
+
+__all__ = ["ANYWHERE", "Bounds", "Sequencer"]
+
+_S = 1_000_000_000
+_REPLY_EARLY = 0.8
+_SAME_M = 0.05
+_HEADING_AGE_NS = _S
+_LAST_ID = 255
+_P = MissionPhase
+_IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
+Point = Tuple[float, float, float]
+
+
+class Bounds(NamedTuple):
+    """What its sequencer takes: waypoints between two corners, ahead, left and up of its start; else it skips them."""
+
+    least: Point = (-inf, -inf, -inf)
+    most: Point = (inf, inf, inf)
+
+
+ANYWHERE = Bounds()
+
+
+class Sequencer(Peer):
+    """One mission at a time.
+
+    Args:
+        plans: every mission.
+        limits: of the engine.
+        rate_hz: of our status.
+        bounds: of its sequencer, as its parameters say.
+        reference: what its waypoints count from, as its message numbers it; 1 is where it started.
+    """
+
+    def __init__(
+        self,
+        plans: Sequence[MissionPlan],
+        limits: Limits,
+        rate_hz: float,
+        bounds: Bounds = ANYWHERE,
+        reference: int = 1,
+    ) -> None:
+        super().__init__()
+        self._plans = {plan.mission.id: plan for plan in plans}
+        self._limits, self._bounds, self._reference = limits, bounds, reference
+        self._phase, self._message = _P.IDLE, ""
+        self._loaded: Optional[LoadMission] = None
+        self._id = 0
+        self._points: Tuple[Tuple[Point, float, float], ...] = ()
+        self._reached = 0
+        self._before_hold = _P.FLYING
+        self._arming_ns: Optional[int] = None
+        self._asked: Optional[Request] = None  # ARM, then TAKEOFF: which of them its sequencer was asked for last
+        self._landing = False
+        self._waiting: List[Tuple[Request, Command, int]] = []
+        self._ended: List[Event] = []
+        self._rhythm = Rhythm(rate_hz)
+        self._heading: Optional[Tuple[int, float]] = None
+        self.alive = True
+
+    def turn(self, t_ns: int, heading_rad: float) -> None:
+        """Take the vehicle's heading, counter-clockwise from east."""
+        self._heading = (t_ns, heading_rad)
+
+    # --- commands -------------------------------------------------------------------------------------------------
+
+    def answer(self, t_ns: int, command: Command) -> Optional[Event]:
+        """Load a file, or ask for what a command means; its answer is the reply."""
+        if isinstance(command, LoadMission):
+            problem = self._load(t_ns, command)
+            return replied(command, t_ns, problem)
+        assert isinstance(command, MissionCommand)  # noqa: S101 - the rows of the services say so
+        problem = self._refusal(command)
+        if problem:
+            return replied(command, t_ns, problem)
+        request = self._meant(t_ns, command.action)
+        if request is None:
+            return replied(command, t_ns)
+        self._ask(request)
+        until_ns = t_ns + round(self._limits.command_reply_limit_ns * _REPLY_EARLY)
+        self._waiting.append((request, command, until_ns))
+        return None
+
+    def _refusal(self, command: MissionCommand) -> str:
+        if command.action in (MissionAction.LAND, MissionAction.ABORT):
+            return ""
+        if not self.alive:
+            return "its sequencer is not there"
+        if self._loaded is None or command.session_id != self._loaded.session_id:
+            return f"session {command.session_id!r} is not the one that is loaded"
+        good = (_P.LOADED,) if command.action is MissionAction.TAKEOFF else (_P.TAKING_OFF, _P.FLYING, _P.HOLDING)
+        return "" if self._phase in good else f"there is nothing to {command.action.name} in phase {self._phase.name}"
+
+    def _meant(self, t_ns: int, action: MissionAction) -> Optional[Request]:
+        """Return what a command is for its sequencer; None: nothing is to be asked."""
+        if action in (MissionAction.LAND, MissionAction.ABORT):
+            self._landing = True
+            return self._down()
+        if action is MissionAction.TAKEOFF:
+            self._phase, self._message, self._arming_ns = _P.TAKING_OFF, "", t_ns
+            self._asked = Request.ARM
+            return Request.ARM
+        if action is MissionAction.HOLD and self._phase is not _P.HOLDING:
+            self._before_hold = self._phase
+            return Request.HOLD
+        return Request.RESUME if action is MissionAction.RESUME and self._phase is _P.HOLDING else None
+
+    def _down(self) -> Optional[Request]:
+        """Return what ends a flight: DISARM while it is known that it was asked to arm and no more; else LAND."""
+        if self._loaded is not None and self._phase is _P.LOADED:
+            return None  # it was asked nothing
+        return Request.DISARM if self._asked is Request.ARM else Request.LAND
+
+    def _ask(self, request: Request) -> None:
+        self.outbox.append(Publish("request", {"id": self._id, "request": int(request)}))
+
+    # --- loading --------------------------------------------------------------------------------------------------
+
+    def _load(self, t_ns: int, command: LoadMission) -> str:
+        plan = self._plans.get(command.mission_id)
+        if plan is None:
+            return f"there is no mission {command.mission_id!r}"
+        if not command.mission_id.isdigit() or not 1 <= int(command.mission_id) <= _LAST_ID:
+            return f"its sequencer knows missions 1 to {_LAST_ID} alone, and none {command.mission_id!r}"
+        if not 0 <= command.file_index < len(plan.trajectories):
+            return f"mission {command.mission_id} has {len(plan.trajectories)} waypoint files"
+        if not self.alive:
+            return "its sequencer is not there"
+        if self._phase in _IN_FLIGHT:
+            return f"its sequencer flies (phase {self._phase.name})"
+        points, problem = self._points_of(t_ns, plan.trajectories[command.file_index], command)
+        problem = problem or self._out_of_bounds(points)
+        if problem:
+            return problem
+        self._loaded, self._id, self._points = command, int(command.mission_id), points
+        self._phase, self._message, self._reached = _P.LOADED, "", 0
+        self._asked = self._arming_ns = None
+        self._landing = False
+        return ""
+
+    def _points_of(
+        self, t_ns: int, trajectory: Trajectory, command: LoadMission
+    ) -> Tuple[Tuple[Tuple[Point, float, float], ...], str]:
+        """Return waypoints ahead, left and up of its start with yaw in degrees and hold; or why they cannot be."""
+        heading = 0.0
+        if trajectory.frame is Frame.EAST_NORTH:
+            if command.file_index or command.repetition:
+                return (), "its sequencer counts from each takeoff: only the first file may be east_north"
+            if self._heading is None or t_ns - self._heading[0] > _HEADING_AGE_NS:
+                return (), "there is no fresh heading, and its sequencer counts from it: use the frame start_heading"
+            heading = self._heading[1]
+        cosine, sine = cos(heading), sin(heading)
+        points = []
+        for each in trajectory.waypoints:
+            place = (cosine * each.x_m + sine * each.y_m, cosine * each.y_m - sine * each.x_m, each.z_m)
+            yaw = degrees(remainder(each.yaw_rad - heading, 2 * radians(180.0)))
+            points.append((place, yaw, each.hold_s))
+        return tuple(points), ""
+
+    def _out_of_bounds(self, points: Sequence[Tuple[Point, float, float]]) -> str:
+        for number, (place, _, _) in enumerate(points, start=1):
+            for axis, value, least, most in zip("xyz", place, *self._bounds):
+                if not least <= value <= most:
+                    return (
+                        f"waypoint {number}: {axis} is {value:.2f} m from its start; its sequencer would skip what is "
+                        f"not within {least:g} to {most:g}"
+                    )
+        return ""
+
+    # --- what it says ---------------------------------------------------------------------------------------------
+
+    def hear(self, t_ns: int, key: str, message: Any) -> None:
+        """Take an answer, or a waypoint that was reached."""
+        if key == "waypoint_reached":
+            self._reach(message.waypoint)
+            return
+        if message.request.id != self._id or self._loaded is None:
+            return
+        answer = Answer((bool(message.response), bool(message.completed)))
+        if message.request.request not in list(Request):
+            return
+        request = Request(message.request.request)
+        landing = request is Request.LAND and self._phase is _P.LANDING  # asked again: it lands already
+        why = f"its sequencer refuses {request.name}" if answer is Answer.REFUSED and not landing else ""
+        self._ended += [replied(command, t_ns, why) for asked, command, _ in self._waiting if asked is request]
+        self._waiting = [each for each in self._waiting if each[0] is not request]
+        take = _TAKEN.get((request, answer))
+        if take is not None:
+            take(self)
+
+    def _reach(self, waypoint: Any) -> None:
+        place = (waypoint.x, waypoint.y, waypoint.z)
+        ahead = enumerate(self._points[self._reached :], start=self._reached)
+        found = next((number for number, point in ahead if dist(point[0], place) <= _SAME_M), None)
+        if found is None or self._phase not in _IN_FLIGHT:
+            return
+        if found > self._reached:
+            self._message = f"its sequencer has skipped waypoint {self._reached + 1}"
+        self._reached = found + 1
+
+    def _armed(self) -> None:
+        self._arming_ns = None
+        if self._landing:
+            self._ask(Request.DISARM)
+            return
+        self._asked = Request.TAKEOFF
+        self._ask(Request.TAKEOFF)
+
+    def _not_armed(self) -> None:
+        self._arming_ns = None
+        self._fail("its sequencer does not arm")
+
+    def _at_height(self) -> None:
+        if self._landing:
+            return
+        self._phase = _P.FLYING
+        waypoints = [
+            {"x": place[0], "y": place[1], "z": place[2], "yaw": yaw, "holdtime": hold_s}
+            for place, yaw, hold_s in self._points
+        ]
+        fields = {"waypoints": waypoints, "action": int(WaypointAction.CLEAR), "reference": self._reference}
+        self.outbox.append(Publish("waypoint_list", fields))
+
+    def _no_takeoff(self) -> None:
+        self._asked = Request.ARM
+        self._ask(Request.DISARM)
+        self._fail("its sequencer refuses the takeoff")
+
+    def _flown(self) -> None:
+        """Land after the last waypoint: it would hover."""
+        if self._phase is _P.FLYING:
+            self._landing = True
+            self._ask(Request.LAND)
+
+    def _held(self) -> None:
+        if self._phase in (_P.TAKING_OFF, _P.FLYING):
+            self._phase = _P.HOLDING
+
+    def _resumed(self) -> None:
+        if self._phase is _P.HOLDING:
+            self._phase = self._before_hold
+
+    def _lands(self) -> None:
+        if self._phase in _IN_FLIGHT:
+            self._phase = _P.LANDING
+
+    def _down_there(self) -> None:
+        self._lands()
+        self._ask(Request.DISARM)
+
+    def _disarmed(self) -> None:
+        if self._phase in _IN_FLIGHT:
+            self._phase = _P.LANDED
+
+    def _disarm_refused(self) -> None:
+        if self._phase is _P.LANDING:  # the autopilot was faster
+            self._phase = _P.LANDED
+
+    def _fail(self, message: str) -> None:
+        self._phase, self._message = _P.FAILED, message
+
+    # --- time -----------------------------------------------------------------------------------------------------
+
+    def step(self, t_ns: int) -> List[Event]:
+        """Return replies and the status; none of a sequencer that is not there, which the engine then misses."""
+        for request, command, until_ns in self._waiting:
+            if t_ns >= until_ns:
+                self._ended.append(replied(command, t_ns, f"its sequencer does not answer {request.name}"))
+        self._waiting = [each for each in self._waiting if t_ns < each[2]]
+        if self._arming_ns is not None and t_ns - self._arming_ns >= self._limits.arm_limit_ns:
+            self._not_armed()
+            self._ask(Request.DISARM)
+        ended, self._ended = self._ended, []
+        key = (self._phase, self._message, self._reached, self._loaded)
+        if self.alive and self._rhythm.due(t_ns, key):
+            ended.append(self._status(t_ns))
+        return ended
+
+    def _status(self, t_ns: int) -> MissionStatus:
+        loaded, many = self._loaded, len(self._points)
+        flying = self._phase in (_P.FLYING, _P.HOLDING)
+        return MissionStatus(
+            t_ns=t_ns,
+            session_id=loaded.session_id if loaded else "",
+            mission_id=loaded.mission_id if loaded else "",
+            phase=self._phase,
+            waypoint=min(self._reached + 1, many) if flying else self._reached,
+            waypoints=many,
+            file_index=loaded.file_index if loaded else 0,
+            repetition=loaded.repetition if loaded else 0,
+            message=self._message,
+        )
+
+
+_TAKEN: Mapping[Tuple[Request, Answer], Callable[[Sequencer], None]] = {
+    (Request.ARM, Answer.COMPLETED): Sequencer._armed,  # noqa: SLF001 - the table of this class
+    (Request.ARM, Answer.REFUSED): Sequencer._not_armed,  # noqa: SLF001
+    (Request.TAKEOFF, Answer.COMPLETED): Sequencer._at_height,  # noqa: SLF001
+    (Request.TAKEOFF, Answer.REFUSED): Sequencer._no_takeoff,  # noqa: SLF001
+    (Request.UNDEF, Answer.COMPLETED): Sequencer._flown,  # noqa: SLF001
+    (Request.HOLD, Answer.DONE): Sequencer._held,  # noqa: SLF001
+    (Request.RESUME, Answer.DONE): Sequencer._resumed,  # noqa: SLF001
+    (Request.LAND, Answer.ACCEPTED): Sequencer._lands,  # noqa: SLF001
+    (Request.LAND, Answer.COMPLETED): Sequencer._down_there,  # noqa: SLF001
+    (Request.DISARM, Answer.COMPLETED): Sequencer._disarmed,  # noqa: SLF001
+    (Request.DISARM, Answer.REFUSED): Sequencer._disarm_refused,  # noqa: SLF001
+}
+"""What each of its answers does; any other changes nothing."""

@@ -1,0 +1,162 @@
+"""Our engine, the peers that CNS nodes are to it, stand-ins for those nodes, the simulated world; in virtual time."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, List, Tuple
+
+from stand_ins import STAND_INS, namespace
+
+from amaze_autonomy.cns.peers import Call, Folder, LandingDetection, Recorder, StateEstimation, Watchdog
+from amaze_autonomy.cns.sequencer import ANYWHERE, Bounds, Sequencer
+from amaze_autonomy.cns.tables import PEERS
+from amaze_autonomy.engine.commands import Command, Decision, Notify, Request
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import (
+    EngineStarted,
+    Event,
+    MissionSelected,
+    MissionStatus,
+    Tick,
+    UserCommand,
+    UserRequest,
+)
+from amaze_autonomy.engine.state import EngineState, State
+from amaze_autonomy.engine.timers import next_deadline
+from amaze_autonomy.interface import service_of
+from amaze_autonomy.simulation import World
+
+__all__ = ["MS", "Flight", "S"]
+
+S, MS = 1_000_000_000, 1_000_000
+ENDS = (State.MISSION_ENDED, State.OUTREACH)
+
+
+class Flight:
+    """One session.
+
+    Args:
+        configuration: of the engine.
+        mission: to be flown.
+        bounds: of the sequencer.
+        faults: of the stand-ins, by the peer's name.
+    """
+
+    def __init__(
+        self, configuration: Any, mission: str = "1", bounds: Bounds = ANYWHERE, **faults: Dict[str, Any]
+    ) -> None:
+        self.configuration, self.rules = configuration, configuration.rules
+        self.world = World(configuration, without=PEERS)
+        self.vehicle = self.world.vehicle
+        self.nodes = {kind.peer: kind(self.vehicle, **faults.get(kind.peer, {})) for kind in STAND_INS}
+        rules, streams = self.rules, configuration.streams
+        self.peers = {
+            "watchdog": Watchdog(rules, configuration.missions, streams.watchdog_action_rate_hz),
+            "landing_detection": LandingDetection(rules, streams.landing_detection_rate_hz),
+            "state_estimation": StateEstimation(rules),
+            "mission_planner": Sequencer(configuration.plans, rules.limits, streams.planner_status_rate_hz, bounds),
+            "data_recorder": Recorder({"main": "/data/main"}, 3 * S, 60 * S, streams.recorder_status_rate_hz),
+        }
+        self.state = EngineState()
+        self.t_ns = 0
+        self.decisions: List[Decision] = []
+        self.notices: List[str] = []
+        self.planner: List[MissionStatus] = []
+        self.dead: Tuple[str, ...] = ()
+        self._take(EngineStarted(t_ns=0, label="cns"))
+        self.run(2 * S)
+        plan = configuration.plan(mission)
+        self._take(MissionSelected(t_ns=self.t_ns, missions=(plan.mission,)))
+
+    # --- what is seen ---------------------------------------------------------------------------------------------
+
+    def requests(self) -> List[int]:
+        """Return what the sequencer was asked, in order."""
+        return [fields["request"] for key, fields in self.nodes["mission_planner"].calls if key == "request"]
+
+    def calls(self, peer: str) -> List[Tuple[str, Dict[str, Any]]]:
+        return self.nodes[peer].calls
+
+    @property
+    def states(self) -> List[str]:
+        """Return the states that the engine went through."""
+        found: List[str] = []
+        for decision in self.decisions:
+            if not found or found[-1] != decision.after:
+                found.append(decision.after)
+        return found
+
+    # --- time -----------------------------------------------------------------------------------------------------
+
+    def ask(self, command: UserCommand) -> None:
+        self._take(UserRequest(t_ns=self.t_ns, command=command))
+
+    def run(self, duration_ns: int) -> None:
+        self.until(lambda: False, duration_ns, must=False)
+
+    def until(self, condition: Callable[[], Any], limit_ns: int = 300 * S, *, must: bool = True) -> None:
+        end_ns = self.t_ns + limit_ns
+        while self.t_ns < end_ns and not condition():
+            self._step(self.t_ns + 20 * MS)
+        assert not must or condition(), f"not within {limit_ns / S} s: {self.state.state} {self.notices[-3:]}"
+
+    def end(self, limit_ns: int = 300 * S) -> str:
+        """Go on until it ends or somebody is needed; return the state."""
+        self.until(lambda: self.state.state in ENDS, limit_ns)
+        return self.state.state.value
+
+    def _step(self, t_ns: int) -> None:
+        self.t_ns = t_ns
+        for event in self.world.advance(t_ns):
+            self._take(event)
+        recorder = self.nodes["data_recorder"]
+        self.peers["data_recorder"].look(t_ns, "main", Folder(recorder.written, recorder.open_files))
+        for name, peer in self.peers.items():
+            self._exchange(t_ns, name)
+            for event in peer.step(t_ns):
+                if isinstance(event, MissionStatus):
+                    self.planner.append(event)
+                self._take(event)
+            self._send(t_ns, name)
+        deadline_ns = next_deadline(self.state, self.rules)
+        if deadline_ns is not None and deadline_ns <= t_ns:
+            self._take(Tick(t_ns=t_ns))
+
+    def _exchange(self, t_ns: int, name: str) -> None:
+        node, peer = self.nodes[name], self.peers[name]
+        if name in self.dead:
+            peer.alive = False
+            return
+        node.step(t_ns)
+        said, node.said = node.said, []
+        returned, node.returned = node.returned, []
+        for key, fields in said:
+            peer.hear(t_ns, key, namespace(fields))
+        for key, fields in returned:
+            peer.returned(t_ns, key, namespace(fields), "")
+
+    def _send(self, t_ns: int, name: str) -> None:
+        node, peer = self.nodes[name], self.peers[name]
+        outbox, peer.outbox = peer.outbox, []
+        for each in outbox if name not in self.dead else ():
+            (node.call if isinstance(each, Call) else node.take)(t_ns, each.key, dict(each.fields))
+
+    def _take(self, event: Event) -> None:
+        self.state, commands = decide(self.state, event, self.rules)
+        for command in commands:
+            self._carry_out(command)
+
+    def _carry_out(self, command: Command) -> None:
+        if isinstance(command, Decision):
+            self.decisions.append(command)
+        elif isinstance(command, Notify):
+            self.notices.append(command.text)
+        service = service_of(command) if isinstance(command, Request) else None
+        if service is None:
+            return
+        if service.peer not in self.peers:
+            self.world.handle(self.t_ns, command)
+            return
+        reply = self.peers[service.peer].answer(self.t_ns, command)
+        self._send(self.t_ns, service.peer)
+        if reply is not None:
+            self._take(reply)

@@ -1,0 +1,192 @@
+"""Whole missions with all five nodes of the CNS Flight Stack as peers, played by stand-ins in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from cns_folder import write_folder
+from flight import Flight, S
+from stand_ins import ABORT, ARM, DEFECT, DISARM, ERROR, HOLD, LAND, RESUME, TAKEOFF
+
+from amaze_autonomy.cns.importer import import_folder
+from amaze_autonomy.cns.sequencer import Bounds
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.engine.events import MissionPhase, UserCommand
+from amaze_autonomy.engine.state import Result, State
+
+P = MissionPhase
+ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
+WHOLE = [ARM, TAKEOFF, LAND, DISARM]
+
+
+@pytest.fixture(scope="module")
+def configuration(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cns")
+    import_folder(write_folder(folder / "cns"), folder / "config")
+    return load_configuration(folder / "config")
+
+
+@pytest.fixture
+def make(configuration):
+    def flight(mission="1", **faults):
+        faults["watchdog"] = {"entities": ENTITIES, **faults.get("watchdog", {})}
+        return Flight(configuration, mission, **faults)
+
+    return flight
+
+
+def flying(flight):
+    flight.until(lambda: flight.state.state is State.MISSION)
+    flight.run(3 * S)
+
+
+def phases(flight):
+    found = []
+    for status in flight.planner:
+        if not found or found[-1] is not status.phase:
+            found.append(status.phase)
+    return found
+
+
+def test_a_mission_is_flown_to_its_end_with_all_five(make):
+    flight = make()
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.result is Result.COMPLETE, flight.notices
+    assert flight.requests() == WHOLE
+    assert phases(flight) == [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING, P.LANDED]
+    assert (flight.planner[-1].waypoint, flight.planner[-1].waypoints) == (4, 4)
+    assert len(flight.calls("watchdog")) == 1  # though it was asked before the takeoff again
+    assert [fields["data"] for _, fields in flight.calls("data_recorder")] == [True, False]
+    lists = [fields for key, fields in flight.calls("mission_planner") if key == "waypoint_list"]
+    assert len(lists) == 1
+    assert (lists[0]["action"], lists[0]["reference"]) == (0, 1)
+    assert lists[0]["waypoints"][1] == pytest.approx({"x": 3.0, "y": 0.0, "z": 1.5, "yaw": 5.0, "holdtime": 1.0})
+
+
+def test_several_files_and_repetitions_count_from_their_own_takeoffs(make):
+    flight = make("2")
+    assert flight.end(900 * S) == "MISSION_ENDED"
+    assert flight.state.result is Result.COMPLETE, flight.notices
+    assert flight.requests() == WHOLE * 4
+
+
+def test_a_component_that_comes_back_is_held_for_and_the_mission_goes_on(make):
+    flight = make()
+    flying(flight)
+    flight.nodes["watchdog"].failing["mission_cam"] = ERROR  # severity high in this mission: hold
+    flight.until(lambda: flight.state.state is State.HOLD)
+    flight.run(4 * S)
+    assert flight.planner[-1].phase is P.HOLDING
+    del flight.nodes["watchdog"].failing["mission_cam"]
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.result is Result.COMPLETE, flight.notices
+    assert flight.requests() == [ARM, TAKEOFF, HOLD, RESUME, LAND, DISARM]
+
+
+def test_a_component_that_does_not_come_back_ends_the_flight_after_its_wait(make):
+    flight = make()
+    flying(flight)
+    flight.nodes["watchdog"].failing["mission_cam"] = ERROR
+    flight.until(lambda: flight.state.state is State.HOLD)
+    began_ns = flight.t_ns
+    flight.until(lambda: flight.state.state is State.LAND)
+    assert (flight.t_ns - began_ns) / S == pytest.approx(15.0, abs=0.3)
+    flight.end()
+    assert flight.state.result is Result.LANDED_EARLY
+    assert flight.requests() == [ARM, TAKEOFF, HOLD, LAND, DISARM]
+
+
+def test_a_failure_of_the_highest_severity_lands_at_once(make):
+    flight = make()
+    flying(flight)
+    flight.nodes["watchdog"].failing["px4_imu"] = ERROR
+    began_ns = flight.t_ns
+    flight.until(lambda: LAND in flight.requests())
+    assert flight.t_ns - began_ns <= 0.6 * S  # a period of its watchdog
+    flight.end()
+    assert flight.state.result is Result.LANDED_EARLY
+
+
+def test_a_rate_that_is_off_is_flown_on_with(make):
+    flight = make()
+    flying(flight)
+    flight.nodes["watchdog"].failing["px4_imu"] = DEFECT  # its 4: our 2
+    flight.end()
+    assert flight.state.result is Result.COMPLETE
+
+
+def test_an_abort_in_flight_is_a_landing_since_its_abort_does_nothing(make):
+    flight = make()
+    flying(flight)
+    flight.ask(UserCommand.ABORT)
+    flight.end()
+    assert flight.requests() == WHOLE
+    assert ABORT not in flight.requests()
+    assert flight.state.result is Result.LANDED_EARLY
+    assert not flight.vehicle.armed
+
+
+def test_an_autopilot_that_refuses_to_arm_is_not_asked_for_ever(make):
+    flight = make(mission_planner={"arms_never": True})
+    assert flight.end() == "OUTREACH"
+    assert flight.requests() == [ARM, DISARM]
+    assert flight.vehicle.height_m == 0.0
+
+
+def test_a_supervisor_that_never_answers_fails_its_check_in_time_and_is_not_asked_twice_at_once(make):
+    flight = make(state_estimation={"silent": True})
+    assert flight.end() == "OUTREACH"
+    assert flight.t_ns < 40 * S
+    assert any("estimator supervisor does not answer" in notice for notice in flight.notices), flight.notices
+    assert flight.calls("state_estimation") == [("supervision", {})]
+
+
+def test_a_recorder_that_says_yes_and_writes_nothing_is_found_out(make):
+    flight = make(data_recorder={"lies": True})
+    assert flight.end() == "OUTREACH"
+    assert flight.requests() == []
+    assert flight.calls("data_recorder")[0] == ("record", {"data": True})
+
+
+def test_files_that_it_leaves_open_are_no_complete_recording(make):
+    flight = make(data_recorder={"stays_open": True})
+    assert flight.end() == "OUTREACH"
+    assert any("are not closed" in notice for notice in flight.notices), flight.notices
+
+
+def test_waypoints_out_of_its_bounds_are_refused_before_anything_is_sent(make):
+    flight = make(bounds=Bounds((-1.0, -1.0, 0.0), (2.0, 2.0, 3.0)))
+    assert flight.end() == "OUTREACH"
+    assert flight.requests() == []
+    reason = "waypoint 2: x is 3.00 m from its start; its sequencer would skip what is not within -1 to 2"
+    assert any(reason in notice for notice in flight.notices), flight.notices
+
+
+def test_a_waypoint_that_it_skips_all_the_same_is_told(make):
+    flight = make(mission_planner={"skips": (2,)})
+    flight.end()
+    assert "its sequencer has skipped waypoint 2" in {status.message for status in flight.planner}
+
+
+def test_a_sequencer_that_is_gone_in_flight_is_missed_and_the_autopilot_lands(make):
+    flight = make()
+    flying(flight)
+    flight.dead = ("mission_planner",)
+    flight.until(lambda: not flight.vehicle.armed)
+    assert flight.requests() == [ARM, TAKEOFF]
+    flight.end()
+    assert flight.state.result is Result.LANDED_EARLY
+
+
+def test_a_watchdog_that_stops_beating_in_flight_lands(make):
+    flight = make()
+    flying(flight)
+    flight.nodes["watchdog"].faults["silent"] = True
+    began_ns = flight.t_ns
+    flight.until(lambda: LAND in flight.requests())
+    assert (flight.t_ns - began_ns) / S == pytest.approx(6.0, abs=0.6)  # as import-cns writes it
+
+
+def test_a_vehicle_that_does_not_stand_flat_does_not_take_off(make):
+    flight = make(landing_detection={"not_flat": True})
+    assert flight.end() == "OUTREACH"
+    assert any("not flat" in notice for notice in flight.notices), flight.notices
