@@ -1,0 +1,351 @@
+"""The node that stands between our engine and nodes of the CNS Flight Stack: peers:=cns.
+
+It offers the services and statuses of the peers that those nodes are (`cns/tables.py` has their names and types), and
+is pure apart from this shell. Their messages are imported at the start, from the user's workspace. Parameters, besides
+those of `node_main.py`:
+
+~peers               which of them, with commas between; empty: all five
+~cns_namespace       that their names are in, e.g. /cns; empty: as they are
+~recordings          where their recorder writes: platform=[host:]folder, with semicolons between; empty: recording.yaml
+~bounds              of the sequencer's waypoints: least x, y, z and most x, y, z in metres; empty: not checked
+~waypoint_reference  what its waypoints count from, as its message numbers it; 1 is where it started
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import shlex
+import subprocess
+import threading
+from functools import partial
+from math import atan2
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import rosgraph
+import rospy
+
+from amaze_autonomy.cns.peers import (
+    Call,
+    Folder,
+    LandingDetection,
+    Peer,
+    Publish,
+    Recorder,
+    StateEstimation,
+    Watchdog,
+)
+from amaze_autonomy.cns.sequencer import ANYWHERE, Bounds, Sequencer
+from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS, Name
+from amaze_autonomy.config import Configuration
+from amaze_autonomy.engine.events import CheckReply, Event, Reply
+from amaze_autonomy.interface import SERVICES as OURS
+from amaze_autonomy.interface import STATUSES, Service, status_of
+from amaze_autonomy.monitoring.readings import estimate_reader
+
+from ...ros.clock import Clock
+from ...ros.errors import CallError, StartError
+from ...ros.interface import SERVICE_CLASSES, message_class, response_of, ros_time, status_message
+from ...ros.node_main import run_node
+from ...ros.service_client import ServiceClient
+from ...ros.threads import Periodic, Workers
+from ..checks.landing_detection_node import ESTIMATE_MESSAGES
+
+__all__ = ["CnsPeersNode", "main"]
+
+_S = 1_000_000_000
+_QUEUE = 50
+_STEP_S = 0.05
+_LOOK_NS = _S // 2
+_SSH_S = 4.0
+_LONGEST_ANSWER_S = 120.0
+_CORNERS = 6
+
+
+class CnsPeersNode:
+    """The peers under one lock, and the ROS names around them.
+
+    Args:
+        configuration: as loaded.
+        clock: the node's.
+
+    Raises:
+        StartError: a parameter is wrong, or a message of theirs is missing or another one.
+    """
+
+    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+        self._clock, self._configuration = clock, configuration
+        names = _peer_names()
+        self._folders = _folders(configuration)
+        self._peers: Dict[str, Peer] = {name: self._peer(name) for name in names}
+        self._prefix = str(rospy.get_param("~cns_namespace", "")).rstrip("/")
+        self._topics = {key: name for key, name in TOPICS.items() if name.peer in names}
+        services = {key: name for key, name in SERVICES.items() if name.peer in names}
+        self._classes = _classes({**self._topics, **services}, services)
+        self._changed = threading.Condition()
+        self._replies: Dict[int, Event] = {}
+        self._number = 0
+        self._ended = False
+        self._workers = Workers("cns")
+        master, me = rosgraph.get_master_uri(), rospy.get_name()
+        self._clients = {
+            key: ServiceClient(self._prefix + name.name, self._classes[key], master, me)
+            for key, name in services.items()
+        }
+        self._listeners: Dict[str, Any] = {}
+        self._senders = {
+            key: rospy.Publisher(self._prefix + name.name, self._classes[key], queue_size=_QUEUE, tcp_nodelay=True)
+            for key, name in self._topics.items()
+            if not name.heard
+        }
+        self._statuses = {
+            status.topic: rospy.Publisher(status.topic, message_class(status), queue_size=_QUEUE, tcp_nodelay=True)
+            for status in STATUSES
+            if status.topic.split("/")[0] in names
+        }
+        self._looking = Periodic("recordings", self._look, _LOOK_NS, clock)
+
+    def _peer(self, name: str) -> Peer:
+        configuration = self._configuration
+        rules, streams = configuration.rules, configuration.streams
+        if name == "watchdog":
+            return Watchdog(rules, configuration.missions, streams.watchdog_action_rate_hz)
+        if name == "landing_detection":
+            return LandingDetection(rules, streams.landing_detection_rate_hz)
+        if name == "state_estimation":
+            return StateEstimation(rules)
+        if name == "mission_planner":
+            rate_hz, reference = streams.planner_status_rate_hz, int(rospy.get_param("~waypoint_reference", 1))
+            bounds = _bounds(rospy.get_param("~bounds", ""))
+            if bounds is ANYWHERE:
+                rospy.logwarn("~bounds is empty: waypoints that the sequencer skips are noticed in flight alone")
+            return Sequencer(configuration.plans, rules.limits, rate_hz, bounds, reference)
+        recording = configuration.recording
+        growth_ns, stop_ns = recording.growth_limit_ns, rules.limits.data_cleanup_limit_ns
+        return Recorder(self._folders, growth_ns, stop_ns, streams.recorder_status_rate_hz)
+
+    # --- theirs; on rospy's threads -------------------------------------------------------------------------------
+
+    def _hear(self, key: str, message: Any) -> None:
+        with self._changed:
+            self._peers[self._topics[key].peer].hear(self._clock.now_ns(), key, message)
+            self._changed.notify_all()
+
+    def _call(self, peer: str, call: Call) -> None:
+        """Ask one of their services, on a thread of its own: it may block for as long as it likes, up to its limit."""
+        client = self._clients[call.key]
+        response, problem = None, ""
+        try:
+            data = client.serialize(client.service._request_class(**call.fields))
+            response = client.call(data, _deadline_s(call.limit_ns))
+        except CallError as error:
+            problem = f"{client.name} {error}"
+        with self._changed:
+            self._peers[peer].returned(self._clock.now_ns(), call.key, response, problem)
+            self._changed.notify_all()
+
+    def _send(self, peer: str) -> None:
+        """Send what a peer has in its outbox; under the lock, so that requests keep their order."""
+        outbox, self._peers[peer].outbox = self._peers[peer].outbox, []
+        for each in outbox:
+            if isinstance(each, Publish):
+                self._senders[each.key].publish(self._message(each))
+            else:
+                self._workers.submit(partial(self._call, peer, each))
+
+    def _message(self, publish: Publish) -> Any:
+        kind, fields = self._classes[publish.key], dict(publish.fields)
+        if "waypoints" in fields:
+            package = TOPICS[publish.key].type.split("/")[0]
+            point = importlib.import_module(f"{package}.msg").MissionWaypoint
+            fields["waypoints"] = [point(**each) for each in fields["waypoints"]]
+        message = kind(**fields)
+        message.header.stamp = ros_time(self._clock.ros_ns())
+        return message
+
+    def _turn(self, message: Any) -> None:
+        """Take the vehicle's heading from the estimate."""
+        x, y, z, w = estimate_reader(self._configuration.state_estimation.source)(message).orientation
+        heading = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        planner = self._peers["mission_planner"]
+        if isinstance(planner, Sequencer) and heading == heading:  # noqa: PLR0124 - not NaN
+            with self._changed:
+                planner.turn(self._clock.now_ns(), heading)
+
+    def _look(self) -> None:
+        """Look at the folders of the recordings, on this computer and on others."""
+        recorder = self._peers.get("data_recorder")
+        if not isinstance(recorder, Recorder):
+            return
+        for platform, place in self._folders.items():
+            folder = _folder(place)
+            with self._changed:
+                recorder.look(self._clock.now_ns(), platform, folder)
+
+    # --- ours -----------------------------------------------------------------------------------------------------
+
+    def _answer(self, service: Service, request: Any) -> Any:
+        with self._changed:
+            self._number += 1
+            number, now_ns = self._number, self._clock.now_ns()
+            limit_ns = self._configuration.rules.limits.check_reply_limit_ns
+            reply = self._peers[service.peer].answer(now_ns, service.command(request, number, limit_ns))
+            self._send(service.peer)
+            if reply is None:
+                self._changed.wait_for(lambda: number in self._replies or self._ended, _LONGEST_ANSWER_S)
+                reply = self._replies.pop(number, None)
+            if not isinstance(reply, (Reply, CheckReply)):
+                raise rospy.ServiceException(f"{service.name}: no answer")
+            return response_of(service, reply, self._clock.now_ns())
+
+    def _step(self) -> None:
+        now_ns = self._clock.now_ns()
+        for name, peer in self._peers.items():
+            self._notice(name, peer)
+            for event in peer.step(now_ns):
+                if isinstance(event, (Reply, CheckReply)):
+                    self._replies[event.command_id] = event
+                    self._changed.notify_all()
+                else:
+                    message = status_message(event, self._clock.ros_ns())
+                    self._statuses[status_of(event).topic].publish(message)
+            self._send(name)
+
+    def _notice(self, name: str, peer: Peer) -> None:
+        """Notice whether anybody is there to say what comes next."""
+        key = {"mission_planner": "response", "landing_detection": "is_landed"}.get(name)
+        if key is not None and isinstance(peer, (Sequencer, LandingDetection)):
+            peer.alive = self._listeners[key].get_num_connections() > 0
+
+    def run(self) -> None:
+        """Listen, answer and tell until `end`."""
+        for key, name in self._topics.items():
+            if name.heard:
+                take = partial(self._hear, key)
+                topic, kind = self._prefix + name.name, self._classes[key]
+                self._listeners[key] = rospy.Subscriber(topic, kind, take, queue_size=_QUEUE, tcp_nodelay=True)
+        states = self._configuration.state_estimation
+        if "mission_planner" in self._peers and states.topic:
+            rospy.Subscriber(states.topic, ESTIMATE_MESSAGES[states.source], self._turn, queue_size=1, tcp_nodelay=True)
+        for service in OURS.values():
+            if service.peer in self._peers:
+                rospy.Service(service.name, SERVICE_CLASSES[service.name], partial(self._answer, service))
+        self._looking.start()
+        rospy.loginfo("nodes of the CNS Flight Stack are the engine's %s", ", ".join(self._peers))
+        with self._changed:
+            while not self._ended:
+                self._step()
+                self._changed.wait(_STEP_S)
+        self._looking.stop()
+
+    def end(self) -> None:
+        """End; from any thread and from signal handlers."""
+        self._ended = True
+
+
+def _deadline_s(limit_ns: int) -> float:
+    import time  # noqa: PLC0415 - the clock of sockets, which no other line here reads
+
+    return time.monotonic() + limit_ns / _S
+
+
+# --- parameters -------------------------------------------------------------------------------------------------------
+
+
+def _peer_names() -> Tuple[str, ...]:
+    given = str(rospy.get_param("~peers", "")).replace(" ", "")
+    names = tuple(given.split(",")) if given else PEERS
+    for name in names:
+        if name not in PEERS:
+            raise StartError(f"~peers has {name!r}, must be some of {', '.join(PEERS)}")
+    return names
+
+
+def _bounds(given: Any) -> Bounds:
+    words = str(given).replace(" ", "").strip("[]").split(",")
+    if words == [""]:
+        return ANYWHERE
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) != _CORNERS or not all(low < high for low, high in zip(numbers, numbers[3:])):
+        raise StartError(f"~bounds is {given!r}, must be least x,y,z and most x,y,z in metres, e.g. -5,-5,0,5,5,3")
+    return Bounds((numbers[0], numbers[1], numbers[2]), (numbers[3], numbers[4], numbers[5]))
+
+
+def _folders(configuration: Configuration) -> Dict[str, str]:
+    recording = configuration.recording
+    given = str(rospy.get_param("~recordings", "")) or f"{recording.collector}={recording.folder}"
+    found: Dict[str, str] = {}
+    for part in filter(None, (each.strip() for each in given.split(";"))):
+        platform, equals, place = part.partition("=")
+        if not equals or not platform or not place:
+            raise StartError(f"~recordings has {part!r}, must be platform=[host:]folder")
+        found[platform] = place
+    return found
+
+
+def _classes(names: Mapping[str, Name], services: Mapping[str, Name]) -> Dict[str, Any]:
+    """Return the classes of messages and services.
+
+    Raises:
+        StartError: with everything that is missing, by package, or is another type under the same name.
+    """
+    found: Dict[str, Any] = {}
+    problems: List[str] = []
+    for key, name in names.items():
+        package, kind = name.type.split("/")
+        try:
+            found[key] = getattr(importlib.import_module(f"{package}.{'srv' if key in services else 'msg'}"), kind)
+        except (ImportError, AttributeError):
+            problems.append(f"{name.type} is missing: build the package {package} in your workspace and source it")
+            continue
+        if found[key]._md5sum != name.md5:
+            problems.append(f"{name.type} has the md5 sum {found[key]._md5sum}, must be {name.md5}: another version")
+    if problems:
+        raise StartError("; ".join(dict.fromkeys(problems)))
+    return found
+
+
+# --- folders ----------------------------------------------------------------------------------------------------------
+
+
+def _folder(place: str) -> Optional[Folder]:
+    """Return what lies in a folder, of this computer or, as host:folder, of another; None: it cannot be seen."""
+    host, colon, path = place.partition(":")
+    if colon and "/" not in host:
+        return _there(host, path)
+    here = Path(place).expanduser()
+    if not here.is_dir():
+        return None
+    sizes: List[Tuple[str, int]] = []
+    for folder, _, files in os.walk(here):
+        for file in files:
+            try:
+                sizes.append((file, (Path(folder) / file).stat().st_size))
+            except OSError:
+                continue  # renamed meanwhile: it is counted the next time
+    return _counted(sizes)
+
+
+def _there(host: str, path: str) -> Optional[Folder]:
+    where = path if path.startswith("~") else shlex.quote(path)
+    command = ["ssh", "-o", "BatchMode=yes", "-o", "ConnectTimeout=3", "--", host]
+    command.append(f"find {where} -type f -printf '%s %f\\n'")
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_SSH_S, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    rows = (line.split(" ", 1) for line in done.stdout.splitlines())
+    return _counted([(name, int(size)) for size, name in rows])
+
+
+def _counted(sizes: Sequence[Tuple[str, int]]) -> Folder:
+    return Folder(sum(size for _, size in sizes), sum(name.endswith(".active") for name, _ in sizes))
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    return run_node("cns_peers", CnsPeersNode)

@@ -1,0 +1,215 @@
+#!/usr/bin/env python3
+"""peers:=cns over ROS: the engine under roslaunch, stand-ins for all five CNS nodes, the simulated vehicle.
+
+Their messages are made here of their fields, in packages that only the node's path has.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+from functools import partial
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cns"))
+
+import rospy
+from cns_definitions import install
+from cns_folder import write_folder
+from genpy.message import fill_message_args
+from one_node import wait_for
+from stand_ins import ARM, DISARM, LAND, STAND_INS, TAKEOFF, Recorder, Supervisor
+
+from amaze_autonomy import msg
+from amaze_autonomy.cns.importer import import_folder
+from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Reply
+from amaze_autonomy.interface import SERVICES as OURS
+from amaze_autonomy.nodes.cns.node import _classes
+from amaze_autonomy.ros.interface import SERVICE_CLASSES, response_of, status_message
+from amaze_autonomy.simulation import World
+
+S = 1_000_000_000
+FOLDER = Path(tempfile.mkdtemp(prefix="amaze_cns_"))
+PYTHONPATH = install(FOLDER)
+sys.path.insert(0, str(FOLDER))
+ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
+SQUARE = "x,y,z,yaw,holdtime\n0,0,1.5,0,0\n1,0,1.5,5,0\n1,1,1.5,90,0\n"
+QUICK = {  # and three limits that a machine with much else to do may stand still for
+    "autonomy.losses.planner_status_limit_s": 6.0,
+    "autonomy.losses.autopilot_status_limit_s": 6.0,
+    "autonomy.losses.status_max_age_s": 6.0,
+    "autonomy.recording.recording_lead_s": 0.2,
+    "autonomy.checks.watchdog_startup_time_s": 2.0,
+    "missions.flight.cruise_speed_m_s": 3.0,
+}
+
+
+def plain(message: Any) -> Any:
+    """Return the fields of a message as plain values."""
+    if hasattr(message, "__slots__") and not hasattr(message, "secs"):
+        return {name: plain(getattr(message, name)) for name in message.__slots__}
+    return [plain(each) for each in message] if isinstance(message, list) else message
+
+
+class Stack:
+    """Everything beside our launch file."""
+
+    def __init__(self) -> None:
+        write_folder(FOLDER / "cns", square=SQUARE)
+        import_folder(FOLDER / "cns", FOLDER / "config")
+        self.configuration = load_configuration(FOLDER / "config", QUICK)
+        self.world = World(self.configuration, without=PEERS)
+        self.recordings = FOLDER / "recordings"
+        self.recordings.mkdir()
+        vehicle = self.world.vehicle
+        self.nodes = {kind.peer: kind(vehicle) for kind in STAND_INS}
+        self.nodes["watchdog"]._rows = dict.fromkeys(ENTITIES, 2)
+        self.nodes["state_estimation"].faults["window_s"] = 1.0
+        self.nodes["data_recorder"].faults["stop_s"] = 1.0
+        self.changed = threading.Condition()
+        self.begin_s = time.monotonic()
+        self.answers: Dict[int, Any] = {}
+        self.ends: Dict[str, List[Dict[str, Any]]] = {}
+        self.number = 0
+        self.ended = False
+        classes = _classes({**TOPICS, **SERVICES}, SERVICES)
+        self.senders: Dict[str, Any] = {}
+        for key, name in TOPICS.items():
+            if name.heard:
+                self.senders[key] = rospy.Publisher(name.name, classes[key], queue_size=50)
+            else:
+                rospy.Subscriber(name.name, classes[key], partial(self._take, key), queue_size=50)
+        for key, name in SERVICES.items():
+            rospy.Service(name.name, classes[key], partial(self._call, key))
+        for name, row in OURS.items():
+            if row.peer == "autopilot":
+                rospy.Service(name, SERVICE_CLASSES[name], partial(self._autopilot, row))
+        self.status = rospy.Publisher("autopilot/status", msg.AutopilotStatus, queue_size=10)
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def now_ns(self) -> int:
+        return round((time.monotonic() - self.begin_s) * S)
+
+    def _take(self, key: str, message: Any) -> None:
+        with self.changed:
+            self.nodes[TOPICS[key].peer].take(self.now_ns(), key, plain(message))
+
+    def _call(self, key: str, request: Any) -> Any:
+        with self.changed:
+            self.nodes[SERVICES[key].peer].call(self.now_ns(), key, plain(request))
+            ends = self.ends.setdefault(key, [])
+            self.changed.wait_for(lambda: ends, 60.0)
+            fields = ends.pop()
+        response = _classes({key: SERVICES[key]}, SERVICES)[key]._response_class()
+        for name in ("successful", "success", "message"):
+            if name in fields:
+                setattr(response, name, fields[name])
+        return response
+
+    def _autopilot(self, row: Any, request: Any) -> Any:
+        with self.changed:
+            self.number += 1
+            number = self.number
+            self.world.handle(max(self.now_ns(), self.world.now_ns), row.command(request, number, S))
+            self.changed.wait_for(lambda: number in self.answers, 5.0)
+            return response_of(row, self.answers.pop(number), self.now_ns())
+
+    def _run(self) -> None:
+        while not self.ended:
+            with self.changed:
+                self._step(max(self.now_ns(), self.world.now_ns))
+                self.changed.notify_all()
+            time.sleep(0.02)
+
+    def _step(self, t_ns: int) -> None:
+        for event in self.world.advance(t_ns):
+            if isinstance(event, AutopilotStatus):
+                self.status.publish(status_message(event, rospy.Time.now().to_nsec()))
+            elif isinstance(event, (Reply, CheckReply)):
+                self.answers[event.command_id] = event
+        for node in self.nodes.values():
+            node.step(t_ns)
+            for key, fields in node.said:
+                message = self.senders[key].data_class()
+                fill_message_args(message, [fields])
+                if hasattr(message, "header"):
+                    message.header.stamp = rospy.Time.now()
+                self.senders[key].publish(message)
+            for key, fields in node.returned:
+                self.ends.setdefault(key, []).append(fields)
+            node.said, node.returned = [], []
+        self._write(self.nodes["data_recorder"])
+
+    def _write(self, recorder: Recorder) -> None:
+        growing, whole = self.recordings / "flight.bag.active", self.recordings / "flight.bag"
+        if recorder.open_files:
+            with growing.open("ab") as file:
+                file.write(b"x" * 1000)
+        elif growing.exists():
+            growing.rename(whole)
+
+
+def launch(*arguments: str, modules: str) -> Tuple[subprocess.Popen, Path]:
+    log = FOLDER / f"launch_{len(arguments)}_{bool(modules)}.log"
+    environment = {**os.environ, "PYTHONPATH": f"{modules}:{os.environ.get('PYTHONPATH', '')}"}
+    overrides = "; ".join(f"{key}={value}" for key, value in QUICK.items())
+    command = ["roslaunch", "amaze_autonomy", "autonomy.launch", "autopilot:=false", "console:=false"]
+    command += [f"config:={FOLDER / 'config'}", f"overrides:={overrides}", f"output:={FOLDER / 'run'}", *arguments]
+    with log.open("wb") as file:
+        return subprocess.Popen(command, env=environment, stdout=file, stderr=file), log
+
+
+class TestCns(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls) -> None:
+        cls.stack = Stack()
+
+    @classmethod
+    def tearDownClass(cls) -> None:
+        cls.stack.ended = True
+        shutil.rmtree(FOLDER, ignore_errors=True)
+
+    def test_a_whole_mission_is_flown_with_all_five(self) -> None:
+        recordings = f"cns_recordings:=main={self.stack.recordings}"
+        arguments = ("peers:=cns", "mission:=1", "unattended:=true", "exit_when_ended:=true", recordings)
+        process, log = launch(*arguments, modules=PYTHONPATH)
+        try:
+            wait_for(lambda: process.poll() is not None, lambda: f"the end: {log.read_text()[-3000:]}", 90.0)
+        finally:
+            process.terminate()
+            process.wait(10.0)
+        result = json.loads((FOLDER / "run" / "result.json").read_text())
+        self.assertEqual(result["result"], "COMPLETE", log.read_text()[-9000:])
+        asked = [fields["request"] for key, fields in self.stack.nodes["mission_planner"].calls if key == "request"]
+        self.assertEqual(asked, [ARM, TAKEOFF, LAND, DISARM])
+        self.assertEqual(len(self.stack.nodes["watchdog"].calls), 1)
+        self.assertEqual([path.name for path in self.stack.recordings.iterdir()], ["flight.bag"])
+        self.assertIsInstance(self.stack.nodes["state_estimation"], Supervisor)
+
+    def test_missing_messages_are_named_with_their_package(self) -> None:
+        arguments = ("cns_peers:=watchdog,mission_planner", "autonomy:=false", "state_estimation:=false")
+        process, log = launch(*arguments, "landing_detection:=false", "data_recorder:=false", modules="")
+        try:
+            words = "watchdog_msgs/StatusStamped is missing: build the package watchdog_msgs in your workspace"
+            wait_for(lambda: words in log.read_text(), lambda: log.read_text()[-3000:], 30.0)
+            self.assertIn("mission_sequencer/MissionRequest is missing", log.read_text())
+        finally:
+            process.terminate()
+            process.wait(10.0)
+
+
+if __name__ == "__main__":
+    import rostest
+
+    rospy.init_node("cns_stand_ins")
+    rostest.rosrun("amaze_autonomy", "cns", TestCns)
