@@ -6,7 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from amaze_autonomy.documents import DocumentError, documents, filled, first_difference, not_shown, regenerated
+from amaze_autonomy.documents import (
+    DocumentError,
+    documents,
+    filled,
+    first_difference,
+    not_shown,
+    regenerated,
+    shipped_configuration,
+)
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = "# Title\n\n<!-- generated:one -->\nold\n<!-- end -->\n\nmiddle\n\n<!-- generated:two -->\n<!-- end -->\n"
@@ -17,6 +25,12 @@ PARTS = {"one": lambda: "1\n", "two": lambda: "2"}
 def test_no_page_differs_from_the_code(page):
     text = page.read_text(encoding="utf-8")
     assert filled(text, documents()) == text, "run: amaze-autonomy docs"
+
+
+def test_autonomy_yaml_is_what_the_limits_of_the_engine_say():
+    path, is_there, should_be = shipped_configuration()
+    assert path.name == "autonomy.yaml"
+    assert is_there == should_be, "run: amaze-autonomy docs"
 
 
 def test_every_part_is_shown_by_a_page():

@@ -199,7 +199,12 @@ def _import_cns(options: argparse.Namespace) -> int:
 
 
 def _docs(options: argparse.Namespace) -> int:
-    from .documents import DocumentError, not_shown, regenerated  # noqa: PLC0415 (--help stays quick)
+    from .documents import (  # noqa: PLC0415 (--help stays quick)
+        DocumentError,
+        not_shown,
+        regenerated,
+        shipped_configuration,
+    )
 
     folder = options.folder or Path(__file__).resolve().parents[2] / "docs"
     if not folder.is_dir():
@@ -210,6 +215,8 @@ def _docs(options: argparse.Namespace) -> int:
     except DocumentError as error:
         print(error, file=sys.stderr)
         return WRONG
+    if options.folder is None:
+        pages = (*pages, shipped_configuration())
     changed = [_changed(*page, check=options.check) for page in pages if page[1] != page[2]]
     missing = not_shown(new for _, _, new in pages)
     if missing:

@@ -1,4 +1,4 @@
-"""The parts of docs/ that are generated from the tables of the code, and the markers between which they stand.
+"""The parts of docs/ that are generated from the tables of the code, the markers around them; and autonomy.yaml.
 
     <!-- generated:severities -->
     (made by the function of that name, never by hand)
@@ -16,12 +16,21 @@ from typing import Callable, Dict, Iterable, Mapping, Tuple
 from . import paths
 from .config import load_configuration
 from .config.reference import DOCUMENTS as CONFIGURATION
+from .config.reference import shipped_file
 from .journal.documents import DOCUMENTS as ENGINE
 from .journal.documents import decision_table
 from .simulation.documents import DOCUMENTS as SIMULATION
 from .tester.documents import DOCUMENTS as TESTER
 
-__all__ = ["DocumentError", "documents", "filled", "first_difference", "not_shown", "regenerated"]
+__all__ = [
+    "DocumentError",
+    "documents",
+    "filled",
+    "first_difference",
+    "not_shown",
+    "regenerated",
+    "shipped_configuration",
+]
 
 _BEGIN, _END = "<!-- generated:", "<!-- end -->"
 _MARKED = re.compile(
@@ -80,6 +89,12 @@ def regenerated(folder: Path) -> Tuple[Tuple[Path, str, str], ...]:
         except DocumentError as error:
             raise DocumentError(f"{path}: {error}") from None
     return tuple(pages)
+
+
+def shipped_configuration() -> Tuple[Path, str, str]:
+    """Return autonomy.yaml as it ships: its path, its text, and the text made anew from the engine's limits."""
+    path = paths.config_folder() / "autonomy.yaml"
+    return path, path.read_text(encoding="utf-8"), shipped_file("autonomy")
 
 
 def not_shown(pages: Iterable[str]) -> Tuple[str, ...]:

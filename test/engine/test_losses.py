@@ -12,8 +12,8 @@ from engine_peers import SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine import rules
 from amaze_autonomy.engine.commands import Level, Notify
+from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
 from amaze_autonomy.engine.mission import Mission
 
 AIRBORNE = (
@@ -85,8 +85,8 @@ flight time, height, distance -> land; position unknown, recorder dead, landing 
 
 def test_the_table_has_these_rows_and_no_others():
     shipped = {
-        loss.name: (loss.verb.name, ("LAND", "AutopilotLand") if loss.both_routes else ("LAND",), loss.alarm)
-        for loss in rules.LOSSES
+        row.name: (row.action.name, ("LAND", "AutopilotLand") if row.both_routes else ("LAND",), row.alarm)
+        for row in FAILSAFE_CONDITIONS
     }
     assert shipped == {name: (row.verb, row.motions or ONE, row.alarm) for name, row in EXPECTED.items()}
 

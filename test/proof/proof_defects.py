@@ -32,6 +32,7 @@ from amaze_autonomy.engine import data_guards as data
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine.answers import Case
 from amaze_autonomy.engine.commands import AnswerKind, AutopilotLand, MissionAction, MissionCommand
+from amaze_autonomy.engine.conditions import Says
 from amaze_autonomy.engine.events import Outcome
 from amaze_autonomy.engine.state import EngineState, State, Step
 
@@ -210,9 +211,12 @@ def _silent_landing(t: Any) -> None:
     t.set(land_ns=t.now, land_sent_ns=t.now)
 
 
-def _with(**predicates: Any) -> Dict[str, Any]:
-    """Return the losses with some judged otherwise."""
-    return {**failures.PREDICATES, **predicates}
+def judged(name: str, holds: Any) -> Patch:
+    """Judge one of the failsafe conditions otherwise."""
+    rows = tuple(
+        replace(row, when=(Says(holds),), only="") if row.name == name else row for row in failures.FAILSAFE_CONDITIONS
+    )
+    return attribute(failures, "FAILSAFE_CONDITIONS", rows)
 
 
 def _done() -> Any:
@@ -363,17 +367,15 @@ DEFECTS: Tuple[Defect, ...] = (
     Defect("a flight never ends", attribute(absorb, "_flight", _always_in_flight), ("last file", _LAND)),
     Defect(
         "the battery is judged the other way round",
-        attribute(failures, "PREDICATES", _with(battery_critical=_level_of_nothing)),
+        judged("battery_critical", _level_of_nothing),
         ("silence",),
     ),
-    Defect("height has no limit", attribute(failures, "PREDICATES", _with(height=lambda _: None)), ("limits",)),
-    Defect("distance has no limit", attribute(failures, "PREDICATES", _with(distance=lambda _: None)), ("limits",)),
-    Defect(
-        "a lost link is no loss", attribute(failures, "PREDICATES", _with(autopilot_status=lambda _: None)), ("limits",)
-    ),
+    Defect("height has no limit", judged("height", lambda _: None), ("limits",)),
+    Defect("distance has no limit", judged("distance", lambda _: None), ("limits",)),
+    Defect("a lost link is no loss", judged("autopilot_status", lambda _: None), ("limits",)),
     Defect(
         "a planner that failed is not heard",
-        attribute(failures, "PREDICATES", _with(planner_failed=lambda _: None)),
+        judged("planner_failed", lambda _: None),
         ("silence",),
     ),
     Defect("decisions are not written down", attribute(engine, "_write_down", lambda *_: None), ("checks",)),

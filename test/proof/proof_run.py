@@ -12,7 +12,7 @@ from proof_explorer import Broken, Stats, explore
 from proof_liveness import loops
 from proof_worlds import WORLDS
 
-from amaze_autonomy.engine.rules import LOSSES
+from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.engine.transitions import STEPS as PLACES
 from amaze_autonomy.engine.transitions import TRANSITIONS
@@ -67,7 +67,7 @@ class Coverage:
 def expected_coverage() -> Coverage:
     """Return every transition row, every row of the decision table with each of its verbs, every place."""
     failures = {(name, verb) for name, verbs in _VERBS.items() for verb in verbs}
-    failures |= {(loss.name, "continue" if loss.name in _NEVER_LANDED_FOR else "land") for loss in LOSSES}
+    failures |= {(row.name, "continue" if row.name in _NEVER_LANDED_FOR else "land") for row in FAILSAFE_CONDITIONS}
     failures |= {("user_hold", "wait"), ("lrf", "pilot")}
     places = {(state.value, step.value) for state in PLACES for step in PLACES[state]}
     places |= {(state.value, "") for state in State if state not in PLACES} - {("READY", "")}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Mapping, Optional, Tuple
 
 from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Limits, Rules
@@ -21,7 +21,6 @@ from amaze_autonomy.monitoring.specs import (
     TopicSpec,
 )
 
-from .autonomy_schema import LIMIT_GROUPS
 from .binding import field_value, key_name, make
 from .kinds import Places
 from .recording_schema import Platform, Recording, Storage, TopicGroup, Transfer
@@ -33,11 +32,8 @@ _Values = Mapping[str, Any]
 
 def limits_of(autonomy: _Values) -> Limits:
     """Return the engine's limits."""
-    given: Dict[str, Any] = {}
-    for group, _, rows in LIMIT_GROUPS:
-        for row in rows:
-            given[row[0]] = field_value(row[0], autonomy[group][key_name(row[0])])
-    return Limits(**given)
+    groups = {entry.name: entry.metadata["row"].group for entry in fields(Limits)}
+    return Limits(**{name: field_value(name, autonomy[group][key_name(name)]) for name, group in groups.items()})
 
 
 def rules_of(autonomy: _Values, sensors: _Values) -> Rules:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from functools import partial
 from typing import Any, Callable, Iterator, List, Mapping, Tuple
 
@@ -10,7 +11,9 @@ from .kinds import ListOf, unit_words
 from .loader import FILES
 from .schema import Group, Key, Named, is_required
 
-__all__ = ["DOCUMENTS", "file_reference", "group_reference", "order_reference"]
+__all__ = ["DOCUMENTS", "file_reference", "group_reference", "order_reference", "shipped_file"]
+
+_WIDTH = 119
 
 
 def file_reference(name: str) -> str:
@@ -90,6 +93,38 @@ def _written(value: Any) -> str:
         items: List[str] = [_written(item) for item in value]
         return f"[{', '.join(items)}]"
     return '""' if value == "" else str(value)
+
+
+# --- the file itself --------------------------------------------------------------------------------------------------
+
+_HEAD = """\
+# The engine: its limits, and how often its peers send their status.
+#
+# The unit is the last part of a key. Above each: what it is (why it is there, or why this value). Every value here is
+# the default; a key may be left out. What each key takes: docs/configuration.md. Check after a change:
+#     amaze-autonomy check-config FOLDER
+"""
+
+
+def shipped_file(name: str) -> str:
+    """Return a file with every key at its default, and what the schema says of each above it."""
+    blocks = [_HEAD]
+    for key in FILES[name].keys:
+        inner = isinstance(key.kind, Group)
+        said = f"# {_sentence(key.meaning, key.reason)}" if inner else _comment(key, "")
+        lines = [said, f"{key.name}:" if inner else f"{key.name}: {_written(key.default)}"]
+        for each in key.kind.keys if isinstance(key.kind, Group) else ():
+            lines += [_comment(each, "  "), f"  {each.name}: {_written(each.default)}"]
+        blocks.append("\n".join(lines) + "\n")
+    return "\n".join(blocks)
+
+
+def _comment(key: Key, indent: str) -> str:
+    unit = unit_words(key.name).replace("in ", "", 1).replace("as ", "", 1)
+    words = f"{key.meaning} ({key.reason})" if key.reason else key.meaning
+    mark = f"{indent}# "
+    said = f"{unit}: {words}" if unit else words
+    return textwrap.fill(said, _WIDTH, initial_indent=mark, subsequent_indent=mark, break_on_hyphens=False)
 
 
 DOCUMENTS: Mapping[str, Callable[[], str]] = {

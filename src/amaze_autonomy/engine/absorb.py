@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
 from .checks import CheckName
+from .conditions import proves_recording
 from .events import (
     AutopilotStatus,
     CheckReply,
@@ -271,12 +272,6 @@ def _recording_status(turn: Turn, event: RecordingStatus) -> None:
         data_location=event.location or turn.state.data_location,
         recording_progressed=turn.state.recording_progressed or event.phase is not RecordingPhase.FAILED,
     )
-
-
-def proves_recording(event: RecordingStatus) -> bool:
-    """Return True when a recorder's status proves that files grow on every platform."""
-    recording = event.phase is RecordingPhase.RECORDING
-    return recording and bool(event.platforms) and all(platform.growing for platform in event.platforms)
 
 
 def _autopilot_status(turn: Turn, event: AutopilotStatus) -> None:

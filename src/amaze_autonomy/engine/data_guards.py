@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Optional
 
-from .absorb import proves_recording
 from .commands import Value
+from .conditions import proves_recording
 from .events import Outcome, RecordingPhase
 from .guards import Values, holds_if
 from .timers import passed

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Any, Optional, Tuple, Type, TypeVar, Union
 
 from .checks import Check, CheckName
@@ -409,6 +409,14 @@ class AutopilotStatus(Event):
         )
         self._age_or_none("link_age_s", "battery_age_s")
         self._fraction_or_none("battery_fraction")
+
+    @property
+    def distance_m(self) -> Optional[float]:
+        """Horizontal distance from the takeoff position, to the millimetre; None when it is unknown."""
+        x_m, y_m = self.position_x_m, self.position_y_m
+        if x_m is None or y_m is None:
+            return None
+        return round(sqrt(x_m * x_m + y_m * y_m), 3)  # hypot rounds differently on Python 3.8 and 3.11
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Dict, List, Mapping, NamedTuple, Tuple
 
 from .commands import Value
+from .conditions import FAILSAFE_CONDITIONS
 from .events import ComponentStatus
-from .losses import PREDICATES
-from .rules import LOSSES, Rules
+from .rules import Rules
 from .severity import SEVERITIES, Code, Restart, Severity, Verb, row_of_code, verb_of
 from .state import EngineState, Failure, FailureKind, State, Step, evolve
 from .turn import Turn
@@ -162,15 +162,15 @@ class _Ledger:
 
 def _lost(turn: Turn, old: Tuple[Failure, ...]) -> List[Failure]:
     found, known = [], {failure.name: failure for failure in old}
-    for loss in LOSSES:
-        values = PREDICATES[loss.name](turn)
+    for row in FAILSAFE_CONDITIONS:
+        values = row.holds(turn)
         if values is None:
             continue
-        before = known.get(loss.name)
-        reason = clocks_words(turn, loss.peer) or f"{loss.words} ({_words(values)})"
+        before = known.get(row.name)
+        reason = clocks_words(turn, row.peer) or f"{row.words} ({_words(values)})"
         since = before.since_ns if before is not None else turn.now
-        verb = Verb.PILOT if loss.verb is Verb.LAND and turn.state.state is State.PILOT else loss.verb
-        found.append(Failure(loss.name, FailureKind.LOSS, 0, verb, since_ns=since, reason=reason))
+        verb = Verb.PILOT if row.action is Verb.LAND and turn.state.state is State.PILOT else row.action
+        found.append(Failure(row.name, FailureKind.LOSS, 0, verb, since_ns=since, reason=reason))
     return found
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Optional
 
 from .commands import Value
+from .conditions import FAILSAFE_CONDITIONS
 from .data_guards import recording_proven
 from .failures import severity_of
 from .guards import Values
-from .losses import PREDICATES
-from .rules import LOSSES
 from .severity import SEVERITIES, Verb, verb_of
 from .state import evolve
 from .turn import Turn
@@ -43,11 +42,11 @@ def _component(turn: Turn) -> Optional[Values]:
 
 
 def _loss(turn: Turn) -> Optional[Values]:
-    """Return the first loss that would be landed for, as if the flight had just begun."""
+    """Return the first failsafe condition that would be landed for, as if the flight had just begun."""
     flight = Turn(evolve(turn.state, in_flight=True, flight_started_ns=turn.now), turn.event, turn.rules)
     flight.now = turn.now
-    for loss in LOSSES:
-        values = PREDICATES[loss.name](flight) if loss.verb is Verb.LAND else None
+    for row in FAILSAFE_CONDITIONS:
+        values = row.holds(flight) if row.action is Verb.LAND else None
         if values is not None:
-            return (Value("reason", loss.words), *values)
+            return (Value("reason", row.words), *values)
     return None

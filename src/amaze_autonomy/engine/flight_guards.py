@@ -6,10 +6,10 @@ from typing import Optional
 
 from . import failures
 from .commands import Value
+from .conditions import FAILSAFE_CONDITIONS
 from .events import MissionPhase, Outcome, VehicleLanded
 from .guards import Guard, Values, holds_if
 from .modes import LANDING_MODES, ours
-from .rules import LOSSES
 from .state import State
 from .timers import passed
 from .turn import Turn
@@ -47,8 +47,8 @@ __all__ = [
 ]
 
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
-_BOTH_ROUTES = frozenset(loss.name for loss in LOSSES if loss.both_routes)
-_ALARM = frozenset(loss.name for loss in LOSSES if loss.alarm)
+_BOTH_ROUTES = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.both_routes)
+_ALARM = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.alarm)
 
 
 def started_armed(turn: Turn) -> Optional[Values]:

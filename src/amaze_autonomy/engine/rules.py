@@ -1,75 +1,125 @@
-"""The rules: everything that a configuration can say to the engine. Two rule sets make two engines, nothing else."""
+"""The rules: everything that a configuration can say to the engine. Two rule sets make two engines, nothing else.
+
+A limit is one row of `Limits`: its unit is the end of its name, its default, its bounds and its words stand behind it.
+`config/autonomy.yaml`, its schema and its reference in docs/ are made from these rows.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Tuple
+from typing import Any, Tuple
 
-from .severity import ComponentRule, Verb
+from .severity import ComponentRule
 
-__all__ = ["LOSSES", "Limits", "Loss", "Rules"]
+__all__ = ["LimitRow", "Limits", "Rules"]
 
 _S = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Every limit of the engine, in nanoseconds, metres, metres per second and fractions. Defaults as shipped.
+class LimitRow:
+    """What is said of a limit: stands in the metadata of its field.
 
-    autonomy.yaml has each of them, in seconds (`_s`) where it is `_ns` here.
+    Args:
+        group: of autonomy.yaml in which it stands.
+        about: what the group is about.
+        most: largest value that is accepted, in the unit of the configuration; 1: fractions below it.
+        words: what it is.
+        reason: why it is there, or why it has this value.
     """
 
-    check_reply_limit_ns: int = 3 * _S
-    watchdog_startup_time_ns: int = 10 * _S
-    preflight_fix_limit_ns: int = 60 * _S
-    preflight_fix_poll_ns: int = 1 * _S
-    preflight_rounds_limit: int = 5
-    check_max_age_ns: int = 10 * _S
-    ready_limit_ns: int = 60 * _S
-    recording_lead_ns: int = 3 * _S
-    recording_start_limit_ns: int = 15 * _S
-    load_limit_ns: int = 10 * _S
-    arm_limit_ns: int = 10 * _S
-    lift_off_limit_ns: int = 10 * _S
-    takeoff_limit_ns: int = 30 * _S
-    takeoff_height_m: float = 1.0
-    cancel_limit_ns: int = 10 * _S
-    command_reply_limit_ns: int = 1 * _S
-    hold_confirm_limit_ns: int = 3 * _S
-    hold_repeat_after_ns: int = 3 * _S // 2
-    hold_speed_m_s: float = 0.5
-    resume_confirm_limit_ns: int = 5 * _S
-    user_hold_limit_ns: int = 120 * _S
-    unlisted_wait_limit_ns: int = 15 * _S
-    land_repeat_period_ns: int = _S // 2
-    land_second_route_after_ns: int = 3 * _S
-    land_alarm_after_ns: int = 6 * _S
-    land_limit_ns: int = 120 * _S
-    descent_speed_m_s: float = 0.2
-    descent_time_ns: int = 1 * _S
-    landing_height_m: float = 3.0
-    ground_disarm_after_ns: int = 4 * _S
-    ground_disarm_period_ns: int = 2 * _S
-    flight_end_confirm_ns: int = _S // 2
-    confirm_limit_ns: int = 10 * _S
-    pilot_confirm_ns: int = 3 * _S // 10
-    data_cleanup_limit_ns: int = 1800 * _S
-    watchdog_heartbeat_limit_ns: int = 6 * _S // 10
-    planner_status_limit_ns: int = 1 * _S
-    autopilot_status_limit_ns: int = 1 * _S
-    autopilot_link_limit_ns: int = 3 * _S
-    position_age_limit_ns: int = 10 * _S
-    recorder_status_limit_ns: int = 5 * _S
-    landing_detection_limit_ns: int = 1 * _S
-    status_max_age_ns: int = 1 * _S
-    clock_tolerance_ns: int = _S // 5
-    clock_stall_limit_ns: int = 1 * _S
-    battery_age_limit_ns: int = 10 * _S
-    battery_critical_fraction: float = 0.15
-    battery_reserve_fraction: float = 0.2
-    max_flight_time_ns: int = 900 * _S
-    max_height_m: float = 30.0
-    max_distance_m: float = 100.0
+    group: str
+    about: str
+    most: float
+    words: str
+    reason: str
+
+
+class _Group:
+    """A group of limits; makes their fields."""
+
+    def __init__(self, name: str, about: str) -> None:
+        self.name, self.about = name, about
+
+    def _field(self, default: float, most: float, words: str, reason: str) -> Any:
+        return field(default=default, metadata={"row": LimitRow(self.name, self.about, most, words, reason)})
+
+    def time(self, default_s: float, most_s: float, words: str, reason: str) -> Any:
+        """Return a time: in seconds here and in the configuration, in nanoseconds in the engine."""
+        return self._field(round(default_s * _S), most_s, words, reason)
+
+    def number(self, default: float, most: float, words: str, reason: str) -> Any:
+        """Return a number of the unit that its name ends with, or a fraction."""
+        return self._field(default, most, words, reason)
+
+
+_CHECKS = _Group("checks", "pre-flight checks")
+_RECORDING = _Group("recording", "start and end of the recording")
+_TAKEOFF = _Group("takeoff", "from the planner's confirmation to the mission")
+_COMMANDS = _Group("commands", "commands in flight, holds")
+_LANDING = _Group("landing", "landing, second route, alarm")
+_LOSSES = _Group("losses", "peers that fall silent")
+_BATTERY = _Group("battery", "battery in flight and after it")
+_FLIGHT = _Group("flight", "limits of every flight; a mission may set its own")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Every limit of the engine, in nanoseconds, metres, metres per second and fractions. One row a line."""
+
+    # fmt: off
+    check_reply_limit_ns: int = _CHECKS.time(3, 60, "time in which a check must be answered", "a service call takes milliseconds; 3 s is a hung peer")
+    watchdog_startup_time_ns: int = _CHECKS.time(10, 120, "how long the first call of the watchdog may wait for every component to come up", "cameras take several seconds to start")
+    preflight_fix_limit_ns: int = _CHECKS.time(60, 3600, "time in which the watchdog may fix what failed before the user is asked", "longer than all attempts of one restart")
+    preflight_fix_poll_ns: int = _CHECKS.time(1, 60, "pause between two questions to the watchdog while it fixes", "shows progress without flooding")
+    preflight_rounds_limit: int = _CHECKS.number(5, 100, "how often the checks are run again by themselves before the user is asked", "a component that comes and goes must not keep the checks going for ever")
+    check_max_age_ns: int = _CHECKS.time(10, 60, "how old a check may be at the takeoff", "what was true 10 s ago may not be true now")
+    ready_limit_ns: int = _CHECKS.time(60, 3600, "how long Ready stands before the checks are run again", "an operator's go may come late")
+    recording_lead_ns: int = _RECORDING.time(3, 600, "recording time before the takeoff", "state estimators need data at rest to start from")
+    recording_start_limit_ns: int = _RECORDING.time(15, 600, "time in which both platforms must show growing files, lead included", "rosbag needs a second, a slow disk several")
+    data_cleanup_limit_ns: int = _RECORDING.time(1800, 36000, "time in which the recording must be merged and verified", "copying 100 GB between two computers takes half an hour")
+    load_limit_ns: int = _TAKEOFF.time(10, 120, "time in which the planner must confirm the mission", "uploading waypoints takes seconds")
+    arm_limit_ns: int = _TAKEOFF.time(10, 120, "time from the takeoff command to armed", "PX4 refuses or arms within seconds")
+    lift_off_limit_ns: int = _TAKEOFF.time(10, 120, "time from armed to airborne", "armed on the ground with turning propellers is dangerous")
+    takeoff_limit_ns: int = _TAKEOFF.time(30, 300, "time from airborne to the takeoff height", "climbing a metre takes seconds")
+    takeoff_height_m: float = _TAKEOFF.number(1.0, 50.0, "height at which the takeoff is over", "clear of ground effect")
+    cancel_limit_ns: int = _TAKEOFF.time(10, 120, "time in which a cancelled takeoff must be disarmed", "the autopilot disarms on the ground at once")
+    command_reply_limit_ns: int = _COMMANDS.time(1, 10, "time in which a command must be answered", "an answer takes milliseconds; what it does is read from the state")
+    hold_confirm_limit_ns: int = _COMMANDS.time(3, 60, "time in which the planner must show that it holds", "unconfirmed: land")
+    hold_repeat_after_ns: int = _COMMANDS.time(1.5, 60, "the hold is asked for again when nothing shows it after this time", "one request may be lost between planner and autopilot")
+    hold_speed_m_s: float = _COMMANDS.number(0.5, 5.0, "slower than this over ground it stands still", "where the flight mode does not show a hold (set-points); above the drift of a hover")
+    resume_confirm_limit_ns: int = _COMMANDS.time(5, 60, "time in which the planner must show that it flies on", "unconfirmed: land")
+    user_hold_limit_ns: int = _COMMANDS.time(120, 3600, "longest hold that a user may ask for", "then it lands: the battery does not wait")
+    unlisted_wait_limit_ns: int = _COMMANDS.time(15, 600, "how long a flight waits for a component that has no wait_limit_s of its own", "a component that nobody listed gets the row of its code")
+    land_repeat_period_ns: int = _LANDING.time(0.5, 1, "pause between two land commands until the vehicle shows that it lands", "2 Hz: a lost command costs half a second")
+    land_second_route_after_ns: int = _LANDING.time(3, 30, "time without a sign of landing after which the autopilot is told directly", "the planner may be what has failed")
+    land_alarm_after_ns: int = _LANDING.time(6, 60, "time without a sign of landing after which the pilot is alarmed", "the pilot is the last route")
+    land_limit_ns: int = _LANDING.time(120, 3600, "time in which the vehicle must be on the ground and disarmed", "30 m at 0.5 m/s take a minute")
+    descent_speed_m_s: float = _LANDING.number(0.2, 10.0, "sinking faster than this is a descent", "above the noise of a hover")
+    descent_time_ns: int = _LANDING.time(1, 30, "so long it must sink to show that it lands", "a gust is shorter")
+    landing_height_m: float = _LANDING.number(3.0, 50.0, "sinking for that long below this height is a landing: nothing is held any more", "a mission sinks higher up")
+    ground_disarm_after_ns: int = _LANDING.time(4, 120, "time on the ground, armed, after which it is disarmed by command", "PX4 disarms by itself after 2 s")
+    ground_disarm_period_ns: int = _LANDING.time(2, 60, "pause between two disarm commands", "the autopilot may refuse the first")
+    flight_end_confirm_ns: int = _LANDING.time(0.5, 10, "so long statuses must agree on disarmed and on the ground before the flight is over", "one wrong status must not end the supervision; costs this time after each landing")
+    confirm_limit_ns: int = _LANDING.time(10, 120, "time in which the landing detection should confirm the landing", "reported when it does not, never waited for longer")
+    watchdog_heartbeat_limit_ns: int = _LOSSES.time(0.6, 60, "silence of the watchdog, or a standing loop counter, that is a lost heartbeat", "three messages at 5 Hz")
+    planner_status_limit_ns: int = _LOSSES.time(1, 60, "silence of the planner that is a loss", "five messages at 5 Hz")
+    autopilot_status_limit_ns: int = _LOSSES.time(1, 60, "silence of the autopilot node that is a loss", "five messages at 5 Hz")
+    autopilot_link_limit_ns: int = _LOSSES.time(3, 60, "age of the vehicle's heartbeat that is a lost link", "three MAVLink heartbeats at 1 Hz")
+    position_age_limit_ns: int = _LOSSES.time(10, 60, "how long height or position may be unknown in flight", "limits of height and distance cannot be watched without")
+    recorder_status_limit_ns: int = _LOSSES.time(5, 120, "silence of the recorder that is a loss", "ten messages at 2 Hz")
+    landing_detection_limit_ns: int = _LOSSES.time(1, 60, "silence of the landing detection that is a loss", "five messages at 5 Hz")
+    status_max_age_ns: int = _LOSSES.time(1, 60, "how old a status may be to count as the present", "landed and disarmed are believed fresh only")
+    pilot_confirm_ns: int = _LOSSES.time(0.3, 5, "so long statuses must agree that somebody else has control", "commanding stops with the first; one wrong status must not end the supervision")
+    clock_stall_limit_ns: int = _LOSSES.time(1, 60, "how long /clock may stand still (use_sim_time)", "no limit is worth anything without a clock")
+    clock_tolerance_ns: int = _LOSSES.time(0.2, 5, "how far a stamp may lie in the future", "clocks of two computers differ")
+    battery_age_limit_ns: int = _BATTERY.time(10, 120, "how long the level may be unknown in flight", "then it lands")
+    battery_critical_fraction: float = _BATTERY.number(0.15, 1, "level at which it lands", "enough for a landing from the height limit")
+    battery_reserve_fraction: float = _BATTERY.number(0.2, 1, "level that an estimated mission leaves", "above the critical level, or every mission ends by it")
+    max_flight_time_ns: int = _FLIGHT.time(900, 86400, "longest flight, from the takeoff command on", "the battery's endurance")
+    max_height_m: float = _FLIGHT.number(30.0, 1000.0, "height above the takeoff position at which it lands", "ceiling or permit")
+    max_distance_m: float = _FLIGHT.number(100.0, 10000.0, "horizontal distance from the takeoff position at which it lands", "field or permit")
+    # fmt: on
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -80,46 +130,6 @@ class Limits:
     def is_present(self, age_ns: int) -> bool:
         """Return True when a status that is so old on arrival, by its own stamp, is of the present."""
         return -self.clock_tolerance_ns <= age_ns <= self.status_max_age_ns
-
-
-@dataclass(frozen=True)
-class Loss:
-    """One row of the table of what else can be lost in flight.
-
-    Args:
-        name: of the loss.
-        verb: what is done about it.
-        both_routes: the landing is sent to the planner and to the autopilot at once.
-        alarm: the pilot is alarmed at once.
-        words: for the user and the documentation.
-        peer: whose silence it is; where its clock is the reason, that is said.
-    """
-
-    name: str
-    verb: Verb
-    both_routes: bool
-    alarm: bool
-    words: str
-    peer: str = ""
-
-
-LOSSES: Tuple[Loss, ...] = (
-    Loss("watchdog_heartbeat", Verb.LAND, False, False, "the watchdog's heartbeat is lost", "watchdog"),
-    Loss("planner_status", Verb.LAND, True, False, "the mission planner's status is lost", "planner"),
-    Loss("planner_failed", Verb.LAND, True, False, "the mission planner says that it failed"),
-    Loss("autopilot_status", Verb.LAND, True, True, "the autopilot's status is lost", "autopilot"),
-    Loss("clock", Verb.LAND, True, False, "the clock that decides stands still (/clock)"),
-    Loss("battery_unknown", Verb.LAND, False, False, "the battery level is unknown for too long"),
-    Loss("battery_critical", Verb.LAND, False, False, "the battery is critical"),
-    Loss("flight_time", Verb.LAND, False, False, "the maximum flight time is reached"),
-    Loss("height", Verb.LAND, False, False, "the height limit is exceeded"),
-    Loss("distance", Verb.LAND, False, False, "the distance limit is exceeded"),
-    Loss(
-        "position_unknown", Verb.CONTINUE, False, False, "height or position is unknown: their limits cannot be checked"
-    ),
-    Loss("recorder_dead", Verb.CONTINUE, False, False, "the recorder is silent or does not record", "recorder"),
-    Loss("landing_detection", Verb.CONTINUE, False, False, "the landing detection is silent", "landing detection"),
-)
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ class FailureKind(enum.Enum):
     """What kind of thing is wrong."""
 
     COMPONENT = "component"  # a component, by the watchdog
-    LOSS = "loss"  # something else that can be lost (table LOSSES)
+    LOSS = "loss"  # something else that can be lost (FAILSAFE_CONDITIONS)
     USER = "user"  # the user asked for a hold
 
 
@@ -187,7 +187,7 @@ class Failure:
     """One thing that is wrong now.
 
     Args:
-        name: component, row of the table LOSSES, or "user_hold".
+        name: component, row of FAILSAFE_CONDITIONS, or "user_hold".
         kind: what kind of thing.
         code: the watchdog's code; 0 for what is not a component.
         verb: what is done about it now.
@@ -313,3 +313,11 @@ class EngineState:
     message: str = ""
     message_level: Level = Level.INFO
     advice: str = ""
+
+    @property
+    def link_ns(self) -> Optional[int]:
+        """When the autopilot itself was last heard over its link; None when that is unknown."""
+        status, heard_ns = self.autopilot, self.autopilot_ns
+        if status is None or heard_ns is None or status.link_age_s is None:
+            return None
+        return heard_ns - int(status.link_age_s * 1_000_000_000)

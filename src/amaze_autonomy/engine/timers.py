@@ -7,9 +7,10 @@ shown. A timer whose time has come and that changed nothing does not wake the en
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable, Dict, Mapping, Optional, Tuple, Union
+from typing import Callable, Dict, Iterator, Mapping, Optional, Tuple, Union
 
 from .checks import CheckName
+from .conditions import FAILSAFE_CONDITIONS, Silent
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
 
@@ -70,32 +71,6 @@ def _check_poll(state: EngineState, rules: Rules) -> Optional[int]:
     return max(replied) + rules.limits.preflight_fix_poll_ns if len(replied) == len(CheckName) else None
 
 
-def heartbeat_end(state: EngineState, rules: Rules) -> Optional[int]:
-    """Return when the watchdog's heartbeat is lost: counted from its accepted start."""
-    if state.watchdog_started_ns is None:
-        return None
-    return max(state.watchdog_started_ns, state.heartbeat_ns or 0) + rules.limits.watchdog_heartbeat_limit_ns + 1
-
-
-def _in_flight_since(state: EngineState, seen: Optional[int], limit: int) -> Optional[int]:
-    if not state.in_flight or state.flight_started_ns is None:
-        return None
-    return max(state.flight_started_ns if seen is None else seen, 0) + limit + 1
-
-
-def _link(state: EngineState, rules: Rules) -> Optional[int]:
-    status, seen = state.autopilot, state.autopilot_ns
-    if status is None or seen is None or status.link_age_s is None:
-        return None
-    return seen - int(status.link_age_s * _NS) + rules.limits.autopilot_link_limit_ns + 1
-
-
-def max_flight_time_ns(state: EngineState, rules: Rules) -> int:
-    """Return the limit of the flight time: the mission's own, else the configuration's."""
-    own = state.mission.max_flight_time_ns if state.mission is not None else None
-    return rules.limits.max_flight_time_ns if own is None else own
-
-
 def _wait(state: EngineState, _: Rules) -> Optional[int]:
     ends = [f.deadline_ns for f in state.failures if f.deadline_ns is not None and f.kind is not FailureKind.USER]
     return min(ends) if ends else None
@@ -111,7 +86,10 @@ def _takeover_silent(state: EngineState, rules: Rules) -> Optional[int]:
     """Return when a vehicle that somebody else seems to have is no longer heard: then nothing is in doubt any more."""
     if state.takeover is None or state.autopilot_ns is None:
         return None
-    ends = (state.autopilot_ns + rules.limits.autopilot_status_limit_ns + 1, _link(state, rules))
+    ends = (
+        state.autopilot_ns + rules.limits.autopilot_status_limit_ns + 1,
+        time_of("autopilot_link_limit", state, rules),
+    )
     return min(end for end in ends if end is not None)
 
 
@@ -129,6 +107,16 @@ _TAKING_BACK = (State.READY, State.START_RECORDING, State.LOAD_MISSION, (State.M
 _FLYING = (State.TAKEOFF, (State.MISSION, Step.FLYING), State.HOLD)
 _WATCHED = (*_FLYING, State.LAND)
 _BEFORE_TAKEOFF = (State.PREFLIGHT, *_TAKING_BACK)
+
+
+def _failsafe_timers() -> Iterator[Timer]:
+    """Yield the waits that follow from what can be silent: nothing that can be lost has to be remembered here."""
+    for row in FAILSAFE_CONDITIONS:
+        places = (*_BEFORE_TAKEOFF, *_WATCHED) if row.on_ground else _WATCHED
+        for condition in row.when:
+            if isinstance(condition, Silent):
+                yield Timer(condition.timer, places, condition.end_ns, condition.ends_flight)
+
 
 TIMERS: Tuple[Timer, ...] = (
     Timer("check_reply_limit", _CHECKED, _check_reply),
@@ -162,38 +150,7 @@ TIMERS: Tuple[Timer, ...] = (
         lambda s, r: _after(s.user_hold_ns, r.limits.user_hold_limit_ns),
         ends_state=True,
     ),
-    Timer(
-        "flight_time",
-        _WATCHED,
-        lambda s, r: _in_flight_since(s, None, max_flight_time_ns(s, r) - 1),
-        ends_state=True,
-    ),
-    Timer("watchdog_heartbeat_limit", (State.PREFLIGHT, *_TAKING_BACK, *_WATCHED), heartbeat_end),
-    Timer(
-        "planner_status_limit",
-        _WATCHED,
-        lambda s, r: _in_flight_since(s, s.planner_ns, r.limits.planner_status_limit_ns),
-    ),
-    Timer(
-        "autopilot_status_limit",
-        _WATCHED,
-        lambda s, r: _in_flight_since(s, s.autopilot_ns, r.limits.autopilot_status_limit_ns),
-    ),
-    Timer("autopilot_link_limit", _WATCHED, _link),
-    Timer("battery_age_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.battery_ns, r.limits.battery_age_limit_ns)),
-    Timer(
-        "position_age_limit", _WATCHED, lambda s, r: _in_flight_since(s, s.position_ns, r.limits.position_age_limit_ns)
-    ),
-    Timer(
-        "recorder_status_limit",
-        _WATCHED,
-        lambda s, r: _in_flight_since(s, s.recorder_ns, r.limits.recorder_status_limit_ns),
-    ),
-    Timer(
-        "landing_detection_limit",
-        _WATCHED,
-        lambda s, r: _in_flight_since(s, s.landing_ns, r.limits.landing_detection_limit_ns),
-    ),
+    *_failsafe_timers(),
     Timer(
         "confirm_limit",
         ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.HOLD),

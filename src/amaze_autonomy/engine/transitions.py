@@ -6,7 +6,7 @@ landing, holding, and then the way of a nominal mission. After a row has fired t
 `target` None stays in the state (and step). The sources name a state for all its steps, or (state, step).
 
 Before the rows the facts are brought up to date (`absorb.py`), and what is wrong gets its verb (`failures.py`, with the
-tables `SEVERITIES` and `LOSSES`); what is sent on the way into a state is in `effects.ENTER`.
+tables `SEVERITIES` and `FAILSAFE_CONDITIONS`); what is sent on the way into a state is in `effects.ENTER`.
 """
 
 from __future__ import annotations

@@ -6,10 +6,11 @@ from typing import Callable, Iterable, List, Mapping, Sequence, Tuple
 
 from ..engine.answers import ANSWERS, OTHERWISE, SELECT
 from ..engine.commands import AnswerKind
+from ..engine.conditions import FAILSAFE_CONDITIONS
 from ..engine.events import UserCommand
 from ..engine.messages import MESSAGES
 from ..engine.modes import MODES
-from ..engine.rules import LOSSES, Rules
+from ..engine.rules import Rules
 from ..engine.severity import SEVERITIES
 from ..engine.state import State, Step
 from ..engine.timers import TIMERS
@@ -50,13 +51,13 @@ def loss_table() -> str:
     """Return the table of what else can be lost in flight."""
     rows = [
         (
-            f"`{loss.name}`",
-            loss.words,
-            f"`{loss.verb.name.lower()}`",
-            "yes" if loss.both_routes else "",
-            "yes" if loss.alarm else "",
+            f"`{row.name}`",
+            row.words,
+            f"`{row.action.name.lower()}`",
+            "yes" if row.both_routes else "",
+            "yes" if row.alarm else "",
         )
-        for loss in LOSSES
+        for row in FAILSAFE_CONDITIONS
     ]
     return _table(("Row", "In words", "Verb", "Both routes at once", "Alarm to the pilot"), rows)
 

@@ -16,7 +16,7 @@ from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.schema import Group, Key
 from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.rules import LOSSES
+from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
 from amaze_autonomy.paths import config_folder
 
 from ..replay.timeline import value_text
@@ -112,7 +112,7 @@ def item_names() -> Tuple[str, ...]:
     return (
         *(f"rule {name}" for name in dict.fromkeys(RULES)),
         *(f"component {component.name}" for component in components),
-        *(f"loss {loss.name}" for loss in LOSSES),
+        *(f"loss {row.name}" for row in FAILSAFE_CONDITIONS),
         *(f"check {check.value}" for check in CheckName),
     )
 

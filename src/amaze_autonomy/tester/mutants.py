@@ -11,7 +11,8 @@ from typing import Any, Dict, Iterator, List, MutableMapping, Optional, Tuple, c
 
 from amaze_autonomy.engine import failures, fitness, flight_guards, transitions
 from amaze_autonomy.engine import severity as severities
-from amaze_autonomy.engine.rules import LOSSES, Limits, Rules
+from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
+from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.severity import SEVERITIES, Severity, Verb
 
 __all__ = ["Mutant", "mutant_of", "mutants_of", "mutated"]
@@ -63,14 +64,14 @@ _WORDS = {
 
 def mutants_of(rules: Rules) -> Tuple[Mutant, ...]:
     """Return all mutants for some rules, in the order of the tables."""
-    found: List[Mutant] = [Mutant("row", row.rule, f"rule {row.rule}") for row in transitions.TRANSITIONS]
+    found: List[Mutant] = [Mutant("row", each.rule, f"rule {each.rule}") for each in transitions.TRANSITIONS]
     for kind in ("loss", "routes", "alarm"):
-        found += [Mutant(kind, loss.name, f"loss {loss.name}") for loss in LOSSES]
+        found += [Mutant(kind, row.name, f"loss {row.name}") for row in FAILSAFE_CONDITIONS]
     found += [Mutant("severity", severity.value) for severity in SEVERITIES]
-    for row in rules.components:
-        found.append(Mutant("component", row.name, f"component {row.name}"))
-        if row.severity in (Severity.MODERATE, Severity.HIGH):
-            found.append(Mutant("wait", row.name, f"component {row.name}"))
+    for component in rules.components:
+        found.append(Mutant("component", component.name, f"component {component.name}"))
+        if component.severity in (Severity.MODERATE, Severity.HIGH):
+            found.append(Mutant("wait", component.name, f"component {component.name}"))
     for kind in ("limit", "lower"):
         found += [Mutant(kind, each.name) for each in fields(Limits)]
     return tuple(found)
@@ -88,8 +89,10 @@ def mutated(mutant: Mutant, rules: Rules) -> Iterator[Rules]:
         with _patched(cast(Dict[Any, Any], transitions.ROWS_AT), _without(mutant.name)):
             yield rules
     elif mutant.kind == "loss":
-        changed = tuple(replace(x, verb=_OTHER_VERB[x.verb]) if x.name == mutant.name else x for x in LOSSES)
-        with _set(failures, "LOSSES", changed):
+        changed = tuple(
+            replace(x, action=_OTHER_VERB[x.action]) if x.name == mutant.name else x for x in FAILSAFE_CONDITIONS
+        )
+        with _set(failures, "FAILSAFE_CONDITIONS", changed):
             yield rules
     elif mutant.kind in _FLAGS:
         names = getattr(flight_guards, _FLAGS[mutant.kind])

@@ -15,8 +15,8 @@ from typing import Callable, Dict, Iterable, Iterator, List, Optional, Sequence,
 
 from amaze_autonomy.bags.errors import BagError, MessageError
 from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
 from amaze_autonomy.engine.failures import USER_HOLD
-from amaze_autonomy.engine.rules import LOSSES
 from amaze_autonomy.simulation.errors import SimulationError
 
 from ..journal.journal import JournalError, encode_decision
@@ -262,7 +262,7 @@ def peak_mb() -> float:
 # Are there the components and losses that expectations and anchors name? What nobody watches never fails.
 
 
-_LOSSES = (*(loss.name for loss in LOSSES), USER_HOLD)
+_LOSSES = (*(row.name for row in FAILSAFE_CONDITIONS), USER_HOLD)
 
 
 def check_names(case: Case, trace: Trace, configured: Callable[[], Iterable[str]]) -> None:
