@@ -24,6 +24,7 @@ from engine_beginnings import BEGINNINGS, at
 
 from amaze_autonomy.engine import absorb, events, failures, flight_guards, preflight_guards, severity, timers, turn
 from amaze_autonomy.engine import decide as engine
+from amaze_autonomy.engine.commands import Seen
 from amaze_autonomy.engine.events import Outcome, Reply, VehicleLanded
 from amaze_autonomy.engine.guards import both
 from amaze_autonomy.engine.severity import Code, Severity, SeverityRow, Verb
@@ -117,7 +118,7 @@ def landing_is_left(patch: pytest.MonkeyPatch) -> None:
     """Let a landing go back to the mission when nothing is wrong any more."""
     back = replace(
         next(r for r in engine.ROWS_AT[State.HOLD, _step("holding")] if r.rule == "resume"),
-        guard=lambda t: None if t.state.failures else (),
+        guard=lambda t: None if t.state.failures else Seen(),
     )
     rows = {place: (back, *found) if place[0] is State.LAND else found for place, found in engine.ROWS_AT.items()}
     patch.setattr(engine, "ROWS_AT", rows)
@@ -129,7 +130,7 @@ def _step(name: str) -> Any:
 
 def nan_is_a_number(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(events, "isfinite", lambda _: True)
-    row("at_takeoff_height", guard=lambda t: None if (t.vehicle().height_m or 0.0) < 1.0 else ())(patch)
+    row("at_takeoff_height", guard=lambda t: None if (t.vehicle().height_m or 0.0) < 1.0 else Seen())(patch)
 
 
 def any_reply(t: Any, event: Reply) -> None:
@@ -145,7 +146,7 @@ def any_action(t: Any, event: Any) -> None:
 
 
 def ages_are_ignored(t: Any) -> Any:
-    return () if all(record.ok for record in t.state.checks) else None
+    return Seen() if all(record.ok for record in t.state.checks) else None
 
 
 def down_unless_armed(self: Any) -> bool:
@@ -326,7 +327,7 @@ DEFECTS = (
     ),
     Defect(
         "the failsafe flag is ignored",
-        row("pilot_took_over", guard=lambda t: () if t.vehicle() and t.vehicle().pilot_in_control else None),
+        row("pilot_took_over", guard=lambda t: Seen() if t.vehicle() and t.vehicle().pilot_in_control else None),
         lambda: test_pilot.test_takeover_in_every_phase_stops_commanding(
             "MISSION flying", {"failsafe": True, "mode": "AUTO.LOITER"}
         ),
@@ -353,7 +354,7 @@ DEFECTS = (
     ),
     Defect(
         "accepted is enough",
-        row("hold_confirmed", guard=lambda t: () if t.state.motion_outcome is Outcome.ACCEPTED else None),
+        row("hold_confirmed", guard=lambda t: Seen() if t.state.motion_outcome is Outcome.ACCEPTED else None),
         test_messages_in.test_accepted_alone_is_no_hold,
     ),
 )

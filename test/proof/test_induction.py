@@ -18,6 +18,7 @@ from proof_sound import SENTENCES, sound
 from test_defects import row, without
 
 from amaze_autonomy.engine import absorb, effects
+from amaze_autonomy.engine.commands import Seen
 from amaze_autonomy.engine.events import EngineStarted
 from amaze_autonomy.engine.state import Agreement, EngineState, State, Step, evolve
 from amaze_autonomy.engine.transitions import STEPS as PLACES
@@ -111,7 +112,7 @@ DEFECTS = {
     "`pilot_took_over` is left out": without("pilot_took_over"),
     "`land_repeat` is left out": without("land_repeat"),
     "`ready_taken_back` is left out": without("ready_taken_back"),
-    "a hold goes on although something is waited for": row("resume", guard=lambda _: ()),
+    "a hold goes on although something is waited for": row("resume", guard=lambda _: Seen()),
 }
 
 

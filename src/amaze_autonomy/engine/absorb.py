@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
-from .checks import CheckName
+from .checks import CHECKS
 from .conditions import proves_recording
 from .events import (
     AutopilotStatus,
@@ -196,17 +196,14 @@ def _check_reply(turn: Turn, event: CheckReply) -> None:
     if not current:
         return
     answered = answer_of(current[0], event, turn.now)
-    lacks = lacking(turn.state.mission, event.components) if event.check is CheckName.WATCHDOG else None
+    watches = CHECKS[event.check].watches
+    lacks = lacking(turn.state.mission, event.components) if watches else None
     if answered.ok and lacks is not None:
         answered = evolve(
             answered, ok=False, message=f"{lacks.name} is at code {int(lacks.code)}, although it says ready"
         )
     turn.set(checks=tuple(answered if r is current[0] else r for r in records))
-    if (
-        event.check is CheckName.WATCHDOG
-        and event.outcome is Outcome.ACCEPTED
-        and turn.state.watchdog_started_ns is None
-    ):
+    if watches and event.outcome is Outcome.ACCEPTED and turn.state.watchdog_started_ns is None:
         turn.set(watchdog_started_ns=turn.now)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from math import isfinite
-from typing import Optional
+from typing import Mapping, Optional, Tuple
 
-__all__ = ["Check", "CheckName", "Verdict", "finite"]
+__all__ = ["CHECKS", "Check", "CheckName", "CheckTraits", "Verdict", "finite"]
 
 
 class CheckName(enum.Enum):
@@ -18,6 +18,29 @@ class CheckName(enum.Enum):
     AUTOPILOT = "autopilot"
     ON_GROUND = "on_ground"
     STATE_ESTIMATION = "state_estimation"
+
+
+@dataclass(frozen=True)
+class CheckTraits:
+    """What is special about a check.
+
+    Args:
+        asks: fields of its request (`commands.RunCheck`) besides the check itself.
+        watches: its first accepted answer starts the watching, and may take until all is up; what failed may be fixed
+            meanwhile, and every component is listed.
+    """
+
+    asks: Tuple[str, ...] = ()
+    watches: bool = False
+
+
+CHECKS: Mapping[CheckName, CheckTraits] = {
+    CheckName.WATCHDOG: CheckTraits(("mission_id", "required", "startup_time_ns"), watches=True),
+    CheckName.BATTERY: CheckTraits(("required_fraction",)),
+    CheckName.AUTOPILOT: CheckTraits(),
+    CheckName.ON_GROUND: CheckTraits(),
+    CheckName.STATE_ESTIMATION: CheckTraits(),
+}
 
 
 class Verdict(enum.Enum):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Any, Optional, Tuple
+from typing import Any, NamedTuple, Optional, Tuple
 
 from .checks import CheckName
 
@@ -26,9 +26,12 @@ __all__ = [
     "Notify",
     "Request",
     "RunCheck",
+    "Seen",
     "StartRecording",
     "StopRecording",
     "Value",
+    "Values",
+    "because",
 ]
 
 
@@ -173,6 +176,21 @@ class Value:
     value: object
     limit: object = None
     unit: str = ""
+
+
+Values = Tuple[Value, ...]
+
+
+class Seen(NamedTuple):
+    """What a condition looked at when it holds, and, where there is one, the reason in words that a person is told."""
+
+    values: Values = ()
+    reason: str = ""
+
+
+def because(name: str, reason: str, *values: Value) -> Seen:
+    """Return a reason under the name that it has in the journal, and what else was looked at."""
+    return Seen((Value(name, reason), *values), reason)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Callable, Optional, Tuple, Union
 
-from .commands import Value
+from .commands import Seen, Value, because
 from .events import MissionPhase, RecordingPhase, RecordingStatus
 from .rules import Rules
 from .severity import Verb
@@ -33,7 +33,6 @@ __all__ = [
     "proves_recording",
 ]
 
-Values = Tuple[Value, ...]
 _NS = 1e9
 _LINK = "age of the autopilot's link"
 
@@ -83,14 +82,15 @@ class Silent:
             return None
         return begin + int(limit_of(self.limit, state, rules)) + (0 if self.ends_flight else 1)
 
-    def holds(self, turn: Turn) -> Optional[Values]:
+    def holds(self, turn: Turn) -> Optional[Seen]:
         """Return its age and the limit when it has been silent for too long."""
         end = self.end_ns(turn.state, turn.rules)
         if end is None or turn.now < end:
             return None
         heard = _time(turn.state, self.stream)
         age = turn.now - (heard if heard is not None else turn.state.flight_started_ns or 0)
-        return (Value(self.words, round(age / _NS, 3), limit_of(self.limit, turn.state, turn.rules) / _NS, "s"),)
+        limit = limit_of(self.limit, turn.state, turn.rules) / _NS
+        return Seen((Value(self.words, round(age / _NS, 3), limit, "s"),))
 
 
 def _time(state: EngineState, name: str) -> Optional[int]:
@@ -113,7 +113,7 @@ class _Bound:
     words: str
     fresh: bool = True
 
-    def holds(self, turn: Turn) -> Optional[Values]:
+    def holds(self, turn: Turn) -> Optional[Seen]:
         """Return value and limit when the one is beyond the other."""
         status, _, field = self.field.rpartition(".")
         holder = getattr(turn.state, status) if status else turn.state
@@ -123,7 +123,8 @@ class _Bound:
         limit = limit / _NS if self.limit.endswith("_ns") else limit
         if value is None or not self.beyond(value, limit):
             return None
-        return (Value(self.words, value, limit, next(unit for end, unit in _UNITS if field.endswith(end))),)
+        unit = next(unit for end, unit in _UNITS if field.endswith(end))
+        return Seen((Value(self.words, value, limit, unit),))
 
     def beyond(self, value: float, limit: float) -> bool:
         """Return True when a value is not as it should be."""
@@ -138,7 +139,7 @@ class Above(_Bound):
 
     def beyond(self, value: float, limit: float) -> bool:
         """Return True above the limit."""
-        return value > limit
+        return not value <= limit
 
 
 class Below(_Bound):
@@ -146,14 +147,14 @@ class Below(_Bound):
 
     def beyond(self, value: float, limit: float) -> bool:
         """Return True at the limit and below."""
-        return value <= limit
+        return not value > limit
 
 
 @dataclass(frozen=True)
 class Says:
     """A status says so itself: `holds` returns what it looked at, else None."""
 
-    holds: Callable[[Turn], Optional[Values]]
+    holds: Callable[[Turn], Optional[Seen]]
 
 
 @dataclass(frozen=True)
@@ -182,14 +183,14 @@ class FailsafeCondition:
     only: str = ""
     on_ground: bool = False
 
-    def holds(self, turn: Turn) -> Optional[Values]:
+    def holds(self, turn: Turn) -> Optional[Seen]:
         """Return what was looked at when it holds, else None."""
         if self.only and not getattr(turn.state, self.only):
             return None
         for condition in self.when:
-            values = condition.holds(turn)
-            if values is not None:
-                return values
+            seen = condition.holds(turn)
+            if seen is not None:
+                return seen
         return None
 
 
@@ -202,30 +203,31 @@ def proves_recording(event: RecordingStatus) -> bool:
     return recording and bool(event.platforms) and all(platform.growing for platform in event.platforms)
 
 
-def _planner_failed(turn: Turn) -> Optional[Values]:
+def _planner_failed(turn: Turn) -> Optional[Seen]:
     planner = turn.state.planner
     if planner is None or planner.phase is not MissionPhase.FAILED:
         return None
-    return (Value("planner phase", "FAILED"), Value("planner says", planner.message))
+    return Seen((Value("planner phase", "FAILED"), Value("planner says", planner.message)))
 
 
-def _link_unknown(turn: Turn) -> Optional[Values]:
+def _link_unknown(turn: Turn) -> Optional[Seen]:
     status, limit_s = turn.state.autopilot, turn.limits.autopilot_link_limit_ns / _NS
-    return (Value(_LINK, None, limit_s, "s"),) if status is not None and status.link_age_s is None else None
+    return Seen((Value(_LINK, None, limit_s, "s"),)) if status is not None and status.link_age_s is None else None
 
 
-def _battery_flag(turn: Turn) -> Optional[Values]:
+def _battery_flag(turn: Turn) -> Optional[Seen]:
     """Take the autopilot's word: ArduPilot's level ignores the voltage."""
     critical = turn.state.autopilot is not None and turn.state.autopilot.battery_critical
-    return (Value("reason", "the autopilot says that the battery is critical"),) if critical else None
+    return because("reason", "the autopilot says that the battery is critical") if critical else None
 
 
-def _does_not_record(turn: Turn) -> Optional[Values]:
+def _does_not_record(turn: Turn) -> Optional[Seen]:
     recorder = turn.state.recorder
     if recorder is None or proves_recording(recorder):
         return None
     still = ", ".join(p.platform for p in recorder.platforms if not p.growing)
-    return (Value("recorder phase", recorder.phase.name, "RECORDING"), Value("files do not grow on", still))
+    phase = Value("recorder phase", recorder.phase.name, "RECORDING")
+    return Seen((phase, Value("files do not grow on", still)))
 
 
 # --- the table --------------------------------------------------------------------------------------------------------

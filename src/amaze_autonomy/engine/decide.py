@@ -19,6 +19,7 @@ from .commands import (
     MissionCommand,
     Request,
     RunCheck,
+    Seen,
     Value,
 )
 from .effects import ENTER, begin_session
@@ -34,7 +35,6 @@ MAX_ROWS = 12
 """How many rows may fire on one event. The longest chain is shorter; a test watches it."""
 
 _NS = 1e9
-_CHECK = "check "
 
 
 def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState, Tuple[Command, ...]]:
@@ -56,10 +56,10 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
     _answer(turn)
     _update_failures(turn, decisions)
     for _ in range(MAX_ROWS):
-        row, values = _first(turn)
+        row, seen = _first(turn)
         if row is None:
             break
-        _fire(turn, row, values, decisions)
+        _fire(turn, row, seen, decisions)
         _update_failures(turn, decisions)
     if turn.state.signal and not turn.suspected():
         turn.set(signal="")
@@ -112,42 +112,32 @@ def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
         _write_down(turn, decisions, change.rule, place, failures.values_of(failure, turn.now), first)
 
 
-def _first(turn: Turn) -> Tuple[Optional[Transition], Tuple[Value, ...]]:
+def _first(turn: Turn) -> Tuple[Optional[Transition], Seen]:
     doubt, quiet = turn.suspected(), not turn.asked()
     for row in ROWS_AT[turn.state.state, turn.state.step]:
         if (doubt and not row.in_doubt) or (quiet and row.on_request):
             continue
-        values = row.guard(turn)
-        if values is not None:
-            return row, values
-    return None, ()
+        seen = row.guard(turn)
+        if seen is not None:
+            return row, seen
+    return None, Seen()
 
 
-def _fire(turn: Turn, row: Transition, values: Tuple[Value, ...], decisions: List[Decision]) -> None:
+def _fire(turn: Turn, row: Transition, seen: Seen, decisions: List[Decision]) -> None:
     """Carry out one row: its own fields and action, the step into the new state, the effects of entering it."""
     before, first = (turn.state.state, turn.state.step), len(turn.commands)
-    turn.set(cause=_reason(turn, row, values), **row.sets)
+    if turn.state.step is not Step.CANCELLING:  # a cancelled takeoff keeps its cause
+        turn.set(cause=seen.reason or row.words)
+    turn.set(**row.sets)
     if row.act is not None:
         row.act(turn)
     if row.target is not None:
         _enter(turn, before, row.target)
     if row.message:
-        turn.notify(row.message, **_words(turn, values))
+        turn.notify(row.message, **_words(turn))
     if row.target is not None or row.act is not None:
         turn.consume()
-    _write_down(turn, decisions, row.rule, before, values, first)
-
-
-def _reason(turn: Turn, row: Transition, values: Tuple[Value, ...]) -> str:
-    """Return why a row fires: what its guard says, else the row's own words; a cancelled takeoff keeps its cause."""
-    if turn.state.step is Step.CANCELLING:
-        return turn.state.cause
-    checks = [f"{value.name[len(_CHECK) :]}: {value.value}" for value in values if value.name.startswith(_CHECK)]
-    named = {value.name: str(value.value) for value in values}
-    said = [named[name] for name in ("reason", "recorder", "planner") if named.get(name)]
-    if named.get("failure") and named.get("code", "0") != "0":
-        said = [": ".join([named["failure"], *said])]
-    return "; ".join(checks or said) or row.words
+    _write_down(turn, decisions, row.rule, before, seen.values, first)
 
 
 def _enter(turn: Turn, before: Place, target: Place) -> None:
@@ -163,7 +153,7 @@ def _enter(turn: Turn, before: Place, target: Place) -> None:
         effect(turn)
 
 
-def _words(turn: Turn, values: Tuple[Value, ...]) -> Dict[str, object]:
+def _words(turn: Turn) -> Dict[str, object]:
     """Return what the texts of messages may name."""
     state = turn.state
     return {
@@ -173,7 +163,7 @@ def _words(turn: Turn, values: Tuple[Value, ...]) -> Dict[str, object]:
         "result": state.result.value + (f" (landed for: {state.land_cause})" if _landed_for(state) else ""),
         "location": _location(state),
         "limit_s": (turn.limits.ready_limit_ns if state.state is State.PREFLIGHT else turn.limits.land_limit_ns) / _NS,
-        "signal": next((str(value.value) for value in values if value.name == "signal"), ""),
+        "signal": turn.signal,
     }
 
 

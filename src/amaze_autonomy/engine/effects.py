@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Callable, Mapping, Tuple
+from typing import Any, Callable, Mapping, Tuple
 
-from .checks import CheckName
+from .checks import CHECKS, CheckName
 from .commands import (
     AutopilotDisarm,
     AutopilotLand,
@@ -102,17 +102,18 @@ def run_checks(turn: Turn) -> None:
 
 
 def _request(turn: Turn, check: CheckName) -> RunCheck:
-    mission, first = turn.state.mission, turn.state.watchdog_started_ns is None
-    watchdog = check is CheckName.WATCHDOG
-    needed = mission.battery_needed_fraction if mission is not None else None
+    mission, started = turn.state.mission, turn.state.watchdog_started_ns is not None
+    known: Mapping[str, Any] = {
+        "required": mission.required if mission is not None else (),
+        "startup_time_ns": 0 if started else turn.limits.watchdog_startup_time_ns,
+        "required_fraction": mission.battery_needed_fraction if mission is not None else None,
+    }
     return RunCheck(
         id=turn.take_id(),
         limit_ns=check_limit_ns(turn.state, turn.rules, check),
         check=check,
         mission_id=mission.id if mission is not None else "",
-        required=mission.required if mission is not None and watchdog else (),
-        startup_time_ns=turn.limits.watchdog_startup_time_ns if watchdog and first else 0,
-        required_fraction=needed if check is CheckName.BATTERY else None,
+        **{name: value for name, value in known.items() if name in CHECKS[check].asks},
     )
 
 

@@ -163,11 +163,11 @@ class _Ledger:
 def _lost(turn: Turn, old: Tuple[Failure, ...]) -> List[Failure]:
     found, known = [], {failure.name: failure for failure in old}
     for row in FAILSAFE_CONDITIONS:
-        values = row.holds(turn)
-        if values is None:
+        seen = row.holds(turn)
+        if seen is None:
             continue
         before = known.get(row.name)
-        reason = clocks_words(turn, row.peer) or f"{row.words} ({_words(values)})"
+        reason = clocks_words(turn, row.peer) or f"{row.words} ({_words(seen.values)})"
         since = before.since_ns if before is not None else turn.now
         verb = Verb.PILOT if row.action is Verb.LAND and turn.state.state is State.PILOT else row.action
         found.append(Failure(row.name, FailureKind.LOSS, 0, verb, since_ns=since, reason=reason))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Optional
 
 from . import failures
-from .commands import Value
+from .commands import Seen, Value, because
 from .conditions import FAILSAFE_CONDITIONS
 from .events import MissionPhase, Outcome, VehicleLanded
-from .guards import Guard, Values, holds_if
+from .guards import Guard, holds_if
 from .modes import LANDING_MODES, ours
-from .state import State
+from .state import Failure, FailureKind, State
 from .timers import passed
 from .turn import Turn
 
@@ -51,105 +51,106 @@ _BOTH_ROUTES = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.both_rou
 _ALARM = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.alarm)
 
 
-def started_armed(turn: Turn) -> Optional[Values]:
+def started_armed(turn: Turn) -> Optional[Seen]:
     """The engine was started, with no flight of its own to resume, while the vehicle is armed."""
     fresh_start = turn.state.sessions == 0 and turn.state.armed_at_start is True and turn.armed()
     return holds_if(fresh_start and not turn.state.in_flight, Value("armed at start", True))
 
 
-def motion_refused(turn: Turn) -> Optional[Values]:
+def motion_refused(turn: Turn) -> Optional[Seen]:
     """The planner refused the last command, or is not there."""
     refused = turn.state.motion_outcome in _REFUSED
-    return holds_if(refused, Value("planner", turn.state.motion_message or "refused"))
+    return because("planner", turn.state.motion_message or "refused") if refused else None
 
 
-def down(turn: Turn) -> Optional[Values]:
+def down(turn: Turn) -> Optional[Seen]:
     """The vehicle says, freshly, disarmed and ON_GROUND."""
     return holds_if(turn.down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
-def stays_down(turn: Turn) -> Optional[Values]:
+def stays_down(turn: Turn) -> Optional[Seen]:
     """Several statuses agree on disarmed and ON_GROUND."""
     return holds_if(turn.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
-def on_the_ground(turn: Turn) -> Optional[Values]:
+def on_the_ground(turn: Turn) -> Optional[Seen]:
     """The vehicle says, freshly, ON_GROUND."""
     return holds_if(turn.on_ground(), Value("landed", "ON_GROUND"))
 
 
-def stands(turn: Turn) -> Optional[Values]:
+def stands(turn: Turn) -> Optional[Seen]:
     """The vehicle has said ON_GROUND for longer than one wrong status lasts."""
     return holds_if(turn.stands(), Value("landed", "ON_GROUND"))
 
 
-def armed(turn: Turn) -> Optional[Values]:
+def armed(turn: Turn) -> Optional[Seen]:
     """The vehicle says, freshly, that it is armed."""
     return holds_if(turn.armed(), Value("armed", True))
 
 
-def airborne(turn: Turn) -> Optional[Values]:
+def airborne(turn: Turn) -> Optional[Seen]:
     """The vehicle says, freshly, that it has left the ground."""
     return holds_if(turn.airborne(), Value("landed", turn.state.autopilot.landed.name if turn.state.autopilot else ""))
 
 
-def at_takeoff_height(turn: Turn) -> Optional[Values]:
+def at_takeoff_height(turn: Turn) -> Optional[Seen]:
     """The vehicle is at takeoff height."""
     status, limit = turn.vehicle(), turn.limits.takeoff_height_m
     reached = status is not None and status.height_m is not None and status.height_m >= limit
     return holds_if(reached, Value("height", status.height_m if status else None, limit, "m"))
 
 
-def taken_over(turn: Turn) -> Optional[Values]:
+def taken_over(turn: Turn) -> Optional[Seen]:
     """Several statuses agree: the pilot or a failsafe has control, or the mode is none of ours (rule 4)."""
     return _taken(turn) if turn.taken() else None
 
 
-def takeover_begins(turn: Turn) -> Optional[Values]:
+def takeover_begins(turn: Turn) -> Optional[Seen]:
     """A status says that somebody else has control, which is not confirmed yet."""
     return _taken(turn) if turn.suspected() and not turn.state.takeover_noted else None
 
 
-def takeover_denied(turn: Turn) -> Optional[Values]:
+def takeover_denied(turn: Turn) -> Optional[Seen]:
     """Somebody else seemed to have control, and the vehicle answers to us."""
     return holds_if(turn.state.takeover_noted and turn.state.takeover is None)
 
 
-def _taken(turn: Turn) -> Values:
+def _taken(turn: Turn) -> Seen:
     status = turn.state.autopilot
-    return (Value("reason", turn.state.takeover_reason), Value("flight mode", status.mode if status else ""))
+    return because("reason", turn.state.takeover_reason, Value("flight mode", status.mode if status else ""))
 
 
-def armed_by_others(turn: Turn) -> Optional[Values]:
+def armed_by_others(turn: Turn) -> Optional[Seen]:
     """The vehicle is armed, and it was not us; several statuses agree."""
     if turn.state.in_flight or not (turn.taken() and turn.armed()):
         return None
-    return (Value("reason", "it was armed, and not by us"),)
+    return because("reason", "it was armed, and not by us")
 
 
-def still_flies(turn: Turn) -> Optional[Values]:
+def still_flies(turn: Turn) -> Optional[Seen]:
     """Its flight seemed over, and it says that it is in the air, armed: it never landed, for nobody arms it there."""
     state, status = turn.state, turn.vehicle()
     if state.in_flight or not state.was_airborne or status is None or not (turn.armed() and turn.airborne()):
         return None
     sure = state.aloft is not None and state.aloft.statuses > 1
     mine = ours(status.mode, state.commanded, state.confirmed, lands=True) and not status.pilot_in_control
-    return holds_if(sure and mine, Value("reason", "it is still in the air"), Value("landed", status.landed.name))
+    landed = Value("landed", status.landed.name)
+    return because("reason", "it is still in the air", landed) if sure and mine else None
 
 
-def armed_late(turn: Turn) -> Optional[Values]:
+def armed_late(turn: Turn) -> Optional[Seen]:
     """It is armed in a mode of ours, after a takeoff of ours was called off: our ARM took effect late."""
     armed, agreed = turn.may_arm_late() and turn.armed(), turn.state.motors
     mine = armed and turn.state.takeover is None and agreed is not None and agreed.statuses > 1
-    return holds_if(mine, Value("reason", "it was armed by us, after its takeoff was called off"))
+    return because("reason", "it was armed by us, after its takeoff was called off") if mine else None
 
 
-def lands(turn: Turn) -> Optional[Values]:
+def lands(turn: Turn) -> Optional[Seen]:
     """It is landing, whoever lands it."""
-    return holds_if(turn.lands(), Value("reason", "it is landing"))
+    return because("reason", "it is landing") if turn.lands() else None
 
 
-def hold_shown(turn: Turn) -> Optional[Values]:
+def hold_shown(turn: Turn) -> Optional[Seen]:
     """Flight mode or standing still shows that it holds."""
     status = turn.vehicle()
     mode, speed = (status.mode, status.horizontal_speed_m_s) if status is not None else ("", None)
@@ -157,7 +158,7 @@ def hold_shown(turn: Turn) -> Optional[Values]:
     return holds_if(turn.holds(), *shown)
 
 
-def moves_on(turn: Turn) -> Optional[Values]:
+def moves_on(turn: Turn) -> Optional[Seen]:
     """It has flown on for longer than a gust lasts, in a mode that does not hold."""
     status = turn.vehicle()
     on = status is not None and passed("moving", turn.state, turn.rules, turn.now)
@@ -165,19 +166,19 @@ def moves_on(turn: Turn) -> Optional[Values]:
     return holds_if(on, Value("speed over ground", speed, turn.limits.hold_speed_m_s, "m/s"))
 
 
-def hold_not_repeated(turn: Turn) -> Optional[Values]:
+def hold_not_repeated(turn: Turn) -> Optional[Seen]:
     """The hold was asked for once."""
     return holds_if(not turn.state.hold_repeated)
 
 
-def nobody_knows(turn: Turn) -> Optional[Values]:
+def nobody_knows(turn: Turn) -> Optional[Seen]:
     """The pilot was alarmed, and the vehicle is not heard any more."""
     status = turn.state.autopilot
     silent = turn.state.alarmed and turn.vehicle() is None
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 
 
-def mission_flown(turn: Turn) -> Optional[Values]:
+def mission_flown(turn: Turn) -> Optional[Seen]:
     """The planner lands after the last waypoint of the last file: the mission is flown."""
     planner = turn.state.planner
     ends = planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
@@ -186,51 +187,59 @@ def mission_flown(turn: Turn) -> Optional[Values]:
     return last_leg(turn)
 
 
-def takeoff_failed(turn: Turn) -> Optional[Values]:
+def takeoff_failed(turn: Turn) -> Optional[Seen]:
     """The planner says that the takeoff failed, and the vehicle has stayed disarmed on the ground."""
     planner, state = turn.state.planner, turn.state
     failed = planner is not None and planner.phase is MissionPhase.FAILED and planner.t_ns > state.motion_ns
     ready = failed and not state.was_armed and turn.stays_down()
-    return holds_if(ready, Value("planner", planner.message if planner is not None and planner.message else "failed"))
+    said = planner.message if planner is not None and planner.message else "failed"
+    return because("planner", said) if ready else None
 
 
-def in_flight(turn: Turn) -> Optional[Values]:
+def in_flight(turn: Turn) -> Optional[Seen]:
     """From the TAKEOFF command until the vehicle says, freshly, both disarmed and ON_GROUND."""
     return holds_if(turn.state.in_flight, Value("in flight", True))
 
 
-def must_land(turn: Turn) -> Optional[Values]:
+def _failed(turn: Turn, failure: Failure) -> Seen:
+    component = failure.kind is FailureKind.COMPONENT
+    reason = ": ".join(filter(None, (failure.name, failure.reason))) if component else failure.reason
+    return Seen(failures.values_of(failure, turn.now), reason)
+
+
+def must_land(turn: Turn) -> Optional[Seen]:
     """Something means to land."""
     worst = failures.worst(turn.state) if turn.state.in_flight else ()
-    return failures.values_of(worst[0], turn.now) if worst else None
+    return _failed(turn, worst[0]) if worst else None
 
 
-def must_land_both(turn: Turn) -> Optional[Values]:
+def must_land_both(turn: Turn) -> Optional[Seen]:
     """Something means to land, and by both routes at once."""
     lost = [f for f in turn.state.failures if f.name in _BOTH_ROUTES] if turn.state.in_flight else []
-    return failures.values_of(lost[0], turn.now) if lost else None
+    return _failed(turn, lost[0]) if lost else None
 
 
-def must_alarm(turn: Turn) -> Optional[Values]:
+def must_alarm(turn: Turn) -> Optional[Seen]:
     """Something is lost that the pilot must know at once."""
     lost = [f for f in turn.state.failures if f.name in _ALARM] if turn.state.in_flight else []
-    return failures.values_of(lost[0], turn.now) if lost and not turn.state.alarmed else None
+    return _failed(turn, lost[0]) if lost and not turn.state.alarmed else None
 
 
-def must_wait(turn: Turn) -> Optional[Values]:
+def must_wait(turn: Turn) -> Optional[Seen]:
     """Something is waited for."""
     held = failures.waiting(turn.state) if turn.state.in_flight else ()
     if not held:
         return None
-    return tuple(value for failure in held for value in failures.values_of(failure, turn.now))
+    values = tuple(value for failure in held for value in failures.values_of(failure, turn.now))
+    return Seen(values, _failed(turn, held[-1]).reason)
 
 
-def nothing_waited_for(turn: Turn) -> Optional[Values]:
+def nothing_waited_for(turn: Turn) -> Optional[Seen]:
     """All that was waited for is back, dropped, or resumed; on the ground there is nothing to go on with."""
     return holds_if(turn.state.in_flight and must_wait(turn) is None)
 
 
-def vehicle_known(turn: Turn) -> Optional[Values]:
+def vehicle_known(turn: Turn) -> Optional[Seen]:
     """The vehicle is heard freshly; after a restart of the engine nothing is known of it at first."""
     return holds_if(turn.vehicle() is not None)
 
@@ -243,38 +252,39 @@ def interrupted(state: State) -> Guard:
 def planner_in(*phases: MissionPhase) -> Guard:
     """Hold when the planner says, since the last command, one of these phases."""
 
-    def guard(turn: Turn) -> Optional[Values]:
+    def guard(turn: Turn) -> Optional[Seen]:
         planner = turn.state.planner
         if planner is None or planner.phase not in phases or not planner.t_ns > turn.state.motion_ns:
             return None
-        return (Value("planner phase", planner.phase.name),)
+        return Seen((Value("planner phase", planner.phase.name),))
 
     return guard
 
 
-def touched_down(turn: Turn) -> Optional[Values]:
+def touched_down(turn: Turn) -> Optional[Seen]:
     """Disarmed and ON_GROUND after a flight that is over (`Turn.stays_down`)."""
     state = turn.state
     if state.in_flight or not state.was_armed or turn.flies_again():
         return None
-    return (Value("armed", False), Value("landed", "ON_GROUND"), Value("landing detection", turn.detection().name))
+    detection = Value("landing detection", turn.detection().name)
+    return Seen((Value("armed", False), Value("landed", "ON_GROUND"), detection))
 
 
-def file_done(turn: Turn) -> Optional[Values]:
+def file_done(turn: Turn) -> Optional[Seen]:
     """Touched down, and the planner says that the file's sequence has ended."""
-    planner, values = turn.state.planner, touched_down(turn)
-    if values is None or planner is None or planner.phase is not MissionPhase.LANDED:
+    planner, down = turn.state.planner, touched_down(turn)
+    if down is None or planner is None or planner.phase is not MissionPhase.LANDED:
         return None
     last = planner.waypoint >= planner.waypoints
-    return (*values, Value("waypoint", planner.waypoint, planner.waypoints)) if last else None
+    return holds_if(last, *down.values, Value("waypoint", planner.waypoint, planner.waypoints))
 
 
-def last_leg(turn: Turn) -> Optional[Values]:
+def last_leg(turn: Turn) -> Optional[Seen]:
     """No waypoint file and no repetition is left."""
     state = turn.state
     mission = state.mission
     if mission is None:
-        return ()
+        return Seen()
     last = state.file_index + 1 >= mission.files and state.repetition + 1 >= mission.repetitions
     return holds_if(
         last,
@@ -283,7 +293,7 @@ def last_leg(turn: Turn) -> Optional[Values]:
     )
 
 
-def cancelled_on_ground(turn: Turn) -> Optional[Values]:
+def cancelled_on_ground(turn: Turn) -> Optional[Seen]:
     """Disarmed and ON_GROUND without ever having been armed, and the landing was accepted or its limit has passed."""
     state = turn.state
     if state.was_armed or not turn.stays_down():
@@ -292,7 +302,7 @@ def cancelled_on_ground(turn: Turn) -> Optional[Values]:
     return holds_if(settled, Value("armed", False), Value("landed", "ON_GROUND"), Value("was armed", False))
 
 
-def landing_shown(turn: Turn) -> Optional[Values]:
+def landing_shown(turn: Turn) -> Optional[Seen]:
     """The vehicle shows that it lands: on the ground, or, up to the limit, landing mode or sustained descent.
 
     Before lift-off ON_GROUND shows nothing while it is armed: the takeoff may still be on its way.
@@ -303,16 +313,16 @@ def landing_shown(turn: Turn) -> Optional[Values]:
     if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
         return None
     if status.mode in LANDING_MODES:
-        return (Value("flight mode", status.mode),)
+        return Seen((Value("flight mode", status.mode),))
     if status.landed is VehicleLanded.LANDING or (status.landed is VehicleLanded.ON_GROUND and not before_lift_off):
-        return (Value("landed", status.landed.name),)
+        return Seen((Value("landed", status.landed.name),))
     sustained = passed("descent_time", turn.state, turn.rules, turn.now)
     return holds_if(
         sustained, Value("vertical speed", status.vertical_speed_m_s, -turn.limits.descent_speed_m_s, "m/s")
     )
 
 
-def ground_armed(turn: Turn) -> Optional[Values]:
+def ground_armed(turn: Turn) -> Optional[Seen]:
     """On the ground for a while, still armed, and nothing says that it flies."""
     if not turn.on_ground() or not turn.armed() or turn.seems_to_fly():
         return None
@@ -323,22 +333,22 @@ def ground_armed(turn: Turn) -> Optional[Values]:
     )
 
 
-def cancelled(turn: Turn) -> Optional[Values]:
+def cancelled(turn: Turn) -> Optional[Seen]:
     """Disarmed and ON_GROUND, and it was armed before or the planner has accepted the ABORT."""
     settled = turn.state.was_armed or turn.state.motion_outcome is Outcome.ACCEPTED
     return holds_if(settled and turn.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
-def not_alarmed(turn: Turn) -> Optional[Values]:
+def not_alarmed(turn: Turn) -> Optional[Seen]:
     """The pilot was not alarmed yet."""
     return holds_if(not turn.state.alarmed)
 
 
-def not_overdue_alarmed(turn: Turn) -> Optional[Values]:
+def not_overdue_alarmed(turn: Turn) -> Optional[Seen]:
     """The pilot was not yet alarmed about the limit of the landing."""
     return holds_if(not turn.state.overdue_alarmed)
 
 
-def one_route_only(turn: Turn) -> Optional[Values]:
+def one_route_only(turn: Turn) -> Optional[Seen]:
     """The landing was commanded by the planner's route alone."""
     return holds_if(turn.state.second_route_ns is None)

@@ -7,9 +7,9 @@ is so too; the table leaves their rows out on all other events.
 
 from __future__ import annotations
 
-from typing import Callable, Optional, Set, Tuple
+from typing import Callable, Optional, Set
 
-from .commands import Value
+from .commands import Seen, Value, Values
 from .events import UserCommand
 from .state import OutreachKind, Result
 from .timers import passed, time_of
@@ -17,7 +17,6 @@ from .turn import Turn
 
 __all__ = [
     "Guard",
-    "Values",
     "both",
     "holds_if",
     "mission_selected",
@@ -34,15 +33,14 @@ __all__ = [
     "user_gives_up",
 ]
 
-Values = Tuple[Value, ...]
-Guard = Callable[[Turn], Optional[Values]]
+Guard = Callable[[Turn], Optional[Seen]]
 _NS = 1e9
 _ON_REQUEST: Set[Guard] = set()
 
 
-def holds_if(condition: object, *values: Value) -> Optional[Values]:
-    """Return the values when the condition is true, else None."""
-    return values if condition else None
+def holds_if(condition: object, *values: Value, reason: str = "") -> Optional[Seen]:
+    """Return what was looked at when the condition is true, else None."""
+    return Seen(values, reason) if condition else None
 
 
 def on_request(guard: Guard) -> Guard:
@@ -62,14 +60,14 @@ def user(command: UserCommand) -> Guard:
 
 
 @on_request
-def user_gives_up(turn: Turn) -> Optional[Values]:
+def user_gives_up(turn: Turn) -> Optional[Seen]:
     """The user gives up or aborts before takeoff."""
     asked = turn.user in (UserCommand.GIVE_UP, UserCommand.ABORT)
     return holds_if(asked, Value("user", turn.user.value if turn.user else ""))
 
 
 @on_request
-def user_ends(turn: Turn) -> Optional[Values]:
+def user_ends(turn: Turn) -> Optional[Seen]:
     """The user lands, aborts or gives up between two files."""
     asked = turn.user in (UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
     return holds_if(asked, Value("user", turn.user.value if turn.user else ""))
@@ -78,11 +76,11 @@ def user_ends(turn: Turn) -> Optional[Values]:
 def timer(name: str) -> Guard:
     """Hold when a timer has ended."""
 
-    def guard(turn: Turn) -> Optional[Values]:
+    def guard(turn: Turn) -> Optional[Seen]:
         if not passed(name, turn.state, turn.rules, turn.now):
             return None
         late = turn.now - (time_of(name, turn.state, turn.rules) or turn.now)
-        return (Value(name, "passed"), Value("later by", round(late / _NS, 6), 0.0, "s"))
+        return Seen((Value(name, "passed"), Value("later by", round(late / _NS, 6), 0.0, "s")))
 
     return guard
 
@@ -90,30 +88,32 @@ def timer(name: str) -> Guard:
 def both(*guards: Guard) -> Guard:
     """Hold when all of them hold."""
 
-    def guard(turn: Turn) -> Optional[Values]:
-        seen: Values = ()
+    def guard(turn: Turn) -> Optional[Seen]:
+        values: Values = ()
+        reasons = []
         for part in guards:
-            values = part(turn)
-            if values is None:
+            seen = part(turn)
+            if seen is None:
                 return None
-            seen += values
-        return seen
+            values += seen.values
+            reasons.append(seen.reason)
+        return Seen(values, "; ".join(filter(None, reasons)))
 
     return on_request(guard) if any(needs_request(part) for part in guards) else guard
 
 
 def negated(inner: Guard) -> Guard:
     """Hold when the other one does not."""
-    return lambda turn: () if inner(turn) is None else None
+    return lambda turn: Seen() if inner(turn) is None else None
 
 
 @on_request
-def mission_selected(turn: Turn) -> Optional[Values]:
+def mission_selected(turn: Turn) -> Optional[Seen]:
     """The user has selected a valid mission."""
     return holds_if(turn.selected, Value("missions", ", ".join(mission.id for mission in turn.selected)))
 
 
-def next_in_queue(turn: Turn) -> Optional[Values]:
+def next_in_queue(turn: Turn) -> Optional[Seen]:
     """A further mission was selected, and the last one is complete."""
     return holds_if(
         turn.state.queue and turn.state.result is Result.COMPLETE and not turn.state.shutting_down,
@@ -121,13 +121,13 @@ def next_in_queue(turn: Turn) -> Optional[Values]:
     )
 
 
-def mission_waits(turn: Turn) -> Optional[Values]:
+def mission_waits(turn: Turn) -> Optional[Seen]:
     """A mission stands at the head of the queue."""
     return holds_if(turn.state.queue, Value("mission", turn.state.queue[0].id if turn.state.queue else ""))
 
 
 @on_request
-def shutdown(turn: Turn) -> Optional[Values]:
+def shutdown(turn: Turn) -> Optional[Seen]:
     """The process was told to end."""
     return holds_if(turn.signal, Value("signal", turn.signal))
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Optional, Tuple
 
 from .absorb import lacking
-from .checks import CheckName
-from .commands import Value
+from .checks import CHECKS, CheckName
+from .commands import Seen, Value, because
 from .events import MissionPhase, Outcome
 from .failures import clocks_words
 from .fitness import unfit
-from .guards import Values, both, holds_if, timer
+from .guards import both, holds_if, timer
 from .state import CheckRecord, ClockApart
 from .timers import passed
 from .turn import Turn
@@ -35,7 +35,7 @@ _NS = 1e9
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
 
 
-def all_checks_passed(turn: Turn) -> Optional[Values]:
+def all_checks_passed(turn: Turn) -> Optional[Seen]:
     """Every check has answered and passed, and no answer is too old."""
     records = turn.state.checks
     if _clocks_apart(turn):
@@ -49,10 +49,12 @@ def all_checks_passed(turn: Turn) -> Optional[Values]:
     )
 
 
-def _failed(turn: Turn) -> Values:
+def _failed(turn: Turn) -> Optional[Seen]:
     failed = [(r.check.value, r.message or "failed") for r in turn.state.checks if r.outcome and not r.ok]
     clocks = [("clocks", clocks_words(turn, apart.peer)) for apart in _clocks_apart(turn)]
-    return tuple(Value(f"check {name}", why) for name, why in (*failed, *clocks))
+    found = (*failed, *clocks)
+    values = tuple(Value(f"check {name}", why) for name, why in found)
+    return holds_if(found, *values, reason="; ".join(f"{name}: {why}" for name, why in found))
 
 
 def _clocks_apart(turn: Turn) -> Tuple[ClockApart, ...]:
@@ -66,26 +68,26 @@ def all_answered(turn: Turn) -> bool:
     return bool(turn.state.checks) and all(record.outcome is not None for record in turn.state.checks)
 
 
-def all_answered_values(turn: Turn) -> Optional[Values]:
+def all_answered_values(turn: Turn) -> Optional[Seen]:
     """No check is open."""
     return holds_if(all_answered(turn))
 
 
-def answers_too_old(turn: Turn) -> Optional[Values]:
+def answers_too_old(turn: Turn) -> Optional[Seen]:
     """All have answered and passed, but the first answers are too old by now."""
     fresh = all_checks_passed(turn) is not None
     passed_once = all_answered(turn) and all(record.ok for record in turn.state.checks)
     return holds_if(passed_once and not fresh, Value("checks", "too old"))
 
 
-def check_failed(turn: Turn) -> Optional[Values]:
+def check_failed(turn: Turn) -> Optional[Seen]:
     """One of the checks has answered that it failed."""
-    return _failed(turn) or None
+    return _failed(turn)
 
 
 def _comes(turn: Turn, record: CheckRecord) -> bool:
     """Return True when a check that failed can pass soon: it is being fixed, or what it waits for comes by itself."""
-    if record.check is CheckName.WATCHDOG and (record.fixable or record.being_fixed):
+    if CHECKS[record.check].watches and (record.fixable or record.being_fixed):
         return True
     if record.outcome is Outcome.UNAVAILABLE:  # its node may still be starting, like this one
         return turn.now - (turn.state.started_ns or 0) < turn.limits.watchdog_startup_time_ns
@@ -99,7 +101,7 @@ def _being_fixed(turn: Turn) -> bool:
     return (bool(bad) or bool(_clocks_apart(turn))) and all(_comes(turn, record) for record in bad)
 
 
-def checks_failed(turn: Turn) -> Optional[Values]:
+def checks_failed(turn: Turn) -> Optional[Seen]:
     """All checks have answered, one has failed, and it neither is fixed nor comes by itself, or not in time."""
     if not all_answered(turn) or not _failed(turn):
         return None
@@ -108,37 +110,37 @@ def checks_failed(turn: Turn) -> Optional[Values]:
     return _failed(turn)
 
 
-def fix_in_progress(turn: Turn) -> Optional[Values]:
+def fix_in_progress(turn: Turn) -> Optional[Seen]:
     """What failed is being fixed or comes by itself, and it is time to ask again."""
     if not all_answered(turn) or not _failed(turn) or not _being_fixed(turn):
         return None
     return _failed(turn) if passed("preflight_fix_poll", turn.state, turn.rules, turn.now) else None
 
 
-def too_many_rounds(turn: Turn) -> Optional[Values]:
+def too_many_rounds(turn: Turn) -> Optional[Seen]:
     """The checks were passed and taken back too often without a word of the user."""
     rounds, limit = turn.state.rounds, turn.limits.preflight_rounds_limit
     return holds_if(rounds > limit, Value("rounds of checks", rounds, limit))
 
 
-def taken_back(turn: Turn) -> Optional[Values]:
+def taken_back(turn: Turn) -> Optional[Seen]:
     """A required component is not at code 1 (nor tolerated at code 2), or the watchdog is silent."""
     status = lacking(turn.state.mission, turn.state.components)
     if status is not None:
-        return (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
-    return holds_if(
-        passed("watchdog_heartbeat_limit", turn.state, turn.rules, turn.now),
-        Value("reason", "the watchdog's heartbeat is lost"),
-        Value("limit", turn.limits.watchdog_heartbeat_limit_ns / _NS, None, "s"),
-    )
+        values = (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
+        return Seen(values, status.reason)
+    if not passed("watchdog_heartbeat_limit", turn.state, turn.rules, turn.now):
+        return None
+    limit = Value("limit", turn.limits.watchdog_heartbeat_limit_ns / _NS, None, "s")
+    return because("reason", "the watchdog's heartbeat is lost", limit)
 
 
-def go_not_required(turn: Turn) -> Optional[Values]:
+def go_not_required(turn: Turn) -> Optional[Seen]:
     """The configuration does not ask for the operator's go."""
     return holds_if(not turn.rules.require_go, Value("require_go", False))
 
 
-def planner_confirmed(turn: Turn) -> Optional[Values]:
+def planner_confirmed(turn: Turn) -> Optional[Seen]:
     """The planner has accepted this file of this mission, and says so in its status."""
     state, planner = turn.state, turn.state.planner
     if planner is None or state.mission is None or state.load_outcome is not Outcome.ACCEPTED:
@@ -151,12 +153,13 @@ def planner_confirmed(turn: Turn) -> Optional[Values]:
     return holds_if(same and planner.phase is MissionPhase.LOADED, Value("planner phase", "LOADED"))
 
 
-def planner_refused(turn: Turn) -> Optional[Values]:
+def planner_refused(turn: Turn) -> Optional[Seen]:
     """The planner did not accept the mission."""
-    return holds_if(turn.state.load_outcome in _REFUSED, Value("planner", turn.state.load_message or "refused"))
+    refused = turn.state.load_outcome in _REFUSED
+    return because("planner", turn.state.load_message or "refused") if refused else None
 
 
-def next_takeoff_failed(turn: Turn) -> Optional[Values]:
+def next_takeoff_failed(turn: Turn) -> Optional[Seen]:
     """On the ground between two files: whatever forbids a takeoff forbids the next one."""
     for guard in (
         check_failed,
@@ -166,7 +169,7 @@ def next_takeoff_failed(turn: Turn) -> Optional[Values]:
         timer("load_limit"),
         both(all_answered_values, timer("check_max_age")),
     ):
-        values = guard(turn)
-        if values is not None:
-            return values
+        seen = guard(turn)
+        if seen is not None:
+            return seen
     return None

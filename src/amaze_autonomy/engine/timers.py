@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, Mapping, Optional, Tuple, Union
 
-from .checks import CheckName
+from .checks import CHECKS, CheckName
 from .conditions import FAILSAFE_CONDITIONS, Silent
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
@@ -52,7 +52,7 @@ def _entered(limit: str) -> When:
 
 def check_limit_ns(state: EngineState, rules: Rules, check: CheckName) -> int:
     """Return how long the answer to a check may take; the watchdog's first one starts its watching."""
-    first = check is CheckName.WATCHDOG and state.watchdog_started_ns is None
+    first = CHECKS[check].watches and state.watchdog_started_ns is None
     return rules.limits.check_reply_limit_ns + (rules.limits.watchdog_startup_time_ns if first else 0)
 
 

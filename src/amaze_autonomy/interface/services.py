@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from math import nan
 from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
 
-from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.checks import CHECKS, CheckName
 from amaze_autonomy.engine.commands import (
     AutopilotDisarm,
     AutopilotLand,
@@ -39,7 +39,6 @@ class Service:
         request: the command that it carries out.
         check: the check that it makes; None: it is none.
         ok: the field of the answer that says yes.
-        asked: fields of the command that are in the request; left out: all.
         answered: fields of the reply that are in the answer, besides `ok`.
         numbers: fields of the answer that people read: the first row of the check in a unit; without one: unknown.
     """
@@ -49,7 +48,6 @@ class Service:
     request: Type[Request]
     check: Optional[CheckName] = None
     ok: str = "accepted"
-    asked: Optional[Tuple[str, ...]] = None
     answered: Tuple[str, ...] = ("message",)
     numbers: Mapping[str, str] = field(default_factory=dict)
 
@@ -58,15 +56,20 @@ class Service:
         """The peer that offers it."""
         return peer_of(self.name)
 
+    @property
+    def _asked(self) -> Optional[Tuple[str, ...]]:
+        """The fields of the command that are in the request; None: all."""
+        return None if self.check is None else CHECKS[self.check].asks
+
     def ask(self, command: Request, classes: Classes) -> Dict[str, Any]:
         """Return the fields of the request for a command."""
-        if self.asked == ():
+        if self._asked == ():
             return {}
-        return _ASKED[self.request].write(command, 0, classes, *(self.asked or ()))
+        return _ASKED[self.request].write(command, 0, classes, *(self._asked or ()))
 
     def command(self, request: Any, number: int, limit_ns: int) -> Request:
         """Return the command that a request is, with an id and a limit that are not in it."""
-        asked = {} if self.asked == () else _ASKED[self.request].read(request, 0, *(self.asked or ()))
+        asked = {} if self._asked == () else _ASKED[self.request].read(request, 0, *(self._asked or ()))
         fixed = {} if self.check is None else {"check": self.check}
         return self.request(id=number, limit_ns=limit_ns, **fixed, **asked)
 
@@ -100,18 +103,16 @@ _ASKED: Mapping[Type[Request], Shape[Any]] = {
 _ANSWERED = Shape(CheckReply, "", without=_NOT_ANSWERED, parts=(CHECK_ROW, COMPONENT))
 
 _ROWS = ("checks",)
-_NEEDED = ("required_fraction",)
 _HEIGHT, _TILT = {"distance": "m"}, {"tilt": "rad"}
-_WATCHDOG = ("mission_id", "required", "startup_time_ns")
 _FIXING = ("checks", "fixable", "being_fixed", "until_ns", "components", "message")
 
 _BATTERY = {"fraction": "fraction", "voltage": "V"}
 _CHECKS: Tuple[Service, ...] = (
-    Service("watchdog/start", "StartWatchdog", RunCheck, CheckName.WATCHDOG, "ready", _WATCHDOG, _FIXING),
-    Service("autopilot/check_battery", "CheckBattery", RunCheck, CheckName.BATTERY, "ok", _NEEDED, _ROWS, _BATTERY),
-    Service("autopilot/check", "CheckAutopilot", RunCheck, CheckName.AUTOPILOT, "ok", (), _ROWS),
-    Service("landing_detection/check", "CheckLanded", RunCheck, CheckName.ON_GROUND, "on_ground", (), _ROWS, _HEIGHT),
-    Service("state_estimation/check", "CheckState", RunCheck, CheckName.STATE_ESTIMATION, "valid", (), _ROWS, _TILT),
+    Service("watchdog/start", "StartWatchdog", RunCheck, CheckName.WATCHDOG, "ready", _FIXING),
+    Service("autopilot/check_battery", "CheckBattery", RunCheck, CheckName.BATTERY, "ok", _ROWS, _BATTERY),
+    Service("autopilot/check", "CheckAutopilot", RunCheck, CheckName.AUTOPILOT, "ok", _ROWS),
+    Service("landing_detection/check", "CheckLanded", RunCheck, CheckName.ON_GROUND, "on_ground", _ROWS, _HEIGHT),
+    Service("state_estimation/check", "CheckState", RunCheck, CheckName.STATE_ESTIMATION, "valid", _ROWS, _TILT),
 )
 _OTHERS: Tuple[Service, ...] = (
     Service("mission_planner/load", "LoadMission", LoadMission, numbers={"estimated_duration": ""}),

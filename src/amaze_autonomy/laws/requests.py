@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Optional, Tuple
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import (
     Answer,
     AnswerKind,
@@ -66,7 +65,7 @@ def _limit_of(m: Moment, request: Any) -> str:
     if isinstance(request, LoadMission):
         expected = limits.load_limit_ns
     if isinstance(request, RunCheck):
-        first = request.check is CheckName.WATCHDOG and not m.saw.watching
+        first = request.check.value == "watchdog" and not m.saw.watching
         expected = limits.check_reply_limit_ns + (limits.watchdog_startup_time_ns if first else 0)
     return "" if request.limit_ns == expected else f"its limit is {request.limit_ns}, not {expected}"
 
@@ -85,7 +84,7 @@ def _content_of(m: Moment, request: Any) -> str:
 
 
 def _question_of(m: Moment, request: RunCheck, mission: Optional[Mission]) -> str:
-    watchdog, battery = request.check is CheckName.WATCHDOG, request.check is CheckName.BATTERY
+    watchdog, battery = request.check.value == "watchdog", request.check.value == "battery"
     needed = mission.battery_needed_fraction if mission is not None and battery else None
     required = mission.required if mission is not None and watchdog else ()
     startup = m.rules.limits.watchdog_startup_time_ns if watchdog and not m.saw.watching else 0

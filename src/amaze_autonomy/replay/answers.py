@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import degrees
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import RunCheck
@@ -15,16 +15,21 @@ from .plan import Plan
 from .recorded_nodes import RecordedNodes
 from .timeline import Source
 
-__all__ = ["Answers", "Follower", "Note", "row_text"]
+__all__ = ["RECORDED", "Answers", "Follower", "Note", "Recorded", "row_text"]
 
 
-_NAMES = {
-    CheckName.WATCHDOG: "watchdog",
-    CheckName.BATTERY: "battery fraction",
-    CheckName.AUTOPILOT: "autopilot",
-    CheckName.ON_GROUND: "distance to ground",
-    CheckName.STATE_ESTIMATION: "tilt",
-}
+class Recorded(NamedTuple):
+    """How a check is answered by a recording.
+
+    Args:
+        row: name of the row that the script answers with, where the recording does not tell.
+        readings: readings of the recording that it rests on.
+        found: what the recording tells; None: nothing.
+    """
+
+    row: str
+    readings: Tuple[str, ...] = ()
+    found: Callable[[Answers, int, RunCheck], Optional[Dict[str, Any]]] = lambda *_: None
 
 
 class Answers:
@@ -44,9 +49,9 @@ class Answers:
 
     def answer(self, t_ns: int, command: RunCheck, source: Source) -> Tuple[CheckReply, Source]:
         """Return the answer to a check at a time, and where it comes from; `source` is that of the samples now."""
-        found = self._found(t_ns, command)
+        found = RECORDED[command.check].found(self, t_ns, command)
         if found is None:
-            rows: Tuple[Check, ...] = (Check(_NAMES[command.check], Verdict.PASS, advice="scripted"),)
+            rows: Tuple[Check, ...] = (Check(RECORDED[command.check].row, Verdict.PASS, advice="scripted"),)
             found, source = {"ok": True, "checks": rows}, Source.SCRIPT
         self.last[command.check] = source, found["checks"]
         reply = CheckReply(
@@ -59,20 +64,20 @@ class Answers:
         verdict = self._monitors.watchdog.checks(t_ns)
         return not verdict.ready and verdict.fixable
 
-    def _found(self, t_ns: int, command: RunCheck) -> Optional[Dict[str, Any]]:
-        if command.check is CheckName.WATCHDOG:
-            return self._watchdog(t_ns)
-        if command.check is CheckName.BATTERY and self._monitors.battery is not None:
-            battery = self._monitors.battery.check(t_ns, command.required_fraction)
-            return {"ok": battery.ok, "checks": battery.checks}
-        if command.check is CheckName.ON_GROUND:
-            return self._ground(t_ns)
-        if command.check is CheckName.STATE_ESTIMATION:
-            state = self._monitors.check_state(t_ns)
-            return None if state is None else {"ok": state.valid, "checks": state.checks}
-        return None
+    def battery(self, t_ns: int, command: RunCheck) -> Optional[Dict[str, Any]]:
+        """Return what the recorded battery tells."""
+        if self._monitors.battery is None:
+            return None
+        battery = self._monitors.battery.check(t_ns, command.required_fraction)
+        return {"ok": battery.ok, "checks": battery.checks}
 
-    def _watchdog(self, t_ns: int) -> Optional[Dict[str, Any]]:
+    def state_estimation(self, t_ns: int, _: RunCheck) -> Optional[Dict[str, Any]]:
+        """Return what the recorded estimate tells."""
+        state = self._monitors.check_state(t_ns)
+        return None if state is None else {"ok": state.valid, "checks": state.checks}
+
+    def watchdog(self, t_ns: int, _: RunCheck) -> Optional[Dict[str, Any]]:
+        """Return what the recorded components tell."""
         compared = self._recorded.compares("watchdog_info")
         if "watchdog_info" in self._plan.topic_map.statuses and not compared:
             return None if self.recorded_info is None else self._recorded_watchdog(self.recorded_info)
@@ -98,7 +103,8 @@ class Answers:
         ok = all(row.passed for row in rows if row.name in needed)
         return {"ok": ok, "checks": rows, "components": info.components}
 
-    def _ground(self, t_ns: int) -> Optional[Dict[str, Any]]:
+    def on_ground(self, t_ns: int, _: RunCheck) -> Optional[Dict[str, Any]]:
+        """Return what the recorded landing detection or range finder tells."""
         if self.recorded_landed is not None:
             said = self.recorded_landed
             good = said.landed is Landed.ON_GROUND
@@ -109,6 +115,15 @@ class Answers:
             return {"ok": good, "checks": rows}
         checks = self._monitors.check_ground(t_ns)
         return None if checks is None else {"ok": all(row.passed for row in checks), "checks": checks}
+
+
+RECORDED: Mapping[CheckName, Recorded] = {
+    CheckName.WATCHDOG: Recorded("watchdog", (), Answers.watchdog),
+    CheckName.BATTERY: Recorded("battery fraction", ("battery",), Answers.battery),
+    CheckName.AUTOPILOT: Recorded("autopilot"),
+    CheckName.ON_GROUND: Recorded("distance to ground", ("range",), Answers.on_ground),
+    CheckName.STATE_ESTIMATION: Recorded("tilt", ("imu", "estimate"), Answers.state_estimation),
+}
 
 
 def _component_row(status: ComponentStatus, *, tolerated: bool) -> Check:

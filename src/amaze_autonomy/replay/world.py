@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Set, Tuple
 
-from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.checks import CHECKS, CheckName
 from amaze_autonomy.engine.commands import (
     AutopilotLand,
     Command,
@@ -39,7 +39,7 @@ from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 
 from .agenda import Agenda, Rank, Task, Turns
-from .answers import Answers, Follower
+from .answers import RECORDED, Answers, Follower
 from .beginning import Lead
 from .errors import InvalidStatusError, MisfitError, ReplayError
 from .faults.story import Story
@@ -462,7 +462,7 @@ class World:
 
     def _check(self, t_ns: int, command: RunCheck, delay_ns: int) -> None:
         until_ns = t_ns
-        if command.check is CheckName.WATCHDOG:
+        if CHECKS[command.check].watches:
             mission, watchdog = self._plan.mission, self._monitors.watchdog
             until_ns = t_ns if watchdog.started else t_ns + command.startup_time_ns
             startup_ns = command.startup_time_ns or _S
@@ -473,9 +473,9 @@ class World:
 
     def _answer(self, t_ns: int, command: RunCheck, until_ns: int) -> None:
         """Answer a check; the first one of the watchdog waits for components to come up."""
-        if command.check is CheckName.WATCHDOG:
+        if CHECKS[command.check].watches:
             self._wake()  # whoever asks it lets it judge
-        waits = command.check is CheckName.WATCHDOG and not self._decides("watchdog_action", t_ns)
+        waits = CHECKS[command.check].watches and not self._decides("watchdog_action", t_ns)
         if waits and t_ns < until_ns and self.answers.watchdog_waits(t_ns):
             self._agenda.at(
                 min(t_ns + _WATCH_NS, until_ns), Rank.REPLY, lambda at_ns: self._answer(at_ns, command, until_ns)
@@ -486,12 +486,7 @@ class World:
 
     def _check_source(self, check: CheckName, t_ns: int) -> Source:
         readings = self._plan.topic_map.readings
-        names = {
-            CheckName.BATTERY: ("battery",),
-            CheckName.ON_GROUND: ("range",),
-            CheckName.STATE_ESTIMATION: ("imu", "estimate"),
-        }.get(check, ())
-        topics: List[str] = [readings[name].topic for name in names if name in readings]
+        topics: List[str] = [readings[name].topic for name in RECORDED[check].readings if name in readings]
         return self._origins.of(tuple(topics), t_ns) if topics else self._origins.source(t_ns)
 
 

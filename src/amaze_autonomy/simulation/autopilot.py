@@ -6,7 +6,7 @@ import random
 from math import sqrt
 from typing import Dict, List, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
+from amaze_autonomy.engine.checks import CHECKS, Check, Verdict
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Request, RunCheck
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome, VehicleLanded
 from amaze_autonomy.engine.state import evolve
@@ -49,7 +49,7 @@ class Autopilot(Peer):
         """Check, land or disarm."""
         if isinstance(command, RunCheck):
             rows = self._check(t_ns)
-            if command.check == CheckName.BATTERY:
+            if "required_fraction" in CHECKS[command.check].asks:
                 rows = self._monitor.check(t_ns, command.required_fraction).checks
             return CheckReply(
                 t_ns=t_ns,
