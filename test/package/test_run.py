@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -48,6 +50,41 @@ def test_what_is_no_job_is_refused_with_the_list(tmp_path, job):
 
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == run(folder=tmp_path).stdout
+
+
+def test_a_path_with_a_space_is_refused_before_anything_is_installed(tmp_path):
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+    shutil.copy(ROOT / "run", folder)
+
+    result = subprocess.run([str(folder / "run"), "build"], capture_output=True, text=True, check=False)
+
+    words = f"run: catkin cannot build in a folder whose path has a space: move {folder}"
+    assert (result.returncode, result.stderr.strip()) == (1, words)
+
+
+@pytest.mark.builds
+@pytest.mark.skipif(not (ROOT / ".venv" / "made").is_file(), reason="there is no environment that ./run made")
+def test_a_folder_that_was_copied_elsewhere_works_without_a_network(tmp_path):
+    folder = tmp_path / "übergabe"
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in tracked.splitlines():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, folder / name)
+    shutil.copytree(ROOT / ".venv", folder / ".venv", symlinks=True)
+    shutil.copytree(ROOT / "build" / "stamps", folder / "build" / "stamps")
+    cut_off = ["unshare", "--net"] if os.geteuid() == 0 else []
+
+    result = subprocess.run(
+        [*cut_off, str(folder / "run"), "replay", "maps"], capture_output=True, text=True, check=False, timeout=600
+    )
+
+    assert result.returncode == 0, result.stderr
+    assert "crazyflie_sine" in result.stdout
+    assert (folder / ".venv" / "bin" / "amaze-replay").read_text().startswith(f"#!{folder}/.venv/bin/python3")
+    where = [str(folder / ".venv" / "bin" / "python3"), "-c", "import amaze_autonomy; print(amaze_autonomy.__file__)"]
+    found = subprocess.run(where, cwd="/", capture_output=True, text=True, check=True).stdout
+    assert found.strip() == str(folder / "src" / "amaze_autonomy" / "__init__.py")
 
 
 @pytest.mark.parametrize(
