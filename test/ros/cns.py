@@ -24,9 +24,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cns"))
 import rospy
 from cns_definitions import install
 from cns_folder import write_folder
+from diagnostic_msgs.msg import DiagnosticArray
 from genpy.message import fill_message_args
 from one_node import wait_for
-from stand_ins import ARM, DISARM, LAND, STAND_INS, TAKEOFF, Recorder, Supervisor
+from stand_ins import ARM, DISARM, LAND, STAND_INS, TAKEOFF, Recorder
+from std_msgs.msg import String
 
 from amaze_autonomy import msg
 from amaze_autonomy.cns.importer import import_folder
@@ -159,6 +161,10 @@ class Stack:
             growing.rename(whole)
 
 
+def _values(array: DiagnosticArray) -> List[str]:
+    return [pair.value for status in array.status for pair in status.values]
+
+
 def launch(*arguments: str, modules: str) -> Tuple[subprocess.Popen, Path]:
     log = FOLDER / f"launch_{len(arguments)}_{bool(modules)}.log"
     environment = {**os.environ, "PYTHONPATH": f"{modules}:{os.environ.get('PYTHONPATH', '')}"}
@@ -181,6 +187,10 @@ class TestCns(unittest.TestCase):
 
     def test_a_whole_mission_is_flown_with_all_five(self) -> None:
         recordings = f"cns_recordings:=main={self.stack.recordings}"
+        foreign = rospy.Publisher("landing_detection/landed", String, queue_size=1)  # somebody else's, of another type
+        shown, rows = set(), set()
+        rospy.Subscriber("autonomy/state", msg.AutonomyState, lambda state: shown.add(state.advice))
+        rospy.Subscriber("/diagnostics", DiagnosticArray, lambda all_of: rows.update(_values(all_of)))
         arguments = ("peers:=cns", "mission:=1", "unattended:=true", "exit_when_ended:=true", recordings)
         process, log = launch(*arguments, modules=PYTHONPATH)
         try:
@@ -194,7 +204,13 @@ class TestCns(unittest.TestCase):
         self.assertEqual(asked, [ARM, TAKEOFF, LAND, DISARM])
         self.assertEqual(len(self.stack.nodes["watchdog"].calls), 1)
         self.assertEqual([path.name for path in self.stack.recordings.iterdir()], ["flight.bag"])
-        self.assertIsInstance(self.stack.nodes["state_estimation"], Supervisor)
+        line = (
+            "/landing_detection/landed: /cns publishes std_msgs/String (md5 992ce8a1687cec8c8bd883ec73ca41d1), read "
+            f"here is amaze_autonomy/Landed (md5 {msg.Landed._md5sum}): rename or remap one of them"
+        )
+        self.assertTrue(any(advice.endswith(line) for advice in shown), shown)
+        self.assertIn(line, rows)
+        foreign.unregister()
 
     def test_missing_messages_are_named_with_their_package(self) -> None:
         arguments = ("cns_peers:=watchdog,mission_planner", "autonomy:=false", "state_estimation:=false")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import unittest
 from unittest import mock
@@ -33,9 +34,32 @@ class TestReconnector(unittest.TestCase):
 
         wait_for(lambda: heard, "a message", 10.0)
         self.assertEqual(subscriber.get_num_connections(), 1)
-        reconnector.look()
-        self.assertEqual(subscriber.get_num_connections(), 1, "what is connected is left alone")
         reconnector.stop()
+        (connection,) = subscriber.impl.connections
+        again = Reconnector()
+        again.look()  # its first look is at everything
+        self.assertEqual(again.foreign, ())
+        count = len(heard)
+        wait_for(lambda: len(heard) > count + 10, "further messages")
+        self.assertEqual(subscriber.impl.connections, [connection], "what is connected is left alone")
+        self.assertFalse(connection.done)
+
+    def test_a_publisher_of_another_type_is_named_with_both_types(self):
+        command = ["rostopic", "pub", "-r", "5", "/odd", "std_msgs/String", "data: odd"]
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        rospy.Subscriber("/odd", Imu, lambda _: None)
+        reconnector = Reconnector()
+        try:
+            found = wait_for(lambda: reconnector.look() or reconnector.foreign, "the other type")
+            self.assertRegex(
+                str(found[0]),
+                r"^/odd: /rostopic_\S+ publishes std_msgs/String \(md5 992ce8a1687cec8c8bd883ec73ca41d1\), read here "
+                r"is sensor_msgs/Imu \(md5 6a62c6daae103f4ff57a132d6f95cec2\): rename or remap one of them$",
+            )
+        finally:
+            process.terminate()
+            process.wait(10.0)
+        wait_for(lambda: reconnector.look() or not reconnector.foreign, "its end")
 
     def published(self):
         publishers, _, _ = rosgraph.Master("/test").getSystemState()

@@ -1,4 +1,4 @@
-"""Connects the subscriptions that rospy has missed.
+"""Connects the subscriptions that rospy has missed, and names the publishers that it cannot connect: of another type.
 
 rospy connects to the publishers of the latest list that it has of a topic. When a publisher comes up in the very moment
 in which a subscription is registered, the master's word of it can be overtaken by the answer to the registration, in
@@ -6,24 +6,34 @@ which it does not stand yet; and a connection that fails is not tried again. The
 a subscription without a connection is registered once more, which changes nothing at the master and returns all
 publishers, and those that answer are told to rospy as the master would (publisherUpdate,
 http://wiki.ros.org/ROS/Slave_API).
+
+A publisher of another type under the same name is never connected, and nothing is said of it but "md5 mismatch" in its
+own log: its topic is silent. So each publisher of a topic without a connection, and of any other now and then, is asked
+once what it publishes, as a tool that takes any type would (http://wiki.ros.org/ROS/TCPROS).
 """
 
 from __future__ import annotations
 
 import logging
+import socket
+import struct
 import threading
-from typing import Any, List
+import time
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 import rosgraph
 import rospy
+from rosgraph.network import ROSHandshakeException, decode_ros_handshake_header, encode_ros_handshake_header
 from rospy.topics import get_topic_manager
 
 from .errors import CallError
 from .liveness import call
 
-__all__ = ["Reconnector", "subscriptions"]
+__all__ = ["Foreign", "Reconnector", "subscriptions"]
 
 _PERIOD_S = 1.0
+_ALL_EVERY = 10  # looks: then the topics that are connected are looked at as well
+_LONGEST_HEADER = 1 << 20
 _log = logging.getLogger(__name__)
 
 
@@ -32,6 +42,21 @@ def subscriptions() -> List[Any]:
     manager = get_topic_manager()
     with manager.lock:
         return list(manager.subs.values())
+
+
+class Foreign(NamedTuple):
+    """A publisher of another type on a topic that this process reads."""
+
+    topic: str
+    node: str
+    type: str
+    md5: str
+    our_type: str
+    our_md5: str
+
+    def __str__(self) -> str:
+        theirs, ours = f"{self.type} (md5 {self.md5})", f"{self.our_type} (md5 {self.our_md5})"
+        return f"{self.topic}: {self.node} publishes {theirs}, read here is {ours}: rename or remap one of them"
 
 
 class Reconnector:
@@ -44,6 +69,8 @@ class Reconnector:
     def __init__(self, limit_s: float = 0.5) -> None:
         self._master_uri, self._limit_s = rosgraph.get_master_uri(), limit_s
         self._stopped = threading.Event()
+        self._looks = 0
+        self._asked: Dict[Tuple[str, str], Optional[Foreign]] = {}
         self._thread = threading.Thread(target=self._run, name="reconnector", daemon=True)
 
     def start(self) -> None:
@@ -63,19 +90,48 @@ class Reconnector:
 
     def look(self) -> None:
         """Connect what is not connected although somebody publishes it."""
+        everything, self._looks = self._looks % _ALL_EVERY == 0, self._looks + 1
         for subscription in subscriptions():
-            if subscription.get_num_connections() == 0 and not self._stopped.is_set():
-                self._connect(subscription.resolved_name, subscription.data_class._type)
+            alone = subscription.get_num_connections() == 0
+            if (alone or everything) and not self._stopped.is_set():
+                self._connect(subscription.resolved_name, subscription.data_class, alone=alone)
 
-    def _connect(self, topic: str, kind: str) -> None:
+    @property
+    def foreign(self) -> Tuple[Foreign, ...]:
+        """Publishers of other types that were there at the last look."""
+        return tuple(each for each in tuple(self._asked.values()) if each is not None)
+
+    def _connect(self, topic: str, kind: Any, *, alone: bool) -> None:
         me, mine = rospy.get_name(), rospy.get_node_uri()
         try:
-            uris = call(self._master_uri, "registerSubscriber", (me, topic, kind, mine), self._limit_s)
+            uris = call(self._master_uri, "registerSubscriber", (me, topic, kind._type, mine), self._limit_s)
             alive = [uri for uri in uris if self._answers(uri)]
-            if alive:
+            if alive and alone:
                 call(mine, "publisherUpdate", (me, topic, alive), self._limit_s)
         except CallError as error:
             _log.debug("%s is not connected: %s", topic, error)
+            return
+        for key in [key for key in self._asked if key[0] == topic and key[1] not in alive]:
+            del self._asked[key]
+        for uri in alive:
+            if (topic, uri) not in self._asked and kind._md5sum != rospy.AnyMsg._md5sum:
+                self._ask(topic, uri, kind)
+
+    def _ask(self, topic: str, uri: str, kind: Any) -> None:
+        """Ask a publisher what it publishes; one that does not say it is asked again."""
+        try:
+            _, host, port = call(uri, "requestTopic", (rospy.get_name(), topic, [["TCPROS"]]), self._limit_s)
+            header = _header(host, port, topic, self._limit_s)
+        except (CallError, OSError, ROSHandshakeException, ValueError, struct.error) as error:
+            _log.debug("%s: %s does not say what it publishes: %s", topic, uri, error)
+            return
+        md5 = header.get("md5sum", kind._md5sum)
+        same = md5 in (kind._md5sum, rospy.AnyMsg._md5sum)
+        theirs = (header.get("callerid", uri), header.get("type", "?"), md5)
+        found = None if same else Foreign(topic, *theirs, kind._type, kind._md5sum)
+        self._asked[topic, uri] = found
+        if found is not None:
+            rospy.logwarn("%s", found)
 
     def _answers(self, uri: str) -> bool:
         """Tell whether a node answers; rospy would wait for one that does not for ever, on a thread of its own."""
@@ -84,3 +140,30 @@ class Reconnector:
         except CallError:
             return False
         return True
+
+
+def _header(host: str, port: int, topic: str, limit_s: float) -> Dict[str, str]:
+    """Shake hands with a publisher as one that takes any type; return what it says of its topic, and hang up.
+
+    Under another name: a publisher drops the connection that it has to a node when the same one comes again.
+    """
+    deadline_s = time.monotonic() + limit_s
+    asked = {
+        "callerid": f"{rospy.get_name()}_asks",
+        "topic": topic,
+        "type": "*",
+        "md5sum": "*",
+        "message_definition": "",
+    }
+    with socket.create_connection((host, port), timeout=limit_s) as sock:
+        sock.sendall(encode_ros_handshake_header(asked))
+        data = b""
+        while len(data) < struct.calcsize("<I") or len(data) < 4 + struct.unpack_from("<I", data)[0]:
+            sock.settimeout(max(0.001, deadline_s - time.monotonic()))
+            part = sock.recv(4096)
+            if not part or len(data) > _LONGEST_HEADER:
+                raise ValueError("no header")
+            data += part
+    (length,) = struct.unpack_from("<I", data)
+    header: Dict[str, str] = decode_ros_handshake_header(data[: 4 + length])
+    return header

@@ -99,7 +99,8 @@ class AutonomyNode:
         state = self._decided_again()
         self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
-        self._state_publisher = StatePublisher(configuration.rules, clock)
+        self._reconnector = Reconnector()
+        self._state_publisher = StatePublisher(configuration.rules, clock, self._foreign)
         self._outbox = Outbox(self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping)
         self._requests = Requests(self._clients(), self.put, clock.now_ns)
         self._desk = UserDesk(configuration.missions, self.put, clock.now_ns)
@@ -115,10 +116,14 @@ class AutonomyNode:
             self._record,
             state,
         )
-        self._reconnector = Reconnector()
         self._clocks = PeerClocks(configuration.rules.limits)
         self._diagnostics = Diagnostics(
-            lambda: self._engine.state, self._journal, self._rejected, lambda: len(self._requests.open), self._clocks
+            lambda: self._engine.state,
+            self._journal,
+            self._rejected,
+            lambda: len(self._requests.open),
+            self._clocks,
+            self._foreign,
         )
 
     # --- start ----------------------------------------------------------------------------------------------------
@@ -180,6 +185,10 @@ class AutonomyNode:
         name = rospy.resolve_name(status.topic)
         tally = Tally(name, ALL, _LONGEST_STATUS)
         subscribe(name, self._inbox.reader, tally, self._inbox.look_for(status), message_class(status))
+
+    def _foreign(self) -> Tuple[str, ...]:
+        """Return a line for each publisher of another type on a topic of ours."""
+        return tuple(map(str, self._reconnector.foreign))
 
     def _reject(self, topic: str, error: Any) -> None:
         """Count an invalid message; warn once per topic and field."""

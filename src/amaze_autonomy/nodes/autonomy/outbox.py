@@ -196,15 +196,17 @@ class StatePublisher:
     Args:
         rules: that the engine decides by.
         clock: for the time that is left.
+        foreign: returns a line for each publisher of another type on a topic of ours; they follow the advice.
     """
 
-    def __init__(self, rules: Rules, clock: Clock) -> None:
-        self._rules, self._clock = rules, clock
+    def __init__(self, rules: Rules, clock: Clock, foreign: Callable[[], Tuple[str, ...]]) -> None:
+        self._rules, self._clock, self._foreign = rules, clock, foreign
         self._publisher = rospy.Publisher("~state", msg.AutonomyState, latch=True, queue_size=10)
 
     def publish(self, state: EngineState) -> None:
         """Publish the report about a state."""
         message = state_message(report(state, self._rules), self._clock.now_ns(), self._clock.ros_ns())
+        message.advice = " ".join(each for each in (message.advice, *self._foreign()) if each)
         self._publisher.publish(message)
 
 
@@ -322,6 +324,7 @@ class Diagnostics:
         rejected: how many messages of each topic were invalid.
         open_calls: returns how many service calls wait for an answer.
         clocks: of the peers.
+        foreign: returns a line for each publisher of another type on a topic of ours.
     """
 
     def __init__(
@@ -331,7 +334,9 @@ class Diagnostics:
         rejected: Dict[str, int],
         open_calls: Callable[[], int],
         clocks: PeerClocks,
+        foreign: Callable[[], Tuple[str, ...]],
     ) -> None:
+        self._foreign = foreign
         self._state, self._journal, self._rejected, self._open_calls = state, journal, rejected, open_calls
         self._due_s = 0.0
         self._updater = diagnostic_updater.Updater()
@@ -364,6 +369,9 @@ class Diagnostics:
             status.summary(_WARN, f"{invalid} invalid messages")
         else:
             status.summary(_OK, "all messages were valid")
+        for number_of, line in enumerate(self._foreign(), start=1):
+            status.mergeSummary(_WARN, "another type is published on a topic of ours")
+            status.add(f"another type {number_of}", line)
         for topic, count in sorted(self._rejected.items()):
             status.add(f"invalid on {topic}", str(count))
         status.add("calls that wait", str(self._open_calls()))
