@@ -27,6 +27,7 @@ def test_maps_for_the_real_recordings_ship_with_the_package():
         "example_lz4",
         "handheld_roll_pitch_yaw",
         "husky_outdoor_drive",
+        "mavros",
         "px4_telemetry",
     )
 

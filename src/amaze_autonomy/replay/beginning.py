@@ -16,12 +16,12 @@ from amaze_autonomy.monitoring.landing import LandingDetector
 
 from .errors import ReplayError
 from .feeds import FactFeed, RangeFeed
-from .fields import number
+from .fields import getter, number
 from .plan import Plan
 from .sources import Recordings
 from .statuses import EVENT_OF
 
-__all__ = ["Beginning", "Lead", "beginning_of", "lead_of"]
+__all__ = ["Beginning", "Lead", "beginning_of", "lead_of", "selected_ns"]
 
 _S = 1_000_000_000
 _LOOK_NS = 2 * _S
@@ -96,12 +96,22 @@ def beginning_of(plan: Plan, recordings: Recordings) -> Beginning:
     return Beginning(said.t_ns, begins == "air", said.height_m, f"the map says so, {said.reason}", said.armed)
 
 
+def selected_ns(plan: Plan, recordings: Recordings) -> int:
+    """Return when the script selects the mission: at its time, or so long before the first recorded arming."""
+    script = plan.topic_map.script
+    at_ns = recordings.start_ns + script.select_at_ns
+    if script.before_arming_ns is None:
+        return at_ns
+    armed_ns = _Look(plan, recordings, whole=True).armed_ns()
+    return at_ns if armed_ns is None else armed_ns - script.before_arming_ns
+
+
 class _Look:
     """Looks at the first seconds of a recording."""
 
-    def __init__(self, plan: Plan, recordings: Recordings) -> None:
+    def __init__(self, plan: Plan, recordings: Recordings, *, whole: bool = False) -> None:
         self._plan, self._recordings = plan, recordings
-        self._until_ns = recordings.start_ns + _LOOK_NS
+        self._until_ns = recordings.end_ns if whole else recordings.start_ns + _LOOK_NS
 
     def beginning(self) -> Beginning:
         start_ns = self._recordings.start_ns
@@ -156,6 +166,19 @@ class _Look:
         for t_ns, message in self._samples(reading.topic):
             feed.take(t_ns, message)
             return next(iter(facts.values())).value
+        return None
+
+    def armed_ns(self) -> Optional[int]:
+        """Return the last word before the motors are first armed; None: they never are, or nothing tells."""
+        topic_map = self._plan.topic_map
+        reading = topic_map.readings.get("armed")
+        topic = topic_map.statuses.get("autopilot") or ("" if reading is None else reading.topic)
+        get = getter("armed" if reading is None or "autopilot" in topic_map.statuses else reading.fields["armed"])
+        before_ns: Optional[int] = None
+        for t_ns, message in self._samples(topic):
+            if get(message):
+                return t_ns if before_ns is None else before_ns
+            before_ns = t_ns
         return None
 
     def _ground(self) -> Any:

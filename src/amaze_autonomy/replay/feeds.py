@@ -117,6 +117,7 @@ class LastCounts(Feed):
 
 _S = 1_000_000_000
 FULL = 0.95
+MISSION_MODE = "AUTO.MISSION"
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,9 @@ class FactFeed(LastCounts):
     """A property of the vehicle: armed, landed or height."""
 
     def __init__(self, name: str, reading: Reading, facts: Dict[str, Fact]) -> None:
-        super().__init__(reading.topic, 0, paths=(reading.fields[name],))
+        super().__init__(
+            reading.topic, 0, paths=() if name == "mode" else (reading.fields[name],)
+        )  # words are no numbers
         self._name, self._facts = name, facts
         self._get = getter(reading.fields[name])
         self._read = _READ[name](reading)
@@ -202,7 +205,17 @@ def _height(reading: Reading) -> Callable[[Any], Optional[float]]:
 
 
 def _landed(reading: Reading) -> Callable[[Any], VehicleLanded]:
-    return lambda value: VehicleLanded.ON_GROUND if _word(value) in reading.on_ground else VehicleLanded.IN_AIR
+    def read(value: Any) -> VehicleLanded:
+        word = _word(value)
+        if word in reading.unknown:
+            return VehicleLanded.UNKNOWN
+        return VehicleLanded.ON_GROUND if word in reading.on_ground else VehicleLanded.IN_AIR
+
+    return read
+
+
+def _mode(reading: Reading) -> Callable[[Any], str]:
+    return lambda value: MISSION_MODE if _word(value) in reading.mission else _word(value)
 
 
 def _armed(_: Reading) -> Callable[[Any], bool]:
@@ -213,8 +226,13 @@ def _word(value: Any) -> str:
     return str(value.item() if hasattr(value, "item") else value)
 
 
-_READ: Mapping[str, Callable[[Reading], Callable[[Any], Any]]] = {"height": _height, "landed": _landed, "armed": _armed}
-_FACTS: Mapping[str, str] = {"height": "height_m", "landed": "landed", "armed": "armed"}
+_READ: Mapping[str, Callable[[Reading], Callable[[Any], Any]]] = {
+    "height": _height,
+    "landed": _landed,
+    "armed": _armed,
+    "mode": _mode,
+}
+_FACTS: Mapping[str, str] = {"height": "height_m", "landed": "landed", "armed": "armed", "mode": "mode"}
 
 
 # --- ground feeds -----------------------------------------------------------------------------------------------------

@@ -76,10 +76,16 @@ class Light(NamedTuple):
 
 
 class Monitors:
-    """Watchdog, landing detection, state check and battery; None where the recording has nothing for one."""
+    """Watchdog, landing detection, state check and battery; None where the recording has nothing for one.
 
-    def __init__(self, plan: Plan) -> None:
+    Args:
+        plan: of the replay.
+        periods_ns: of topics that tell facts of the vehicle: one that comes every 2.5 s is not silent in between.
+    """
+
+    def __init__(self, plan: Plan, periods_ns: Optional[Mapping[str, int]] = None) -> None:
         self._plan = plan
+        self._periods_ns = dict(periods_ns or {})
         self._watchdog = Watchdog(plan.components)
         self._streams = Streams(self._watchdog)
         self._landing = LandingDetector(plan.landing) if plan.landing is not None else None
@@ -287,13 +293,14 @@ class Monitors:
         self._caught_up(BatteryMonitor)
         told: Dict[str, Any] = {}
         readings = self._plan.topic_map.readings
-        for name in ("armed", "landed", "height"):
+        for name in ("armed", "landed", "height", "mode"):
             if name in readings:
                 fact = "height_m" if name == "height" else name
-                told[fact] = self._fresh(fact, t_ns, _FACT_AGE_NS)
+                told[fact] = self._fresh(fact, t_ns, self._age_limit_ns(readings[name].topic, _FACT_AGE_NS))
         if "battery" in readings:
-            told["battery_fraction"] = self._fresh("battery_fraction", t_ns, _BATTERY_AGE_NS)
-            told["battery_voltage_v"] = self._fresh("battery_voltage_v", t_ns, _BATTERY_AGE_NS)
+            limit_ns = self._age_limit_ns(readings["battery"].topic, _BATTERY_AGE_NS)
+            told["battery_fraction"] = self._fresh("battery_fraction", t_ns, limit_ns)
+            told["battery_voltage_v"] = self._fresh("battery_voltage_v", t_ns, limit_ns)
         self._tell_landed(told, t_ns, flown=flown)
         return told
 
@@ -309,6 +316,9 @@ class Monitors:
             height = told["height_m"]
             low = height is not None and height <= _TOUCH_M
             told["landed"] = VehicleLanded.ON_GROUND if low else VehicleLanded.IN_AIR
+
+    def _age_limit_ns(self, topic: str, least_ns: int) -> int:
+        return max(least_ns, 3 * self._periods_ns.get(topic, 0))
 
     def _fresh(self, name: str, t_ns: int, limit_ns: int) -> Any:
         fact = self._facts.get(name)
@@ -335,6 +345,8 @@ class Monitors:
         if self._battery is not None:
             feeds.append(BatteryFeed(self._battery, readings["battery"], self._facts))
         feeds += [
-            FactFeed(name, readings[name], self._facts) for name in ("height", "armed", "landed") if name in readings
+            FactFeed(name, readings[name], self._facts)
+            for name in ("height", "armed", "landed", "mode")
+            if name in readings
         ]
         return feeds

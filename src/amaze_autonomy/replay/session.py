@@ -12,6 +12,8 @@ from datetime import datetime, timezone
 from itertools import zip_longest
 from typing import Any, Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
 
+import numpy as np
+
 from amaze_autonomy.bags.columns import WHOLE
 from amaze_autonomy.engine.checks import Check, CheckName
 from amaze_autonomy.engine.commands import (
@@ -37,7 +39,7 @@ from amaze_autonomy.engine.timers import next_deadline
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
 from .agenda import Agenda, Rank
-from .beginning import Beginning, Lead, beginning_of, lead_of
+from .beginning import Beginning, Lead, beginning_of, lead_of, selected_ns
 from .changed_keys import Change, ChangedKeys, Unread, recorded_facts
 from .faults.story import Story
 from .journals import FlightLog, read_log
@@ -135,7 +137,7 @@ class Session:
         self._deadline_ns: Optional[int] = None  # or, while `_deadline_open`, a time that it is not before
         self._user = User(plan.topic_map.script)
         self._source = Source.SCRIPT
-        self._monitors = Monitors(plan)
+        self._monitors = Monitors(plan, _periods_ns(recordings))
         self._riding: Tuple[int, ...] = ()
         self._names: Dict[int, str] = {}
         self._script = plan.topic_map.script
@@ -144,6 +146,7 @@ class Session:
         if self._at_first is None:
             self._at_first = beginning_of(plan, recordings)
         self._lead: Optional[Lead] = lead_of(plan, self._at_first, _WARM_UP_NS) if self._at_first.airborne else None
+        self._asked_ns = recordings.start_ns if self._log or self._lead else selected_ns(plan, recordings)
         self._begin_ns = self._beginning()
         self._world = World(
             plan, self._monitors, self._agenda, self._feed, self._say, recordings, self._story, self._lead
@@ -205,8 +208,7 @@ class Session:
             for event in self._log.events:
                 self._agenda.at(event.t_ns, Rank.LOG, self._logged(event))
         else:
-            asked_ns = start_ns + self._script.select_at_ns
-            asked_ns = asked_ns if self._lead is None else self._lead.begin_ns + _WARM_UP_NS
+            asked_ns = self._asked_ns if self._lead is None else self._lead.begin_ns + _WARM_UP_NS
             self._agenda.at(max(self._begin_ns + _STEP_NS, asked_ns), Rank.USER, self._select)
 
     def _begins_words(self) -> str:
@@ -235,7 +237,7 @@ class Session:
         start_ns = self._recordings.start_ns
         if self._lead is not None:
             return max(0, self._lead.begin_ns - _STEP_NS)
-        first_ns = min(start_ns, start_ns + self._script.select_at_ns)
+        first_ns = min(start_ns, self._asked_ns)
         if self._log is not None:
             first_ns = min(start_ns, self._log.events[0].t_ns)
         return max(0, first_ns - (_WARM_UP_NS if self._plays() else _STEP_NS))
@@ -245,7 +247,7 @@ class Session:
         return (
             self._log is not None
             or self._lead is not None
-            or self._script.select_at_ns < 0
+            or self._asked_ns < self._recordings.start_ns
             or self._script.sensors_until_ns > 0
         )
 
@@ -443,6 +445,16 @@ class Session:
         watched = self._monitors.watchdog.started or "watchdog_info" in self._plan.topic_map.statuses
         failed = self._world.failed
         return self._keys.unread(self._plan, self._recordings, facts, watched=watched, failed=failed)
+
+
+def _periods_ns(recordings: Recordings) -> Dict[str, int]:
+    """Return how far apart the messages of each topic mostly are."""
+    found: Dict[str, int] = {}
+    for rank, topic in enumerate(recordings.topics):
+        times = recordings.times(rank)
+        if len(times) > 1:
+            found[topic] = int(np.median(np.diff(times)))
+    return found
 
 
 def _level(level: Level) -> int:

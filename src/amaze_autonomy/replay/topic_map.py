@@ -65,6 +65,8 @@ class Reading:
         offset: added after that.
         on_ground: values of the field that mean "on the ground"; for `landed`.
         source: kind of message; for `estimate`.
+        unknown: values of the field that say nothing; for `landed`.
+        mission: flight modes in which the recorded vehicle flew its mission; for `mode`.
     """
 
     topic: str
@@ -73,6 +75,8 @@ class Reading:
     offset: float = 0.0
     on_ground: Tuple[str, ...] = ()
     source: str = ""
+    unknown: Tuple[str, ...] = ()
+    mission: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,8 @@ class Script:
         retries: how often the user retries after a failed check before giving up.
         retry_after_ns: how long the user takes for it.
         begins: auto, ground or air: where the vehicle is at the first message.
+        before_arming_ns: it is selected so long before the first recorded arming, where there is one; None: at
+            `select_at_ns`.
     """
 
     select_at_ns: int = 0
@@ -92,11 +98,12 @@ class Script:
     retries: int = 0
     retry_after_ns: int = 5_000_000_000
     begins: str = "auto"
+    before_arming_ns: Optional[int] = None
 
 
 @dataclass(frozen=True)
 class TopicMap:
-    """A map. `readings` by name: imu, estimate, range, height, battery, armed, landed; `statuses`: topics by name.
+    """A map: `readings` by name (imu, estimate, range, height, battery, armed, landed, mode), `statuses` by name.
 
     `landing` and `state_estimation` are what the recording's vehicle has differently: fields of the specifications.
     `as_configured`: every component of the configuration whose topics are all in the recording is watched.
@@ -187,6 +194,13 @@ _SCRIPT = Group(
             "",
             "auto",
         ),
+        Key(
+            "select_before_arming_s",
+            Number(above=0, maximum=600),
+            "how long before the first recorded arming it is selected, instead of at select_at_s",
+            "",
+            None,
+        ),
     ),
 )
 _READINGS = Group(
@@ -217,6 +231,25 @@ _READINGS = Group(
                 "on_ground",
                 ListOf(Text("a value", numbers=True), "values that mean on the ground", 1),
                 "values that mean on the ground",
+            ),
+            Key(
+                "unknown",
+                ListOf(Text("a value", numbers=True), "values that say nothing", 0),
+                "values that say nothing",
+                "",
+                [],
+            ),
+        ),
+        _reading(
+            "mode",
+            "the flight mode",
+            _field("mode", "mode"),
+            Key(
+                "mission",
+                ListOf(Text("a flight mode, as recorded"), "modes in which it flew its mission", 0),
+                "modes in which the recorded vehicle flew its mission: taken for the mode that is commanded here",
+                "",
+                [],
             ),
         ),
     ),
@@ -310,7 +343,7 @@ def _component(name: str, values: Dict[str, Any], places: Places) -> ComponentMa
 
 
 def _made_reading(values: Dict[str, Any]) -> Reading:
-    known = ("topic", "scale", "offset_m", "on_ground", "source")
+    known = ("topic", "scale", "offset_m", "on_ground", "source", "unknown", "mission")
     paths = {key: path for key, path in values.items() if key not in known and path is not None}
     return Reading(
         topic=values["topic"],
@@ -319,16 +352,20 @@ def _made_reading(values: Dict[str, Any]) -> Reading:
         offset=values.get("offset_m", 0.0),
         on_ground=tuple(values.get("on_ground", ())),
         source=values.get("source", ""),
+        unknown=tuple(values.get("unknown", ())),
+        mission=tuple(values.get("mission", ())),
     )
 
 
 def _script(values: Dict[str, Any]) -> Script:
+    before_s = values["select_before_arming_s"]
     return Script(
         select_at_ns=_ns(values["select_at_s"]),
         sensors_until_ns=_ns(values["sensors_until_s"]),
         retries=values["retries"],
         retry_after_ns=_ns(values["retry_after_s"]),
         begins=values["begins"],
+        before_arming_ns=None if before_s is None else _ns(before_s),
     )
 
 

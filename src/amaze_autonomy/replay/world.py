@@ -163,7 +163,13 @@ class World:
     def scripted_part(self, t_ns: int, names: Iterable[str]) -> Source:
         """Return SCRIPT when one of the values that a decision looked at is what the script says at a time."""
         told = (_TELLERS[name] for name in names if name in _TELLERS)
-        return Source.NONE if all(self._origins.has(teller, t_ns) for teller in told) else Source.SCRIPT
+        mode = self._plan.topic_map.readings.get("mode")
+        known = (
+            self._origins.has(teller, t_ns)
+            or (teller == "autopilot" and mode and t_ns >= self._origins.begins_ns(mode.topic))
+            for teller in told
+        )
+        return Source.NONE if all(known) else Source.SCRIPT
 
     def _join(self, feed: Feed, rank: int) -> None:
         """Let what is played lead up to the first recorded message, where it is played until then."""
@@ -288,7 +294,7 @@ class World:
             seen = Observed(t_ns, autopilot.landed, autopilot.height_m, autopilot.mode, phase)
         else:
             told = self._monitors.facts(t_ns, flown=True)
-            seen = Observed(t_ns, told.get("landed"), told.get("height_m"), None, phase)
+            seen = Observed(t_ns, told.get("landed"), told.get("height_m"), told.get("mode"), phase)
         self.evidence.observe(seen)
 
     # --- statuses of the peers ----------------------------------------------------------------------------------------
@@ -372,6 +378,7 @@ class World:
             source = Source.BAG
         self._contradict(t_ns, told)
         facts = self._vehicle.facts(t_ns, told)
+        facts.update({"mode": told["mode"]} if "mode" in told else {})
         if "battery_fraction" not in told:
             batteries = (feed for feed in self._monitors.feeds if isinstance(feed, BatteryFeed))
             facts["battery_fraction"] = next((feed.level_at(t_ns) for feed in batteries), facts["battery_fraction"])
@@ -393,9 +400,8 @@ class World:
     def _tell_autopilot(self, t_ns: int) -> None:
         facts, source = self._vehicle_facts(t_ns)
         self._planner.follow(facts, self._plan.rules.limits.takeoff_height_m)
-        status = AutopilotStatus(
-            t_ns=t_ns, mode=self._vehicle.mode, position_x_m=0.0, position_y_m=0.0, battery_age_s=0.0, **facts
-        )
+        mode = facts.pop("mode", self._vehicle.mode) or ""
+        status = AutopilotStatus(t_ns=t_ns, mode=mode, position_x_m=0.0, position_y_m=0.0, battery_age_s=0.0, **facts)
         self._tell(status, source)
         self._observe(t_ns)
 

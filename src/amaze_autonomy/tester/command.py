@@ -40,7 +40,7 @@ from ..replay.topic_map import TopicMap, load_map, map_names
 
 __all__ = ["main"]
 
-_ALONE = (["run"], ["journal"], ["laws"], ["maps"])
+_ALONE = (["run"], ["journal"], ["laws"], ["map"], ["maps"])
 DONE, DIFFERENT, IMPOSSIBLE, PARTIAL, VACUOUS = 0, 1, 2, 3, 4
 _KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError)
 
@@ -71,6 +71,7 @@ def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
 
         add_commands(commands)
         add_corpus(commands)
+    _add_map(commands)
     maps = commands.add_parser("maps", help="list the topic maps that ship with the package")
     maps.set_defaults(command=_maps)
     return parser
@@ -89,6 +90,13 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     run.add_argument("--out", type=Path, metavar="DIR", help="folder for journal.jsonl, timeline.txt and result.json")
     run.add_argument("--json", action="store_true", help="print result.json instead of the timeline")
     run.set_defaults(command=_run)
+
+
+def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    proposed = commands.add_parser("map", help="propose a topic map for recordings that nobody described yet")
+    proposed.add_argument("bags", nargs="+", type=Path, metavar="FILE", help="ROS 1 bags of one flight")
+    proposed.add_argument("--out", type=Path, metavar="FILE", help="write it there; default: print it")
+    proposed.set_defaults(command=_propose)
 
 
 def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -125,6 +133,18 @@ def _maps(_: argparse.Namespace) -> int:
     return DONE
 
 
+def _propose(options: argparse.Namespace) -> int:
+    from ..replay.proposal import propose  # noqa: PLC0415
+
+    proposal = propose(options.bags)
+    if options.out is None:
+        show_lines(proposal.text.splitlines())
+        return DONE
+    write_whole(options.out, proposal.text)
+    show_lines([*proposal.found, f"scripted: {', '.join(proposal.scripted) or 'nothing'}", f"written: {options.out}"])
+    return DONE
+
+
 def _run(options: argparse.Namespace) -> int:
     began = time.monotonic()
     use_tapes(options)
@@ -157,7 +177,10 @@ def _map(name: Optional[str], bags: List[Path]) -> TopicMap:
     if name is None and not stems and all(bag.suffix == ".tlog" for bag in bags):
         return load_map("px4_telemetry")
     if name is None and not stems:
-        raise ReplayError(f"which topics are what? Name a topic map with --map: a file, or {', '.join(map_names())}")
+        raise ReplayError(
+            f"which topics are what? Name a topic map with --map: a file that `amaze-replay map` proposes, or "
+            f"{', '.join(map_names())}"
+        )
     return load_map(name if name is not None else stems[0])
 
 

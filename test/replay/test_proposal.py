@@ -1,0 +1,227 @@
+"""A map proposed for a recording that nobody described gives a first useful timeline, without an edit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from replay_bags import START_NS, STORE, S, battery, flight_rows, header, height_m, imu, magnetic, make, write_bag
+from replay_runs import CONFIG, moves, recording, replay, texts
+from rosbags.typesys import get_types_from_msg
+
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.replay.errors import NoMessagesError
+from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.proposal import propose
+from amaze_autonomy.replay.session import Session
+from amaze_autonomy.replay.sources import Recordings, topics_of
+from amaze_autonomy.replay.timeline import LineKind
+from amaze_autonomy.replay.topic_map import load_map
+from amaze_autonomy.tester.command import main
+
+NOMINAL = ["PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF", "MISSION", "DATA_CLEANUP"]
+STATE = """\
+std_msgs/Header header
+bool connected
+bool armed
+bool guided
+bool manual_input
+string mode
+uint8 system_status
+"""
+EXTENDED = """\
+std_msgs/Header header
+uint8 vtol_state
+uint8 landed_state
+"""
+
+
+def types():
+    if "mavros_msgs/msg/State" not in STORE.types:
+        STORE.register(get_types_from_msg(STATE, "mavros_msgs/msg/State"))
+        STORE.register(get_types_from_msg(EXTENDED, "mavros_msgs/msg/ExtendedState"))
+
+
+def pose(t_ns, z):
+    point = make("geometry_msgs/msg/Point", x=1.0, y=2.0, z=float(z))
+    level = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    whole = make("geometry_msgs/msg/Pose", position=point, orientation=level)
+    return make("geometry_msgs/msg/PoseStamped", header=header(t_ns), pose=whole)
+
+
+def mavros_rows(length_s=36.0, mode="OFFBOARD", state_hz=1.0, shift_s=0.0):
+    """Return what mavros says of the flight of `replay_bags.height_m`: armed at 7.6 s, up at 8 s, down at 30 s."""
+    types()
+    rows = []
+    streams = (
+        ("/mavros/imu/data", 50.0, lambda at, _: imu(at)),
+        ("/mavros/imu/data_raw", 50.0, lambda at, _: imu(at)),
+        ("/mavros/imu/mag", 10.0, lambda at, _: magnetic(at)),
+        ("/mavros/local_position/pose", 30.0, lambda at, t_s: pose(at, height_m(t_s))),
+        ("/mavros/setpoint_position/local", 20.0, lambda at, _: pose(at, 3.0)),
+        ("/mavros/battery", 1.0, lambda at, _: battery(at, 0.8)),
+        ("/mavros/state", state_hz, lambda at, t_s: state(at, armed=7.6 <= t_s < 31.5, mode=mode)),
+        ("/mavros/extended_state", state_hz, lambda at, t_s: extended(at, 1 if height_m(t_s) <= 0.01 else 2)),
+    )
+    for topic, rate_hz, message in streams:
+        for step in range(int((length_s - shift_s) * rate_hz)):
+            at = START_NS + round(step / rate_hz * S)
+            rows.append((at, topic, message(at, shift_s + step / rate_hz)))
+    return sorted(rows, key=lambda row: row[0])
+
+
+def state(at, *, armed, mode):
+    return make(
+        "mavros_msgs/msg/State",
+        header=header(at),
+        connected=True,
+        armed=bool(armed),
+        guided=True,
+        manual_input=False,
+        mode=mode,
+        system_status=4,
+    )
+
+
+def extended(at, landed):
+    return make("mavros_msgs/msg/ExtendedState", header=header(at), vtol_state=0, landed_state=landed)
+
+
+def proposed(tmp_path, *bags):
+    proposal = propose(bags)
+    path = tmp_path / "proposed.yaml"
+    path.write_text(proposal.text)
+    return proposal, str(path)
+
+
+def states(outcome):
+    return [after for before, after, _ in moves(outcome) if before != after]
+
+
+def test_a_flight_over_mavros_is_a_whole_mission_by_the_proposed_map(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", mavros_rows())
+    proposal, path = proposed(tmp_path, bag)
+    assert proposal.found == (
+        "armed: disarmed +0.0 s, armed +8.0 s, disarmed +32.0 s",
+        "flight mode: OFFBOARD +0.0 s",
+        "landed: on the ground +0.0 s, in the air +9.0 s, on the ground +30.0 s",
+    )
+    assert proposal.scripted == ("mission planner", "data recorder")
+    found = load_map(path)
+    assert {name: reading.topic for name, reading in found.readings.items()} == {
+        "imu": "/mavros/imu/data",
+        "estimate": "/mavros/local_position/pose",
+        "height": "/mavros/local_position/pose",
+        "battery": "/mavros/battery",
+        "armed": "/mavros/state",
+        "mode": "/mavros/state",
+        "landed": "/mavros/extended_state",
+    }
+    assert [component.name for component in found.components] == ["imu", "magnetometer"]
+    outcome, _ = replay(bag, path)
+    assert states(outcome)[:7] == NOMINAL
+    assert outcome.counterfactual_ns is None
+
+
+def test_the_shipped_map_for_mavros_selects_before_the_recorded_arming(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", mavros_rows())
+    outcome, _ = replay(bag, "mavros")
+    assert states(outcome)[:7] == NOMINAL
+    selected = outcome.decisions[0]
+    assert (selected.rule, (selected.t_ns - START_NS) / S) == ("mission_selected", 2.5)
+
+
+def test_a_bag_over_mavros_that_begins_in_the_air_is_judged_from_there_by_the_shipped_map(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", mavros_rows(shift_s=12.0))
+    outcome, _ = replay(bag, "mavros")
+    assert "the recording begins in the air at 3.0 m (landed is IN_AIR)" in " ".join(texts(outcome, LineKind.NOTE))
+    assert states(outcome)[:7] == NOMINAL
+
+
+@pytest.mark.parametrize("state_hz", [0.4, 1.0, 10.0])
+def test_slow_telemetry_does_not_flap(tmp_path, state_hz):
+    bag = write_bag(tmp_path / "x.bag", mavros_rows(state_hz=state_hz))
+    _, path = proposed(tmp_path, bag)
+    outcome, _ = replay(bag, path)
+    assert states(outcome)[:7] == NOMINAL
+
+
+def test_a_recorded_pilot_is_a_pilot(tmp_path):
+    rows = mavros_rows(state_hz=10.0)
+    for at, topic, message in rows:
+        if topic == "/mavros/state" and (at - START_NS) / S >= 25.0:
+            message.mode = "POSCTL"
+    bag = write_bag(tmp_path / "x.bag", rows)
+    _, path = proposed(tmp_path, bag)
+    outcome, _ = replay(bag, path)
+    (taken,) = [d for d in outcome.decisions if d.after == "PILOT" and d.before == "MISSION"]
+    assert 25.0 <= (taken.t_ns - START_NS) / S < 26.0
+
+
+def test_plain_sensors_are_selected_by_the_lift_off_that_the_range_shows(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", [row for row in flight_rows() if row[1] in ("/imu", "/range", "/battery")])
+    proposal, path = proposed(tmp_path, bag)
+    assert [text for text in proposal.found if "lift-off" in text] == ["lift-off by the range: +8.2 s"]
+    assert "armed" in proposal.scripted
+    outcome, _ = replay(bag, path)
+    assert states(outcome)[:6] == NOMINAL[:6]
+
+
+def test_an_accelerometer_in_g_and_a_battery_in_percent_are_scaled(tmp_path):
+    rows = [(t, topic, message) for t, topic, message in flight_rows(10.0) if topic in ("/imu", "/battery")]
+    for _, topic, message in rows:
+        if topic == "/imu":
+            message.linear_acceleration.z /= 9.80665
+        else:
+            message.percentage = 80.0
+    _, path = proposed(tmp_path, write_bag(tmp_path / "x.bag", rows))
+    found = load_map(path).readings
+    assert (found["imu"].scale, found["battery"].scale) == (9.80665, 0.01)
+
+
+def test_a_battery_without_a_level_is_left_to_the_script_and_that_is_said(tmp_path):
+    rows = [row for row in flight_rows(10.0, fraction=float("nan")) if row[1] in ("/imu", "/battery")]
+    proposal, path = proposed(tmp_path, write_bag(tmp_path / "x.bag", rows))
+    assert "battery" not in load_map(path).readings
+    assert any(text.startswith("/battery tells no level (nan)") for text in proposal.found)
+
+
+def test_the_command_writes_a_map_that_runs(tmp_path, capsys):
+    bag = write_bag(tmp_path / "x.bag", mavros_rows())
+    out = tmp_path / "mine.yaml"
+    assert main(["map", str(bag), "--out", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"written: {out}"
+    assert main(["map", str(bag)]) == 0
+    assert capsys.readouterr().out == out.read_text()
+    assert main(["run", str(bag), "--map", str(out)]) == 0
+    assert "amaze-replay map" in Path(out).read_text()
+
+
+def test_a_bag_without_messages_is_one_clear_error():
+    with pytest.raises(NoMessagesError, match=r"no_messages.bag: there is no message in it$"):
+        propose([recording("no_messages.bag")])
+
+
+REAL = {
+    "ardrone_indoor_flight.bag": ["MISSION", "LAND"],
+    "crazyflie_sine.bag": ["TAKEOFF"],
+    "px4_normal_mission.tlog": ["TAKEOFF", "MISSION"],
+    "px4_offboard.tlog": ["TAKEOFF", "MISSION", "PILOT"],
+    "husky_outdoor_drive.bag": ["OUTREACH"],
+    "handheld_roll_pitch_yaw.bag": ["READY", "OUTREACH"],
+    "copter_low_battery.tlog": ["PILOT"],
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_a_real_recording_comes_to_its_states_by_the_proposed_map(tmp_path, name):
+    path = recording(name)
+    _, found = proposed(tmp_path, path)
+    outcome = _replayed(path, found)
+    assert [state for state in states(outcome) if state in REAL[name]][: len(REAL[name])] == REAL[name]
+
+
+def _replayed(path, found):
+    plan = make_plan(load_configuration(CONFIG), load_map(found), "1", topics_of([path]))
+    with Recordings([path], plan.topics) as recordings:
+        return Session(plan, recordings).run()
