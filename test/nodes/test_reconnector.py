@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from types import SimpleNamespace
 from xmlrpc.server import SimpleXMLRPCServer
@@ -12,7 +13,7 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy.ros import reconnector
 
-TOPIC, KIND = "/planner/status", "amaze_autonomy/MissionStatus"
+TOPIC, KIND, MD5 = "/planner/status", "amaze_autonomy/MissionStatus", "0" * 32
 
 
 class Api:
@@ -56,12 +57,17 @@ def graph(monkeypatch):
 def look(monkeypatch):
     """Return a look at one subscription with a number of connections."""
 
-    def at(connections):
+    def at(connections, times=1):
         subscription = SimpleNamespace(
-            resolved_name=TOPIC, data_class=SimpleNamespace(_type=KIND), get_num_connections=lambda: connections
+            resolved_name=TOPIC,
+            data_class=SimpleNamespace(_type=KIND, _md5sum=MD5),
+            get_num_connections=lambda: connections,
         )
         monkeypatch.setattr(reconnector, "subscriptions", lambda: [subscription])
-        reconnector.Reconnector().look()
+        found = reconnector.Reconnector()
+        for _ in range(times):
+            found.look()
+        return found
 
     return at
 
@@ -90,3 +96,76 @@ def test_a_master_that_is_gone_is_no_error(graph, look):
     graph.master.end()
     look(connections=0)
     assert graph.mine.calls == []
+
+
+# --- publishers of another type ---------------------------------------------------------------------------------------
+
+
+class Port:
+    """Where a publisher is connected to: answers each handshake with a header, and keeps what it was asked."""
+
+    def __init__(self, **header):
+        self.asked = []
+        self._header = reconnector.encode_ros_handshake_header(header)
+        self._sock = socket.create_server(("127.0.0.1", 0))
+        self.port = self._sock.getsockname()[1]
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self):
+        while True:
+            try:
+                sock, _ = self._sock.accept()
+            except OSError:
+                return
+            with sock:
+                self.asked.append(reconnector.decode_ros_handshake_header(sock.recv(4096)))
+                sock.sendall(self._header[:9])
+                sock.sendall(self._header[9:])
+
+    def end(self):
+        self._sock.close()
+
+
+@pytest.fixture
+def publishing(graph, monkeypatch):  # noqa: ARG001 - it names this node
+    """Let the publisher of the graph answer that it publishes a type; return where it is connected to."""
+    ports = []
+
+    def publish(**header):
+        port = Port(callerid="/foreign", **header)
+        api = Api(getPid=42, requestTopic=["TCPROS", "127.0.0.1", port.port])
+        master = Api(registerSubscriber=[api.uri])
+        monkeypatch.setattr(reconnector.rosgraph, "get_master_uri", lambda: master.uri)
+        ports.extend([port, api, master])
+        return port
+
+    yield publish
+    for each in ports:
+        each.end()
+
+
+def test_a_publisher_of_another_type_is_named_once_with_both_types_and_md5_sums(publishing, look, monkeypatch):
+    said = []
+    monkeypatch.setattr(reconnector.rospy, "logwarn", lambda _, found: said.append(str(found)))
+    port = publishing(type="std_msgs/String", md5sum="1" * 32)
+    found = look(connections=0, times=3)
+    line = (
+        f"{TOPIC}: /foreign publishes std_msgs/String (md5 {'1' * 32}), read here is {KIND} (md5 {MD5}): "
+        "rename or remap one of them"
+    )
+    assert ([str(each) for each in found.foreign], said) == ([line], [line])
+    assert len(port.asked) == 1
+    assert port.asked[0]["callerid"] == "/me_asks"  # under our own name it would drop the connection that we have
+
+
+@pytest.mark.parametrize("md5", [MD5, "*"])
+def test_a_publisher_of_our_type_or_of_any_is_none(publishing, look, md5):
+    publishing(type=KIND, md5sum=md5)
+    assert look(connections=0).foreign == ()
+
+
+def test_a_topic_that_is_connected_is_looked_at_now_and_then(publishing, look):
+    port = publishing(type="std_msgs/String", md5sum="1" * 32)
+    assert look(connections=1, times=9).foreign == ()
+    assert port.asked == []
+    assert len(look(connections=1, times=10).foreign) == 1

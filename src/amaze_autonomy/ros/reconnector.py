@@ -90,7 +90,8 @@ class Reconnector:
 
     def look(self) -> None:
         """Connect what is not connected although somebody publishes it."""
-        everything, self._looks = self._looks % _ALL_EVERY == 0, self._looks + 1
+        self._looks += 1
+        everything = self._looks % _ALL_EVERY == 0
         for subscription in subscriptions():
             alone = subscription.get_num_connections() == 0
             if (alone or everything) and not self._stopped.is_set():
