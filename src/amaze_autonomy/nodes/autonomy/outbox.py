@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from contextlib import suppress
 from math import nan
 from queue import Empty, SimpleQueue
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -25,13 +24,13 @@ from ...journal import journal as codec
 from ...journal.report import Report, report
 from ...ros.clock import Clock
 from ...ros.interface import check_row, number, ros_time
+from .journal_topic import JournalLines, JournalTopic
 from .run_folder import JournalFile
 
 __all__ = ["Diagnostics", "Outbox", "PeerClocks", "StatePublisher", "Timeline", "state_message"]
 
-_MOST_WAITING = 200000  # lines for a listener that does not keep up: more than an hour
-
 _STATE_PERIOD_S = 0.5
+_LAST_LINES_S = 1.0  # for listeners of the journal that keep up
 _NS = 1_000_000_000
 _log = logging.getLogger(__name__)
 
@@ -41,22 +40,6 @@ _SAY = {
     Level.ERROR: rospy.logerr,
     Level.ALARM: rospy.logfatal,
 }
-
-
-def _kind(line: str) -> str:
-    """Return the kind of a line of the journal; a canonical line has it between its keys."""
-    return next((kind for kind in ("decision", "header") if f'"kind":"{kind}"' in line), "event")
-
-
-class _Newcomers(rospy.SubscribeListener):
-    """Tells of each new listener."""
-
-    def __init__(self, welcome: Callable[[Callable[[msg.JournalEntry], None]], None]) -> None:
-        super().__init__()
-        self._welcome = welcome
-
-    def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Callable[[msg.JournalEntry], None]) -> None:
-        self._welcome(peer_publish)
 
 
 class Outbox:
@@ -82,10 +65,8 @@ class Outbox:
         self._publish_state, self._housekeeping = publish_state, housekeeping
         self._queue: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
-        self._lock = threading.Lock()  # of the journal and its publisher
-        self._entries = rospy.Publisher(
-            "~journal", msg.JournalEntry, _Newcomers(self._catch_up), queue_size=_MOST_WAITING
-        )
+        self._lines = JournalLines(lambda: journal.path, lambda: journal.written, journal.lines)
+        self._topic = JournalTopic(self._lines, clock.ros_ns)
         self._said = ""
         self.state = EngineState()
 
@@ -120,8 +101,8 @@ class Outbox:
                 break
             self._guarded(job)
         self._guarded(self._periodic)
-        with self._lock:
-            self._journal.close()
+        self._topic.close(_LAST_LINES_S)
+        self._journal.close()
 
     def _guarded(self, work: Callable[[], None]) -> None:
         try:
@@ -130,49 +111,31 @@ class Outbox:
             _log.exception("the outbox failed")
 
     def _periodic(self) -> None:
-        with self._lock:
-            self._journal.flush()
-            self._journal.sync()
+        self._journal.flush()
+        self._journal.sync()
         self._say_problem()
         self._publish_state(self.state)
         self._housekeeping()
 
     def _take(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         self.state = state
-        with self._lock:
-            self._line("event", codec.encode_event(event))
-            for command in commands:
-                if isinstance(command, Decision):
-                    self._timeline.decision(command)
-                    self._line("decision", codec.encode_decision(command))
-                elif isinstance(command, Notify):
-                    self._timeline.message(event.t_ns, command)
-            if commands:
-                self._journal.flush()
+        self._line(codec.encode_event(event))
+        for command in commands:
+            if isinstance(command, Decision):
+                self._timeline.decision(command)
+                self._line(codec.encode_decision(command))
+            elif isinstance(command, Notify):
+                self._timeline.message(event.t_ns, command)
         if commands:
+            self._journal.flush()
             self._publish_state(state)
         for command in commands:
             if isinstance(command, Notify):
                 _SAY[command.level]("%s%s", command.text, f" {command.advice}" if command.advice else "")
 
-    def _line(self, kind: str, line: str) -> None:
-        number = self._journal.append(line)
-        if self._entries.get_num_connections():
-            with suppress(rospy.ROSException):  # the topic closes before the journal does
-                self._entries.publish(self._entry(number, kind, line))
-
-    def _entry(self, number: int, kind: str, line: str) -> msg.JournalEntry:
-        entry = msg.JournalEntry(sequence=number, kind=kind, line=line)
-        entry.header.stamp = ros_time(self._clock.ros_ns())
-        return entry
-
-    def _catch_up(self, publish: Callable[[msg.JournalEntry], None]) -> None:
-        """Send a new listener the journal from its first line: a recording that starts later has all of it."""
-        with self._lock:
-            self._journal.flush()
-            text = self._journal.path.read_text(encoding="ascii")
-            for number, line in enumerate(text.splitlines()):
-                publish(self._entry(number, _kind(line), line))
+    def _line(self, line: str) -> None:
+        self._journal.append(line)
+        self._lines.add(line)
 
     def _say_problem(self) -> None:
         """Warn once about each trouble with the disk, and when it is over."""

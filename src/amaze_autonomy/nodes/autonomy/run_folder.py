@@ -181,6 +181,11 @@ class JournalFile:
         self._synced_s = self._retry_s = 0.0
         self._dirty = False
 
+    @property
+    def written(self) -> int:
+        """Return how many lines are in the file, or never will be."""
+        return self.lines - len(self._kept)
+
     def append(self, line: str) -> int:
         """Take a line; return its number from 0. It is on its way at the next `flush`."""
         data = line.encode() + b"\n"
