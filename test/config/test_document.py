@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from amaze_autonomy.config import ConfigError, Place, load_configuration
@@ -158,3 +160,14 @@ def test_replacing_makes_the_tables_on_the_way_and_leaves_the_rest():
 def test_there_is_no_replacing_where_nothing_can_be(path):
     place = Place("here")
     assert replace(entry_of({"a": 1, "c": [1, 2]}, place), path, entry_of(3, place)) is None
+
+
+@pytest.mark.parametrize("place", ["fifo", "/dev/zero", "folder"])
+def test_what_is_no_file_is_refused_and_not_waited_for(tmp_path, place):
+    path = tmp_path / place
+    if place == "fifo":
+        os.mkfifo(path)
+    elif place == "folder":
+        path.mkdir()
+    with pytest.raises(ConfigError, match="is no file; must be a readable file"):
+        read(path)

@@ -25,6 +25,8 @@ from amaze_autonomy.interface import (
     peer_of,
     service_of,
 )
+from amaze_autonomy.interface.fields import MOST_TEXT, text
+from amaze_autonomy.journal.journal import encode_event
 
 ROOT = Path(__file__).parents[2]
 S = 1_000_000_000
@@ -146,3 +148,14 @@ def test_a_field_is_called_in_messages_as_it_is_without_its_unit():
     assert [message_name(name) for name in names] == [
         *("height", "vertical_speed", "battery_voltage", "age", "until", "waypoints", "free_fraction")
     ]
+
+
+def test_texts_of_peers_are_cut_in_statuses_lists_and_parts():
+    assert text("x" * MOST_TEXT) == "x" * MOST_TEXT
+    assert text("x" * (MOST_TEXT + 1)) == "x" * (MOST_TEXT - 3) + "..."
+    long = "x" * 5_000_000
+    component = SimpleNamespace(name="lrf", code=8, restart=0, until=0.0, reason=long)
+    message = SimpleNamespace(sequence=1, changed=[long], components=[component])
+    found = next(each for each in STATUSES if each.topic == "watchdog/info").read(message, 5, 0)
+    assert [len(each) for each in (found.changed[0], found.components[0].reason)] == [MOST_TEXT, MOST_TEXT]
+    assert len(encode_event(found)) < 3 * MOST_TEXT

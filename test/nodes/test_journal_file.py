@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 
@@ -121,3 +122,52 @@ def test_what_is_kept_for_a_disk_has_a_limit_and_the_gap_is_said(journal, monkey
         journal.flush()
     assert journal.gap
     assert journal._kept_bytes <= 100
+
+
+def removed(folder):
+    shutil.rmtree(folder)
+
+
+def moved(folder):
+    folder.rename(folder.with_name("moved"))
+
+
+def replaced(folder):
+    (folder / "journal.jsonl").unlink()
+    (folder / "journal.jsonl").write_text("another file")
+
+
+@pytest.mark.parametrize("happens", [removed, moved, replaced])
+def test_a_journal_that_is_removed_goes_on_elsewhere_and_is_whole(tmp_path, happens):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "other").mkdir()
+    journal = create(tmp_path / "run", HEADER, lambda: tmp_path / "other")
+    journal.append("a" * 3_000_000)
+    journal.flush()
+    assert not journal.follow(), "it is there"
+    happens(tmp_path / "run")
+    journal.append("b")
+    assert journal.follow()
+    journal.flush()
+    assert (journal.path, journal.problem) == (tmp_path / "other" / "journal.jsonl", "")
+    assert lines(tmp_path / "other") == [HEADER, "a" * 3_000_000, "b", ""]
+    assert not journal.follow(), "once"
+    with pytest.raises(StartError, match="written by another node"):
+        run_folder._lock(os.open(journal.path, os.O_RDWR), journal.path, 0.1)
+    journal.close()
+
+
+def test_a_journal_that_has_no_other_place_says_so_and_writes_on(tmp_path):
+    (tmp_path / "run").mkdir()
+
+    def nowhere():
+        raise StartError("cannot make the output folder")
+
+    journal = create(tmp_path / "run", HEADER, nowhere)
+    shutil.rmtree(tmp_path / "run")
+    assert not journal.follow()
+    assert journal.problem == (
+        f"{tmp_path}/run/journal.jsonl was removed, and there is no other place (cannot make the output folder)"
+    )
+    journal.append("a")
+    journal.close()

@@ -40,6 +40,7 @@ class Platform:
         self.missing = dict.fromkeys(groups, ())
         self.silent = dict.fromkeys(groups, False)
         self.full = dict.fromkeys(groups, False)
+        self.removed = dict.fromkeys(groups, False)
         self.dropped = dict.fromkeys(groups, 0)
         self.idle = dict.fromkeys(groups, None)
         self.obeys = dict.fromkeys(groups, ("INT", "TERM", "KILL"))
@@ -68,11 +69,13 @@ class Platform:
             silent=self.silent[name],
             dropped=self.dropped[name],
             full=self.full[name],
+            removed=self.removed[name],
         )
 
     def carry_out(self, command):
         if isinstance(command, StartChild):
             self.running[command.group], self.endings[command.group] = True, ""
+            self.removed[command.group] = False
         elif isinstance(command, Signal) and command.name in self.obeys[command.group]:
             self.running[command.group] = False
 

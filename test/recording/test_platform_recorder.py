@@ -321,3 +321,18 @@ def test_a_gap_says_when_it_was_by_the_clock_that_stamps_messages():
     platform.go_on(1.0)
     (gap,) = platform.machine.facts()["gaps"]
     assert gap["to_ns"] - gap["from_ns"] == round(gap["seconds"] * S) == 5_100_000_000
+
+
+def test_files_that_are_removed_in_flight_are_said_at_once_and_a_new_one_is_begun():
+    platform = recording()
+    platform.go_on(4.0)
+    platform.removed["cameras"], platform.sizes["cameras"] = True, 0
+    platform.turn()
+    assert platform.part.message == "cameras: its files were removed: it begins a new one"
+    assert platform.asked(Signal) == [Signal("cameras", "INT")]
+    platform.go_on(1.5)
+    assert platform.commands[-1] == StartChild("cameras", 2)
+    assert platform.part.growing
+    (gap,) = platform.machine.facts()["gaps"]
+    assert (gap["ending"], gap["file"], gap["from_ns"]) == ("its files were removed", 2, EPOCH_NS + 100_000_000)
+    assert gap["seconds"] >= 5.0, "all that they held is lost"

@@ -70,6 +70,8 @@ def read(path: Path) -> Entry:
     """
     place = Place(str(path))
     try:
+        if path.exists() and not path.is_file():  # whoever opens a FIFO waits for ever, and a device never ends
+            raise ConfigError(place, "", "is no file", "must be a readable file")
         content = path.read_bytes()
     except OSError as error:
         raise ConfigError(place, "", f"cannot be read ({error.strerror})", "must be a readable file") from None

@@ -4,7 +4,8 @@ A field is called in the message as in the type, without its unit (`height_m`: `
 
 | Annotation | In the message | What cannot be known |
 |---|---|---|
-| `str`, `bool`, `int`, `float` | the same | |
+| `str` | the same, cut at `MOST_TEXT` characters | |
+| `bool`, `int`, `float` | the same | |
 | an enum | its number; that of a text is its place in the enum | is refused, with the field's name |
 | `Optional[float]`, `Figure` | a number | NaN and infinity are None; None is NaN |
 | `int` in nanoseconds (`_ns`) | seconds | |
@@ -25,7 +26,7 @@ from amaze_autonomy.engine.checks import Verdict
 
 from ..journal.codec import field_types, optional_item, tuple_items
 
-__all__ = ["InvalidMessageError", "Shape", "message_name"]
+__all__ = ["MOST_TEXT", "InvalidMessageError", "Shape", "message_name", "text"]
 
 T = TypeVar("T")
 Read = Callable[[Any, int], Any]
@@ -33,6 +34,9 @@ Read = Callable[[Any, int], Any]
 Classes = Callable[[str], Callable[..., Any]]
 """Returns a class of messages by its name."""
 Write = Callable[[Any, int, Classes], Any]
+
+MOST_TEXT = 1000
+"""Characters of a text of a peer that are kept: each stands in the journal, and in what people are shown."""
 
 _UNITS = ("_m_s", "_ns", "_m", "_s", "_v")
 _FAR_S = 1e9  # further away than this is nonsense, not a time
@@ -52,6 +56,12 @@ class InvalidMessageError(ValueError):
     def __init__(self, field: str, value: object, expected: str) -> None:
         super().__init__(f"{field} is {value!r}, must be {expected}")
         self.field, self.value, self.expected = field, value, expected
+
+
+def text(value: Any) -> str:
+    """Return a text of a peer, cut where it is too long."""
+    words = str(value)
+    return words if len(words) <= MOST_TEXT else f"{words[: MOST_TEXT - 3]}..."
 
 
 def message_name(field: str) -> str:
@@ -140,6 +150,8 @@ def _ways(hint: Any, name: str, at: str, shapes: Mapping[Any, Shape[Any]]) -> Tu
     if inner is float:
         return _known, lambda value, *_: nan if value is None else value
     kind = hint if inner is None else inner
+    if kind is str:
+        return lambda value, _: text(value), lambda value, *_: value or ""
     return lambda value, _: kind(value), lambda value, *_: kind(value or kind())
 
 
@@ -182,7 +194,8 @@ def _enum(kind: Type[Enum], at: str) -> Tuple[Read, Write]:
 def _list(item: Any, at: str, shapes: Mapping[Any, Shape[Any]]) -> Tuple[Read, Write]:
     shape = shapes.get(item)
     if shape is None:
-        return lambda value, _: tuple(map(item, value)), lambda value, *_: list(value)
+        make = text if item is str else item
+        return lambda value, _: tuple(map(make, value)), lambda value, *_: list(value)
     inner = shape
 
     def read(values: List[Any], from_ns: int) -> Tuple[Any, ...]:

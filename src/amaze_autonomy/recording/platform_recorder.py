@@ -72,6 +72,7 @@ _HEAD_BYTES = 4200  # of an empty bag
 _FLUSH_BYTES = 1 << 20  # what may still reach the disk after a recorder stopped to write
 
 _FULL = "the storage was full"
+_REMOVED = "its files were removed"
 
 Gap = Dict[str, Any]
 
@@ -98,6 +99,7 @@ class Group:
         self._gap_ns: Optional[int] = None
         self._full_size = 0
         self._told = self._taken_over = False
+        self._began_ns: Optional[int] = None
 
     def begin(self) -> None:
         """Forget the last recorder: a recording begins, or goes on."""
@@ -111,6 +113,7 @@ class Group:
     def take_number(self, t_ns: int) -> int:
         """Return the number of the next file; a recorder for it is started now."""
         self.number += 1
+        self._began_ns = t_ns if self._began_ns is None else self._began_ns
         self._asked_ns, self._born_size, self.writes = t_ns, None, False
         return self.number
 
@@ -121,6 +124,16 @@ class Group:
             return False
         if self._gap_ns is None:
             self._open_gap(t_ns, _FULL, self.number + 1)
+        return True
+
+    def stop_for_removal(self, t_ns: int) -> bool:
+        """Return whether its recorder is to be ended because its files were removed: all that they held is a gap."""
+        if not self.running or not self._sight.removed or self._told:
+            return False
+        self._told = True
+        if self._gap_ns is None:
+            self._grew_ns = self._began_ns
+            self._open_gap(t_ns, _REMOVED, self.number + 1)
         return True
 
     def wants_child(self, t_ns: int) -> bool:
@@ -202,6 +215,7 @@ class Group:
         rows: Tuple[Tuple[bool, str], ...] = (
             (not self.running and self._ended_ns is not None, f"its recorder ended ({sight.ending or 'it ended'})"),
             (not self.running, "its recorder has not started yet"),
+            (sight.removed, "its files were removed: it begins a new one"),
             (bool(self._full_size), "its recorder stopped to write: the storage is full"),
             (bool(sight.missing), f"not subscribed to {', '.join(sight.missing or ())}"),
             (sight.missing is None, "the master does not say what is subscribed"),
@@ -382,8 +396,10 @@ class PlatformRecorder:
         if self._full:
             told = [group for group in self.groups.values() if group.stop_for_space(t_ns)]
             return [Signal(group.name, "INT") for group in told]
+        removed = [group for group in self.groups.values() if group.stop_for_removal(t_ns)]
         wanting = [group for group in self.groups.values() if group.wants_child(t_ns)]
-        commands: List[Command] = [StartChild(group.name, group.take_number(t_ns)) for group in wanting]
+        commands: List[Command] = [Signal(group.name, "INT") for group in removed]
+        commands += [StartChild(group.name, group.take_number(t_ns)) for group in wanting]
         if self.phase is Phase.STARTING and self.groups and self._proven():
             self._enter(Phase.RECORDING, t_ns)
         return commands

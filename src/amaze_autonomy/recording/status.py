@@ -114,6 +114,7 @@ class GroupSight:
         silent: nobody publishes any of its topics.
         dropped: warnings in its log that messages were dropped.
         full: its log says that it stopped because the storage is full.
+        removed: the file that it writes is not there any more: somebody removed it.
     """
 
     running: bool
@@ -124,6 +125,7 @@ class GroupSight:
     silent: bool = False
     dropped: int = 0
     full: bool = False
+    removed: bool = False
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from amaze_autonomy.engine.events import (
     made,
 )
 from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.interface.fields import text
 
 from ..engine import checks, events, severity
 from ..journal import codec
@@ -77,11 +78,11 @@ def _component(message: Any, t_ns: int) -> ComponentStatus:
     if not 0 <= restart < len(_RESTARTS):
         raise InvalidStatusError(f"components.restart is {restart}, must be one of 0, 1, 2")
     return ComponentStatus(
-        name=str(message.name),
+        name=text(message.name),
         code=_enum(Code, "components.code", message.code),
         restart=_RESTARTS[restart],
         until_ns=t_ns + round(until_s * _S) if isfinite(until_s) else None,
-        reason=str(message.reason),
+        reason=text(message.reason),
     )
 
 
@@ -92,7 +93,7 @@ def _watchdog_action(message: Any, t_ns: int) -> Event:
         sequence=int(message.sequence),
         loop_counter=int(message.loop_counter),
         code=_enum(Code, "code", message.code),
-        latest_component=str(message.latest_component),
+        latest_component=text(message.latest_component),
         components=tuple(_component(each, t_ns) for each in message.components),
         publisher=str(getattr(message, _SENDER, "")),
         age_ns=_age_ns(message, t_ns),
@@ -104,7 +105,7 @@ def _watchdog_info(message: Any, t_ns: int) -> Event:
         WatchdogInfo,
         t_ns=t_ns,
         sequence=int(message.sequence),
-        changed=tuple(str(name) for name in message.changed),
+        changed=tuple(text(name) for name in message.changed),
         components=tuple(_component(each, t_ns) for each in message.components),
         age_ns=_age_ns(message, t_ns),
     )
@@ -114,8 +115,8 @@ def _mission_planner(message: Any, t_ns: int) -> Event:
     return made(
         MissionStatus,
         t_ns=t_ns,
-        session_id=str(message.session_id),
-        mission_id=str(message.mission_id),
+        session_id=text(message.session_id),
+        mission_id=text(message.mission_id),
         phase=_enum(MissionPhase, "phase", message.phase),
         waypoint=int(message.waypoint),
         waypoints=int(message.waypoints),
@@ -123,7 +124,7 @@ def _mission_planner(message: Any, t_ns: int) -> Event:
         repetition=int(message.repetition),
         distance_left_m=float(message.distance_left),
         time_left_s=float(message.time_left),
-        message=str(message.message),
+        message=text(message.message),
         age_ns=_age_ns(message, t_ns),
     )
 
@@ -135,7 +136,7 @@ def _autopilot(message: Any, t_ns: int) -> Event:
         t_ns=t_ns,
         armed=bool(message.armed) if message.armed_known else None,
         landed=_enum(VehicleLanded, "landed", message.landed),
-        mode=str(message.mode),
+        mode=text(message.mode),
         pilot_in_control=bool(message.pilot_in_control),
         failsafe=bool(message.failsafe),
         link_age_s=float(message.link_age),
@@ -158,7 +159,7 @@ def _landing_detection(message: Any, t_ns: int) -> Event:
         t_ns=t_ns,
         landed=_enum(Landed, "landed", message.landed),
         distance_m=float(message.distance),
-        reason=str(message.reason),
+        reason=text(message.reason),
         age_ns=_age_ns(message, t_ns),
     )
 
@@ -167,13 +168,13 @@ def _data_recorder(message: Any, t_ns: int) -> Event:
     return made(
         RecordingStatus,
         t_ns=t_ns,
-        session_id=str(message.session_id),
+        session_id=text(message.session_id),
         phase=_enum(RecordingPhase, "phase", message.phase),
         progress=float(message.progress),
         platforms=tuple(_platform(each) for each in message.platforms),
-        location=str(message.location),
-        message=str(message.message),
-        lost=str(getattr(message, "lost", "")),  # not in recordings of before
+        location=text(message.location),
+        message=text(message.message),
+        lost=text(getattr(message, "lost", "")),  # not in recordings of before
         age_ns=_age_ns(message, t_ns),
     )
 
@@ -181,13 +182,13 @@ def _data_recorder(message: Any, t_ns: int) -> Event:
 def _platform(message: Any) -> PlatformRecording:
     return made(
         PlatformRecording,
-        platform=str(message.platform),
+        platform=text(message.platform),
         growing=bool(message.growing),
         written_bytes=int(message.bytes),
         byte_rate=float(message.byte_rate),
         free_fraction=float(message.free_fraction),
-        location=str(message.location),
-        message=str(message.message),
+        location=text(message.location),
+        message=text(message.message),
     )
 
 

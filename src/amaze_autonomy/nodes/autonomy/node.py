@@ -101,7 +101,9 @@ class AutonomyNode:
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
         self._reconnector = Reconnector()
         self._state_publisher = StatePublisher(configuration.rules, clock, self._foreign)
-        self._outbox = Outbox(self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping)
+        self._outbox = Outbox(
+            self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping, self._name_journal
+        )
         self._requests = Requests(self._clients(), self.put, clock.now_ns)
         self._desk = UserDesk(configuration.missions, self.put, clock.now_ns)
         self._inbox = Inbox(clock, self._reject, self._stalled)
@@ -161,7 +163,7 @@ class AutonomyNode:
 
     def start(self) -> None:
         """Begin to decide, then open the node to the world."""
-        rospy.set_param("~journal_file", str(self._journal.path))  # the recorder copies it into the recording
+        self._name_journal()
         self._outbox.start(self._engine.state)
         self.put(EngineStarted(t_ns=self._clock.now_ns(), label=self._label, resumed=self._resumed is not None))
         self._engine.start()
@@ -172,6 +174,10 @@ class AutonomyNode:
         if self._parameters.missions and self._resumed is None:
             threading.Thread(target=self._select, name="select", daemon=True).start()
         node_main.settle()
+
+    def _name_journal(self) -> None:
+        """Say where the journal is: the recorder copies it into the recording."""
+        rospy.set_param("~journal_file", str(self._journal.path))
 
     def _select(self) -> None:
         """Select the missions of the parameter once all peers are there, or have had the time to come."""

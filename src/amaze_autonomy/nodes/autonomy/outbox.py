@@ -51,6 +51,7 @@ class Outbox:
         clock: for the stamps.
         publish_state: publishes ~state; called at each decision and twice a second.
         housekeeping: called twice a second, after `publish_state`.
+        moved: called when the journal goes on at another place.
     """
 
     def __init__(
@@ -60,9 +61,10 @@ class Outbox:
         clock: Clock,
         publish_state: Callable[[EngineState], None],
         housekeeping: Callable[[], None],
+        moved: Callable[[], None] = lambda: None,
     ) -> None:
         self._journal, self._timeline, self._clock = journal, timeline, clock
-        self._publish_state, self._housekeeping = publish_state, housekeeping
+        self._publish_state, self._housekeeping, self._moved = publish_state, housekeeping, moved
         self._queue: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._lines = JournalLines(lambda: journal.path, lambda: journal.written, journal.lines)
@@ -111,6 +113,10 @@ class Outbox:
             _log.exception("the outbox failed")
 
     def _periodic(self) -> None:
+        before = self._journal.path
+        if self._journal.follow():
+            rospy.logerr("The journal was removed: %s. It goes on, whole, at %s.", before, self._journal.path)
+            self._moved()
         self._journal.flush()
         self._journal.sync()
         self._say_problem()
@@ -126,8 +132,9 @@ class Outbox:
                 self._line(codec.encode_decision(command))
             elif isinstance(command, Notify):
                 self._timeline.message(event.t_ns, command)
-        if commands:
+        if commands or self._queue.empty():  # a kill takes no more than what is under way
             self._journal.flush()
+        if commands:
             self._publish_state(state)
         for command in commands:
             if isinstance(command, Notify):

@@ -8,12 +8,12 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import rospkg
 
 from amaze_autonomy.engine.events import Event
-from amaze_autonomy.whole_file import write_whole
+from amaze_autonomy.whole_file import sync_folder, write_whole
 
 from ...journal import journal as codec
 from ...ros.errors import StartError
@@ -159,6 +159,8 @@ JOURNAL_NAME = "journal.jsonl"
 _FSYNC_PERIOD_S = 1.0
 _RETRY_PERIOD_S = 1.0
 _MOST_KEPT = 16 * 1024 * 1024  # bytes that wait for a disk
+_PIECE = 1024 * 1024
+_MODE = 0o640
 
 
 class JournalFile:
@@ -166,13 +168,15 @@ class JournalFile:
 
     Args:
         path: of the file.
-        descriptor: open for writing, at its end, locked.
+        descriptor: open for reading and writing, at its end, locked.
         lines: how many lines it holds.
+        elsewhere: makes a folder to go on in when this one is removed.
     """
 
-    def __init__(self, path: Path, descriptor: int, lines: int) -> None:
+    def __init__(self, path: Path, descriptor: int, lines: int, elsewhere: Callable[[], Path]) -> None:
         self.path, self.lines = path, lines
         self.problem = ""
+        self._elsewhere = elsewhere
         self.gap = False
         self._descriptor = descriptor
         self._good = os.lseek(descriptor, 0, os.SEEK_END)
@@ -225,6 +229,43 @@ class JournalFile:
         except OSError as again:
             self.problem = f"{self.path}: {again.strerror or again}"
 
+    def follow(self) -> bool:
+        """Go on elsewhere when the file was removed or moved; return whether it was. What was written goes along."""
+        try:
+            there = self.path.stat()
+            gone = (there.st_dev, there.st_ino) != _identity(self._descriptor)
+        except OSError:
+            gone = True
+        if not gone:
+            return False
+        try:
+            path = self._elsewhere() / JOURNAL_NAME
+            self._go_on_in(path)
+        except (OSError, StartError) as error:
+            self.problem = f"{self.path} was removed, and there is no other place ({error})"
+            return False
+        self.path = path
+        return True
+
+    def _go_on_in(self, path: Path) -> None:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
+        try:
+            place = 0
+            while place < self._good:
+                piece = os.pread(self._descriptor, min(_PIECE, self._good - place), place)
+                if not piece:
+                    break
+                place += os.write(descriptor, piece)
+            os.fsync(descriptor)
+            _lock(descriptor, path)
+        except (OSError, StartError):
+            os.close(descriptor)
+            path.unlink()
+            raise
+        os.close(self._descriptor)
+        self._descriptor, self._good = descriptor, place
+        sync_folder(path.parent)
+
     def sync(self, *, force: bool = False) -> None:
         """Have the disk keep what was written, at most once a second unless forced."""
         now_s = time.monotonic()
@@ -243,7 +284,16 @@ class JournalFile:
         os.close(self._descriptor)
 
 
-def create(folder: Path, header: str) -> JournalFile:
+def _identity(descriptor: int) -> Tuple[int, int]:
+    found = os.fstat(descriptor)
+    return found.st_dev, found.st_ino
+
+
+def _default_place() -> Path:
+    return make_folder("", f"removed-{time.strftime('%Y%m%dT%H%M%S')}")
+
+
+def create(folder: Path, header: str, elsewhere: Callable[[], Path] = _default_place) -> JournalFile:
     """Make a journal with its header in a folder that has none. It appears whole or not at all.
 
     Raises:
@@ -251,18 +301,18 @@ def create(folder: Path, header: str) -> JournalFile:
     """
     path, half = folder / JOURNAL_NAME, folder / f".{JOURNAL_NAME}.new"
     try:
-        descriptor = os.open(half, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(half, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, _MODE)
         os.write(descriptor, header.encode() + b"\n")
         os.fsync(descriptor)
         _lock(descriptor, path)
         half.replace(path)
-        _sync_folder(folder)
+        sync_folder(folder)
     except OSError as error:
         raise StartError(f"cannot write {path}: {error.strerror}; name another folder with ~output") from error
-    return JournalFile(path, descriptor, 1)
+    return JournalFile(path, descriptor, 1, elsewhere)
 
 
-def reopen(path: Path) -> JournalFile:
+def reopen(path: Path, elsewhere: Callable[[], Path] = _default_place) -> JournalFile:
     """Open a journal to write on after its last whole line.
 
     Raises:
@@ -275,7 +325,7 @@ def reopen(path: Path) -> JournalFile:
         os.ftruncate(descriptor, codec.whole_lines(data))
     except OSError as error:
         raise StartError(f"cannot go on with {path}: {error.strerror}") from error
-    return JournalFile(path, descriptor, data.count(b"\n"))
+    return JournalFile(path, descriptor, data.count(b"\n"), elsewhere)
 
 
 def _lock(descriptor: int, path: Path, limit_s: float = 3.0) -> None:
@@ -290,13 +340,3 @@ def _lock(descriptor: int, path: Path, limit_s: float = 3.0) -> None:
             time.sleep(0.05)
         else:
             return
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor: Optional[int] = None
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        os.fsync(descriptor)
-    finally:
-        if descriptor is not None:
-            os.close(descriptor)

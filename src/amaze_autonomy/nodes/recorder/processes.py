@@ -76,6 +76,8 @@ class _Log:
 
     def read(self) -> LogState:
         with suppress(OSError), self.path.open("rb") as file:
+            if file.seek(0, os.SEEK_END) < self._place:  # it was removed, and is another one
+                self._place, self._rest = 0, b""
             file.seek(self._place)
             data = file.read()
             self._place += len(data)
@@ -116,6 +118,7 @@ class RecorderChildren:
         self._own: Dict[str, subprocess.Popen[bytes]] = {}
         self._endings: Dict[str, str] = {}
         self._logs: Dict[str, _Log] = {}
+        self._written: Dict[str, bool] = {}
 
     def enter(self, folder: Path) -> None:
         """Work in a session's folder from now on."""
@@ -144,7 +147,7 @@ class RecorderChildren:
         except OSError as error:
             self._endings[name] = f"it cannot be started: {error}"
             return self._endings[name]
-        self._own[name] = process
+        self._own[name], self._written[name] = process, False
         self._logs[name].forget_end()
         self._take(name, process.pid)
         return ""
@@ -185,6 +188,7 @@ class RecorderChildren:
 
     def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupSight:
         mine = [files[each] for each in files_of(name, list(files))]
+        self._written[name] = bool(mine) or (self._written.get(name, False) and name in self._processes)
         running = self._is_running(name)
         log, topics = self._logs[name].read(), self._topics[name]
         ending = "" if running else "; ".join(each for each in (self._endings.get(name, ""), log.error) if each)
@@ -197,6 +201,7 @@ class RecorderChildren:
             silent=subscriptions.silent(topics),
             dropped=log.dropped,
             full=running and log.full,
+            removed=running and not mine and self._written.get(name, False),
         )
 
     def memory(self) -> Dict[str, List[int]]:
