@@ -82,7 +82,12 @@ def test_a_folder_that_was_copied_elsewhere_works_without_a_network(tmp_path):
     assert result.returncode == 0, result.stderr
     assert "crazyflie_sine" in result.stdout
     assert (folder / ".venv" / "bin" / "amaze-replay").read_text().startswith(f"#!{folder}/.venv/bin/python3")
-    where = [str(folder / ".venv" / "bin" / "python3"), "-c", "import amaze_autonomy; print(amaze_autonomy.__file__)"]
+    where = [
+        str(folder / ".venv" / "bin" / "python3"),
+        "-I",
+        "-c",
+        "import amaze_autonomy; print(amaze_autonomy.__file__)",
+    ]
     found = subprocess.run(where, cwd="/", capture_output=True, text=True, check=True).stdout
     assert found.strip() == str(folder / "src" / "amaze_autonomy" / "__init__.py")
 

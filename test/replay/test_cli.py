@@ -61,7 +61,10 @@ def test_another_rule_decides_otherwise(tmp_path, flight_map, capsys):
 @pytest.mark.parametrize(
     "arguments,message",
     [
-        (["run", "{bag}"], "which topics are what? Name a topic map with --map: a file that `amaze-replay map` proposes"),
+        (
+            ["run", "{bag}"],
+            "which topics are what? Name a topic map with --map: a file that `amaze-replay map` proposes",
+        ),
         (["run", "{bag}", "--map", "nowhere"], "nowhere: is no topic map; name a file, or one of amaze_demo, "),
         (["run", "{bag}", "--map", "{map}", "--mission", "99"], "there is no mission '99'; there are 1, "),
         (["run", "{bag}", "--map", "{map}", "--mute", "/nope"], "/nope: no bag has this topic; there are /armed, "),
