@@ -134,16 +134,17 @@ def _check_config(options: argparse.Namespace) -> int:
     configuration = _load(options)
     if configuration is None:
         return WRONG
-    from .config.consistency import unrecorded_topics  # noqa: PLC0415 (--help stays quick)
+    from .config.consistency import contradictions, unrecorded_topics  # noqa: PLC0415 (--help stays quick)
 
-    unrecorded = unrecorded_topics(configuration.effective["sensors"], configuration.effective["recording"])
+    effective = configuration.effective
+    warnings = [*contradictions(effective), *unrecorded_topics(effective["sensors"], effective["recording"])]
     if options.json:
         found = {"folder": str(configuration.folder), "hash": configuration.hash, "effective": configuration.effective}
-        _print_json({"valid": True, "warnings": unrecorded, **found})
+        _print_json({"valid": True, "warnings": warnings, **found})
         return OK
     counts = f"{len(configuration.components)} components, {len(configuration.plans)} missions"
     print(f"{configuration.folder}: good: {counts}, hash {configuration.hash[:12]}")
-    for line in unrecorded:
+    for line in warnings:
         print(f"  warning: {line}")
     return OK
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.config.consistency import unrecorded_topics
+from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 
 
 def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
@@ -180,3 +180,59 @@ def test_what_is_watched_and_not_recorded_is_said(small, group, expected):
 def test_checks_that_look_at_no_topic_have_none_to_record(small):
     sensors = 'state_estimation: {topic: "", imu_topic: /px4/imu}\n'
     assert watched(small, "{topics: [/camera/image, /lrf/range]}", sensors) == ["/px4/imu (state_estimation.imu_topic)"]
+
+
+LRF = """\
+  lrf:
+    group: other
+    severity: low
+    topics:
+      /lrf/range: {rate_hz: 10.0, age_limit_s: LIMIT}
+"""
+
+
+@pytest.mark.parametrize(
+    "limit, group, overrides, expected",
+    [
+        ("0.5", "[/camera/image, /lrf/range]", (), []),
+        ("10.0", "[/camera/image, /lrf/range]", (), []),
+        (
+            "400.0",
+            "[/camera/image, /lrf/range]",
+            (),
+            [
+                "components.lrf: /lrf/range may be silent for 400 s, 4000 periods of its 10 Hz, before it has failed: "
+                "is age_limit_s what you mean?"
+            ],
+        ),
+        (
+            "0.5",
+            "[/camera/image, /lrf/range]",
+            ("sensors.landing_detection.topic=/lrf/ranges",),
+            [
+                "landing_detection.topic is /lrf/ranges, and no component has that topic: nobody says when it fails; "
+                "add it to a component, or name the topic that one has; did you mean /lrf/range?"
+            ],
+        ),
+        (
+            "0.5",
+            "[/camera/image, /lrf/rnge, /somebody/elses]",
+            (),
+            ["groups.all of recording.yaml records /lrf/rnge, which nobody has: did you mean /lrf/range?"],
+        ),
+        (
+            "0.5",
+            "[/camera/image, /lrf/range]",
+            ("autonomy.checks.check_reply_limit_s=12", "autonomy.checks.check_max_age_s=30"),
+            [
+                "takeoff.load_limit_s (10) is not above checks.check_reply_limit_s (12): the checks are asked again "
+                "while the mission is loaded, and one that takes its time ends the takeoff"
+            ],
+        ),
+    ],
+)
+def test_what_files_do_not_mean_together_is_said(small, limit, group, overrides, expected):
+    (small / "sensors.yaml").write_text((small / "sensors.yaml").read_text() + LRF.replace("LIMIT", limit))
+    recording = (small / "recording.yaml").read_text().replace("[/camera/image]", group)
+    (small / "recording.yaml").write_text(recording)
+    assert contradictions(load_configuration(small, overrides).effective) == expected

@@ -23,6 +23,7 @@ __all__ = [
     "check_order",
     "check_planner",
     "check_recording",
+    "contradictions",
     "unrecorded_topics",
     "waits",
 ]
@@ -159,6 +160,75 @@ def unrecorded_topics(sensors: Mapping[str, Any], recording: Mapping[str, Any]) 
     ]
 
 
+_STATE_TOPICS = ("topic", "imu_topic")
+_MOST_PERIODS = 100
+_ALIKE = 0.85
+
+
+def contradictions(effective: Mapping[str, Any]) -> List[str]:
+    """Return a line for what each file may say and all of them together do not mean, with what to write.
+
+    None of it is certain to be a mistake, so that none refuses the configuration.
+    """
+    sensors, recording = effective["sensors"], effective["recording"]
+    topics = {
+        topic: (f"components.{name}", values)
+        for name, component in sensors["components"].items()
+        for topic, values in component["topics"].items()
+    }
+    return [
+        *_never_silent(topics),
+        *_blind_landing(sensors, topics),
+        *_misspelled(sensors, recording, topics),
+        *_loaded_too_soon(effective["autonomy"]),
+    ]
+
+
+def _never_silent(topics: Mapping[str, Tuple[str, Any]]) -> Iterator[str]:
+    for topic, (component, values) in topics.items():
+        periods = values["age_limit_s"] * values["rate_hz"]
+        if periods > _MOST_PERIODS:
+            yield (
+                f"{component}: {topic} may be silent for {values['age_limit_s']:g} s, {periods:.0f} periods of its "
+                f"{values['rate_hz']:g} Hz, before it has failed: is age_limit_s what you mean?"
+            )
+
+
+def _blind_landing(sensors: Mapping[str, Any], topics: Mapping[str, Any]) -> Iterator[str]:
+    topic = sensors["landing_detection"]["topic"]
+    if topic not in topics:
+        yield (
+            f"landing_detection.topic is {topic}, and no component has that topic: nobody says when it fails; add it "
+            f"to a component, or name the topic that one has{_meant(topic, topics)}"
+        )
+
+
+def _misspelled(sensors: Mapping[str, Any], recording: Mapping[str, Any], topics: Iterable[str]) -> Iterator[str]:
+    checked = {sensors["landing_detection"]["topic"], *(sensors["state_estimation"][key] for key in _STATE_TOPICS)}
+    known = {*topics, *checked} - {""}
+    groups = recording["groups"]
+    lost = [topic for topic in sorted(known) if not any(_records(group, topic) for group in groups.values())]
+    for name, group in groups.items():
+        for topic in group["topics"]:
+            close = [] if topic in known else difflib.get_close_matches(topic, lost, n=1, cutoff=_ALIKE)
+            if close:
+                yield f"groups.{name} of recording.yaml records {topic}, which nobody has: did you mean {close[0]}?"
+
+
+def _loaded_too_soon(autonomy: Mapping[str, Any]) -> Iterator[str]:
+    limit_s, reply_s = autonomy["takeoff"]["load_limit_s"], autonomy["checks"]["check_reply_limit_s"]
+    if limit_s <= reply_s:
+        yield (
+            f"takeoff.load_limit_s ({limit_s:g}) is not above checks.check_reply_limit_s ({reply_s:g}): the checks are "
+            "asked again while the mission is loaded, and one that takes its time ends the takeoff"
+        )
+
+
+def _meant(topic: str, topics: Iterable[str]) -> str:
+    close = difflib.get_close_matches(topic, list(topics), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
 def _watched(sensors: Mapping[str, Any]) -> Iterator[Tuple[str, str, str]]:
     """Yield topics of sensors.yaml that are meant to be recorded, each once: name, whose it is, and another way out."""
     seen = set()
@@ -167,11 +237,7 @@ def _watched(sensors: Mapping[str, Any]) -> Iterator[Tuple[str, str, str]]:
             seen.add(topic)
             if values["recorded"]:
                 yield topic, f"component {name}", ", or `recorded: false` to the topic in sensors.yaml"
-    for check, key in (
-        ("landing_detection", "topic"),
-        ("state_estimation", "topic"),
-        ("state_estimation", "imu_topic"),
-    ):
+    for check, key in (("landing_detection", "topic"), *(("state_estimation", key) for key in _STATE_TOPICS)):
         topic = sensors[check][key]
         if topic and topic not in seen:
             seen.add(topic)
