@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -134,3 +135,18 @@ def test_a_disk_that_takes_nothing_is_said_and_tried_again(tmp_path, monkeypatch
     assert disk.problem == f"{tmp_path}: cannot be put on the disk (Input/output error)"
     disk.sync()
     assert (disk.problem, disk.count) == ("", 1)
+
+
+def test_what_may_be_removed_of_a_platform_is_what_the_verified_manifest_has_of_it(tmp_path):
+    configuration = load_configuration(config_folder())
+    collection, session = Collection(configuration, {}), tmp_path / "s1_m"
+    session.mkdir()
+    entries = [{"file": "main/a.bag", "sha256": "1"}, {"file": "second/b.bag", "sha256": "2"}]
+    entries.append({"file": "../elsewhere/c.bag", "sha256": "3"})
+    for ok, expected in ((False, [{}, {}, {}]), (True, [{"a.bag": "1"}, {"b.bag": "2"}, {"c.bag": "3"}])):
+        manifest = {"verified": {"ok": ok}, "inputs": entries}
+        (session / "s1_m.manifest.json").write_text(json.dumps(manifest))
+        folders = (session / "main", session / "second", tmp_path / "elsewhere")
+        assert [collection.verified(session, {"folder": str(each)}) for each in folders] == expected
+    (session / "s1_m.manifest.json").unlink()
+    assert collection.verified(session, {"folder": str(session / "main")}) == {}

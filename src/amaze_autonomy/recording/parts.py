@@ -7,7 +7,6 @@ no space for it, the open one is listed as it is: the collector makes it whole.
 
 from __future__ import annotations
 
-import hashlib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set
@@ -19,11 +18,10 @@ from amaze_autonomy.bags.recover import read_undo, recover, recover_in_place, un
 from .errors import TransferError
 from .losses import Numbers, Stream, Written, account, header_numbers, written
 from .programs import LogState, read_line
-from .storage import PARTS, read_json, write_json
+from .storage import PARTS, read_json, sha256_of, write_json
 
 __all__ = ["Part", "check_arrived", "close_parts", "open_bags", "whole_bags"]
 
-_PIECE = 1 << 20
 _RECOVERED = ".recovered.bag"
 Progress = Callable[[int, int], None]
 
@@ -192,15 +190,7 @@ def _entry(path: Path) -> Dict[str, Any]:
     if path.name.endswith(".bag"):
         with Index(path) as index:
             messages = sum(chunk.messages for chunk in index.chunks)
-    return {"file": path.name, "bytes": size, "messages": messages, "sha256": _sha256(path)}
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        for piece in iter(lambda: file.read(_PIECE), b""):
-            digest.update(piece)
-    return digest.hexdigest()
+    return {"file": path.name, "bytes": size, "messages": messages, "sha256": sha256_of(path)}
 
 
 def check_arrived(folder: Path, *, checksums: bool = True) -> Dict[str, Any]:
@@ -218,7 +208,7 @@ def check_arrived(folder: Path, *, checksums: bool = True) -> Dict[str, Any]:
         path = folder / str(entry["file"])
         if not path.is_file():
             raise TransferError(f"{path}: did not arrive; retry, and it is transferred again")
-        if path.stat().st_size != entry["bytes"] or (checksums and _sha256(path) != entry["sha256"]):
+        if path.stat().st_size != entry["bytes"] or (checksums and sha256_of(path) != entry["sha256"]):
             path.replace(path.with_name(f".{path.name}.bad"))
             raise TransferError(f"{path}: is not what was sent, and was put aside; retry, and it is transferred again")
     return content

@@ -10,12 +10,13 @@ FOLDER/SESSION_MISSION/             one per session, on each platform
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import re
 import shutil
 from pathlib import Path
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, Dict, Mapping, Optional, Sequence
 
 from amaze_autonomy.config.recording_schema import Storage, TopicGroup
 from amaze_autonomy.units import GB, MB
@@ -32,6 +33,7 @@ __all__ = [
     "remove_part",
     "reserve_bytes",
     "session_name",
+    "sha256_of",
     "space_of",
     "time_left_s",
     "too_little",
@@ -128,18 +130,41 @@ def time_left_s(space: Optional[Space], rate: float, reserve: int) -> Optional[f
 # --- removal ----------------------------------------------------------------------------------------------------------
 
 
-_NAMES = ("file", "recovered_from", "undo")
+_OF_IT = ("recovered_from", "undo")
+_PIECE = 1 << 20
 _log = logging.getLogger(__name__)
 
 
-def remove_part(folder: Path, recordings: Path) -> None:
-    """Remove what the list of a part names, what that was recovered from, and how to undo that, in the recordings."""
+def sha256_of(path: Path) -> str:
+    """Return the checksum of a file."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        for piece in iter(lambda: file.read(_PIECE), b""):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> None:
+    """Remove what is in the verified recording: the files that the list of a part names, and what they were made of.
+
+    Args:
+        folder: of the part.
+        recordings: the folder of all recordings; nothing is removed outside of it.
+        verified: names of files and their sha256, as the manifest of the verified recording has them. A file that is
+            otherwise, by the list or on the disk, stays.
+    """
     content = read_json(folder / PARTS)
     if content is None or folder.parent.parent != recordings:
         _log.warning("%s is no part of a session here; nothing is removed", folder)
         return
-    names = [str(entry[key]) for entry in content["files"] for key in _NAMES if key in entry]
-    for name in names:
-        path = folder / name
-        if path.parent == folder and path.is_file():
-            path.unlink()
+    for entry in content["files"]:
+        path, proof = folder / str(entry["file"]), verified.get(str(entry["file"]))
+        if path.parent != folder or not path.is_file():
+            continue
+        if not proof or proof != entry.get("sha256") or proof != sha256_of(path):
+            _log.warning("%s is not in the verified recording as it is here: it is kept", path)
+            continue
+        for name in (*(str(entry[key]) for key in _OF_IT if key in entry), path.name):
+            each = folder / name
+            if each.parent == folder and each.is_file():
+                each.unlink()

@@ -17,7 +17,7 @@ from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording import Answer, Collector, Command, RecordingError, Status
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import correction_ns
-from amaze_autonomy.recording.storage import remove_part, session_name, write_json
+from amaze_autonomy.recording.storage import read_json, remove_part, session_name, write_json
 from amaze_autonomy.whole_file import sync_folder
 
 from ...ros.errors import CallError
@@ -102,16 +102,21 @@ class RecorderCollector:
             own = {
                 "start": lambda: self._own.start(session, mission),
                 "stop": lambda: self._own.stop(session),
-                "remove": lambda: self._own.remove(session),
+                "remove": lambda: self._own.remove(session, self._verified(self._own.name)),
             }
             machine.answered(self._own.name, command.verb, session, own[command.verb]())
             return
         self._share.workers.submit(lambda: self._ask_other(machine, command, session, mission))
 
     def _ask_other(self, machine: Collector, command: asked.Ask, session: str, mission: str) -> None:
-        share = self._share
+        share, more = self._share, {}  # type: RecorderShare, Dict[str, Any]
+        if command.verb == "start":
+            more = {"mission_id": mission}
+        elif command.verb == "remove":
+            verified = self._verified(command.platform)
+            more = {"files": list(verified), "sha256": list(verified.values())}
         try:
-            answer = self._links[command.platform].ask(command.verb, session, mission)
+            answer = self._links[command.platform].ask(command.verb, session, **more)
         except CallError as error:
             with share.lock:
                 machine.unanswered(command.platform, str(error))
@@ -119,8 +124,13 @@ class RecorderCollector:
             with share.lock:
                 machine.answered(command.platform, command.verb, session, answer)
             if command.verb == "remove" and answer.accepted:
-                remove_part(share.folder / session_name(session, mission) / command.platform, share.folder)
+                remove_part(share.folder / session_name(session, mission) / command.platform, share.folder, verified)
         share.wake.set()
+
+    def _verified(self, platform: str) -> Dict[str, str]:
+        """Return the files of a platform that are in the verified recording, with their checksums."""
+        folder = self._folder()
+        return self._collection.verified(folder, self._collection.source(folder, self.machine, platform))
 
     def _measure_clock(self, command: asked.MeasureClock) -> None:
         machine = self.machine
@@ -220,7 +230,7 @@ class Collection:
 
     def request(self, folder: Path, collector: Collector) -> Dict[str, Any]:
         """Return what the job shall do that makes one recording of all parts."""
-        sources = [self._source(folder, collector, name) for name, view in collector.views.items() if view.began]
+        sources = [self.source(folder, collector, name) for name, view in collector.views.items() if view.began]
         return {
             "do": "collect",
             "output": str(folder / f"{folder.name}.bag"),
@@ -237,7 +247,17 @@ class Collection:
             },
         }
 
-    def _source(self, folder: Path, collector: Collector, name: str) -> Dict[str, Any]:
+    def verified(self, folder: Path, source: Mapping[str, Any]) -> Dict[str, str]:
+        """Return names and checksums of a source's files, as the manifest of the verified recording has them."""
+        manifest = read_json(folder / f"{folder.name}.manifest.json") or {}
+        if not (manifest.get("verified") or {}).get("ok"):
+            return {}
+        there = Path(source["folder"]).resolve()
+        paths = {(folder / each["file"]).resolve(): str(each["sha256"]) for each in manifest["inputs"]}
+        return {path.name: sha256 for path, sha256 in paths.items() if path.parent == there}
+
+    def source(self, folder: Path, collector: Collector, name: str) -> Dict[str, Any]:
+        """Return what the job is told of a platform's part."""
         view, own = collector.views[name], name == collector.setup.own
         in_place = own or self.transfers[name].by == "here"
         correction = correction_ns(view.offsets.get("start"), view.offsets.get("stop"))

@@ -25,7 +25,7 @@ _PHASES = {int(phase.value): phase for phase in RecordingPhase}
 _SERVICES: Mapping[str, Any] = {
     "start": srv.StartRecording,
     "stop": srv.StopRecording,
-    "remove": srv.StopRecording,
+    "remove": srv.RemovePart,
     "clock": srv.ExchangeClock,
 }
 
@@ -85,15 +85,14 @@ class PlatformLink:
         if status is not None:
             self._heard(self._name, status)
 
-    def ask(self, verb: str, session_id: str, mission_id: str) -> Answer:
-        """Ask for something, waiting for the answer.
+    def ask(self, verb: str, session_id: str, **more: Any) -> Answer:
+        """Ask for something, waiting for the answer; `more` are further fields of the request.
 
         Raises:
             CallError: There was none within the limit.
         """
         client = self._clients[verb]
-        fields = {"session_id": session_id, **({"mission_id": mission_id} if verb == "start" else {})}
-        request = _SERVICES[verb]._request_class(**fields)
+        request = _SERVICES[verb]._request_class(session_id=session_id, **more)
         response = client.call(client.serialize(request), time.monotonic() + _LIMIT_S)
         return Answer(bool(response.accepted), str(response.message))
 

@@ -3,7 +3,7 @@
 On every platform, PLATFORM being its name in recording.yaml:
 
     PLATFORM/data_recorder/start    StartRecording, PLATFORM/data_recorder/stop    StopRecording: answered at once
-    PLATFORM/data_recorder/remove   StopRecording: removes its part, where the configuration permits it
+    PLATFORM/data_recorder/remove   RemovePart: removes files of its part by their sha256, where that is configured
     PLATFORM/data_recorder/clock    ExchangeClock
     PLATFORM/data_recorder/status   RecordingStatus of this platform, 2 Hz and at once on a change
     /diagnostics                    diagnostic_msgs/DiagnosticArray, 1 Hz

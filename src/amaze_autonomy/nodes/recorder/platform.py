@@ -57,7 +57,7 @@ class RecorderPlatform:
         own, serve = f"{self.name}/data_recorder", self._share.serve
         serve(f"{own}/start", srv.StartRecording, lambda it: self.start(it.session_id, it.mission_id))
         serve(f"{own}/stop", srv.StopRecording, lambda it: self.stop(it.session_id))
-        serve(f"{own}/remove", srv.StopRecording, lambda it: self.remove(it.session_id))
+        serve(f"{own}/remove", srv.RemovePart, lambda it: self.remove(it.session_id, dict(zip(it.files, it.sha256))))
         self._share.services.append(rospy.Service(f"{own}/clock", srv.ExchangeClock, self._exchange))
 
     def _exchange(self, _request: Any) -> Any:
@@ -88,14 +88,14 @@ class RecorderPlatform:
         with self._share.lock:
             return self.machine.stop(self._share.now_ns(), session_id)
 
-    def remove(self, session_id: str) -> Answer:
-        """Remove the part; only the collector asks for it, when the complete recording is verified."""
+    def remove(self, session_id: str, verified: Mapping[str, str]) -> Answer:
+        """Remove the files of the part whose checksums are in the verified recording; the collector knows them."""
         share = self._share
         with share.lock:
             answer = self.machine.may_remove(session_id, keep=share.configuration.recording.keep_parts)
             location = Path(self.machine.location)
         if answer.accepted:
-            share.workers.submit(lambda: remove_part(location, share.folder))
+            share.workers.submit(lambda: remove_part(location, share.folder, verified))
         return answer
 
     # --- the work; on the working thread --------------------------------------------------------------------------
