@@ -9,7 +9,7 @@ recording is taken for a motion. Everything of that is scripted, and marked so.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Optional
+from typing import Any, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.events import AutopilotStatus, Landed, VehicleLanded
 from amaze_autonomy.monitoring.landing import LandingDetector
@@ -21,11 +21,24 @@ from .plan import Plan
 from .sources import Recordings
 from .statuses import EVENT_OF
 
-__all__ = ["Beginning", "Lead", "beginning_of", "lead_of", "selected_ns"]
+__all__ = [
+    "ARMING_LEAD_NS",
+    "Beginning",
+    "Flight",
+    "Lead",
+    "armings",
+    "beginning_of",
+    "flights_of",
+    "lead_of",
+    "part_of",
+    "selected_ns",
+]
 
 _S = 1_000_000_000
 _LOOK_NS = 2 * _S
 _CRUISE_M = 2.0
+_BEFORE_NS, _AFTER_NS = 15 * _S, 5 * _S
+ARMING_LEAD_NS = 9 * _S // 2  # from the selection to the takeoff command, with the shipped recording lead
 _ON_GROUND = (VehicleLanded.ON_GROUND,)
 
 
@@ -94,6 +107,61 @@ def beginning_of(plan: Plan, recordings: Recordings) -> Beginning:
     if begins == "auto" or (begins == "air") == said.airborne:
         return said
     return Beginning(said.t_ns, begins == "air", said.height_m, f"the map says so, {said.reason}", said.armed)
+
+
+class Flight(NamedTuple):
+    """One arming of a recording.
+
+    Args:
+        armed_ns: of the first word that says armed.
+        disarmed_ns: of the first that says disarmed again; the recording's end, where none does.
+    """
+
+    armed_ns: int
+    disarmed_ns: int
+
+    def words(self, start_ns: int) -> str:
+        """Return its times in seconds from a beginning."""
+        begin_s, end_s = ((t_ns - start_ns) / _S for t_ns in self)
+        return f"{begin_s:+.1f} s to {end_s:+.1f} s"
+
+
+def flights_of(plan: Plan, recordings: Recordings) -> Tuple[Flight, ...]:
+    """Return every arming that a recording tells of."""
+    return armings(_Look(plan, recordings, whole=True).motors(), recordings.end_ns)
+
+
+def armings(motors: Iterable[Tuple[int, bool]], end_ns: int) -> Tuple[Flight, ...]:
+    """Return the armings out of whether the motors were armed at some times."""
+    found: List[Flight] = []
+    armed_ns: Optional[int] = None
+    for t_ns, armed in motors:
+        if armed and armed_ns is None:
+            armed_ns = t_ns
+        elif not armed and armed_ns is not None:
+            found.append(Flight(armed_ns, t_ns))
+            armed_ns = None
+    return (*found, *([] if armed_ns is None else [Flight(armed_ns, end_ns)]))
+
+
+def part_of(flights: Sequence[Flight], number: int, recordings: Recordings) -> Tuple[int, int]:
+    """Return where the part of a flight begins and ends, from the start of the recording, in ns.
+
+    Args:
+        flights: of the recording.
+        number: of the one, from 1.
+        recordings: open.
+
+    Raises:
+        ReplayError: There is no such flight.
+    """
+    if not 1 <= number <= len(flights):
+        raise ReplayError(f"there is no flight {number}: the recording tells of {len(flights)} armings")
+    start_ns, flight = recordings.start_ns, flights[number - 1]
+    earliest_ns = flights[number - 2].disarmed_ns if number > 1 else start_ns
+    latest_ns = flights[number].armed_ns if number < len(flights) else recordings.end_ns
+    begin_ns = max(earliest_ns + 1, flight.armed_ns - _BEFORE_NS, start_ns)
+    return begin_ns - start_ns, min(latest_ns - 1, flight.disarmed_ns + _AFTER_NS) - start_ns
 
 
 def selected_ns(plan: Plan, recordings: Recordings) -> int:
@@ -170,16 +238,21 @@ class _Look:
 
     def armed_ns(self) -> Optional[int]:
         """Return the last word before the motors are first armed; None: they never are, or nothing tells."""
+        before_ns: Optional[int] = None
+        for t_ns, armed in self.motors():
+            if armed:
+                return t_ns if before_ns is None else before_ns
+            before_ns = t_ns
+        return None
+
+    def motors(self) -> Iterator[Tuple[int, bool]]:
+        """Return whether the motors are armed, at each word of it."""
         topic_map = self._plan.topic_map
         reading = topic_map.readings.get("armed")
         topic = topic_map.statuses.get("autopilot") or ("" if reading is None else reading.topic)
         get = getter("armed" if reading is None or "autopilot" in topic_map.statuses else reading.fields["armed"])
-        before_ns: Optional[int] = None
         for t_ns, message in self._samples(topic):
-            if get(message):
-                return t_ns if before_ns is None else before_ns
-            before_ns = t_ns
-        return None
+            yield t_ns, bool(get(message))
 
     def _ground(self) -> Any:
         """Return what the landing detection says after the first seconds, and the first distance."""

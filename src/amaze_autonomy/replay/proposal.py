@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Seque
 
 import numpy as np
 
+from .beginning import ARMING_LEAD_NS
 from .errors import FieldError, NoMessagesError
 from .fields import getter, number, quaternion
 from .sources import recordings_of
@@ -21,7 +22,6 @@ __all__ = ["Proposal", "propose"]
 
 _S = 1_000_000_000
 _G = 9.80665
-_ARMING_LEAD_S = 4.5  # from the selection to the takeoff command, with the shipped recording lead
 _LATE_S, _ARMED_BEFORE_S = 3.0, 1.0
 _NEAR_MM, _MOUNTED_M, _ALOFT_M, _RISE_M = 300.0, 0.6, 0.5, 0.3
 
@@ -383,7 +383,7 @@ class _Maker:
         if self.armed_s is None or self.armed_s <= 0.0:
             begins = ["script: {begins: air}"] if self.in_the_air else []
             return begins or [f"script: {{select_at_s: {begun_s + _LATE_S:.1f}}}  # when every sensor has begun"]
-        select_s, late_s = round(self.armed_s - _ARMING_LEAD_S, 1), max(_LATE_S, begun_s + 0.1)
+        select_s, late_s = round(self.armed_s - ARMING_LEAD_NS / _S, 1), max(_LATE_S, begun_s + 0.1)
         late = f", sensors_until_s: {late_s:.1f}" if select_s < late_s else ""
         words = "# So that the takeoff has been commanded when it is armed, or lifts off."
         return [words, f"script: {{select_at_s: {select_s}{late}}}"]

@@ -57,6 +57,9 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
     for name, (source, rows) in outcome.checks.items():
         lines.append(f"  {name.value:<{_WIDE}} {source.words}")
         lines += [f"    {row.verdict.value:<8} {row_words(row)}" for row in rows]
+    if len(outcome.flights) > 1:
+        lines.append(f"{len(outcome.flights)} flights; --flight N judges one by itself, --flights each:")
+        lines += [f"  {n}, armed {each.words(outcome.start_ns)}" for n, each in enumerate(outcome.flights, 1)]
     if outcome.scripted:
         lines.append(f"Scripted all along: {', '.join(outcome.scripted)}.")
     lines += _compared_lines(outcome) + _flown_lines(outcome)
@@ -129,6 +132,10 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "end_ns": outcome.end_ns,
         "begins": _begins(outcome),
         "scripted": list(outcome.scripted),
+        "flights": [
+            {"armed_s": _seconds(each.armed_ns, outcome), "disarmed_s": _seconds(each.disarmed_ns, outcome)}
+            for each in outcome.flights
+        ],
         "counterfactual_from_s": _seconds(outcome.counterfactual_ns, outcome),
         "missed_command": missed,
         "topics": [_topic(figures, outcome) for figures in recordings.figures()],

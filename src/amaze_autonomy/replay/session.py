@@ -39,7 +39,7 @@ from amaze_autonomy.engine.timers import next_deadline
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
 from .agenda import Agenda, Rank
-from .beginning import Beginning, Lead, beginning_of, lead_of, selected_ns
+from .beginning import Beginning, Flight, Lead, armings, beginning_of, lead_of, selected_ns
 from .changed_keys import Change, ChangedKeys, Unread, recorded_facts
 from .faults.story import Story
 from .journals import FlightLog, read_log
@@ -85,6 +85,7 @@ class Outcome:
         unread: changed keys of the configuration that nothing looked at.
         beginning: of the recording: on the ground, or in the air.
         scripted: what of the vehicle and its nodes the recording never tells.
+        flights: armings that it tells of.
     """
 
     journal: Tuple[str, ...]
@@ -103,6 +104,7 @@ class Outcome:
     unread: Tuple[Unread, ...] = ()
     beginning: Optional[Beginning] = None
     scripted: Tuple[str, ...] = ()
+    flights: Tuple[Flight, ...] = ()
 
 
 class Session:
@@ -434,6 +436,7 @@ class Session:
             disagreements=tuple(self._world.recorded.disagreements),
             unread=self._unread(),
             beginning=self._at_first,
+            flights=armings(self._world.motors, end_ns),
             scripted=tuple(name for name in _SCRIPTED if name not in self._facts()),
         )
 

@@ -106,6 +106,7 @@ class World:
         self.state = EngineState()
         self.flown = False
         self.failed: Set[str] = set()
+        self.motors: List[Tuple[int, bool]] = []
         self._vehicle, self._planner, self._recorder = Vehicle(lead), Planner(), Recorder()
         self._statuses: Dict[str, str] = {topic: name for name, topic in plan.topic_map.statuses.items()}
         self._heard: Dict[str, Event] = {}
@@ -247,6 +248,8 @@ class World:
             self._notes.landed(event.landed, event.reason, t_ns, Source.BAG)
         elif isinstance(event, AutopilotStatus) and "mission_planner" not in self._plan.topic_map.statuses:
             self._planner.follow(vars(event), self._plan.rules.limits.takeoff_height_m)
+        if isinstance(event, AutopilotStatus) and event.armed is not None:
+            self.motors.append((t_ns, event.armed))
         self._tell(event, Source.BAG)
         self._observe(t_ns)
 
@@ -377,6 +380,8 @@ class World:
         if told.keys() >= _MOTION:
             source = Source.BAG
         self._contradict(t_ns, told)
+        if told.get("armed") is not None:
+            self.motors.append((t_ns, told["armed"]))
         facts = self._vehicle.facts(t_ns, told)
         facts.update({"mode": told["mode"]} if "mode" in told else {})
         if "battery_fraction" not in told:

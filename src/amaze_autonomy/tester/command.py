@@ -13,8 +13,9 @@ import gc
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Sequence
+from typing import List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.errors import MessageError
@@ -26,13 +27,15 @@ from amaze_autonomy.paths import config_folder
 from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import JournalError
+from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
 from ..replay.changed_keys import changes_of
 from ..replay.compare import Comparison, compare
 from ..replay.errors import ReplayError
+from ..replay.faults.stream import FaultedRecordings
 from ..replay.journal_laws import Lawful, check_laws, law_lines, laws_result
 from ..replay.journals import read_journals
 from ..replay.plan import Plan, make_plan
-from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text
+from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text, verdict
 from ..replay.session import Outcome, Session
 from ..replay.sources import Recordings, topics_of
 from ..replay.terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
@@ -84,12 +87,23 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     )
     run.add_argument("--map", metavar="MAP", help="topic map: name or YAML file; default: the one named as the bag")
     run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: its first")
+    run.add_argument("--flight", type=int, metavar="N", help="judge the N-th arming by itself, from 1")
+    run.add_argument("--flights", action="store_true", help="judge every arming by itself, a line for each")
+    run.add_argument("--from", type=_seconds, dest="from_s", metavar="S", help="begin there, from the first message")
+    run.add_argument("--to", type=_seconds, dest="to_s", metavar="S", help="end there")
     run.add_argument("--mute", action="append", default=[], metavar="TOPIC", help="leave a topic out; repeatable")
     _add_configuration(run, "default: the one that ships with the package")
     add_tapes(run)
     run.add_argument("--out", type=Path, metavar="DIR", help="folder for journal.jsonl, timeline.txt and result.json")
     run.add_argument("--json", action="store_true", help="print result.json instead of the timeline")
     run.set_defaults(command=_run)
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is no time within a recording")
+    return value
 
 
 def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -159,16 +173,52 @@ def _run(options: argparse.Namespace) -> int:
         lambda each: make_plan(each, topic_map, mission_id, recorded),
     )
     with Recordings(options.bags, plan.topics, options.mute) as recordings:
+        if options.flights:
+            show_lines(_each_flight(plan, recordings))
+            return PARTIAL if recordings.damage else DONE
+        plan, part = _part(options, plan, recordings)
         with progress_bar("replaying") as progress:
-            outcome = Session(plan, recordings, changes=changes).run(progress)
-        _write(options.out, plan, recordings, outcome)
+            outcome = Session(plan, part, changes=changes).run(progress)
+        _write(options.out, plan, part, outcome)
         if options.json:
-            show_lines([json.dumps(replay_result(plan, recordings, outcome), indent=1)])
+            show_lines([json.dumps(replay_result(plan, part, outcome), indent=1)])
         else:
             show_timeline(outcome)
-            show_lines(footer_lines(plan, recordings, outcome))
+            show_lines(footer_lines(plan, part, outcome))
     _say_speed(outcome, time.monotonic() - began)
     return PARTIAL if recordings.damage else VACUOUS if outcome.unread else DONE
+
+
+def _part(options: argparse.Namespace, plan: Plan, recordings: Recordings) -> Tuple[Plan, Recordings]:
+    """Return the part of a recording that was asked for, and the plan for it."""
+    if options.flight is None and options.from_s is None and options.to_s is None:
+        return plan, recordings
+    if options.flight is not None:
+        bounds = part_of(flights_of(plan, recordings), options.flight, recordings)
+        return _by_arming(plan), FaultedRecordings(recordings, *bounds)
+    end_ns = None if options.to_s is None else round(options.to_s * 1e9)
+    part = FaultedRecordings(recordings, round((options.from_s or 0.0) * 1e9), end_ns)
+    if not part.samples:
+        raise ReplayError("there is no message between --from and --to")
+    return plan, part
+
+
+def _by_arming(plan: Plan) -> Plan:
+    """Return a plan that selects the mission in time before the arming of its part, which has times of its own."""
+    script = plan.topic_map.script
+    before_ns = script.before_arming_ns or ARMING_LEAD_NS
+    return replace(plan, topic_map=replace(plan.topic_map, script=replace(script, before_arming_ns=before_ns)))
+
+
+def _each_flight(plan: Plan, recordings: Recordings) -> List[str]:
+    """Judge each flight by itself; return a line for each."""
+    lines: List[str] = []
+    flights = flights_of(plan, recordings)
+    for number, flight in enumerate(flights, 1):
+        part = FaultedRecordings(recordings, *part_of(flights, number, recordings))
+        outcome = Session(_by_arming(plan), part).run()
+        lines.append(f"flight {number}, armed {flight.words(recordings.start_ns)}: {verdict(outcome)}")
+    return lines or ["the recording tells of no arming"]
 
 
 def _map(name: Optional[str], bags: List[Path]) -> TopicMap:

@@ -1,0 +1,82 @@
+"""Every flight of a recording is judged by itself, and a part of it from where it begins."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from replay_bags import S, flight_rows, write_bag
+from replay_runs import recording
+
+from amaze_autonomy.tester.command import main
+
+LATER_S = 60
+
+
+@pytest.fixture
+def two(tmp_path, flight_map):
+    """A recording of two flights, the second a minute after the first; what runs it by its map."""
+    again = flight_rows(silent={"/imu": (20.0, 20.6)})
+    rows = flight_rows() + [(t_ns + LATER_S * S, topic, message) for t_ns, topic, message in again]
+    return ["run", str(write_bag(tmp_path / "two.bag", rows)), "--map", flight_map]
+
+
+def verdict(capsys):
+    return capsys.readouterr().out.splitlines()[-1]
+
+
+def test_both_are_named_and_the_whole_is_judged_as_one_recording(two, capsys):
+    assert main(two) == 0
+    lines = capsys.readouterr().out.splitlines()
+    place = lines.index("2 flights; --flight N judges one by itself, --flights each:")
+    assert [line[:16] for line in lines[place + 1 : place + 3]] == ["  1, armed +7.6 ", "  2, armed +67.6"]
+    assert main([*two, "--json"]) == 0
+    flights = json.loads(capsys.readouterr().out)["flights"]
+    assert [round(each["armed_s"]) for each in flights] == [8, 68]
+
+
+def test_each_is_judged_by_itself(two, capsys):
+    assert main([*two, "--flight", "1"]) == 0
+    assert "ends in MISSION_ENDED (COMPLETE)" in verdict(capsys)
+    assert main([*two, "--flight", "2"]) == 0
+    assert "the recorded vehicle did not do what was commanded then (LAND)" in verdict(capsys)
+    assert main([*two, "--flights"]) == 0
+    one, other = capsys.readouterr().out.splitlines()
+    assert one.startswith("flight 1, armed +7.6 s to +31.5 s: ends in MISSION_ENDED (COMPLETE) after ")
+    assert other.startswith("flight 2, armed +67.6 s to +91.5 s: ends in ")
+    assert "did not do what was commanded then (LAND)" in other
+
+
+def test_a_part_in_the_middle_of_a_flight_begins_in_the_air(two, capsys):
+    assert main([*two, "--from", "15", "--to", "34"]) == 0
+    out = capsys.readouterr().out
+    assert "the recording begins in the air at 3.0 m (landed is IN_AIR)" in out
+    assert out.splitlines()[-1].startswith("Map flight, mission 1: ends in MISSION_ENDED (COMPLETE)")
+
+
+@pytest.mark.parametrize(
+    "words,wrong",
+    [
+        (["--flight", "3"], "there is no flight 3: the recording tells of 2 armings"),
+        (["--flight", "0"], "there is no flight 0: the recording tells of 2 armings"),
+        (["--from", "40", "--to", "45"], "there is no message between --from and --to"),
+    ],
+)
+def test_what_is_not_there_is_one_clear_error(two, capsys, words, wrong):
+    assert main([*two, *words]) == 2
+    assert capsys.readouterr().err == f"amaze-replay: {wrong}\n"
+
+
+def test_the_real_log_of_an_arducopter_holds_seven_flights(capsys):
+    assert main(["run", str(recording("copter_low_battery.tlog")), "--flights"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in lines] == [
+        "flight 1, armed +462.0 s to +574.7 s",
+        "flight 2, armed +591.8 s to +734.7 s",
+        "flight 3, armed +771.1 s to +776.4 s",
+        "flight 4, armed +780.4 s to +785.2 s",
+        "flight 5, armed +793.4 s to +856.9 s",
+        "flight 6, armed +923.2 s to +952.2 s",
+        "flight 7, armed +966.3 s to +1037.7 s",
+    ]
+    assert all("PILOT" in line for line in lines)
