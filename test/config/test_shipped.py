@@ -9,10 +9,13 @@ import yaml
 
 from amaze_autonomy import paths
 from amaze_autonomy.config import FILES, Streams, load_configuration
+from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
 from amaze_autonomy.config.kinds import unit_words
 from amaze_autonomy.config.schema import Group
 from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.engine.state import Result
 from amaze_autonomy.monitoring.specs import BatterySpec, LandingSpec, PollingSpec, StateEstimationSpec
+from amaze_autonomy.simulation.run import run
 
 FOLDER = paths.config_folder()
 
@@ -150,3 +153,14 @@ def test_the_comments_in_the_files_say_what_the_schema_says(file, name):
 def test_every_vehicle_that_ships_can_be_flown(path):
     told = yaml.safe_load(path.read_text())
     assert load_configuration(FOLDER, [f"vehicle={path.stem}"]).battery.cells == told["sensors.battery.cells"]
+
+
+def test_the_sample_for_a_stack_over_mavros_is_whole_and_flies():
+    configuration = load_configuration(FOLDER / "mavros")
+    effective = configuration.effective
+    assert [*contradictions(effective), *unrecorded_topics(effective["sensors"], effective["recording"])] == []
+    assert configuration.autopilot.backend == "mavros"
+    topics = {topic.topic for component in configuration.components for topic in component.topics}
+    assert {topic.split("/")[1] for topic in topics} == {"mavros"}
+    result = run(configuration, configuration.missions)
+    assert [each[:2] for each in result.results] == [("1", Result.COMPLETE)]

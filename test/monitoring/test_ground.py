@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from monitoring_feed import S
 
 from amaze_autonomy.monitoring.landing import GroundDistance, nearest_return, seen_m
-from amaze_autonomy.monitoring.specs import LandingSpec
+from amaze_autonomy.monitoring.specs import LandingSpec, RangeSource
 
 SPEC = LandingSpec(mounting_height_m=0.1, max_range_m=40.0)
 MILLIMETRES = LandingSpec(scale=0.001)
@@ -138,3 +138,11 @@ def test_no_number_breaks_it(calls: List[tuple]):
         ground.add(t_ns, seen_m(reading, SPEC, low, high))
         distance_m = ground.distance_m()
         assert distance_m is None or -0.1 <= distance_m < 40.0
+
+
+@pytest.mark.parametrize(
+    "reading, seen", [(0.0, 0.0), (0.01, 0.01), (-0.3, -0.3), (-0.4, -0.4), (-0.41, None), (-30.0, None), (5.0, 5.0)]
+)
+def test_a_height_may_be_a_little_below_the_ground_and_not_far(reading: float, seen: Optional[float]):
+    spec = LandingSpec(source=RangeSource.POSE, mounting_height_m=0.0, ground_distance_m=0.4, airborne_distance_m=0.7)
+    assert seen_m(reading, spec) == seen

@@ -174,7 +174,7 @@ _LANDING_ROWS: Tuple[Row, ...] = (
     ("source", Choice(tuple(source.value for source in RangeSource)), "kind of message: sensor_msgs/Range, sensor_msgs/LaserScan, std_msgs/Float32, geometry_msgs/PoseStamped", ""),
     ("scale", Number(above=0.0, maximum=1000.0), "metres per unit of the message", "0.001 for millimetres"),
     ("mounting_height_m", Number(minimum=-10.0, maximum=10.0), "from the feet up to the sensor", "what it measures on the ground"),
-    ("min_range_m", Number(minimum=0.0, maximum=100.0), "readings below are nothing seen, when the message does not say it", "blind zone of the sensor"),
+    ("min_range_m", Number(minimum=0.0, maximum=100.0), "readings below are nothing seen, when the message does not say it; a height (pose) has no such", "blind zone of the sensor"),
     ("max_range_m", Number(above=0.0, maximum=1000.0), "readings from here on are nothing seen, when the message does not say it", "reach of the sensor"),
     ("sentinels", ListOf(Number(), "numbers"), "readings, in units of the message, that mean nothing seen", "what drivers send instead of infinity"),
     ("tilt_correction", Flag(), "the beam is fixed to the vehicle: multiply by the cosine of the tilt", ""),

@@ -46,10 +46,10 @@ def seen_m(
         min_range_m: what the message itself says, in metres; None, NaN or nonsense: the specification's.
         max_range_m: likewise.
     """
-    if not isfinite(reading) or reading < 0 or reading in spec.sentinels:
+    if not isfinite(reading) or reading * spec.scale < min(0.0, spec.least_m) or reading in spec.sentinels:
         return None
     distance_m = reading * spec.scale
-    least = spec.min_range_m if min_range_m is None or not 0 < min_range_m < spec.max_range_m else min_range_m
+    least = spec.least_m if min_range_m is None or not 0 < min_range_m < spec.max_range_m else min_range_m
     most = spec.max_range_m if max_range_m is None or not least < max_range_m < spec.max_range_m else max_range_m
     return distance_m if least <= distance_m < most else None
 

@@ -100,7 +100,7 @@ class LandingSpec(Checked):
         source: kind of message.
         scale: metres per unit of the message, e.g. 0.001 for millimetres.
         mounting_height_m: from the feet up to the sensor: what it measures when the vehicle stands on the ground.
-        min_range_m: readings below are "nothing seen", when the message does not say it itself.
+        min_range_m: readings below are "nothing seen", when the message does not say it itself; not for a pose.
         max_range_m: readings at or above are "nothing seen", when the message does not say it itself.
         sentinels: readings, in units of the message, that mean "nothing seen".
         tilt_correction: the beam is fixed to the vehicle; its reading is multiplied by the cosine of the tilt.
@@ -149,6 +149,11 @@ class LandingSpec(Checked):
         self._above_zero("ground_distance_m", "airborne_distance_m", "max_vertical_speed_m_s")
         apart = self.airborne_distance_m > self.ground_distance_m
         self._need("airborne_distance_m", apart, "above ground_distance_m")
+
+    @property
+    def least_m(self) -> float:
+        """Lowest reading that is one: a height has no blind zone, and may be a little below the ground."""
+        return -self.ground_distance_m if self.source is RangeSource.POSE else self.min_range_m
 
 
 @dataclass(frozen=True)

@@ -54,9 +54,9 @@ def _heights(track: Track, spec: LandingSpec) -> Tuple[Any, Any]:
     reading, least, most = (column.astype(float) for column in track.columns)
     with np.errstate(all="ignore"):
         distance = reading * spec.scale
-        least = np.where((least > 0) & (least < spec.max_range_m), least, spec.min_range_m)
+        least = np.where((least > 0) & (least < spec.max_range_m), least, spec.least_m)
         most = np.where((least < most) & (most < spec.max_range_m), most, spec.max_range_m)
-        seen = np.isfinite(reading) & (reading >= 0) & ~np.isin(reading, spec.sentinels)
+        seen = np.isfinite(reading) & (distance >= min(0.0, spec.least_m)) & ~np.isin(reading, spec.sentinels)
         return distance - spec.mounting_height_m, seen & (least <= distance) & (distance < most)
 
 
