@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ pytest.importorskip("rospy")
 from amaze_autonomy import msg
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.nodes.autonomy.run_folder import create, register, registered
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection
 from amaze_autonomy.nodes.recorder.links import read_status
@@ -150,3 +152,40 @@ def test_what_may_be_removed_of_a_platform_is_what_the_verified_manifest_has_of_
         assert [collection.verified(session, {"folder": str(each)}) for each in folders] == expected
     (session / "s1_m.manifest.json").unlink()
     assert collection.verified(session, {"folder": str(session / "main")}) == {}
+
+
+@pytest.fixture
+def ros_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros_home"))
+    return tmp_path / "ros_home"
+
+
+@pytest.mark.usefixtures("ros_home")
+def test_the_journal_of_a_session_is_found_by_its_label_and_copied(tmp_path):
+    run, session = tmp_path / "run", tmp_path / "s1_m"
+    run.mkdir()
+    session.mkdir()
+    journal = create(run, '{"kind":"header","version":1}')
+    register("20261121T041730", journal.path)
+    collection = Collection(load_configuration(config_folder()), {})
+    collection.copy_journal(session, "20261121T041730-002", again=True)
+    assert (session / "journal.jsonl").read_bytes() == journal.path.read_bytes()
+    assert registered("20261121T041731-001") is None
+    journal.close()
+
+
+def test_no_other_file_is_copied_into_a_session_whoever_names_it(tmp_path, ros_home):
+    secret, fifo = tmp_path / "shadow", tmp_path / "journal.jsonl"
+    secret.write_text("root:$6$secret")
+    os.mkfifo(fifo)
+    for path in (secret, fifo, tmp_path, tmp_path / "nothing"):
+        register("a", path)
+        assert registered("a-001") is None, path
+    disguised = tmp_path / "other"
+    disguised.mkdir()
+    (disguised / "journal.jsonl").write_text("root:$6$secret\n")
+    register("a", disguised / "journal.jsonl")
+    assert registered("a-001") is None, "it is no journal"
+    for session in ("", "a", "../a-001", "journals/a-001", ".-001"):
+        assert registered(session) is None
+    assert [path.name for path in (ros_home / "amaze_autonomy" / "journals").iterdir()] == ["a"]

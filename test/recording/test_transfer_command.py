@@ -1,6 +1,10 @@
 """The command line of rsync, which never sees a shell, and what its output says."""
 
+import os
+import subprocess
 from pathlib import Path
+
+import pytest
 
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.recording.programs import problem_of, progress_of, transfer_command
@@ -15,9 +19,25 @@ def test_over_ssh_with_limits_and_without_a_shell_or_a_question():
         "rsync", "--times", "--partial-dir=.partial", "--info=progress2", "--no-human-readable", "--timeout=6",
         "--protect-args", "--files-from=/here/.wanted", "--bwlimit=10m", "--rsh",
         "ssh -p 2222 -oBatchMode=yes -oConnectTimeout=6 -oServerAliveInterval=2 -oServerAliveCountMax=3 "
-        '-oClearAllForwardings=yes -oIdentitiesOnly=yes -i "/keys/my key"',
+        "-oClearAllForwardings=yes -oIdentitiesOnly=yes -i '/keys/my key'",
         "--", "pilot@second:/rec/a b/", "/here/",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "name", ["my key", "o'neill's key", 'a "b" c', "k' -oProxyCommand=touch${IFS}x '", "a\\b", "''"]
+)
+def test_a_key_file_never_breaks_out_of_its_word(tmp_path, name):
+    """rsync itself splits the words; what it starts in place of ssh writes down what it was given."""
+    told, ssh = tmp_path / "told", tmp_path / "bin" / "ssh"
+    ssh.parent.mkdir()
+    ssh.write_text(f'#!/bin/sh\nprintf "%s\\0" "$@" >{told}\nexit 1\n')
+    ssh.chmod(0o755)
+    (tmp_path / "names").write_text("a\n")
+    command = transfer_command(Transfer("rsync", "second", ssh_key=f"/k/{name}"), "/rec", tmp_path, tmp_path / "names")
+    subprocess.run(command, env={"PATH": f"{ssh.parent}:{os.environ['PATH']}"}, capture_output=True, check=False)
+    given = told.read_text().split("\0")
+    assert given[given.index("-i") + 1 :][:2] == [f"/k/{name}", "second"]
 
 
 def test_from_a_mounted_folder():

@@ -433,6 +433,9 @@ class TestRecorder(unittest.TestCase):
             ends = {topic.name.split("/")[2]: topic.last_ns for topic in recording.topics}
         self.assertLess(abs(ends["main"] - ends["second"]), 1_000_000_000, "record times were not corrected")
         self.assertTrue(manifest["verified"]["ok"])
+        made = [Path(status.location), *recorders.storage.rglob("*.json"), *recorders.storage.rglob("*.log")]
+        self.assertEqual({oct(path.stat().st_mode & 0o777) for path in made}, {"0o640"}, made)
+        self.assertEqual(oct(Path(status.location).parent.stat().st_mode & 0o777), "0o750")
         wait_for(lambda: [*recorders.storage.rglob("*.bag")] == [Path(status.location)], "the removal of the parts")
         costs = re.findall(r"main: (put on the disk [1-9].*)", recorders.log())
         self.assertEqual(len(costs), 1, "what it costs is said")

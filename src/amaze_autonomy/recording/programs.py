@@ -123,6 +123,7 @@ def read_line(state: LogState, line: str) -> LogState:
 _PARTIAL = ".partial"
 _SHELL = re.compile(r"^(rsync: |rsync error: )")  # what rsync says when ssh has failed says nothing
 _WORDS = 2
+_PLAIN = re.compile(r"[A-Za-z0-9_@%+=:,./-]+")
 _PERCENT = re.compile(r"\s(\d{1,3})%\s")
 
 
@@ -159,7 +160,12 @@ def _ssh(transfer: Transfer, stall_s: int) -> str:
     words += ["-oServerAliveInterval=2", f"-oServerAliveCountMax={max(1, stall_s // 2)}", "-oClearAllForwardings=yes"]
     if transfer.ssh_key:
         words += ["-oIdentitiesOnly=yes", "-i", str(Path(transfer.ssh_key).expanduser())]
-    return " ".join(f'"{word}"' if " " in word else word for word in words)
+    return " ".join(map(_quoted, words))
+
+
+def _quoted(word: str) -> str:
+    """Return a word as rsync takes it whole: in single quotes, where each of its own is doubled (rsync(1), --rsh)."""
+    return word if _PLAIN.fullmatch(word) else "'" + word.replace("'", "''") + "'"
 
 
 def problem_of(said: str, status: int) -> str:

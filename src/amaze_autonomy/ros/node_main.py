@@ -32,6 +32,7 @@ from .reconnector import Reconnector
 
 __all__ = [
     "END_SIGNALS",
+    "UMASK",
     "Parameters",
     "RunningNode",
     "Startup",
@@ -46,6 +47,7 @@ __all__ = [
 ]
 
 _START_ERROR = 2
+UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640
 _LONGEST_S = 3600.0
 
 
@@ -62,6 +64,7 @@ class RunningNode(Protocol):
 def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> int:
     """Run a node on this thread until it is told to end; return its exit status."""
     survive_a_closed_terminal()
+    os.umask(UMASK)
     rospy.init_node(name, disable_signals=True)
     stopped = threading.Event()
     node: Any = None

@@ -14,6 +14,7 @@ Parameters: `parameters.py`. Exit status: `results.py`.
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -177,7 +178,12 @@ class AutonomyNode:
 
     def _name_journal(self) -> None:
         """Say where the journal is: the recorder copies it into the recording."""
-        rospy.set_param("~journal_file", str(self._journal.path))
+        labels = {self._label, str(self._resumed.header.get("label", "")) if self._resumed is not None else ""}
+        for label in sorted(labels - {""}):
+            try:
+                run_folder.register(label, self._journal.path)
+            except OSError as error:
+                rospy.logwarn("the recorder will not find the journal: %s", error)
 
     def _select(self) -> None:
         """Select the missions of the parameter once all peers are there, or have had the time to come."""
@@ -335,6 +341,7 @@ def _make(stopped: threading.Event) -> AutonomyNode:
 def main() -> int:
     """Run the node; return its exit status."""
     node_main.survive_a_closed_terminal()
+    os.umask(node_main.UMASK)
     rospy.init_node("autonomy", disable_signals=True)
     stopped = threading.Event()
     ends: List[Callable[[str], None]] = [lambda _: stopped.set()]

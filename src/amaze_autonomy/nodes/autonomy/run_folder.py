@@ -5,7 +5,9 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import stat
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -28,11 +30,15 @@ __all__ = [
     "create",
     "find_unfinished",
     "make_folder",
+    "register",
+    "registered",
     "reopen",
     "write_result",
 ]
 
 RESULT_NAME = "result.json"
+_REGISTER = "journals"
+_LONGEST_HEADER = 1 << 20
 REPORT_NAME = "report.txt"
 
 
@@ -104,6 +110,38 @@ def _keep_earlier(folder: Path) -> None:
     earlier = _fresh(folder, "earlier")
     for name in names:
         (folder / name).rename(earlier / name)
+
+
+def register(label: str, path: Path) -> None:
+    """Name a run's journal where only this user can: the recorder finds it by the label of its sessions.
+
+    Raises:
+        OSError: It cannot be named.
+    """
+    link = default_parent() / _REGISTER / label
+    link.parent.mkdir(parents=True, exist_ok=True)
+    half = link.with_name(f".{label}.{os.getpid()}")
+    with suppress(FileNotFoundError):
+        half.unlink()
+    half.symlink_to(path.resolve())
+    half.replace(link)
+
+
+def registered(session_id: str) -> Optional[Path]:
+    """Return the journal of a session's run; None when this user named none, or what is named is no journal of it."""
+    label = session_id.rpartition("-")[0]
+    if not label or "/" in label or label.startswith("."):
+        return None
+    path = Path(os.path.realpath(default_parent() / _REGISTER / label))
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as file:
+            found = os.fstat(descriptor)
+            own = stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and path.name == JOURNAL_NAME
+            header = codec.decode(file.readline(_LONGEST_HEADER).decode()).kind == "header" if own else False
+    except (OSError, UnicodeDecodeError, codec.JournalError):
+        return None
+    return path if header else None
 
 
 def find_unfinished(output: str) -> Optional[Unfinished]:

@@ -21,6 +21,7 @@ from amaze_autonomy.recording.storage import read_json, remove_part, session_nam
 from amaze_autonomy.whole_file import sync_folder
 
 from ...ros.errors import CallError
+from ..autonomy.run_folder import registered
 from .links import PlatformLink
 from .platform import RecorderPlatform, resolved
 from .settings import RecorderShare, collector_setup, transfers
@@ -77,7 +78,9 @@ class RecorderCollector:
         with self._share.lock:
             self.machine.heard_engine(message.header.stamp.to_nsec(), message.session_id, in_flight=message.in_flight)
         if message.state == "MISSION_ENDED" and message.session_id == self.machine.session_id:
-            self._share.workers.submit(lambda: self._collection.copy_journal(self._folder(), again=True))
+            self._share.workers.submit(
+                lambda: self._collection.copy_journal(self._folder(), message.session_id, again=True)
+            )
 
     # --- the work; on the working thread --------------------------------------------------------------------------
 
@@ -179,7 +182,8 @@ class RecorderCollector:
 
     def _copy_journal(self, _command: asked.CopyJournal) -> None:
         folder = self._folder()
-        self._share.workers.submit(lambda: self._collection.copy_journal(folder))
+        session_id = self.machine.session_id
+        self._share.workers.submit(lambda: self._collection.copy_journal(folder, session_id))
 
     # --- memory and end -------------------------------------------------------------------------------------------
 
@@ -204,7 +208,7 @@ class RecorderCollector:
     def close(self) -> None:
         """Copy what the engine wrote until now; forget the others."""
         if self.machine.session_id:
-            self._collection.copy_journal(self._folder(), again=True)
+            self._collection.copy_journal(self._folder(), self.machine.session_id, again=True)
         for link in self._links.values():
             link.close()
 
@@ -269,13 +273,16 @@ class Collection:
             "clock": {when: offset.as_json() for when, offset in sorted(view.offsets.items())},
         }
 
-    def copy_journal(self, folder: Path, *, again: bool = False) -> None:
-        """Copy the engine's journal, as far as it is written, and its configuration into a session."""
-        journal = str(rospy.get_param("~journal", "")) or str(rospy.get_param("autonomy/journal_file", ""))
+    def copy_journal(self, folder: Path, session_id: str, *, again: bool = False) -> None:
+        """Copy the engine's journal, as far as it is written, and its configuration into a session.
+
+        Which file that is no parameter says: others may set those, and would have any file copied.
+        """
         try:
             with self._copying:
-                if journal and Path(journal).is_file():
-                    _copy(Path(journal), folder / _JOURNAL)
+                journal = registered(session_id)
+                if journal is not None:
+                    _copy(journal, folder / _JOURNAL)
                 if not again:
                     self._copy_configuration(folder / "configuration")
         except (OSError, RecordingError) as error:

@@ -19,7 +19,6 @@ Parameters: `node_main.py`, and
     ~platform   its name; empty: the collector
     ~folder     folder of the recordings; empty: the one of recording.yaml
     ~transfer   rsync, shared or here: fetch the others' parts in this way; empty: as recording.yaml says
-    ~journal    the engine's journal; empty: the one that the autonomy node names
 
 A node that was killed goes on where it was: recorders that run are kept, jobs are started again. docs/recording.md.
 """
