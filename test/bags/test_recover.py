@@ -9,6 +9,7 @@ import pytest
 from bag_tools import COMPRESSIONS, bag, chunk_ends, contents, digest, left_over, message_ends, multiset, rows, unclosed
 from replay_bags import write_empty_bag
 
+from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import merge
@@ -286,6 +287,12 @@ def refusal(source):
     [
         (b"", r"is empty; name a ROS 1 bag of version 2\.0"),
         (b"no bag at all", "is no bag"),
+        (b"ULog\x01\x12\x35\x01" + bytes(50), "is no bag but a ULog of PX4; of the same flight, a telemetry log"),
+        (b"\x89MCAP0\r\n" + bytes(50), "is no bag but an MCAP file; rosbags-convert makes a ROS 1 bag of a ROS 2 bag"),
+        (b"SQLite format 3\x00" + bytes(50), "is no bag but an SQLite file, as in a ROS 2 bag; rosbags-convert"),
+        (b"\xa3\x95\x80\x80" + bytes(50), "is no bag but a DataFlash log of ArduPilot"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "is no bag but a pointer of Git LFS, not the file itself"),
+        (b"\x1f\x8b\x08\x00" + bytes(50), "is no bag but compressed with gzip; unpack it first"),
         (b"#ROSBAG V1.2\n" + bytes(5000), r"its version is not 2\.0 \(#ROSBAG V1\.2\); older ones are converted"),
     ],
 )
@@ -295,6 +302,17 @@ def test_what_is_no_bag_is_refused(tmp_path, content, wrong):
     with pytest.raises(BagError, match=wrong):
         recover(source, tmp_path / "y.bag")
     assert not (tmp_path / "y.bag").exists()
+
+
+@pytest.mark.parametrize("begin", [b"ULog\x01\x12\x35\x01", b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"\xa3\x95"])
+def test_reading_says_what_a_file_is_that_is_no_bag(tmp_path, begin):
+    source = tmp_path / "x.bag"
+    source.write_bytes(begin + bytes(200))
+    with pytest.raises(BagError, match=r"is no bag but an? "):
+        Recording(source)
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    with pytest.raises(BagError, match="is the folder of a ROS 2 bag; rosbags-convert makes a ROS 1 bag of it"):
+        Recording(tmp_path)
 
 
 def test_an_encrypted_bag_is_refused(tmp_path):

@@ -54,6 +54,7 @@ __all__ = [
     "connection_record",
     "decompressed",
     "fields_of",
+    "foreign",
     "index_header",
     "index_record_at",
     "message_fields",
@@ -70,6 +71,20 @@ __all__ = [
 
 
 MAGIC = b"#ROSBAG V2.0\n"
+_FOREIGN: Tuple[Tuple[bytes, str], ...] = (
+    (b"ULog\x01\x12\x35", "a ULog of PX4; of the same flight, a telemetry log (.tlog) or a bag can be read"),
+    (b"\xa3\x95", "a DataFlash log of ArduPilot; of the same flight, a telemetry log (.tlog) or a bag can be read"),
+    (b"\x89MCAP0\r\n", "an MCAP file; rosbags-convert makes a ROS 1 bag of a ROS 2 bag with it"),
+    (b"SQLite format 3\x00", "an SQLite file, as in a ROS 2 bag; rosbags-convert makes a ROS 1 bag of that"),
+    (b"version https://git-lfs", "a pointer of Git LFS, not the file itself; git lfs pull fetches that"),
+    (b"\x1f\x8b", "compressed with gzip; unpack it first"),
+    (b"BZh", "compressed with bzip2; unpack it first"),
+    (b"\xfd7zXZ\x00", "compressed with xz; unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "compressed with zstd; unpack it first"),
+    (b"PK\x03\x04", "a zip archive; unpack it first"),
+    (b"<!DOCTYPE", "a web page; the download has not given the file"),
+    (b"<html", "a web page; the download has not given the file"),
+)
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 FIRST_RECORD = 4117  # where rosbag puts it
 LARGEST_HEADER = 1 << 22  # what is larger is no header
@@ -461,6 +476,12 @@ def decompressed(kind: str, data: Buffer, size: int, memory: int = MEMORY) -> Bu
         more = "more than " if len(plain) > size else f"{len(plain)} bytes instead of "
         raise RecordError(f"it has {more}{size}")
     return plain  # type: ignore[no-any-return]
+
+
+def foreign(begin: Buffer) -> str:
+    """Return what a file is that is no bag, and what can be done with it, by its first bytes; empty: nobody knows."""
+    first = bytes(begin[:32])
+    return next((words for magic, words in _FOREIGN if first.startswith(magic)), "")
 
 
 def check_memory(size: int, memory: int) -> None:

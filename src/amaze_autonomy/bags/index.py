@@ -28,6 +28,7 @@ from .format import (
     Record,
     check_memory,
     connection_of,
+    foreign,
     index_record_at,
     record_at,
 )
@@ -335,7 +336,8 @@ def _bag_record(begin: bytes) -> Record:
         line = begin.split(b"\n", 1)[0][:40].decode("ascii", "replace")
         raise RecordError(f"its version is not 2.0 ({line}); older ones are converted with `rosbag fix`")
     if not begin.startswith(MAGIC):
-        raise RecordError("is no bag" if begin else "is empty")
+        other = foreign(begin)
+        raise RecordError(f"is no bag but {other}" if other else "is no bag" if begin else "is empty")
     record = record_at(begin, len(MAGIC), len(begin))
     if record.op != BAG:
         raise RecordError("has no header of a bag")

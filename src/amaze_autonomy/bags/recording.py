@@ -265,11 +265,16 @@ def opened(path: Path) -> Any:
     Raises:
         BagError: it is no bag, not indexed, encrypted, of another version, or its index is damaged.
     """
+    if (path / "metadata.yaml").is_file():
+        words = "is the folder of a ROS 2 bag; rosbags-convert makes a ROS 1 bag of it"
+        raise BagError(str(path), words, "name a ROS 1 bag of version 2.0")
     if not path.is_file():
         raise BagError(str(path), "is no file", "name a bag")
     try:
         return Indexed(path)
-    except BagError:
+    except BagError as error:
+        if "is no bag but " in error.wrong:
+            raise
         return Library(path)
 
 
