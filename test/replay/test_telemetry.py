@@ -12,6 +12,7 @@ from replay_bags import START_NS
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.link.framing import read_tlog
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.config import load_configuration
@@ -149,6 +150,26 @@ def test_a_log_that_is_cut_off_or_damaged_is_read_as_far_as_it_goes(tmp_path):
     cut = Telemetry.of_log(path)
     assert cut.count.good > 4000
     assert 100 <= cut.count.stray_bytes < 1000
+
+
+def test_components_of_the_vehicle_are_heard_for_what_the_autopilot_does_not_send(tmp_path):
+    """A range finder is component 194; its heartbeat is not the vehicle's, and another system's range neither."""
+    senders = {number: mavlink.MAVLink(None, *number) for number in ((1, 1), (1, 194), (7, 194))}
+    frames = []
+    for step in range(50):
+        t_us = START_NS // 1000 + step * 100_000
+        for number, sender in senders.items():
+            kind = mavlink.MAV_TYPE_QUADROTOR if number == (1, 1) else mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+            said = [mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 3, 3)]
+            if number != (1, 1):
+                said.append(mavlink.MAVLink_distance_sensor_message(step, 10, 4000, number[0], 0, 0, 25, 0))
+            frames += [(t_us, message.pack(sender)) for message in said]
+    path = tmp_path / "range.tlog"
+    path.write_bytes(b"".join(struct.pack(">Q", t_us) + frame for t_us, frame in frames))
+    log = Telemetry.of_log(path)
+    counts = {topic.name: topic.messages for topic in log.topics}
+    assert (counts["/mavlink/HEARTBEAT"], counts["/mavlink/DISTANCE_SENSOR"]) == (50, 50)
+    assert {log.message(entry).current_distance for entry in log.entries("/mavlink/DISTANCE_SENSOR")} == {1}
 
 
 def test_mavlink_in_a_bag_says_the_same_as_the_log(tmp_path):

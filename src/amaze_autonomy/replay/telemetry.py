@@ -2,7 +2,8 @@
 
 It has the face of a bag. Its topics are made of what the vehicle sent:
 
-/mavlink/NAME       each message by its name, fields as in MAVLink, e.g. /mavlink/GPS_RAW_INT
+/mavlink/NAME       each message by its name, fields as in MAVLink, e.g. /mavlink/GPS_RAW_INT; of the vehicle's other
+                    components what the autopilot does not send itself
 /mavlink/imu        HIGHRES_IMU, else RAW_IMU (mG), in the axes of ROS (x forward, y left, z up) and SI
 /autopilot/status   what the autopilot node would have said: the code is that of the live link
 """
@@ -29,6 +30,7 @@ __all__ = ["Status", "Telemetry", "imu", "status", "topics_of_log"]
 _S = 1_000_000_000
 _STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
 _PERIOD_NS = _S // 5
+_AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _NOBODY = Identity(255, 1, vehicle=0)  # nobody's address: what was addressed to others is taken, too
 
 
@@ -114,9 +116,14 @@ class Telemetry:
     def _read(self) -> None:
         """Sort the vehicle's frames by topic, and let the link's code listen to them."""
         vehicle, teller = _vehicle(self._frames), _Teller(self._tell)
+        own = {frame.number for _, frame in self._frames if _sender(frame) == (vehicle, _AUTOPILOT)}
         for at, (t_ns, frame) in enumerate(self._frames):
             teller.until(t_ns)
-            if (frame.system, frame.component) != (vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1):
+            if _sender(frame) != (vehicle, _AUTOPILOT):
+                if (
+                    frame.system == vehicle and frame.number not in own
+                ):  # e.g. a range finder that is a component itself
+                    self._place(_PREFIX + _name(frame.number), t_ns, at)
                 continue
             name = _name(frame.number)
             self._place(_PREFIX + name, t_ns, at)
@@ -131,6 +138,10 @@ class Telemetry:
     def _tell(self, t_ns: int, vehicle: VehicleState) -> None:
         self._place(_STATUS, t_ns, len(self._statuses))
         self._statuses.append(status(t_ns, vehicle))
+
+
+def _sender(frame: Frame) -> Tuple[int, int]:
+    return frame.system, frame.component
 
 
 def _vehicle(frames: Iterable[Tuple[int, Frame]]) -> Optional[int]:
