@@ -90,6 +90,11 @@ def test_an_event_survives_the_wire(event):
     assert read(status_message(event, ROS)) == event
 
 
+def test_positions_name_the_frame_that_they_are_in():
+    frames = {type(event).__name__: status_message(event, ROS).header.frame_id for event in EVENTS}
+    assert frames == {**dict.fromkeys(frames, ""), "AutopilotStatus": "takeoff_enu"}
+
+
 def test_the_age_is_what_the_stamp_says_on_arrival():
     message = status_message(EVENTS[-1], ROS)
     assert read(message, T, ROS + 1_000).age_ns == AGE + 1_000

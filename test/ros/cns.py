@@ -187,6 +187,8 @@ class TestCns(unittest.TestCase):
 
     def test_a_whole_mission_is_flown_with_all_five(self) -> None:
         recordings = f"cns_recordings:=main={self.stack.recordings}"
+        states: List[str] = []
+        rospy.Subscriber("autonomy/state_name", String, lambda name: states.append(name.data))
         foreign = rospy.Publisher("landing_detection/landed", String, queue_size=1)  # somebody else's, of another type
         shown, rows = set(), set()
         rospy.Subscriber("autonomy/state", msg.AutonomyState, lambda state: shown.add(state.advice))
@@ -211,6 +213,9 @@ class TestCns(unittest.TestCase):
         self.assertTrue(any(advice.endswith(line) for advice in shown), shown)
         self.assertIn(line, rows)
         foreign.unregister()
+        flown = ["PREFLIGHT", "START_RECORDING", "LOAD_MISSION", "TAKEOFF", "MISSION"]  # READY is passed at once
+        self.assertEqual([name for name in states if name in flown], flown)
+        self.assertEqual(states[-1], "MISSION_ENDED")
 
     def test_missing_messages_are_named_with_their_package(self) -> None:
         arguments = ("cns_peers:=watchdog,mission_planner", "autonomy:=false", "state_estimation:=false")

@@ -46,6 +46,8 @@ SERVICE_CLASSES: Dict[str, Type[Any]] = {
 USER_SERVICES: Tuple[str, ...] = tuple(command.value for command in UserCommand)
 """The user's services in the private namespace of the node, by the value of their command."""
 
+_FRAMES: Mapping[Type[Event], str] = {AutopilotStatus: "takeoff_enu"}
+"""What positions in a status are measured in, by name; no tf is needed, and none published."""
 _HEALTH = ("gps", "imu", "magnetometer", "barometer", "rc", "prearm")
 _HEALTH_NUMBERS = {None: 0, True: 1, False: 2}
 _MEASURED = ("battery_cell_voltage", "battery_current", "clock_offset")
@@ -108,6 +110,7 @@ def status_message(
     elif isinstance(event, RecordingStatus):
         more = {"remaining": nan}
     message = status_of(event).write(event, _classes, **more)
+    message.header.frame_id = _FRAMES.get(type(event), "")
     message.header.stamp = ros_time(max(0, ros_ns - getattr(event, "age_ns", 0)))
     return message
 

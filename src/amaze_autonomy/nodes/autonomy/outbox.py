@@ -12,6 +12,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 import diagnostic_updater
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import String
 
 from amaze_autonomy import msg
 from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Value
@@ -161,7 +162,7 @@ class Outbox:
 
 
 class StatePublisher:
-    """Writes AutonomyState.
+    """Writes AutonomyState, and the name of the state alone for who has no messages of ours.
 
     Args:
         rules: that the engine decides by.
@@ -172,12 +173,17 @@ class StatePublisher:
     def __init__(self, rules: Rules, clock: Clock, foreign: Callable[[], Tuple[str, ...]]) -> None:
         self._rules, self._clock, self._foreign = rules, clock, foreign
         self._publisher = rospy.Publisher("~state", msg.AutonomyState, latch=True, queue_size=10)
+        self._names = rospy.Publisher("~state_name", String, latch=True, queue_size=10)
+        self._named = ""
 
     def publish(self, state: EngineState) -> None:
         """Publish the report about a state."""
         message = state_message(report(state, self._rules), self._clock.now_ns(), self._clock.ros_ns())
         message.advice = " ".join(each for each in (message.advice, *self._foreign()) if each)
         self._publisher.publish(message)
+        if message.state != self._named:
+            self._named = message.state
+            self._names.publish(String(data=message.state))
 
 
 #: Levels of DiagnosticStatus.
