@@ -92,6 +92,21 @@ def test_what_the_flight_lacks_is_told_apart_from_what_was_lost_on_the_ground(tm
     assert tolerated.message.endswith(f"lost: {gap}; nothing of the flight, or it is tolerated")
 
 
+@pytest.mark.parametrize(
+    "landed_s, lost",
+    [
+        (5.0, ()),
+        (6.9, ()),
+        (9.5, ("the last 4.5 s of the flight: the recording was ended before",)),
+        (None, ("the end of the flight: the recording was ended before the engine said that it was over",)),
+    ],
+)
+def test_a_recording_that_somebody_ends_in_flight_lacks_the_rest_of_it(tmp_path, landed_s, lost):
+    flight = [START_NS, None if landed_s is None else START_NS + round(landed_s * S)]
+    summary = collect(plan(two_platforms(tmp_path), facts={"flights": [flight], "stopped_ns": START_NS + 5 * S}))
+    assert summary.lost_in_flight == lost
+
+
 def test_a_platform_that_recorded_nothing_of_the_session_is_a_loss_of_the_flight(tmp_path):
     session = two_platforms(tmp_path)
     summary = collect(plan(session, facts={"absent": ["third"], "flights": []}))

@@ -40,6 +40,7 @@ __all__ = ["Plan", "Source", "Summary", "collect", "main", "plan_of", "run"]
 
 
 Report = Callable[[Phase, int, int], None]
+_STOP_TAKES_NS = 2 * SECOND  # from the engine's request to its first status that says so, on a busy computer
 
 
 class Source(NamedTuple):
@@ -121,6 +122,7 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
     offsets: List[int] = []
     platforms: Dict[str, Any] = {}
     lost = [Loss(f"{name}: its part, nothing of this session is there") for name in plan.facts.get("absent", ())]
+    lost += _ended_early(plan.facts)
     for source in plan.sources:
         content = check_arrived(source.folder, checksums=source.fetched)
         parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
@@ -140,6 +142,20 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
     if not inputs:
         raise RecordingError(f"{plan.output}: there is no bag on any platform, nothing was recorded; look at the logs")
     return inputs, tuple(offsets), platforms, lost
+
+
+def _ended_early(facts: Mapping[str, Any]) -> List[Loss]:
+    """Return the end of a flight that the recording did not last for: somebody stopped it before."""
+    stopped_ns, flights = facts.get("stopped_ns"), facts.get("flights") or ()
+    if stopped_ns is None or not flights:
+        return []
+    landed_ns = flights[-1][1]
+    if landed_ns is None:
+        return [Loss("the end of the flight: the recording was ended before the engine said that it was over")]
+    missing_ns = int(landed_ns) - int(stopped_ns)
+    if missing_ns <= _STOP_TAKES_NS:
+        return []
+    return [Loss(f"the last {missing_ns / SECOND:.1f} s of the flight: the recording was ended before")]
 
 
 def _wanted(plan: Plan, source: Source, content: Mapping[str, Any]) -> Wanted:
