@@ -37,7 +37,7 @@ class Journal:
         """Return everything behind a cursor, and how many slices it took."""
         found, slices = [], 0
         while not self.lines.ended(cursor):
-            lines, cursor, _ = self.lines.read(cursor)
+            lines, cursor = self.lines.read(cursor)
             found += lines
             slices += 1
         return found, slices
@@ -52,9 +52,9 @@ def journal(tmp_path):
 
 def test_a_listener_gets_the_file_and_then_what_comes(journal):
     journal.write("a", "b")
-    assert journal.lines.read(Cursor()) == ([HEADER], Cursor(1, len(HEADER) + 1), True)
+    assert journal.lines.read(Cursor()) == ([HEADER], Cursor(1, len(HEADER) + 1))
     behind = Cursor(3, len(HEADER) + 5)
-    assert journal.lines.read(Cursor(1, len(HEADER) + 1)) == (["a", "b"], behind, False)
+    assert journal.lines.read(Cursor(1, len(HEADER) + 1)) == (["a", "b"], behind)
     assert journal.lines.ended(behind)
     journal.write("c", flush=False)
     assert journal.lines.read(behind)[0] == ["c"], "before it is in the file"
@@ -133,6 +133,12 @@ def eventually(happened):
     while not happened():
         assert time.monotonic() < deadline_s, "it never happened"
         time.sleep(0.005)
+
+
+def test_no_more_lines_are_sent_at_once_than_a_recorder_holds(journal):
+    journal.write(*(f"{number}" for number in range(500)))
+    found, slices = journal.read_all()
+    assert (len(found), slices) == (501, 14)
 
 
 def test_every_listener_gets_every_line_in_order_whatever_another_one_does(journal, topic):

@@ -5,6 +5,7 @@ import pytest
 from bag_tools import COMPRESSIONS, MS, bag, rows
 from replay_bags import START_NS, header, imu, make
 
+from amaze_autonomy.recording import losses
 from amaze_autonomy.recording.losses import Numbers, between, header_numbers, numbers_of
 
 
@@ -63,3 +64,15 @@ def test_between_two_bags_as_well():
     assert between(Numbers(1, 10), Numbers(15, 20)) == 4
     assert between(Numbers(1, 10), Numbers(11, 20)) == between(Numbers(1, 10), Numbers(1, 20)) == 0
     assert between(Numbers(1, 10), Numbers(15, 20, counts=False)) == 0
+
+
+def test_a_publisher_that_latches_counts_what_it_sends_to_others_too(tmp_path, monkeypatch):
+    path = bag(tmp_path / "a.bag", numbered("/imu", [1, 2, 4, 5], inertial, "/one"))
+    assert header_numbers(path)["/imu", "/one"].missing == 1
+    monkeypatch.setattr(
+        losses, "_latched", lambda each: losses_latched(each._replace(header=each.header + b"latching=1"))
+    )
+    assert header_numbers(path) == {}
+
+
+losses_latched = losses._latched

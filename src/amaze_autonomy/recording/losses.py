@@ -3,8 +3,8 @@
 Publishers number their messages (std_msgs/Header, seq): rospy and roscpp count the messages of each publisher and write
 the count over whatever the header said. So a number that is missing between two that were recorded is a message that
 was published and not recorded: dropped on its way, or by the recorder. Only topics whose messages begin with a header
-have them; a publisher that skips numbers itself, or does not count, is left out: most of its steps are not one. So what
-is found is a lower bound.
+have them; a publisher that skips numbers itself, or does not count, is left out: most of its steps are not one; so is
+one that latches, whose numbers count what others get. So what is found is a lower bound.
 
 Each recorder of a group writes the next file. Between two files of a group there is a gap when the first was not closed
 or when the machine saw its recorder end; it lasts from the last message of the one to the first of the other, by their
@@ -90,7 +90,7 @@ def header_numbers(path: Path) -> Dict[Stream, Numbers]:
     """
     parts: Dict[int, List[Any]] = {}
     with Index(path) as index:
-        wanted = {each.number for each in index.connections.values() if _has_header(each)}
+        wanted = {each.number for each in index.connections.values() if _has_header(each) and not _latched(each)}
         for connection, numbers in _read(index, wanted):
             parts.setdefault(connection, []).append(numbers)
         streams = {number: (index.connections[number].topic, index.connections[number].caller) for number in parts}
@@ -133,6 +133,11 @@ def _groups(index: Index, wanted: Iterable[int]) -> List[List[int]]:
         groups[-1].append(number)
         kind = compression
     return groups
+
+
+def _latched(connection: Connection) -> bool:
+    """Return whether a publisher latches: rospy counts what it sends again to each new listener and no other."""
+    return b"latching=1" in connection.header
 
 
 def _has_header(connection: Connection) -> bool:
