@@ -9,8 +9,7 @@ from mission_channel import MS, Channel, S, good
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.sequencer import Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import MissionPhase
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission, MissionPhase
 from amaze_autonomy.missions import (
     Controller,
     FlightModel,

@@ -23,8 +23,7 @@ from amaze_autonomy.autopilot.link.peers import Identity, Peers
 from amaze_autonomy.autopilot.link.wire import Wire
 from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.engine.checks import Verdict
-from amaze_autonomy.engine.events import Landed
+from amaze_autonomy.engine.events import Landed, Verdict
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 S = 1_000_000_000

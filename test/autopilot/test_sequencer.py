@@ -12,8 +12,8 @@ from mission_channel import good
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
-from amaze_autonomy.engine.answers import ANSWERS
 from amaze_autonomy.engine.commands import AnswerKind, MissionAction
+from amaze_autonomy.engine.decide import ANSWERS
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.missions import Controller, Frame, Home, Trajectory, Waypoint

@@ -14,8 +14,7 @@ from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link.connection import link_problem
 from amaze_autonomy.autopilot.link.peers import Sources
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.engine.checks import Verdict
-from amaze_autonomy.engine.events import Landed
+from amaze_autonomy.engine.events import Landed, Verdict
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 S, MS = 1_000_000_000, 1_000_000

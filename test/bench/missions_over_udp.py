@@ -27,8 +27,7 @@ from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import MissionPhase
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission, MissionPhase
 from amaze_autonomy.missions import Controller, MissionPlan, PlannerSpec, Trajectory, Waypoint, estimate_rounds
 from amaze_autonomy.simulation.px4 import Quality
 from amaze_autonomy.simulation.px4_udp import BadRelay

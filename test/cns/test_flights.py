@@ -50,7 +50,7 @@ def phases(flight):
 def test_a_mission_is_flown_to_its_end_with_all_five(make):
     flight = make()
     assert flight.end() == "MISSION_ENDED"
-    assert flight.state.result is Result.COMPLETE, flight.notices
+    assert flight.state.session.result is Result.COMPLETE, flight.notices
     assert flight.requests() == WHOLE
     assert phases(flight) == [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING, P.LANDED]
     assert (flight.planner[-1].waypoint, flight.planner[-1].waypoints) == (4, 4)
@@ -65,7 +65,7 @@ def test_a_mission_is_flown_to_its_end_with_all_five(make):
 def test_several_files_and_repetitions_count_from_their_own_takeoffs(make):
     flight = make("2")
     assert flight.end(900 * S) == "MISSION_ENDED"
-    assert flight.state.result is Result.COMPLETE, flight.notices
+    assert flight.state.session.result is Result.COMPLETE, flight.notices
     assert flight.requests() == WHOLE * 4
 
 
@@ -78,7 +78,7 @@ def test_a_component_that_comes_back_is_held_for_and_the_mission_goes_on(make):
     assert flight.planner[-1].phase is P.HOLDING
     del flight.nodes["watchdog"].failing["mission_cam"]
     assert flight.end() == "MISSION_ENDED"
-    assert flight.state.result is Result.COMPLETE, flight.notices
+    assert flight.state.session.result is Result.COMPLETE, flight.notices
     assert flight.requests() == [ARM, TAKEOFF, HOLD, RESUME, LAND, DISARM]
 
 
@@ -91,7 +91,7 @@ def test_a_component_that_does_not_come_back_ends_the_flight_after_its_wait(make
     flight.until(lambda: flight.state.state is State.LAND)
     assert (flight.t_ns - began_ns) / S == pytest.approx(15.0, abs=0.3)
     flight.end()
-    assert flight.state.result is Result.LANDED_EARLY
+    assert flight.state.session.result is Result.LANDED_EARLY
     assert flight.requests() == [ARM, TAKEOFF, HOLD, LAND, DISARM]
 
 
@@ -103,7 +103,7 @@ def test_a_failure_of_the_highest_severity_lands_at_once(make):
     flight.until(lambda: LAND in flight.requests())
     assert flight.t_ns - began_ns <= 0.6 * S  # a period of its watchdog
     flight.end()
-    assert flight.state.result is Result.LANDED_EARLY
+    assert flight.state.session.result is Result.LANDED_EARLY
 
 
 def test_a_rate_that_is_off_is_flown_on_with(make):
@@ -111,7 +111,7 @@ def test_a_rate_that_is_off_is_flown_on_with(make):
     flying(flight)
     flight.nodes["watchdog"].failing["px4_imu"] = DEFECT  # its 4: our 2
     flight.end()
-    assert flight.state.result is Result.COMPLETE
+    assert flight.state.session.result is Result.COMPLETE
 
 
 def test_an_abort_in_flight_is_a_landing_since_its_abort_does_nothing(make):
@@ -121,7 +121,7 @@ def test_an_abort_in_flight_is_a_landing_since_its_abort_does_nothing(make):
     flight.end()
     assert flight.requests() == WHOLE
     assert ABORT not in flight.requests()
-    assert flight.state.result is Result.LANDED_EARLY
+    assert flight.state.session.result is Result.LANDED_EARLY
     assert not flight.vehicle.armed
 
 
@@ -174,7 +174,7 @@ def test_a_sequencer_that_is_gone_in_flight_is_missed_and_the_autopilot_lands(ma
     flight.until(lambda: not flight.vehicle.armed)
     assert flight.requests() == [ARM, TAKEOFF]
     flight.end()
-    assert flight.state.result is Result.LANDED_EARLY
+    assert flight.state.session.result is Result.LANDED_EARLY
 
 
 def test_a_watchdog_that_stops_beating_in_flight_lands(make):

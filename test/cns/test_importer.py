@@ -10,7 +10,7 @@ from cns_folder import FILES, write_folder
 from amaze_autonomy.cli import main
 from amaze_autonomy.cns.importer import ImportFolderError, import_folder
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.engine.severity import Severity
+from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.engine.state import Result
 from amaze_autonomy.missions import Frame, Waypoint
 from amaze_autonomy.monitoring.specs import RestartPolicy

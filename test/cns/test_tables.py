@@ -6,7 +6,7 @@ import pytest
 from cns_definitions import MESSAGES, md5, service_md5
 
 from amaze_autonomy.cns.tables import SERVICES, TOPICS, EntityStatus, code_of, component_of, worst
-from amaze_autonomy.engine.severity import Code, Severity
+from amaze_autonomy.engine.rules import Code, Severity
 
 OTHERS = {
     "watchdog_msgs/Status": "2d8e15e9a62c78ac92cd2a10638c1ee6",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.config import ConfigError, load_configuration
-from amaze_autonomy.engine.severity import Severity
+from amaze_autonomy.engine.rules import Severity
 
 
 def test_an_override_replaces_what_the_file_says(small):

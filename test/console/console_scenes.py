@@ -18,9 +18,8 @@ from amaze_autonomy.console.model import (
     Snapshot,
     Verdict,
 )
-from amaze_autonomy.engine.checks import Check
-from amaze_autonomy.engine.checks import Verdict as CheckVerdict
-from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.engine.events import Check, UserCommand
+from amaze_autonomy.engine.events import Verdict as CheckVerdict
 
 NOW_S = 1000.0
 

@@ -15,7 +15,7 @@ from amaze_autonomy.console.style import (
     tone_of_level,
     tone_of_state,
 )
-from amaze_autonomy.engine.checks import Verdict as CheckVerdict
+from amaze_autonomy.engine.events import Verdict as CheckVerdict
 from amaze_autonomy.engine.state import State
 
 

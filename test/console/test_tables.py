@@ -12,7 +12,7 @@ from rich.console import Console
 from amaze_autonomy.console.model import PendingFailure, Snapshot
 from amaze_autonomy.console.style import ASCII
 from amaze_autonomy.console.tables import checks_table, failures_table, verb_words
-from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.events import Check, Verdict
 
 WORDS = ("battery", "fraction", "range", "of", "the", "state_estimation:", "orientation", "a", "deviation")
 

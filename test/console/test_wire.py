@@ -9,8 +9,8 @@ import pytest
 
 from amaze_autonomy.console.model import Collecting, MissionRow, PendingFailure, Snapshot, Verdict
 from amaze_autonomy.console.wire import collecting_of, missions_of, snapshot_of, verdict_of
-from amaze_autonomy.engine.checks import Check
-from amaze_autonomy.engine.checks import Verdict as CheckVerdict
+from amaze_autonomy.engine.events import Check
+from amaze_autonomy.engine.events import Verdict as CheckVerdict
 
 
 def state_message(**changes):

@@ -8,7 +8,7 @@ from engine_peers import COMPONENTS, SHIPPED
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import Rules
 
 

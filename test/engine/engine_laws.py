@@ -12,10 +12,9 @@ from engine_story import MOTIONS, Story, name_of
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import timers
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import Answer, Decision, Notify, Request, StopRecording
-from amaze_autonomy.engine.events import Landed, MissionPhase, Outcome, RecordingPhase, VehicleLanded
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.events import CheckName, Landed, MissionPhase, Outcome, RecordingPhase, VehicleLanded
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import DataResult, EngineState, State
 
 __all__ = ["watch"]
@@ -98,12 +97,12 @@ def _landing_is_sticky(before: EngineState, after: EngineState, event: ev.Event)
     if before.state is State.LAND:
         assert after.state not in (State.MISSION, State.HOLD, State.TAKEOFF), "once LAND, LAND"
     if before.state is State.LAND and after.state not in (State.LAND, State.PILOT):
-        assert not after.in_flight
-        status = after.autopilot
+        assert not after.flight.active
+        status = after.peers.autopilot
         given_up = isinstance(event, ev.UserRequest) and event.command is ev.UserCommand.ACKNOWLEDGE
         assert given_up or status is None or not _flies(status), "landed means disarmed and ON_GROUND"
         if given_up:
-            assert before.alarmed, "a landing is given up after the alarm alone"
+            assert before.landing.alarmed, "a landing is given up after the alarm alone"
 
 
 def _flies(status: ev.AutopilotStatus) -> bool:
@@ -122,19 +121,19 @@ def _abort_lands(
         return
     codes = [event.code, *(status.code for status in event.components)]
     elsewhere = before.state not in (State.LAND, State.PILOT) and after.state is not State.PILOT
-    if Code.ABORT in codes and before.in_flight and elsewhere and not _in_doubt(after, story):
+    if Code.ABORT in codes and before.flight.active and elsewhere and not _in_doubt(after, story):
         assert commands, "code 16 in flight lands"
         assert name_of(commands[0]) == "LAND"
 
 
 def _in_doubt(after: EngineState, story: Story) -> bool:
     """Whether somebody else has control is open, for at most `pilot_confirm_ns`, or until the next status says so."""
-    status = after.autopilot
-    if after.takeover is None or status is None:
+    status = after.peers.autopilot
+    if after.vehicle.takeover is None or status is None:
         return False
-    fresh = after.t_ns - after.autopilot_ns <= story.rules.limits.autopilot_status_limit_ns
-    waited_ns = after.t_ns - after.takeover.since_ns
-    return fresh and (waited_ns < story.rules.limits.pilot_confirm_ns or after.takeover.statuses == 1)
+    fresh = after.t_ns - after.peers.autopilot_ns <= story.rules.limits.autopilot_status_limit_ns
+    waited_ns = after.t_ns - after.vehicle.takeover.since_ns
+    return fresh and (waited_ns < story.rules.limits.pilot_confirm_ns or after.vehicle.takeover.statuses == 1)
 
 
 def _credible(age_ns: int, story: Story) -> bool:
@@ -143,60 +142,63 @@ def _credible(age_ns: int, story: Story) -> bool:
 
 def _ground(before: EngineState, after: EngineState, motions: List[str], story: Story) -> None:
     if {"HOLD", "RESUME"} & set(motions):
-        assert before.in_flight, "nothing holds or resumes on the ground"
-        assert after.in_flight
+        assert before.flight.active, "nothing holds or resumes on the ground"
+        assert after.flight.active
     if "AutopilotDisarm" in motions:
-        status = after.autopilot
+        status = after.peers.autopilot
         assert status is not None
         assert (status.armed, status.landed) == (True, VehicleLanded.ON_GROUND)
-        assert after.t_ns - after.autopilot_ns <= story.rules.limits.autopilot_status_limit_ns
-        silent_ns = after.t_ns - (after.landing_ns or 0)
-        fresh = after.landing is not None and silent_ns <= story.rules.limits.landing_detection_limit_ns
-        assert not (fresh and after.landing.landed is Landed.AIRBORNE)
+        assert after.t_ns - after.peers.autopilot_ns <= story.rules.limits.autopilot_status_limit_ns
+        silent_ns = after.t_ns - (after.peers.landing_ns or 0)
+        fresh = after.peers.landing is not None and silent_ns <= story.rules.limits.landing_detection_limit_ns
+        assert not (fresh and after.peers.landing.landed is Landed.AIRBORNE)
     if {"LAND", "AutopilotLand", "ABORT"} & set(motions):
-        assert before.in_flight or after.in_flight or before.state in (State.LAND, State.TAKEOFF)
+        assert before.flight.active or after.flight.active or before.state in (State.LAND, State.TAKEOFF)
 
 
 def _recording(before: EngineState, after: EngineState, commands: Tuple[Any, ...]) -> None:
     stopped = any(isinstance(c, StopRecording) for c in commands)
-    if after.state is State.DATA_CLEANUP and before.state is not State.DATA_CLEANUP and after.recording_asked:
+    if after.state is State.DATA_CLEANUP and before.state is not State.DATA_CLEANUP and after.recording.asked:
         assert stopped, "a recording that was started is stopped"
     left = before.state is State.DATA_CLEANUP and after.state is not State.DATA_CLEANUP
-    if left and before.recording_asked:
-        complete = after.recorder is not None and after.recorder.phase is RecordingPhase.COMPLETE
-        new_session = after.session_id != before.session_id
+    if left and before.recording.asked:
+        complete = after.peers.recorder is not None and after.peers.recorder.phase is RecordingPhase.COMPLETE
+        new_session = after.session.id != before.session.id
         asked = after.state in (State.OUTREACH, State.PILOT, State.LAND)  # LAND: it never had landed
         assert complete or new_session or asked, "merged, or a person is asked"
-    if before.recording_asked and before.state not in (State.MISSION_ENDED, State.MISSION_INPUT, State.PILOT):
-        same = after.session_id == before.session_id
+    if before.recording.asked and before.state not in (State.MISSION_ENDED, State.MISSION_INPUT, State.PILOT):
+        same = after.session.id == before.session.id
         by_data = before.state in (State.DATA_CLEANUP, State.OUTREACH)
         assert same or by_data, "a session with a recording ends with its data"
-    if before.state is State.OUTREACH and after.state is State.MISSION_ENDED and before.recording_asked:
-        assert stopped or after.data_result is DataResult.INCOMPLETE, "retried and complete, or given up"
+    if before.state is State.OUTREACH and after.state is State.MISSION_ENDED and before.recording.asked:
+        assert stopped or after.session.data_result is DataResult.INCOMPLETE, "retried and complete, or given up"
 
 
 def _states(before: EngineState, after: EngineState) -> None:
     if after.state in ON_THE_GROUND:
-        assert not after.in_flight, after.state
+        assert not after.flight.active, after.state
     if after.state is State.MISSION_INPUT and before.state is not State.MISSION_INPUT:
-        assert after.session_id == ""
+        assert after.session.id == ""
 
 
 def _takeoff(before: EngineState, after: EngineState, motions: List[str], story: Story) -> None:
     limits, now = story.rules.limits, after.t_ns
     assert motions == ["TAKEOFF"], "nothing else is commanded with it"
     assert before.state in (State.LOAD_MISSION, State.MISSION)
-    assert [r.check for r in after.checks] == list(CheckName)
-    for record in after.checks:
+    assert [r.check for r in after.preflight.checks] == list(CheckName)
+    for record in after.preflight.checks:
         assert record.ok, record
         assert record.outcome is Outcome.ACCEPTED
         assert all(row.passed for row in record.rows)
         assert now - record.replied_ns <= limits.check_max_age_ns, "a stale check"
     _fresh_peers(after, story)
-    mission = after.mission
-    assert (after.planner.mission_id, after.planner.phase) == (mission.id, MissionPhase.LOADED)
-    assert (after.planner.file_index, after.planner.repetition) == (after.file_index, after.repetition)
-    for status in after.components:
+    mission = after.session.mission
+    assert (after.peers.planner.mission_id, after.peers.planner.phase) == (mission.id, MissionPhase.LOADED)
+    assert (after.peers.planner.file_index, after.peers.planner.repetition) == (
+        after.session.file_index,
+        after.session.repetition,
+    )
+    for status in after.peers.components:
         tolerated = status.code == Code.NON_CRITICAL and status.name in mission.tolerated
         needed = not mission.required or status.name in mission.required
         assert status.code == Code.NOMINAL or tolerated or not needed, status
@@ -205,15 +207,15 @@ def _takeoff(before: EngineState, after: EngineState, motions: List[str], story:
 
 def _fresh_peers(after: EngineState, story: Story) -> None:
     limits, now = story.rules.limits, after.t_ns
-    status = after.autopilot
+    status = after.peers.autopilot
     assert (status.armed, status.landed) == (False, VehicleLanded.ON_GROUND)
-    assert now - after.autopilot_ns <= limits.autopilot_status_limit_ns
+    assert now - after.peers.autopilot_ns <= limits.autopilot_status_limit_ns
     assert not status.battery_critical
     assert status.battery_fraction is None or status.battery_fraction > limits.battery_critical_fraction
-    assert now - after.battery_ns <= limits.battery_age_limit_ns
-    assert now - after.planner_ns <= limits.planner_status_limit_ns
-    heard_ns = max(after.heartbeat_ns or 0, after.watchdog_started_ns)
+    assert now - after.peers.battery_ns <= limits.battery_age_limit_ns
+    assert now - after.peers.planner_ns <= limits.planner_status_limit_ns
+    heard_ns = max(after.peers.heartbeat_ns or 0, after.peers.watchdog_started_ns)
     assert now - heard_ns <= limits.watchdog_heartbeat_limit_ns
-    assert now - after.recorder_ns <= limits.recorder_status_limit_ns
-    assert after.recorder.phase is RecordingPhase.RECORDING
-    assert all(platform.growing for platform in after.recorder.platforms)
+    assert now - after.peers.recorder_ns <= limits.recorder_status_limit_ns
+    assert after.peers.recorder.phase is RecordingPhase.RECORDING
+    assert all(platform.growing for platform in after.peers.recorder.platforms)

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.severity import Code, ComponentRule, Severity
+from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.rules import Code, ComponentRule, Limits, Rules, Severity
 
 __all__ = ["COMPONENTS", "CRUISE_M", "MISSION", "SHIPPED", "Planner", "Recorder", "S", "Vehicle", "Watchdog"]
 

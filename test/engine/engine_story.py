@@ -16,7 +16,6 @@ from engine_peers import CRUISE_M, MISSION, SHIPPED, Planner, Recorder, S, Vehic
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import timers
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import (
     Answer,
     AutopilotDisarm,
@@ -30,9 +29,8 @@ from amaze_autonomy.engine.commands import (
     StartRecording,
     StopRecording,
 )
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.engine.events import Check, CheckName, Mission, Verdict
+from amaze_autonomy.engine.rules import Code, Restart, Rules
 from amaze_autonomy.engine.state import EngineState
 
 BEAT = S // 5

@@ -25,8 +25,8 @@ class SeverityRow(NamedTuple):
 
     code: int
     code_given_up: int
-    verb: str
-    then: Optional[str]
+    action: str
+    fallback: Optional[str]
 
 
 SEVERITIES: Dict[str, SeverityRow] = {
@@ -44,8 +44,8 @@ class Component(NamedTuple):
     restart: bool
     severity: str
     code: int
-    verb: str
-    then: Optional[str]
+    action: str
+    fallback: Optional[str]
     wait_s: float
 
 
@@ -83,7 +83,7 @@ VERBS: Dict[Tuple[str, int], Optional[str]] = {
     ("highest", 8): "land",
     ("highest", 16): "land",
 }
-"""(severity, code) -> verb: 1 clears; 2 is always continue; 4 and 8 take the row's verb; 16 is always land."""
+"""(severity, code) -> verb: 1 clears; 2 is always continue; 4 and 8 take the row's action; 16 is always land."""
 
 
 class Reaction(NamedTuple):
@@ -115,7 +115,7 @@ AIRBORNE: Dict[str, Dict[str, Reaction]] = {
     "LAND descending": dict.fromkeys(("continue", "wait", "land"), _stay("LAND descending")),
     "PILOT": dict.fromkeys(("continue", "wait", "land"), _stay("PILOT")),
 }
-"""place -> verb -> reaction, in the air: the same in every phase; a hold never interrupts a landing."""
+"""place -> action -> reaction, in the air: the same in every phase; a hold never interrupts a landing."""
 
 BEFORE_LIFT_OFF: Dict[str, Dict[str, Reaction]] = {
     "TAKEOFF arming": {"continue": _stay("TAKEOFF arming"), "wait": _CANCEL, "land": _LAND_DISARMED},

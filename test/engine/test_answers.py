@@ -8,11 +8,11 @@ from engine_peers import MISSION
 from engine_story import Story
 from expected_answers import COMMANDS, EXPECTED, SELECTION
 
-from amaze_autonomy.engine import answers, messages
+from amaze_autonomy.engine import commands, decide
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import Answer, Level
+from amaze_autonomy.engine.context import Turn
 from amaze_autonomy.engine.state import State, evolve
-from amaze_autonomy.engine.turn import Turn
 
 WORDS = {"D": "DONE", "R": "REFUSED", "A": "ALREADY"}
 
@@ -91,7 +91,7 @@ def test_resume_of_a_hold_that_resumes_by_itself_is_already_so():
 
 def test_a_users_hold_does_not_last_for_ever():
     story = at("HOLD holding")
-    asked_ns = story.state.user_hold_ns
+    asked_ns = story.state.flight.user_hold_ns
     story.after_ns(asked_ns + 120_000_000_000 - story.now - 1).expect("HOLD", "holding")
     story.after_ns(1).expect("LAND")
     assert story.motions == ["LAND"]
@@ -99,7 +99,7 @@ def test_a_users_hold_does_not_last_for_ever():
 
 def test_asking_for_a_hold_twice_does_not_prolong_it():
     story = at("HOLD holding")
-    asked_ns = story.state.user_hold_ns
+    asked_ns = story.state.flight.user_hold_ns
     story.after(60.0)
     assert story.user("hold")[0] == "ALREADY"
     story.after_ns(asked_ns + 120_000_000_000 - story.now).expect("LAND")
@@ -126,7 +126,7 @@ def test_require_go_waits_for_the_go():
     assert story.told == []
     story.user("go")
     story.until("MISSION_ENDED")
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 def test_the_answer_is_given_after_the_requests_and_before_the_messages():
@@ -144,12 +144,12 @@ def test_commands_that_would_be_done_are_those_that_are():
     for place, row in EXPECTED.items():
         story: Story = at(place)
         turn = Turn(story.state, ev.Tick(t_ns=story.now), story.rules)
-        offered = [command.value for command in answers.available(turn)]
+        offered = [command.value for command in decide.available(turn)]
         assert offered == [c for c, letter in zip(COMMANDS, row.letters) if letter == "D"], place
 
 
 def test_every_message_has_words_and_a_known_level():
-    assert messages.MESSAGES
-    for key, message in messages.MESSAGES.items():
+    assert commands.MESSAGES
+    for key, message in commands.MESSAGES.items():
         assert message.text, key
         assert message.level in Level, key

@@ -9,14 +9,14 @@ from engine_peers import SHIPPED, S
 from engine_story import Story
 from expected_decisions import AIRBORNE, BEFORE_LIFT_OFF, COMPONENTS, ON_THE_GROUND, SEVERITIES, VERBS
 
-from amaze_autonomy.engine import failures, severity
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.severity import Code, Severity
+from amaze_autonomy.engine import failsafe, rules
+from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.rules import Code, Severity
 
 IN_FLIGHT = {**AIRBORNE, **BEFORE_LIFT_OFF}
 CODES = (1, 2, 4, 8, 16)
 ROW_OF_CODE = {1: "low", 2: "low", 4: "moderate", 8: "high", 16: "highest"}
-WAITING = [name for name, row in COMPONENTS.items() if row.verb == "wait"]
+WAITING = [name for name, row in COMPONENTS.items() if row.action == "wait"]
 HOLDING_PLACES = ["TAKEOFF climbing", "MISSION flying"]
 
 
@@ -25,25 +25,25 @@ HOLDING_PLACES = ["TAKEOFF climbing", "MISSION flying"]
 
 @pytest.mark.parametrize("name", SEVERITIES)
 def test_severity_table(name):
-    row = severity.SEVERITIES[Severity(name)]
-    then = row.then.name.lower() if row.then is not None else None
-    assert (int(row.code), int(row.code_given_up), row.verb.name.lower(), then) == SEVERITIES[name]
+    row = rules.SEVERITIES[Severity(name)]
+    fallback = row.fallback.name.lower() if row.fallback is not None else None
+    assert (int(row.code), int(row.code_given_up), row.action.name.lower(), fallback) == SEVERITIES[name]
 
 
 def test_severity_table_is_complete():
-    assert [s.value for s in severity.SEVERITIES] == list(SEVERITIES)
+    assert [s.value for s in rules.SEVERITIES] == list(SEVERITIES)
 
 
 @pytest.mark.parametrize("name, code", VERBS)
 def test_verb_of_every_severity_and_code(name, code):
-    verb = severity.verb_of(Severity(name), Code(code))
-    assert (verb.name.lower() if verb is not None else None) == VERBS[name, code]
+    action = rules.action_of(Severity(name), Code(code))
+    assert (action.name.lower() if action is not None else None) == VERBS[name, code]
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_an_unlisted_component_gets_the_row_of_its_code(code):
     assert (
-        failures.severity_of("unheard of", Code(code), at("MISSION flying").state, SHIPPED).value == ROW_OF_CODE[code]
+        failsafe.severity_of("unheard of", Code(code), at("MISSION flying").state, SHIPPED).value == ROW_OF_CODE[code]
     )
 
 
@@ -54,17 +54,17 @@ def test_stories_fly_with_the_decision_table_that_ships():
 
 def test_each_component_fails_with_the_code_of_its_severity():
     for name, row in COMPONENTS.items():
-        assert (row.code, row.verb, row.then) == (
+        assert (row.code, row.action, row.fallback) == (
             SEVERITIES[row.severity].code,
-            SEVERITIES[row.severity].verb,
-            SEVERITIES[row.severity].then,
+            SEVERITIES[row.severity].action,
+            SEVERITIES[row.severity].fallback,
         ), name
 
 
 @pytest.mark.parametrize("name", [name for name, row in COMPONENTS.items() if row.group == "px4"])
 def test_a_px4_sensor_with_a_restart_is_refused_by_the_code(name):
     with pytest.raises(ValueError, match="never restarted"):
-        severity.ComponentRule(name, "px4", restart=True, severity=Severity.LOW, wait_limit_ns=0)
+        rules.ComponentRule(name, "px4", restart=True, severity=Severity.LOW, wait_limit_ns=0)
 
 
 # --- every component in every phase -----------------------------------------------------------------------------------
@@ -74,7 +74,7 @@ def test_a_px4_sensor_with_a_restart_is_refused_by_the_code(name):
 @pytest.mark.parametrize("name", COMPONENTS)
 def test_component_fails_in_flight(name, place):
     story, row = at(place), COMPONENTS[name]
-    expected = IN_FLIGHT[place][row.verb]
+    expected = IN_FLIGHT[place][row.action]
     story.fail(name, row.code)
     assert (*story.place, tuple(story.motions)) == expected
     if story.motions:
@@ -97,8 +97,8 @@ def test_component_fails_on_the_ground(name, place):
 def test_every_code_in_every_phase_of_flight(place, code, listed):
     """A high component (the LRF), and one that nobody listed."""
     story, name = at(place), "lrf" if listed else "unheard of"
-    verb = VERBS["high" if listed else ROW_OF_CODE[code], code]
-    expected = IN_FLIGHT[place][verb or "continue"]
+    action = VERBS["high" if listed else ROW_OF_CODE[code], code]
+    expected = IN_FLIGHT[place][action or "continue"]
     story.fail(name, code)
     assert (*story.place, tuple(story.motions)) == expected
 
@@ -129,7 +129,7 @@ def test_every_severity_and_code_in_flight(name, code, place):
     assert (*story.place, tuple(story.motions)) == AIRBORNE[place][VERBS[name, code] or "continue"]
 
 
-# --- the second verb, at the limit ------------------------------------------------------------------------------------
+# --- the fallback, at the limit ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("place", HOLDING_PLACES)
@@ -139,7 +139,7 @@ def test_not_back_in_time_the_second_verb(name, place):
     story.fail(name, row.code)
     story.after_ns(round(row.wait_s * S) - 1).expect("HOLD", "holding")
     story.look().after_ns(1)
-    if row.then == "land":
+    if row.fallback == "land":
         story.expect("LAND")
         assert story.motions == ["LAND"]
         story.until("DATA_CLEANUP")
@@ -148,7 +148,7 @@ def test_not_back_in_time_the_second_verb(name, place):
         assert story.motions == ["RESUME"]
         assert story.told == ["flown_without", "resuming"]
         story.until("MISSION", "flying").until("MISSION_ENDED")
-        assert story.state.result.value == "COMPLETE"
+        assert story.state.session.result.value == "COMPLETE"
 
 
 @pytest.mark.parametrize("place", HOLDING_PLACES)
@@ -161,7 +161,7 @@ def test_back_just_before_the_limit_goes_on(name, place):
     assert story.motions == ["RESUME"]
     state, _, step = place.partition(" ")
     story.until(state, step).until("MISSION_ENDED")
-    assert (story.motions, story.state.result.value) == (["RESUME"], "COMPLETE")
+    assert (story.motions, story.state.session.result.value) == (["RESUME"], "COMPLETE")
 
 
 @pytest.mark.parametrize("name", WAITING)
@@ -181,14 +181,14 @@ def test_back_after_the_limit_is_too_late(name):
     story.fail(name, row.code)
     story.after_ns(round(row.wait_s * S) + 1).look()
     story.back(name)
-    if row.then == "land":
+    if row.fallback == "land":
         story.expect("LAND")
         story.until("DATA_CLEANUP")
         assert not {"RESUME", "HOLD"} & set(story.motions)
     else:
         story.until("MISSION_ENDED")
         assert story.motions == []
-        assert story.state.result.value == "COMPLETE"
+        assert story.state.session.result.value == "COMPLETE"
 
 
 @pytest.mark.parametrize("name", WAITING)
@@ -198,11 +198,11 @@ def test_given_up_ends_the_wait_at_once(name, place):
     story.fail(name, row.code, "trying")
     story.look()
     story.fail(name, SEVERITIES[row.severity].code_given_up, "given_up")
-    if row.then == "land":
+    if row.fallback == "land":
         assert (story.place[0], story.motions) == ("LAND", ["LAND"])
     else:
         assert "LAND" not in story.motions
-        assert story.failure(name).verb.name == "CONTINUE"
+        assert story.failure(name).action.name == "CONTINUE"
         assert story.told[0] == "flown_without"
 
 

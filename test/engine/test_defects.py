@@ -22,13 +22,13 @@ import test_transitions
 import test_waits
 from engine_beginnings import BEGINNINGS, at
 
-from amaze_autonomy.engine import absorb, events, failures, flight_guards, preflight_guards, severity, timers, turn
+from amaze_autonomy.engine import context, events, failsafe, flight_guards, guards, rules, timers, update
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine.commands import Seen
 from amaze_autonomy.engine.events import Outcome, Reply, VehicleLanded
 from amaze_autonomy.engine.guards import both
-from amaze_autonomy.engine.severity import Code, Severity, SeverityRow, Verb
-from amaze_autonomy.engine.state import State, evolve
+from amaze_autonomy.engine.rules import Action, Code, Severity, SeverityRow
+from amaze_autonomy.engine.state import State, evolve, put
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 
@@ -103,15 +103,15 @@ def row(rule: str, **changes: Any) -> Patch:
 
 
 def severity_row(name: Severity, *fields: Any) -> Patch:
-    return lambda patch: patch.setitem(severity.SEVERITIES, name, SeverityRow(*fields))
+    return lambda patch: patch.setitem(rules.SEVERITIES, name, SeverityRow(*fields))
 
 
 def attribute(owner: Any, name: str, value: Any) -> Patch:
     return lambda patch: patch.setattr(owner, name, value)
 
 
-def takes(kind: Any, absorber: Any) -> Patch:
-    return lambda patch: patch.setitem(absorb._ABSORB, kind, absorber)
+def takes(kind: Any, take: Any) -> Patch:
+    return lambda patch: patch.setitem(update._UPDATES, kind, take)
 
 
 def landing_is_left(patch: pytest.MonkeyPatch) -> None:
@@ -134,19 +134,20 @@ def nan_is_a_number(patch: pytest.MonkeyPatch) -> None:
 
 
 def any_reply(t: Any, event: Reply) -> None:
-    t.set(motion_outcome=event.outcome, load_outcome=event.outcome, recording_outcome=event.outcome)
+    for path in ("flight.motion.outcome", "preflight.load.outcome", "recording.request.outcome"):
+        t.state = put(t.state, path, event.outcome)
 
 
 def any_session(t: Any, event: Any) -> None:
-    t.set(planner=event, planner_ns=t.now)
+    t.put("peers", planner=event, planner_ns=t.now)
 
 
 def any_action(t: Any, event: Any) -> None:
-    t.set(action=event, heartbeat_ns=t.now, components=event.components)
+    t.put("peers", action=event, heartbeat_ns=t.now, components=event.components)
 
 
 def ages_are_ignored(t: Any) -> Any:
-    return Seen() if all(record.ok for record in t.state.checks) else None
+    return Seen() if all(record.ok for record in t.state.preflight.checks) else None
 
 
 def down_unless_armed(self: Any) -> bool:
@@ -160,7 +161,7 @@ def ground_unless_flying(self: Any) -> bool:
 
 
 def vehicle_of_any_age(self: Any) -> Any:
-    return self.state.autopilot
+    return self.state.peers.autopilot
 
 
 def ok_is_believed(record: Any, event: Any, now_ns: int) -> Any:
@@ -168,7 +169,7 @@ def ok_is_believed(record: Any, event: Any, now_ns: int) -> Any:
 
 
 def sixteen_is_eight(name: Severity, code: Code) -> Any:
-    return None if code == Code.NOMINAL else severity.SEVERITIES[name].verb
+    return None if code == Code.NOMINAL else rules.SEVERITIES[name].action
 
 
 def the_users_refused_request_is_carried_out(self: Any) -> None:
@@ -187,32 +188,32 @@ _moderate = Severity.MODERATE
 DEFECTS = (
     Defect(
         "a moderate one is landed for",
-        severity_row(_moderate, Code.INCONVENIENT, Code.INCONVENIENT, Verb.LAND, None),
+        severity_row(_moderate, Code.INCONVENIENT, Code.INCONVENIENT, Action.LAND, None),
         lambda: test_decision_table.test_component_fails_in_flight("barometer", "MISSION flying"),
     ),
     Defect(
         "a moderate one is landed for at its limit",
-        severity_row(_moderate, Code.INCONVENIENT, Code.INCONVENIENT, Verb.WAIT, Verb.LAND),
+        severity_row(_moderate, Code.INCONVENIENT, Code.INCONVENIENT, Action.WAIT, Action.LAND),
         lambda: test_decision_table.test_not_back_in_time_the_second_verb("barometer", "MISSION flying"),
     ),
     Defect(
         "a high one is flown on without",
-        severity_row(Severity.HIGH, Code.HOLD, Code.ABORT, Verb.WAIT, Verb.CONTINUE),
+        severity_row(Severity.HIGH, Code.HOLD, Code.ABORT, Action.WAIT, Action.CONTINUE),
         lambda: test_decision_table.test_not_back_in_time_the_second_verb("lrf", "MISSION flying"),
     ),
     Defect(
         "the highest is waited for",
-        severity_row(Severity.HIGHEST, Code.ABORT, Code.ABORT, Verb.WAIT, Verb.LAND),
+        severity_row(Severity.HIGHEST, Code.ABORT, Code.ABORT, Action.WAIT, Action.LAND),
         test_decision_table.test_a_mission_that_judges_a_component_highest_lands_at_once,
     ),
     Defect(
         "code 16 is like 8",
-        attribute(failures, "verb_of", sixteen_is_eight),
+        attribute(failsafe, "action_of", sixteen_is_eight),
         lambda: test_decision_table.test_every_code_in_every_phase_of_flight("MISSION flying", 16, True),
     ),
     Defect(
         "a mission's own severities are ignored",
-        attribute(failures, "severity_of", lambda *_: Severity.LOW),
+        attribute(failsafe, "severity_of", lambda *_: Severity.LOW),
         test_decision_table.test_a_mission_may_judge_a_component_otherwise,
     ),
     Defect(
@@ -242,12 +243,12 @@ DEFECTS = (
     ),
     Defect(
         "a status may be of any age",
-        attribute(absorb, "_credible", lambda *_: True),
+        attribute(update, "_credible", lambda *_: True),
         lambda: test_messages_in.test_a_stale_or_future_status_is_no_sign_of_life(10**10),
     ),
     Defect(
         "a vehicle's status is true for ever",
-        attribute(turn.Turn, "vehicle", vehicle_of_any_age),
+        attribute(context.Turn, "vehicle", vehicle_of_any_age),
         lambda: test_landing.test_never_disarmed_while_airborne_or_unknown({"link_age_s": None}),
     ),
     Defect(
@@ -257,22 +258,22 @@ DEFECTS = (
     ),
     Defect(
         "a legacy watchdog's code is ignored",
-        attribute(absorb, "_listed", lambda event: event.components),
+        attribute(update, "_listed", lambda event: event.components),
         lambda: test_messages_in.test_a_legacy_watchdog_says_only_a_code_and_the_latest_component(16, "imu", "LAND"),
     ),
     Defect(
         "flapping spends nothing",
-        attribute(failures._Ledger, "close", spends_nothing),
+        attribute(failsafe._Ledger, "close", spends_nothing),
         test_double_failures.test_flapping_spends_the_budget_of_a_flight,
     ),
     Defect(
         "a wait has no limit",
-        attribute(failures._Ledger, "_deadline", waits_for_ever),
+        attribute(failsafe._Ledger, "_deadline", waits_for_ever),
         lambda: test_decision_table.test_not_back_in_time_the_second_verb("lrf", "MISSION flying"),
     ),
     Defect(
         "GIVEN_UP is not heard",
-        attribute(failures, "Restart", type("Deaf", (), {"GIVEN_UP": None})),
+        attribute(failsafe, "Restart", type("Deaf", (), {"GIVEN_UP": None})),
         test_decision_table.test_given_up_at_code_8_lands_too,
     ),
     Defect(
@@ -287,42 +288,42 @@ DEFECTS = (
     ),
     Defect(
         "takes off with what it lands for",
-        row("takeoff", guard=both(preflight_guards.all_checks_passed, preflight_guards.planner_confirmed)),
+        row("takeoff", guard=both(guards.all_checks_passed, guards.planner_confirmed)),
         lambda: test_preflight.test_nothing_takes_off_to_land_at_once(test_preflight.FORBIDDING["battery critical"]),
     ),
     Defect(
         "takes off with checks of any age",
-        row("takeoff", guard=both(ages_are_ignored, preflight_guards.planner_confirmed)),
+        row("takeoff", guard=both(ages_are_ignored, guards.planner_confirmed)),
         test_preflight.test_checks_one_nanosecond_older_do_not,
     ),
     Defect(
         "takes off without the planner",
-        row("takeoff", guard=preflight_guards.all_checks_passed),
+        row("takeoff", guard=guards.all_checks_passed),
         lambda: test_preflight.test_a_planner_that_has_loaded_something_else_confirms_nothing({"mission_id": "2"}),
     ),
     Defect(
         "ok is believed without its rows",
-        attribute(absorb, "answer_of", ok_is_believed),
+        attribute(update, "answer_of", ok_is_believed),
         lambda: test_messages_in.test_ok_is_believed_only_when_every_row_passed(test_messages_in.Verdict.FAIL),
     ),
     Defect(
         "unknown is landed",
-        attribute(turn.Turn, "down", down_unless_armed),
+        attribute(context.Turn, "down", down_unless_armed),
         lambda: test_messages_in.test_unknown_is_not_landed({"armed": None}),
     ),
     Defect(
         "unknown is on the ground",
-        attribute(turn.Turn, "on_ground", ground_unless_flying),
+        attribute(context.Turn, "on_ground", ground_unless_flying),
         lambda: test_landing.test_never_disarmed_while_airborne_or_unknown({"landed": VehicleLanded.UNKNOWN}),
     ),
     Defect(
         "every mode is ours",
-        attribute(absorb, "ours", lambda *_, **__: True),
+        attribute(update, "ours", lambda *_, **__: True),
         lambda: test_pilot.test_takeover_in_every_phase_stops_commanding("MISSION flying", {"mode": "POSCTL"}),
     ),
     Defect(
         "only the last mode is ours",
-        attribute(absorb, "ours", lambda *_, **__: False),
+        attribute(update, "ours", lambda *_, **__: False),
         test_pilot.test_the_old_mode_goes_on_until_the_command_takes_effect,
     ),
     Defect(
@@ -339,7 +340,7 @@ DEFECTS = (
     ),
     Defect(
         "what the user is refused is done",
-        attribute(turn.Turn, "consume", the_users_refused_request_is_carried_out),
+        attribute(context.Turn, "consume", the_users_refused_request_is_carried_out),
         test_double_failures.test_a_component_fails_in_the_moment_of_the_users_hold,
     ),
     Defect(
@@ -354,7 +355,7 @@ DEFECTS = (
     ),
     Defect(
         "accepted is enough",
-        row("hold_confirmed", guard=lambda t: Seen() if t.state.motion_outcome is Outcome.ACCEPTED else None),
+        row("hold_confirmed", guard=lambda t: Seen() if t.state.flight.motion.outcome is Outcome.ACCEPTED else None),
         test_messages_in.test_accepted_alone_is_no_hold,
     ),
 )

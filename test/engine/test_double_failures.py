@@ -18,7 +18,7 @@ def test_second_one_worse_lands_at_once():
     story.look().fail("mission_camera", 16)
     assert (story.place[0], story.motions) == ("LAND", ["LAND"])
     story.until("MISSION_ENDED")
-    assert story.state.result.value == LAND_EARLY
+    assert story.state.session.result.value == LAND_EARLY
 
 
 def test_second_one_milder_changes_nothing():
@@ -42,7 +42,7 @@ def test_the_same_one_gets_milder_and_the_mission_goes_on():
     story.look().fail("lrf", 2)
     story.until("MISSION", "flying")
     assert story.motions == ["RESUME"]
-    assert story.failure("lrf").verb.name == "CONTINUE"
+    assert story.failure("lrf").action.name == "CONTINUE"
 
 
 def test_the_same_failure_told_twice_does_not_begin_its_wait_anew():
@@ -73,8 +73,8 @@ def test_continue_drops_only_its_own_item():
     story = at("MISSION flying")
     story.fail("magnetometer", 4).fail("lsm9ds1_imu", 4)
     story.after(6.5).expect("HOLD", "holding")
-    assert story.failure("magnetometer").verb.name == "CONTINUE"
-    assert story.failure("lsm9ds1_imu").verb.name == "WAIT"
+    assert story.failure("magnetometer").action.name == "CONTINUE"
+    assert story.failure("lsm9ds1_imu").action.name == "WAIT"
     story.back("lsm9ds1_imu").until("MISSION", "flying")
 
 
@@ -139,13 +139,13 @@ def test_the_first_one_comes_back_during_the_landing_of_the_second():
     story.fail("imu", 16).back("lrf").back("imu").expect("LAND")
     story.until("MISSION_ENDED")
     assert story.motions == ["HOLD", "LAND"]
-    assert story.state.result.value == LAND_EARLY
+    assert story.state.session.result.value == LAND_EARLY
 
 
 def test_a_failure_during_the_landing_is_never_waited_for():
     story = at("LAND descending")
     story.fail("lrf", 8)
-    assert story.failure("lrf").verb.name == "LAND"
+    assert story.failure("lrf").action.name == "LAND"
     assert story.failure("lrf").deadline_ns is None
 
 
@@ -167,7 +167,7 @@ def test_a_component_fails_in_the_moment_of_the_users_hold():
 def test_the_users_hold_remains_when_a_moderate_one_is_given_up():
     story = at("HOLD holding")
     story.fail("realsense_camera", 4).after(8.5).expect("HOLD", "holding")
-    assert story.failure("realsense_camera").verb.name == "CONTINUE"
+    assert story.failure("realsense_camera").action.name == "CONTINUE"
     assert story.motions == []
 
 

@@ -10,7 +10,7 @@ from engine_peers import MISSION, SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.state import evolve
 
 BOTH = ("LAND", "AutopilotLand")
@@ -90,9 +90,9 @@ def test_the_next_mission_does_not_begin_after_it_was_told_to_end():
 @pytest.mark.parametrize("place", ["OUTREACH data", "DATA_CLEANUP", "MISSION_ENDED"])
 def test_the_result_of_a_flight_is_not_changed_by_the_end_of_the_process(place):
     story = at(place)
-    before = story.state.result
+    before = story.state.session.result
     story.feed(ev.Shutdown)
-    assert story.state.result is before
+    assert story.state.session.result is before
 
 
 def test_told_twice_lands_on():
@@ -160,10 +160,10 @@ def test_a_restart_resumes_where_it_was_and_sends_nothing_twice(place, gap_s):
     story.moved = story.beat = story.now
     story.feed(ev.EngineStarted, label="again", resumed=True)
     assert story.place[0] == was[0] or gap_s > 1, "a limit may have passed meanwhile"
-    assert story.state.autopilot is None, "what was said before the restart is not known any more"
+    assert story.state.peers.autopilot is None, "what was said before the restart is not known any more"
     forbidden = {"TAKEOFF", "LoadMission", "StartRecording", "StopRecording", "HOLD", "RESUME"}
     assert not forbidden & set(story.requests)
-    assert story.state.session_id == at(place).state.session_id
+    assert story.state.session.id == at(place).state.session.id
 
 
 @pytest.mark.parametrize("place", ["TAKEOFF climbing", "MISSION flying", "HOLD holding"])
@@ -177,7 +177,7 @@ def test_a_restart_in_flight_flies_on_when_its_peers_speak(place):
     if place == "HOLD holding":
         story.user("resume")
     story.until("MISSION_ENDED")
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 def test_a_restart_in_flight_without_peers_lands():

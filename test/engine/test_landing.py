@@ -36,7 +36,7 @@ def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
     alarms = [c.key for c in story.since if isinstance(c, Notify) and c.level is Level.ALARM]
     assert alarms == ["land_alarm", "land_limit"]
     assert story.motions[-4:] == ["LAND", "AutopilotLand", "LAND", "AutopilotLand"]
-    assert story.state.both_routes
+    assert story.state.landing.both_routes
 
 
 @pytest.mark.parametrize(
@@ -113,14 +113,14 @@ def test_an_unknown_landing_detection_is_reported_and_not_waited_for(happens):
     assert story.now == down_ns
     assert story.vehicle.armed is False
     assert "landing_unconfirmed" in story.told
-    assert story.now - story.state.grounded_ns < S
+    assert story.now - story.state.flight.grounded_ns < S
 
 
 def test_a_landing_detection_that_contradicts_is_waited_for_up_to_its_limit():
     story = at("LAND descending")
     story.landing_says = ev.Landed.AIRBORNE
     story.after(2.5).expect("LAND")
-    down_ns = story.state.grounded_ns
+    down_ns = story.state.flight.grounded_ns
     story.after_ns(down_ns + 10 * S - story.now - 1).expect("LAND")
     story.after_ns(1).expect("DATA_CLEANUP")
     assert "landing_unconfirmed" in story.told
@@ -157,7 +157,7 @@ def _on_ground_armed():
 def test_on_ground_but_armed_is_disarmed_after_a_while_and_again():
     story = _on_ground_armed()
     story.after(3.0)
-    grounded_ns = story.state.grounded_ns
+    grounded_ns = story.state.flight.grounded_ns
     story.after(8.0)
     expected = [round((grounded_ns + n * S) / S, 6) for n in (4, 6, 8)]
     assert story.times_of("AutopilotDisarm") == expected
@@ -222,7 +222,7 @@ def test_after_the_planners_own_landing_it_is_disarmed_too():
     story.vehicle.auto_disarm = False
     story.until("DATA_CLEANUP")
     assert [c for c in story.since if isinstance(c, AutopilotDisarm)]
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 # --- sticky -----------------------------------------------------------------------------------------------------------
@@ -263,7 +263,7 @@ def test_landed_by_itself_in_a_hold_is_not_resumed():
     story.after(12.0)
     assert story.motions == []
     assert story.place[0] in ("DATA_CLEANUP", "MISSION_ENDED")
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ def test_down_and_then_silence_does_not_stay_for_ever(place):
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
     story.silent += ["autopilot", "planner", "landing", "watchdog", "recorder"]
     story.after(100.0).expect("LAND")
-    assert story.state.alarmed, "one status is not believed: the pilot is alarmed, and a person ends it"
+    assert story.state.landing.alarmed, "one status is not believed: the pilot is alarmed, and a person ends it"
     assert story.user("acknowledge")[0] == "DONE"
     story.after(100.0)
     assert story.place[0] in ("OUTREACH", "MISSION_ENDED")
@@ -308,7 +308,7 @@ def test_down_and_then_unknown_still_has_an_end(place, claims):
     story.report()
     story.vehicle.speed = 0.0
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).after(0.7).expect(place.split()[0])
-    assert not story.state.in_flight
+    assert not story.state.flight.active
     story.say(**claims)
     story.after(100.0)
     assert story.place[0] in ("LAND", "DATA_CLEANUP", "MISSION_ENDED")
@@ -320,7 +320,7 @@ def test_down_and_then_in_the_air_without_knowing_whether_it_is_armed_is_in_flig
     story.landing_says = ev.Landed.ON_GROUND
     story.report()
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND).after(0.7)
-    assert not story.state.in_flight
+    assert not story.state.flight.active
     story.say(armed=None, landed=ev.VehicleLanded.IN_AIR)
-    assert story.state.in_flight
+    assert story.state.flight.active
     story.fail("imu", 16).expect("LAND")

@@ -23,8 +23,8 @@ def called_off(how: str) -> Story:
     else:
         story.user(how)
     story.after(0.4)
-    assert not story.state.in_flight
-    assert not story.state.was_armed
+    assert not story.state.flight.active
+    assert not story.state.flight.was_armed
     return story.look()
 
 
@@ -52,7 +52,7 @@ def test_it_is_landed_by_us_when_it_has_lifted_off(how):
     story.until("LAND", limit_s=0.5)
     assert story.motions[:1] == ["LAND"]
     story.until("DATA_CLEANUP", limit_s=30.0)
-    assert story.state.flown
+    assert story.state.session.flown
 
 
 def test_a_retry_meanwhile_does_not_change_whose_it_is():
@@ -67,7 +67,7 @@ def test_it_was_not_flown_when_it_never_lifted_off():
     story = called_off("land").after(0.5)
     story.vehicle.armed = True
     story.until("LAND", limit_s=0.5).until("MISSION_ENDED")
-    assert story.state.result.value == "NOT_FLOWN"
+    assert story.state.session.result.value == "NOT_FLOWN"
 
 
 @pytest.mark.parametrize("claims", [{"mode": "POSCTL"}, {"pilot_in_control": True}, {"mode": "AUTO.RTL"}])

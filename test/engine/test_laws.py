@@ -19,10 +19,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.severity import Code, Restart, Severity
+from amaze_autonomy.engine.events import Check, CheckName, Mission, Verdict
+from amaze_autonomy.engine.rules import Code, Restart, Severity
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.journal import journal
 from amaze_autonomy.journal.report import report
@@ -304,12 +303,12 @@ class Flight(RuleBasedStateMachine):
         self.story.missions = (MISSION,)
         self.story.select().after(4.0)
 
-    @precondition(lambda self: self.story.state.in_flight and self.story.state.was_armed)
+    @precondition(lambda self: self.story.state.flight.active and self.story.state.flight.was_armed)
     @rule(mode=st.sampled_from(["POSCTL", "AUTO.RTL", "AUTO.LAND"]))
     def the_pilot_takes_over(self, mode):
         self.story.say(armed=True, mode=mode, pilot_in_control=True, link_age_s=0.0)
 
-    @precondition(lambda self: self.story.state.in_flight)
+    @precondition(lambda self: self.story.state.flight.active)
     @rule()
     def the_process_ends(self):
         self.story.feed(ev.Shutdown)

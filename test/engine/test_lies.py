@@ -11,8 +11,8 @@ from engine_peers import S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, Verdict
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.events import Check, Verdict
+from amaze_autonomy.engine.rules import Code
 
 IN_FLIGHT = (
     "TAKEOFF lifting_off",
@@ -66,7 +66,7 @@ def test_a_hold_is_not_repeated_while_a_status_says_it_stands_on_the_ground():
 @pytest.mark.parametrize("place", IN_FLIGHT)
 def test_code_16_lands_after_any_one_wrong_status(place, claims):
     story = lie(at(place), **claims).after(0.25)
-    assert story.state.in_flight
+    assert story.state.flight.active
     landed_for = story.is_in("LAND")
     story.look().fail("imu", 16)
     assert story.is_in("LAND")
@@ -107,7 +107,7 @@ def test_two_wrong_statuses_in_half_a_second_end_no_flight():
     story.after(0.3)
     story.vehicle.says.clear()
     story.after(0.3)
-    assert story.state.in_flight
+    assert story.state.flight.active
     story.expect("MISSION", "flying")
 
 
@@ -123,9 +123,9 @@ def test_what_contradicts_the_end_of_a_flight_outweighs_it_for_the_confirm_limit
         claims["height_m"] = 0.0
     story.planner.says["phase"] = ev.MissionPhase.FLYING
     story.say(**claims).after(9.0)
-    assert story.state.in_flight
+    assert story.state.flight.active
     story.after(2.0)
-    assert not story.state.in_flight, "the autopilot alone is believed in the end"
+    assert not story.state.flight.active, "the autopilot alone is believed in the end"
 
 
 def test_a_takeover_stops_commanding_at_once_and_is_believed_when_it_lasts():
@@ -169,10 +169,10 @@ def test_armed_and_airborne_again_after_a_believed_end_is_still_our_flight():
     story = at("MISSION flying")
     story.landing_says = ev.Landed.UNKNOWN
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=None).after(0.9)
-    assert not story.state.in_flight
+    assert not story.state.flight.active
     story.vehicle.says.clear()
     story.after(0.5)
-    assert story.state.in_flight
+    assert story.state.flight.active
     story.fail("imu", 16).expect("LAND")
 
 
@@ -243,14 +243,14 @@ def test_a_mission_flown_to_its_end_is_complete_whatever_fails_in_the_last_metre
     story = _planner_lands()
     story.fail("imu", 16).expect("LAND")
     story.until("MISSION_ENDED")
-    assert story.state.result.value == "COMPLETE"
-    assert "imu" in story.state.message
+    assert story.state.session.result.value == "COMPLETE"
+    assert "imu" in story.state.shown.text
 
 
 def test_a_mission_that_lands_before_its_last_waypoint_is_landed_early():
     story = at("MISSION flying")
     story.fail("imu", 16).until("MISSION_ENDED")
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 # --- a hold is shown by the vehicle -----------------------------------------------------------------------------------
@@ -371,7 +371,7 @@ def test_clocks_apart_forbid_a_takeoff_and_say_so():
         if story.is_in("OUTREACH"):
             break
     story.expect("OUTREACH")
-    assert "stamps of the autopilot are 1.000 s in the future" in story.state.message
+    assert "stamps of the autopilot are 1.000 s in the future" in story.state.shown.text
 
 
 # --- nobody answers any more ------------------------------------------------------------------------------------------
@@ -382,7 +382,7 @@ def test_after_the_alarm_a_person_may_end_a_mission_whose_vehicle_is_silent():
     story.silent += ["autopilot", "planner"]
     assert story.user("acknowledge") == ("REFUSED", "It is landing.")
     story.after(10.0).expect("LAND")
-    assert story.state.alarmed
+    assert story.state.landing.alarmed
     assert story.user("acknowledge")[0] == "DONE"
     story.expect("DATA_CLEANUP")
     assert "StopRecording" in story.requests
@@ -391,7 +391,7 @@ def test_after_the_alarm_a_person_may_end_a_mission_whose_vehicle_is_silent():
 
 def test_a_vehicle_that_is_heard_cannot_be_given_up():
     story = at("LAND commanding").after(10.0)
-    assert story.state.alarmed
+    assert story.state.landing.alarmed
     assert story.user("acknowledge") == ("REFUSED", "It is landing.")
 
 

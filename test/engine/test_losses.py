@@ -13,8 +13,8 @@ from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import Level, Notify
-from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS
 
 AIRBORNE = (
     "TAKEOFF climbing",
@@ -33,7 +33,7 @@ class Loss(NamedTuple):
 
     happens: Callable[[Story], object]
     limit_s: float
-    verb: str
+    action: str
     motions: Tuple[str, ...] = ()
     alarm: bool = False
 
@@ -52,7 +52,7 @@ def planner_failed(story: Story) -> None:
 
 def flight_time(story: Story) -> None:
     """Let the limit be 0.3 s from now."""
-    so_far = story.now - story.state.flight_started_ns
+    so_far = story.now - story.state.flight.started_ns
     story.rules = replace(story.rules, limits=replace(story.rules.limits, max_flight_time_ns=so_far + 3 * S // 10))
 
 
@@ -88,7 +88,7 @@ def test_the_table_has_these_rows_and_no_others():
         row.name: (row.action.name, ("LAND", "AutopilotLand") if row.both_routes else ("LAND",), row.alarm)
         for row in FAILSAFE_CONDITIONS
     }
-    assert shipped == {name: (row.verb, row.motions or ONE, row.alarm) for name, row in EXPECTED.items()}
+    assert shipped == {name: (row.action, row.motions or ONE, row.alarm) for name, row in EXPECTED.items()}
 
 
 def _patient(place: str) -> Story:
@@ -120,8 +120,8 @@ def test_lost_in_flight(name, place):
     story.after(row.limit_s + 0.25)
     failure = story.failure(name)
     assert failure is not None
-    assert failure.verb.name == row.verb
-    if row.verb == "CONTINUE":
+    assert failure.action.name == row.action
+    if row.action == "CONTINUE":
         state, _, step = place.partition(" ")
         story.expect(state, step.replace(" takeoff", ""))
         assert (story.motions, story.told[:1]) == ([], ["failure_continue"])
@@ -291,7 +291,7 @@ def test_the_recorder_dead_in_flight_only_warns_and_the_mission_ends():
     story.recorder.fails = True
     story.until("DATA_CLEANUP")
     assert story.motions == []
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
     story.until("OUTREACH")
     assert "data_incomplete" in story.told
 
@@ -302,7 +302,7 @@ def test_a_recorder_that_does_not_record_only_warns(happens):
     happens(story)
     story.after(5.5).expect("MISSION", "flying")
     assert (story.motions, story.told) == ([], ["failure_continue"])
-    assert story.failure("recorder_dead").verb.name == "CONTINUE"
+    assert story.failure("recorder_dead").action.name == "CONTINUE"
 
 
 def test_what_is_lost_and_comes_back_does_not_end_a_landing():
@@ -312,7 +312,7 @@ def test_what_is_lost_and_comes_back_does_not_end_a_landing():
     story.silent.clear()
     story.until("MISSION_ENDED")
     assert not {"HOLD", "RESUME"} & set(story.motions)
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def test_the_land_command_comes_before_every_message():

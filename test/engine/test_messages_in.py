@@ -11,8 +11,8 @@ from engine_peers import S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.events import Check, CheckName, Verdict
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import evolve
 
 REFUSED, ACCEPTED = ev.Outcome.REFUSED, ev.Outcome.ACCEPTED
@@ -40,7 +40,7 @@ def test_a_reply_to_nothing_that_is_open_changes_nothing(place, identity):
 def test_a_late_refusal_of_an_earlier_command_changes_nothing():
     """The TAKEOFF's refusal comes when the hold is on its way."""
     story = at("MISSION flying")
-    takeoff_id = story.state.motion_id
+    takeoff_id = story.state.flight.motion.id
     story.user("hold")
     story.feed(ev.Reply, command_id=takeoff_id, outcome=REFUSED)
     story.expect("HOLD", "confirming").until("HOLD", "holding")
@@ -49,7 +49,7 @@ def test_a_late_refusal_of_an_earlier_command_changes_nothing():
 def test_a_duplicated_reply_changes_nothing():
     story = at("HOLD confirming")
     for _ in range(3):
-        story.feed(ev.Reply, command_id=story.state.motion_id, outcome=ACCEPTED)
+        story.feed(ev.Reply, command_id=story.state.flight.motion.id, outcome=ACCEPTED)
     story.expect("HOLD", "confirming")
     assert story.since == []
 
@@ -57,7 +57,7 @@ def test_a_duplicated_reply_changes_nothing():
 def test_a_duplicated_refusal_of_a_landing_lands_on():
     story = at("LAND commanding")
     for _ in range(3):
-        story.feed(ev.Reply, command_id=story.state.motion_id, outcome=REFUSED)
+        story.feed(ev.Reply, command_id=story.state.flight.motion.id, outcome=REFUSED)
     story.expect("LAND", "commanding").after(4.0)
     assert "AutopilotLand" in story.motions
 
@@ -82,21 +82,21 @@ def test_an_unclear_answer_waits_for_what_the_state_says(command, place, outcome
 
 def test_accepted_alone_is_no_hold():
     story = at("HOLD confirming")
-    story.feed(ev.Reply, command_id=story.state.motion_id, outcome=ACCEPTED)
+    story.feed(ev.Reply, command_id=story.state.flight.motion.id, outcome=ACCEPTED)
     story.after(3.0).expect("LAND")
 
 
 def test_a_check_reply_that_comes_twice_counts_once():
     story = at("PREFLIGHT")
-    record = next(r for r in story.state.checks if r.check is CheckName.ON_GROUND)
+    record = next(r for r in story.state.preflight.checks if r.check is CheckName.ON_GROUND)
     assert record.ok
     story.feed(ev.CheckReply, command_id=record.command_id, check=CheckName.ON_GROUND, outcome=ACCEPTED, ok=False)
-    assert next(r for r in story.state.checks if r.check is CheckName.ON_GROUND).ok
+    assert next(r for r in story.state.preflight.checks if r.check is CheckName.ON_GROUND).ok
 
 
 def test_a_check_reply_that_comes_too_late_is_dropped():
     story = at("PREFLIGHT")
-    record = next(r for r in story.state.checks if r.check is CheckName.BATTERY)
+    record = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)
     story.after(3.0).expect("OUTREACH")
     before = story.state
     story.feed(ev.CheckReply, command_id=record.command_id, check=CheckName.BATTERY, outcome=ACCEPTED, ok=True)
@@ -105,7 +105,7 @@ def test_a_check_reply_that_comes_too_late_is_dropped():
 
 def test_a_check_reply_of_the_round_before_is_dropped():
     story = at("PREFLIGHT")
-    old = next(r for r in story.state.checks if r.check is CheckName.BATTERY)
+    old = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)
     story.after(3.0).expect("OUTREACH")
     story.user("retry")
     story.feed(ev.CheckReply, command_id=old.command_id, check=CheckName.BATTERY, outcome=ACCEPTED, ok=True)
@@ -114,7 +114,7 @@ def test_a_check_reply_of_the_round_before_is_dropped():
 
 def test_a_check_reply_with_the_id_of_another_check_is_dropped():
     story = at("PREFLIGHT")
-    battery = next(r for r in story.state.checks if r.check is CheckName.BATTERY)
+    battery = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)
     story.feed(ev.CheckReply, command_id=battery.command_id, check=CheckName.ON_GROUND, outcome=ACCEPTED, ok=True)
     story.after(0.3).expect("PREFLIGHT")
 
@@ -122,7 +122,7 @@ def test_a_check_reply_with_the_id_of_another_check_is_dropped():
 @pytest.mark.parametrize("verdict", [Verdict.FAIL, Verdict.UNKNOWN])
 def test_ok_is_believed_only_when_every_row_passed(verdict):
     story = at("PREFLIGHT")
-    battery = next(r for r in story.state.checks if r.check is CheckName.BATTERY)
+    battery = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)
     rows = (Check(name="fraction", verdict=Verdict.PASS), Check(name="cell voltage", verdict=verdict, value=nan))
     story.feed(
         ev.CheckReply,
@@ -174,14 +174,14 @@ def test_landed_of_the_last_mission_does_not_end_the_next():
     story.planner.says.update(session_id=last, phase=ev.MissionPhase.LANDED, waypoint=3)
     story.report()
     story.expect("MISSION", "flying")
-    assert story.state.session_id != last
+    assert story.state.session.id != last
 
 
 def test_each_mission_start_has_its_own_session():
     story = at("MISSION_ENDED")
-    first = story.state.session_id
+    first = story.state.session.id
     story.select()
-    assert story.state.session_id not in ("", first)
+    assert story.state.session.id not in ("", first)
 
 
 # --- ages -------------------------------------------------------------------------------------------------------------
@@ -320,7 +320,7 @@ def test_one_lost_message_loses_nothing():
 def test_a_component_of_the_info_stream_at_code_2_is_shown_and_flown_with():
     story = at("MISSION flying")
     story.fail("gps", 2)
-    assert (story.told, story.failure("gps").verb.name) == (["failure_continue"], "CONTINUE")
+    assert (story.told, story.failure("gps").action.name) == (["failure_continue"], "CONTINUE")
     story.back("gps")
     assert story.failure("gps") is None
 
@@ -364,7 +364,7 @@ def test_unknown_is_still_in_flight(place, claims):
     story = at(place)
     story.say(**claims)
     story.after(0.5)
-    assert story.state.in_flight
+    assert story.state.flight.active
     assert story.place[0] == place.split()[0]
 
 

@@ -11,7 +11,7 @@ from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import Level, LoadMission, Notify, StopRecording
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission
 
 CHECKS = 5
 
@@ -40,12 +40,12 @@ def test_files_and_repetitions_are_flown_in_their_order(files, repetitions, expe
     assert (story.requests.count("StartRecording"), story.requests.count("StopRecording")) == (1, 1)
     asked = sum(name.startswith("check:") for name in story.requests)
     assert asked == CHECKS * (1 + len(expected)), "each takeoff passes the checks"
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 def test_touchdown_is_not_in_flight():
     story = at("MISSION touchdown")
-    assert not story.state.in_flight
+    assert not story.state.flight.active
 
 
 @pytest.mark.parametrize("check", ["watchdog", "battery", "autopilot", "on_ground", "state_estimation"])
@@ -55,7 +55,7 @@ def test_a_check_that_fails_between_two_files_ends_the_mission(check):
     story.until("MISSION_ENDED")
     assert story.motions == []
     assert "next_takeoff_failed" in story.told
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def test_a_planner_that_does_not_load_the_next_file_ends_the_mission():
@@ -66,7 +66,7 @@ def test_a_planner_that_does_not_load_the_next_file_ends_the_mission():
 
 def test_a_planner_that_refuses_the_next_file_ends_the_mission():
     story = at("MISSION touchdown")
-    story.feed(ev.Reply, command_id=story.state.load_id, outcome=ev.Outcome.REFUSED, message="no file")
+    story.feed(ev.Reply, command_id=story.state.preflight.load.id, outcome=ev.Outcome.REFUSED, message="no file")
     story.expect("DATA_CLEANUP")
 
 
@@ -89,7 +89,7 @@ def test_landed_without_the_last_waypoint_is_not_complete():
     story = at("MISSION flying")
     story.planner.says.update(waypoint=2)
     story.until("DATA_CLEANUP", limit_s=40.0)
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def test_landed_of_the_planner_alone_is_not_landed():
@@ -103,7 +103,7 @@ def test_a_flight_that_was_flown_without_a_component_does_not_take_off_again_wit
     story = Story(SHIPPED, Mission(id="2", files=2)).start().after(0.5).select().until("MISSION", "flying")
     story.fail("realsense_camera", 4).look().until("MISSION_ENDED")
     assert "TAKEOFF" not in story.motions
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def _second_takeoff_refused() -> Story:
@@ -118,7 +118,7 @@ def test_given_up_after_the_first_file_is_not_unflown():
     story = _second_takeoff_refused()
     story.user("give_up")
     story.until("MISSION_ENDED")
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def test_retried_after_the_first_file_goes_on_with_the_second():
@@ -127,7 +127,7 @@ def test_retried_after_the_first_file_goes_on_with_the_second():
     story.user("retry")
     story.until("MISSION_ENDED", limit_s=120.0)
     assert [(file, repetition) for _, file, repetition in legs(story)] == [(1, 0), (0, 1), (1, 1)]
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 # --- several missions -------------------------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ def test_several_missions_without_a_restart():
 
 def test_the_next_mission_can_be_selected_after_the_first():
     story = at("MISSION_ENDED").select().until("MISSION_ENDED")
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 def test_missions_to_come_are_dropped_when_one_ends_early_and_it_is_said():
@@ -178,8 +178,18 @@ def test_nothing_of_the_last_mission_remains():
     story = at("MISSION_ENDED")
     story.select()
     state = story.state
-    assert (state.result.value, state.recording_asked, state.data_location, state.was_armed) == ("", False, "", False)
-    assert (state.planner, state.recorder, state.in_flight, state.land_ns) == (None, None, False, None)
+    assert (state.session.result.value, state.recording.asked, state.recording.location, state.flight.was_armed) == (
+        "",
+        False,
+        "",
+        False,
+    )
+    assert (state.peers.planner, state.peers.recorder, state.flight.active, state.landing.since_ns) == (
+        None,
+        None,
+        False,
+        None,
+    )
 
 
 def test_a_vehicle_that_others_arm_between_missions_sends_nothing_to_the_recorder():
@@ -201,8 +211,8 @@ def test_a_vehicle_that_others_arm_between_missions_sends_nothing_to_the_recorde
 def test_the_recording_is_stopped_once_and_followed_to_its_end():
     story = at("LAND descending").until("MISSION_ENDED")
     assert story.requests == ["StopRecording"]
-    assert story.state.data_location == "/data/test-001"
-    assert "/data/test-001" in story.state.message
+    assert story.state.recording.location == "/data/test-001"
+    assert "/data/test-001" in story.state.shown.text
 
 
 @pytest.mark.parametrize("outcome", [ev.Outcome.REFUSED, ev.Outcome.UNAVAILABLE])
@@ -243,9 +253,9 @@ def test_a_flight_is_complete_and_its_data_is_not_when_something_of_it_was_not_r
     story = at("DATA_CLEANUP")
     story.recorder.says["lost"] = "second/cameras: 37.9 s, in which nothing was recorded (the storage was full)"
     story.until("MISSION_ENDED")
-    assert (story.state.result.value, story.state.data_result.value) == ("LANDED_EARLY", "INCOMPLETE")
-    assert story.state.message_level is Level.ERROR
-    assert "its data is INCOMPLETE" in story.state.message
+    assert (story.state.session.result.value, story.state.session.data_result.value) == ("LANDED_EARLY", "INCOMPLETE")
+    assert story.state.shown.level is Level.ERROR
+    assert "its data is INCOMPLETE" in story.state.shown.text
     assert story.told[-1] == "mission_ended_incomplete"
 
 
@@ -258,19 +268,19 @@ def test_what_is_said_to_be_lost_before_the_data_is_complete_decides_nothing():
 
 def test_the_data_of_the_last_mission_is_forgotten_with_it():
     story = at("MISSION_ENDED")
-    assert story.state.data_result.value == "COMPLETE"
+    assert story.state.session.data_result.value == "COMPLETE"
     story.select()
-    assert story.state.data_result.value == ""
+    assert story.state.session.data_result.value == ""
 
 
 def test_incomplete_data_retried_and_complete():
     story = at("OUTREACH data")
-    assert "module2: no space left" in story.state.message
+    assert "module2: no space left" in story.state.shown.text
     story.recorder.fails = False
     story.user("retry")
     story.until("MISSION_ENDED")
     assert story.requests == ["StopRecording"]
-    assert story.state.result.value == "LANDED_EARLY", "the flight's own result"
+    assert story.state.session.result.value == "LANDED_EARLY", "the flight's own result"
 
 
 def test_the_failure_of_before_does_not_end_the_retry_at_once():
@@ -286,7 +296,8 @@ def test_a_retry_that_fails_again_calls_again():
     story.until("OUTREACH")
     story.user("give_up")
     story.expect("MISSION_ENDED")
-    assert (story.state.result.value, story.state.data_result.value) == ("LANDED_EARLY", "INCOMPLETE"), "said apart"
+    said = story.state.session
+    assert (said.result.value, said.data_result.value) == ("LANDED_EARLY", "INCOMPLETE"), "said apart"
 
 
 def test_a_retry_of_a_recorder_that_stays_failed_calls_again():
@@ -302,7 +313,7 @@ def test_given_up_data_says_where_it_lies_and_nothing_more_is_sent():
     story.report()
     story.user("give_up")
     assert story.requests == []
-    assert "/data/test-001/partial" in story.state.message
+    assert "/data/test-001/partial" in story.state.shown.text
 
 
 def test_outreach_waits_for_a_person_for_ever():
@@ -315,7 +326,7 @@ def test_given_up_before_takeoff_the_recording_is_stopped_and_merged(place):
     story.user("give_up")
     story.until("MISSION_ENDED")
     assert story.requests == ["StopRecording"]
-    assert story.state.result.value == "NOT_FLOWN"
+    assert story.state.session.result.value == "NOT_FLOWN"
 
 
 @pytest.mark.parametrize(
@@ -332,8 +343,8 @@ def test_every_way_to_the_end_has_its_result(place, command, result):
     story = at(place)
     assert story.user(command)[0] == "DONE"
     story.until("MISSION_ENDED")
-    assert story.state.result.value == result
-    assert result in story.state.message
+    assert story.state.session.result.value == result
+    assert result in story.state.shown.text
 
 
 def test_a_planner_that_lands_before_its_last_waypoint_has_not_flown_the_mission():
@@ -341,7 +352,7 @@ def test_a_planner_that_lands_before_its_last_waypoint_has_not_flown_the_mission
     story.planner.says.update(phase=ev.MissionPhase.LANDING, waypoint=2, waypoints=3)
     story.report()
     story.fail("imu", 16).until("MISSION_ENDED")
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def test_where_the_data_is_comes_with_what_the_recorder_says_of_it():
@@ -349,4 +360,4 @@ def test_where_the_data_is_comes_with_what_the_recorder_says_of_it():
     story.recorder.says["message"] = "2.1 GB, nothing was lost"
     story.until("MISSION_ENDED")
     (text,) = [c.text for _, c in story.sent if isinstance(c, Notify) and c.key == "mission_ended"]
-    assert text.endswith(f"The data is at {story.state.data_location} (2.1 GB, nothing was lost).")
+    assert text.endswith(f"The data is at {story.state.recording.location} (2.1 GB, nothing was lost).")

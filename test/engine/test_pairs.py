@@ -21,7 +21,7 @@ def says(**claims: Any) -> Callable[[Story], object]:
 def planner(phase: ev.MissionPhase) -> Callable[[Story], object]:
     def happens(story: Story) -> None:
         story.now += 1
-        story.planner.session = story.state.session_id
+        story.planner.session = story.state.session.id
         story.planner.mission = MISSION.id
         story.planner.phase = phase
         story.report()
@@ -31,7 +31,7 @@ def planner(phase: ev.MissionPhase) -> Callable[[Story], object]:
 
 def recorder(phase: ev.RecordingPhase) -> Callable[[Story], object]:
     def happens(story: Story) -> None:
-        story.recorder.session, story.recorder.phase = story.state.session_id, phase
+        story.recorder.session, story.recorder.phase = story.state.session.id, phase
         story.report()
 
     return happens
@@ -44,7 +44,7 @@ def reply(outcome: ev.Outcome) -> Callable[[Story], object]:
 
 def checks(*, ok: bool) -> Callable[[Story], object]:
     def happens(story: Story) -> None:
-        for record in story.state.checks:
+        for record in story.state.preflight.checks:
             story.feed(
                 ev.CheckReply, command_id=record.command_id, check=record.check, outcome=ev.Outcome.ACCEPTED, ok=ok
             )

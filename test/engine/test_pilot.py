@@ -67,7 +67,7 @@ def test_the_pilot_lands_and_acknowledges():
     story = at("PILOT landed")
     assert story.user("acknowledge")[0] == "DONE"
     story.until("MISSION_ENDED")
-    assert story.state.result.value == "PILOT"
+    assert story.state.session.result.value == "PILOT"
 
 
 def test_on_ground_and_disarmed_without_acknowledgement_stays():
@@ -98,7 +98,7 @@ def test_the_flag_before_takeoff_does_not_disturb_the_ground():
 def test_modes_of_a_nominal_mission_are_ours():
     story = at("MISSION_INPUT").select().until("MISSION_ENDED")
     assert "pilot_took_over" not in story.rules_fired
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 def test_the_mode_of_before_the_takeoff_is_not_foreign_until_it_changes():
@@ -204,7 +204,7 @@ def test_armed_again_in_the_air_after_it_had_said_that_it_was_down_is_our_flight
     story = at("HOLD holding")
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND)
     story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).after(1.0).expect("HOLD", "holding")
-    assert story.state.in_flight
+    assert story.state.flight.active
     assert story.motions == []
 
 
@@ -230,7 +230,7 @@ def test_a_landing_that_only_seemed_over_goes_on():
     story.say(armed=True, landed=ev.VehicleLanded.IN_AIR)
     story.silent.append("landing")
     story.after(5.0).expect("LAND", "commanding")
-    assert story.state.in_flight
+    assert story.state.flight.active
     assert story.motions[:1] == ["LAND"]
 
 
@@ -245,7 +245,7 @@ def test_arming_after_the_flight_keeps_its_result_and_the_data_is_followed_to_it
     assert story.user("acknowledge")[0] == "DONE"
     story.until("MISSION_ENDED")
     assert story.motions == []
-    assert story.state.result.value == "LANDED_EARLY"
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def test_a_takeoff_that_comes_after_it_was_cancelled_is_landed():

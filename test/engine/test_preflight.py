@@ -11,12 +11,10 @@ from engine_story import Story
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import RunCheck
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import Code
-from amaze_autonomy.engine.state import State, evolve
+from amaze_autonomy.engine.events import Check, CheckName, Mission, Verdict
+from amaze_autonomy.engine.rules import Code, Rules
+from amaze_autonomy.engine.state import State, put
 
 ORDER = ["watchdog", "battery", "autopilot", "on_ground", "state_estimation"]
 
@@ -51,10 +49,10 @@ def test_each_failed_check_calls_for_a_person_and_all_are_shown(check):
     story = at("MISSION_INPUT")
     story.check_says[check] = {"ok": False, "message": f"{check} is bad"}
     story.select().after(0.3).expect("OUTREACH")
-    assert [r.check.value for r in story.state.checks] == ORDER
-    assert [r.check.value for r in story.state.checks if not r.ok] == [check]
-    assert all(r.rows for r in story.state.checks)
-    assert f"{check} is bad" in story.state.message
+    assert [r.check.value for r in story.state.preflight.checks] == ORDER
+    assert [r.check.value for r in story.state.preflight.checks if not r.ok] == [check]
+    assert all(r.rows for r in story.state.preflight.checks)
+    assert f"{check} is bad" in story.state.shown.text
     assert story.motions == []
 
 
@@ -65,14 +63,14 @@ def test_each_silent_check_runs_out(check):
     limit_s = 13.0 if check == "watchdog" else 3.0
     story.select().after_ns(round(limit_s * S) - 1).expect("PREFLIGHT")
     story.after_ns(1).expect("OUTREACH")
-    assert f"the {check} check got no answer in time" in story.state.message
+    assert f"the {check} check got no answer in time" in story.state.shown.text
 
 
 def test_a_watchdog_that_has_never_beaten_is_no_takeoff_however_patient_the_limit():
     patient = replace(SHIPPED.limits, watchdog_heartbeat_limit_ns=600 * S)
     story = Story(replace(SHIPPED, limits=patient)).start().after(0.5)
     story.silent.append("watchdog")
-    story.state = evolve(story.state, heartbeat_ns=None)
+    story.state = put(story.state, "peers.heartbeat_ns", None)
     story.select().until("OUTREACH")
     assert "TAKEOFF" not in story.motions
     assert "the watchdog was started and has never beaten" in story.state.cause
@@ -84,13 +82,13 @@ def test_checks_run_out_although_another_answer_comes_before_the_engine_is_woken
     for check in ORDER:
         story.answers[f"check:{check}"] = None
     story.select()
-    asked = {r.check: r.command_id for r in story.state.checks}
+    asked = {r.check: r.command_id for r in story.state.preflight.checks}
     late = story.state.t_ns + 14 * S
     event = ev.CheckReply(
         t_ns=late, command_id=asked[CheckName.BATTERY], check=CheckName.BATTERY, outcome=ev.Outcome.ACCEPTED, ok=True
     )
     state, _ = engine.decide(story.state, event, story.rules)
-    outcomes = {r.check: r.outcome for r in state.checks}
+    outcomes = {r.check: r.outcome for r in state.preflight.checks}
     assert outcomes.pop(CheckName.BATTERY) is ev.Outcome.ACCEPTED
     assert set(outcomes.values()) == {ev.Outcome.TIMED_OUT}
     assert state.state is State.OUTREACH
@@ -104,15 +102,15 @@ def test_retry_after_it_was_mended_flies(check):
     story.check_says.clear()
     assert story.user("retry")[0] == "DONE"
     story.until("MISSION_ENDED")
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 def test_two_failed_checks_are_both_named():
     story = at("MISSION_INPUT")
     story.check_says.update(battery={"ok": False, "message": "low"}, on_ground={"ok": False, "message": "in the air"})
     story.select().until("OUTREACH")
-    assert "battery: low" in story.state.message
-    assert "on_ground: in the air" in story.state.message
+    assert "battery: low" in story.state.shown.text
+    assert "on_ground: in the air" in story.state.shown.text
 
 
 # --- the watchdog's fixes ---------------------------------------------------------------------------------------------
@@ -169,7 +167,7 @@ def test_ready_is_not_believed_when_the_list_says_otherwise():
     story = at("MISSION_INPUT")
     story.check_says["watchdog"] = {"ok": True, "components": (ev.ComponentStatus("lrf", Code.HOLD),)}
     story.select().after(0.1).expect("OUTREACH")
-    assert "lrf is at code 8" in story.state.message
+    assert "lrf is at code 8" in story.state.shown.text
 
 
 # --- required and tolerated -------------------------------------------------------------------------------------------
@@ -193,7 +191,7 @@ def test_what_is_not_required_is_flown_without(name, code):
     story = Story(SHIPPED, Mission(id="1", required=("lrf",))).start().after(0.5).fail(name, code)
     story.select().until("MISSION_ENDED")
     assert story.motions == ["TAKEOFF"]
-    assert story.state.result.value == "COMPLETE"
+    assert story.state.session.result.value == "COMPLETE"
 
 
 @pytest.mark.parametrize("name, code", [("imu", 16), ("barometer", 16)])
@@ -201,7 +199,7 @@ def test_nothing_takes_off_with_what_it_would_land_for_even_if_it_is_not_require
     story = Story(SHIPPED, Mission(id="1", required=("lrf",))).start().after(0.5).fail(name, code)
     story.select().until("OUTREACH")
     assert story.motions == []
-    assert name in story.state.message
+    assert name in story.state.shown.text
 
 
 # --- what forbids a takeoff although every check passes ---------------------------------------------------------------
@@ -209,7 +207,7 @@ def test_nothing_takes_off_with_what_it_would_land_for_even_if_it_is_not_require
 
 def _loaded(story: Story) -> None:
     """Let the planner say LOADED, which is all that was missing."""
-    story.planner.session, story.planner.mission = story.state.session_id, "1"
+    story.planner.session, story.planner.mission = story.state.session.id, "1"
     story.planner.phase = ev.MissionPhase.LOADED
 
 
@@ -239,7 +237,7 @@ def test_nothing_takes_off_to_land_at_once(happens):
     happens(story)
     story.after(1.1)
     story.answers.clear()
-    for record in story.state.checks:
+    for record in story.state.preflight.checks:
         if record.outcome is None:
             story.feed(
                 ev.CheckReply, command_id=record.command_id, check=record.check, outcome=ev.Outcome.ACCEPTED, ok=True
@@ -279,7 +277,7 @@ def test_takeoff_and_landing_never_in_one_breath():
     story.until("LOAD_MISSION")
     _loaded(story)
     story.after(0.3)
-    battery = next(r for r in story.state.checks if r.check is CheckName.BATTERY)
+    battery = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)
     story.now += 2 * S
     commands = story.feed(
         ev.CheckReply, command_id=battery.command_id, check=CheckName.BATTERY, outcome=ev.Outcome.ACCEPTED, ok=True
@@ -321,13 +319,13 @@ def _waiting_to_load(max_age_s: float) -> Story:
     story = Story(Rules(components=COMPONENTS, limits=limits)).start().after(0.5).select()
     story.disobeyed.append("LoadMission")
     story.until("LOAD_MISSION").after(0.1)
-    story.planner.session, story.planner.mission = story.state.session_id, "1"
+    story.planner.session, story.planner.mission = story.state.session.id, "1"
     return story
 
 
 def test_checks_at_their_greatest_age_let_it_take_off():
     story = _waiting_to_load(5.0)
-    asked_ns = min(r.replied_ns for r in story.state.checks)
+    asked_ns = min(r.replied_ns for r in story.state.preflight.checks)
     story.after_ns(asked_ns + 5 * S - story.now - S // 10)
     story.silent.append("planner")
     story.now = asked_ns + 5 * S
@@ -340,7 +338,7 @@ def test_checks_at_their_greatest_age_let_it_take_off():
 
 def test_checks_one_nanosecond_older_do_not():
     story = _waiting_to_load(5.0)
-    asked_ns = min(r.replied_ns for r in story.state.checks)
+    asked_ns = min(r.replied_ns for r in story.state.preflight.checks)
     story.after_ns(asked_ns + 5 * S - story.now - S // 10)
     story.now = asked_ns + 5 * S + 1
     _loaded(story)
@@ -371,7 +369,7 @@ def test_checks_that_pass_while_the_heartbeat_is_lost_wait_for_it():
     story.silent.remove("watchdog")
     story.after(0.5)
     assert story.place[0] in ("READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF")
-    assert story.state.rounds == 2
+    assert story.state.preflight.rounds == 2
 
 
 def test_checks_that_pass_while_the_heartbeat_stays_lost_end_with_a_person():
@@ -439,15 +437,15 @@ def test_a_check_row_shows_value_limit_and_advice():
     )
     story.check_says["battery"] = {"ok": False, "checks": (row,)}
     story.select().until("OUTREACH")
-    battery = next(r for r in story.state.checks if r.check is CheckName.BATTERY)
+    battery = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)
     assert battery.rows == (row,)
-    assert "fraction: charge" in story.state.message
+    assert "fraction: charge" in story.state.shown.text
 
 
 def test_the_lead_time_passes_before_the_mission_is_loaded():
     story = at("START_RECORDING")
     story.until("LOAD_MISSION")
-    assert story.now - story.state.recording_since_ns == 3 * S
+    assert story.now - story.state.recording.since_ns == 3 * S
 
 
 def test_the_lead_begins_anew_when_the_files_stop_growing():

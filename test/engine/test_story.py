@@ -21,8 +21,8 @@ def test_a_nominal_mission_from_selection_to_its_end():
         "data_cleanup",
         "mission_ended",
     ]
-    assert story.state.result.value == "COMPLETE"
-    assert story.state.data_location == "/data/test-001"
+    assert story.state.session.result.value == "COMPLETE"
+    assert story.state.recording.location == "/data/test-001"
 
 
 @pytest.mark.parametrize("place", BEGINNINGS)

@@ -18,8 +18,8 @@ from expected_values import VALUES
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import transitions
 from amaze_autonomy.engine.commands import Value
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.severity import Severity
+from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.rules import Severity
 
 CHECKS = ("check:watchdog", "check:battery", "check:autopilot", "check:on_ground", "check:state_estimation")
 GROUND, AIR, LANDING = ev.VehicleLanded.ON_GROUND, ev.VehicleLanded.IN_AIR, ev.VehicleLanded.LANDING
@@ -109,7 +109,11 @@ def refuses(name: str, outcome: ev.Outcome = REFUSED) -> Callable[[Story], objec
 
     def happens(story: Story) -> None:
         state = story.state
-        identity = {"load": state.load_id, "record": state.recording_id, "motion": state.motion_id}[name]
+        identity = {
+            "load": state.preflight.load.id,
+            "record": state.recording.request.id,
+            "motion": state.flight.motion.id,
+        }[name]
         story.feed(ev.Reply, command_id=identity, outcome=outcome, message="no")
 
     return happens
@@ -201,7 +205,7 @@ def watchdog_answers_late(*after_s: float) -> Callable[[Story], object]:
         story.select()
         for seconds in after_s:
             story.after(seconds)
-            record = next(r for r in story.state.checks if r.check is ev.CheckName.WATCHDOG)
+            record = next(r for r in story.state.preflight.checks if r.check is ev.CheckName.WATCHDOG)
             story.feed(ev.CheckReply, command_id=record.command_id, check=record.check, outcome=ACCEPTED, ok=True)
 
     return happens

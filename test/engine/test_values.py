@@ -16,12 +16,10 @@ from engine_story import Story
 
 from amaze_autonomy import engine, monitoring
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import AutopilotLand, Level
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.severity import Code, ComponentRule, Restart, Severity, Verb
-from amaze_autonomy.engine.state import DataResult, EngineState, OutreachKind, Result, State, Step
+from amaze_autonomy.engine.events import Check, Mission, Verdict
+from amaze_autonomy.engine.rules import Action, Code, ComponentRule, Limits, Restart, Rules, Severity
+from amaze_autonomy.engine.state import Asked, DataResult, EngineState, OutreachKind, Result, State, Step
 
 
 @pytest.mark.parametrize("t_ns", [-1, 1.5, None, "0"])
@@ -54,11 +52,25 @@ def test_the_numbers_of_a_word_are_those_of_its_message(kind, message):
 
 
 def test_an_engine_that_has_heard_nothing_believes_nothing():
-    fresh = vars(EngineState())
-    begins = {"state": State.MISSION_INPUT, "step": Step.NONE, "next_id": 1, "label": "session", "result": Result.NONE}
-    begins["data_result"] = DataResult.NONE
-    begins.update(outreach=OutreachKind.NONE, interrupted=State.MISSION, message_level=Level.INFO)
-    assert {name: value for name, value in fresh.items() if value} == begins
+    fresh = {name: value for name, value in vars(EngineState()).items() if value}
+    parts = {name: value for name, value in fresh.items() if is_dataclass(value)}
+    assert {name: fresh[name] for name in fresh if name not in parts} == {
+        "state": State.MISSION_INPUT,
+        "step": Step.NONE,
+        "next_id": 1,
+        "label": "session",
+    }
+    assert {name: {field: said for field, said in vars(part).items() if said} for name, part in parts.items()} == {
+        "shown": {"level": Level.INFO},
+        "session": {"result": Result.NONE, "data_result": DataResult.NONE, "outreach": OutreachKind.NONE},
+        "preflight": {"load": Asked()},
+        "flight": {"interrupted": State.MISSION, "motion": Asked()},
+        "landing": {},
+        "recording": {"request": Asked()},
+        "vehicle": {},
+        "peers": {},
+    }
+    assert not any(vars(Asked()).values())
 
 
 def test_what_a_planner_does_not_say_is_nothing():
@@ -168,7 +180,7 @@ def test_a_component_is_listed_once_and_its_wait_is_not_negative():
 def test_codes_and_verbs_are_ordered_the_worst_wins():
     assert sorted(Code) == [Code.NOMINAL, Code.NON_CRITICAL, Code.INCONVENIENT, Code.HOLD, Code.ABORT]
     assert [int(code) for code in Code] == [1, 2, 4, 8, 16]
-    assert Verb.CONTINUE < Verb.WAIT < Verb.LAND < Verb.PILOT
+    assert Action.CONTINUE < Action.WAIT < Action.LAND < Action.PILOT
     assert [restart.value for restart in Restart] == ["none", "trying", "given_up"]
 
 
@@ -188,7 +200,7 @@ def test_no_takeoff_with_a_battery_that_the_autopilot_never_told():
     story.vehicle.says["battery_fraction"] = None
     story.start().after(0.5).select().until("OUTREACH", limit_s=40.0)
     assert story.motions == []
-    assert "battery" in story.state.message
+    assert "battery" in story.state.shown.text
 
 
 def test_a_mission_that_is_selected_after_the_process_was_told_to_end_does_not_take_off():
@@ -196,7 +208,7 @@ def test_a_mission_that_is_selected_after_the_process_was_told_to_end_does_not_t
     story.feed(ev.Shutdown)
     story.select().until("OUTREACH", limit_s=40.0)
     assert story.motions == []
-    assert "told to end" in story.state.message
+    assert "told to end" in story.state.shown.text
 
 
 def test_a_mode_that_was_foreign_once_is_still_foreign_in_the_next_status():

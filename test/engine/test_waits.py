@@ -57,7 +57,7 @@ def one_platform_only(story: Story) -> None:
 
 def on_ground_armed(story: Story) -> None:
     story.vehicle.auto_disarm = False
-    while story.state.grounded_ns is None:
+    while story.state.flight.grounded_ns is None:
         story.after(0.1)
 
 
@@ -65,7 +65,7 @@ def put_down(story: Story) -> None:
     story.planner.says["phase"] = ev.MissionPhase.FLYING
     story.landing_says = ev.Landed.ON_GROUND
     story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=0.0)
-    while story.state.in_flight:
+    while story.state.flight.active:
         story.after(0.1)
 
 
@@ -109,7 +109,7 @@ WAITS = (
     Wait(
         "preflight_fix_poll",
         "MISSION_INPUT",
-        lambda s: max(r.replied_ns for r in s.state.checks),
+        lambda s: max(r.replied_ns for r in s.state.preflight.checks),
         1.0,
         "checks_repeated",
         "PREFLIGHT",
@@ -127,7 +127,7 @@ WAITS = (
     Wait(
         "check_max_age",
         "LOAD_MISSION",
-        lambda s: min(r.replied_ns for r in s.state.checks),
+        lambda s: min(r.replied_ns for r in s.state.preflight.checks),
         10.0,
         "checks_expired",
         "PREFLIGHT",
@@ -138,7 +138,7 @@ WAITS = (
     Wait(
         "recording_lead",
         "START_RECORDING",
-        lambda s: s.state.recording_since_ns,
+        lambda s: s.state.recording.since_ns,
         3.0,
         "recording_proven",
         "LOAD_MISSION",
@@ -170,12 +170,12 @@ WAITS = (
         "LAND",
         lambda s: s.fail("lrf", 8),
     ),
-    Wait("user_hold_limit", "HOLD holding", lambda s: s.state.user_hold_ns, 120.0, "land", "LAND"),
-    Wait("flight_time", "MISSION flying", lambda s: s.state.flight_started_ns, 900.0, "land", "LAND", flies_long),
+    Wait("user_hold_limit", "HOLD holding", lambda s: s.state.flight.user_hold_ns, 120.0, "land", "LAND"),
+    Wait("flight_time", "MISSION flying", lambda s: s.state.flight.started_ns, 900.0, "land", "LAND", flies_long),
     Wait(
         "watchdog_heartbeat_limit",
         "HOLD holding",
-        lambda s: s.state.heartbeat_ns,
+        lambda s: s.state.peers.heartbeat_ns,
         0.6,
         "land",
         "LAND",
@@ -185,7 +185,7 @@ WAITS = (
     Wait(
         "planner_status_limit",
         "TAKEOFF climbing",
-        lambda s: s.state.planner_ns,
+        lambda s: s.state.peers.planner_ns,
         1.0,
         "land_by_both_routes",
         "LAND",
@@ -195,7 +195,7 @@ WAITS = (
     Wait(
         "autopilot_status_limit",
         "MISSION flying",
-        lambda s: s.state.autopilot_ns,
+        lambda s: s.state.peers.autopilot_ns,
         1.0,
         "land_by_both_routes",
         "LAND",
@@ -215,7 +215,7 @@ WAITS = (
     Wait(
         "battery_age_limit",
         "HOLD holding",
-        lambda s: s.state.battery_ns,
+        lambda s: s.state.peers.battery_ns,
         10.0,
         "land",
         "LAND",
@@ -225,7 +225,7 @@ WAITS = (
     Wait(
         "position_age_limit",
         "HOLD holding",
-        lambda s: s.state.position_ns,
+        lambda s: s.state.peers.position_ns,
         10.0,
         "failure_continue",
         "HOLD",
@@ -235,7 +235,7 @@ WAITS = (
     Wait(
         "recorder_status_limit",
         "HOLD holding",
-        lambda s: s.state.recorder_ns,
+        lambda s: s.state.peers.recorder_ns,
         5.0,
         "failure_continue",
         "HOLD",
@@ -245,7 +245,7 @@ WAITS = (
     Wait(
         "landing_detection_limit",
         "HOLD holding",
-        lambda s: s.state.landing_ns,
+        lambda s: s.state.peers.landing_ns,
         1.0,
         "failure_continue",
         "HOLD",
@@ -255,18 +255,18 @@ WAITS = (
     Wait(
         "confirm_limit",
         "MISSION flying",
-        lambda s: s.state.grounded_ns,
+        lambda s: s.state.flight.grounded_ns,
         10.0,
         "landed_unexpectedly",
         "DATA_CLEANUP",
         put_down,
     ),
     Wait("hold_repeat_after", "HOLD confirming", stepped, 1.5, "hold_repeated", "HOLD"),
-    Wait("moving", "HOLD holding", lambda s: s.state.moving_ns, 1.0, "hold_flown_on", "HOLD", flies_on),
+    Wait("moving", "HOLD holding", lambda s: s.state.vehicle.moving_ns, 1.0, "hold_flown_on", "HOLD", flies_on),
     Wait(
         "pilot_confirm",
         "MISSION flying",
-        lambda s: s.state.takeover.since_ns,
+        lambda s: s.state.vehicle.takeover.since_ns,
         0.3,
         "pilot_took_over",
         "PILOT",
@@ -275,30 +275,37 @@ WAITS = (
     Wait(
         "takeover_silent",
         "READY",
-        lambda s: s.state.autopilot_ns,
+        lambda s: s.state.peers.autopilot_ns,
         1.0,
         "ready_taken_back",
         "PREFLIGHT",
         armed_once_and_silent,
         lost=True,
     ),
-    Wait("land_repeat_period", "LAND commanding", lambda s: s.state.land_sent_ns, 0.5, "land_repeat", "LAND"),
-    Wait("land_second_route_after", "LAND commanding", lambda s: s.state.land_ns, 3.0, "land_second_route", "LAND"),
-    Wait("land_alarm_after", "LAND commanding", lambda s: s.state.land_ns, 6.0, "land_alarm", "LAND"),
+    Wait("land_repeat_period", "LAND commanding", lambda s: s.state.landing.sent_ns, 0.5, "land_repeat", "LAND"),
+    Wait(
+        "land_second_route_after",
+        "LAND commanding",
+        lambda s: s.state.landing.since_ns,
+        3.0,
+        "land_second_route",
+        "LAND",
+    ),
+    Wait("land_alarm_after", "LAND commanding", lambda s: s.state.landing.since_ns, 6.0, "land_alarm", "LAND"),
     Wait(
         "descent_time",
         "LAND commanding",
-        lambda s: s.state.descending_ns,
+        lambda s: s.state.vehicle.descending_ns,
         1.0,
         "landing_shown",
         "LAND",
         lambda s: s.say(vertical_speed_m_s=-0.5),
     ),
-    Wait("land_limit", "LAND commanding", lambda s: s.state.land_ns, 120.0, "land_limit", "LAND"),
+    Wait("land_limit", "LAND commanding", lambda s: s.state.landing.since_ns, 120.0, "land_limit", "LAND"),
     Wait(
         "ground_disarm_after",
         "LAND descending",
-        lambda s: s.state.grounded_ns,
+        lambda s: s.state.flight.grounded_ns,
         4.0,
         "disarm_on_ground",
         "LAND",
@@ -307,7 +314,7 @@ WAITS = (
     Wait(
         "never_armed",
         "TAKEOFF arming",
-        lambda s: s.state.land_ns,
+        lambda s: s.state.landing.since_ns,
         10.0,
         "cancelled_by_landing",
         "DATA_CLEANUP",
@@ -316,7 +323,7 @@ WAITS = (
     Wait(
         "recorder_silent",
         "DATA_CLEANUP",
-        lambda s: max(s.state.recorder_ns, s.state.entered_ns),
+        lambda s: max(s.state.peers.recorder_ns, s.state.entered_ns),
         5.0,
         "data_incomplete",
         "OUTREACH",
@@ -373,7 +380,7 @@ def test_when_nobody_answers_it_ends_with_a_person(place):
     story = at(place)
     state, number = _ticked(story.state, story.rules, 400)
     if number == 400:
-        assert (state.state, state.alarmed, state.overdue_alarmed) == (State.LAND, True, True)
+        assert (state.state, state.landing.alarmed, state.landing.overdue_alarmed) == (State.LAND, True, True)
         assert state.t_ns - story.now > 150 * S, "it does not spin: 2 Hz"
     else:
         assert state.state.value in FOR_A_PERSON

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import pytest
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import AutopilotLand, MissionAction, MissionCommand, Notify, RunCheck
-from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.engine.events import Check, CheckName, Verdict
+from amaze_autonomy.engine.rules import Code, Restart
 from amaze_autonomy.interface import (
     CHECK_ROW,
     CHECK_SERVICES,

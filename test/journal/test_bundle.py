@@ -15,7 +15,7 @@ from amaze_autonomy.engine.events import (
     VehicleLanded,
     WatchdogInfo,
 )
-from amaze_autonomy.engine.severity import Code, Restart
+from amaze_autonomy.engine.rules import Code, Restart
 from amaze_autonomy.journal.codec import bundled, unbundled
 
 VEHICLES = [

@@ -13,11 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from amaze_autonomy.engine import events
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import Decision, Value
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.severity import Code, ComponentRule, Restart, Severity
+from amaze_autonomy.engine.events import Check, CheckName, Mission, Verdict
+from amaze_autonomy.engine.rules import Code, ComponentRule, Limits, Restart, Rules, Severity
 from amaze_autonomy.journal import journal
 
 EVENT_CLASSES = [

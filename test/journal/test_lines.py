@@ -9,7 +9,7 @@ import pytest
 
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.journal import journal
 from amaze_autonomy.journal.codec import form_of
 

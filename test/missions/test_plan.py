@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.missions import (
     Bounds,
     FlightEstimate,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Callable
 
-from amaze_autonomy.engine.severity import Severity
+from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.monitoring.gravity import GravityWindow
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.rate import RateMonitor

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Iterator, List, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check
+from amaze_autonomy.engine.events import Check
 from amaze_autonomy.monitoring.condition import Level
 from amaze_autonomy.monitoring.rate import RateMonitor
 

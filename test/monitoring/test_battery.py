@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitoring_feed import S, rounded
 
-from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.events import Check, Verdict
 from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
 from amaze_autonomy.monitoring.specs import BatterySpec
 

@@ -7,9 +7,8 @@ import itertools
 import pytest
 from monitoring_feed import S, regular
 
-from amaze_autonomy.engine.checks import Check, Verdict
-from amaze_autonomy.engine.events import ComponentStatus
-from amaze_autonomy.engine.severity import Code, Restart, Severity
+from amaze_autonomy.engine.events import Check, ComponentStatus, Verdict
+from amaze_autonomy.engine.rules import Code, Restart, Severity
 from amaze_autonomy.monitoring.component import ComponentMonitor, code_of
 from amaze_autonomy.monitoring.condition import Level
 from amaze_autonomy.monitoring.errors import UnknownComponentError

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitoring_feed import S, rounded
 
-from amaze_autonomy.engine.checks import Check, Verdict
-from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.engine.events import Check, Landed, VehicleLanded, Verdict
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
 from amaze_autonomy.monitoring.specs import LandingSpec

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitoring_feed import S
 
-from amaze_autonomy.engine.severity import Restart
+from amaze_autonomy.engine.rules import Restart
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartMachine, RestartRequest

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitoring_feed import S, rounded
 
-from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.events import Check, Verdict
 from amaze_autonomy.monitoring.specs import StateEstimationSpec
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor, StateVerdict
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from monitoring_feed import S
 
 from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo
-from amaze_autonomy.engine.severity import Code, Restart, Severity
+from amaze_autonomy.engine.rules import Code, Restart, Severity
 from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
 from amaze_autonomy.monitoring.watchdog import Streams, Watchdog
 

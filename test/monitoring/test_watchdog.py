@@ -7,9 +7,8 @@ from typing import Dict, List, Optional, Tuple
 import pytest
 from monitoring_feed import S
 
-from amaze_autonomy.engine.checks import Check, Verdict
-from amaze_autonomy.engine.events import ComponentStatus
-from amaze_autonomy.engine.severity import Code, Restart, Severity
+from amaze_autonomy.engine.events import Check, ComponentStatus, Verdict
+from amaze_autonomy.engine.rules import Code, Restart, Severity
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.errors import RestartRefusedError, UnknownComponentError
 from amaze_autonomy.monitoring.restart import RestartRequest

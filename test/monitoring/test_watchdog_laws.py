@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from monitoring_feed import S
 
-from amaze_autonomy.engine.severity import Code, Restart, Severity
+from amaze_autonomy.engine.rules import Code, Restart, Severity
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
 from amaze_autonomy.monitoring.watchdog import Watchdog
 

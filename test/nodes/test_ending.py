@@ -16,9 +16,8 @@ from amaze_autonomy.engine.commands import (
     MissionCommand,
     StopRecording,
 )
-from amaze_autonomy.engine.events import Outcome, Reply, Shutdown, Tick
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
+from amaze_autonomy.engine.events import Mission, Outcome, Reply, Shutdown, Tick
+from amaze_autonomy.engine.state import DataResult, EngineState, Flight, Result, Session, State
 from amaze_autonomy.nodes.autonomy.ending import Ended, Ending, Farewell
 from amaze_autonomy.nodes.autonomy.node import data_outcome, exit_status, outcome
 
@@ -93,9 +92,9 @@ def ending(*, exit_when_ended=True):
     return Ending(reasons.append, EngineState(), exit_when_ended=exit_when_ended), reasons
 
 
-def see(watched, *states, **more):
+def see(watched, *states, result=Result.NONE, queue=()):
     for state in states:
-        watched.see(replace(EngineState(), state=state, **more))
+        watched.see(EngineState(state=state, queue=queue, session=Session(result=result)))
 
 
 def test_the_end_of_the_last_mission_ends_the_node():
@@ -132,8 +131,8 @@ def test_the_node_stays_when_it_is_not_asked_to_end():
     assert reasons == []
 
 
-def at(state, **more):
-    return replace(EngineState(), state=state, **more)
+def at(state, *, in_flight=False):
+    return EngineState(state=state, flight=Flight(active=in_flight))
 
 
 @pytest.mark.parametrize(

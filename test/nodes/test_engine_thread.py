@@ -20,7 +20,7 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.events import EngineStarted, Tick, UserCommand, UserRequest
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, evolve
+from amaze_autonomy.engine.state import EngineState, Flight, Session, evolve
 from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread, Inbox
 from amaze_autonomy.ros.clock import MonotonicClock
 
@@ -185,14 +185,14 @@ def test_a_defect_in_flight_is_a_wish_to_land():
             return evolve(state, t_ns=event.t_ns), (LAND,)
         return failing(state, event, rules)
 
-    with Run(decide, state=EngineState(in_flight=True, t_ns=1)) as run:
+    with Run(decide, state=EngineState(flight=Flight(active=True), t_ns=1)) as run:
         run.inbox.put(started(2))
         assert run.next() == ("send", LAND)
         assert run.next()[1] == UserRequest(t_ns=1, command=UserCommand.LAND)
 
 
 def test_an_engine_that_cannot_even_decide_to_land_is_landed_by_both_routes():
-    with Run(failing, state=EngineState(in_flight=True, session_id="s", t_ns=1)) as run:
+    with Run(failing, state=EngineState(flight=Flight(active=True), session=Session(id="s"), t_ns=1)) as run:
         run.inbox.put(started(2))
         limit_ns = Rules().limits.command_reply_limit_ns
         assert run.next() == (

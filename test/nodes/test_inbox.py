@@ -13,7 +13,7 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy import msg
 from amaze_autonomy.engine.events import AutopilotStatus, ClockStatus, LandedStatus, Tick, WatchdogAction
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.interface import STATUSES
 from amaze_autonomy.nodes.autonomy.engine_thread import Inbox, Stall
 from amaze_autonomy.ros.clock import Clock

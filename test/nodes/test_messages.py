@@ -11,10 +11,9 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine import events
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
-from amaze_autonomy.engine.events import ComponentStatus, Outcome
-from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import Code, Restart, Verb
+from amaze_autonomy.engine.commands import Level, Notify
+from amaze_autonomy.engine.events import Check, CheckName, ComponentStatus, Outcome, Verdict
+from amaze_autonomy.engine.rules import Action, Code, Restart, Rules
 from amaze_autonomy.engine.state import EngineState, Failure, FailureKind
 from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
 from amaze_autonomy.journal.report import report
@@ -182,8 +181,8 @@ def test_a_verdict_that_does_not_exist_is_refused():
 
 
 def test_the_report_becomes_a_message():
-    failure = Failure("lrf", FailureKind.COMPONENT, 8, Verb.WAIT, Verb.LAND, T, T + 3_000_000_000, "silent")
-    state = replace(EngineState(), failures=(failure,), message="hello")
+    failure = Failure("lrf", FailureKind.COMPONENT, 8, Action.WAIT, Action.LAND, T, T + 3_000_000_000, "silent")
+    state = EngineState(failures=(failure,), shown=Notify(level=Level.INFO, key="", text="hello"))
     message = state_message(report(state, Rules()), T + 1_000_000_000, ROS)
     assert (message.state, message.message, message.message_level) == ("MISSION_INPUT", "hello", 0)
     assert message.header.stamp.to_nsec() == ROS

@@ -10,8 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from amaze_autonomy.engine.events import Landed, LandedStatus, MissionPhase, MissionStatus, Tick, WatchdogAction
-from amaze_autonomy.engine.rules import Limits
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code, Limits
 from amaze_autonomy.nodes.autonomy.outbox import PeerClocks
 
 MS = 1_000_000

@@ -11,9 +11,8 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine import commands
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import CheckReply, Outcome, Reply
+from amaze_autonomy.engine.events import CheckName, CheckReply, Outcome, Reply
 from amaze_autonomy.interface import CHECK_SERVICES, SERVICES
 from amaze_autonomy.nodes.autonomy.requests import Requests
 from amaze_autonomy.ros.errors import BrokenCallError, CallTimeoutError, UnavailableError

@@ -11,7 +11,7 @@ pytest.importorskip("rospy")
 import rospy
 
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.engine.checks import Check, Verdict
+from amaze_autonomy.engine.events import Check, Verdict
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.ros.clock import SimulatedClock
 from amaze_autonomy.ros.errors import StartError

@@ -8,27 +8,28 @@ pytest.importorskip("rospy")
 
 from amaze_autonomy.engine.events import AutopilotStatus, UserCommand, VehicleLanded
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, State, evolve
+from amaze_autonomy.engine.state import EngineState, Flight, Peers, State, evolve, put
 from amaze_autonomy.nodes.autonomy.users import Unattended
 
 S = 1_000_000_000
 DOWN = AutopilotStatus(t_ns=5 * S, armed=False, landed=VehicleLanded.ON_GROUND, link_age_s=0.0)
 FLYING = evolve(DOWN, armed=True, landed=VehicleLanded.IN_AIR)
-PILOT = EngineState(state=State.PILOT, t_ns=5 * S, in_flight=True, autopilot=FLYING, autopilot_ns=5 * S)
+HEARD = Peers(autopilot=FLYING, autopilot_ns=5 * S)
+PILOT = EngineState(state=State.PILOT, t_ns=5 * S, flight=Flight(active=True), peers=HEARD)
 
 
 def test_a_pilots_landing_is_acknowledged_once_the_flight_is_over():
     desk = Unattended(Rules())
     assert desk.answer(PILOT) is None
-    assert desk.answer(evolve(PILOT, autopilot=DOWN)) is None, "one status does not end a flight"
-    assert desk.answer(evolve(PILOT, autopilot=DOWN, in_flight=False)) is UserCommand.ACKNOWLEDGE
+    assert desk.answer(put(PILOT, "peers.autopilot", DOWN)) is None, "one status does not end a flight"
+    assert desk.answer(put(put(PILOT, "peers.autopilot", DOWN), "flight.active", False)) is UserCommand.ACKNOWLEDGE
 
 
 def test_a_pilot_who_has_armed_on_the_ground_is_waited_for():
     desk = Unattended(Rules())
-    armed = evolve(PILOT, in_flight=False, autopilot=evolve(DOWN, armed=True))
+    armed = put(put(PILOT, "peers.autopilot", evolve(DOWN, armed=True)), "flight.active", False)
     assert desk.answer(armed) is None
-    assert desk.answer(evolve(armed, autopilot=DOWN)) is UserCommand.ACKNOWLEDGE
+    assert desk.answer(put(armed, "peers.autopilot", DOWN)) is UserCommand.ACKNOWLEDGE
 
 
 def test_where_a_person_is_wanted_it_gives_up():
@@ -51,4 +52,5 @@ def test_each_state_is_answered_at_once():
 
 @pytest.mark.parametrize("state", [each for each in State if each not in (State.OUTREACH, State.PILOT)])
 def test_elsewhere_nothing_is_answered(state):
-    assert Unattended(Rules()).answer(EngineState(state=state, t_ns=S, autopilot=DOWN, autopilot_ns=S)) is None
+    heard = Peers(autopilot=DOWN, autopilot_ns=S)
+    assert Unattended(Rules()).answer(EngineState(state=state, t_ns=S, peers=heard)) is None

@@ -17,24 +17,14 @@ from proof_liveness import loops
 from proof_worlds import WORLDS
 from test_defects import Patch, attribute, row, takes, without
 
-from amaze_autonomy.engine import (
-    absorb,
-    effects,
-    events,
-    failures,
-    fitness,
-    flight_guards,
-    preflight_guards,
-    timers,
-    turn,
-)
-from amaze_autonomy.engine import data_guards as data
+from amaze_autonomy.engine import context, effects, events, failsafe, flight_guards, guards, timers, update
 from amaze_autonomy.engine import decide as engine
-from amaze_autonomy.engine.answers import Case
+from amaze_autonomy.engine import guards as data
 from amaze_autonomy.engine.commands import AnswerKind, AutopilotLand, MissionAction, MissionCommand, Seen
-from amaze_autonomy.engine.conditions import Says
+from amaze_autonomy.engine.decide import Case
 from amaze_autonomy.engine.events import Outcome
-from amaze_autonomy.engine.state import EngineState, State, Step
+from amaze_autonomy.engine.failsafe import Says
+from amaze_autonomy.engine.state import EngineState, State, Step, put
 
 __all__ = ["DEFECTS", "Caught", "Defect", "caught_by"]
 
@@ -86,7 +76,7 @@ def never_ends(name: str) -> Patch:
 
         patch.setattr(timers, "_BY_NAME", {key: never(timer) for key, timer in timers._BY_NAME.items()})
         patch.setattr(timers, "_AT", {place: tuple(map(never, found)) for place, found in timers._AT.items()})
-        patch.setattr(failures, "FAILSAFE_CONDITIONS", tuple(map(noticed, failures.FAILSAFE_CONDITIONS)))
+        patch.setattr(failsafe, "FAILSAFE_CONDITIONS", tuple(map(noticed, failsafe.FAILSAFE_CONDITIONS)))
 
     return breaks
 
@@ -130,23 +120,25 @@ def _no_alarm(t: Any) -> None:
 
 
 def _land_by_one_route(t: Any) -> None:
-    t.set(land_ns=t.now if t.state.land_ns is None else t.state.land_ns, land_sent_ns=t.now)
+    since = t.now if t.state.landing.since_ns is None else t.state.landing.since_ns
+    t.put("landing", since_ns=since, sent_ns=t.now)
     effects._motion(t, MissionAction.LAND)
 
 
 def _disarm_at_once(t: Any) -> Any:
-    return Seen() if t.armed() and t.state.autopilot.vertical_speed_m_s is not None else None
+    return Seen() if t.armed() and t.state.peers.autopilot.vertical_speed_m_s is not None else None
 
 
 def _reply_without_id(t: Any, event: Any) -> None:
-    t.set(motion_outcome=event.outcome)
+    t.state = put(t.state, "flight.motion.outcome", event.outcome)
 
 
 def _check_without_id(t: Any, event: Any) -> None:
     records = tuple(
-        absorb.answer_of(r, event, t.now) if r.check is event.check and r.outcome is None else r for r in t.state.checks
+        update.answer_of(r, event, t.now) if r.check is event.check and r.outcome is None else r
+        for r in t.state.preflight.checks
     )
-    t.set(checks=records)
+    t.put("preflight", checks=records)
 
 
 def _restart_forgets(t: Any, event: Any) -> None:
@@ -168,12 +160,12 @@ def _restart_loads(t: Any, event: Any) -> None:
 
 
 def _always_in_flight(t: Any) -> None:
-    if t.state.in_flight and t.armed():
-        t.set(was_armed=True)
+    if t.state.flight.active and t.armed():
+        t.put("flight", was_armed=True)
 
 
 def _repeats_takeoff(t: Any) -> Any:
-    return Seen() if t.state.step is Step.ARMING and t.state.motion_outcome is Outcome.TIMED_OUT else None
+    return Seen() if t.state.step is Step.ARMING and t.state.flight.motion.outcome is Outcome.TIMED_OUT else None
 
 
 def _again(patch: pytest.MonkeyPatch) -> None:
@@ -194,12 +186,12 @@ def _not_low(t: Any) -> Any:
 
 
 def _level_of_nothing(t: Any) -> Any:
-    status, limit = t.state.autopilot, t.limits.battery_critical_fraction
+    status, limit = t.state.peers.autopilot, t.limits.battery_critical_fraction
     return Seen() if status is not None and (status.battery_fraction or 0.0) > 1 - limit else None
 
 
 def _landed_by_word(t: Any) -> Any:
-    return Seen() if t.state.motion_outcome is Outcome.ACCEPTED else None
+    return Seen() if t.state.flight.motion.outcome is Outcome.ACCEPTED else None
 
 
 def _commands_in_pilot(t: Any) -> None:
@@ -208,19 +200,20 @@ def _commands_in_pilot(t: Any) -> None:
 
 
 def _skips_the_stop(t: Any) -> None:
-    t.set(in_flight=False, land_ns=None)
+    t.put("flight", active=False)
+    t.put("landing", since_ns=None)
 
 
 def _silent_landing(t: Any) -> None:
-    t.set(land_ns=t.now, land_sent_ns=t.now)
+    t.put("landing", since_ns=t.now, sent_ns=t.now)
 
 
 def judged(name: str, holds: Any) -> Patch:
     """Judge one of the failsafe conditions otherwise."""
     rows = tuple(
-        replace(row, when=(Says(holds),), only="") if row.name == name else row for row in failures.FAILSAFE_CONDITIONS
+        replace(row, when=(Says(holds),), only="") if row.name == name else row for row in failsafe.FAILSAFE_CONDITIONS
     )
-    return attribute(failures, "FAILSAFE_CONDITIONS", rows)
+    return attribute(failsafe, "FAILSAFE_CONDITIONS", rows)
 
 
 def _done() -> Any:
@@ -228,7 +221,7 @@ def _done() -> Any:
 
 
 _TAKEOFF, _LAND = "takeoff", "landing"
-_PASSED = (preflight_guards.all_checks_passed, preflight_guards.planner_confirmed)
+_PASSED = (guards.all_checks_passed, guards.planner_confirmed)
 _SHARED: Dict[str, Tuple[str, ...]] = {
     "a moderate one is landed for": ("flight with barometer",),
     "a moderate one is landed for at its limit": ("flight with barometer",),
@@ -302,18 +295,18 @@ DEFECTS: Tuple[Defect, ...] = (
     Defect("the heartbeat has no limit", never_ends("watchdog_heartbeat_limit"), ("silence",)),
     Defect("the battery may be unknown for ever", never_ends("battery_age_limit"), ("silence",)),
     Defect("the flight time has no limit", never_ends("flight_time"), ("limits",)),
-    Defect("a takeoff needs no recording", attribute(fitness, "recording_proven", lambda _: Seen()), ("unfit",)),
+    Defect("a takeoff needs no recording", attribute(guards, "recording_proven", lambda _: Seen()), ("unfit",)),
     Defect(
         "a recorder that says RECORDING is believed",
         both(
-            attribute(data, "proves_recording", _says_recording), attribute(absorb, "proves_recording", _says_recording)
+            attribute(data, "proves_recording", _says_recording), attribute(update, "proves_recording", _says_recording)
         ),
         ("unfit",),
     ),
     Defect("checks are not asked again before takeoff", attribute(effects, "run_checks", lambda _: None), ("checks",)),
     Defect(
         "a takeoff needs no word of the vehicle",
-        attribute(turn.Turn, "down", lambda self: self.state.autopilot is not None and not self.armed()),
+        attribute(context.Turn, "down", lambda self: self.state.peers.autopilot is not None and not self.armed()),
         ("unfit",),
     ),
     Defect("TAKEOFF is repeated when nobody answers", _again, (_TAKEOFF,)),
@@ -362,7 +355,7 @@ DEFECTS: Tuple[Defect, ...] = (
     Defect("the recording is not stopped", entering((State.DATA_CLEANUP, Step.NONE), _skips_the_stop), ("data", _LAND)),
     Defect(
         "a merge that failed is complete",
-        row("data_complete", guard=lambda t: Seen() if t.state.recorder else None),
+        row("data_complete", guard=lambda t: Seen() if t.state.peers.recorder else None),
         ("data",),
     ),
     Defect("what the flight lacks is kept quiet", without("data_lost"), ("data",)),
@@ -370,7 +363,7 @@ DEFECTS: Tuple[Defect, ...] = (
     Defect("a restart forgets the flight", takes(events.EngineStarted, _restart_forgets), ("flight with lrf",)),
     Defect("a restart takes off again", takes(events.EngineStarted, _restart_takes_off), (_TAKEOFF,)),
     Defect("a restart uploads again", takes(events.EngineStarted, _restart_loads), ("loading",)),
-    Defect("a flight never ends", attribute(absorb, "_flight", _always_in_flight), ("last file", _LAND)),
+    Defect("a flight never ends", attribute(update, "_flight", _always_in_flight), ("last file", _LAND)),
     Defect(
         "the battery is judged the other way round",
         judged("battery_critical", _level_of_nothing),

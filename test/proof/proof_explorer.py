@@ -169,10 +169,10 @@ class Exploration:
             path = (*self.path(origin[0]), origin[1]) if origin[0] >= 0 else self.seeds[-1]
             self.broken = Broken("every_state_is_sound", wrong[0], path)
         down = node.peers.vehicle == "ground" and "autopilot" not in node.peers.silent
-        self.where.append((state.state, state.in_flight, down))
+        self.where.append((state.state, state.flight.active, down))
         self.stats.places.add((state.state.value, state.step.value))
         for failure in state.failures:
-            self.stats.failures.add((failure.name, failure.verb.name.lower()))
+            self.stats.failures.add((failure.name, failure.action.name.lower()))
         if self.compare and number % _SAMPLE == 0:
             self.kept[number] = node
         layer.append((number, node))
@@ -223,9 +223,9 @@ class Exploration:
 
 def _ended(before: Node, after: Node) -> bool:
     """Return True when the care for a vehicle that flies is over: no flight any more, or in somebody else's hands."""
-    flew = before.state.in_flight and before.state.state is not State.PILOT
+    flew = before.state.flight.active and before.state.state is not State.PILOT
     flies = before.peers.vehicle in ("lifting", "flying", "loitering", "landing")
-    return flew and flies and (not after.state.in_flight or after.state.state is State.PILOT)
+    return flew and flies and (not after.state.flight.active or after.state.state is State.PILOT)
 
 
 def explore(world: World, limit: Optional[int] = None, *, compare: bool = True) -> Exploration:

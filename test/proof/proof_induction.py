@@ -10,21 +10,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from multiprocessing import Pool
+from operator import attrgetter
 from random import Random
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from proof_moves import BOOT, perform
 from proof_peers import BATTERIES, MISSIONS, RULES, SCENES, UNIT, limited
-from proof_sound import sound
+from proof_sound import TIMES, sound
 from proof_worlds import SEEDS, script
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import MissionAction as A
-from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import Code, Restart
-from amaze_autonomy.engine.state import Agreement, ClockApart, EngineState, OutreachKind, Result, State, evolve
+from amaze_autonomy.engine.events import Check, CheckName, Verdict
+from amaze_autonomy.engine.rules import Code, Restart, Rules
+from amaze_autonomy.engine.state import Agreement, ClockApart, EngineState, OutreachKind, Result, State, evolve, put
 from amaze_autonomy.laws import Moment, Witness, check
 from amaze_autonomy.laws.witness import Asked, Load, hear, see
 
@@ -100,23 +100,22 @@ def _template(place: str, way: str, rules: Rules) -> Template:
 
 def _later(state: EngineState) -> EngineState:
     """Return the same state at a later time."""
-    times = {name: getattr(state, name) for name in EngineState.__dataclass_fields__ if name.endswith("_ns")}
-    moved = {name: value + _PAST for name, value in times.items() if value is not None}
     checks = tuple(
         evolve(r, asked_ns=r.asked_ns + _PAST, replied_ns=None if r.replied_ns is None else r.replied_ns + _PAST)
-        for r in state.checks
+        for r in state.preflight.checks
     )
     failures = tuple(
         evolve(f, since_ns=f.since_ns + _PAST, deadline_ns=None if f.deadline_ns is None else f.deadline_ns + _PAST)
         for f in state.failures
     )
-    heard = {
-        name: evolve(status, t_ns=status.t_ns + _PAST)
-        for name in ("action", "planner", "recorder", "autopilot", "landing")
-        for status in (getattr(state, name),)
-        if status is not None
-    }
-    return evolve(state, checks=checks, failures=failures, **moved, **heard)
+    later = put(evolve(state, failures=failures), "preflight.checks", checks)
+    for name in TIMES:
+        time = attrgetter(name)(state)
+        later = later if time is None else put(later, name, time + _PAST)
+    for name in ("action", "planner", "recorder", "autopilot", "landing"):
+        status = getattr(state.peers, name)
+        later = later if status is None else put(later, f"peers.{name}", evolve(status, t_ns=status.t_ns + _PAST))
+    return later
 
 
 _TEMPLATES: List[Template] = []
@@ -173,7 +172,7 @@ def _components(rng: Random, _: EngineState) -> Tuple[ev.ComponentStatus, ...]:
 def _checks(rng: Random, s: EngineState) -> Any:
     """Change when, and what, the checks have answered."""
     records = []
-    for record in s.checks:
+    for record in s.preflight.checks:
         asked = _time(rng, s)
         answered = _often(rng)
         replied = rng.randint(asked, s.t_ns) if answered else None
@@ -233,23 +232,23 @@ _ANY_OF_VEHICLE: Mapping[str, Tuple[Any, ...]] = {
 
 
 def _planner(rng: Random, s: EngineState) -> ev.MissionStatus:
-    ours = s.mission is not None and _often(rng)
+    ours = s.session.mission is not None and _often(rng)
     return ev.MissionStatus(
         t_ns=_time(rng, s),
-        session_id=s.session_id or "proof-001",
-        mission_id=s.mission.id if ours else rng.choice(tuple(MISSIONS)),
+        session_id=s.session.id or "proof-001",
+        mission_id=s.session.mission.id if ours else rng.choice(tuple(MISSIONS)),
         phase=ev.MissionPhase.LOADED if s.state is State.LOAD_MISSION and ours else rng.choice(tuple(ev.MissionPhase)),
         waypoint=rng.choice((0, 1, 3)),
         waypoints=3,
-        repetition=s.repetition if ours else rng.choice((0, 1)),
-        file_index=s.file_index if ours else rng.choice((0, 1)),
+        repetition=s.session.repetition if ours else rng.choice((0, 1)),
+        file_index=s.session.file_index if ours else rng.choice((0, 1)),
     )
 
 
 def _recorder(rng: Random, s: EngineState) -> ev.RecordingStatus:
     phase = rng.choice((ev.RecordingPhase.RECORDING, *ev.RecordingPhase))
     platforms = tuple(ev.PlatformRecording(name, growing=_often(rng)) for name in "ab"[: rng.choice((0, 2, 2, 2))])
-    return ev.RecordingStatus(t_ns=s.t_ns, session_id=s.session_id or "proof-001", phase=phase, platforms=platforms)
+    return ev.RecordingStatus(t_ns=s.t_ns, session_id=s.session.id or "proof-001", phase=phase, platforms=platforms)
 
 
 def _action(rng: Random, s: EngineState) -> ev.WatchdogAction:
@@ -273,72 +272,71 @@ FIELDS: Mapping[str, Draw] = {
     "entered_ns": _time,
     "step_ns": _time,
     "started_ns": _when,
-    "mission": lambda rng, s: s.mission and MISSIONS[rng.choice(tuple(MISSIONS))],
+    "session.mission": lambda rng, s: s.session.mission and MISSIONS[rng.choice(tuple(MISSIONS))],
     "queue": lambda rng, s: s.queue if s.state is State.MISSION_INPUT else rng.choice(((), (MISSIONS["one"],))),
-    "file_index": _one(0, 1),
-    "repetition": _one(0, 1),
-    "result": _one(*Result),
-    "checks": _checks,
-    "fix_deadline_ns": lambda rng, s: s.t_ns + rng.choice((-UNIT, 0, 1, UNIT)),
-    "rounds": _one(0, 1, 2, 3),
-    "go": _bool,
-    "outreach": _one(*OutreachKind),
-    "watchdog_started_ns": _when,
-    "load_outcome": _one(None, *ev.Outcome),
-    "in_flight": _bool,
-    "flight_started_ns": _when,
-    "was_armed": _bool,
-    "was_airborne": _bool,
-    "flown": _bool,
-    "down": _maybe(_agreement),
-    "aloft": _maybe(_agreement),
-    "motors": _maybe(_agreement),
-    "grounded_ns": _when,
-    "interrupted": _one(State.TAKEOFF, State.MISSION),
-    "user_hold_ns": _when,
+    "session.file_index": _one(0, 1),
+    "session.repetition": _one(0, 1),
+    "session.result": _one(*Result),
+    "preflight.checks": _checks,
+    "preflight.fix_deadline_ns": lambda rng, s: s.t_ns + rng.choice((-UNIT, 0, 1, UNIT)),
+    "preflight.rounds": _one(0, 1, 2, 3),
+    "session.outreach": _one(*OutreachKind),
+    "peers.watchdog_started_ns": _when,
+    "preflight.load.outcome": _one(None, *ev.Outcome),
+    "flight.active": _bool,
+    "flight.started_ns": _when,
+    "flight.was_armed": _bool,
+    "flight.was_airborne": _bool,
+    "session.flown": _bool,
+    "vehicle.down": _maybe(_agreement),
+    "vehicle.aloft": _maybe(_agreement),
+    "vehicle.motors": _maybe(_agreement),
+    "flight.grounded_ns": _when,
+    "flight.interrupted": _one(State.TAKEOFF, State.MISSION),
+    "flight.user_hold_ns": _when,
     "failures": _failures,
-    "spent": _spent,
-    "flown_without": lambda rng, _: tuple(sorted(rng.sample(_NAMES, rng.choice((0, 1))))),
-    "motion_ns": _time,
-    "motion_outcome": _one(None, *ev.Outcome),
-    "commanded": lambda rng, s: (*rng.sample(tuple(A), rng.choice((0, 1, 2))), *s.commanded[-1:]),
-    "confirmed": _one(None, *A),
-    "mode_before": _one("", "AUTO.LOITER", "AUTO.MISSION", "POSCTL"),
-    "mode_shown": _bool,
-    "hold_repeated": _bool,
-    "moving_ns": _when,
-    "takeover": _maybe(_agreement),
-    "takeover_noted": _bool,
-    "land_ns": _when,
-    "land_sent_ns": _time,
-    "second_route_ns": _when,
-    "both_routes": _bool,
-    "alarmed": _bool,
-    "overdue_alarmed": _bool,
-    "disarm_sent_ns": _when,
+    "flight.spent": _spent,
+    "flight.flown_without": lambda rng, _: tuple(sorted(rng.sample(_NAMES, rng.choice((0, 1))))),
+    "flight.motion.sent_ns": _time,
+    "flight.motion.outcome": _one(None, *ev.Outcome),
+    "flight.commanded": lambda rng, s: (*rng.sample(tuple(A), rng.choice((0, 1, 2))), *s.flight.commanded[-1:]),
+    "flight.confirmed": _one(None, *A),
+    "flight.mode_before": _one("", "AUTO.LOITER", "AUTO.MISSION", "POSCTL"),
+    "flight.mode_shown": _bool,
+    "flight.hold_repeated": _bool,
+    "vehicle.moving_ns": _when,
+    "vehicle.takeover": _maybe(_agreement),
+    "flight.takeover_noted": _bool,
+    "landing.since_ns": _when,
+    "landing.sent_ns": _time,
+    "landing.second_route_ns": _when,
+    "landing.both_routes": _bool,
+    "landing.alarmed": _bool,
+    "landing.overdue_alarmed": _bool,
+    "landing.disarm_sent_ns": _when,
     "shutting_down": _bool,
     "armed_at_start": _one(None, True, False),
-    "recording_outcome": _one(None, *ev.Outcome),
-    "recording_since_ns": _when,
-    "recording_progressed": _bool,
-    "recording_over": _bool,
-    "action": _maybe(_action),
-    "heartbeat_ns": _when,
-    "loop_counters": _one((), (("", 3),), (("", 0), ("other", 2))),
-    "clocks_apart": lambda rng, s: rng.choice(((), (ClockApart("planner", 9 * UNIT, _time(rng, s)),))),
-    "clock_stalled_s": _one(0.0, 0.5, 1.5),
-    "components": _components,
-    "planner": _maybe(_planner),
-    "planner_ns": _when,
-    "recorder": _maybe(_recorder),
-    "recorder_ns": _when,
-    "autopilot": _maybe(_vehicle),
-    "autopilot_ns": _when,
-    "battery_ns": _when,
-    "position_ns": _when,
-    "descending_ns": _when,
-    "landing": _maybe(lambda rng, s: ev.LandedStatus(t_ns=s.t_ns, landed=rng.choice(tuple(ev.Landed)))),
-    "landing_ns": _when,
+    "recording.request.outcome": _one(None, *ev.Outcome),
+    "recording.since_ns": _when,
+    "recording.progressed": _bool,
+    "recording.over": _bool,
+    "peers.action": _maybe(_action),
+    "peers.heartbeat_ns": _when,
+    "peers.loop_counters": _one((), (("", 3),), (("", 0), ("other", 2))),
+    "peers.clocks_apart": lambda rng, s: rng.choice(((), (ClockApart("planner", 9 * UNIT, _time(rng, s)),))),
+    "peers.clock_stalled_s": _one(0.0, 0.5, 1.5),
+    "peers.components": _components,
+    "peers.planner": _maybe(_planner),
+    "peers.planner_ns": _when,
+    "peers.recorder": _maybe(_recorder),
+    "peers.recorder_ns": _when,
+    "peers.autopilot": _maybe(_vehicle),
+    "peers.autopilot_ns": _when,
+    "peers.battery_ns": _when,
+    "peers.position_ns": _when,
+    "vehicle.descending_ns": _when,
+    "peers.landing": _maybe(lambda rng, s: ev.LandedStatus(t_ns=s.t_ns, landed=rng.choice(tuple(ev.Landed)))),
+    "peers.landing_ns": _when,
 }
 """Every field that is drawn, and from what."""
 
@@ -350,22 +348,23 @@ LEFT_ALONE: Mapping[str, str] = {
     "decisions": "a counter",
     "label": "a text",
     "sessions": "a counter; none yet, and some, by the templates",
-    "session_id": "a text",
+    "session.id": "a text",
+    "session.data_result": "nothing asks for it",
     "cause": "a text",
-    "load_id": "a number that was given out",
-    "land_cause": "a text",
-    "load_message": "a text",
-    "motion_id": "a number that was given out",
-    "motion_message": "a text",
-    "recording_asked": "there is a recording, or none, by the templates",
-    "recording_id": "a number that was given out",
-    "recording_message": "a text",
-    "data_location": "a text",
-    "message": "a text",
-    "message_level": "of a text",
-    "advice": "a text",
+    "preflight.load.id": "a number that was given out",
+    "landing.cause": "a text",
+    "preflight.load.message": "a text",
+    "preflight.load.sent_ns": "nothing asks for it",
+    "flight.motion.id": "a number that was given out",
+    "flight.motion.message": "a text",
+    "recording.asked": "there is a recording, or none, by the templates",
+    "recording.request.id": "a number that was given out",
+    "recording.request.message": "a text",
+    "recording.request.sent_ns": "nothing asks for it",
+    "recording.location": "a text",
+    "shown": "a text",
     "signal": "a text",
-    "takeover_reason": "a text",
+    "vehicle.takeover_reason": "a text",
 }
 """What is not drawn, and why."""
 
@@ -385,7 +384,7 @@ def drawn_state(rng: Random, place: str = "") -> Optional[Drawn]:
     state = template.state
     names = tuple(sorted(rng.sample(_FIELD_NAMES, rng.choice((1, 2, 3, 4, 6, 10)))))
     for name in names:
-        state = evolve(state, **{name: FIELDS[name](rng, state)})
+        state = put(state, name, FIELDS[name](rng, state))
     state, _ = engine.decide(state, ev.Tick(t_ns=state.t_ns), template.rules)
     return None if sound(state, template.rules) else Drawn(template.place, names, state, template.rules)
 
@@ -404,12 +403,14 @@ def drawn_event(rng: Random, state: EngineState) -> ev.Event:
 
 
 def _reply(rng: Random, s: EngineState) -> ev.Event:
-    identity = rng.choice((s.motion_id, s.load_id, s.recording_id, max(0, s.motion_id - 1), s.next_id))
+    identity = rng.choice(
+        (s.flight.motion.id, s.preflight.load.id, s.recording.request.id, max(0, s.flight.motion.id - 1), s.next_id)
+    )
     return ev.Reply(t_ns=s.t_ns, command_id=identity, outcome=rng.choice(tuple(ev.Outcome)))
 
 
 def _check_reply(rng: Random, s: EngineState) -> ev.Event:
-    record = rng.choice(s.checks) if s.checks else None
+    record = rng.choice(s.preflight.checks) if s.preflight.checks else None
     row = Check("row", rng.choice((Verdict.PASS, Verdict.PASS, *Verdict)))
     return ev.CheckReply(
         t_ns=s.t_ns,
@@ -448,84 +449,91 @@ _EVENTS: Tuple[Callable[[Random, EngineState], ev.Event], ...] = (
 
 def witness_of(s: EngineState, rules: Rules) -> Witness:
     """Return the witness who has seen what a state says of its past, and nothing else."""
-    flight = "none" if not s.in_flight else "armed" if s.was_armed else "commanded"
-    landing = s.land_ns is not None and s.state in (State.LAND, State.PILOT)
-    watching = s.watchdog_started_ns is not None
-    beat = s.heartbeat_ns
-    motion = s.commanded[-1] if s.commanded else None
+    flight = "none" if not s.flight.active else "armed" if s.flight.was_armed else "commanded"
+    landing = s.landing.since_ns is not None and s.state in (State.LAND, State.PILOT)
+    watching = s.peers.watchdog_started_ns is not None
+    beat = s.peers.heartbeat_ns
+    motion = s.flight.commanded[-1] if s.flight.commanded else None
     return Witness(
         now=s.t_ns,
-        vehicle=s.autopilot,
-        vehicle_ns=s.autopilot_ns or 0,
-        battery_ns=s.battery_ns,
-        descending_ns=s.descending_ns,
-        detection=s.landing.landed if s.landing is not None else ev.Landed.UNKNOWN,
-        detection_ns=s.landing_ns or 0,
-        beat_ns=max(s.watchdog_started_ns or 0, beat or 0) if watching else beat,
-        counters=s.loop_counters,
-        taken=0 if s.takeover is None else s.takeover.statuses,
-        taken_ns=0 if s.takeover is None else s.takeover.since_ns,
-        ground_ns=s.grounded_ns,
-        down_ns=s.down.since_ns if s.down is not None else None,
+        vehicle=s.peers.autopilot,
+        vehicle_ns=s.peers.autopilot_ns or 0,
+        battery_ns=s.peers.battery_ns,
+        descending_ns=s.vehicle.descending_ns,
+        detection=s.peers.landing.landed if s.peers.landing is not None else ev.Landed.UNKNOWN,
+        detection_ns=s.peers.landing_ns or 0,
+        beat_ns=max(s.peers.watchdog_started_ns or 0, beat or 0) if watching else beat,
+        counters=s.peers.loop_counters,
+        taken=0 if s.vehicle.takeover is None else s.vehicle.takeover.statuses,
+        taken_ns=0 if s.vehicle.takeover is None else s.vehicle.takeover.since_ns,
+        ground_ns=s.flight.grounded_ns,
+        down_ns=s.vehicle.down.since_ns if s.vehicle.down is not None else None,
         watching=watching,
-        planner=s.planner,
-        planner_ns=s.planner_ns or 0,
-        recorder=s.recorder,
-        recorder_ns=s.recorder_ns or 0,
-        growing_ns=s.recording_since_ns,
-        codes=tuple((status.name, int(status.code)) for status in s.components),
-        given_up=tuple(status.name for status in s.components if status.restart is Restart.GIVEN_UP),
-        checks=tuple((r.check.value, Asked(r.command_id, r.asked_ns, r.replied_ns, r.ok)) for r in s.checks),
+        planner=s.peers.planner,
+        planner_ns=s.peers.planner_ns or 0,
+        recorder=s.peers.recorder,
+        recorder_ns=s.peers.recorder_ns or 0,
+        growing_ns=s.recording.since_ns,
+        codes=tuple((status.name, int(status.code)) for status in s.peers.components),
+        given_up=tuple(status.name for status in s.peers.components if status.restart is Restart.GIVEN_UP),
+        checks=tuple((r.check.value, Asked(r.command_id, r.asked_ns, r.replied_ns, r.ok)) for r in s.preflight.checks),
         load=_load_of(s),
-        session=s.session_id,
+        session=s.session.id,
         flight=flight,
-        flight_ns=s.flight_started_ns or 0,
-        airborne=s.was_airborne and s.in_flight,
-        mode_before=s.mode_before,
-        aloft=s.aloft.statuses if s.aloft is not None else 0,
+        flight_ns=s.flight.started_ns or 0,
+        airborne=s.flight.was_airborne and s.flight.active,
+        mode_before=s.flight.mode_before,
+        aloft=s.vehicle.aloft.statuses if s.vehicle.aloft is not None else 0,
         landing=landing,
-        land_ns=s.land_ns or 0,
-        sent_ns=s.land_sent_ns,
-        second=landing and s.second_route_ns is not None,
-        second_ns=s.land_sent_ns,
-        alarmed=s.alarmed,
+        land_ns=s.landing.since_ns or 0,
+        sent_ns=s.landing.sent_ns,
+        second=landing and s.landing.second_route_ns is not None,
+        second_ns=s.landing.sent_ns,
+        alarmed=s.landing.alarmed,
         last_id=s.next_id - 1,
         motion=motion,
-        motion_id=s.motion_id,
-        motion_ns=s.motion_ns,
-        motion_outcome=s.motion_outcome,
-        answered=s.confirmed is motion and motion is not None,
-        disarmed_ns=s.disarm_sent_ns,
+        motion_id=s.flight.motion.id,
+        motion_ns=s.flight.motion.sent_ns,
+        motion_outcome=s.flight.motion.outcome,
+        answered=s.flight.confirmed is motion and motion is not None,
+        disarmed_ns=s.landing.disarm_sent_ns,
         recording=_recording_of(s),
-        user_hold=s.user_hold_ns is not None,
+        user_hold=s.flight.user_hold_ns is not None,
         waited=_waited_of(s, rules),
         shutting_down=s.shutting_down,
-        stalled_s=s.clock_stalled_s,
+        stalled_s=s.peers.clock_stalled_s,
     )
 
 
 def _load_of(s: EngineState) -> Optional[Load]:
-    if not s.load_id or s.mission is None:
+    if not s.preflight.load.id or s.session.mission is None:
         return None
-    used = s.state not in (State.LOAD_MISSION,) and not (s.state is State.MISSION and not s.was_armed)
-    return Load(s.load_id, s.session_id, s.mission.id, (s.repetition, s.file_index), s.load_outcome, used)
+    used = s.state not in (State.LOAD_MISSION,) and not (s.state is State.MISSION and not s.flight.was_armed)
+    return Load(
+        s.preflight.load.id,
+        s.session.id,
+        s.session.mission.id,
+        (s.session.repetition, s.session.file_index),
+        s.preflight.load.outcome,
+        used,
+    )
 
 
 def _recording_of(s: EngineState) -> str:
-    if not s.recording_asked:
+    if not s.recording.asked:
         return "none"
-    about_data = s.state is State.OUTREACH and s.outreach is OutreachKind.DATA
+    about_data = s.state is State.OUTREACH and s.session.outreach is OutreachKind.DATA
     if s.state in (State.DATA_CLEANUP, State.MISSION_ENDED) or about_data:
-        complete = s.recorder is not None and s.recorder.phase is ev.RecordingPhase.COMPLETE
+        complete = s.peers.recorder is not None and s.peers.recorder.phase is ev.RecordingPhase.COMPLETE
         return "complete" if complete else "stopped"
     return "asked"
 
 
 def _waited_of(s: EngineState, rules: Rules) -> Tuple[Tuple[str, int], ...]:
-    waited = dict(s.spent)
+    waited = dict(s.flight.spent)
     budgets = {rule.name: rule.wait_limit_ns for rule in rules.components}
     for f in s.failures:
-        if f.deadline_ns is not None and f.name in {status.name for status in s.components}:
+        if f.deadline_ns is not None and f.name in {status.name for status in s.peers.components}:
             waited[f.name] = max(0, budgets.get(f.name, rules.limits.unlisted_wait_limit_ns) - (f.deadline_ns - s.t_ns))
     return tuple(sorted(waited.items()))
 
@@ -623,7 +631,7 @@ def inductions(steps: int, seed: int, jobs: int, tell: Callable[[Induction], Non
 def told(broken: BrokenStep) -> str:
     """Return a broken step as lines: what is drawn of the state, the event, where it led."""
     drawn = broken.drawn
-    values = [f"  {name} = {getattr(drawn.state, name)!r}" for name in ("t_ns", *drawn.changed)]
+    values = [f"  {name} = {attrgetter(name)(drawn.state)!r}" for name in ("t_ns", *drawn.changed)]
     lines = (
         f"{broken.what}: {broken.why}",
         f"a state drawn from {drawn.place}: {drawn.state.state.value} {drawn.state.step.value}, with",

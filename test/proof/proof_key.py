@@ -7,6 +7,7 @@ explorer checks this by expanding a sample of states that count as known and com
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Any, Callable, Dict, Optional, Tuple
 
 from proof_peers import NEVER, UNIT, Peers
@@ -44,28 +45,30 @@ def _caps(rules: Rules) -> Dict[str, int]:
             at.hold_confirm_limit_ns,
             at.resume_confirm_limit_ns,
         ),
-        "flight_started_ns": units(
+        "flight.started_ns": units(
             at.max_flight_time_ns, at.battery_age_limit_ns, at.position_age_limit_ns, at.planner_status_limit_ns
         ),
-        "grounded_ns": units(at.ground_disarm_after_ns, at.confirm_limit_ns),
-        "user_hold_ns": units(at.user_hold_limit_ns),
-        "land_ns": units(at.land_limit_ns, at.land_second_route_after_ns, at.land_alarm_after_ns, at.arm_limit_ns),
-        "land_sent_ns": units(at.land_repeat_period_ns),
-        "disarm_sent_ns": units(at.ground_disarm_period_ns),
-        "recording_since_ns": units(at.recording_lead_ns),
-        "heartbeat_ns": units(at.watchdog_heartbeat_limit_ns),
-        "watchdog_started_ns": units(at.watchdog_heartbeat_limit_ns),
-        "planner_ns": units(at.planner_status_limit_ns),
-        "recorder_ns": units(at.recorder_status_limit_ns),
-        "autopilot_ns": units(at.autopilot_status_limit_ns, at.autopilot_link_limit_ns),
-        "battery_ns": units(at.battery_age_limit_ns),
-        "position_ns": units(at.position_age_limit_ns),
-        "descending_ns": units(at.descent_time_ns),
-        "landing_ns": units(at.landing_detection_limit_ns),
-        "motion_ns": units(at.arm_limit_ns),
+        "flight.grounded_ns": units(at.ground_disarm_after_ns, at.confirm_limit_ns),
+        "flight.user_hold_ns": units(at.user_hold_limit_ns),
+        "landing.since_ns": units(
+            at.land_limit_ns, at.land_second_route_after_ns, at.land_alarm_after_ns, at.arm_limit_ns
+        ),
+        "landing.sent_ns": units(at.land_repeat_period_ns),
+        "landing.disarm_sent_ns": units(at.ground_disarm_period_ns),
+        "recording.since_ns": units(at.recording_lead_ns),
+        "peers.heartbeat_ns": units(at.watchdog_heartbeat_limit_ns),
+        "peers.watchdog_started_ns": units(at.watchdog_heartbeat_limit_ns),
+        "peers.planner_ns": units(at.planner_status_limit_ns),
+        "peers.recorder_ns": units(at.recorder_status_limit_ns),
+        "peers.autopilot_ns": units(at.autopilot_status_limit_ns, at.autopilot_link_limit_ns),
+        "peers.battery_ns": units(at.battery_age_limit_ns),
+        "peers.position_ns": units(at.position_age_limit_ns),
+        "vehicle.descending_ns": units(at.descent_time_ns),
+        "peers.landing_ns": units(at.landing_detection_limit_ns),
+        "flight.motion.sent_ns": units(at.arm_limit_ns),
         "confirm": units(at.flight_end_confirm_ns, at.confirm_limit_ns),
         "pilot": units(at.pilot_confirm_ns),
-        "moving_ns": units(at.descent_time_ns),
+        "vehicle.moving_ns": units(at.descent_time_ns),
         "flown": int(at.max_flight_time_ns < NEVER),
         "check": units(at.check_max_age_ns, at.check_reply_limit_ns + at.watchdog_startup_time_ns),
     }
@@ -82,7 +85,7 @@ def make_key(rules: Rules) -> Callable[[EngineState, Peers, Witness, Tuple[int, 
 
 
 def _age(state: EngineState, caps: Dict[str, int], field: str) -> Optional[int]:
-    since = getattr(state, field)
+    since = attrgetter(field)(state)
     if since is None:
         return None
     age, cap = (state.t_ns - since) // UNIT, caps[field]
@@ -94,59 +97,72 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
     base = (
         place,
         state.step,
-        state.in_flight,
+        state.flight.active,
         _age(state, caps, "entered_ns") if place in _ENTERED else 0,
         _age(state, caps, "step_ns") if place in _STEPPED else 0,
         state.sessions > 0,
         state.started_ns is None,
-        state.mission.id if state.mission is not None else "",
-        state.session_id != "",
+        state.session.mission.id if state.session.mission is not None else "",
+        state.session.id != "",
         len(state.queue),
-        state.result,
-        state.outreach,
-        state.rounds,
+        state.session.result,
+        state.session.outreach,
+        state.preflight.rounds,
         state.shutting_down,
         state.armed_at_start,
-        state.recording_asked,
-        state.watchdog_started_ns is None or _age(state, caps, "watchdog_started_ns"),
-        _age(state, caps, "heartbeat_ns"),
-        _age(state, caps, "autopilot_ns"),
-        _age(state, caps, "battery_ns"),
-        tuple([(c.name, c.code, c.restart) for c in state.components]),
+        state.recording.asked,
+        state.peers.watchdog_started_ns is None or _age(state, caps, "peers.watchdog_started_ns"),
+        _age(state, caps, "peers.heartbeat_ns"),
+        _age(state, caps, "peers.autopilot_ns"),
+        _age(state, caps, "peers.battery_ns"),
+        tuple([(c.name, c.code, c.restart) for c in state.peers.components]),
         tuple(
             [
-                (f.name, f.verb, f.then, None if f.deadline_ns is None else max(-1, (f.deadline_ns - now) // UNIT))
+                (
+                    f.name,
+                    f.action,
+                    f.fallback,
+                    None if f.deadline_ns is None else max(-1, (f.deadline_ns - now) // UNIT),
+                )
                 for f in state.failures
             ]
         ),
         _vehicle(state),
-        state.landing.landed if state.landing is not None else None,
-        state.file_index,
-        state.repetition,
-        _agreed(state, "takeover", caps["pilot"]),
-        state.takeover_noted,
+        state.peers.landing.landed if state.peers.landing is not None else None,
+        state.session.file_index,
+        state.session.repetition,
+        _agreed(state, "vehicle.takeover", caps["pilot"]),
+        state.flight.takeover_noted,
         bool(state.signal),
-        state.clock_stalled_s,
-        state.was_airborne,
+        state.peers.clock_stalled_s,
+        state.flight.was_airborne,
     )
     return (
         base
         + (_checks(state, caps) if place in _CHECKED or state.step is Step.TOUCHDOWN else ())
-        + (_recording(state, caps) if state.recording_asked else ())
-        + (_flight(state, caps) if place in _FLIGHT or state.in_flight else _after_flight(state, caps))
+        + (_recording(state, caps) if state.recording.asked else ())
+        + (_flight(state, caps) if place in _FLIGHT or state.flight.active else _after_flight(state, caps))
     )
 
 
 def _after_flight(state: EngineState, caps: Dict[str, int]) -> Key:
     """Return what is left of a flight: how long an ARM of a takeoff that was called off may still take effect."""
-    late = bool(state.commanded) and not state.was_airborne and _age(state, caps, "motion_ns") < caps["motion_ns"]
-    shown = (frozenset(state.commanded), state.confirmed, _age(state, caps, "motion_ns")) if late else ()
-    return (state.was_airborne, state.flown, shown, _agreed(state, "motors", 0) if late else ())
+    late = (
+        bool(state.flight.commanded)
+        and not state.flight.was_airborne
+        and _age(state, caps, "flight.motion.sent_ns") < caps["flight.motion.sent_ns"]
+    )
+    shown = (
+        (frozenset(state.flight.commanded), state.flight.confirmed, _age(state, caps, "flight.motion.sent_ns"))
+        if late
+        else ()
+    )
+    return (state.flight.was_airborne, state.session.flown, shown, _agreed(state, "vehicle.motors", 0) if late else ())
 
 
 def _agreed(state: EngineState, field: str, cap: int) -> Key:
     """Return how many statuses agree, and over how long a time, as far as anything asks."""
-    agreed = getattr(state, field)
+    agreed = attrgetter(field)(state)
     if agreed is None:
         return ()
     lasts = (agreed.until_ns - agreed.since_ns) // UNIT
@@ -154,7 +170,7 @@ def _agreed(state: EngineState, field: str, cap: int) -> Key:
 
 
 def _vehicle(state: EngineState) -> Key:
-    status = state.autopilot
+    status = state.peers.autopilot
     if status is None:
         return ()
     return (
@@ -182,79 +198,90 @@ def _checks(state: EngineState, caps: Dict[str, int]) -> Key:
                 r.ok,
                 r.outcome is not None and (r.fixable or r.being_fixed),
             )
-            for r in state.checks
+            for r in state.preflight.checks
         ]
     )
-    planner = state.planner
+    planner = state.peers.planner
     loaded = planner is not None and (planner.phase, planner.mission_id, planner.file_index, planner.repetition)
-    fix = None if state.fix_deadline_ns is None else max(-1, (state.fix_deadline_ns - now) // UNIT)
-    down = () if state.state is State.PREFLIGHT else _agreed(state, "down", caps["confirm"])
-    return (records, fix, state.load_outcome, loaded, _age(state, caps, "planner_ns"), down)
+    fix = None if state.preflight.fix_deadline_ns is None else max(-1, (state.preflight.fix_deadline_ns - now) // UNIT)
+    down = () if state.state is State.PREFLIGHT else _agreed(state, "vehicle.down", caps["confirm"])
+    return (records, fix, state.preflight.load.outcome, loaded, _age(state, caps, "peers.planner_ns"), down)
 
 
 def _recording(state: EngineState, caps: Dict[str, int]) -> Key:
-    recorder = state.recorder
+    recorder = state.peers.recorder
     return (
-        state.recording_outcome,
-        state.recording_progressed,
-        _age(state, caps, "recording_since_ns"),
-        _age(state, caps, "recorder_ns"),
+        state.recording.request.outcome,
+        state.recording.progressed,
+        _age(state, caps, "recording.since_ns"),
+        _age(state, caps, "peers.recorder_ns"),
         recorder is not None and (recorder.phase, tuple([p.growing for p in recorder.platforms])),
         state.state is State.DATA_CLEANUP
-        and state.recorder_ns is not None
-        and min(caps["recorder_ns"], max(-1, (state.recorder_ns - state.entered_ns) // UNIT)),
+        and state.peers.recorder_ns is not None
+        and min(caps["peers.recorder_ns"], max(-1, (state.peers.recorder_ns - state.entered_ns) // UNIT)),
     )
 
 
 def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
-    planner = state.planner
+    planner = state.peers.planner
     return (
-        state.was_armed,
-        state.was_airborne,
-        state.flown,
-        _agreed(state, "down", caps["confirm"]),
-        _agreed(state, "aloft", 0),
-        _agreed(state, "motors", 0),
-        state.mode_before if state.confirmed is None else "",
-        state.mode_shown,
-        state.hold_repeated,
-        _age(state, caps, "moving_ns"),
-        state.interrupted if state.state is State.HOLD else None,
-        state.spent,
-        state.flown_without,
-        state.motion_outcome,
-        state.motion_ns < state.t_ns,
-        state.commanded[-1:],
-        frozenset(state.commanded),
-        state.confirmed,
-        state.both_routes,
-        state.alarmed,
-        state.overdue_alarmed,
-        state.second_route_ns is None,
+        state.flight.was_armed,
+        state.flight.was_airborne,
+        state.session.flown,
+        _agreed(state, "vehicle.down", caps["confirm"]),
+        _agreed(state, "vehicle.aloft", 0),
+        _agreed(state, "vehicle.motors", 0),
+        state.flight.mode_before if state.flight.confirmed is None else "",
+        state.flight.mode_shown,
+        state.flight.hold_repeated,
+        _age(state, caps, "vehicle.moving_ns"),
+        state.flight.interrupted if state.state is State.HOLD else None,
+        state.flight.spent,
+        state.flight.flown_without,
+        state.flight.motion.outcome,
+        state.flight.motion.sent_ns < state.t_ns,
+        state.flight.commanded[-1:],
+        frozenset(state.flight.commanded),
+        state.flight.confirmed,
+        state.landing.both_routes,
+        state.landing.alarmed,
+        state.landing.overdue_alarmed,
+        state.landing.second_route_ns is None,
         planner is not None
-        and (planner.phase, planner.waypoint >= planner.waypoints, planner.t_ns > state.motion_ns, planner.file_index),
-        _age(state, caps, "planner_ns"),
-        _age(state, caps, "flight_started_ns") if caps["flown"] or _unheard(state) else 0,
-        _age(state, caps, "grounded_ns") if state.state is not State.PILOT else 0,
-        _age(state, caps, "user_hold_ns"),
-        _age(state, caps, "land_ns"),
-        _age(state, caps, "land_sent_ns") if state.state is State.LAND else 0,
-        _age(state, caps, "disarm_sent_ns"),
-        _age(state, caps, "position_ns"),
-        _age(state, caps, "descending_ns"),
-        _age(state, caps, "landing_ns"),
+        and (
+            planner.phase,
+            planner.waypoint >= planner.waypoints,
+            planner.t_ns > state.flight.motion.sent_ns,
+            planner.file_index,
+        ),
+        _age(state, caps, "peers.planner_ns"),
+        _age(state, caps, "flight.started_ns") if caps["flown"] or _unheard(state) else 0,
+        _age(state, caps, "flight.grounded_ns") if state.state is not State.PILOT else 0,
+        _age(state, caps, "flight.user_hold_ns"),
+        _age(state, caps, "landing.since_ns"),
+        _age(state, caps, "landing.sent_ns") if state.state is State.LAND else 0,
+        _age(state, caps, "landing.disarm_sent_ns"),
+        _age(state, caps, "peers.position_ns"),
+        _age(state, caps, "vehicle.descending_ns"),
+        _age(state, caps, "peers.landing_ns"),
     )
 
 
 def _unheard(state: EngineState) -> bool:
     """Return True when the silence of somebody is counted from the takeoff, because nothing was heard of him."""
-    heard = (state.battery_ns, state.position_ns, state.planner_ns, state.landing_ns, state.recorder_ns)
-    return None in heard or state.autopilot_ns is None
+    heard = (
+        state.peers.battery_ns,
+        state.peers.position_ns,
+        state.peers.planner_ns,
+        state.peers.landing_ns,
+        state.peers.recorder_ns,
+    )
+    return None in heard or state.peers.autopilot_ns is None
 
 
 def _since(since: Optional[int], state: EngineState, cap: int) -> int:
     """Return the age of something that counts in a flight, or right before one; -1: never, or elsewhere."""
-    counts = state.state in (*_FLIGHT, State.LOAD_MISSION, State.PILOT) or state.in_flight
+    counts = state.state in (*_FLIGHT, State.LOAD_MISSION, State.PILOT) or state.flight.active
     return -1 if since is None or not counts else min(cap, (state.t_ns - since) // UNIT)
 
 
@@ -262,10 +289,10 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
     """Return what the witness knows beyond what the engine's own state says already."""
     now = witness.now
     return (
-        witness.vehicle is state.autopilot,
-        witness.planner is state.planner or state.planner is None,
-        witness.recorder is state.recorder or state.recorder is None,
-        witness.beat_ns == state.heartbeat_ns,
+        witness.vehicle is state.peers.autopilot,
+        witness.planner is state.peers.planner or state.peers.planner is None,
+        witness.recorder is state.peers.recorder or state.peers.recorder is None,
+        witness.beat_ns == state.peers.heartbeat_ns,
         witness.watching,
         witness.codes,
         witness.flight,
@@ -276,10 +303,10 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         _since(witness.ground_ns, state, caps["confirm"]),
         _since(witness.down_ns, state, caps["confirm"]),
         witness.landing,
-        witness.landing and min(caps["land_ns"], (now - witness.land_ns) // UNIT),
-        witness.landing and min(caps["land_sent_ns"], (now - witness.sent_ns) // UNIT),
+        witness.landing and min(caps["landing.since_ns"], (now - witness.land_ns) // UNIT),
+        witness.landing and min(caps["landing.sent_ns"], (now - witness.sent_ns) // UNIT),
         witness.second,
-        witness.second and min(caps["land_sent_ns"], (now - witness.second_ns) // UNIT),
+        witness.second and min(caps["landing.sent_ns"], (now - witness.second_ns) // UNIT),
         witness.alarmed,
         witness.alarms,
         witness.motion,

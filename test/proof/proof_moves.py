@@ -9,9 +9,8 @@ from proof_peers import MISSIONS, RULES, UNIT, Peers, beat, say
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
-from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.events import Check, CheckName, Verdict
+from amaze_autonomy.engine.rules import Code, Rules
 from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 from amaze_autonomy.laws import Moment, Witness, observed
 
@@ -106,7 +105,7 @@ def moves_of(node: Node, world: World) -> List[Tuple[Move, bool]]:
     found += [(("user", command), False) for command in world.users]
     found += [(("user_later", command), False) for command in world.users_later]
     found += [(("at_once", *components), False) for components in world.at_once if not node.peers.components]
-    found += [(("clock", s), False) for s in world.clocks if float(s) != node.state.clock_stalled_s]
+    found += [(("clock", s), False) for s in world.clocks if float(s) != node.state.peers.clock_stalled_s]
     found += [(("lie", lie), False) for lie in world.lies if _can_lie(node, lie)]
     if world.missions and node.state.state in (State.MISSION_INPUT, State.MISSION_ENDED):
         found += [(("select", *missions), False) for missions in world.missions]
@@ -121,7 +120,7 @@ def moves_of(node: Node, world: World) -> List[Tuple[Move, bool]]:
 
 def _replies(node: Node, world: World) -> Iterator[Move]:
     state, rest = node.state, False
-    for record in state.checks if _asks(state) else ():
+    for record in state.preflight.checks if _asks(state) else ():
         if record.outcome is None:
             if record.check.value in world.checks:
                 for answer in world.checks[record.check.value]:
@@ -130,11 +129,15 @@ def _replies(node: Node, world: World) -> Iterator[Move]:
                 rest = True
     if rest:
         yield ("checks", "ok")
-    if state.motion_id and state.motion_outcome is None and state.state in (State.TAKEOFF, State.HOLD, State.LAND):
+    if (
+        state.flight.motion.id
+        and state.flight.motion.outcome is None
+        and state.state in (State.TAKEOFF, State.HOLD, State.LAND)
+    ):
         yield from (("reply", "motion", outcome) for outcome in world.motion)
-    if state.load_id and state.load_outcome is None and _loads(state):
+    if state.preflight.load.id and state.preflight.load.outcome is None and _loads(state):
         yield from (("reply", "load", outcome) for outcome in world.load)
-    recorded = state.recording_id and state.recording_outcome is None
+    recorded = state.recording.request.id and state.recording.request.outcome is None
     if recorded and state.state in (State.START_RECORDING, State.DATA_CLEANUP):
         yield from (("reply", "recording", outcome) for outcome in world.recording)
 
@@ -159,7 +162,7 @@ def _changes(node: Node, world: World) -> Iterator[Move]:
     if node.witness.load is not None and "planner" not in peers.silent:
         said = peers.planner + ("!" if peers.done else "")
         yield from (("planner", phase) for phase in world.planner if phase != said or phase == "LOADED")
-    if node.witness.recording != "none" and state.session_id and "recorder" not in peers.silent:
+    if node.witness.recording != "none" and state.session.id and "recorder" not in peers.silent:
         yield from (("recorder", phase) for phase in world.recorder if phase != peers.recorder)
     if "watchdog" not in peers.silent:
         yield from _components(peers, world)
@@ -186,7 +189,7 @@ def _can_lie(node: Node, lie: str) -> bool:
     peer, _, said = lie.partition("=")
     told = {"planner": node.peers.planner, "recorder": node.peers.recorder}.get(peer, "-")
     now = {"planner": node.peers.planner, "recorder": node.peers.recorder, "landing": node.peers.detection}.get(peer)
-    return peer not in node.peers.silent and bool(told) and bool(node.state.session_id) and now != said
+    return peer not in node.peers.silent and bool(told) and bool(node.state.session.id) and now != said
 
 
 def _late(node: Node) -> Iterator[Move]:
@@ -220,7 +223,7 @@ def perform(node: Node, move: Move, rules: Rules, observe: Optional[Observer] = 
         if observe is not None:
             observe(moment)
         old = _superseded(old, state, after)
-        if after.session_id != state.session_id:
+        if after.session.id != state.session.id:
             peers = peers._replace(planner="", recorder="", done=False, leg=(0, 0))
         state, witness = after, moment.seen
     return Node(state, peers, witness, old)
@@ -228,12 +231,16 @@ def perform(node: Node, move: Move, rules: Rules, observe: Optional[Observer] = 
 
 def _superseded(old: Tuple[int, ...], before: EngineState, after: EngineState) -> Tuple[int, ...]:
     motion, load, check = old
-    if before.motion_id and before.motion_id != after.motion_id:
-        motion = before.motion_id
-    if before.load_id and before.load_id != after.load_id:
-        load = before.load_id
-    if before.checks and after.checks and before.checks[0].command_id != after.checks[0].command_id:
-        check = before.checks[0].command_id
+    if before.flight.motion.id and before.flight.motion.id != after.flight.motion.id:
+        motion = before.flight.motion.id
+    if before.preflight.load.id and before.preflight.load.id != after.preflight.load.id:
+        load = before.preflight.load.id
+    if (
+        before.preflight.checks
+        and after.preflight.checks
+        and before.preflight.checks[0].command_id != after.preflight.checks[0].command_id
+    ):
+        check = before.preflight.checks[0].command_id
     return (motion, load, check)
 
 
@@ -306,7 +313,7 @@ def _detection(node: Node, move: Move) -> Iterator[Any]:
 
 def _planner(node: Node, move: Move) -> Iterator[Any]:
     phase, done = move[1].rstrip("!"), move[1].endswith("!")
-    leg = (node.state.repetition, node.state.file_index) if phase == "LOADED" else node.peers.leg
+    leg = (node.state.session.repetition, node.state.session.file_index) if phase == "LOADED" else node.peers.leg
     yield node.peers._replace(planner=phase, done=done, leg=leg)
     yield _SAY["planner"]
 
@@ -355,21 +362,25 @@ def _check_reply(check: CheckName, identity: int, answer: str) -> Make:
 
 
 def _check(node: Node, move: Move) -> Iterator[Any]:
-    for record in node.state.checks:
+    for record in node.state.preflight.checks:
         if record.check.value == move[1]:
             yield _check_reply(record.check, record.command_id, move[2])
 
 
 def _checks(node: Node, _move: Move) -> Iterator[Any]:
     """Every check that is open and of no interest here passes."""
-    for record in node.state.checks:
+    for record in node.state.preflight.checks:
         if record.outcome is None and not (len(_move) > 2 and record.check.value in _move[2:]):
             yield _check_reply(record.check, record.command_id, "ok")
 
 
 def _reply(node: Node, move: Move) -> Iterator[Any]:
     state = node.state
-    identity = {"motion": state.motion_id, "load": state.load_id, "recording": state.recording_id}[move[1]]
+    identity = {
+        "motion": state.flight.motion.id,
+        "load": state.preflight.load.id,
+        "recording": state.recording.request.id,
+    }[move[1]]
     yield lambda _p, now, _w, _o: ev.Reply(t_ns=now.t_ns, command_id=identity, outcome=ev.Outcome[move[2]])
 
 

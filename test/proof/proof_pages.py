@@ -139,7 +139,7 @@ def _worlds(figures: Figures) -> str:
 A world begins no further layer after {BOUND} transitions ({LARGE} with `large`). `Depth` counts moves after the world's
 beginning; `handed over` are states from which another world goes on; `cut off` those that are not gone on from.
 Together they reach all {len(figures.rules)} rules (every row of the transition table, every change of a failure), all
-{len(figures.places)} places, and {len(figures.failures)} pairs of a failure and its verb; CI asserts it."""
+{len(figures.places)} places, and {len(figures.failures)} pairs of a failure and its action; CI asserts it."""
     head = ("World", "What happens in it", "States", "Transitions", "Depth", "Handed over", "Cut off")
     return f"## What was explored\n\n{words}\n\n" + _table(head, rows)
 

@@ -10,9 +10,8 @@ from dataclasses import replace
 from typing import Any, Dict, NamedTuple, Tuple
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.severity import Code, ComponentRule, Restart, Severity
+from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.rules import Code, ComponentRule, Limits, Restart, Rules, Severity
 from amaze_autonomy.engine.state import EngineState, evolve
 
 __all__ = ["LIMITS", "MISSIONS", "NEVER", "ROWS", "RULES", "SCENES", "UNIT", "Peers", "beat", "limited", "say"]
@@ -242,8 +241,8 @@ def _statuses(peers: Peers) -> Tuple[ev.ComponentStatus, ...]:
 def _action(peers: Peers, state: EngineState) -> ev.Event:
     listed = tuple(s for s in _statuses(peers) if s.code >= Code.INCONVENIENT)
     code = max((s.code for s in listed), default=Code.NOMINAL)
-    counter = state.action.loop_counter if state.action is not None else 0
-    counter += "loop" not in peers.silent or state.action is None
+    counter = state.peers.action.loop_counter if state.peers.action is not None else 0
+    counter += "loop" not in peers.silent or state.peers.action is None
     latest = listed[0].name if listed else ""
     return ev.WatchdogAction(
         t_ns=state.t_ns, sequence=0, loop_counter=counter, code=code, latest_component=latest, components=listed
@@ -255,12 +254,12 @@ def _info(peers: Peers, state: EngineState) -> ev.Event:
 
 
 def _planner(peers: Peers, state: EngineState) -> ev.Event:
-    mission = state.mission.id if state.mission is not None else ""
-    key = ("planner", peers.planner, peers.leg, peers.done, state.session_id, mission)
+    mission = state.session.mission.id if state.session.mission is not None else ""
+    key = ("planner", peers.planner, peers.leg, peers.done, state.session.id, mission)
     if key not in _KEPT:
         _KEPT[key] = ev.MissionStatus(
             t_ns=0,
-            session_id=state.session_id,
+            session_id=state.session.id,
             mission_id=mission,
             phase=ev.MissionPhase[peers.planner],
             waypoint=3 if peers.done else 1,
@@ -272,7 +271,7 @@ def _planner(peers: Peers, state: EngineState) -> ev.Event:
 
 
 def _recorder(peers: Peers, state: EngineState) -> ev.Event:
-    key = ("recorder", peers.recorder, state.session_id)
+    key = ("recorder", peers.recorder, state.session.id)
     if key not in _KEPT:
         stalled = peers.recorder == "STALLED"
         lost = "some of it" if peers.recorder == "LOST" else ""
@@ -280,7 +279,7 @@ def _recorder(peers: Peers, state: EngineState) -> ev.Event:
         grows = phase is ev.RecordingPhase.RECORDING
         platforms = (ev.PlatformRecording("a", growing=grows), ev.PlatformRecording("b", growing=grows and not stalled))
         _KEPT[key] = ev.RecordingStatus(
-            t_ns=0, session_id=state.session_id, phase=phase, platforms=platforms, lost=lost
+            t_ns=0, session_id=state.session.id, phase=phase, platforms=platforms, lost=lost
         )
     return evolve(_KEPT[key], t_ns=state.t_ns)
 
@@ -309,9 +308,9 @@ def say(peer: str, peers: Peers, state: EngineState) -> ev.Event:
 def beat(peers: Peers, state: EngineState) -> Tuple[str, ...]:
     """Return the peers whose status comes with every unit of time."""
     speaks = ["autopilot", "watchdog"]
-    if peers.planner and state.session_id:
+    if peers.planner and state.session.id:
         speaks.append("planner")
-    if peers.recorder and state.session_id:
+    if peers.recorder and state.session.id:
         speaks.append("recorder")
     speaks.append("landing")
     return tuple(peer for peer in speaks if peer not in peers.silent)

@@ -12,7 +12,7 @@ from proof_explorer import Broken, Stats, explore
 from proof_liveness import loops
 from proof_worlds import WORLDS
 
-from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
+from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.engine.transitions import STEPS as PLACES
 from amaze_autonomy.engine.transitions import TRANSITIONS
@@ -66,7 +66,7 @@ class Coverage:
 
 def expected_coverage() -> Coverage:
     """Return every transition row, every row of the decision table with each of its verbs, every place."""
-    failures = {(name, verb) for name, verbs in _VERBS.items() for verb in verbs}
+    failures = {(name, action) for name, verbs in _VERBS.items() for action in verbs}
     failures |= {(row.name, "continue" if row.name in _NEVER_LANDED_FOR else "land") for row in FAILSAFE_CONDITIONS}
     failures |= {("user_hold", "wait"), ("lrf", "pilot")}
     places = {(state.value, step.value) for state in PLACES for step in PLACES[state]}
@@ -96,7 +96,7 @@ class Proof:
         """Return what should have been reached and was not."""
         expected, reached = expected_coverage(), self.reached
         words = sorted(expected.rules - reached.rules)
-        words += [f"{name} -> {verb}" for name, verb in sorted(expected.failures - reached.failures)]
+        words += [f"{name} -> {action}" for name, action in sorted(expected.failures - reached.failures)]
         return words + [f"{state} {step}".strip() for state, step in sorted(expected.places - reached.places)]
 
     @property

@@ -8,20 +8,21 @@ for which it holds, however it could have come about, and shows that every event
 
 from __future__ import annotations
 
+from dataclasses import is_dataclass
+from operator import attrgetter
 from typing import Any, Callable, Iterator, List, Mapping, Optional, Tuple
 
 from proof_peers import LIMITS
 
 from amaze_autonomy.engine import decide as engine
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import MissionAction as A
-from amaze_autonomy.engine.events import Outcome, RecordingPhase, Tick
+from amaze_autonomy.engine.events import CheckName, Outcome, RecordingPhase, Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, OutreachKind, Result, State, Step
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.laws.moment import ENDLESS, FLIGHT, GROUND
 
-__all__ = ["SENTENCES", "sound"]
+__all__ = ["FIELDS_OF_A_STATE", "SENTENCES", "TIMES", "sound"]
 
 Holds = Callable[[EngineState], bool]
 SENTENCES: List[Tuple[str, Holds]] = []
@@ -70,7 +71,17 @@ _LAST_COMMANDS: Mapping[Step, Tuple[A, ...]] = {
 _SESSION = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION, State.OUTREACH)
 _ASKED = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION)
 _RECORDED = (State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD)
-_TIMES = tuple(name for name in EngineState.__dataclass_fields__ if name.endswith("_ns"))
+_PARTS = tuple(name for name, value in vars(EngineState()).items() if name != "shown" and is_dataclass(value))
+_ASKED_OF_PEERS = ("flight.motion", "preflight.load", "recording.request")
+FIELDS_OF_A_STATE: Tuple[str, ...] = tuple(
+    path
+    for holder in ("", *_PARTS, *_ASKED_OF_PEERS)
+    for name in vars(attrgetter(holder)(EngineState()) if holder else EngineState())
+    for path in (f"{holder}.{name}".lstrip("."),)
+    if path not in (*_PARTS, *_ASKED_OF_PEERS)
+)
+"""Every field of the state, by its path through the parts."""
+TIMES = tuple(path for path in FIELDS_OF_A_STATE if path.endswith("_ns"))
 
 
 def _from(since: Optional[int], until: Optional[int]) -> bool:
@@ -87,7 +98,7 @@ def _(s: EngineState) -> bool:
 
 @_is("Nothing happened later than now, but for the end of the watchdog's time to fix.")
 def _(s: EngineState) -> bool:
-    return all(_from(getattr(s, name), s.t_ns) for name in _TIMES if name != "fix_deadline_ns")
+    return all(_from(attrgetter(name)(s), s.t_ns) for name in TIMES if name != "preflight.fix_deadline_ns")
 
 
 @_is("A state is entered before its step.")
@@ -97,7 +108,12 @@ def _(s: EngineState) -> bool:
 
 @_is("Ids were given out: what is waited for has one that is not new.")
 def _(s: EngineState) -> bool:
-    identities = (s.motion_id, s.load_id, s.recording_id, *(record.command_id for record in s.checks))
+    identities = (
+        s.flight.motion.id,
+        s.preflight.load.id,
+        s.recording.request.id,
+        *(record.command_id for record in s.preflight.checks),
+    )
     return 0 <= min(identities) <= max(identities) < s.next_id
 
 
@@ -107,34 +123,36 @@ def _(s: EngineState) -> bool:
 @_is("Where a mission is selected and nothing is over, there is a session and a mission.")
 def _(s: EngineState) -> bool:
     needs = s.state in _SESSION or s.state in (State.TAKEOFF, State.MISSION, State.HOLD)
-    return not needs or (s.mission is not None and s.session_id != "" and s.sessions > 0)
+    return not needs or (s.session.mission is not None and s.session.id != "" and s.sessions > 0)
 
 
 @_is("In MISSION_INPUT nothing is left of a mission, and none waits.")
 def _(s: EngineState) -> bool:
-    left = (s.session_id, s.mission, s.queue, s.result, s.checks)
+    left = (s.session.id, s.session.mission, s.queue, s.session.result, s.preflight.checks)
     return s.state is not State.MISSION_INPUT or left == ("", None, (), Result.NONE, ())
 
 
 @_is("The file and the repetition are the mission's.")
 def _(s: EngineState) -> bool:
-    in_mission = s.mission is None or (s.file_index < s.mission.files and s.repetition < s.mission.repetitions)
-    return s.file_index >= 0 and s.repetition >= 0 and (in_mission or s.session_id == "")
+    in_mission = s.session.mission is None or (
+        s.session.file_index < s.session.mission.files and s.session.repetition < s.session.mission.repetitions
+    )
+    return s.session.file_index >= 0 and s.session.repetition >= 0 and (in_mission or s.session.id == "")
 
 
 @_is("What is over has a result; what is before, or on its way, has none.")
 def _(s: EngineState) -> bool:
     if s.state in (*_ASKED, State.TAKEOFF, State.MISSION, State.HOLD):
-        return s.result is Result.NONE
-    return s.state not in (State.DATA_CLEANUP, State.MISSION_ENDED, State.LAND) or s.result is not Result.NONE
+        return s.session.result is Result.NONE
+    return s.state not in (State.DATA_CLEANUP, State.MISSION_ENDED, State.LAND) or s.session.result is not Result.NONE
 
 
 @_is("A person is asked about checks, before there is a result, or about the data of a recording, after it.")
 def _(s: EngineState) -> bool:
     if s.state is not State.OUTREACH:
         return True
-    about_data = s.outreach is OutreachKind.DATA and s.recording_asked and s.result is not Result.NONE
-    return about_data or (s.outreach is OutreachKind.PREFLIGHT and s.result is Result.NONE)
+    about_data = s.session.outreach is OutreachKind.DATA and s.recording.asked and s.session.result is not Result.NONE
+    return about_data or (s.session.outreach is OutreachKind.PREFLIGHT and s.session.result is Result.NONE)
 
 
 # --- before takeoff ---------------------------------------------------------------------------------------------------
@@ -142,12 +160,12 @@ def _(s: EngineState) -> bool:
 
 @_is("All five checks are asked, or none; an answered one was answered after it was asked; only an answer is ok.")
 def _(s: EngineState) -> bool:
-    whole = [record.check for record in s.checks] in ([], list(CheckName))
+    whole = [record.check for record in s.preflight.checks] in ([], list(CheckName))
     answered = all(
         (record.outcome is None) == (record.replied_ns is None)
         and record.asked_ns <= (s.t_ns if record.replied_ns is None else record.replied_ns) <= s.t_ns
         and (record.outcome is Outcome.ACCEPTED or not record.ok)
-        for record in s.checks
+        for record in s.preflight.checks
     )
     return whole and answered
 
@@ -155,31 +173,31 @@ def _(s: EngineState) -> bool:
 @_is("Where checks are asked, they are there; after them, every one has passed.")
 def _(s: EngineState) -> bool:
     if s.state in (State.READY, State.START_RECORDING):
-        return len(s.checks) == len(CheckName) and all(record.ok for record in s.checks)
-    return (s.state not in _ASKED and s.step is not Step.TOUCHDOWN) or len(s.checks) == len(CheckName)
+        return len(s.preflight.checks) == len(CheckName) and all(record.ok for record in s.preflight.checks)
+    return (s.state not in _ASKED and s.step is not Step.TOUCHDOWN) or len(s.preflight.checks) == len(CheckName)
 
 
 @_is("The watchdog's time to fix ends.")
 def _(s: EngineState) -> bool:
-    return s.state is not State.PREFLIGHT or s.fix_deadline_ns is not None
+    return s.state is not State.PREFLIGHT or s.preflight.fix_deadline_ns is not None
 
 
 @_is("Whose start was accepted watches: Ready, and what follows, rely on it.")
 def _(s: EngineState) -> bool:
     after = (State.READY, State.START_RECORDING, State.LOAD_MISSION, State.TAKEOFF, State.MISSION, State.HOLD)
-    return s.state not in after or s.watchdog_started_ns is not None
+    return s.state not in after or s.peers.watchdog_started_ns is not None
 
 
 @_is("A takeoff is recorded: who loads or flies has asked for a recording, and it is not over.")
 def _(s: EngineState) -> bool:
-    return s.state not in _RECORDED or (s.recording_asked and not s.recording_over)
+    return s.state not in _RECORDED or (s.recording.asked and not s.recording.over)
 
 
 @_is("A recording is proven only while the recorder's last status says so.")
 def _(s: EngineState) -> bool:
-    r = s.recorder
+    r = s.peers.recorder
     grows = r is not None and r.phase is RecordingPhase.RECORDING and bool(r.platforms)
-    return s.recording_since_ns is None or (grows and all(p.growing for p in r.platforms))
+    return s.recording.since_ns is None or (grows and all(p.growing for p in r.platforms))
 
 
 # --- the flight -------------------------------------------------------------------------------------------------------
@@ -187,69 +205,77 @@ def _(s: EngineState) -> bool:
 
 @_is("On the ground there is no flight, no landing, and no hold.")
 def _(s: EngineState) -> bool:
-    return s.state not in GROUND or (not s.in_flight and s.land_ns is None and s.user_hold_ns is None)
+    return s.state not in GROUND or (
+        not s.flight.active and s.landing.since_ns is None and s.flight.user_hold_ns is None
+    )
 
 
 @_is("Between two files there is no flight.")
 def _(s: EngineState) -> bool:
-    return s.step is not Step.TOUCHDOWN or (not s.in_flight and s.user_hold_ns is None)
+    return s.step is not Step.TOUCHDOWN or (not s.flight.active and s.flight.user_hold_ns is None)
 
 
 @_is("A flight has begun; where one is flown it goes on, or the vehicle was armed and has come down.")
 def _(s: EngineState) -> bool:
-    if s.in_flight:
-        return s.flight_started_ns is not None
-    return s.state not in FLIGHT or s.step is Step.TOUCHDOWN or (s.was_armed and s.grounded_ns is not None)
+    if s.flight.active:
+        return s.flight.started_ns is not None
+    return (
+        s.state not in FLIGHT or s.step is Step.TOUCHDOWN or (s.flight.was_armed and s.flight.grounded_ns is not None)
+    )
 
 
 @_is("Before it is armed, it is in flight all the same: from the command on.")
 def _(s: EngineState) -> bool:
-    return s.step not in (Step.ARMING, Step.LIFTING_OFF, Step.CANCELLING) or s.in_flight
+    return s.step not in (Step.ARMING, Step.LIFTING_OFF, Step.CANCELLING) or s.flight.active
 
 
 @_is("What has flown was armed.")
 def _(s: EngineState) -> bool:
-    return s.was_armed or not s.was_airborne
+    return s.flight.was_armed or not s.flight.was_airborne
 
 
 @_is("Statuses that agree came one after the other, up to the last one that was heard.")
 def _(s: EngineState) -> bool:
-    agreed = [each for each in (s.down, s.aloft, s.motors, s.takeover) if each is not None]
+    agreed = [
+        each for each in (s.vehicle.down, s.vehicle.aloft, s.vehicle.motors, s.vehicle.takeover) if each is not None
+    ]
     return all(each.since_ns <= each.until_ns <= s.t_ns and each.statuses in (1, 2) for each in agreed)
 
 
 @_is("What is down is not in the air; what has taken the vehicle over is noted no longer than it is said.")
 def _(s: EngineState) -> bool:
-    noted = s.takeover_noted and s.takeover is None and s.state in FLIGHT and s.step is not Step.TOUCHDOWN
-    return (s.down is None or (s.aloft is None and s.motors is None)) and not noted
+    noted = (
+        s.flight.takeover_noted and s.vehicle.takeover is None and s.state in FLIGHT and s.step is not Step.TOUCHDOWN
+    )
+    return (s.vehicle.down is None or (s.vehicle.aloft is None and s.vehicle.motors is None)) and not noted
 
 
 @_is("The last command is the one that the step is about.")
 def _(s: EngineState) -> bool:
     expected = _LAST_COMMANDS.get(s.step)
     if expected is None:
-        return s.state is not State.PILOT or (s.commanded == () and s.confirmed is None)
-    return bool(s.commanded) and s.commanded[-1] in expected and s.motion_id > 0
+        return s.state is not State.PILOT or (s.flight.commanded == () and s.flight.confirmed is None)
+    return bool(s.flight.commanded) and s.flight.commanded[-1] in expected and s.flight.motion.id > 0
 
 
 @_is("On its way, nothing was commanded that ends a flight.")
 def _(s: EngineState) -> bool:
     on_its_way = s.step in (Step.ARMING, Step.LIFTING_OFF, Step.CLIMBING, Step.FLYING) or s.state is State.HOLD
-    return not on_its_way or not {A.LAND, A.ABORT} & {*s.commanded, s.confirmed}
+    return not on_its_way or not {A.LAND, A.ABORT} & {*s.flight.commanded, s.flight.confirmed}
 
 
 @_is("A hold has interrupted the takeoff or the mission; only in a hold does the user hold.")
 def _(s: EngineState) -> bool:
     if s.state is State.HOLD:
-        return s.interrupted in (State.TAKEOFF, State.MISSION)
-    return s.user_hold_ns is None
+        return s.flight.interrupted in (State.TAKEOFF, State.MISSION)
+    return s.flight.user_hold_ns is None
 
 
 @_is("Budgets are what is left of a wait: none is spent twice, none ends after its limit.")
 def _(s: EngineState) -> bool:
-    spent = dict(s.spent)
+    spent = dict(s.flight.spent)
     return (
-        len(spent) == len(s.spent)
+        len(spent) == len(s.flight.spent)
         and all(value >= 0 for value in spent.values())
         and all(f.deadline_ns is None or f.deadline_ns > s.t_ns for f in s.failures)
         and len({f.name for f in s.failures}) == len(s.failures)
@@ -259,7 +285,9 @@ def _(s: EngineState) -> bool:
 @_is("A flight on its way has no mark of a landing, of the last one neither: nobody alarmed, no second route due.")
 def _(s: EngineState) -> bool:
     on_its_way = s.step in (*_STEPS[State.TAKEOFF], Step.FLYING) or s.state is State.HOLD
-    return not on_its_way or not (s.alarmed or s.overdue_alarmed or s.both_routes)
+    at = s.landing
+    marks = (at.alarmed, at.overdue_alarmed, at.both_routes, at.second_route_ns is not None)
+    return not on_its_way or not any(marks)
 
 
 # --- the landing ------------------------------------------------------------------------------------------------------
@@ -267,28 +295,36 @@ def _(s: EngineState) -> bool:
 
 @_is("A landing has begun exactly in LAND, or where the pilot has taken it over.")
 def _(s: EngineState) -> bool:
-    return (s.land_ns is not None) if s.state is State.LAND else (s.land_ns is None or s.state is State.PILOT)
+    return (
+        (s.landing.since_ns is not None)
+        if s.state is State.LAND
+        else (s.landing.since_ns is None or s.state is State.PILOT)
+    )
 
 
 @_is("LAND was sent since the landing began; so was the second route, if it was; both means both.")
 def _(s: EngineState) -> bool:
-    if s.state is not State.LAND or s.land_ns is None:
+    if s.state is not State.LAND or s.landing.since_ns is None:
         return True
-    second = s.second_route_ns is None or s.land_ns <= s.second_route_ns <= s.land_sent_ns
-    return s.land_ns <= s.land_sent_ns and second and (s.second_route_ns is not None or not s.both_routes)
+    second = s.landing.second_route_ns is None or s.landing.since_ns <= s.landing.second_route_ns <= s.landing.sent_ns
+    return (
+        s.landing.since_ns <= s.landing.sent_ns
+        and second
+        and (s.landing.second_route_ns is not None or not s.landing.both_routes)
+    )
 
 
 @_is("The second route, once it was taken, is due for good: commanded by both, or late.")
 def _(s: EngineState) -> bool:
-    if s.state is not State.LAND or s.second_route_ns is None or s.land_ns is None:
+    if s.state is not State.LAND or s.landing.second_route_ns is None or s.landing.since_ns is None:
         return True
-    return s.both_routes or s.second_route_ns - s.land_ns >= LIMITS.land_second_route_after_ns
+    return s.landing.both_routes or s.landing.second_route_ns - s.landing.since_ns >= LIMITS.land_second_route_after_ns
 
 
 @_is("Disarming was sent since it stands on the ground.")
 def _(s: EngineState) -> bool:
-    grounded = s.grounded_ns is not None and _from(s.grounded_ns, s.disarm_sent_ns)
-    return s.disarm_sent_ns is None or s.state not in FLIGHT or grounded
+    grounded = s.flight.grounded_ns is not None and _from(s.flight.grounded_ns, s.landing.disarm_sent_ns)
+    return s.landing.disarm_sent_ns is None or s.state not in FLIGHT or grounded
 
 
 # --- what was heard ---------------------------------------------------------------------------------------------------
@@ -297,31 +333,36 @@ def _(s: EngineState) -> bool:
 @_is("A status was heard at some time, and planner and recorder speak of this session.")
 def _(s: EngineState) -> bool:
     heard: Tuple[Tuple[Any, Optional[int]], ...] = (
-        (s.autopilot, s.autopilot_ns),
-        (s.planner, s.planner_ns),
-        (s.recorder, s.recorder_ns),
-        (s.landing, s.landing_ns),
+        (s.peers.autopilot, s.peers.autopilot_ns),
+        (s.peers.planner, s.peers.planner_ns),
+        (s.peers.recorder, s.peers.recorder_ns),
+        (s.peers.landing, s.peers.landing_ns),
     )
-    ours = all(each is None or each.session_id == s.session_id or not s.session_id for each in (s.planner, s.recorder))
+    ours = all(
+        each is None or each.session_id == s.session.id or not s.session.id
+        for each in (s.peers.planner, s.peers.recorder)
+    )
     return ours and all(status is None or seen is not None for status, seen in heard)
 
 
 @_is("Who flies has heard the vehicle; who flies a mission has heard planner, recorder, battery and heartbeat as well.")
 def _(s: EngineState) -> bool:
     mission = s.step in (*_STEPS[State.TAKEOFF], *_STEPS[State.MISSION]) or s.state is State.HOLD
-    peers = (s.planner_ns, s.recorder_ns, s.battery_ns, s.heartbeat_ns) if mission else ()
-    return None not in (s.autopilot_ns, *peers) or not (s.in_flight or s.state in FLIGHT)
+    peers = (s.peers.planner_ns, s.peers.recorder_ns, s.peers.battery_ns, s.peers.heartbeat_ns) if mission else ()
+    return None not in (s.peers.autopilot_ns, *peers) or not (s.flight.active or s.state in FLIGHT)
 
 
 @_is("It sinks, and it moves, only as its last status says.")
 def _(s: EngineState) -> bool:
-    status = s.autopilot
+    status = s.peers.autopilot
     sinks = status is not None and status.vertical_speed_m_s is not None and status.vertical_speed_m_s < 0
     moves = status is not None and status.horizontal_speed_m_s is not None and status.mode != "AUTO.LOITER"
-    return (s.descending_ns is None or sinks) and (s.moving_ns is None or (moves and status.horizontal_speed_m_s > 0))
+    return (s.vehicle.descending_ns is None or sinks) and (
+        s.vehicle.moving_ns is None or (moves and status.horizontal_speed_m_s > 0)
+    )
 
 
 @_is("A component is known once.")
 def _(s: EngineState) -> bool:
-    names = [status.name for status in s.components]
+    names = [status.name for status in s.peers.components]
     return names == sorted(set(names))

@@ -19,7 +19,7 @@ from proof_worlds import SEEDS, WORLDS
 
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.engine import decide as engine
-from amaze_autonomy.engine.checks import CheckName
+from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.interface import CHECK_SERVICES, STATUSES, InvalidMessageError
 from amaze_autonomy.journal import journal
 from amaze_autonomy.journal.report import report
@@ -122,7 +122,7 @@ def test_every_field_of_a_message_may_be_anything(name):  # hollow: a broken law
         events = []
         for each in said:
             if ours and hasattr(each, "session_id"):
-                each.session_id = state.session_id
+                each.session_id = state.session.id
             if ours:
                 each.header.stamp = SimpleNamespace(secs=5, nsecs=0)
             try:
@@ -143,7 +143,7 @@ def test_every_field_of_an_answer_may_be_anything(name):  # hollow: a broken law
     @given(place=st.sampled_from(["selected", "loading", "touchdown"]), said=message(reply))
     def check(place, said):
         state = at(place).state
-        current = next(record.command_id for record in state.checks if record.check is ANSWERS[name])
+        current = next(record.command_id for record in state.preflight.checks if record.check is ANSWERS[name])
         try:
             event = CHECK_SERVICES[ANSWERS[name]].reply(said, current, state.t_ns)
         except InvalidMessageError:

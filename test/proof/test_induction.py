@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import fields
+from operator import attrgetter
 from random import Random
 
 import proof_peers
@@ -14,13 +14,13 @@ from proof_defects import entering, takes
 from proof_figures import differences, figures_of, read
 from proof_induction import FIELDS, LEFT_ALONE, drawn_state, drawn_step, induction, inductions, templates, told
 from proof_run import SEED, STEPS, Proof
-from proof_sound import SENTENCES, sound
+from proof_sound import FIELDS_OF_A_STATE, SENTENCES, sound
 from test_defects import row, without
 
-from amaze_autonomy.engine import absorb, effects
+from amaze_autonomy.engine import effects, update
 from amaze_autonomy.engine.commands import Seen
 from amaze_autonomy.engine.events import EngineStarted
-from amaze_autonomy.engine.state import Agreement, EngineState, State, Step, evolve
+from amaze_autonomy.engine.state import Agreement, State, Step, put
 from amaze_autonomy.engine.transitions import STEPS as PLACES
 
 
@@ -49,8 +49,7 @@ def test_every_place_is_drawn_from():
 
 
 def test_every_field_of_the_state_is_drawn_or_left_alone_for_a_reason():
-    names = {field.name for field in fields(EngineState)}
-    assert {*FIELDS, *LEFT_ALONE} == names
+    assert {*FIELDS, *LEFT_ALONE} == {*FIELDS_OF_A_STATE}
     assert not set(FIELDS) & set(LEFT_ALONE)
 
 
@@ -71,9 +70,10 @@ def forgets(effect, *names):
     """Carry out an effect, but leave some fields as they were."""
 
     def forgetful(turn):
-        before = {name: getattr(turn.state, name) for name in names}
+        before = {name: attrgetter(name)(turn.state) for name in names}
         effect(turn)
-        turn.set(**before)
+        for name, value in before.items():
+            turn.state = put(turn.state, name, value)
 
     return forgetful
 
@@ -83,30 +83,34 @@ def _restart_believes(turn, event):
 
 
 def _late_answers_open_others(turn):
-    if not isinstance(turn.event, absorb.CheckReply):
+    if not isinstance(turn.event, update.CheckReply):
         _expire(turn)
 
 
-_expire = absorb._expire_checks
+_expire = update._expire_checks
 ARMING = (State.TAKEOFF, Step.ARMING)
 DEFECTS = {
     **{
         f"a takeoff keeps {name}": entering(ARMING, forgets(effects.take_off, name))
-        for name in ("alarmed", "overdue_alarmed", "both_routes", "spent", "was_airborne")
+        for name in (
+            "landing.alarmed",
+            "landing.overdue_alarmed",
+            "landing.both_routes",
+            "landing.second_route_ns",
+            "flight.spent",
+            "flight.was_airborne",
+        )
     },
     "the data's collection keeps the landing": entering(
-        (State.DATA_CLEANUP, Step.NONE), forgets(effects.clean_up, "land_ns")
+        (State.DATA_CLEANUP, Step.NONE), forgets(effects.clean_up, "landing.since_ns")
     ),
     "the data's collection keeps the flight": entering(
-        (State.DATA_CLEANUP, Step.NONE), forgets(effects.clean_up, "in_flight")
+        (State.DATA_CLEANUP, Step.NONE), forgets(effects.clean_up, "flight.active")
     ),
-    "a landing keeps the second route of the last": entering(
-        (State.LAND, Step.COMMANDING), forgets(effects.land, "second_route_ns")
-    ),
-    "PILOT keeps the commands": entering((State.PILOT, Step.NONE), forgets(effects.pilot, "commanded")),
+    "PILOT keeps the commands": entering((State.PILOT, Step.NONE), forgets(effects.pilot, "flight.commanded")),
     "what was said before a restart is known": takes(EngineStarted, _restart_believes),
     "a late answer leaves the others open": lambda patch: patch.setattr(
-        absorb, "_expire_checks", _late_answers_open_others
+        update, "_expire_checks", _late_answers_open_others
     ),
     "`land` is left out": without("land"),
     "`pilot_took_over` is left out": without("pilot_took_over"),
@@ -139,8 +143,9 @@ def test_each_sentence_can_be_untrue(number):
         template = rng.choice(templates())
         state = template.state
         for name in rng.sample(tuple(FIELDS), 3):
-            state = evolve(state, **{name: FIELDS[name](rng, state)})
-        state = evolve(state, **_elsewhere(rng, state))
+            state = put(state, name, FIELDS[name](rng, state))
+        for name, value in _elsewhere(rng, state).items():
+            state = put(state, name, value)
         if not holds(state):
             return
     pytest.fail(f"always true: {words}")
@@ -149,7 +154,9 @@ def test_each_sentence_can_be_untrue(number):
 def _elsewhere(rng, state):
     """Return fields that are never drawn, or always of their template."""
     step = rng.choice(list(Step))
-    changes = ({"step": step}, {"next_id": 0}, {"session_id": "another"}, {"recording_asked": False}, {})
-    other = {"components": state.components * 2 or state.components, "checks": state.checks[:3]}
-    later = {"entered_ns": state.t_ns + 1, "down": Agreement(state.t_ns, state.t_ns + 1), "spent": (("lrf", -1),)}
+    changes = ({"step": step}, {"next_id": 0}, {"session.id": "another"}, {"recording.asked": False}, {})
+    twice = state.peers.components * 2 or state.peers.components
+    other = {"peers.components": twice, "preflight.checks": state.preflight.checks[:3]}
+    down = Agreement(state.t_ns, state.t_ns + 1)
+    later = {"entered_ns": state.t_ns + 1, "vehicle.down": down, "flight.spent": (("lrf", -1),)}
     return rng.choice((*changes, other, later, {"state": rng.choice(list(State))}))

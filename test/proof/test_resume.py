@@ -62,9 +62,9 @@ def test_killed_after_every_event_it_resumes_and_starts_nothing_anew(way):
             assert (number, anew) == (number, [])
             assert MissionAction.TAKEOFF not in motions
             assert MissionAction.RESUME not in motions
-            if state.in_flight:
+            if state.flight.active:
                 assert after.state in (state.state, State.LAND, State.PILOT, State.HOLD)
-                assert after.session_id == state.session_id
+                assert after.session.id == state.session.id
 
 
 def test_a_restart_in_the_middle_of_a_moment_that_was_not_written_is_that_moment_again():
@@ -77,7 +77,7 @@ def test_a_restart_in_the_middle_of_a_moment_that_was_not_written_is_that_moment
         node = perform(node, ("restart",), rules, judge(applied))
         for move in (("vehicle", "flying"), ("wait",), ("wait",), ("wait",)):
             node = perform(node, move, rules, judge(applied))
-        flew = states[number - 1].in_flight
+        flew = states[number - 1].flight.active
         assert not flew or node.state.state in (State.TAKEOFF, State.MISSION, State.LAND, State.PILOT, State.HOLD)
     assert applied["a_restart_starts_nothing"] == len(events) - 3
 
@@ -103,4 +103,4 @@ def _lost_the_last(events: List[Event], number: int, rules: Rules) -> Node:
 def test_a_long_way_leads_where_its_world_begins(name, place, session):
     """A step of it that the engine no longer follows would leave another world under the same name."""
     begun = told(WAYS[name], WORLDS["start"].rules)[1][-1]
-    assert ((begun.state.value, begun.step.value), begun.session_id) == (place, session)
+    assert ((begun.state.value, begun.step.value), begun.session.id) == (place, session)

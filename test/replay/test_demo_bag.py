@@ -71,14 +71,14 @@ def test_what_the_user_asked_comes_from_the_log_and_statuses_from_the_bag(bag):
 def test_the_session_is_that_of_the_flight(bag, flown):
     outcome, _ = replay(bag, "amaze_demo")
     sessions = {line.split('"session_id":"')[1].split('"')[0] for line in flown if '"session_id":"s' in line}
-    assert outcome.state.session_id in sessions
+    assert outcome.state.session.id in sessions
 
 
 def test_without_the_journal_the_script_selects_and_the_sessions_are_matched(tmp_path, flown):
     outcome, _ = replay(demo_bag(tmp_path / "x.bag", flown, with_journal=False), "amaze_demo")
     assert moves(outcome) == decided(flown)[: len(moves(outcome))]
     assert moves(outcome)[-1][1] == "DATA_CLEANUP"
-    assert outcome.state.session_id == "20200913T122640-001"
+    assert outcome.state.session.id == "20200913T122640-001"
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ NOMINAL = [
 def test_a_good_flight_is_a_whole_mission(flight_bag, flight_map):
     outcome, recordings = replay(flight_bag, flight_map)
     assert moves(outcome) == NOMINAL
-    assert (outcome.state.state, outcome.state.result.value) == (State.MISSION_ENDED, "COMPLETE")
+    assert (outcome.state.state, outcome.state.session.result.value) == (State.MISSION_ENDED, "COMPLETE")
     assert (outcome.counterfactual_ns, outcome.missed, recordings.damage) == (None, None, {})
 
 
@@ -90,7 +90,7 @@ def test_a_landing_that_the_vehicle_does_within_the_time_is_not_counterfactual(t
     outcome, _ = replay(bag, flight_map)
     assert ("MISSION", "LAND", "land") in moves(outcome)
     assert outcome.counterfactual_ns is None
-    assert outcome.state.result.value == "LANDED_EARLY"
+    assert outcome.state.session.result.value == "LANDED_EARLY"
 
 
 def test_a_takeoff_that_never_was_makes_the_rest_counterfactual(tmp_path, range_map):

@@ -11,7 +11,7 @@ from replay_bags import START_NS, S
 from replay_demo import demo_bag, simulated
 from replay_runs import moves, replay, texts
 
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.replay.changed_keys import LIMIT_FACTS, MISSION_FACTS
 from amaze_autonomy.replay.timeline import LineKind

@@ -9,7 +9,7 @@ from replay_runs import replay
 
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.engine import events
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.replay import statuses
 from amaze_autonomy.replay.sources import Recordings
 from amaze_autonomy.replay.statuses import EVENT_OF, taped_statuses

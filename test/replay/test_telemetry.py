@@ -73,7 +73,7 @@ def test_a_normal_mission_is_flown_to_its_end():
         (67.4, "DATA_CLEANUP", "mission_complete"),
         (68.5, "MISSION_ENDED", "data_complete"),
     ]
-    assert (outcome.state.result.value, outcome.counterfactual_ns) == ("COMPLETE", None)
+    assert (outcome.state.session.result.value, outcome.counterfactual_ns) == ("COMPLETE", None)
 
 
 def test_a_lost_gps_is_flown_on_without_until_px4_itself_lands():
@@ -124,7 +124,7 @@ def test_a_pilot_s_own_flights_are_nobody_s_mission():
         (737.4, "DATA_CLEANUP", "acknowledged"),
         (738.5, "MISSION_ENDED", "data_complete"),
     ]
-    assert outcome.state.result.value == "PILOT"
+    assert outcome.state.session.result.value == "PILOT"
 
 
 def test_a_log_is_replayed_the_same_every_time():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import radians
 
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import Decision, Value
+from amaze_autonomy.engine.events import Check, Verdict
 from amaze_autonomy.replay.answers import Follower
 from amaze_autonomy.replay.timeline import Line, LineKind, Source, decision_text, joined, marked, written
 

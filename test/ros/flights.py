@@ -8,7 +8,7 @@ from hitches import allowed_s
 from stack import PREFLIGHT, Stack
 
 from amaze_autonomy.engine.events import AutopilotStatus, WatchdogAction
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code
 
 BEFORE = ["data_recorder/start", "mission_planner/load"]
 S = 1_000_000_000

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import (
     LoadMission,
     MissionAction,
@@ -11,8 +10,8 @@ from amaze_autonomy.engine.commands import (
     StartRecording,
     StopRecording,
 )
-from amaze_autonomy.engine.events import AutopilotStatus, MissionStatus, RecordingStatus
-from amaze_autonomy.engine.severity import Severity
+from amaze_autonomy.engine.events import AutopilotStatus, CheckName, MissionStatus, RecordingStatus
+from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.missions import Trajectory, Waypoint
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
 from amaze_autonomy.simulation import Settings, World, parse_scenario

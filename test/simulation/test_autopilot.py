@@ -3,9 +3,8 @@
 import pytest
 from simulation_tools import Driver, S, changes
 
-from amaze_autonomy.engine.checks import CheckName, Verdict
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand
-from amaze_autonomy.engine.events import AutopilotStatus, Outcome, VehicleLanded
+from amaze_autonomy.engine.events import AutopilotStatus, CheckName, Outcome, VehicleLanded, Verdict
 
 
 def verdicts(reply):

@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 from simulation_tools import Driver, changes, small_settings
 
-from amaze_autonomy.engine.checks import CheckName, Verdict
-from amaze_autonomy.engine.events import Landed, LandedStatus
+from amaze_autonomy.engine.events import CheckName, Landed, LandedStatus, Verdict
 
 
 def failed(reply):

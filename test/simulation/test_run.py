@@ -20,7 +20,7 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import Event, WatchdogAction
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.journal import journal
 from amaze_autonomy.simulation import load_scenario
@@ -189,5 +189,5 @@ def test_a_mission_is_complete_and_its_data_is_not_when_files_did_not_grow_in_fl
     faults = scenario("fault: recording_does_not_grow, platform: second, for_s: 4, after: {event: mission}")
     result = run(configuration, (configuration.plan("1").mission,), faults)
     assert result.results == (("1", Result.COMPLETE, DataResult.INCOMPLETE),)
-    assert result.state.recorder.lost == "second: 3.9 s in which nothing was recorded"
+    assert result.state.peers.recorder.lost == "second: 3.9 s in which nothing was recorded"
     assert [decision.rule for decision in result.decisions][-1] == "data_lost"

@@ -3,9 +3,8 @@
 import pytest
 from simulation_tools import Driver, S
 
-from amaze_autonomy.engine.checks import CheckName, Verdict
 from amaze_autonomy.engine.commands import LoadMission, RunCheck
-from amaze_autonomy.engine.events import CheckReply, MissionPhase, Outcome, Reply
+from amaze_autonomy.engine.events import CheckName, CheckReply, MissionPhase, Outcome, Reply, Verdict
 
 LOAD = {"session_id": "a", "mission_id": "1", "file_index": 0, "repetition": 0}
 

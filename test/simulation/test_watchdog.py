@@ -3,10 +3,8 @@
 import pytest
 from simulation_tools import Driver, S, changes, small_settings
 
-from amaze_autonomy.engine.checks import CheckName
-from amaze_autonomy.engine.events import Outcome, WatchdogAction, WatchdogInfo
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.severity import Code, Restart, Severity
+from amaze_autonomy.engine.events import CheckName, Mission, Outcome, WatchdogAction, WatchdogInfo
+from amaze_autonomy.engine.rules import Code, Restart, Severity
 from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
 
 

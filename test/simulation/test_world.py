@@ -3,10 +3,10 @@
 import pytest
 from simulation_tools import COMPONENTS, Driver, S, scenario, small_settings
 
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import Level, LoadMission, Notify
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
+    CheckName,
     LandedStatus,
     MissionStatus,
     RecordingStatus,

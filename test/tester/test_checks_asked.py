@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import RunCheck
+from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.tester import run_task, tasks_of
 from amaze_autonomy.tester.golden import decisions_of
 from amaze_autonomy.tester.golden.align import without_numbers

@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import yaml
 
-from amaze_autonomy.engine.severity import Severity
+from amaze_autonomy.engine.rules import Severity
 
 from .tables import ACTIONS, AUTOPILOT_ENTITIES, UNLISTED, component_of, worst
 

@@ -13,25 +13,25 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import Request, RunCheck, StartRecording, StopRecording
 from amaze_autonomy.engine.events import (
+    Check,
     CheckReply,
     ComponentStatus,
     Event,
     Landed,
     LandedStatus,
+    Mission,
     Outcome,
     PlatformRecording,
     RecordingPhase,
     RecordingStatus,
     Reply,
+    Verdict,
     WatchdogAction,
     WatchdogInfo,
 )
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import Code, Severity
+from amaze_autonomy.engine.rules import Code, Rules, Severity
 
 from .tables import UNLISTED, EntityStatus, code_of, component_of
 

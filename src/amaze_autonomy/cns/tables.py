@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import Mapping, Tuple
 
-from amaze_autonomy.engine.severity import SEVERITIES, Code, Severity
+from amaze_autonomy.engine.rules import SEVERITIES, Code, Severity
 
 __all__ = [
     "ACTIONS",

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, Mapping, Optional, Tuple
 
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.severity import ComponentRule, Severity
 from amaze_autonomy.monitoring.specs import (
     AutopilotSensor,
     ComponentSpec,
@@ -21,6 +19,8 @@ from amaze_autonomy.monitoring.specs import (
     TopicSpec,
 )
 
+from ..engine.events import Mission
+from ..engine.rules import ComponentRule, Severity
 from .binding import field_value, key_name, make
 from .kinds import Places
 from .recording_schema import Platform, Recording, Storage, TopicGroup, Transfer

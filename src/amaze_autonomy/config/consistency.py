@@ -7,8 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Tuple
 
-from amaze_autonomy.engine.severity import SEVERITIES, Severity, Verb
-
+from ..engine.rules import SEVERITIES, Action, Severity
 from .binding import refuse_at
 from .kinds import Address, Places
 
@@ -340,7 +339,7 @@ def _out_of_order(order: Order, low: float, high: float, places: Places) -> NoRe
 
 def waits(severity: str) -> bool:
     """Return whether a flight waits for a component of this severity."""
-    return SEVERITIES[Severity(severity)].verb is Verb.WAIT
+    return SEVERITIES[Severity(severity)].action is Action.WAIT
 
 
 def check_components(components: Mapping[str, Any], places: Places) -> None:
@@ -394,7 +393,7 @@ def _check_wait(component: Mapping[str, Any], here: Address, places: Places) -> 
         right = f"must be given: with severity {severity} a flight waits, and every wait has a limit"
         refuse_at(at, places, "is missing", right)
     if not waits(severity) and wait is not None:
-        what = "flown on without" if SEVERITIES[Severity(severity)].verb is Verb.CONTINUE else "landed for at once"
+        what = "flown on without" if SEVERITIES[Severity(severity)].action is Action.CONTINUE else "landed for at once"
         right = f"must be left out: with severity {severity} it is {what}, nobody waits"
         refuse_at(at, places, f"is {wait:g}", right)
     restart = component["restart"]

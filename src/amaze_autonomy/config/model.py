@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Mapping, Tuple
 
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.missions import Bounds, FlightModel, MissionPlan, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec, ComponentSpec, LandingSpec, StateEstimationSpec
 
+from ..engine.events import Mission
 from .autonomy_schema import Streams
 from .autopilot_schema import AutopilotSettings
 from .recording_schema import Recording

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Tuple
 
-from amaze_autonomy.engine.severity import Severity
 from amaze_autonomy.monitoring.specs import (
     GROUPS,
     AutopilotSensor,
@@ -20,6 +19,7 @@ from amaze_autonomy.monitoring.specs import (
     TopicSpec,
 )
 
+from ..engine.rules import Severity
 from .binding import Row, bind, group_of
 from .kinds import Choice, Flag, ListOf, Number, Text, Whole
 from .schema import Group, Key, Named

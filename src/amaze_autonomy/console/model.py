@@ -10,8 +10,9 @@ import enum
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import UserCommand
+
+from ..engine.events import Check
 
 __all__ = [
     "STALE_AFTER_S",

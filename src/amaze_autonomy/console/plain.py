@@ -5,9 +5,8 @@ from __future__ import annotations
 from math import floor
 from typing import Dict, Iterator, List, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check
-from amaze_autonomy.engine.checks import Verdict as CheckVerdict
-
+from ..engine.events import Check
+from ..engine.events import Verdict as CheckVerdict
 from .dialog import oldest_open
 from .keys import offered
 from .model import Desk, MissionRow, PendingFailure, Snapshot, Verdict

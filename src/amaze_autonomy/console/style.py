@@ -13,9 +13,8 @@ from typing import Mapping
 from rich import box
 from rich.text import Text
 
-from amaze_autonomy.engine.checks import Verdict as CheckVerdict
-from amaze_autonomy.engine.severity import Code
-
+from ..engine.events import Verdict as CheckVerdict
+from ..engine.rules import Code
 from .model import Verdict
 
 __all__ = [

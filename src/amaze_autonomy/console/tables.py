@@ -11,9 +11,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from amaze_autonomy.engine.checks import Check
-from amaze_autonomy.engine.checks import Verdict as CheckVerdict
-
+from ..engine.events import Check
+from ..engine.events import Verdict as CheckVerdict
 from .model import MissionRow, PendingFailure, Snapshot
 from .style import Style, Tone, tone_of_check, tone_of_code
 from .words import age, duration, fraction, quantity, seconds

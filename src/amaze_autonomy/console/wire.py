@@ -10,10 +10,10 @@ import re
 import unicodedata
 from typing import Any, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check, finite
-from amaze_autonomy.engine.checks import Verdict as CheckVerdict
 from amaze_autonomy.engine.events import RecordingPhase
 
+from ..engine.events import Check, finite
+from ..engine.events import Verdict as CheckVerdict
 from .model import Collecting, MissionRow, PendingFailure, Snapshot, Verdict
 
 __all__ = ["LIMIT", "clean", "collecting_of", "missions_of", "snapshot_of", "verdict_of"]

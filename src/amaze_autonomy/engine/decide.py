@@ -1,12 +1,11 @@
-"""`decide`: the one function of the engine."""
+"""`decide`, the one function of the engine; before it the table of what a user is answered."""
 
 from __future__ import annotations
 
-from typing import Dict, List, Optional, Tuple
+from dataclasses import dataclass
+from typing import Callable, Dict, List, Mapping, Optional, Tuple
 
-from . import failures
-from .absorb import absorb
-from .answers import IN_DOUBT, SELECT, answer_to
+from . import failsafe
 from .commands import (
     Answer,
     AnswerKind,
@@ -22,14 +21,203 @@ from .commands import (
     Seen,
     Value,
 )
+from .context import Turn
 from .effects import ENTER, begin_session
-from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserRequest
+from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserCommand, UserRequest
+from .failsafe import waiting
+from .flight_guards import nobody_knows
 from .rules import Rules
-from .state import EngineState, Result, State, Step
+from .state import EngineState, FailureKind, Result, State, Step, put
 from .transitions import ROWS_AT, Place, Transition
-from .turn import Turn
+from .update import update
 
-__all__ = ["MAX_ROWS", "decide"]
+__all__ = [
+    "ANSWERS",
+    "CONDITIONS",
+    "IN_DOUBT",
+    "MAX_ROWS",
+    "OTHERWISE",
+    "SELECT",
+    "Case",
+    "answer_to",
+    "available",
+    "decide",
+]
+
+# --- answers ----------------------------------------------------------------------------------------------------------
+# What the engine answers to a user, for every command in every state: done, refused with the reason, or already so.
+#
+# `ANSWERS` is the table: the first case of a cell whose condition holds is the answer. What is not in a cell is
+# refused with the command's own reason (`OTHERWISE`).
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case of a cell: the answer, the sentence, and the condition's name in `CONDITIONS`."""
+
+    answer: AnswerKind
+    text: str
+    when: str = "always"
+
+
+def _component_waited(turn: Turn) -> bool:
+    return any(failure.kind is FailureKind.COMPONENT for failure in waiting(turn.state))
+
+
+CONDITIONS: Mapping[str, Callable[[Turn], bool]] = {
+    "always": lambda _: True,
+    "airborne": lambda turn: (
+        turn.state.flight.active and turn.state.step in (Step.CLIMBING, Step.FLYING) and not turn.on_ground()
+    ),
+    "in flight": lambda turn: turn.state.flight.active,
+    "between files": lambda turn: turn.state.step is Step.TOUCHDOWN,
+    "being cancelled": lambda turn: turn.state.step is Step.CANCELLING,
+    "a component is waited for": _component_waited,
+    "the user holds": lambda turn: turn.state.flight.user_hold_ns is not None,
+    "resuming": lambda turn: turn.state.step is Step.RESUMING,
+    "landing": lambda turn: turn.lands(),
+    "the pilot was alarmed and the vehicle is silent": lambda turn: nobody_knows(turn) is not None,
+    "last heard on the ground and disarmed": lambda turn: turn.last_heard_down(),
+}
+
+_DONE, _NO, _SO = AnswerKind.DONE, AnswerKind.REFUSED, AnswerKind.ALREADY
+_BEFORE = (State.PREFLIGHT, State.READY, State.START_RECORDING, State.LOAD_MISSION)
+_END = (Case(_DONE, "Given up: no takeoff."),)
+_NO_HOLD = (Case(_NO, "It is landing: a hold never interrupts that.", "landing"),)
+_LANDING = (Case(_SO, "It is landing."),)
+_PILOT = (Case(_NO, "The pilot or the autopilot has control; nothing is commanded."),)
+_UNDER_WAY = (Case(_SO, "The mission is under way."),)
+
+OTHERWISE: Mapping[UserCommand, str] = {
+    UserCommand.GO: "There is nothing to start: select a mission and wait for Ready.",
+    UserCommand.RETRY: "There is nothing to retry.",
+    UserCommand.GIVE_UP: "There is nothing to give up.",
+    UserCommand.HOLD: "The vehicle is not in flight.",
+    UserCommand.RESUME: "There is no hold to resume from.",
+    UserCommand.LAND: "The vehicle is not in flight.",
+    UserCommand.ABORT: "There is nothing to abort.",
+    UserCommand.ACKNOWLEDGE: "There is nothing to acknowledge.",
+}
+
+ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
+    UserCommand.GO: {
+        State.READY: (Case(_DONE, "Starting."),),
+        State.START_RECORDING: _UNDER_WAY,
+        State.LOAD_MISSION: _UNDER_WAY,
+        State.TAKEOFF: _UNDER_WAY,
+        State.MISSION: _UNDER_WAY,
+    },
+    UserCommand.RETRY: {
+        State.OUTREACH: (Case(_DONE, "Trying again."),),
+        State.PREFLIGHT: (Case(_SO, "The checks are running."),),
+        State.DATA_CLEANUP: (Case(_SO, "The data is being collected."),),
+    },
+    UserCommand.GIVE_UP: {
+        State.OUTREACH: (Case(_DONE, "Given up; nothing is deleted."),),
+        **dict.fromkeys(_BEFORE, _END),
+        State.TAKEOFF: (Case(_NO, "The takeoff is under way: abort or land."),),
+        State.MISSION: (
+            Case(_DONE, "Given up: no further takeoff.", "between files"),
+            Case(_NO, "The vehicle is in flight: land."),
+        ),
+        State.HOLD: (Case(_NO, "The vehicle is in flight: land."),),
+        State.LAND: (Case(_NO, "The vehicle is in flight; it is landing."),),
+        State.PILOT: (Case(_NO, "Land, then acknowledge."),),
+        State.DATA_CLEANUP: (Case(_NO, "The data is being collected; it ends by itself within its limit."),),
+        State.MISSION_ENDED: (Case(_SO, "The mission has ended."),),
+    },
+    UserCommand.HOLD: {
+        State.TAKEOFF: (
+            *_NO_HOLD,
+            Case(_DONE, "Holding.", "airborne"),
+            Case(_NO, "Not airborne yet: abort cancels the takeoff."),
+        ),
+        State.MISSION: (*_NO_HOLD, Case(_DONE, "Holding.", "airborne")),
+        State.HOLD: (Case(_SO, "It holds as you asked.", "the user holds"), Case(_DONE, "It holds until you resume.")),
+        State.LAND: (Case(_NO, "A hold never interrupts a landing."),),
+        State.PILOT: _PILOT,
+    },
+    UserCommand.RESUME: {
+        State.TAKEOFF: (Case(_SO, "Nothing is held."),),
+        State.MISSION: (Case(_SO, "Nothing is held."),),
+        State.HOLD: (
+            Case(_NO, "A component is waited for.", "a component is waited for"),
+            Case(_DONE, "Resuming.", "the user holds"),
+            Case(_SO, "It resumes by itself."),
+        ),
+        State.LAND: (Case(_NO, "A landing is not interrupted."),),
+        State.PILOT: _PILOT,
+    },
+    UserCommand.LAND: {
+        State.TAKEOFF: (Case(_DONE, "Landing.", "in flight"), Case(_SO, "It has landed.")),
+        State.MISSION: (
+            Case(_DONE, "On the ground: no further takeoff.", "between files"),
+            Case(_DONE, "Landing.", "in flight"),
+            Case(_SO, "It has landed."),
+        ),
+        State.HOLD: (Case(_DONE, "Landing.", "in flight"), Case(_SO, "It has landed.")),
+        State.LAND: _LANDING,
+        State.PILOT: _PILOT,
+    },
+    UserCommand.ABORT: {
+        **dict.fromkeys(_BEFORE, _END),
+        State.TAKEOFF: (
+            Case(_SO, "The takeoff is being cancelled.", "being cancelled"),
+            Case(_DONE, "Aborting.", "in flight"),
+            Case(_SO, "It has landed."),
+        ),
+        State.MISSION: (
+            Case(_DONE, "On the ground: no further takeoff.", "between files"),
+            Case(_DONE, "Landing.", "in flight"),
+            Case(_SO, "It has landed."),
+        ),
+        State.HOLD: (Case(_DONE, "Landing.", "in flight"), Case(_SO, "It has landed.")),
+        State.LAND: _LANDING,
+        State.PILOT: _PILOT,
+        State.OUTREACH: (Case(_NO, "Nothing flies: retry or give up."),),
+    },
+    UserCommand.ACKNOWLEDGE: {
+        State.LAND: (
+            Case(
+                _DONE,
+                "Acknowledged; whether it has landed and is disarmed is not known.",
+                "the pilot was alarmed and the vehicle is silent",
+            ),
+            Case(_NO, "It is landing."),
+        ),
+        State.PILOT: (
+            Case(_DONE, "Acknowledged.", "last heard on the ground and disarmed"),
+            Case(_NO, "Not on the ground and disarmed yet, or not known to be."),
+        ),
+    },
+}
+
+SELECT: Mapping[State, Case] = {
+    **{state: Case(_NO, "A mission is under way.") for state in State},
+    State.MISSION_INPUT: Case(_DONE, "Selected: the checks are running."),
+    State.MISSION_ENDED: Case(_DONE, "Selected: the checks are running."),
+}
+
+
+IN_DOUBT = Case(_NO, "Somebody else seems to have control of the vehicle: ask again in a moment.")
+"""The answer to everything for the moment in which that is not clear."""
+
+
+def answer_to(turn: Turn, command: UserCommand) -> Case:
+    """Return the answer to a command in the engine's present state."""
+    for case in ANSWERS[command].get(turn.state.state, ()):
+        if CONDITIONS[case.when](turn):
+            return case
+    return Case(_NO, OTHERWISE[command])
+
+
+def available(turn: Turn) -> Tuple[UserCommand, ...]:
+    """Return the commands that would be done now."""
+    return tuple(command for command in UserCommand if answer_to(turn, command).answer is _DONE)
+
+
+# --- decide -----------------------------------------------------------------------------------------------------------
+
 
 MAX_ROWS = 12
 """How many rows may fire on one event. The longest chain is shorter; a test watches it."""
@@ -51,7 +239,7 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
     """
     turn = Turn(state, event, rules)
     turn.now = max(event.t_ns, state.t_ns)
-    absorb(turn)
+    update(turn)
     decisions: List[Decision] = []
     _answer(turn)
     _update_failures(turn, decisions)
@@ -102,14 +290,14 @@ _SAID_HERE = {"failure_wait": State.HOLD, "failure_land": State.LAND, "failure_p
 
 def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
     """Bring what is wrong up to date, and write down what changed in flight."""
-    for change in failures.update(turn):
+    for change in failsafe.update(turn):
         failure, first = change.failure, len(turn.commands)
         landing = change.rule == "failure_wait" and turn.lands()
         if landing or _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state:
             key = "failure_while_landing" if landing else change.rule
             turn.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
         place = (turn.state.state, turn.state.step)
-        _write_down(turn, decisions, change.rule, place, failures.values_of(failure, turn.now), first)
+        _write_down(turn, decisions, change.rule, place, failsafe.values_of(failure, turn.now), first)
 
 
 def _first(turn: Turn) -> Tuple[Optional[Transition], Seen]:
@@ -128,7 +316,8 @@ def _fire(turn: Turn, row: Transition, seen: Seen, decisions: List[Decision]) ->
     before, first = (turn.state.state, turn.state.step), len(turn.commands)
     if turn.state.step is not Step.CANCELLING:  # a cancelled takeoff keeps its cause
         turn.set(cause=seen.reason or row.words)
-    turn.set(**row.sets)
+    for path, value in row.sets.items():
+        turn.state = put(turn.state, path, value)
     if row.act is not None:
         row.act(turn)
     if row.target is not None:
@@ -145,7 +334,7 @@ def _enter(turn: Turn, before: Place, target: Place) -> None:
     if state is State.PREFLIGHT and before[0] is State.MISSION_INPUT:
         begin_session(turn)
     if state is State.HOLD and before[0] is not State.HOLD:
-        turn.set(interrupted=before[0])
+        turn.put("flight", interrupted=before[0])
     entered = turn.now if state is not before[0] else turn.state.entered_ns
     turn.set(state=state, step=step, entered_ns=entered, step_ns=turn.now)
     effect = ENTER.get(target)
@@ -158,9 +347,9 @@ def _words(turn: Turn) -> Dict[str, object]:
     state = turn.state
     return {
         "reason": f"{state.cause}." if state.cause else "",
-        "mission_id": state.mission.id if state.mission is not None else "",
+        "mission_id": state.session.mission.id if state.session.mission is not None else "",
         "state": state.state.value,
-        "result": state.result.value + (f" (landed for: {state.land_cause})" if _landed_for(state) else ""),
+        "result": state.session.result.value + (f" (landed for: {state.landing.cause})" if _landed_for(state) else ""),
         "location": _location(state),
         "limit_s": (turn.limits.ready_limit_ns if state.state is State.PREFLIGHT else turn.limits.land_limit_ns) / _NS,
         "signal": turn.signal,
@@ -168,17 +357,17 @@ def _words(turn: Turn) -> Dict[str, object]:
 
 
 def _landed_for(state: EngineState) -> bool:
-    return state.result is Result.COMPLETE and bool(state.land_cause)
+    return state.session.result is Result.COMPLETE and bool(state.landing.cause)
 
 
 def _location(state: EngineState) -> str:
     """Return where the data is, and, when it is complete, what the recorder says of it: how big, what was lost."""
-    if not state.data_location:
+    if not state.recording.location:
         return ""
-    recorder = state.recorder
+    recorder = state.peers.recorder
     complete = recorder is not None and recorder.phase is RecordingPhase.COMPLETE
     said = f" ({recorder.message})" if recorder is not None and complete and recorder.message else ""
-    return f"The data is at {state.data_location}{said}."
+    return f"The data is at {state.recording.location}{said}."
 
 
 def _write_down(

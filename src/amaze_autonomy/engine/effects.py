@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Callable, Mapping, Tuple
 
-from .checks import CHECKS, CheckName
 from .commands import (
     AutopilotDisarm,
     AutopilotLand,
@@ -15,13 +14,25 @@ from .commands import (
     StartRecording,
     StopRecording,
 )
-from .data_guards import records
-from .events import Landed, RecordingPhase
-from .failures import flown_without
+from .context import Turn
+from .events import CHECKS, CheckName, Landed, RecordingPhase
+from .failsafe import flown_without
 from .flight_guards import mission_flown
-from .state import CheckRecord, DataResult, OutreachKind, Result, State, Step, evolve
+from .guards import records
+from .state import (
+    CheckRecord,
+    Flight,
+    Landing,
+    OutreachKind,
+    Preflight,
+    Recording,
+    Result,
+    Session,
+    State,
+    Step,
+    evolve,
+)
 from .timers import check_limit_ns, passed
-from .turn import Turn
 
 __all__ = ["ENTER", "Effect"]
 
@@ -38,58 +49,40 @@ def queue_missions(turn: Turn) -> None:
 
 def begin_session(turn: Turn) -> None:
     """Start a new session with the mission at the head of the queue: nothing of the last one remains."""
-    state = turn.state
-    number = state.sessions + 1
+    state, flight, number = turn.state, turn.state.flight, turn.state.sessions + 1
     turn.set(
         sessions=number,
-        session_id=f"{state.label}-{number:03d}",
-        mission=state.queue[0],
         queue=state.queue[1:],
-        file_index=0,
-        repetition=0,
-        result=Result.NONE,
-        rounds=0,
-        outreach=OutreachKind.NONE,
-        planner=None,
-        planner_ns=None,
-        recorder=None,
-        recorder_ns=None,
-        recording_asked=False,
-        recording_id=0,
-        recording_outcome=None,
-        recording_since_ns=None,
-        recording_progressed=False,
-        recording_over=False,
-        data_location="",
-        data_result=DataResult.NONE,
-        was_armed=False,
-        was_airborne=False,
-        flown=False,
-        commanded=() if state.was_airborne else state.commanded,  # a takeoff called off may still arm
+        session=Session(id=f"{state.label}-{number:03d}", mission=state.queue[0]),
+        preflight=Preflight(),
+        recording=Recording(),
     )
+    turn.put("peers", planner=None, planner_ns=None, recorder=None, recorder_ns=None)
+    calls_off = () if flight.was_airborne else flight.commanded  # a takeoff called off may still arm
+    turn.put("flight", was_armed=False, was_airborne=False, commanded=calls_off)
 
 
 def forget_mission(turn: Turn) -> None:
     """Be ready for the next selection."""
-    turn.set(mission=None, session_id="", checks=(), result=Result.NONE, data_result=DataResult.NONE)
-    turn.set(outreach=OutreachKind.NONE, failures=())
+    turn.set(session=Session(), preflight=Preflight(), failures=())
 
 
 def preflight(turn: Turn) -> None:
     """Ask for all checks, and start the time in which the watchdog may fix what fails."""
     state, limits = turn.state, turn.limits
-    startup = limits.watchdog_startup_time_ns if state.watchdog_started_ns is None else 0
-    turn.set(
-        rounds=state.rounds + 1,
+    startup = limits.watchdog_startup_time_ns if state.peers.watchdog_started_ns is None else 0
+    turn.put(
+        "preflight",
+        rounds=state.preflight.rounds + 1,
         fix_deadline_ns=turn.now + startup + limits.preflight_fix_limit_ns,
-        outreach=OutreachKind.NONE,
     )
+    turn.put("session", outreach=OutreachKind.NONE)
     run_checks(turn)
 
 
 def run_checks(turn: Turn) -> None:
     """Ask for all checks, in their order. Rows of the last answers stay in the table until the new ones come."""
-    before = {record.check: record for record in turn.state.checks}
+    before = {record.check: record for record in turn.state.preflight.checks}
     records = []
     for check in CheckName:
         request = _request(turn, check)
@@ -98,11 +91,11 @@ def run_checks(turn: Turn) -> None:
         records.append(
             evolve(old, command_id=request.id, asked_ns=turn.now, replied_ns=None, outcome=None, ok=False, message="")
         )
-    turn.set(checks=tuple(records))
+    turn.put("preflight", checks=tuple(records))
 
 
 def _request(turn: Turn, check: CheckName) -> RunCheck:
-    mission, started = turn.state.mission, turn.state.watchdog_started_ns is not None
+    mission, started = turn.state.session.mission, turn.state.peers.watchdog_started_ns is not None
     known: Mapping[str, Any] = {
         "required": mission.required if mission is not None else (),
         "startup_time_ns": 0 if started else turn.limits.watchdog_startup_time_ns,
@@ -119,7 +112,7 @@ def _request(turn: Turn, check: CheckName) -> RunCheck:
 
 def forgive(turn: Turn) -> None:
     """The user retries: rounds are counted afresh."""
-    turn.set(rounds=0)
+    turn.put("preflight", rounds=0)
 
 
 def ready(turn: Turn) -> None:
@@ -129,56 +122,44 @@ def ready(turn: Turn) -> None:
 
 def start_recording(turn: Turn) -> None:
     """Ask the recorder to start, unless it proves that it records this session already."""
-    if turn.state.recording_asked and records(turn):
-        turn.set(recording_outcome=None)
+    recording, mission = turn.state.recording, turn.state.session.mission
+    if recording.asked and records(turn):
+        turn.put("recording", request=evolve(recording.request, outcome=None))
         return
-    identity = turn.take_id()
-    mission = turn.state.mission
-    turn.send(
-        StartRecording(
-            id=identity,
-            limit_ns=turn.limits.command_reply_limit_ns,
-            session_id=turn.state.session_id,
-            mission_id=mission.id if mission is not None else "",
-        )
+    request = StartRecording(
+        id=turn.take_id(),
+        limit_ns=turn.limits.command_reply_limit_ns,
+        session_id=turn.state.session.id,
+        mission_id=mission.id if mission is not None else "",
     )
-    turn.set(
-        recording_asked=True,
-        recording_id=identity,
-        recording_outcome=None,
-        recording_message="",
-        recording_since_ns=None,
-        recording_progressed=False,
-    )
+    turn.set(recording=Recording(asked=True, request=turn.send(request), location=recording.location))
 
 
 def load_mission(turn: Turn) -> None:
     """Send the mission to the planner, and ask for all checks again."""
-    mission, state = turn.state.mission, turn.state
-    identity = turn.take_id()
-    turn.send(
-        LoadMission(
-            id=identity,
-            limit_ns=turn.limits.load_limit_ns,
-            session_id=state.session_id,
-            mission_id=mission.id if mission is not None else "",
-            file_index=state.file_index,
-            repetition=state.repetition,
-        )
+    session = turn.state.session
+    request = LoadMission(
+        id=turn.take_id(),
+        limit_ns=turn.limits.load_limit_ns,
+        session_id=session.id,
+        mission_id=session.mission.id if session.mission is not None else "",
+        file_index=session.file_index,
+        repetition=session.repetition,
     )
-    turn.set(load_id=identity, load_outcome=None, load_message="")
+    turn.put("preflight", load=turn.send(request))
     run_checks(turn)
 
 
 def next_leg(turn: Turn) -> None:
     """Go on to the next waypoint file, or the next repetition, on the ground."""
-    state, files = turn.state, turn.state.mission.files if turn.state.mission is not None else 1
-    last_file = state.file_index + 1 >= files
-    turn.set(
-        file_index=0 if last_file else state.file_index + 1,
-        repetition=state.repetition + 1 if last_file else state.repetition,
-        in_flight=False,
+    session = turn.state.session
+    last_file = session.mission is None or session.file_index + 1 >= session.mission.files
+    turn.put(
+        "session",
+        file_index=0 if last_file else session.file_index + 1,
+        repetition=session.repetition + 1 if last_file else session.repetition,
     )
+    turn.put("flight", active=False)
     load_mission(turn)
 
 
@@ -186,45 +167,22 @@ def next_leg(turn: Turn) -> None:
 
 
 def _motion(turn: Turn, action: MissionAction) -> None:
-    identity = turn.take_id()
-    turn.send(
-        MissionCommand(
-            id=identity, limit_ns=turn.limits.command_reply_limit_ns, session_id=turn.state.session_id, action=action
-        )
-    )
-    commanded = turn.state.commanded
-    turn.set(
-        motion_id=identity,
-        motion_ns=turn.now,
-        motion_outcome=None,
-        motion_message="",
-        mode_shown=False,
-        commanded=commanded if commanded[-1:] == (action,) else (*commanded, action),
-    )
+    limit_ns, session_id = turn.limits.command_reply_limit_ns, turn.state.session.id
+    asked = turn.send(MissionCommand(id=turn.take_id(), limit_ns=limit_ns, session_id=session_id, action=action))
+    commanded = turn.state.flight.commanded
+    commanded = commanded if commanded[-1:] == (action,) else (*commanded, action)
+    turn.put("flight", motion=asked, mode_shown=False, commanded=commanded)
+
+
+def _mode(turn: Turn) -> str:
+    return turn.state.peers.autopilot.mode if turn.state.peers.autopilot is not None else ""
 
 
 def take_off(turn: Turn) -> None:
     """Command the takeoff: from here on it is a flight."""
-    turn.set(
-        in_flight=True,
-        flight_started_ns=turn.now,
-        was_armed=False,
-        was_airborne=False,
-        grounded_ns=None,
-        spent=(),
-        flown_without=flown_without(turn),
-        user_hold_ns=None,
-        commanded=(),
-        confirmed=None,
-        mode_before=turn.state.autopilot.mode if turn.state.autopilot is not None else "",
-        takeover_noted=False,
-        land_ns=None,
-        land_cause="",
-        both_routes=False,
-        alarmed=False,
-        overdue_alarmed=False,
-        disarm_sent_ns=None,
-    )
+    without = flown_without(turn)
+    flight = Flight(active=True, started_ns=turn.now, flown_without=without, mode_before=_mode(turn))
+    turn.set(flight=flight, landing=Landing())
     _motion(turn, MissionAction.TAKEOFF)
 
 
@@ -235,13 +193,13 @@ def cancel_takeoff(turn: Turn) -> None:
 
 def hold(turn: Turn) -> None:
     """Command a hold."""
-    turn.set(hold_repeated=False)
+    turn.put("flight", hold_repeated=False)
     _motion(turn, MissionAction.HOLD)
 
 
 def hold_again(turn: Turn) -> None:
     """Command the hold once more: nothing shows it."""
-    turn.set(hold_repeated=True)
+    turn.put("flight", hold_repeated=True)
     _motion(turn, MissionAction.HOLD)
 
 
@@ -252,83 +210,80 @@ def resume(turn: Turn) -> None:
 
 def ask_hold(turn: Turn) -> None:
     """The user asks for a hold."""
-    turn.set(user_hold_ns=turn.now)
+    turn.put("flight", user_hold_ns=turn.now)
 
 
 def end_hold(turn: Turn) -> None:
     """The user asks to go on."""
-    turn.set(user_hold_ns=None)
+    turn.put("flight", user_hold_ns=None)
 
 
 def land(turn: Turn) -> None:
     """Command the landing; by the second route too when both are due."""
     state = turn.state
-    if state.land_ns is None:
-        turn.set(land_ns=turn.now, second_route_ns=None, user_hold_ns=None, land_cause=state.cause)
+    if state.landing.since_ns is None:
+        turn.put("landing", since_ns=turn.now, cause=state.cause)
+        turn.put("flight", user_hold_ns=None)
         if mission_flown(turn) is not None:
-            turn.set(result=Result.COMPLETE)  # its last waypoint was flown: who ends the landing does not matter
+            turn.put("session", result=Result.COMPLETE)  # its last waypoint was flown, whoever ends the landing
     late = passed("land_second_route_after", turn.state, turn.rules, turn.now)
     overdue = passed("land_limit", turn.state, turn.rules, turn.now)
     if not any(isinstance(c, MissionCommand) and c.action is MissionAction.LAND for c in turn.commands):
         _motion(turn, MissionAction.LAND)
-    if turn.state.both_routes or late or overdue:
+    if turn.state.landing.both_routes or late or overdue:
         _second_route(turn)
-    turn.set(land_sent_ns=turn.now)
+    turn.put("landing", sent_ns=turn.now)
 
 
 def _second_route(turn: Turn) -> None:
     if any(isinstance(command, AutopilotLand) for command in turn.commands):
         return
     turn.send(AutopilotLand(id=turn.take_id(), limit_ns=turn.limits.command_reply_limit_ns))
-    if turn.state.second_route_ns is None:
-        turn.set(second_route_ns=turn.now)
+    if turn.state.landing.second_route_ns is None:
+        turn.put("landing", second_route_ns=turn.now)
 
 
 def land_both(turn: Turn) -> None:
     """Command the landing by both routes from now on."""
-    turn.set(both_routes=True)
+    turn.put("landing", both_routes=True)
     land(turn)
 
 
 def adopt_flight(turn: Turn) -> None:
-    """A flight that is not ours is landed: it counts as a flight from here on."""
-    turn.set(
-        in_flight=True,
-        flight_started_ns=turn.now,
-        was_armed=True,
-        flown=True,
-        both_routes=True,
-        commanded=(),
-        confirmed=None,
-        mode_before=turn.state.autopilot.mode if turn.state.autopilot is not None else "",
-        takeover_noted=False,
-        land_ns=None,
-        alarmed=False,
-        overdue_alarmed=False,
-    )
+    """A flight that is not ours, or seemed over, is landed: it counts as a flight from here on."""
+    adopt_late_arming(turn)
+    turn.put("session", flown=True)
 
 
 def adopt_late_arming(turn: Turn) -> None:
     """A takeoff that was called off arms all the same: it is landed as a flight; flown it is once it lifts off."""
-    flown = turn.state.flown
-    adopt_flight(turn)
-    turn.set(flown=flown)
+    turn.put(
+        "flight",
+        active=True,
+        started_ns=turn.now,
+        was_armed=True,
+        commanded=(),
+        confirmed=None,
+        mode_before=_mode(turn),
+        takeover_noted=False,
+    )
+    turn.set(landing=Landing(both_routes=True))
 
 
 def alarm(turn: Turn) -> None:
     """Remember that the pilot was alarmed."""
-    turn.set(alarmed=True)
+    turn.put("landing", alarmed=True)
 
 
 def disarm(turn: Turn) -> None:
     """Disarm on the ground."""
     turn.send(AutopilotDisarm(id=turn.take_id(), limit_ns=turn.limits.command_reply_limit_ns))
-    turn.set(disarm_sent_ns=turn.now)
+    turn.put("landing", disarm_sent_ns=turn.now)
 
 
 def pilot(turn: Turn) -> None:
     """Stop commanding."""
-    turn.set(commanded=(), confirmed=None, user_hold_ns=None, takeover_noted=False)
+    turn.put("flight", commanded=(), confirmed=None, user_hold_ns=None, takeover_noted=False)
 
 
 # --- data -------------------------------------------------------------------------------------------------------------
@@ -337,29 +292,32 @@ def pilot(turn: Turn) -> None:
 def clean_up(turn: Turn) -> None:
     """Stop the recording; say so when the landing detection does not confirm the landing."""
     state = turn.state
-    flown = state.was_airborne
-    turn.set(in_flight=False, land_ns=None, user_hold_ns=None, outreach=OutreachKind.NONE)
+    flown = state.flight.was_airborne
+    turn.put("flight", active=False, user_hold_ns=None)
+    turn.put("landing", since_ns=None)
+    turn.put("session", outreach=OutreachKind.NONE)
     detection = turn.detection()
     if flown and detection is not Landed.ON_GROUND:
         reason = f"it says {detection.name}" + (
-            f", {state.landing.reason}" if state.landing and state.landing.reason else ""
+            f", {state.peers.landing.reason}" if state.peers.landing and state.peers.landing.reason else ""
         )
         turn.notify("landing_unconfirmed", reason=reason)
-    if not state.recording_asked:
+    if not state.recording.asked:
         return
-    identity = turn.take_id()
-    turn.send(StopRecording(id=identity, limit_ns=turn.limits.command_reply_limit_ns, session_id=state.session_id))
-    failed = state.recorder is not None and state.recorder.phase is RecordingPhase.FAILED
-    turn.set(recording_id=identity, recording_outcome=None, recording_message="", recording_progressed=not failed)
+    limit_ns = turn.limits.command_reply_limit_ns
+    request = turn.send(StopRecording(id=turn.take_id(), limit_ns=limit_ns, session_id=state.session.id))
+    failed = state.peers.recorder is not None and state.peers.recorder.phase is RecordingPhase.FAILED
+    turn.put("recording", request=request, progressed=not failed)
 
 
 def end_mission(turn: Turn) -> None:
     """Say whether it was flown at all; drop the missions that were still to come, unless this one is complete."""
-    if turn.state.result in (Result.NOT_FLOWN, Result.LANDED_EARLY):
-        turn.set(result=Result.LANDED_EARLY if turn.state.flown else Result.NOT_FLOWN)
+    if turn.state.session.result in (Result.NOT_FLOWN, Result.LANDED_EARLY):
+        turn.put("session", result=Result.LANDED_EARLY if turn.state.session.flown else Result.NOT_FLOWN)
     state = turn.state
-    turn.set(recording_over=True, in_flight=False)
-    if state.result is not Result.COMPLETE:
+    turn.put("recording", over=True)
+    turn.put("flight", active=False)
+    if state.session.result is not Result.COMPLETE:
         drop_queue(turn)
 
 

@@ -1,5 +1,7 @@
 """Everything that can happen to the engine: frozen, keyword-only, checked when made. An invalid event cannot exist.
 
+Before the events what they carry: checks, with the table of what is special about each, and missions.
+
 Rules of this file:
 
 * `t_ns` is the time at which the engine learns of it, integer nanoseconds on the clock that decides.
@@ -12,15 +14,17 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import Any, Optional, Tuple, Type, TypeVar, Union
+from typing import Any, Mapping, Optional, Tuple, Type, TypeVar, Union
 
-from .checks import Check, CheckName
-from .mission import Mission
-from .severity import Code, Restart
+from .rules import Code, Restart, Severity
 
 __all__ = [
+    "CHECKS",
     "AutopilotStatus",
+    "Check",
+    "CheckName",
     "CheckReply",
+    "CheckTraits",
     "ClockStatus",
     "ComponentStatus",
     "EngineStarted",
@@ -28,6 +32,7 @@ __all__ = [
     "InvalidEventError",
     "Landed",
     "LandedStatus",
+    "Mission",
     "MissionPhase",
     "MissionRejected",
     "MissionSelected",
@@ -42,10 +47,146 @@ __all__ = [
     "UserCommand",
     "UserRequest",
     "VehicleLanded",
+    "Verdict",
     "WatchdogAction",
     "WatchdogInfo",
+    "finite",
     "made",
 ]
+
+# --- checks -----------------------------------------------------------------------------------------------------------
+# The rows of the pre-flight table and the names of the checks that make them.
+
+
+class CheckName(enum.Enum):
+    """The pre-flight checks, in the order in which they are asked and shown."""
+
+    WATCHDOG = "watchdog"
+    BATTERY = "battery"
+    AUTOPILOT = "autopilot"
+    ON_GROUND = "on_ground"
+    STATE_ESTIMATION = "state_estimation"
+
+
+@dataclass(frozen=True)
+class CheckTraits:
+    """What is special about a check.
+
+    Args:
+        asks: fields of its request (`commands.RunCheck`) besides the check itself.
+        watches: its first accepted answer starts the watching, and may take until all is up; what failed may be fixed
+            meanwhile, and every component is listed.
+    """
+
+    asks: Tuple[str, ...] = ()
+    watches: bool = False
+
+
+CHECKS: Mapping[CheckName, CheckTraits] = {
+    CheckName.WATCHDOG: CheckTraits(("mission_id", "required", "startup_time_ns"), watches=True),
+    CheckName.BATTERY: CheckTraits(("required_fraction",)),
+    CheckName.AUTOPILOT: CheckTraits(),
+    CheckName.ON_GROUND: CheckTraits(),
+    CheckName.STATE_ESTIMATION: CheckTraits(),
+}
+
+
+class Verdict(enum.Enum):
+    """What came of one row of a check. Only PASS and WARN let a vehicle take off."""
+
+    PASS = "pass"  # noqa: S105 - a verdict
+    WARN = "warn"
+    FAIL = "fail"
+    UNKNOWN = "unknown"
+
+
+def finite(value: Optional[float]) -> Optional[float]:
+    """Return the value, or None for NaN, infinity and None: unknown is said in one way."""
+    return value if value is not None and isfinite(value) else None
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of the pre-flight table.
+
+    Args:
+        name: what was checked, e.g. "battery fraction".
+        verdict: what came of it.
+        value: what was measured, in `unit`; None when unknown.
+        limit: what it was compared with, in `unit`; None when there is none.
+        unit: e.g. "fraction", "m", "rad"; empty when it has none.
+        age_s: age of the value in seconds; None when unknown.
+        advice: what a person can do about it.
+        heals: it comes by itself after a start (a first message, the home position): asked again until a limit.
+    """
+
+    name: str
+    verdict: Verdict
+    value: Optional[float] = None
+    limit: Optional[float] = None
+    unit: str = ""
+    age_s: Optional[float] = None
+    advice: str = ""
+    heals: bool = False
+
+    def __post_init__(self) -> None:
+        for field in ("value", "limit", "age_s"):
+            object.__setattr__(self, field, finite(getattr(self, field)))
+
+    @property
+    def passed(self) -> bool:
+        """True when the row lets a vehicle take off."""
+        return self.verdict in (Verdict.PASS, Verdict.WARN)
+
+
+# --- mission ----------------------------------------------------------------------------------------------------------
+# What the engine needs to know of a mission.
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A mission as the engine sees it: the waypoints themselves are the planner's business.
+
+    Args:
+        id: as the user selects it, e.g. "1".
+        description: one line for the user.
+        files: number of waypoint files, at least 1.
+        repetitions: how often the files are flown, at least 1.
+        battery_needed_fraction: fraction 0..1 of the battery that it needs, reserve included; None: unknown.
+        estimated_duration_s: of all files and repetitions together; None: unknown.
+        severities: (component, severity) for components that this mission judges otherwise.
+        required: components that must be at code 1 before takeoff; empty: all listed.
+        tolerated: components that may be at code 2 before takeoff.
+        max_height_m: limit above the takeoff position; None: the configuration's.
+        max_distance_m: limit of the horizontal distance from the takeoff position; None: the configuration's.
+        max_flight_time_ns: limit from the TAKEOFF command on; None: the configuration's.
+    """
+
+    id: str
+    description: str = ""
+    files: int = 1
+    repetitions: int = 1
+    battery_needed_fraction: Optional[float] = None
+    estimated_duration_s: Optional[float] = None
+    severities: Tuple[Tuple[str, Severity], ...] = ()
+    required: Tuple[str, ...] = ()
+    tolerated: Tuple[str, ...] = ()
+    max_height_m: Optional[float] = None
+    max_distance_m: Optional[float] = None
+    max_flight_time_ns: Optional[int] = None
+
+    def __post_init__(self) -> None:
+        if not self.id:
+            raise ValueError("a mission needs an id")
+        if self.files < 1 or self.repetitions < 1:
+            raise ValueError(f"mission {self.id}: files and repetitions must be at least 1")
+        needed = self.battery_needed_fraction
+        if needed is not None and not 0.0 <= needed <= 1.0:
+            raise ValueError(f"mission {self.id}: battery_needed_fraction is {needed}, must be within 0..1")
+
+
+# --- events -----------------------------------------------------------------------------------------------------------
+
 
 E = TypeVar("E", bound="Union[Event, PlatformRecording]")
 

@@ -4,47 +4,14 @@ from __future__ import annotations
 
 from typing import Optional
 
-from . import failures
+from . import failsafe
 from .commands import Seen, Value, because
-from .conditions import FAILSAFE_CONDITIONS
+from .context import LANDING_MODES, Turn, ours
 from .events import MissionPhase, Outcome, VehicleLanded
+from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
-from .modes import LANDING_MODES, ours
 from .state import Failure, FailureKind, State
 from .timers import passed
-from .turn import Turn
-
-__all__ = [
-    "airborne",
-    "armed",
-    "armed_by_others",
-    "armed_late",
-    "at_takeoff_height",
-    "cancelled",
-    "cancelled_on_ground",
-    "down",
-    "file_done",
-    "ground_armed",
-    "in_flight",
-    "interrupted",
-    "landing_shown",
-    "last_leg",
-    "motion_refused",
-    "must_alarm",
-    "must_land",
-    "must_land_both",
-    "must_wait",
-    "not_alarmed",
-    "not_overdue_alarmed",
-    "nothing_waited_for",
-    "on_the_ground",
-    "one_route_only",
-    "planner_in",
-    "started_armed",
-    "taken_over",
-    "touched_down",
-    "vehicle_known",
-]
 
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
 _BOTH_ROUTES = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.both_routes)
@@ -54,13 +21,13 @@ _ALARM = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.alarm)
 def started_armed(turn: Turn) -> Optional[Seen]:
     """The engine was started, with no flight of its own to resume, while the vehicle is armed."""
     fresh_start = turn.state.sessions == 0 and turn.state.armed_at_start is True and turn.armed()
-    return holds_if(fresh_start and not turn.state.in_flight, Value("armed at start", True))
+    return holds_if(fresh_start and not turn.state.flight.active, Value("armed at start", True))
 
 
 def motion_refused(turn: Turn) -> Optional[Seen]:
     """The planner refused the last command, or is not there."""
-    refused = turn.state.motion_outcome in _REFUSED
-    return because("planner", turn.state.motion_message or "refused") if refused else None
+    refused = turn.state.flight.motion.outcome in _REFUSED
+    return because("planner", turn.state.flight.motion.message or "refused") if refused else None
 
 
 def down(turn: Turn) -> Optional[Seen]:
@@ -90,7 +57,9 @@ def armed(turn: Turn) -> Optional[Seen]:
 
 def airborne(turn: Turn) -> Optional[Seen]:
     """The vehicle says, freshly, that it has left the ground."""
-    return holds_if(turn.airborne(), Value("landed", turn.state.autopilot.landed.name if turn.state.autopilot else ""))
+    return holds_if(
+        turn.airborne(), Value("landed", turn.state.peers.autopilot.landed.name if turn.state.peers.autopilot else "")
+    )
 
 
 def at_takeoff_height(turn: Turn) -> Optional[Seen]:
@@ -107,22 +76,22 @@ def taken_over(turn: Turn) -> Optional[Seen]:
 
 def takeover_begins(turn: Turn) -> Optional[Seen]:
     """A status says that somebody else has control, which is not confirmed yet."""
-    return _taken(turn) if turn.suspected() and not turn.state.takeover_noted else None
+    return _taken(turn) if turn.suspected() and not turn.state.flight.takeover_noted else None
 
 
 def takeover_denied(turn: Turn) -> Optional[Seen]:
     """Somebody else seemed to have control, and the vehicle answers to us."""
-    return holds_if(turn.state.takeover_noted and turn.state.takeover is None)
+    return holds_if(turn.state.flight.takeover_noted and turn.state.vehicle.takeover is None)
 
 
 def _taken(turn: Turn) -> Seen:
-    status = turn.state.autopilot
-    return because("reason", turn.state.takeover_reason, Value("flight mode", status.mode if status else ""))
+    status = turn.state.peers.autopilot
+    return because("reason", turn.state.vehicle.takeover_reason, Value("flight mode", status.mode if status else ""))
 
 
 def armed_by_others(turn: Turn) -> Optional[Seen]:
     """The vehicle is armed, and it was not us; several statuses agree."""
-    if turn.state.in_flight or not (turn.taken() and turn.armed()):
+    if turn.state.flight.active or not (turn.taken() and turn.armed()):
         return None
     return because("reason", "it was armed, and not by us")
 
@@ -130,18 +99,18 @@ def armed_by_others(turn: Turn) -> Optional[Seen]:
 def still_flies(turn: Turn) -> Optional[Seen]:
     """Its flight seemed over, and it says that it is in the air, armed: it never landed, for nobody arms it there."""
     state, status = turn.state, turn.vehicle()
-    if state.in_flight or not state.was_airborne or status is None or not (turn.armed() and turn.airborne()):
+    if state.flight.active or not state.flight.was_airborne or status is None or not (turn.armed() and turn.airborne()):
         return None
-    sure = state.aloft is not None and state.aloft.statuses > 1
-    mine = ours(status.mode, state.commanded, state.confirmed, lands=True) and not status.pilot_in_control
+    sure = state.vehicle.aloft is not None and state.vehicle.aloft.statuses > 1
+    mine = ours(status.mode, state.flight.commanded, state.flight.confirmed, lands=True) and not status.pilot_in_control
     landed = Value("landed", status.landed.name)
     return because("reason", "it is still in the air", landed) if sure and mine else None
 
 
 def armed_late(turn: Turn) -> Optional[Seen]:
     """It is armed in a mode of ours, after a takeoff of ours was called off: our ARM took effect late."""
-    armed, agreed = turn.may_arm_late() and turn.armed(), turn.state.motors
-    mine = armed and turn.state.takeover is None and agreed is not None and agreed.statuses > 1
+    armed, agreed = turn.may_arm_late() and turn.armed(), turn.state.vehicle.motors
+    mine = armed and turn.state.vehicle.takeover is None and agreed is not None and agreed.statuses > 1
     return because("reason", "it was armed by us, after its takeoff was called off") if mine else None
 
 
@@ -168,19 +137,19 @@ def moves_on(turn: Turn) -> Optional[Seen]:
 
 def hold_not_repeated(turn: Turn) -> Optional[Seen]:
     """The hold was asked for once."""
-    return holds_if(not turn.state.hold_repeated)
+    return holds_if(not turn.state.flight.hold_repeated)
 
 
 def nobody_knows(turn: Turn) -> Optional[Seen]:
     """The pilot was alarmed, and the vehicle is not heard any more."""
-    status = turn.state.autopilot
-    silent = turn.state.alarmed and turn.vehicle() is None
+    status = turn.state.peers.autopilot
+    silent = turn.state.landing.alarmed and turn.vehicle() is None
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 
 
 def mission_flown(turn: Turn) -> Optional[Seen]:
     """The planner lands after the last waypoint of the last file: the mission is flown."""
-    planner = turn.state.planner
+    planner = turn.state.peers.planner
     ends = planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
     if planner is None or not ends or not 0 < planner.waypoints <= planner.waypoint:
         return None
@@ -189,54 +158,54 @@ def mission_flown(turn: Turn) -> Optional[Seen]:
 
 def takeoff_failed(turn: Turn) -> Optional[Seen]:
     """The planner says that the takeoff failed, and the vehicle has stayed disarmed on the ground."""
-    planner, state = turn.state.planner, turn.state
-    failed = planner is not None and planner.phase is MissionPhase.FAILED and planner.t_ns > state.motion_ns
-    ready = failed and not state.was_armed and turn.stays_down()
+    planner, state = turn.state.peers.planner, turn.state
+    failed = planner is not None and planner.phase is MissionPhase.FAILED and planner.t_ns > state.flight.motion.sent_ns
+    ready = failed and not state.flight.was_armed and turn.stays_down()
     said = planner.message if planner is not None and planner.message else "failed"
     return because("planner", said) if ready else None
 
 
 def in_flight(turn: Turn) -> Optional[Seen]:
     """From the TAKEOFF command until the vehicle says, freshly, both disarmed and ON_GROUND."""
-    return holds_if(turn.state.in_flight, Value("in flight", True))
+    return holds_if(turn.state.flight.active, Value("in flight", True))
 
 
 def _failed(turn: Turn, failure: Failure) -> Seen:
     component = failure.kind is FailureKind.COMPONENT
     reason = ": ".join(filter(None, (failure.name, failure.reason))) if component else failure.reason
-    return Seen(failures.values_of(failure, turn.now), reason)
+    return Seen(failsafe.values_of(failure, turn.now), reason)
 
 
 def must_land(turn: Turn) -> Optional[Seen]:
     """Something means to land."""
-    worst = failures.worst(turn.state) if turn.state.in_flight else ()
+    worst = failsafe.worst(turn.state) if turn.state.flight.active else ()
     return _failed(turn, worst[0]) if worst else None
 
 
 def must_land_both(turn: Turn) -> Optional[Seen]:
     """Something means to land, and by both routes at once."""
-    lost = [f for f in turn.state.failures if f.name in _BOTH_ROUTES] if turn.state.in_flight else []
+    lost = [f for f in turn.state.failures if f.name in _BOTH_ROUTES] if turn.state.flight.active else []
     return _failed(turn, lost[0]) if lost else None
 
 
 def must_alarm(turn: Turn) -> Optional[Seen]:
     """Something is lost that the pilot must know at once."""
-    lost = [f for f in turn.state.failures if f.name in _ALARM] if turn.state.in_flight else []
-    return _failed(turn, lost[0]) if lost and not turn.state.alarmed else None
+    lost = [f for f in turn.state.failures if f.name in _ALARM] if turn.state.flight.active else []
+    return _failed(turn, lost[0]) if lost and not turn.state.landing.alarmed else None
 
 
 def must_wait(turn: Turn) -> Optional[Seen]:
     """Something is waited for."""
-    held = failures.waiting(turn.state) if turn.state.in_flight else ()
+    held = failsafe.waiting(turn.state) if turn.state.flight.active else ()
     if not held:
         return None
-    values = tuple(value for failure in held for value in failures.values_of(failure, turn.now))
+    values = tuple(value for failure in held for value in failsafe.values_of(failure, turn.now))
     return Seen(values, _failed(turn, held[-1]).reason)
 
 
 def nothing_waited_for(turn: Turn) -> Optional[Seen]:
     """All that was waited for is back, dropped, or resumed; on the ground there is nothing to go on with."""
-    return holds_if(turn.state.in_flight and must_wait(turn) is None)
+    return holds_if(turn.state.flight.active and must_wait(turn) is None)
 
 
 def vehicle_known(turn: Turn) -> Optional[Seen]:
@@ -246,15 +215,15 @@ def vehicle_known(turn: Turn) -> Optional[Seen]:
 
 def interrupted(state: State) -> Guard:
     """Hold when the hold interrupted this state."""
-    return lambda turn: holds_if(turn.state.interrupted is state)
+    return lambda turn: holds_if(turn.state.flight.interrupted is state)
 
 
 def planner_in(*phases: MissionPhase) -> Guard:
     """Hold when the planner says, since the last command, one of these phases."""
 
     def guard(turn: Turn) -> Optional[Seen]:
-        planner = turn.state.planner
-        if planner is None or planner.phase not in phases or not planner.t_ns > turn.state.motion_ns:
+        planner = turn.state.peers.planner
+        if planner is None or planner.phase not in phases or not planner.t_ns > turn.state.flight.motion.sent_ns:
             return None
         return Seen((Value("planner phase", planner.phase.name),))
 
@@ -264,7 +233,7 @@ def planner_in(*phases: MissionPhase) -> Guard:
 def touched_down(turn: Turn) -> Optional[Seen]:
     """Disarmed and ON_GROUND after a flight that is over (`Turn.stays_down`)."""
     state = turn.state
-    if state.in_flight or not state.was_armed or turn.flies_again():
+    if state.flight.active or not state.flight.was_armed or turn.flies_again():
         return None
     detection = Value("landing detection", turn.detection().name)
     return Seen((Value("armed", False), Value("landed", "ON_GROUND"), detection))
@@ -272,7 +241,7 @@ def touched_down(turn: Turn) -> Optional[Seen]:
 
 def file_done(turn: Turn) -> Optional[Seen]:
     """Touched down, and the planner says that the file's sequence has ended."""
-    planner, down = turn.state.planner, touched_down(turn)
+    planner, down = turn.state.peers.planner, touched_down(turn)
     if down is None or planner is None or planner.phase is not MissionPhase.LANDED:
         return None
     last = planner.waypoint >= planner.waypoints
@@ -282,23 +251,23 @@ def file_done(turn: Turn) -> Optional[Seen]:
 def last_leg(turn: Turn) -> Optional[Seen]:
     """No waypoint file and no repetition is left."""
     state = turn.state
-    mission = state.mission
+    mission = state.session.mission
     if mission is None:
         return Seen()
-    last = state.file_index + 1 >= mission.files and state.repetition + 1 >= mission.repetitions
+    last = state.session.file_index + 1 >= mission.files and state.session.repetition + 1 >= mission.repetitions
     return holds_if(
         last,
-        Value("file", state.file_index + 1, mission.files),
-        Value("repetition", state.repetition + 1, mission.repetitions),
+        Value("file", state.session.file_index + 1, mission.files),
+        Value("repetition", state.session.repetition + 1, mission.repetitions),
     )
 
 
 def cancelled_on_ground(turn: Turn) -> Optional[Seen]:
     """Disarmed and ON_GROUND without ever having been armed, and the landing was accepted or its limit has passed."""
     state = turn.state
-    if state.was_armed or not turn.stays_down():
+    if state.flight.was_armed or not turn.stays_down():
         return None
-    settled = state.motion_outcome is Outcome.ACCEPTED or passed("never_armed", state, turn.rules, turn.now)
+    settled = state.flight.motion.outcome is Outcome.ACCEPTED or passed("never_armed", state, turn.rules, turn.now)
     return holds_if(settled, Value("armed", False), Value("landed", "ON_GROUND"), Value("was armed", False))
 
 
@@ -308,7 +277,7 @@ def landing_shown(turn: Turn) -> Optional[Seen]:
     Before lift-off ON_GROUND shows nothing while it is armed: the takeoff may still be on its way.
     """
     status = turn.vehicle()
-    before_lift_off = status is not None and status.armed is not False and not turn.state.was_airborne
+    before_lift_off = status is not None and status.armed is not False and not turn.state.flight.was_airborne
     overdue = passed("land_limit", turn.state, turn.rules, turn.now)
     if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
         return None
@@ -335,20 +304,20 @@ def ground_armed(turn: Turn) -> Optional[Seen]:
 
 def cancelled(turn: Turn) -> Optional[Seen]:
     """Disarmed and ON_GROUND, and it was armed before or the planner has accepted the ABORT."""
-    settled = turn.state.was_armed or turn.state.motion_outcome is Outcome.ACCEPTED
+    settled = turn.state.flight.was_armed or turn.state.flight.motion.outcome is Outcome.ACCEPTED
     return holds_if(settled and turn.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
 def not_alarmed(turn: Turn) -> Optional[Seen]:
     """The pilot was not alarmed yet."""
-    return holds_if(not turn.state.alarmed)
+    return holds_if(not turn.state.landing.alarmed)
 
 
 def not_overdue_alarmed(turn: Turn) -> Optional[Seen]:
     """The pilot was not yet alarmed about the limit of the landing."""
-    return holds_if(not turn.state.overdue_alarmed)
+    return holds_if(not turn.state.landing.overdue_alarmed)
 
 
 def one_route_only(turn: Turn) -> Optional[Seen]:
     """The landing was commanded by the planner's route alone."""
-    return holds_if(turn.state.second_route_ns is None)
+    return holds_if(turn.state.landing.second_route_ns is None)

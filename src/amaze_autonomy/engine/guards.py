@@ -1,4 +1,4 @@
-"""What a guard is, and the guards that go with any state: the user, timers, combinations.
+"""What a guard is; guards of any state, before a takeoff and after a flight. Those of a flight: `flight_guards.py`.
 
 A guard is a condition of the transition table: it returns what it looked at when it holds, else None. None has effects.
 Most events ask for nothing. A guard that holds only on a request is marked `on_request`, one that is combined with it
@@ -7,31 +7,16 @@ is so too; the table leaves their rows out on all other events.
 
 from __future__ import annotations
 
-from typing import Callable, Optional, Set
+from typing import Callable, Optional, Set, Tuple
 
-from .commands import Seen, Value, Values
-from .events import UserCommand
-from .state import OutreachKind, Result
+from .commands import Seen, Value, Values, because
+from .context import Turn
+from .events import CHECKS, CheckName, MissionPhase, Outcome, RecordingPhase, UserCommand
+from .failsafe import FAILSAFE_CONDITIONS, clocks_words, proves_recording, severity_of
+from .rules import SEVERITIES, Action, action_of
+from .state import CheckRecord, ClockApart, OutreachKind, Result, evolve
 from .timers import passed, time_of
-from .turn import Turn
-
-__all__ = [
-    "Guard",
-    "both",
-    "holds_if",
-    "mission_selected",
-    "mission_waits",
-    "needs_request",
-    "negated",
-    "next_in_queue",
-    "on_request",
-    "outreach_for",
-    "shutdown",
-    "timer",
-    "user",
-    "user_ends",
-    "user_gives_up",
-]
+from .update import lacking
 
 Guard = Callable[[Turn], Optional[Seen]]
 _NS = 1e9
@@ -116,7 +101,7 @@ def mission_selected(turn: Turn) -> Optional[Seen]:
 def next_in_queue(turn: Turn) -> Optional[Seen]:
     """A further mission was selected, and the last one is complete."""
     return holds_if(
-        turn.state.queue and turn.state.result is Result.COMPLETE and not turn.state.shutting_down,
+        turn.state.queue and turn.state.session.result is Result.COMPLETE and not turn.state.shutting_down,
         Value("missions to come", len(turn.state.queue)),
     )
 
@@ -134,4 +119,278 @@ def shutdown(turn: Turn) -> Optional[Seen]:
 
 def outreach_for(kind: OutreachKind) -> Guard:
     """Hold when external action is required for this."""
-    return lambda turn: holds_if(turn.state.outreach is kind)
+    return lambda turn: holds_if(turn.state.session.outreach is kind)
+
+
+# --- data guards ------------------------------------------------------------------------------------------------------
+# The conditions of the recording: proven, refused, complete, incomplete.
+
+
+_REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
+
+
+def records(turn: Turn) -> bool:
+    """Return True when the recorder says, freshly, that files grow on every platform."""
+    recorder, heard_ns = turn.state.peers.recorder, turn.state.peers.recorder_ns
+    if recorder is None or heard_ns is None or turn.now - heard_ns > turn.limits.recorder_status_limit_ns:
+        return False
+    return proves_recording(recorder)
+
+
+def recording_proven(turn: Turn) -> Optional[Seen]:
+    """Files grow on every platform, and the lead time has passed."""
+    recorder = turn.state.peers.recorder
+    if recorder is None or not records(turn) or not passed("recording_lead", turn.state, turn.rules, turn.now):
+        return None
+    return Seen((Value("platforms that record", len(recorder.platforms)),))
+
+
+def recording_refused(turn: Turn) -> Optional[Seen]:
+    """The recorder refused to start, or says that it failed."""
+    state = turn.state
+    if state.recording.request.outcome in _REFUSED:
+        return because("recorder", state.recording.request.message or "refused")
+    failed = (
+        state.peers.recorder is not None
+        and state.peers.recorder.phase is RecordingPhase.FAILED
+        and state.recording.progressed
+    )
+    return (
+        because("recorder", state.peers.recorder.message if state.peers.recorder is not None else "")
+        if failed
+        else None
+    )
+
+
+def nothing_recorded(turn: Turn) -> Optional[Seen]:
+    """No recording was ever asked for in this session."""
+    return holds_if(not turn.state.recording.asked, Value("recording", "never started"))
+
+
+def something_recorded(turn: Turn) -> Optional[Seen]:
+    """A recording was asked for in this session."""
+    return holds_if(turn.state.recording.asked, Value("recording", "started"))
+
+
+def data_complete(turn: Turn) -> Optional[Seen]:
+    """The recorder says, since it was asked to stop, that everything is written, transferred, merged and verified."""
+    recorder, heard_ns = turn.state.peers.recorder, turn.state.peers.recorder_ns
+    complete = (
+        recorder is not None
+        and recorder.phase is RecordingPhase.COMPLETE
+        and heard_ns is not None
+        and heard_ns > turn.state.entered_ns
+    )
+    return holds_if(complete, Value("recording", "COMPLETE"), Value("location", turn.state.recording.location))
+
+
+def data_lost(turn: Turn) -> Optional[Seen]:
+    """What was recorded is merged and verified, but the recorder names what of the flight is not in it."""
+    recorder, complete = turn.state.peers.recorder, data_complete(turn)
+    if complete is None or recorder is None or not recorder.lost:
+        return None
+    return Seen((*complete.values, Value("lost", recorder.lost)))
+
+
+def data_incomplete(turn: Turn) -> Optional[Seen]:
+    """The recorder refused to stop, failed since it was asked, or is silent."""
+    state = turn.state
+    if state.recording.request.outcome in _REFUSED:
+        return because("recorder", state.recording.request.message or "refused to stop")
+    if passed("recorder_silent", state, turn.rules, turn.now):
+        return because("recorder", f"silent for {turn.limits.recorder_status_limit_ns / _NS:g} s")
+    if state.peers.recorder is None or state.peers.recorder.phase is not RecordingPhase.FAILED:
+        return None
+    since = (
+        state.peers.recorder_ns is not None
+        and state.peers.recorder_ns - state.entered_ns >= turn.limits.recorder_status_limit_ns
+    )
+    failed = state.recording.progressed or since
+    return because("recorder", state.peers.recorder.message or "FAILED") if failed else None
+
+
+# --- fitness ----------------------------------------------------------------------------------------------------------
+# Is anything known on the ground that would end a flight as soon as it began? Then there is no takeoff.
+
+
+def unfit(turn: Turn) -> Optional[Seen]:
+    """Something is known that would end the flight as soon as it began, or forbids to begin it."""
+    if turn.state.shutting_down:
+        return because("reason", "the process was told to end")
+    if not turn.down():
+        return because("reason", "the vehicle does not say, freshly, that it is disarmed and on the ground")
+    if recording_proven(turn) is None:
+        return because("reason", "the recorder is silent, does not record, or not for long enough yet")
+    if turn.state.peers.heartbeat_ns is None:
+        return because("reason", "the watchdog was started and has never beaten")
+    if turn.state.peers.battery_ns is None:
+        return because("reason", "the battery level was never known")
+    return _component(turn) or _loss(turn)
+
+
+def _component(turn: Turn) -> Optional[Seen]:
+    """Return the first component, required or not, that would be landed for, at once or after a wait."""
+    for status in turn.state.peers.components:
+        severity = severity_of(status.name, status.code, turn.state, turn.rules)
+        action = action_of(severity, status.code)
+        if action is Action.LAND or (action is Action.WAIT and SEVERITIES[severity].fallback is not Action.CONTINUE):
+            return because("reason", f"{status.name} {status.reason}".strip(), Value("code", int(status.code)))
+    return None
+
+
+def _loss(turn: Turn) -> Optional[Seen]:
+    """Return the first failsafe condition that would be landed for, as if the flight had just begun."""
+    begun = evolve(turn.state, flight=evolve(turn.state.flight, active=True, started_ns=turn.now))
+    flight = Turn(begun, turn.event, turn.rules)
+    flight.now = turn.now
+    for row in FAILSAFE_CONDITIONS:
+        seen = row.holds(flight) if row.action is Action.LAND else None
+        if seen is not None:
+            return Seen((Value("reason", row.words), *seen.values), seen.reason or row.words)
+    return None
+
+
+# --- preflight guards -------------------------------------------------------------------------------------------------
+# The conditions before a takeoff: checks, the watchdog's fixes, Ready taken back, the planner's confirmation.
+
+
+def all_checks_passed(turn: Turn) -> Optional[Seen]:
+    """Every check has answered and passed, and no answer is too old."""
+    records = turn.state.preflight.checks
+    if _clocks_apart(turn):
+        return None
+    if len(records) < len(CheckName) or not all(record.ok for record in records):
+        return None
+    ages = [turn.now - record.replied_ns for record in records if record.replied_ns is not None]
+    oldest, limit = max(ages), turn.limits.check_max_age_ns
+    return holds_if(
+        len(ages) == len(CheckName) and oldest <= limit, Value("oldest check", oldest / _NS, limit / _NS, "s")
+    )
+
+
+def _failed(turn: Turn) -> Optional[Seen]:
+    failed = [(r.check.value, r.message or "failed") for r in turn.state.preflight.checks if r.outcome and not r.ok]
+    clocks = [("clocks", clocks_words(turn, apart.peer)) for apart in _clocks_apart(turn)]
+    found = (*failed, *clocks)
+    values = tuple(Value(f"check {name}", why) for name, why in found)
+    return holds_if(found, *values, reason="; ".join(f"{name}: {why}" for name, why in found))
+
+
+def _clocks_apart(turn: Turn) -> Tuple[ClockApart, ...]:
+    """Return the peers whose stamps have been too far from the present for longer than a status lasts."""
+    limit_ns = turn.limits.status_max_age_ns
+    return tuple(apart for apart in turn.state.peers.clocks_apart if turn.now - apart.since_ns >= limit_ns)
+
+
+def all_answered(turn: Turn) -> bool:
+    """Return True when no check is open."""
+    return bool(turn.state.preflight.checks) and all(
+        record.outcome is not None for record in turn.state.preflight.checks
+    )
+
+
+def all_answered_values(turn: Turn) -> Optional[Seen]:
+    """No check is open."""
+    return holds_if(all_answered(turn))
+
+
+def answers_too_old(turn: Turn) -> Optional[Seen]:
+    """All have answered and passed, but the first answers are too old by now."""
+    fresh = all_checks_passed(turn) is not None
+    passed_once = all_answered(turn) and all(record.ok for record in turn.state.preflight.checks)
+    return holds_if(passed_once and not fresh, Value("checks", "too old"))
+
+
+def check_failed(turn: Turn) -> Optional[Seen]:
+    """One of the checks has answered that it failed."""
+    return _failed(turn)
+
+
+def _comes(turn: Turn, record: CheckRecord) -> bool:
+    """Return True when a check that failed can pass soon: it is being fixed, or what it waits for comes by itself."""
+    if CHECKS[record.check].watches and (record.fixable or record.being_fixed):
+        return True
+    if record.outcome is Outcome.UNAVAILABLE:  # its node may still be starting, like this one
+        return turn.now - (turn.state.started_ns or 0) < turn.limits.watchdog_startup_time_ns
+    bad = [row for row in record.rows if not row.passed]
+    return bool(bad) and all(row.heals for row in bad)
+
+
+def _being_fixed(turn: Turn) -> bool:
+    """Return True when all that failed can pass soon; clocks are set by their daemons."""
+    bad = [record for record in turn.state.preflight.checks if not record.ok]
+    return (bool(bad) or bool(_clocks_apart(turn))) and all(_comes(turn, record) for record in bad)
+
+
+def checks_failed(turn: Turn) -> Optional[Seen]:
+    """All checks have answered, one has failed, and it neither is fixed nor comes by itself, or not in time."""
+    if not all_answered(turn) or not _failed(turn):
+        return None
+    if _being_fixed(turn) and not passed("preflight_fix_limit", turn.state, turn.rules, turn.now):
+        return None
+    return _failed(turn)
+
+
+def fix_in_progress(turn: Turn) -> Optional[Seen]:
+    """What failed is being fixed or comes by itself, and it is time to ask again."""
+    if not all_answered(turn) or not _failed(turn) or not _being_fixed(turn):
+        return None
+    return _failed(turn) if passed("preflight_fix_poll", turn.state, turn.rules, turn.now) else None
+
+
+def too_many_rounds(turn: Turn) -> Optional[Seen]:
+    """The checks were passed and taken back too often without a word of the user."""
+    rounds, limit = turn.state.preflight.rounds, turn.limits.preflight_rounds_limit
+    return holds_if(rounds > limit, Value("rounds of checks", rounds, limit))
+
+
+def taken_back(turn: Turn) -> Optional[Seen]:
+    """A required component is not at code 1 (nor tolerated at code 2), or the watchdog is silent."""
+    status = lacking(turn.state.session.mission, turn.state.peers.components)
+    if status is not None:
+        values = (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
+        return Seen(values, status.reason)
+    if not passed("watchdog_heartbeat_limit", turn.state, turn.rules, turn.now):
+        return None
+    limit = Value("limit", turn.limits.watchdog_heartbeat_limit_ns / _NS, None, "s")
+    return because("reason", "the watchdog's heartbeat is lost", limit)
+
+
+def go_not_required(turn: Turn) -> Optional[Seen]:
+    """The configuration does not ask for the operator's go."""
+    return holds_if(not turn.rules.require_go, Value("require_go", False))
+
+
+def planner_confirmed(turn: Turn) -> Optional[Seen]:
+    """The planner has accepted this file of this mission, and says so in its status."""
+    state, planner = turn.state, turn.state.peers.planner
+    if planner is None or state.session.mission is None or state.preflight.load.outcome is not Outcome.ACCEPTED:
+        return None
+    same = (planner.mission_id, planner.file_index, planner.repetition) == (
+        state.session.mission.id,
+        state.session.file_index,
+        state.session.repetition,
+    )
+    return holds_if(same and planner.phase is MissionPhase.LOADED, Value("planner phase", "LOADED"))
+
+
+def planner_refused(turn: Turn) -> Optional[Seen]:
+    """The planner did not accept the mission."""
+    refused = turn.state.preflight.load.outcome in _REFUSED
+    return because("planner", turn.state.preflight.load.message or "refused") if refused else None
+
+
+def next_takeoff_failed(turn: Turn) -> Optional[Seen]:
+    """On the ground between two files: whatever forbids a takeoff forbids the next one."""
+    for guard in (
+        check_failed,
+        taken_back,
+        planner_refused,
+        both(planner_confirmed, timer("load_limit"), unfit),
+        timer("load_limit"),
+        both(all_answered_values, timer("check_max_age")),
+    ):
+        seen = guard(turn)
+        if seen is not None:
+            return seen
+    return None

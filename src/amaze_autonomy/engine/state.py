@@ -10,32 +10,42 @@ import enum
 from dataclasses import dataclass
 from typing import Any, Optional, Tuple, TypeVar
 
-from .checks import Check, CheckName
-from .commands import Level, MissionAction
+from .commands import Level, MissionAction, Notify
 from .events import (
     AutopilotStatus,
+    Check,
+    CheckName,
     ComponentStatus,
     LandedStatus,
+    Mission,
     MissionStatus,
     Outcome,
     RecordingStatus,
     WatchdogAction,
 )
-from .mission import Mission
-from .severity import Verb
+from .rules import Action
 
 __all__ = [
     "Agreement",
+    "Asked",
     "CheckRecord",
     "ClockApart",
     "EngineState",
     "Failure",
     "FailureKind",
+    "Flight",
+    "Landing",
     "OutreachKind",
+    "Peers",
+    "Preflight",
+    "Recording",
     "Result",
+    "Session",
     "State",
     "Step",
+    "Vehicle",
     "evolve",
+    "put",
 ]
 
 T = TypeVar("T")
@@ -46,6 +56,12 @@ def evolve(value: T, **changes: Any) -> T:
     copy: T = object.__new__(type(value))
     object.__setattr__(copy, "__dict__", {**value.__dict__, **changes})
     return copy
+
+
+def put(value: T, path: str, new: Any) -> T:
+    """Return a copy of a frozen dataclass with one field changed that may lie in a part of it: "landing.alarmed"."""
+    name, _, rest = path.partition(".")
+    return evolve(value, **{name: put(getattr(value, name), rest, new) if rest else new})
 
 
 class State(enum.Enum):
@@ -190,114 +206,186 @@ class Failure:
         name: component, row of FAILSAFE_CONDITIONS, or "user_hold".
         kind: what kind of thing.
         code: the watchdog's code; 0 for what is not a component.
-        verb: what is done about it now.
-        then: second verb, while `verb` is WAIT.
+        action: what is done about it now.
+        fallback: what is done when a wait has ended, while `action` is WAIT.
         since_ns: when it was first seen.
-        deadline_ns: end of its wait, while `verb` is WAIT.
+        deadline_ns: end of its wait, while `action` is WAIT.
         reason: in words.
     """
 
     name: str
     kind: FailureKind
     code: int
-    verb: Verb
-    then: Optional[Verb] = None
+    action: Action
+    fallback: Optional[Action] = None
     since_ns: int = 0
     deadline_ns: Optional[int] = None
     reason: str = ""
 
 
 @dataclass(frozen=True)
-class EngineState:
-    """All that the engine knows. Times are nanoseconds on the clock that decides; None: never, or not applicable.
+class Session:
+    """What is flown, from the beginning of a mission to its end; `begin_session` makes a new one.
 
-    The fields in groups: where it is; the mission; before takeoff; in flight; landing; data; the last facts by peer.
+    Args:
+        id: in every request and status about it; empty: there is none.
+        mission: that is flown.
+        file_index, repetition: where it is in it.
+        flown: it has left the ground, in any of its flights.
+        result: how it ended; `data_result`: what became of its data.
+        outreach: why external action is required.
     """
 
-    t_ns: int = 0
-    state: State = State.MISSION_INPUT
-    step: Step = Step.NONE
-    entered_ns: int = 0
-    step_ns: int = 0
-    started_ns: Optional[int] = None
-    next_id: int = 1
-    decisions: int = 0
-
-    label: str = "session"
-    sessions: int = 0
-    session_id: str = ""
+    id: str = ""
     mission: Optional[Mission] = None
-    queue: Tuple[Mission, ...] = ()
     file_index: int = 0
     repetition: int = 0
+    flown: bool = False
     result: Result = Result.NONE
-    cause: str = ""
+    data_result: DataResult = DataResult.NONE
+    outreach: OutreachKind = OutreachKind.NONE
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The last request of a kind: its id, when it was sent, how it was answered. Answers to others are dropped."""
+
+    id: int = 0
+    sent_ns: int = 0
+    outcome: Optional[Outcome] = None
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """What was asked before a takeoff.
+
+    Args:
+        checks: all of them, or none.
+        fix_deadline_ns: end of the time in which what failed may be fixed.
+        rounds: how often the checks were run since a person was asked.
+        load: the request that loads the mission.
+    """
 
     checks: Tuple[CheckRecord, ...] = ()
     fix_deadline_ns: Optional[int] = None
     rounds: int = 0
-    go: bool = False
-    outreach: OutreachKind = OutreachKind.NONE
-    watchdog_started_ns: Optional[int] = None
-    load_id: int = 0
-    load_outcome: Optional[Outcome] = None
-    load_message: str = ""
+    load: Asked = Asked()
 
-    in_flight: bool = False
-    flight_started_ns: Optional[int] = None
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight, from its TAKEOFF command on; `take_off` makes a new one.
+
+    Args:
+        active: until the vehicle says that it is down, for long enough.
+        started_ns: the TAKEOFF command.
+        was_armed, was_airborne: since then.
+        grounded_ns: since when it says that it is on the ground.
+        interrupted: what a hold has interrupted.
+        user_hold_ns: since when the user holds it.
+        spent: what components have spent of their budgets of waiting.
+        flown_without: components that are not waited for any more.
+        motion: the last command.
+        commanded: all since the last that a mode has answered, one after the other.
+        confirmed: the last that a mode has answered.
+        mode_before: the flight mode before all of them.
+        mode_shown: one status shows the mode that answers the last.
+        hold_repeated: the hold was commanded again.
+        takeover_noted: the user was told that somebody else seems to have control.
+    """
+
+    active: bool = False
+    started_ns: Optional[int] = None
     was_armed: bool = False
     was_airborne: bool = False
-    flown: bool = False
-    down: Optional[Agreement] = None
-    aloft: Optional[Agreement] = None
-    motors: Optional[Agreement] = None
     grounded_ns: Optional[int] = None
     interrupted: State = State.MISSION
     user_hold_ns: Optional[int] = None
-    failures: Tuple[Failure, ...] = ()
     spent: Tuple[Tuple[str, int], ...] = ()
     flown_without: Tuple[str, ...] = ()
-    motion_id: int = 0
-    motion_ns: int = 0
-    motion_outcome: Optional[Outcome] = None
-    motion_message: str = ""
+    motion: Asked = Asked()
     commanded: Tuple[MissionAction, ...] = ()
     confirmed: Optional[MissionAction] = None
     mode_before: str = ""
     mode_shown: bool = False
     hold_repeated: bool = False
-    moving_ns: Optional[int] = None
-    takeover: Optional[Agreement] = None
-    takeover_reason: str = ""
     takeover_noted: bool = False
 
-    land_ns: Optional[int] = None
-    land_sent_ns: int = 0
-    land_cause: str = ""
-    second_route_ns: Optional[int] = None
+
+@dataclass(frozen=True)
+class Landing:
+    """The landing of a flight; a takeoff knows of none.
+
+    Args:
+        since_ns: its first command; None: it has not begun, or is over.
+        sent_ns: its last command.
+        cause: why it lands.
+        both_routes: planner and autopilot are told at once.
+        second_route_ns: the first command to the autopilot itself.
+        alarmed, overdue_alarmed: the pilot was alarmed, because nothing shows a landing, and because of its limit.
+        disarm_sent_ns: the last command to disarm.
+    """
+
+    since_ns: Optional[int] = None
+    sent_ns: int = 0
+    cause: str = ""
     both_routes: bool = False
+    second_route_ns: Optional[int] = None
     alarmed: bool = False
     overdue_alarmed: bool = False
     disarm_sent_ns: Optional[int] = None
-    shutting_down: bool = False
-    signal: str = ""
-    armed_at_start: Optional[bool] = None
 
-    recording_asked: bool = False
-    recording_id: int = 0
-    recording_outcome: Optional[Outcome] = None
-    recording_message: str = ""
-    recording_since_ns: Optional[int] = None
-    recording_progressed: bool = False
-    recording_over: bool = False
-    data_location: str = ""
-    data_result: DataResult = DataResult.NONE
+
+@dataclass(frozen=True)
+class Recording:
+    """The recording of a session.
+
+    Args:
+        asked: for, in this session.
+        request: the last one to the recorder.
+        since_ns: since when files grow on every platform.
+        progressed: the recorder has said something else than FAILED since it was asked.
+        over: the session has ended.
+        location: of the data.
+    """
+
+    asked: bool = False
+    request: Asked = Asked()
+    since_ns: Optional[int] = None
+    progressed: bool = False
+    over: bool = False
+    location: str = ""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What the autopilot's statuses say in a row; none of it is known when they begin anew.
+
+    Args:
+        down, aloft, motors: how long they agree on disarmed and on the ground, in the air, armed.
+        takeover: how long they agree that somebody else has control.
+        takeover_reason: and why, in words.
+        moving_ns, descending_ns: since when it flies on, and sinks.
+    """
+
+    down: Optional[Agreement] = None
+    aloft: Optional[Agreement] = None
+    motors: Optional[Agreement] = None
+    takeover: Optional[Agreement] = None
+    takeover_reason: str = ""
+    moving_ns: Optional[int] = None
+    descending_ns: Optional[int] = None
+
+
+@dataclass(frozen=True)
+class Peers:
+    """The last status of each peer as it came, and when; what it means is computed from it at each event."""
 
     action: Optional[WatchdogAction] = None
     heartbeat_ns: Optional[int] = None
     loop_counters: Tuple[Tuple[str, int], ...] = ()
-    clocks_apart: Tuple[ClockApart, ...] = ()
-    clock_stalled_s: float = 0.0
+    watchdog_started_ns: Optional[int] = None
     components: Tuple[ComponentStatus, ...] = ()
     planner: Optional[MissionStatus] = None
     planner_ns: Optional[int] = None
@@ -307,12 +395,10 @@ class EngineState:
     autopilot_ns: Optional[int] = None
     battery_ns: Optional[int] = None
     position_ns: Optional[int] = None
-    descending_ns: Optional[int] = None
     landing: Optional[LandedStatus] = None
     landing_ns: Optional[int] = None
-    message: str = ""
-    message_level: Level = Level.INFO
-    advice: str = ""
+    clock_stalled_s: float = 0.0
+    clocks_apart: Tuple[ClockApart, ...] = ()
 
     @property
     def link_ns(self) -> Optional[int]:
@@ -321,3 +407,59 @@ class EngineState:
         if status is None or heard_ns is None or status.link_age_s is None:
             return None
         return heard_ns - int(status.link_age_s * 1_000_000_000)
+
+    def after_restart(self, now_ns: int) -> Peers:
+        """Return what is known after a restart: nothing of what was said; the limits of silence run from now on."""
+        heard = ("heartbeat_ns", "planner_ns", "recorder_ns", "autopilot_ns", "battery_ns", "position_ns", "landing_ns")
+        silent_from_now = {name: now_ns for name in heard if getattr(self, name) is not None}
+        kept = ("action", "loop_counters", "watchdog_started_ns", "components")
+        return evolve(Peers(), **{name: getattr(self, name) for name in kept}, **silent_from_now)
+
+
+_NOTHING = Notify(level=Level.INFO, key="", text="")
+
+
+@dataclass(frozen=True)
+class EngineState:
+    """All that the engine knows. Times are nanoseconds on the clock that decides; None: never, or not applicable.
+
+    Args:
+        t_ns: of the last event.
+        state, step: where it is; `entered_ns` and `step_ns`: since when.
+        started_ns: when its process began; `armed_at_start`: what the first status said then.
+        next_id, decisions: of the next request, and how many there were.
+        label, sessions: session ids are made of them.
+        queue: the missions that were selected and have not begun.
+        cause: why the last row fired.
+        failures: all that is wrong now.
+        shutting_down, signal: the process was told to end; the signal while nobody has answered it.
+        shown: the last message to the user.
+
+    The rest are parts, each of which begins anew by one assignment.
+    """
+
+    t_ns: int = 0
+    state: State = State.MISSION_INPUT
+    step: Step = Step.NONE
+    entered_ns: int = 0
+    step_ns: int = 0
+    started_ns: Optional[int] = None
+    armed_at_start: Optional[bool] = None
+    next_id: int = 1
+    decisions: int = 0
+    label: str = "session"
+    sessions: int = 0
+    queue: Tuple[Mission, ...] = ()
+    cause: str = ""
+    failures: Tuple[Failure, ...] = ()
+    shutting_down: bool = False
+    signal: str = ""
+    shown: Notify = _NOTHING
+
+    session: Session = Session()
+    preflight: Preflight = Preflight()
+    flight: Flight = Flight()
+    landing: Landing = Landing()
+    recording: Recording = Recording()
+    vehicle: Vehicle = Vehicle()
+    peers: Peers = Peers()

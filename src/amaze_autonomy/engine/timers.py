@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, Mapping, Optional, Tuple, Union
 
-from .checks import CHECKS, CheckName
-from .conditions import FAILSAFE_CONDITIONS, Silent
+from .events import CHECKS, CheckName
+from .failsafe import FAILSAFE_CONDITIONS, Silent
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
 
@@ -52,22 +52,22 @@ def _entered(limit: str) -> When:
 
 def check_limit_ns(state: EngineState, rules: Rules, check: CheckName) -> int:
     """Return how long the answer to a check may take; the watchdog's first one starts its watching."""
-    first = CHECKS[check].watches and state.watchdog_started_ns is None
+    first = CHECKS[check].watches and state.peers.watchdog_started_ns is None
     return rules.limits.check_reply_limit_ns + (rules.limits.watchdog_startup_time_ns if first else 0)
 
 
 def _check_reply(state: EngineState, rules: Rules) -> Optional[int]:
-    ends = [r.asked_ns + check_limit_ns(state, rules, r.check) for r in state.checks if r.outcome is None]
+    ends = [r.asked_ns + check_limit_ns(state, rules, r.check) for r in state.preflight.checks if r.outcome is None]
     return min(ends) if ends else None
 
 
 def _check_age(state: EngineState, rules: Rules) -> Optional[int]:
-    replied = [r.replied_ns for r in state.checks if r.replied_ns is not None]
+    replied = [r.replied_ns for r in state.preflight.checks if r.replied_ns is not None]
     return min(replied) + rules.limits.check_max_age_ns + 1 if replied else None
 
 
 def _check_poll(state: EngineState, rules: Rules) -> Optional[int]:
-    replied = [r.replied_ns for r in state.checks if r.replied_ns is not None]
+    replied = [r.replied_ns for r in state.preflight.checks if r.replied_ns is not None]
     return max(replied) + rules.limits.preflight_fix_poll_ns if len(replied) == len(CheckName) else None
 
 
@@ -77,29 +77,29 @@ def _wait(state: EngineState, _: Rules) -> Optional[int]:
 
 
 def _disarm(state: EngineState, rules: Rules) -> Optional[int]:
-    if state.disarm_sent_ns is not None:
-        return state.disarm_sent_ns + rules.limits.ground_disarm_period_ns
-    return _after(state.grounded_ns, rules.limits.ground_disarm_after_ns)
+    if state.landing.disarm_sent_ns is not None:
+        return state.landing.disarm_sent_ns + rules.limits.ground_disarm_period_ns
+    return _after(state.flight.grounded_ns, rules.limits.ground_disarm_after_ns)
 
 
 def _takeover_silent(state: EngineState, rules: Rules) -> Optional[int]:
     """Return when a vehicle that somebody else seems to have is no longer heard: then nothing is in doubt any more."""
-    if state.takeover is None or state.autopilot_ns is None:
+    if state.vehicle.takeover is None or state.peers.autopilot_ns is None:
         return None
     ends = (
-        state.autopilot_ns + rules.limits.autopilot_status_limit_ns + 1,
+        state.peers.autopilot_ns + rules.limits.autopilot_status_limit_ns + 1,
         time_of("autopilot_link_limit", state, rules),
     )
     return min(end for end in ends if end is not None)
 
 
 def _takeover(state: EngineState, rules: Rules) -> Optional[int]:
-    agreed = state.takeover
+    agreed = state.vehicle.takeover
     return None if agreed is None else agreed.since_ns + rules.limits.pilot_confirm_ns
 
 
 def _second_route(state: EngineState, rules: Rules) -> Optional[int]:
-    return _after(state.land_ns, rules.limits.land_second_route_after_ns)
+    return _after(state.landing.since_ns, rules.limits.land_second_route_after_ns)
 
 
 _CHECKED = (State.PREFLIGHT, State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN))
@@ -121,13 +121,13 @@ def _failsafe_timers() -> Iterator[Timer]:
 TIMERS: Tuple[Timer, ...] = (
     Timer("check_reply_limit", _CHECKED, _check_reply),
     Timer("preflight_fix_poll", (State.PREFLIGHT,), _check_poll),
-    Timer("preflight_fix_limit", (State.PREFLIGHT,), lambda s, _: s.fix_deadline_ns, ends_state=True),
+    Timer("preflight_fix_limit", (State.PREFLIGHT,), lambda s, _: s.preflight.fix_deadline_ns, ends_state=True),
     Timer("check_max_age", (State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)), _check_age),
     Timer("ready_limit", (State.READY,), _entered("ready_limit_ns"), ends_state=True),
     Timer(
         "recording_lead",
         (State.START_RECORDING, State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)),
-        lambda s, r: _after(s.recording_since_ns, r.limits.recording_lead_ns),
+        lambda s, r: _after(s.recording.since_ns, r.limits.recording_lead_ns),
     ),
     Timer("recording_start_limit", (State.START_RECORDING,), _entered("recording_start_limit_ns"), ends_state=True),
     Timer("load_limit", (State.LOAD_MISSION, (State.MISSION, Step.TOUCHDOWN)), _step("load_limit_ns"), ends_state=True),
@@ -139,41 +139,47 @@ TIMERS: Tuple[Timer, ...] = (
     Timer(
         "hold_repeat_after",
         ((State.HOLD, Step.CONFIRMING),),
-        lambda s, r: None if s.hold_repeated else s.step_ns + r.limits.hold_repeat_after_ns,
+        lambda s, r: None if s.flight.hold_repeated else s.step_ns + r.limits.hold_repeat_after_ns,
     ),
-    Timer("moving", ((State.HOLD, Step.HOLDING),), lambda s, r: _after(s.moving_ns, r.limits.descent_time_ns)),
+    Timer("moving", ((State.HOLD, Step.HOLDING),), lambda s, r: _after(s.vehicle.moving_ns, r.limits.descent_time_ns)),
     Timer("resume_confirm_limit", ((State.HOLD, Step.RESUMING),), _step("resume_confirm_limit_ns"), ends_state=True),
     Timer("wait_limit", _FLYING, _wait, ends_state=True),
     Timer(
         "user_hold_limit",
         (State.HOLD,),
-        lambda s, r: _after(s.user_hold_ns, r.limits.user_hold_limit_ns),
+        lambda s, r: _after(s.flight.user_hold_ns, r.limits.user_hold_limit_ns),
         ends_state=True,
     ),
     *_failsafe_timers(),
     Timer(
         "confirm_limit",
         ((State.TAKEOFF, Step.CLIMBING), (State.MISSION, Step.FLYING), State.HOLD),
-        lambda s, r: None if s.in_flight else _after(s.grounded_ns, r.limits.confirm_limit_ns),
+        lambda s, r: None if s.flight.active else _after(s.flight.grounded_ns, r.limits.confirm_limit_ns),
         ends_state=True,
     ),
     Timer("takeover_silent", (*_BEFORE_TAKEOFF, State.DATA_CLEANUP), _takeover_silent),
     Timer("pilot_confirm", (*_BEFORE_TAKEOFF, *_WATCHED, State.DATA_CLEANUP), _takeover),
-    Timer("land_repeat_period", (State.LAND,), lambda s, r: s.land_sent_ns + r.limits.land_repeat_period_ns),
+    Timer("land_repeat_period", (State.LAND,), lambda s, r: s.landing.sent_ns + r.limits.land_repeat_period_ns),
     Timer("land_second_route_after", ((State.LAND, Step.COMMANDING),), _second_route),
     Timer(
         "land_alarm_after",
         ((State.LAND, Step.COMMANDING),),
-        lambda s, r: _after(s.land_ns, r.limits.land_alarm_after_ns),
+        lambda s, r: _after(s.landing.since_ns, r.limits.land_alarm_after_ns),
     ),
-    Timer("descent_time", (State.LAND,), lambda s, r: _after(s.descending_ns, r.limits.descent_time_ns)),
-    Timer("land_limit", (State.LAND,), lambda s, r: _after(s.land_ns, r.limits.land_limit_ns), ends_state=True),
+    Timer("descent_time", (State.LAND,), lambda s, r: _after(s.vehicle.descending_ns, r.limits.descent_time_ns)),
+    Timer(
+        "land_limit", (State.LAND,), lambda s, r: _after(s.landing.since_ns, r.limits.land_limit_ns), ends_state=True
+    ),
     Timer("ground_disarm_after", (State.LAND, (State.MISSION, Step.FLYING)), _disarm),
-    Timer("never_armed", (State.LAND,), lambda s, r: None if s.was_armed else _after(s.land_ns, r.limits.arm_limit_ns)),
+    Timer(
+        "never_armed",
+        (State.LAND,),
+        lambda s, r: None if s.flight.was_armed else _after(s.landing.since_ns, r.limits.arm_limit_ns),
+    ),
     Timer(
         "recorder_silent",
         (State.DATA_CLEANUP,),
-        lambda s, r: max(s.recorder_ns or 0, s.entered_ns) + r.limits.recorder_status_limit_ns + 1,
+        lambda s, r: max(s.peers.recorder_ns or 0, s.entered_ns) + r.limits.recorder_status_limit_ns + 1,
     ),
     Timer("data_cleanup_limit", (State.DATA_CLEANUP,), _entered("data_cleanup_limit_ns"), ends_state=True),
 )

@@ -5,7 +5,7 @@ the first that holds wins, so the order is the order of urgency: the pilot, the 
 landing, holding, and then the way of a nominal mission. After a row has fired the table is tried again, until none holds.
 `target` None stays in the state (and step). The sources name a state for all its steps, or (state, step).
 
-Before the rows the facts are brought up to date (`absorb.py`), and what is wrong gets its verb (`failures.py`, with the
+Before the rows the facts are brought up to date (`update.py`), and what is wrong gets its action (`failsafe.py`, with the
 tables `SEVERITIES` and `FAILSAFE_CONDITIONS`); what is sent on the way into a state is in `effects.ENTER`.
 """
 
@@ -14,13 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Dict, Mapping, Optional, Tuple, Union
 
-from . import data_guards as data
 from . import effects as do
 from . import flight_guards as flight
-from . import preflight_guards as before
+from . import guards as ground
 from .effects import Effect
 from .events import MissionPhase, UserCommand
-from .fitness import unfit
 from .guards import (
     Guard,
     both,
@@ -32,6 +30,7 @@ from .guards import (
     outreach_for,
     shutdown,
     timer,
+    unfit,
     user,
     user_ends,
     user_gives_up,
@@ -54,7 +53,7 @@ class Transition:
         guard: its condition.
         target: where it leads; None: it stays.
         message: entry of the table of messages for the user; empty: none.
-        sets: fields of the state that it sets before the effects of the new state.
+        sets: fields of the state, by their path, that it sets before the effects of the new state.
         act: what it does before them.
         words: the condition in words, for the documentation.
         in_doubt: it may fire while it is not clear whether somebody else has control.
@@ -104,12 +103,12 @@ PILOT, CLEANUP, ENDED = (State.PILOT, Step.NONE), (State.DATA_CLEANUP, Step.NONE
 _FLIGHT: Tuple[Source, ...] = (State.TAKEOFF, FLYING, State.HOLD)
 _AIR: Tuple[Source, ...] = (CLIMBING, FLYING, State.HOLD)
 _BEFORE: Tuple[Source, ...] = (PREFLIGHT, READY, RECORDING, LOAD)
-_EARLY = {"result": Result.LANDED_EARLY}
-_NOT_FLOWN = {"result": Result.NOT_FLOWN}
-_BY_PILOT = {"result": Result.PILOT}
-_FOR_CHECKS = {"outreach": OutreachKind.PREFLIGHT}
-_FOR_DATA = {"outreach": OutreachKind.DATA}
-_INCOMPLETE = {"data_result": DataResult.INCOMPLETE}
+_EARLY = {"session.result": Result.LANDED_EARLY}
+_NOT_FLOWN = {"session.result": Result.NOT_FLOWN}
+_BY_PILOT = {"session.result": Result.PILOT}
+_FOR_CHECKS = {"session.outreach": OutreachKind.PREFLIGHT}
+_FOR_DATA = {"session.outreach": OutreachKind.DATA}
+_INCOMPLETE = {"session.data_result": DataResult.INCOMPLETE}
 _PLANNER_GOES_ON = flight.planner_in(
     MissionPhase.FLYING, MissionPhase.TAKING_OFF, MissionPhase.LANDING, MissionPhase.LANDED
 )
@@ -119,8 +118,8 @@ T = Transition
 # fmt: off
 TRANSITIONS: Tuple[Transition, ...] = (
     # the pilot
-    T("takeover_suspected", (*_FLIGHT, State.LAND), flight.takeover_begins, None, "takeover_suspected", {"takeover_noted": True}, words="a status says that somebody else has control: nothing is commanded until others agree or deny it", in_doubt=True),
-    T("takeover_denied", (*_FLIGHT, State.LAND), flight.takeover_denied, None, "takeover_denied", {"takeover_noted": False}, words="the vehicle answers to us: what failed meanwhile is answered"),
+    T("takeover_suspected", (*_FLIGHT, State.LAND), flight.takeover_begins, None, "takeover_suspected", {"flight.takeover_noted": True}, words="a status says that somebody else has control: nothing is commanded until others agree or deny it", in_doubt=True),
+    T("takeover_denied", (*_FLIGHT, State.LAND), flight.takeover_denied, None, "takeover_denied", {"flight.takeover_noted": False}, words="the vehicle answers to us: what failed meanwhile is answered"),
     T("pilot_took_over", (*_FLIGHT, State.LAND), flight.taken_over, PILOT, "pilot", _BY_PILOT, words="the pilot, or a failsafe of the autopilot, has control"),
     T("pilot_had_control_at_start", (INPUT,), both(flight.started_armed, flight.taken_over), PILOT, "pilot", _BY_PILOT, do.adopt_flight, "started while armed, pilot in control"),
     T("started_armed", (INPUT,), flight.started_armed, COMMANDING, "land", _EARLY, do.adopt_flight, "started while armed, no flight to resume"),
@@ -130,23 +129,23 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("armed_before_data_is_complete", (OUTREACH,), both(flight.armed_by_others, outreach_for(OutreachKind.DATA)), PILOT, "pilot", words="armed while the data waits for a person; the flight keeps its result"),
     T("armed_by_others", (INPUT, OUTREACH, *_BEFORE, CLIMBING, State.MISSION, State.HOLD), flight.armed_by_others, PILOT, "pilot", _BY_PILOT, words="armed, and not by us"),
     # the end of the process
-    T("shutdown_in_flight", _FLIGHT, both(shutdown, flight.in_flight), COMMANDING, "shutdown", {**_EARLY, "both_routes": True, "shutting_down": True}, words="told to end in flight"),
+    T("shutdown_in_flight", _FLIGHT, both(shutdown, flight.in_flight), COMMANDING, "shutdown", {**_EARLY, "landing.both_routes": True, "shutting_down": True}, words="told to end in flight"),
     T("shutdown_while_landing", (State.LAND,), shutdown, None, "shutdown", {"shutting_down": True}, do.land_both, "told to end while landing"),
-    T("shutdown_before_takeoff", _BEFORE, both(shutdown, data.something_recorded), CLEANUP, "data_cleanup", {**_NOT_FLOWN, "shutting_down": True}, words="told to end with a recording running"),
-    T("shutdown_in_outreach", (OUTREACH,), both(shutdown, data.something_recorded, outreach_for(OutreachKind.PREFLIGHT)), CLEANUP, "data_cleanup", {**_NOT_FLOWN, "shutting_down": True}, words="told to end with a recording running"),
-    T("shutdown_unrecorded", (OUTREACH, *_BEFORE), both(shutdown, data.nothing_recorded), INPUT, "mission_input", {"shutting_down": True}, do.drop_queue, "told to end with nothing recorded"),
+    T("shutdown_before_takeoff", _BEFORE, both(shutdown, ground.something_recorded), CLEANUP, "data_cleanup", {**_NOT_FLOWN, "shutting_down": True}, words="told to end with a recording running"),
+    T("shutdown_in_outreach", (OUTREACH,), both(shutdown, ground.something_recorded, outreach_for(OutreachKind.PREFLIGHT)), CLEANUP, "data_cleanup", {**_NOT_FLOWN, "shutting_down": True}, words="told to end with a recording running"),
+    T("shutdown_unrecorded", (OUTREACH, *_BEFORE), both(shutdown, ground.nothing_recorded), INPUT, "mission_input", {"shutting_down": True}, do.drop_queue, "told to end with nothing recorded"),
     T("shutdown_between_files", (TOUCHDOWN,), shutdown, CLEANUP, "data_cleanup", {**_EARLY, "shutting_down": True}, words="told to end between two files"),
     # what is complete
     T("disarm_after_mission", (FLYING,), both(flight.planner_in(MissionPhase.LANDING, MissionPhase.LANDED), flight.ground_armed), None, "disarm", {}, do.disarm, "the planner lands or has landed, and it stays armed on the ground"),
-    T("mission_complete", (FLYING,), both(flight.file_done, flight.last_leg), CLEANUP, "data_cleanup", {"result": Result.COMPLETE}, words="last waypoint done, landed and disarmed"),
+    T("mission_complete", (FLYING,), both(flight.file_done, flight.last_leg), CLEANUP, "data_cleanup", {"session.result": Result.COMPLETE}, words="last waypoint done, landed and disarmed"),
     T("touchdown", (FLYING,), flight.file_done, TOUCHDOWN, "touchdown", words="a file is done, landed and disarmed; more are to come"),
     T("landing_given_up", (State.LAND,), both(user(UserCommand.ACKNOWLEDGE), flight.nobody_knows), CLEANUP, "landing_given_up", words="the pilot was alarmed, the vehicle is silent, and a person ends the mission"),
     T("landed", (State.LAND,), flight.touched_down, CLEANUP, "data_cleanup", words="landed and disarmed"),
     T("cancelled_by_landing", (State.LAND,), flight.cancelled_on_ground, CLEANUP, "data_cleanup", _NOT_FLOWN, words="never armed, and the landing was accepted"),
     T("landed_unexpectedly", (CLIMBING, FLYING, State.HOLD), both(flight.touched_down, timer("confirm_limit")), CLEANUP, "data_cleanup", _EARLY, words="landed and disarmed, the planner does not say that the mission is done"),
     # land
-    T("takeoff_failed", (ARMING,), flight.takeoff_failed, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="the planner says that the takeoff failed, and it is disarmed on the ground"),
-    T("land_by_both_routes", _FLIGHT, flight.must_land_both, COMMANDING, "land", {**_EARLY, "both_routes": True}, words="planner or autopilot is lost"),
+    T("takeoff_failed", (ARMING,), flight.takeoff_failed, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "flight.active": False}, words="the planner says that the takeoff failed, and it is disarmed on the ground"),
+    T("land_by_both_routes", _FLIGHT, flight.must_land_both, COMMANDING, "land", {**_EARLY, "landing.both_routes": True}, words="planner or autopilot is lost"),
     T("land", _FLIGHT, flight.must_land, COMMANDING, "land", _EARLY, words="something means to land"),
     T("user_land", _FLIGHT, user(UserCommand.LAND), COMMANDING, "land_user", _EARLY, words="the user asks for it"),
     T("user_abort_in_flight", _AIR, user(UserCommand.ABORT), COMMANDING, "land_user", _EARLY, words="the user aborts, airborne"),
@@ -160,20 +159,20 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("resume_refused", (RESUMING,), both(flight.in_flight, flight.motion_refused), COMMANDING, "land", _EARLY, words="the resume is refused"),
     T("resume_unconfirmed", (RESUMING,), both(flight.in_flight, timer("resume_confirm_limit")), COMMANDING, "land", _EARLY, words="the resume is not confirmed in time"),
     # while landing
-    T("autopilot_lost_alarm", (State.LAND,), flight.must_alarm, None, "autopilot_lost", {"both_routes": True}, do.alarm, "the autopilot is silent: alarm to the pilot"),
+    T("autopilot_lost_alarm", (State.LAND,), flight.must_alarm, None, "autopilot_lost", {"landing.both_routes": True}, do.alarm, "the autopilot is silent: alarm to the pilot"),
     T("both_routes_needed", (State.LAND,), both(flight.must_land_both, flight.one_route_only), None, "land_second_route", {}, do.land_both, "planner or autopilot is lost while landing"),
     T("disarm_on_ground", (State.LAND,), flight.ground_armed, None, "disarm", {}, do.disarm, "on the ground but armed for a while"),
     T("landing_not_shown", (DESCENDING,), negated(flight.landing_shown), COMMANDING, words="the vehicle no longer shows that it lands, or the limit has passed"),
     T("landing_shown", (COMMANDING,), flight.landing_shown, DESCENDING, "land_shown", words="landing mode, sustained descent, or on the ground"),
-    T("land_limit", (State.LAND,), both(timer("land_limit"), flight.not_overdue_alarmed), None, "land_limit", {"overdue_alarmed": True}, do.alarm, "not landed in time: alarm, both routes repeat"),
+    T("land_limit", (State.LAND,), both(timer("land_limit"), flight.not_overdue_alarmed), None, "land_limit", {"landing.overdue_alarmed": True}, do.alarm, "not landed in time: alarm, both routes repeat"),
     T("land_alarm", (COMMANDING,), both(timer("land_alarm_after"), flight.not_alarmed), None, "land_alarm", {}, do.alarm, "neither route is answered: alarm to the pilot"),
-    T("land_second_route", (COMMANDING,), both(timer("land_second_route_after"), flight.one_route_only), None, "land_second_route", {"both_routes": True}, do.land, "not shown after a while: the autopilot too"),
+    T("land_second_route", (COMMANDING,), both(timer("land_second_route_after"), flight.one_route_only), None, "land_second_route", {"landing.both_routes": True}, do.land, "not shown after a while: the autopilot too"),
     T("land_repeat", (COMMANDING,), timer("land_repeat_period"), None, "", {}, do.land, "not shown yet: repeated"),
     # before lift-off
-    T("takeoff_refused", (ARMING,), both(flight.motion_refused, flight.stays_down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="the takeoff is refused"),
+    T("takeoff_refused", (ARMING,), both(flight.motion_refused, flight.stays_down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "flight.active": False}, words="the takeoff is refused"),
     T("takeoff_refused_unclear", (ARMING,), both(flight.motion_refused, negated(flight.airborne)), CANCELLING, "takeoff_cancelled", words="the takeoff is refused, the vehicle's state is not known"),
-    T("cancelled", (CANCELLING,), flight.cancelled, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="disarmed on the ground"),
-    T("cancelled_late", (CANCELLING,), both(timer("cancel_limit"), flight.stays_down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "in_flight": False}, words="still disarmed on the ground at the limit"),
+    T("cancelled", (CANCELLING,), flight.cancelled, OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "flight.active": False}, words="disarmed on the ground"),
+    T("cancelled_late", (CANCELLING,), both(timer("cancel_limit"), flight.stays_down), OUTREACH, "takeoff_refused", {**_FOR_CHECKS, "flight.active": False}, words="still disarmed on the ground at the limit"),
     T("failure_before_lift_off", (ARMING, LIFTING_OFF), both(negated(flight.airborne), flight.must_wait), CANCELLING, "takeoff_cancelled", words="something would be waited for, and it has not lifted off"),
     T("user_abort_before_lift_off", (ARMING, LIFTING_OFF), user(UserCommand.ABORT), CANCELLING, "takeoff_cancelled", words="the user aborts before lift-off"),
     T("lifted_off", (ARMING, LIFTING_OFF), flight.airborne, CLIMBING, words="it has left the ground"),
@@ -197,43 +196,43 @@ TRANSITIONS: Tuple[Transition, ...] = (
     # the way of a nominal mission
     T("mission_selected", (INPUT,), mission_selected, PREFLIGHT, "preflight", {}, do.queue_missions, "a valid mission is confirmed"),
     T("next_mission", (INPUT,), mission_waits, PREFLIGHT, "preflight", words="a mission waits in the queue"),
-    T("user_give_up_before_recording", _BEFORE, both(user_gives_up, data.nothing_recorded), INPUT, "mission_input", {}, do.drop_queue, "the user gives up; nothing was recorded"),
+    T("user_give_up_before_recording", _BEFORE, both(user_gives_up, ground.nothing_recorded), INPUT, "mission_input", {}, do.drop_queue, "the user gives up; nothing was recorded"),
     T("user_give_up", _BEFORE, user_gives_up, CLEANUP, "data_cleanup", _NOT_FLOWN, words="the user gives up; something was recorded"),
-    T("checks_passed_too_often", (PREFLIGHT,), both(before.all_checks_passed, before.too_many_rounds), OUTREACH, "checks_failed", _FOR_CHECKS, words="passed, but taken back too often"),
-    T("checks_passed", (PREFLIGHT,), both(before.all_checks_passed, negated(before.taken_back)), READY, words="all checks pass, and nothing would take Ready back"),
-    T("checks_not_kept", (PREFLIGHT,), both(before.all_checks_passed, before.taken_back, timer("preflight_fix_limit")), OUTREACH, "checks_failed", _FOR_CHECKS, words="all checks pass, but what takes Ready back does not end in time"),
-    T("checks_failed", (PREFLIGHT,), before.checks_failed, OUTREACH, "checks_failed", _FOR_CHECKS, words="a check fails, and cannot be fixed, or not in time"),
-    T("checks_repeated", (PREFLIGHT,), before.fix_in_progress, None, "preflight_fixing", {}, do.run_checks, "the watchdog fixes it: asked again"),
-    T("checks_too_old", (PREFLIGHT,), both(before.answers_too_old, timer("preflight_fix_limit")), OUTREACH, "checks_failed", _FOR_CHECKS, words="the answers do not get complete in time while they are fresh"),
-    T("checks_asked_again", (PREFLIGHT,), before.answers_too_old, None, "", {}, do.run_checks, "the first answers are too old when the last one comes: all are asked again"),
-    T("ready_taken_back", (READY, RECORDING, LOAD), before.taken_back, PREFLIGHT, "ready_taken_back", words="a component fails between Ready and takeoff"),
+    T("checks_passed_too_often", (PREFLIGHT,), both(ground.all_checks_passed, ground.too_many_rounds), OUTREACH, "checks_failed", _FOR_CHECKS, words="passed, but taken back too often"),
+    T("checks_passed", (PREFLIGHT,), both(ground.all_checks_passed, negated(ground.taken_back)), READY, words="all checks pass, and nothing would take Ready back"),
+    T("checks_not_kept", (PREFLIGHT,), both(ground.all_checks_passed, ground.taken_back, timer("preflight_fix_limit")), OUTREACH, "checks_failed", _FOR_CHECKS, words="all checks pass, but what takes Ready back does not end in time"),
+    T("checks_failed", (PREFLIGHT,), ground.checks_failed, OUTREACH, "checks_failed", _FOR_CHECKS, words="a check fails, and cannot be fixed, or not in time"),
+    T("checks_repeated", (PREFLIGHT,), ground.fix_in_progress, None, "preflight_fixing", {}, do.run_checks, "the watchdog fixes it: asked again"),
+    T("checks_too_old", (PREFLIGHT,), both(ground.answers_too_old, timer("preflight_fix_limit")), OUTREACH, "checks_failed", _FOR_CHECKS, words="the answers do not get complete in time while they are fresh"),
+    T("checks_asked_again", (PREFLIGHT,), ground.answers_too_old, None, "", {}, do.run_checks, "the first answers are too old when the last one comes: all are asked again"),
+    T("ready_taken_back", (READY, RECORDING, LOAD), ground.taken_back, PREFLIGHT, "ready_taken_back", words="a component fails between Ready and takeoff"),
     T("go", (READY,), user(UserCommand.GO), RECORDING, "start_recording", words="the operator's go"),
-    T("go_not_required", (READY,), before.go_not_required, RECORDING, "start_recording", words="no go is required"),
+    T("go_not_required", (READY,), ground.go_not_required, RECORDING, "start_recording", words="no go is required"),
     T("ready_too_old", (READY,), timer("ready_limit"), PREFLIGHT, "ready_old", words="no go in time"),
-    T("recording_refused", (RECORDING,), data.recording_refused, OUTREACH, "recording_refused", _FOR_CHECKS, words="the recorder refuses or fails"),
-    T("recording_proven", (RECORDING,), data.recording_proven, LOAD, "load_mission", words="files grow on every platform, and the lead time has passed"),
+    T("recording_refused", (RECORDING,), ground.recording_refused, OUTREACH, "recording_refused", _FOR_CHECKS, words="the recorder refuses or fails"),
+    T("recording_proven", (RECORDING,), ground.recording_proven, LOAD, "load_mission", words="files grow on every platform, and the lead time has passed"),
     T("recording_not_proven", (RECORDING,), timer("recording_start_limit"), OUTREACH, "recording_refused", _FOR_CHECKS, words="not proven in time"),
-    T("planner_refused", (LOAD,), before.planner_refused, OUTREACH, "planner_refused", _FOR_CHECKS, words="the planner refuses, or is not there"),
-    T("check_failed_before_takeoff", (LOAD,), before.check_failed, PREFLIGHT, "check_failed", words="a check fails when asked again"),
-    T("takeoff", (LOAD,), both(before.all_checks_passed, before.planner_confirmed, negated(unfit)), ARMING, "takeoff", words="the planner confirms, all checks pass and are fresh, and nothing known forbids it"),
-    T("unfit_for_takeoff", (LOAD,), both(before.planner_confirmed, timer("load_limit"), unfit), OUTREACH, "takeoff_refused", _FOR_CHECKS, words="something known would end the flight at once"),
-    T("checks_expired", (LOAD,), both(before.all_answered_values, timer("check_max_age")), PREFLIGHT, "check_failed", words="the checks are too old"),
+    T("planner_refused", (LOAD,), ground.planner_refused, OUTREACH, "planner_refused", _FOR_CHECKS, words="the planner refuses, or is not there"),
+    T("check_failed_before_takeoff", (LOAD,), ground.check_failed, PREFLIGHT, "check_failed", words="a check fails when asked again"),
+    T("takeoff", (LOAD,), both(ground.all_checks_passed, ground.planner_confirmed, negated(unfit)), ARMING, "takeoff", words="the planner confirms, all checks pass and are fresh, and nothing known forbids it"),
+    T("unfit_for_takeoff", (LOAD,), both(ground.planner_confirmed, timer("load_limit"), unfit), OUTREACH, "takeoff_refused", _FOR_CHECKS, words="something known would end the flight at once"),
+    T("checks_expired", (LOAD,), both(ground.all_answered_values, timer("check_max_age")), PREFLIGHT, "check_failed", words="the checks are too old"),
     T("planner_silent", (LOAD,), timer("load_limit"), OUTREACH, "planner_refused", _FOR_CHECKS, words="the planner does not confirm in time"),
     T("user_ends_touchdown", (TOUCHDOWN,), user_ends, CLEANUP, "data_cleanup", _EARLY, words="the user lands, aborts or gives up on the ground"),
-    T("next_takeoff_failed", (TOUCHDOWN,), before.next_takeoff_failed, CLEANUP, "next_takeoff_failed", _EARLY, words="a check fails, the planner refuses, or a limit passes"),
-    T("next_takeoff", (TOUCHDOWN,), both(before.all_checks_passed, before.planner_confirmed, negated(unfit)), ARMING, "takeoff", words="the planner confirms, all checks pass and are fresh, and nothing known forbids it"),
+    T("next_takeoff_failed", (TOUCHDOWN,), ground.next_takeoff_failed, CLEANUP, "next_takeoff_failed", _EARLY, words="a check fails, the planner refuses, or a limit passes"),
+    T("next_takeoff", (TOUCHDOWN,), both(ground.all_checks_passed, ground.planner_confirmed, negated(unfit)), ARMING, "takeoff", words="the planner confirms, all checks pass and are fresh, and nothing known forbids it"),
     T("at_takeoff_height", (CLIMBING,), flight.at_takeoff_height, FLYING, "mission", words="airborne and at takeoff height"),
     # after the flight
     T("acknowledged", (PILOT,), user(UserCommand.ACKNOWLEDGE), CLEANUP, "data_cleanup", words="on the ground, disarmed, acknowledged"),
-    T("nothing_to_collect", (CLEANUP,), data.nothing_recorded, ENDED, "mission_ended", words="nothing was recorded"),
-    T("data_lost", (CLEANUP,), data.data_lost, ENDED, "mission_ended_incomplete", _INCOMPLETE, words="merged and verified, but something of the flight was not recorded"),
-    T("data_complete", (CLEANUP,), data.data_complete, ENDED, "mission_ended", {"data_result": DataResult.COMPLETE}, words="written, transferred, merged, verified"),
-    T("data_incomplete", (CLEANUP,), data.data_incomplete, OUTREACH, "data_incomplete", _FOR_DATA, words="the recorder refuses, fails, or is silent"),
+    T("nothing_to_collect", (CLEANUP,), ground.nothing_recorded, ENDED, "mission_ended", words="nothing was recorded"),
+    T("data_lost", (CLEANUP,), ground.data_lost, ENDED, "mission_ended_incomplete", _INCOMPLETE, words="merged and verified, but something of the flight was not recorded"),
+    T("data_complete", (CLEANUP,), ground.data_complete, ENDED, "mission_ended", {"session.data_result": DataResult.COMPLETE}, words="written, transferred, merged, verified"),
+    T("data_incomplete", (CLEANUP,), ground.data_incomplete, OUTREACH, "data_incomplete", _FOR_DATA, words="the recorder refuses, fails, or is silent"),
     T("data_limit", (CLEANUP,), timer("data_cleanup_limit"), OUTREACH, "data_incomplete", _FOR_DATA, words="not complete in time"),
     T("retry_data", (OUTREACH,), both(user(UserCommand.RETRY), outreach_for(OutreachKind.DATA)), CLEANUP, "data_cleanup", words="the user retries the data"),
     T("give_up_data", (OUTREACH,), both(user(UserCommand.GIVE_UP), outreach_for(OutreachKind.DATA)), ENDED, "mission_ended_incomplete", _INCOMPLETE, do.drop_queue, "the user gives up on the data; nothing is deleted"),
     T("retry", (OUTREACH,), user(UserCommand.RETRY), PREFLIGHT, "preflight", {}, do.forgive, "the user retries; a running recording is kept"),
-    T("give_up_unrecorded", (OUTREACH,), both(user(UserCommand.GIVE_UP), data.nothing_recorded), INPUT, "mission_input", {}, do.drop_queue, "the user gives up; nothing was recorded"),
+    T("give_up_unrecorded", (OUTREACH,), both(user(UserCommand.GIVE_UP), ground.nothing_recorded), INPUT, "mission_input", {}, do.drop_queue, "the user gives up; nothing was recorded"),
     T("give_up", (OUTREACH,), user(UserCommand.GIVE_UP), CLEANUP, "data_cleanup", _NOT_FLOWN, words="the user gives up; something was recorded"),
     T("select_next", (ENDED,), mission_selected, INPUT, "", {}, do.queue_missions, "the user selects the next mission"),
     T("next_in_queue", (ENDED,), next_in_queue, INPUT, words="a further mission was selected, and this one is complete"),

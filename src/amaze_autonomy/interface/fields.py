@@ -22,8 +22,7 @@ from functools import lru_cache
 from math import isfinite, nan
 from typing import Any, Callable, Dict, Generic, List, Mapping, Optional, Tuple, Type, TypeVar
 
-from amaze_autonomy.engine.checks import Verdict
-
+from ..engine.events import Verdict
 from ..journal.codec import field_types, optional_item, tuple_items
 
 __all__ = ["MOST_TEXT", "InvalidMessageError", "Shape", "message_name", "text"]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from math import nan
 from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
 
-from amaze_autonomy.engine.checks import CHECKS, CheckName
 from amaze_autonomy.engine.commands import (
     AutopilotDisarm,
     AutopilotLand,
@@ -20,6 +19,7 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.events import CheckReply, Outcome, Reply
 
+from ..engine.events import CHECKS, CheckName
 from .fields import Classes, Shape
 from .statuses import CHECK_ROW, COMPONENT
 

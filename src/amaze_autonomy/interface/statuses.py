@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Mapping, Tuple, Type
 
-from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
     ComponentStatus,
@@ -21,6 +20,7 @@ from amaze_autonomy.engine.events import (
     WatchdogInfo,
 )
 
+from ..engine.events import Check
 from .fields import Classes, Shape
 
 __all__ = ["CHECK_ROW", "COMPONENT", "STATUSES", "Status", "status_of"]

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Callable, Iterable, List, Mapping, Sequence, Tuple
 
-from ..engine.answers import ANSWERS, OTHERWISE, SELECT
-from ..engine.commands import AnswerKind
-from ..engine.conditions import FAILSAFE_CONDITIONS
+from ..engine.commands import MESSAGES, AnswerKind
+from ..engine.context import MODES
+from ..engine.decide import ANSWERS, OTHERWISE, SELECT
 from ..engine.events import UserCommand
-from ..engine.messages import MESSAGES
-from ..engine.modes import MODES
-from ..engine.rules import Rules
-from ..engine.severity import SEVERITIES
+from ..engine.failsafe import FAILSAFE_CONDITIONS
+from ..engine.rules import SEVERITIES, Rules
 from ..engine.state import State, Step
 from ..engine.timers import TIMERS
 from ..engine.transitions import TRANSITIONS, Source, Transition, places_of
@@ -39,12 +37,12 @@ def severity_table() -> str:
             severity.value,
             int(row.code),
             int(row.code_given_up),
-            f"`{row.verb.name.lower()}`",
-            f"`{row.then.name.lower()}`" if row.then else "",
+            f"`{row.action.name.lower()}`",
+            f"`{row.fallback.name.lower()}`" if row.fallback else "",
         )
         for severity, row in SEVERITIES.items()
     ]
-    return _table(("Severity", "Code when it fails", "Code when restarting has failed", "Verb", "then"), rows)
+    return _table(("Severity", "Code when it fails", "Code when restarting has failed", "Action", "Fallback"), rows)
 
 
 def loss_table() -> str:
@@ -59,7 +57,7 @@ def loss_table() -> str:
         )
         for row in FAILSAFE_CONDITIONS
     ]
-    return _table(("Row", "In words", "Verb", "Both routes at once", "Alarm to the pilot"), rows)
+    return _table(("Row", "In words", "Action", "Both routes at once", "Alarm to the pilot"), rows)
 
 
 def decision_table(rules: Rules) -> str:
@@ -67,8 +65,8 @@ def decision_table(rules: Rules) -> str:
     rows = []
     for rule in rules.components:
         row = SEVERITIES[rule.severity]
-        words = row.verb.name.lower() + (
-            f" up to {rule.wait_limit_ns / 1e9:g} s, then {row.then.name.lower()}" if row.then else ""
+        words = row.action.name.lower() + (
+            f" up to {rule.wait_limit_ns / 1e9:g} s, then {row.fallback.name.lower()}" if row.fallback else ""
         )
         rows.append((f"`{rule.name}`", rule.group, "yes" if rule.restart else "never", rule.severity.value, words))
     return _table(("Component", "Group", "Restart", "Severity", "Result"), rows)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
-from ..engine.answers import available
-from ..engine.checks import Check, Verdict
 from ..engine.commands import Level
-from ..engine.events import Tick
-from ..engine.failures import waiting
+from ..engine.context import Turn
+from ..engine.decide import available
+from ..engine.events import Check, Tick, Verdict
+from ..engine.failsafe import waiting
 from ..engine.rules import Rules
 from ..engine.state import CheckRecord, EngineState, Failure, State, Step, evolve
 from ..engine.timers import state_deadline
-from ..engine.turn import Turn
 
 __all__ = ["Report", "report"]
 
@@ -77,35 +76,35 @@ def report(state: EngineState, rules: Rules) -> Report:
         state: of the engine.
         rules: the configuration it decides by.
     """
-    mission, planner, recorder = state.mission, state.planner, state.recorder
+    mission, planner, recorder = state.session.mission, state.peers.planner, state.peers.recorder
     deadline = state_deadline(state, rules)
     return Report(
         state=state.state.value,
         phase=state.step.value,
-        session_id=state.session_id,
+        session_id=state.session.id,
         mission_id=mission.id if mission is not None else "",
         mission_description=mission.description if mission is not None else "",
-        file_index=state.file_index,
+        file_index=state.session.file_index,
         files=mission.files if mission is not None else 0,
-        repetition=state.repetition,
+        repetition=state.session.repetition,
         repetitions=mission.repetitions if mission is not None else 0,
-        in_flight=state.in_flight,
-        checks=(*(row for record in state.checks for row in _rows(record)), *_clock_rows(state, rules)),
+        in_flight=state.flight.active,
+        checks=(*(row for record in state.preflight.checks for row in _rows(record)), *_clock_rows(state, rules)),
         failures=state.failures,
         waiting_for=_waiting_for(state),
         deadline=deadline[0] if deadline is not None else "",
         deadline_ns=deadline[1] if deadline is not None else None,
-        message=state.message,
-        message_level=state.message_level,
-        advice=state.advice,
+        message=state.shown.text,
+        message_level=state.shown.level,
+        advice=state.shown.advice,
         user_commands=tuple(c.value for c in available(Turn(state, Tick(t_ns=state.t_ns), rules))),
         waypoint=planner.waypoint if planner is not None else 0,
         waypoints=planner.waypoints if planner is not None else 0,
         recording_phase=recorder.phase.name if recorder is not None else "",
         recording_progress=recorder.progress if recorder is not None else None,
-        data_location=state.data_location,
-        result=state.result.value,
-        data_result=state.data_result.value,
+        data_location=state.recording.location,
+        result=state.session.result.value,
+        data_result=state.session.data_result.value,
     )
 
 
@@ -123,17 +122,17 @@ def _rows(record: CheckRecord) -> Tuple[Check, ...]:
 
 def _clock_rows(state: EngineState, rules: Rules) -> Tuple[Check, ...]:
     """Return a row for each peer that was heard: how far its stamps are from the time at which they arrive."""
-    if not state.checks:
+    if not state.preflight.checks:
         return ()
     heard = {
-        "watchdog": state.action,
-        "autopilot": state.autopilot,
-        "planner": state.planner,
-        "landing detection": state.landing,
-        "recorder": state.recorder,
+        "watchdog": state.peers.action,
+        "autopilot": state.peers.autopilot,
+        "planner": state.peers.planner,
+        "landing detection": state.peers.landing,
+        "recorder": state.peers.recorder,
     }
     ages = {peer: status.age_ns for peer, status in heard.items() if status is not None}
-    apart = {each.peer: each.age_ns for each in state.clocks_apart}
+    apart = {each.peer: each.age_ns for each in state.peers.clocks_apart}
     limit_s = rules.limits.status_max_age_ns / _NS
     return tuple(
         Check(

@@ -151,7 +151,7 @@ def a_wait_holds(m: Moment) -> Verdict:
         return True
     if m.in_doubt or m.saw.lands(m.rules.limits):
         return None
-    if _waits(m) in m.after.flown_without:
+    if _waits(m) in m.after.flight.flown_without:
         return None
     return f"{_waits(m)} has failed, and it neither holds nor lands"
 
@@ -167,7 +167,7 @@ def a_wait_ends(m: Moment) -> Verdict:
     for name, waited in m.saw.waited:
         budget = m.budget_ns(name)
         failing = dict(m.saw.codes).get(name, 1) in (4, 8)
-        held = any(f.name == name and f.verb.name == "WAIT" for f in m.after.failures)
+        held = any(f.name == name and f.action.name == "WAIT" for f in m.after.failures)
         if failing and held and waited >= budget:
             return f"{name} was waited for {waited / 1e9:g} s of {budget / 1e9:g} s, and is still"
     return True
@@ -210,7 +210,7 @@ def the_pilot_has_control(m: Moment) -> Verdict:
     limits, status = m.rules.limits, m.saw.fresh(m.rules.limits)
     if not isinstance(m.event, ev.AutopilotStatus) or status is not m.event or status.armed is False:
         return None
-    if m.saw.flight == "none" or m.before.state not in FLIGHT or not m.before.in_flight:
+    if m.saw.flight == "none" or m.before.state not in FLIGHT or not m.before.flight.active:
         return None
     if not (status.pilot_in_control or m.saw.foreign or m.saw.is_taken(limits)):
         return None
@@ -241,7 +241,7 @@ def a_hold_never_interrupts_a_landing(m: Moment) -> Verdict:
 )
 def a_hold_ends_on_the_ground(m: Moment) -> Verdict:
     since, limits = m.saw.ground_ns, m.rules.limits
-    if m.after.state is not State.HOLD or not m.after.in_flight or m.in_doubt or since is None:
+    if m.after.state is not State.HOLD or not m.after.flight.active or m.in_doubt or since is None:
         return None
     stands = isinstance(m.event, ev.AutopilotStatus) and m.saw.on_ground(limits)
     agreed = stands and m.saw.now - since >= limits.flight_end_confirm_ns
@@ -263,7 +263,7 @@ def pilot_has_a_cause(m: Moment) -> Verdict:
     status = m.saw.fresh(m.rules.limits)
     if status is None:
         return "nothing is known freshly"
-    if m.before.takeover is None and m.was.flight != "none":
+    if m.before.vehicle.takeover is None and m.was.flight != "none":
         return "one status alone is believed"
     cause = status.pilot_in_control or status.failsafe or _not_ours(m) or m.saw.taken
     return True if cause or (m.was.flight == "none" and status.armed is True) else f"why? the mode is {status.mode}"
@@ -338,7 +338,7 @@ def one_motion_at_a_time(m: Moment) -> Verdict:
 
 @law("4.9", "Told to end in flight: LAND on both routes at once.")
 def shutdown_lands_on_both_routes(m: Moment) -> Verdict:
-    if not isinstance(m.event, ev.Shutdown) or m.before.state not in FLIGHT or not m.before.in_flight:
+    if not isinstance(m.event, ev.Shutdown) or m.before.state not in FLIGHT or not m.before.flight.active:
         return None
     if m.after.state is State.PILOT or m.in_doubt:
         return None

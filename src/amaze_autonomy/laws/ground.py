@@ -81,8 +81,10 @@ def takeoff_only_when_fit(m: Moment) -> Verdict:
 def a_takeoff_begins_afresh(m: Moment) -> Verdict:
     if A.TAKEOFF not in m.motions:
         return None
-    names = ("was_armed", "was_airborne", "alarmed", "overdue_alarmed", "both_routes", "spent", "takeover_noted")
-    left = [name for name in (*names, "land_ns", "user_hold_ns") if getattr(m.after, name)]
+    of_flight = ("was_armed", "was_airborne", "spent", "takeover_noted", "user_hold_ns")
+    of_landing = ("since_ns", "second_route_ns", "alarmed", "overdue_alarmed", "both_routes")
+    left = [name for name in of_flight if getattr(m.after.flight, name)]
+    left += [name for name in of_landing if getattr(m.after.landing, name)]
     return f"{left[0]} is left" if left else True
 
 
@@ -104,7 +106,7 @@ def ready_is_taken_back(m: Moment) -> Verdict:
         return None
     if m.in_doubt:
         return None
-    mission = m.before.mission
+    mission = m.before.session.mission
     required = mission.required if mission is not None else ()
     tolerated = mission.tolerated if mission is not None else ()
     for name, code in m.saw.codes:
@@ -138,9 +140,9 @@ def recordings_end(m: Moment) -> Verdict:
     said = m.saw.recorder.phase if m.saw.recorder is not None else None
     if m.saw.recording == "complete" or said is ev.RecordingPhase.COMPLETE:
         lost = m.saw.recorder.lost if m.saw.recorder is not None else ""
-        kept_quiet = lost and m.after.data_result is DataResult.COMPLETE
+        kept_quiet = lost and m.after.session.data_result is DataResult.COMPLETE
         return f"the data is COMPLETE, and the recorder says that it lacks {lost}" if kept_quiet else True
-    if m.saw.recording in ("named", "stopped") and m.after.data_result is DataResult.INCOMPLETE:
+    if m.saw.recording in ("named", "stopped") and m.after.session.data_result is DataResult.INCOMPLETE:
         return True
     return f"the recording is {m.saw.recording}, and it is {m.after.state.value}"
 
@@ -162,7 +164,9 @@ def a_restart_starts_nothing(m: Moment) -> Verdict:
         return None
     anew = [a for a in m.motions if a not in (A.LAND, A.ABORT, A.HOLD)]
     timed_out = {State.PREFLIGHT, State.OUTREACH, State.DATA_CLEANUP, State.MISSION_ENDED}
-    held_up = m.before.takeover is not None  # a doubt of before held up what goes on now: a recording, no motion
+    held_up = (
+        m.before.vehicle.takeover is not None
+    )  # a doubt of before held up what goes on now: a recording, no motion
     if anew or (m.requests and not held_up and m.after.state not in (*timed_out, *FLIGHT)):
         return f"{anew or m.requests} at a restart"
     if m.before.state in FLIGHT and m.was.flight == "armed" and m.after.state not in (*FLIGHT, State.PILOT):

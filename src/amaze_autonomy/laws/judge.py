@@ -74,7 +74,7 @@ def observed(
 ) -> Moment:
     """Return the moment of an event; its `seen` is the witness for the next one."""
     saw = see(witness, event, before, rules.limits)
-    shown = commands or after.state is not before.state or after.session_id != saw.session
+    shown = commands or after.state is not before.state or after.session.id != saw.session
     return Moment(before, event, commands, after, (witness, saw, hear(saw, commands, after) if shown else saw), rules)
 
 

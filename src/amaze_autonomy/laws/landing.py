@@ -131,9 +131,9 @@ def _given_up(m: Moment) -> bool:
 
 @law("5 MISSION", "A mission is complete only when the planner says so, it was the last file, and it has landed.")
 def complete_is_complete(m: Moment) -> Verdict:
-    if m.after.result is not Result.COMPLETE or m.before.result is Result.COMPLETE:
+    if m.after.session.result is not Result.COMPLETE or m.before.session.result is Result.COMPLETE:
         return None
-    planner, mission, load = m.saw.planner, m.before.mission, m.saw.load
+    planner, mission, load = m.saw.planner, m.before.session.mission, m.saw.load
     ends = planner is not None and planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
     if planner is None or not ends or planner.waypoint < planner.waypoints:
         return "the planner does not say that the last waypoint is done"

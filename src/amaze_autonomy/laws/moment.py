@@ -12,10 +12,10 @@ from typing import Any, Callable, Dict, Optional, Tuple, Union
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import MissionCommand, Request
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
 
+from ..engine.events import Mission
 from .witness import Witness
 
 __all__ = [
@@ -87,7 +87,7 @@ class Moment:
     @property
     def mission(self) -> Optional[Mission]:
         """Return the mission that is flown."""
-        return self.after.mission if self.after.mission is not None else self.before.mission
+        return self.after.session.mission if self.after.session.mission is not None else self.before.session.mission
 
     @property
     def moved(self) -> bool:
@@ -97,7 +97,7 @@ class Moment:
     @property
     def in_doubt(self) -> bool:
         """True while it is not clear whether somebody else has control: no longer than until statuses could agree."""
-        shown, limits = self.after.takeover, self.rules.limits
+        shown, limits = self.after.vehicle.takeover, self.rules.limits
         if shown is None or self.saw.fresh(limits) is None:
             return False
         return shown.statuses < 2 or self.saw.now - shown.since_ns < limits.pilot_confirm_ns

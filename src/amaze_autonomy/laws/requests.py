@@ -19,10 +19,10 @@ from amaze_autonomy.engine.commands import (
     StartRecording,
     StopRecording,
 )
-from amaze_autonomy.engine.mission import Mission
-from amaze_autonomy.engine.state import State, Step, evolve
+from amaze_autonomy.engine.state import State, Step, evolve, put
 from amaze_autonomy.engine.timers import next_deadline
 
+from ..engine.events import Mission
 from .moment import ENDLESS, Moment, Verdict, law, shows_landing
 
 A = MissionAction
@@ -72,7 +72,7 @@ def _limit_of(m: Moment, request: Any) -> str:
 
 def _content_of(m: Moment, request: Any) -> str:
     """Return what is wrong with the rest of a request; empty: nothing."""
-    sessions, mission = (m.before.session_id, m.after.session_id), m.mission
+    sessions, mission = (m.before.session.id, m.after.session.id), m.mission
     if getattr(request, "session_id", sessions[0]) not in sessions:  # one event may end one and begin the next
         return f"session {request.session_id!r}, not {sessions[1]!r}"
     if getattr(request, "mission_id", None) not in (None, mission.id if mission is not None else ""):
@@ -121,11 +121,13 @@ def _repeated(m: Moment, request: Any) -> str:
         undone = planner is not None and planner.phase in (ev.MissionPhase.FLYING, ev.MissionPhase.TAKING_OFF)
         new_flight = request.action in (A.TAKEOFF, A.ABORT) and not same_place
         waited = m.saw.now - m.was.motion_ns >= m.rules.limits.hold_repeat_after_ns
-        undone = undone or (waited and not m.before.hold_repeated) or m.before.step is Step.HOLDING  # it was held
+        undone = (
+            undone or (waited and not m.before.flight.hold_repeated) or m.before.step is Step.HOLDING
+        )  # it was held
         return "" if new_flight or (request.action is A.HOLD and undone) else f"{request.action.name} again"
     if isinstance(request, MissionCommand) and request.action is A.LAND and m.was.landing and m.was.flight == "armed":
         soon = m.saw.now - m.was.sent_ns < m.rules.limits.land_repeat_period_ns
-        cause = m.sent(AutopilotLand) or isinstance(m.event, _NEW_LANDING) or m.after.both_routes
+        cause = m.sent(AutopilotLand) or isinstance(m.event, _NEW_LANDING) or m.after.landing.both_routes
         return "LAND again before its period" if soon and not cause else ""
     if isinstance(request, AutopilotDisarm) and m.was.disarmed_ns is not None and m.saw.airborne:
         soon = m.saw.now - m.was.disarmed_ns < m.rules.limits.ground_disarm_period_ns
@@ -147,8 +149,9 @@ def late_and_foreign_change_nothing(m: Moment) -> Verdict:
     if not _is_noise(m):
         return None
     # Whose stamps are off is known, and said where he is missed; nothing else follows from it.
-    heard = evolve(m.before, clocks_apart=m.after.clocks_apart, failures=m.after.failures)
-    before, after = ([(f.name, f.verb, f.deadline_ns) for f in s.failures] for s in (m.before, m.after))
+    heard = put(m.before, "peers.clocks_apart", m.after.peers.clocks_apart)
+    heard = evolve(heard, failures=m.after.failures)
+    before, after = ([(f.name, f.action, f.deadline_ns) for f in s.failures] for s in (m.before, m.after))
     same = m.commands == () and heard == m.after and before == after
     return True if same else f"a {type(m.event).__name__} that does not count was listened to"
 
@@ -165,7 +168,7 @@ def _is_noise(m: Moment) -> bool:
         asked = dict(was.checks).get(event.check.value)
         return asked is None or asked.id != event.command_id or asked.answered_ns is not None
     if isinstance(event, ev.Reply):
-        current = (was.motion_id, was.load.id if was.load else 0, m.before.recording_id)
+        current = (was.motion_id, was.load.id if was.load else 0, m.before.recording.request.id)
         return event.command_id not in current
     return False
 
@@ -214,7 +217,7 @@ def the_user_lands(m: Moment) -> Verdict:
         return None
     if m.in_doubt or m.saw.on_ground(m.rules.limits):
         return None
-    return True if m.after.state in (State.LAND, State.PILOT) or not m.before.in_flight else "not landing"
+    return True if m.after.state in (State.LAND, State.PILOT) or not m.before.flight.active else "not landing"
 
 
 @law("5", "Every change of place, and every request, stands in exactly one decision of the journal.")

@@ -383,12 +383,12 @@ def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> Non
         changes["flight"] = "none"
     if after.state not in _FLIGHT and (witness.landing or witness.alarms):
         changes.update(landing=False, alarms=())
-    if after.session_id != witness.session:
-        changes["session"] = after.session_id
+    if after.session.id != witness.session:
+        changes["session"] = after.session.id
         changes.update(planner=None, recorder=None, growing_ns=None, load=None)
-        if after.session_id:
+        if after.session.id:
             changes["recording"] = "none"
-    if after.state is State.HOLD and after.user_hold_ns is not None:
+    if after.state is State.HOLD and after.flight.user_hold_ns is not None:
         if not witness.user_hold:
             changes["user_hold"] = True
     elif witness.user_hold:

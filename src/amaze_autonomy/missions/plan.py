@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Optional, Sequence, Tuple
 
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission
 
 from .csv_table import Frame
 from .errors import WaypointError

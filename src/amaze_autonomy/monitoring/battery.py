@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check, Verdict, finite
-
+from ..engine.events import Check, Verdict, finite
 from .specs import BatterySpec
 
 __all__ = ["BatteryMonitor", "BatteryVerdict"]

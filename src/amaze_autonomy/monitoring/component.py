@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Dict, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.events import ComponentStatus
-from amaze_autonomy.engine.severity import SEVERITIES, Code, Restart, Severity
 
+from ..engine.events import Check, Verdict
+from ..engine.rules import SEVERITIES, Code, Restart, Severity
 from .condition import FOREVER_NS, Condition, Level, Source, seconds
 from .errors import UnknownComponentError
 from .rate import RateMonitor

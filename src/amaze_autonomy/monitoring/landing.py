@@ -19,9 +19,9 @@ from collections import deque
 from math import cos, isfinite
 from typing import Deque, Iterable, NamedTuple, Optional, Sequence, Tuple
 
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.events import Landed, VehicleLanded
 
+from ..engine.events import Check, Verdict
 from .condition import FOREVER_NS, seconds
 from .specs import LandingSpec
 

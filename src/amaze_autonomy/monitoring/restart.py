@@ -20,8 +20,7 @@ import enum
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
-from amaze_autonomy.engine.severity import Restart
-
+from ..engine.rules import Restart
 from .condition import FOREVER_NS
 from .errors import RestartRefusedError
 from .specs import ComponentSpec, RestartPolicy

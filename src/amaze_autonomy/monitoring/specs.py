@@ -11,8 +11,7 @@ import enum
 from dataclasses import dataclass, field
 from typing import Optional, Tuple
 
-from amaze_autonomy.engine.severity import Severity
-
+from ..engine.rules import Severity
 from .preflight_specs import (
     BatterySpec,
     Checked,

@@ -6,8 +6,7 @@ from collections import deque
 from math import degrees, isfinite, sqrt
 from typing import Callable, Deque, List, NamedTuple, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check, Verdict
-
+from ..engine.events import Check, Verdict
 from .condition import Condition, Level, seconds
 from .gravity import (
     BUCKET_NS,

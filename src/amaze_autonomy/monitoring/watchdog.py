@@ -4,7 +4,7 @@ Rules of this file:
 
 * Nothing is judged before `start`. What arrives is cheap to add; `evaluate` does no work unless a verdict can have
   changed: something said so when it was added, or `next_ns` has come.
-* Only here does health become a code (`component.code_of`, by engine.severity.SEVERITIES).
+* Only here does health become a code (`component.code_of`, by engine.rules.SEVERITIES).
 * It asks for restarts (`restart_requests`) and is told how they ended (`restart_outcome`).
 """
 
@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo, made
-from amaze_autonomy.engine.severity import Code, Severity
 
+from ..engine.events import Check, Verdict
+from ..engine.rules import Code, Severity
 from .component import AnswerMonitor, ComponentMonitor
 from .condition import FOREVER_NS
 from .errors import UnknownComponentError

@@ -5,11 +5,11 @@ from __future__ import annotations
 from math import degrees
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from amaze_autonomy.engine.checks import Check, CheckName, Verdict
 from amaze_autonomy.engine.commands import RunCheck
 from amaze_autonomy.engine.events import CheckReply, ComponentStatus, Landed, LandedStatus, Outcome, WatchdogInfo
-from amaze_autonomy.engine.severity import Code
 
+from ..engine.events import Check, CheckName, Verdict
+from ..engine.rules import Code
 from .monitors import Monitors
 from .plan import Plan
 from .recorded_nodes import RecordedNodes

@@ -7,7 +7,6 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 import numpy as np
 
-from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import Landed, VehicleLanded, WatchdogAction, WatchdogInfo
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.condition import FOREVER_NS
@@ -16,6 +15,7 @@ from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
+from ..engine.events import Check
 from ..monitoring.watchdog import Streams
 from .agenda import Turns
 from .errors import FieldError, MisfitError

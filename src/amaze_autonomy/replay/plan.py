@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Dict, FrozenSet, Mapping, Optional, Tuple
 
 from amaze_autonomy.config.model import Configuration
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import ComponentRule, Severity
 from amaze_autonomy.monitoring.errors import SpecError
 from amaze_autonomy.monitoring.specs import (
     AutopilotSensor,
@@ -21,6 +19,8 @@ from amaze_autonomy.monitoring.specs import (
     StateEstimationSpec,
 )
 
+from ..engine.events import Mission
+from ..engine.rules import ComponentRule, Severity
 from .errors import ReplayError
 from .topic_map import ComponentMap, TopicMap
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Dict, Iterable, List, Mapping, Optional, Tuple
 
 from amaze_autonomy.engine.events import ComponentStatus, Landed, WatchdogAction, WatchdogInfo
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import evolve
 
 from .plan import Plan

@@ -21,7 +21,7 @@ _WIDE = 40
 
 def verdict(outcome: Outcome) -> str:
     """Return what came of a replay in one sentence."""
-    state, result = outcome.state.state.value, outcome.state.result.value
+    state, result = outcome.state.state.value, outcome.state.session.result.value
     ends = f"ends in {state}" + (f" ({result})" if result else "") + f" after {len(outcome.decisions)} decisions"
     if outcome.counterfactual_ns is None:
         return f"{ends}."
@@ -125,7 +125,7 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "configuration_hash": plan.configuration_hash,
         "verdict": verdict(outcome),
         "state": outcome.state.state.value,
-        "result": outcome.state.result.value,
+        "result": outcome.state.session.result.value,
         "decisions": len(outcome.decisions),
         "as_flown": None if outcome.flown is None else outcome.parting is None,
         "start_ns": outcome.start_ns,

@@ -267,7 +267,7 @@ class User:
         return state.t_ns + self._script.retry_after_ns if waits else None
 
     def _outreach(self, state: EngineState) -> Tuple[int, UserCommand]:
-        if state.outreach is OutreachKind.PREFLIGHT and self._retries > 0:
+        if state.session.outreach is OutreachKind.PREFLIGHT and self._retries > 0:
             self._retries -= 1
             return state.t_ns + self._script.retry_after_ns, UserCommand.RETRY
         return state.t_ns + self._script.retry_after_ns, UserCommand.GIVE_UP

@@ -15,7 +15,6 @@ from typing import Any, Callable, Dict, FrozenSet, List, Optional, Sequence, Tup
 import numpy as np
 
 from amaze_autonomy.bags.columns import WHOLE
-from amaze_autonomy.engine.checks import Check, CheckName
 from amaze_autonomy.engine.commands import (
     Command,
     Decision,
@@ -36,6 +35,7 @@ from amaze_autonomy.engine.events import (
 from amaze_autonomy.engine.state import EngineState, State
 from amaze_autonomy.engine.timers import next_deadline
 
+from ..engine.events import Check, CheckName
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
 from .agenda import Agenda, Rank
@@ -224,7 +224,7 @@ class Session:
 
     def _check_lead(self, t_ns: int) -> None:
         """Say when the script could not lead up to a recording that begins in the air."""
-        if not self._state.in_flight:
+        if not self._state.flight.active:
             words = f"contradiction: the recording begins in the air, the script has come to {self._state.state.value}"
             self._lines.append(Line(t_ns, Source.SCRIPT, LineKind.NOTE, words, 2))
 

@@ -28,10 +28,10 @@ from amaze_autonomy.engine.events import (
     WatchdogInfo,
     made,
 )
-from amaze_autonomy.engine.severity import Code, Restart
 from amaze_autonomy.interface.fields import text
 
-from ..engine import checks, events, severity
+from ..engine import events, rules
+from ..engine.rules import Code, Restart
 from ..journal import codec
 from ..journal.codec import bundled, unbundled
 from .errors import InvalidStatusError
@@ -316,7 +316,7 @@ def _read(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
 def _code() -> str:
     """Return a digest of the code that makes the events: a tape of another version is another tape."""
     digest = hashlib.sha256()
-    modules: Sequence[object] = (codec, checks, codec, events, severity, sys.modules[__name__])
+    modules: Sequence[object] = (codec, events, codec, events, rules, sys.modules[__name__])
     for module in modules:
         digest.update(Path(str(getattr(module, "__file__", ""))).read_bytes())
     return digest.hexdigest()

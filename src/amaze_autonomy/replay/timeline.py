@@ -8,7 +8,8 @@ from typing import Callable, Dict, Iterable, List, Optional, Tuple
 
 from amaze_autonomy.engine.commands import Decision, Value
 from amaze_autonomy.engine.events import ComponentStatus, Landed
-from amaze_autonomy.engine.severity import Code
+
+from ..engine.rules import Code
 
 __all__ = ["Line", "LineKind", "Notes", "Say", "Source", "decision_text", "joined", "marked", "value_text", "written"]
 

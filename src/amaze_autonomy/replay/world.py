@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Set, Tuple
 
-from amaze_autonomy.engine.checks import CHECKS, CheckName
 from amaze_autonomy.engine.commands import (
     AutopilotLand,
     Command,
@@ -32,12 +31,12 @@ from amaze_autonomy.engine.events import (
     WatchdogInfo,
     made,
 )
-from amaze_autonomy.engine.modes import LANDING_MODES
-from amaze_autonomy.engine.rules import Limits
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code, Limits
 from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 
+from ..engine.context import LANDING_MODES
+from ..engine.events import CHECKS, CheckName
 from .agenda import Agenda, Rank, Task, Turns
 from .answers import RECORDED, Answers, Follower
 from .beginning import Lead
@@ -282,9 +281,9 @@ class World:
     def _ours(self, event: Event) -> Event:
         """Put the engine's session in the place of the recorded one."""
         recorded = getattr(event, "session_id", "")
-        if not recorded or not self.state.session_id:
+        if not recorded or not self.state.session.id:
             return event
-        return evolve(event, session_id=self._sessions.setdefault(recorded, self.state.session_id))
+        return evolve(event, session_id=self._sessions.setdefault(recorded, self.state.session.id))
 
     def _observe(self, t_ns: int) -> None:
         """Show what the recording tells now to those who wait for it."""
@@ -422,7 +421,7 @@ class World:
         """Note when rows of the check of the states begin or cease to pass, whether or not the engine asks."""
         state = self._monitors.state
         if state is not None:
-            for note in self._followed.take(state.in_motion(t_ns), in_flight=self.state.in_flight):
+            for note in self._followed.take(state.in_motion(t_ns), in_flight=self.state.flight.active):
                 self._say(t_ns, self._origins.source(t_ns), note.text, note.level)
         next_ns = self._looks.after(t_ns)
         if self._followed.settled:

@@ -12,7 +12,6 @@ import rospy
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
@@ -24,6 +23,8 @@ from amaze_autonomy.engine.events import (
     UserCommand,
 )
 from amaze_autonomy.interface import CHECK_ROW, COMPONENT, SERVICES, Service, Status, service_of, status_of
+
+from ..engine.events import Check
 
 __all__ = [
     "SERVICE_CLASSES",

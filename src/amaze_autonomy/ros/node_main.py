@@ -22,10 +22,10 @@ from typing import Any, Callable, Protocol, Sequence, Tuple
 import rospy
 
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.monitoring.errors import MonitoringError
 from amaze_autonomy.paths import config_folder
 
+from ..engine.events import Check, Verdict
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 from .reconnector import Reconnector

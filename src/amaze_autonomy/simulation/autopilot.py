@@ -6,12 +6,12 @@ import random
 from math import sqrt
 from typing import Dict, List, Optional, Tuple
 
-from amaze_autonomy.engine.checks import CHECKS, Check, Verdict
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Request, RunCheck
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome, VehicleLanded
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 
+from ..engine.events import CHECKS, Check, Verdict
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
 from .scenario import Subject
 

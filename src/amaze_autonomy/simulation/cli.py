@@ -11,9 +11,9 @@ from typing import List, Optional, Sequence, Tuple
 from amaze_autonomy import paths
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError, load_configuration
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.state import DataResult, Result, State
 
+from ..engine.events import Mission
 from .errors import SimulationError
 from .run import Run, run, story, summary
 from .scenario import EVENTS, KINDS, Scenario

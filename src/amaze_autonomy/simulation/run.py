@@ -9,12 +9,12 @@ from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Decision, Notify, Request, Value
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
+from ..engine.events import Mission
 from ..journal import journal
 from .scenario import Scenario
 from .world import World
@@ -143,11 +143,13 @@ class _Loop:
 
     def _note_result(self, decision: Decision, before: EngineState) -> None:
         """Note the result of a mission that has just ended; the next one may have begun with the same event."""
-        if decision.after != State.MISSION_ENDED.value or before.mission is None:
+        if decision.after != State.MISSION_ENDED.value or before.session.mission is None:
             return
         sets = next((row.sets for row in TRANSITIONS if row.rule == decision.rule), {})
-        data = DataResult(sets.get("data_result", before.data_result))
-        self._results.append((before.mission.id, Result(sets.get("result", before.result)), data))
+        data = DataResult(sets.get("session.data_result", before.session.data_result))
+        self._results.append(
+            (before.session.mission.id, Result(sets.get("session.result", before.session.result)), data)
+        )
 
     def _over(self) -> bool:
         """Tell whether nothing more will happen without a person."""

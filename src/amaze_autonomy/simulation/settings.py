@@ -7,7 +7,6 @@ from typing import Dict, Mapping, Optional, Tuple, Union
 
 from amaze_autonomy.config.autonomy_schema import Streams
 from amaze_autonomy.config.model import Configuration
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.missions import Trajectory
 from amaze_autonomy.monitoring.preflight_specs import (
     BatterySpec,
@@ -18,6 +17,7 @@ from amaze_autonomy.monitoring.preflight_specs import (
 )
 from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
 
+from ..engine.events import Mission
 from .power import PowerSettings
 from .streams import SampleKind, StreamSettings
 from .vehicle import VehicleSettings

@@ -7,12 +7,12 @@ from collections import Counter
 from typing import Counter as CounterType
 from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.interface import SERVICES, peer_of
 
+from ..engine.events import Check, Verdict
 from .peer import Peer, Site, accepted, reply
 from .scenario import Fault, Subject
 

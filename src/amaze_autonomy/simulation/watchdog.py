@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Dict, List, Optional
 
-from amaze_autonomy.engine.checks import Verdict
 from amaze_autonomy.engine.commands import Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, WatchdogAction
 from amaze_autonomy.engine.state import evolve
@@ -12,6 +11,7 @@ from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
+from ..engine.events import Verdict
 from ..monitoring.watchdog import Streams
 from .peer import Cadence, Peer, Site, refused, slowness
 from .scenario import Subject

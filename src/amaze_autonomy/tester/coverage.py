@@ -14,11 +14,11 @@ from amaze_autonomy.config.document import read
 from amaze_autonomy.config.kinds import Choice, ListOf, Text
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.schema import Group, Key
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
 from amaze_autonomy.paths import config_folder
 
+from ..engine.events import CheckName
+from ..engine.failsafe import FAILSAFE_CONDITIONS
 from ..replay.timeline import value_text
 from .expect.schema import RULES
 from .golden import decisions_of

@@ -9,17 +9,23 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, replace
 from typing import Any, Dict, Iterator, List, MutableMapping, Optional, Tuple, cast
 
-from amaze_autonomy.engine import failures, fitness, flight_guards, transitions
-from amaze_autonomy.engine import severity as severities
-from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
 from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.severity import SEVERITIES, Severity, Verb
+
+from ..engine import failsafe, flight_guards, guards, transitions
+from ..engine import rules as severities
+from ..engine.failsafe import FAILSAFE_CONDITIONS
+from ..engine.rules import SEVERITIES, Action, Severity
 
 __all__ = ["Mutant", "mutant_of", "mutants_of", "mutated"]
 
 _TURN_NS = 100_000_000
 _LITTLE = 1.02
-_OTHER_VERB = {Verb.CONTINUE: Verb.LAND, Verb.WAIT: Verb.CONTINUE, Verb.LAND: Verb.CONTINUE, Verb.PILOT: Verb.LAND}
+_OTHER_VERB = {
+    Action.CONTINUE: Action.LAND,
+    Action.WAIT: Action.CONTINUE,
+    Action.LAND: Action.CONTINUE,
+    Action.PILOT: Action.LAND,
+}
 _OTHER_SEVERITY = {
     Severity.LOW: Severity.HIGH,
     Severity.MODERATE: Severity.HIGH,
@@ -92,7 +98,7 @@ def mutated(mutant: Mutant, rules: Rules) -> Iterator[Rules]:
         changed = tuple(
             replace(x, action=_OTHER_VERB[x.action]) if x.name == mutant.name else x for x in FAILSAFE_CONDITIONS
         )
-        with _set(failures, "FAILSAFE_CONDITIONS", changed):
+        with _set(failsafe, "FAILSAFE_CONDITIONS", changed):
             yield rules
     elif mutant.kind in _FLAGS:
         names = getattr(flight_guards, _FLAGS[mutant.kind])
@@ -101,9 +107,11 @@ def mutated(mutant: Mutant, rules: Rules) -> Iterator[Rules]:
     elif mutant.kind == "severity":
         severity = Severity(mutant.name)
         row = SEVERITIES[severity]
-        other = replace(row, verb=_OTHER_VERB[row.verb], then=None if row.then is None else _OTHER_VERB[row.then])
+        other = replace(
+            row, action=_OTHER_VERB[row.action], fallback=None if row.fallback is None else _OTHER_VERB[row.fallback]
+        )
         with ExitStack() as stack:  # for what decides; the configuration is checked by the table as it is
-            for module in (severities, failures, fitness):
+            for module in (severities, failsafe, guards):
                 stack.enter_context(_set(module, "SEVERITIES", {**SEVERITIES, severity: other}))
             yield rules
     else:

@@ -13,14 +13,14 @@ from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, UserCommand
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import ComponentRule
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
 from amaze_autonomy.simulation.run import run
 
+from ..engine.events import Mission
+from ..engine.rules import ComponentRule
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
 from ..replay.beginning import beginning_of
 from ..replay.changed_keys import Unread, changes_of, unread_by_rules

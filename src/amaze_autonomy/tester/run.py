@@ -15,10 +15,9 @@ from typing import Callable, Dict, Iterable, Iterator, List, Optional, Sequence,
 
 from amaze_autonomy.bags.errors import BagError, MessageError
 from amaze_autonomy.config.errors import ConfigError
-from amaze_autonomy.engine.conditions import FAILSAFE_CONDITIONS
-from amaze_autonomy.engine.failures import USER_HOLD
 from amaze_autonomy.simulation.errors import SimulationError
 
+from ..engine.failsafe import FAILSAFE_CONDITIONS, USER_HOLD
 from ..journal.journal import JournalError, encode_decision
 from ..replay.errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
 from ..replay.journal_laws import broken_words, laws_of_lines

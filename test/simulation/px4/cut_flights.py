@@ -18,8 +18,7 @@ from amaze_autonomy.engine import commands, events
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import Event, Landed, Outcome, RecordingPhase, UserCommand
-from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code, Limits, Rules
 from amaze_autonomy.engine.state import EngineState, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.laws import Judge
@@ -84,7 +83,7 @@ class CutFlights(Soak):
         self._until(lambda: self.t_ns >= self._quiet_ns, _LIMIT_NS)
         self.happened.clear()
         if not self._takes_off(mission):
-            self.problems.append(f"no takeoff: {self.state.state.value}, {self.state.cause or self.state.message}")
+            self.problems.append(f"no takeoff: {self.state.state.value}, {self.state.cause or self.state.shown.text}")
             return self._flown(number, cause, 0, None)
         begin_ns, cuts = self.t_ns, self._cuts()
         caused_ns = self._fail(begin_ns, cause)
@@ -109,7 +108,7 @@ class CutFlights(Soak):
 
     def _flown(self, number, cause, cuts, delay_ns):
         broken = [f"{each.law.name}: {each.why}" for each in self.judge.judged().broken]
-        return CutFlight(number, cause, cuts, self.problems + broken, delay_ns, self.state.result.value)
+        return CutFlight(number, cause, cuts, self.problems + broken, delay_ns, self.state.session.result.value)
 
     # --- chance ---------------------------------------------------------------------------------------------------
 
@@ -129,8 +128,8 @@ class CutFlights(Soak):
         """Let a moment pass, then have a cause to land; return when, None where it did not command any more."""
         at_ns = begin_ns + round(self._chance.uniform(0.0, _FLIGHT_S) * S)
         self._until(lambda: self.t_ns >= at_ns or self._ended(), _LIMIT_NS)
-        commands_it = self.state.in_flight and self.state.state not in (State.LAND, State.PILOT)
-        if not cause or not commands_it or self.state.takeover is not None:
+        commands_it = self.state.flight.active and self.state.state not in (State.LAND, State.PILOT)
+        if not cause or not commands_it or self.state.vehicle.takeover is not None:
             return None  # a user is told to ask again while it is not clear who has control
         if cause == "user":
             self._coming.append(events.UserRequest(t_ns=self.t_ns, command=UserCommand.LAND))
@@ -140,7 +139,7 @@ class CutFlights(Soak):
         return self.t_ns
 
     def _ended(self):
-        return self.state.state in (*_OVER, State.OUTREACH) and not self.state.in_flight
+        return self.state.state in (*_OVER, State.OUTREACH) and not self.state.flight.active
 
     # --- what the nodes send --------------------------------------------------------------------------------------
 
@@ -171,7 +170,7 @@ class CutFlights(Soak):
 
     def _step(self, t_ns):
         super()._step(t_ns)
-        if not self.craft.armed and not self.state.in_flight:
+        if not self.craft.armed and not self.state.flight.active:
             self._landing = False
         self._radios[0].send(t_ns, self.planner.other_commands(t_ns, self.autopilot.commanding))
         if self._loading is not None and self._loading.over:
@@ -195,7 +194,7 @@ class CutFlights(Soak):
                 self.planner.status(t_ns),
                 events.LandedStatus(t_ns=t_ns, landed=landed),
                 events.RecordingStatus(
-                    t_ns=t_ns, session_id=self.state.session_id, phase=self._phase_of_data, platforms=growing
+                    t_ns=t_ns, session_id=self.state.session.id, phase=self._phase_of_data, platforms=growing
                 ),
             )
         if t_ns - self._beaten_ns >= _BEAT_NS:
@@ -217,7 +216,7 @@ class CutFlights(Soak):
         if self.state.state is State.OUTREACH and before.state is not State.OUTREACH:
             self._coming.append(events.UserRequest(t_ns=self.t_ns, command=UserCommand.GIVE_UP))
         if self.state.state is State.PILOT and before.state is not State.PILOT:
-            self.problems.append(f"taken for a pilot's: {self.state.takeover_reason}")
+            self.problems.append(f"taken for a pilot's: {self.state.vehicle.takeover_reason}")
 
     def _carry_out(self, command):
         t_ns, problem = self.t_ns, ""

@@ -18,8 +18,7 @@ from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequenc
 from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
-from amaze_autonomy.engine.mission import Mission
+from amaze_autonomy.engine.events import Mission, MissionPhase, VehicleLanded
 from amaze_autonomy.missions import (
     Controller,
     FlightModel,

@@ -7,7 +7,7 @@ from soak import S
 
 from amaze_autonomy.autopilot.vehicle.client import set_mode
 from amaze_autonomy.engine.events import WatchdogAction
-from amaze_autonomy.engine.severity import Code
+from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import State
 
 

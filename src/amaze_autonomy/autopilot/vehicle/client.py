@@ -9,11 +9,11 @@ import enum
 from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import Landed, VehicleLanded
 from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
 from amaze_autonomy.monitoring.specs import BatterySpec
 
+from ...engine.events import Check
 from ..link.dialect import Message, mavlink
 from ..planner.mission_vehicle import DRAIN_NS, GROUND_NS, STALL_NS
 from .modes import LAND, mode_number

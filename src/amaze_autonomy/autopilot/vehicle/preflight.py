@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Callable, Optional, Sequence, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.events import Landed, VehicleLanded
 
+from ...engine.events import Check, Verdict
 from ..link.dialect import mavlink
 from .battery import LOW, STATE_NAMES
 from .parameters import ParameterState

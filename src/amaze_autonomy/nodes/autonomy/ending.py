@@ -42,7 +42,7 @@ class Ending:
         if state.state is before:
             return
         if state.state is State.MISSION_ENDED:
-            self.results.append(Ended(state.result, state.data_result))
+            self.results.append(Ended(state.session.result, state.session.data_result))
         elif state.state is State.MISSION_INPUT and before is not State.MISSION_ENDED:
             self.results.append(Ended(Result.NOT_FLOWN))
         else:

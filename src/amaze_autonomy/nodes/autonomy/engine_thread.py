@@ -30,10 +30,10 @@ from amaze_autonomy.engine.events import (
     WatchdogAction,
 )
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.interface import InvalidMessageError, Status
 
+from ...engine.rules import Code
 from ...ros.clock import Clock
 from ...ros.interface import age_of, message_class, read_status
 from ...ros.topic_reader import Look, TopicReader
@@ -326,12 +326,12 @@ class EngineThread:
     def _decision_failed(self, event: Event) -> None:
         """Survive a defect of the engine: what it cannot decide about, it lands for."""
         _log.exception("the engine could not decide about %s", event)
-        if not self.state.in_flight:
+        if not self.state.flight.active:
             return
         if not self._failed:
             self._failed = True
             self._inbox.put(UserRequest(t_ns=self.state.t_ns, command=UserCommand.LAND))
             return
         limit_ns = self._rules.limits.command_reply_limit_ns
-        self._send(MissionCommand(id=0, limit_ns=limit_ns, session_id=self.state.session_id, action=MissionAction.LAND))
+        self._send(MissionCommand(id=0, limit_ns=limit_ns, session_id=self.state.session.id, action=MissionAction.LAND))
         self._send(AutopilotLand(id=0, limit_ns=limit_ns))

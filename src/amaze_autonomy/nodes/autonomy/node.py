@@ -223,7 +223,7 @@ class AutonomyNode:
 
     def _record(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         """Hand on a step of the engine; on its thread, after the requests went out."""
-        self._clock.goes_on = state.in_flight  # a landing that is under way needs time that passes
+        self._clock.goes_on = state.flight.active  # a landing that is under way needs time that passes
         self._outbox.put(event, state, commands)
         self._clocks.see(event)
         self._farewell.see(event, commands)
@@ -263,11 +263,11 @@ class AutonomyNode:
         status = exit_status(self._ending.results, state)
         folder = self._folder
         result = {
-            "data": state.data_location,
+            "data": state.recording.location,
             "data_result": data_outcome(self._ending.results).value,
-            "data_summary": state.recorder.message if state.recorder is not None else "",
+            "data_summary": state.peers.recorder.message if state.peers.recorder is not None else "",
             "exit_status": status,
-            "in_flight": state.in_flight,
+            "in_flight": state.flight.active,
             "journal": str(self._journal.path),
             "report": str(folder / run_folder.REPORT_NAME),
             "result": outcome(self._ending.results, state),
@@ -287,14 +287,14 @@ class AutonomyNode:
     def _print_end(self, reason: str, state: EngineState) -> None:
         lines: List[str] = []
         if reason != "mission ended":
-            flight = " IN FLIGHT" if state.in_flight else ""
+            flight = " IN FLIGHT" if state.flight.active else ""
             lines.append(f"autonomy: ended by {reason}{flight} in {state.state.value}")
             if self._farewell.text():
                 lines.append(f"autonomy: LAND was sent ({self._farewell.text()})")
         lines.append(f"autonomy: result   {outcome(self._ending.results, state)}")
-        lines.append(f"autonomy: bag      {state.data_location or 'none'}")
+        lines.append(f"autonomy: bag      {state.recording.location or 'none'}")
         data = data_outcome(self._ending.results).value
-        said = state.recorder.message if state.recorder is not None else ""
+        said = state.peers.recorder.message if state.peers.recorder is not None else ""
         if data or said:
             lines.append(f"autonomy: data     {': '.join(each for each in (data, said) if each)}")
         lines.append(f"autonomy: journal  {self._journal.path}")
@@ -389,7 +389,7 @@ _NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
 def outcome(results: Sequence[Ended], state: EngineState) -> str:
     """Return the worst of how the missions ended and where the engine was when the node ended."""
     names = [each.result.value for each in results if each.result is not Result.NONE] or ["COMPLETE"]
-    if state.in_flight:
+    if state.flight.active:
         names.append("INTERRUPTED_IN_FLIGHT")
     elif state.state not in _NOTHING_UNDER_WAY:
         names.append("INTERRUPTED")

@@ -194,8 +194,8 @@ def _pending(failure: Failure, now_ns: int) -> msg.PendingFailure:
     return msg.PendingFailure(
         name=failure.name,
         code=failure.code,
-        verb=failure.verb.name.lower(),
-        then="" if failure.then is None else failure.then.name.lower(),
+        verb=failure.action.name.lower(),
+        then="" if failure.fallback is None else failure.fallback.name.lower(),
         time_left=_left_s(failure.deadline_ns, now_ns),
         reason=failure.reason,
     )
@@ -331,10 +331,10 @@ class Diagnostics:
 
     def _engine(self, status: Any) -> Any:
         state = self._state()
-        status.summary(_LEVELS.get(Level(state.message_level), _OK), f"{state.state.value}: {state.message}")
-        status.add("mission", state.mission.id if state.mission else "")
-        status.add("session", state.session_id)
-        status.add("in flight", str(state.in_flight))
+        status.summary(_LEVELS.get(Level(state.shown.level), _OK), f"{state.state.value}: {state.shown.text}")
+        status.add("mission", state.session.mission.id if state.session.mission else "")
+        status.add("session", state.session.id)
+        status.add("in flight", str(state.flight.active))
         status.add("decisions", str(state.decisions))
         status.add("failures", ", ".join(failure.name for failure in state.failures))
         return status

@@ -10,14 +10,14 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 import rospy
 
 from amaze_autonomy import msg, srv
-from amaze_autonomy.engine.answers import available
 from amaze_autonomy.engine.commands import Answer, AnswerKind
 from amaze_autonomy.engine.events import Event, MissionRejected, MissionSelected, Tick, UserCommand, UserRequest
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
-from amaze_autonomy.engine.turn import Turn
 
+from ...engine.context import Turn
+from ...engine.decide import available
+from ...engine.events import Mission
 from ...ros.interface import number
 
 __all__ = ["Unattended", "UserDesk", "choose"]
@@ -140,7 +140,7 @@ class Unattended:
     def answer(self, state: EngineState) -> Optional[UserCommand]:
         """Return what is to be asked of the engine now; None: nothing."""
         command = _ANSWERS.get(state.state)
-        if command is None or state.in_flight:
+        if command is None or state.flight.active:
             self._again_ns = 0
             return None
         if state.t_ns < self._again_ns or command not in available(Turn(state, Tick(t_ns=state.t_ns), self._rules)):

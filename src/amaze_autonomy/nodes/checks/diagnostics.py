@@ -7,8 +7,7 @@ from typing import Any, Sequence
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from amaze_autonomy.engine.checks import Check, Verdict
-
+from ...engine.events import Check, Verdict
 from ...ros.clock import Clock
 from ...ros.interface import ros_time
 

@@ -22,7 +22,6 @@ from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.engine.checks import Check, Verdict
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 
@@ -30,6 +29,7 @@ from ...autopilot.link.connection import link_problem
 from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kept
 from ...autopilot.planner.loading import Loading, LoadRequest
 from ...autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
+from ...engine.events import Check, Verdict
 from ...ros.clock import Clock
 from ...ros.interface import status_message
 from ...ros.node_main import run_node

@@ -21,14 +21,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.engine.checks import Check
 from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo
-from amaze_autonomy.engine.severity import Code, Restart
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
+from ...engine.events import Check
+from ...engine.rules import Code, Restart
 from ...monitoring.watchdog import Streams
 from ...ros.clock import Clock
 from ...ros.interface import check_row, component_state, ros_time, status_message

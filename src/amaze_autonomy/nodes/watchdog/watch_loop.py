@@ -12,14 +12,13 @@ from typing import Callable, List, Mapping, NamedTuple, Optional, Tuple
 
 import rospy
 
-from amaze_autonomy.engine.checks import Verdict
 from amaze_autonomy.engine.events import ComponentStatus, WatchdogAction, WatchdogInfo
-from amaze_autonomy.engine.mission import Mission
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import TopicSpec
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
+from ...engine.events import Mission, Verdict
 from ...monitoring.watchdog import Streams
 from ...ros.clock import Clock
 from ...ros.topic_reader import ALL, STAMP_BYTES, Look, Tally, TopicReader

@@ -7,13 +7,13 @@ from typing import Any, List, Mapping, Optional, Tuple
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
 from amaze_autonomy.config.schema import REQUIRED, Group, Key
-from amaze_autonomy.engine.checks import CheckName
 from amaze_autonomy.engine.commands import MissionAction
-from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import State, Step
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
 from ...config.sensors_schema import COMPONENT_NAME
+from ...engine.events import CheckName
+from ...engine.rules import Code
 from .model import EXPECTATIONS, Expectation, ExpectationKind, Instant
 from .pattern import Pattern
 

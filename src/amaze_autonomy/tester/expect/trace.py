@@ -10,9 +10,9 @@ from typing import Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import AutopilotStatus, ComponentStatus, Event, WatchdogAction, WatchdogInfo
-from amaze_autonomy.engine.severity import Code
 from amaze_autonomy.engine.state import State
 
+from ...engine.rules import Code
 from ...journal.journal import decode
 
 __all__ = ["READINGS", "Span", "Trace", "trace_of"]

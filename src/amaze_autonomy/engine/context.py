@@ -1,17 +1,19 @@
 """One turn of the engine: the state in the making, the event, the rules, and the commands collected so far.
 
 A `Turn` lives inside one call of `decide` and is never seen outside the engine. Guards read it, effects change it.
+Before it the table of flight modes.
 """
 
 from __future__ import annotations
 
-from typing import Any, List, Optional, Tuple
+from typing import Any, FrozenSet, List, Mapping, Optional, Tuple
 
-from .commands import Command, Notify, Request
+from .commands import MESSAGES, Command, MissionAction, Notify, Request
 from .events import (
     AutopilotStatus,
     Event,
     Landed,
+    Mission,
     MissionPhase,
     MissionSelected,
     Shutdown,
@@ -19,13 +21,57 @@ from .events import (
     UserRequest,
     VehicleLanded,
 )
-from .messages import MESSAGES
-from .mission import Mission
-from .modes import HOLDING_MODES, LANDING_MODES
 from .rules import Limits, Rules
-from .state import EngineState, evolve
+from .state import Asked, EngineState, evolve
 
-__all__ = ["Turn"]
+__all__ = ["DIRECT_MODES", "HOLDING_MODES", "LANDING_MODES", "MODES", "Turn", "ours"]
+
+# --- modes ------------------------------------------------------------------------------------------------------------
+# Which flight modes of the PX4 are the answer to which command of ours (rule 4 of DESIGN.md: never fight the pilot).
+#
+# A mode that matches the outstanding or the last confirmed command is ours. The planner lands by itself at the end of
+# its sequence: the modes of landing are its own while it says so, and somebody else's landing while it does not.
+# Names as PX4 and mavros write them.
+
+
+LANDING_MODES: FrozenSet[str] = frozenset({"AUTO.LAND", "AUTO.PRECLAND"})
+HOLDING_MODES: FrozenSet[str] = frozenset({"AUTO.LOITER"})
+
+_FLYING = frozenset({"AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD"})
+
+DIRECT_MODES: Mapping[MissionAction, FrozenSet[str]] = {
+    MissionAction.TAKEOFF: _FLYING,
+    MissionAction.RESUME: _FLYING,
+    MissionAction.HOLD: HOLDING_MODES | {"OFFBOARD"},
+    MissionAction.LAND: LANDING_MODES,
+    MissionAction.ABORT: LANDING_MODES,
+}
+"""What a command itself asks for: such a mode is ours even while the autopilot's failsafe flag is set."""
+
+MODES: Mapping[MissionAction, FrozenSet[str]] = {
+    **DIRECT_MODES,
+    MissionAction.TAKEOFF: _FLYING | HOLDING_MODES,  # PX4 loiters after its takeoff
+}
+
+
+def ours(
+    mode: str, commanded: Tuple[MissionAction, ...], confirmed: Optional[MissionAction], *, lands: bool = False
+) -> bool:
+    """Return True when a flight mode matches an outstanding or the last confirmed command; an unknown mode does.
+
+    Args:
+        mode: the flight mode; empty: unknown.
+        commanded: all commands since the last confirmed one: a late effect of the last but one is ours as well.
+        confirmed: the last command that a mode answered.
+        lands: the planner says that it lands.
+    """
+    if not mode or (lands and mode in LANDING_MODES):
+        return True
+    return any(mode in MODES[action] for action in commanded) or (confirmed is not None and mode in MODES[confirmed])
+
+
+# --- turn -------------------------------------------------------------------------------------------------------------
+
 
 _NS = 1_000_000_000
 
@@ -47,8 +93,12 @@ class Turn:
         self.signal: str = event.signal if isinstance(event, Shutdown) else state.signal
 
     def set(self, **changes: Any) -> None:
-        """Change fields of the state."""
+        """Change fields of the state; a part begins anew by one assignment."""
         self.state = evolve(self.state, **changes)
+
+    def put(self, part: str, **changes: Any) -> None:
+        """Change fields of a part of the state."""
+        self.set(**{part: evolve(getattr(self.state, part), **changes)})
 
     def asked(self) -> bool:
         """Return True while somebody asks for something that was not carried out yet."""
@@ -64,25 +114,25 @@ class Turn:
         self.set(next_id=identity + 1)
         return identity
 
-    def send(self, request: Request) -> int:
-        """Send a request to a peer and return its id."""
+    def send(self, request: Request) -> Asked:
+        """Send a request to a peer; return what is remembered of it."""
         self.commands.append(request)
-        return request.id
+        return Asked(id=request.id, sent_ns=self.now)
 
     def notify(self, key: str, **values: object) -> None:
         """Tell the user by an entry of the table of messages; ignore the empty key."""
         if not key:
             return
         entry = MESSAGES[key]
-        text = entry.text.format(**values)
-        self.set(message=text, message_level=entry.level, advice=entry.advice)
-        self.commands.append(Notify(level=entry.level, key=key, text=text, advice=entry.advice))
+        told = Notify(level=entry.level, key=key, text=entry.text.format(**values), advice=entry.advice)
+        self.set(shown=told)
+        self.commands.append(told)
 
     # --- the vehicle, as far as it is known freshly -------------------------------------------------------------------
 
     def vehicle(self) -> Optional[AutopilotStatus]:
         """Return the autopilot's status if it is fresh: the stream and the link behind it; else None."""
-        status, heard_ns = self.state.autopilot, self.state.autopilot_ns
+        status, heard_ns = self.state.peers.autopilot, self.state.peers.autopilot_ns
         if status is None or heard_ns is None or status.link_age_s is None:
             return None
         age_ns = self.now - heard_ns
@@ -105,7 +155,7 @@ class Turn:
 
         What the landing detection or the height says against it is outweighed after `confirm_limit_ns` alone.
         """
-        agreed, limits = self.state.down, self.limits
+        agreed, limits = self.state.vehicle.down, self.limits
         if agreed is None or not self.down():
             return False
         return agreed.lasts(limits.confirm_limit_ns if self.seems_to_fly() else limits.flight_end_confirm_ns)
@@ -118,24 +168,24 @@ class Turn:
 
     def stands(self) -> bool:
         """Return True when it has said ON_GROUND for longer than one wrong status lasts."""
-        since, last = self.state.grounded_ns, self.state.autopilot_ns
+        since, last = self.state.flight.grounded_ns, self.state.peers.autopilot_ns
         agreed = since is not None and last is not None and last - since >= self.limits.flight_end_confirm_ns
         return agreed and self.on_ground()
 
     def taken(self) -> bool:
         """Return True when several statuses agree that somebody else has control."""
-        agreed = self.state.takeover
+        agreed = self.state.vehicle.takeover
         if agreed is None or agreed.statuses < 2 or self.vehicle() is None:  # noqa: PLR2004 - a single one is not enough
             return False
         return self.now - agreed.since_ns >= self.limits.pilot_confirm_ns
 
     def suspected(self) -> bool:
         """Return True while it is not clear whether somebody else has control: nothing is commanded meanwhile."""
-        return self.state.takeover is not None and self.vehicle() is not None and not self.taken()
+        return self.state.vehicle.takeover is not None and self.vehicle() is not None and not self.taken()
 
     def lands(self) -> bool:
         """Return True when it is landing, whoever lands it: a hold must not interrupt that."""
-        status, planner = self.vehicle(), self.state.planner
+        status, planner = self.vehicle(), self.state.peers.planner
         if planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED):
             return True
         if status is None:
@@ -143,7 +193,7 @@ class Turn:
         if status.mode in LANDING_MODES or status.landed is VehicleLanded.LANDING:
             return True
         low = status.height_m is not None and status.height_m <= self.limits.landing_height_m
-        since = self.state.descending_ns
+        since = self.state.vehicle.descending_ns
         return low and since is not None and self.now - since >= self.limits.descent_time_ns
 
     def holds(self) -> bool:
@@ -159,7 +209,7 @@ class Turn:
 
         Enough for a person who stands beside a vehicle that was switched off and acknowledges that it has landed.
         """
-        status = self.state.autopilot
+        status = self.state.peers.autopilot
         return status is not None and status.armed is False and status.landed is VehicleLanded.ON_GROUND
 
     def on_ground(self) -> bool:
@@ -170,12 +220,12 @@ class Turn:
     def may_arm_late(self) -> bool:
         """Return True while an ARM of ours may still take effect, although its takeoff was called off."""
         state = self.state
-        called_off = bool(state.commanded) and not state.in_flight and not state.was_airborne
-        return called_off and self.now - state.motion_ns <= self.limits.arm_limit_ns
+        called_off = bool(state.flight.commanded) and not state.flight.active and not state.flight.was_airborne
+        return called_off and self.now - state.flight.motion.sent_ns <= self.limits.arm_limit_ns
 
     def detection(self) -> Landed:
         """Return what the landing detection says, freshly; UNKNOWN when it is silent."""
-        status, seen_ns = self.state.landing, self.state.landing_ns
+        status, seen_ns = self.state.peers.landing, self.state.peers.landing_ns
         if status is None or seen_ns is None or self.now - seen_ns > self.limits.landing_detection_limit_ns:
             return Landed.UNKNOWN
         return status.landed

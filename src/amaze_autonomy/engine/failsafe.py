@@ -1,0 +1,460 @@
+"""What is wrong, and what is done about it. Tables first: `FAILSAFE_CONDITIONS`, one row for all that can be lost.
+
+A row holds when one of its conditions does, and a condition has one of four forms:
+
+* `Silent`: a stream was not heard for longer than a limit. The engine wakes up by itself when that is so.
+* `Above`, `Below`: a field of a status is above its limit, or not above it. Unknown is neither, and a row of its own.
+* `Says`: a status says so itself.
+
+A limit is a row of `rules.Limits`; where a mission has a field of the same name, the mission's own counts. Comparisons
+are written so that unknown does not pass. What a component's failure means stands in `rules.SEVERITIES`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+
+from .commands import Seen, Value, because
+from .context import Turn
+from .events import ComponentStatus, MissionPhase, RecordingPhase, RecordingStatus
+from .rules import SEVERITIES, Action, Code, Restart, Rules, Severity, action_of, row_of_code
+from .state import EngineState, Failure, FailureKind, State, Step, evolve
+
+_NS = 1e9
+_LINK = "age of the autopilot's link"
+
+
+def limit_of(name: str, state: EngineState, rules: Rules) -> float:
+    """Return a limit by its name: the mission's own, else the configuration's."""
+    own = getattr(state.session.mission, name, None)
+    found: float = getattr(rules.limits, name) if own is None else own
+    return found
+
+
+@dataclass(frozen=True)
+class Silent:
+    """A stream was not heard for longer than a limit.
+
+    Args:
+        stream: time of `state.Peers` at which it was heard; empty: never, what counts is the time since the takeoff.
+        limit: how long it may be silent.
+        words: what its age is called.
+        since: time of `state.Peers` from which silence counts at the earliest. Empty: in flight only, and from the takeoff
+            where the stream was never heard. None: from when it was heard.
+        ends_flight: it is shown as the end of the flight, which comes at the limit, not beyond it.
+    """
+
+    stream: str
+    limit: str
+    words: str
+    since: Optional[str] = ""
+    ends_flight: bool = False
+
+    @property
+    def timer(self) -> str:
+        """The name of the wait for it: that of its limit."""
+        return self.limit[: -len("_ns")].replace("max_", "")
+
+    def end_ns(self, state: EngineState, rules: Rules) -> Optional[int]:
+        """Return when it has been silent for too long; None while nobody waits for it."""
+        heard = _time(state, self.stream)
+        begin = heard
+        if self.since == "":
+            flying = state.flight.active and state.flight.started_ns is not None
+            begin = None if not flying else heard if heard is not None else state.flight.started_ns
+        elif self.since is not None:
+            begin = _time(state, self.since)
+            begin = None if begin is None else max(begin, heard or 0)
+        if begin is None:
+            return None
+        return begin + int(limit_of(self.limit, state, rules)) + (0 if self.ends_flight else 1)
+
+    def holds(self, turn: Turn) -> Optional[Seen]:
+        """Return its age and the limit when it has been silent for too long."""
+        end = self.end_ns(turn.state, turn.rules)
+        if end is None or turn.now < end:
+            return None
+        heard = _time(turn.state, self.stream)
+        age = turn.now - (heard if heard is not None else turn.state.flight.started_ns or 0)
+        limit = limit_of(self.limit, turn.state, turn.rules) / _NS
+        return Seen((Value(self.words, round(age / _NS, 3), limit, "s"),))
+
+
+def _time(state: EngineState, name: str) -> Optional[int]:
+    return getattr(state.peers, name) if name else None
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """A field of a status against a limit.
+
+    Args:
+        field: of `state.Peers`, or of one of its statuses: "autopilot.height_m".
+        limit: what it is compared with; in nanoseconds where the field is in seconds.
+        words: what it is called.
+        fresh: it counts only while the vehicle is heard; else its last word does.
+    """
+
+    field: str
+    limit: str
+    words: str
+    fresh: bool = True
+
+    def holds(self, turn: Turn) -> Optional[Seen]:
+        """Return value and limit when the one is beyond the other."""
+        status, _, field = self.field.rpartition(".")
+        holder = getattr(turn.state.peers, status) if status else turn.state.peers
+        if holder is None or (self.fresh and status == "autopilot" and turn.vehicle() is None):
+            return None
+        value, limit = getattr(holder, field), limit_of(self.limit, turn.state, turn.rules)
+        limit = limit / _NS if self.limit.endswith("_ns") else limit
+        if value is None or not self.beyond(value, limit):
+            return None
+        unit = next(unit for end, unit in _UNITS if field.endswith(end))
+        return Seen((Value(self.words, value, limit, unit),))
+
+    def beyond(self, value: float, limit: float) -> bool:
+        """Return True when a value is not as it should be."""
+        raise NotImplementedError
+
+
+_UNITS = (("_m_s", "m/s"), ("_m", "m"), ("_s", "s"), ("_fraction", "fraction"), ("", ""))
+
+
+class Above(_Bound):
+    """A field of a status is above its limit."""
+
+    def beyond(self, value: float, limit: float) -> bool:
+        """Return True above the limit."""
+        return not value <= limit
+
+
+class Below(_Bound):
+    """A field of a status is at its limit or below it."""
+
+    def beyond(self, value: float, limit: float) -> bool:
+        """Return True at the limit and below."""
+        return not value > limit
+
+
+@dataclass(frozen=True)
+class Says:
+    """A status says so itself: `holds` returns what it looked at, else None."""
+
+    holds: Callable[[Turn], Optional[Seen]]
+
+
+@dataclass(frozen=True)
+class FailsafeCondition:
+    """One row of the table.
+
+    Args:
+        name: as in journals and tests.
+        when: any of these.
+        action: what is done about it.
+        words: for the user and the documentation.
+        both_routes: the landing is sent to the planner and to the autopilot at once.
+        alarm: the pilot is alarmed at once.
+        peer: whose silence it is; where its clock is the reason, that is said.
+        only: field of the state that must be true, e.g. "recording.asked".
+        on_ground: the engine wakes up for it before a takeoff too.
+    """
+
+    name: str
+    when: Tuple[Union[Silent, Above, Below, Says], ...]
+    action: Action
+    words: str
+    both_routes: bool = False
+    alarm: bool = False
+    peer: str = ""
+    only: str = ""
+    on_ground: bool = False
+
+    def holds(self, turn: Turn) -> Optional[Seen]:
+        """Return what was looked at when it holds, else None."""
+        if self.only and not attrgetter(self.only)(turn.state):
+            return None
+        for condition in self.when:
+            seen = condition.holds(turn)
+            if seen is not None:
+                return seen
+        return None
+
+
+# --- what a status says -----------------------------------------------------------------------------------------------
+
+
+def proves_recording(event: RecordingStatus) -> bool:
+    """Return True when a recorder's status proves that files grow on every platform."""
+    recording = event.phase is RecordingPhase.RECORDING
+    return recording and bool(event.platforms) and all(platform.growing for platform in event.platforms)
+
+
+def _planner_failed(turn: Turn) -> Optional[Seen]:
+    planner = turn.state.peers.planner
+    if planner is None or planner.phase is not MissionPhase.FAILED:
+        return None
+    return Seen((Value("planner phase", "FAILED"), Value("planner says", planner.message)))
+
+
+def _link_unknown(turn: Turn) -> Optional[Seen]:
+    status, limit_s = turn.state.peers.autopilot, turn.limits.autopilot_link_limit_ns / _NS
+    return Seen((Value(_LINK, None, limit_s, "s"),)) if status is not None and status.link_age_s is None else None
+
+
+def _battery_flag(turn: Turn) -> Optional[Seen]:
+    """Take the autopilot's word: ArduPilot's level ignores the voltage."""
+    critical = turn.state.peers.autopilot is not None and turn.state.peers.autopilot.battery_critical
+    return because("reason", "the autopilot says that the battery is critical") if critical else None
+
+
+def _does_not_record(turn: Turn) -> Optional[Seen]:
+    recorder = turn.state.peers.recorder
+    if recorder is None or proves_recording(recorder):
+        return None
+    still = ", ".join(p.platform for p in recorder.platforms if not p.growing)
+    phase = Value("recorder phase", recorder.phase.name, "RECORDING")
+    return Seen((phase, Value("files do not grow on", still)))
+
+
+# --- the table --------------------------------------------------------------------------------------------------------
+
+F = FailsafeCondition
+
+# One row a line.
+# fmt: off
+FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
+    F("watchdog_heartbeat", (Silent("heartbeat_ns", "watchdog_heartbeat_limit_ns", "age of the watchdog's heartbeat", since="watchdog_started_ns"),), Action.LAND, "the watchdog's heartbeat is lost", peer="watchdog", on_ground=True),
+    F("planner_status", (Silent("planner_ns", "planner_status_limit_ns", "age of the planner's status"),), Action.LAND, "the mission planner's status is lost", both_routes=True, peer="planner"),
+    F("planner_failed", (Says(_planner_failed),), Action.LAND, "the mission planner says that it failed", both_routes=True),
+    F("autopilot_status", (Silent("autopilot_ns", "autopilot_status_limit_ns", "age of the autopilot's status"), Says(_link_unknown), Silent("link_ns", "autopilot_link_limit_ns", _LINK, since=None)), Action.LAND, "the autopilot's status is lost", both_routes=True, alarm=True, peer="autopilot"),
+    F("clock", (Above("clock_stalled_s", "clock_stall_limit_ns", "the clock stands for"),), Action.LAND, "the clock that decides stands still (/clock)", both_routes=True),
+    F("battery_unknown", (Silent("battery_ns", "battery_age_limit_ns", "age of the battery level"),), Action.LAND, "the battery level is unknown for too long"),
+    F("battery_critical", (Below("autopilot.battery_fraction", "battery_critical_fraction", "battery fraction", fresh=False), Says(_battery_flag)), Action.LAND, "the battery is critical"),
+    F("flight_time", (Silent("", "max_flight_time_ns", "flight time", ends_flight=True),), Action.LAND, "the maximum flight time is reached"),
+    F("height", (Above("autopilot.height_m", "max_height_m", "height"),), Action.LAND, "the height limit is exceeded"),
+    F("distance", (Above("autopilot.distance_m", "max_distance_m", "distance"),), Action.LAND, "the distance limit is exceeded"),
+    F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "age of the position"),), Action.CONTINUE, "height or position is unknown: their limits cannot be checked"),
+    F("recorder_dead", (Silent("recorder_ns", "recorder_status_limit_ns", "age of the recorder's status"), Says(_does_not_record)), Action.CONTINUE, "the recorder is silent or does not record", peer="recorder", only="recording.asked"),
+    F("landing_detection", (Silent("landing_ns", "landing_detection_limit_ns", "age of the landing detection"),), Action.CONTINUE, "the landing detection is silent", peer="landing detection"),
+)
+# fmt: on
+
+
+# --- failures ---------------------------------------------------------------------------------------------------------
+# What is wrong now, and what is done about each: the verbs, the waits and their budgets.
+#
+# A wait ends when its component is back, when its budget for this flight is spent, or when the watchdog has given up
+# restarting it. Then the second action holds: `land`, or `continue` without it for the rest of the flight.
+
+
+USER_HOLD = "user_hold"
+
+
+class Change(NamedTuple):
+    """A failure that appeared, changed its action, was dropped, or is over: `rule` names which, `values` say why."""
+
+    rule: str
+    failure: Failure
+
+
+def severity_of(name: str, code: Code, state: EngineState, rules: Rules) -> Severity:
+    """Return a component's severity: the mission's own, else the decision table's, else the row of its code."""
+    if state.session.mission is not None:
+        for component, severity in state.session.mission.severities:
+            if component == name:
+                return severity
+    for rule in rules.components:
+        if rule.name == name:
+            return rule.severity
+    return row_of_code(code)
+
+
+def wait_limit_ns(name: str, rules: Rules) -> int:
+    """Return the budget of waiting for a component, in nanoseconds per flight."""
+    for rule in rules.components:
+        if rule.name == name:
+            return rule.wait_limit_ns
+    return rules.limits.unlisted_wait_limit_ns
+
+
+def update(turn: Turn) -> Tuple[Change, ...]:
+    """Bring `state.failures`, the budgets and what is flown without up to date; return what changed in flight."""
+    state = turn.state
+    old, without = state.failures, state.flight.flown_without
+    bad = [status for status in state.peers.components if status.code > Code.NOMINAL]
+    lost = _lost(turn, old) if state.flight.active else []
+    if not (bad or lost or old or state.flight.user_hold_ns is not None):
+        return ()
+    ledger = _Ledger(turn, old)
+    new = [ledger.component(status) for status in bad] + lost
+    if state.flight.active:
+        new += _user_hold(turn)
+    ledger.close(new)
+    if not new and not old:
+        return ()
+    turn.set(failures=tuple(new))
+    turn.put("flight", spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without)))
+    return _changes(old, turn.state, without) if turn.state.flight.active else ()
+
+
+def flown_without(turn: Turn) -> Tuple[str, ...]:
+    """Return what a takeoff now flies without: it failed, is not required, and would not be landed for."""
+    names = []
+    for status in turn.state.peers.components:
+        severity = severity_of(status.name, status.code, turn.state, turn.rules)
+        waits = action_of(severity, status.code) is Action.WAIT
+        if waits and SEVERITIES[severity].fallback is Action.CONTINUE:
+            names.append(status.name)
+    return tuple(sorted(names))
+
+
+def _can_wait(state: EngineState) -> bool:
+    """Return True where a wait can be kept: in flight, and neither landing nor in the pilot's hands."""
+    if not state.flight.active:
+        return False
+    return state.state in (State.TAKEOFF, State.HOLD) or (state.state is State.MISSION and state.step is Step.FLYING)
+
+
+_FLOOR: Mapping[State, Action] = {State.LAND: Action.LAND, State.PILOT: Action.PILOT}
+"""Where nothing is waited for any more: a failure that would be waited for is answered by what is done already."""
+
+
+class _Ledger:
+    """The budgets of one update."""
+
+    def __init__(self, turn: Turn, old: Tuple[Failure, ...]) -> None:
+        self.turn = turn
+        self.old: Dict[str, Failure] = {failure.name: failure for failure in old}
+        self.spent: Dict[str, int] = dict(turn.state.flight.spent)
+        self.without: List[str] = list(turn.state.flight.flown_without)
+        self.can_wait = _can_wait(turn.state)
+
+    def component(self, status: ComponentStatus) -> Failure:
+        """Return the failure that a component's status means."""
+        turn, name = self.turn, status.name
+        severity = severity_of(name, status.code, turn.state, turn.rules)
+        action = action_of(severity, status.code) or Action.CONTINUE
+        before = self.old.get(name)
+        failure = Failure(
+            name=name,
+            kind=FailureKind.COMPONENT,
+            code=int(status.code),
+            action=action,
+            since_ns=before.since_ns if before is not None else turn.now,
+            reason=status.reason,
+        )
+        if action is Action.WAIT:
+            return self._wait(failure, severity, status.restart)
+        in_hands = action is Action.LAND and self.turn.state.state is State.PILOT
+        return evolve(failure, action=Action.PILOT) if in_hands else failure
+
+    def _wait(self, failure: Failure, severity: Severity, restart: Restart) -> Failure:
+        fallback = SEVERITIES[severity].fallback or Action.LAND
+        if failure.name in self.without:
+            return evolve(failure, action=fallback)
+        if not self.can_wait:
+            return evolve(failure, action=_FLOOR.get(self.turn.state.state, Action.WAIT), fallback=None)
+        deadline = self._deadline(failure.name)
+        if restart is not Restart.GIVEN_UP and self.turn.now < deadline:
+            return evolve(failure, fallback=fallback, deadline_ns=deadline)
+        if fallback is Action.CONTINUE:
+            self.without.append(failure.name)
+        return evolve(failure, action=fallback)
+
+    def _deadline(self, name: str) -> int:
+        before = self.old.get(name)
+        if before is not None and before.deadline_ns is not None:
+            return before.deadline_ns
+        return self.turn.now + max(0, wait_limit_ns(name, self.turn.rules) - self.spent.get(name, 0))
+
+    def close(self, new: List[Failure]) -> None:
+        """Write down what each wait that is over has spent of its budget."""
+        still = {failure.name for failure in new if failure.deadline_ns is not None}
+        for name, failure in self.old.items():
+            if failure.deadline_ns is None or name in still or failure.kind is not FailureKind.COMPONENT:
+                continue
+            limit = wait_limit_ns(name, self.turn.rules)
+            self.spent[name] = min(limit, max(0, limit - (failure.deadline_ns - self.turn.now)))
+
+
+def _lost(turn: Turn, old: Tuple[Failure, ...]) -> List[Failure]:
+    found, known = [], {failure.name: failure for failure in old}
+    for row in FAILSAFE_CONDITIONS:
+        seen = row.holds(turn)
+        if seen is None:
+            continue
+        before = known.get(row.name)
+        reason = clocks_words(turn, row.peer) or f"{row.words} ({_words(seen.values)})"
+        since = before.since_ns if before is not None else turn.now
+        action = Action.PILOT if row.action is Action.LAND and turn.state.state is State.PILOT else row.action
+        found.append(Failure(row.name, FailureKind.LOSS, 0, action, since_ns=since, reason=reason))
+    return found
+
+
+def clocks_words(turn: Turn, peer: str) -> str:
+    """Return that a peer's clock is another one, where that is why its statuses are not believed; else nothing."""
+    for apart in turn.state.peers.clocks_apart:
+        if apart.peer == peer:
+            far, side = abs(apart.age_ns) / _NS, "in the future" if apart.age_ns < 0 else "old"
+            limits = turn.limits
+            limit = (limits.clock_tolerance_ns if apart.age_ns < 0 else limits.status_max_age_ns) / _NS
+            return (
+                f"stamps of the {peer} are {far:.3f} s {side} (limit {limit:g} s): old statuses, or clocks that differ"
+            )
+    return ""
+
+
+def _words(values: Tuple[Value, ...]) -> str:
+    return ", ".join(
+        f"{v.name} {v.value}{' ' + v.unit if v.unit else ''}" + (f", limit {v.limit}" if v.limit is not None else "")
+        for v in values
+    )
+
+
+def _user_hold(turn: Turn) -> List[Failure]:
+    since = turn.state.flight.user_hold_ns
+    if since is None:
+        return []
+    deadline = since + turn.limits.user_hold_limit_ns
+    hold = Failure(
+        USER_HOLD, FailureKind.USER, 0, Action.WAIT, Action.LAND, since, deadline, "the user asked for a hold"
+    )
+    return [hold if turn.now < deadline else evolve(hold, action=Action.LAND, fallback=None, deadline_ns=None)]
+
+
+def _changes(old: Tuple[Failure, ...], state: EngineState, without: Tuple[str, ...]) -> Tuple[Change, ...]:
+    before = {failure.name: failure for failure in old}
+    changes = []
+    for failure in state.failures:
+        known = before.pop(failure.name, None)
+        if known is not None and (known.action is failure.action or state.state in _FLOOR):
+            continue
+        dropped = failure.name in state.flight.flown_without and failure.name not in without
+        changes.append(Change("flown_without" if dropped else f"failure_{failure.action.name.lower()}", failure))
+    changes += [
+        Change("failure_back", failure) for failure in old if failure.name in before and failure.name != USER_HOLD
+    ]
+    return tuple(changes)
+
+
+def values_of(failure: Failure, now_ns: int) -> Tuple[Value, ...]:
+    """Return what a decision about a failure looked at."""
+    values = [Value("failure", failure.name), Value("code", failure.code), Value("verb", failure.action.name.lower())]
+    if failure.deadline_ns is not None:
+        values.append(Value("waits at most", round((failure.deadline_ns - now_ns) / _NS, 3), None, "s"))
+    if failure.reason:
+        values.append(Value("reason", failure.reason))
+    return tuple(values)
+
+
+def waiting(state: EngineState) -> Tuple[Failure, ...]:
+    """Return the failures that are waited for."""
+    return tuple(failure for failure in state.failures if failure.action is Action.WAIT)
+
+
+def worst(state: EngineState) -> Tuple[Failure, ...]:
+    """Return the failures that mean to land."""
+    return tuple(failure for failure in state.failures if failure.action is Action.LAND)
