@@ -191,7 +191,7 @@ def incomplete_data_is_given_up(stack: Stack) -> None:
     assert stack.ask("go")[0] == REFUSED
     assert stack.ask("give_up")[0] == DONE
     stack.wait_state("MISSION_ENDED")
-    assert stack.states[-1].result == "DATA_INCOMPLETE"
+    assert (stack.states[-1].result, stack.states[-1].data_result) == ("COMPLETE", "INCOMPLETE")
     assert stack.states[-1].data_location, "it does not say where the parts lie"
 
 

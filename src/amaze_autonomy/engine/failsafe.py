@@ -12,13 +12,14 @@ are written so that unknown does not pass. What a component's failure means stan
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .commands import Seen, Value, because
 from .context import Turn
-from .events import ComponentStatus, MissionPhase, RecordingPhase, RecordingStatus
+from .events import ComponentStatus, Mission, MissionPhase, RecordingPhase, RecordingStatus
 from .rules import SEVERITIES, Action, Code, Restart, Rules, Severity, action_of, row_of_code
 from .state import EngineState, Failure, FailureKind, State, Step, evolve
 
@@ -26,11 +27,26 @@ _NS = 1e9
 _LINK = "age of the autopilot's link"
 
 
-def limit_of(name: str, state: EngineState, rules: Rules) -> float:
-    """Return a limit by its name: the mission's own, else the configuration's."""
-    own = getattr(state.session.mission, name, None)
-    found: float = getattr(rules.limits, name) if own is None else own
-    return found
+_OF_A_MISSION = frozenset(Mission.__dataclass_fields__)
+
+
+def _limit_of(name: str) -> Callable[[EngineState, Rules], Any]:
+    """Return what reads a limit: the mission's own, where it has one of that name, else the configuration's."""
+    configured = attrgetter(name)
+    if name not in _OF_A_MISSION:
+        return lambda _state, rules: configured(rules.limits)
+
+    def limit(state: EngineState, rules: Rules) -> Any:
+        mission = state.session.mission
+        own = configured(mission) if mission is not None else None
+        return configured(rules.limits) if own is None else own
+
+    return limit
+
+
+def _field(name: str) -> Callable[[Any], Any]:
+    """Return what reads a field; None where it has no name. Names are looked up once: this runs at every event."""
+    return attrgetter(name) if name else lambda _: None
 
 
 @dataclass(frozen=True)
@@ -51,6 +67,10 @@ class Silent:
     words: str
     since: Optional[str] = ""
     ends_flight: bool = False
+    _read: Tuple[Callable[..., Any], ...] = dataclasses.field(init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_read", (_field(self.stream), _field(self.since or ""), _limit_of(self.limit)))
 
     @property
     def timer(self) -> str:
@@ -59,31 +79,30 @@ class Silent:
 
     def end_ns(self, state: EngineState, rules: Rules) -> Optional[int]:
         """Return when it has been silent for too long; None while nobody waits for it."""
-        heard = _time(state, self.stream)
-        begin = heard
+        read_heard, read_since, limit = self._read
+        begin: Optional[int] = read_heard(state.peers)
         if self.since == "":
-            flying = state.flight.active and state.flight.started_ns is not None
-            begin = None if not flying else heard if heard is not None else state.flight.started_ns
+            flight = state.flight
+            if not flight.active or flight.started_ns is None:
+                return None
+            begin = flight.started_ns if begin is None else begin
         elif self.since is not None:
-            begin = _time(state, self.since)
-            begin = None if begin is None else max(begin, heard or 0)
+            since: Optional[int] = read_since(state.peers)
+            begin = None if since is None else max(since, begin or 0)
         if begin is None:
             return None
-        return begin + int(limit_of(self.limit, state, rules)) + (0 if self.ends_flight else 1)
+        end: int = begin + limit(state, rules)
+        return end if self.ends_flight else end + 1
 
     def holds(self, turn: Turn) -> Optional[Seen]:
         """Return its age and the limit when it has been silent for too long."""
         end = self.end_ns(turn.state, turn.rules)
         if end is None or turn.now < end:
             return None
-        heard = _time(turn.state, self.stream)
+        read_heard, _, limit = self._read
+        heard = read_heard(turn.state.peers)
         age = turn.now - (heard if heard is not None else turn.state.flight.started_ns or 0)
-        limit = limit_of(self.limit, turn.state, turn.rules) / _NS
-        return Seen((Value(self.words, round(age / _NS, 3), limit, "s"),))
-
-
-def _time(state: EngineState, name: str) -> Optional[int]:
-    return getattr(state.peers, name) if name else None
+        return Seen((Value(self.words, round(age / _NS, 3), limit(turn.state, turn.rules) / _NS, "s"),))
 
 
 @dataclass(frozen=True)
@@ -101,18 +120,27 @@ class _Bound:
     limit: str
     words: str
     fresh: bool = True
+    _read: Tuple[Any, ...] = dataclasses.field(init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        status, _, name = self.field.rpartition(".")
+        of_vehicle = self.fresh and status == "autopilot"
+        holder = attrgetter(status) if status else lambda peers: peers
+        scale = _NS if self.limit.endswith("_ns") else 1.0
+        object.__setattr__(self, "_read", (of_vehicle, holder, attrgetter(name), _limit_of(self.limit), scale))
 
     def holds(self, turn: Turn) -> Optional[Seen]:
         """Return value and limit when the one is beyond the other."""
-        status, _, field = self.field.rpartition(".")
-        holder = getattr(turn.state.peers, status) if status else turn.state.peers
-        if holder is None or (self.fresh and status == "autopilot" and turn.vehicle() is None):
+        of_vehicle, read_holder, read, read_limit, scale = self._read
+        holder = turn.vehicle() if of_vehicle else read_holder(turn.state.peers)
+        value = None if holder is None else read(holder)
+        if value is None:
             return None
-        value, limit = getattr(holder, field), limit_of(self.limit, turn.state, turn.rules)
-        limit = limit / _NS if self.limit.endswith("_ns") else limit
-        if value is None or not self.beyond(value, limit):
+        limit = read_limit(turn.state, turn.rules)
+        limit = limit / scale if scale != 1.0 else limit
+        if not self.beyond(value, limit):
             return None
-        unit = next(unit for end, unit in _UNITS if field.endswith(end))
+        unit = next(unit for end, unit in _UNITS if self.field.endswith(end))
         return Seen((Value(self.words, value, limit, unit),))
 
     def beyond(self, value: float, limit: float) -> bool:
@@ -171,8 +199,13 @@ class FailsafeCondition:
     peer: str = ""
     only: str = ""
     on_ground: bool = False
+    holds: Callable[[Turn], Optional[Seen]] = dataclasses.field(init=False, compare=False, repr=False)
 
-    def holds(self, turn: Turn) -> Optional[Seen]:
+    def __post_init__(self) -> None:
+        alone = len(self.when) == 1 and not self.only  # most rows are, and this is asked at every event
+        object.__setattr__(self, "holds", self.when[0].holds if alone else self._any_holds)
+
+    def _any_holds(self, turn: Turn) -> Optional[Seen]:
         """Return what was looked at when it holds, else None."""
         if self.only and not attrgetter(self.only)(turn.state):
             return None
