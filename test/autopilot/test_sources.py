@@ -97,6 +97,22 @@ def test_a_vehicle_alone_is_heard_whatever_is_lost(lost, seed):
     assert sources.strangers(10 * S) == ()
 
 
+def test_a_backlog_of_which_the_rest_was_lost_is_no_second_vehicle():
+    """A socket that nobody read for a while holds the first of what came; the rest was dropped, again and again."""
+    sources, number = Sources(), 0
+    for burst in range(6):
+        for _ in range(200):
+            say(sources, burst * 0.3, sequence=number)
+            number += 1
+        number += 97 + burst
+        for tick in range(20):
+            say(sources, burst * 0.3 + 0.01 + tick / 500, sequence=number)
+            number += 1
+            assert sources.strangers(round((burst * 0.3 + 0.01 + tick / 500) * S)) == ()
+        number += 83
+    assert sources.strangers(3 * S) == ()
+
+
 def test_datagrams_that_overtake_one_another_are_no_strangers():
     sources, numbers = Sources(), [0, 1, 2, 5, 3, 4, 6, 8, 7, 9, 9, 10]
     assert all(say(sources, tick / 500, sequence=number) for tick, number in enumerate(numbers))

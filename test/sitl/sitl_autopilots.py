@@ -41,7 +41,15 @@ KINDS: Mapping[str, Kind] = {
     "px4": Kind(
         "px4",
         "px4/bin/px4",
-        {"COM_LOW_BAT_ACT": 3, "COM_RC_OVERRIDE": 1, "NAV_RCL_ACT": 2, "COM_RC_IN_MODE": 1, "SIM_BAT_DRAIN": 1000},
+        # the transmitter is a thread of Python here: half a second of silence (PX4's default) is no lost transmitter
+        {
+            "COM_LOW_BAT_ACT": 3,
+            "COM_RC_OVERRIDE": 1,
+            "COM_RC_IN_MODE": 1,
+            "COM_RC_LOSS_T": 2,
+            "NAV_RCL_ACT": 2,
+            "SIM_BAT_DRAIN": 1000,
+        },
         ("vehicle=px4_sitl",),
         "POSCTL",
     ),

@@ -116,6 +116,7 @@ _LATE = 32  # datagrams may overtake one another, by 50 ms of jitter at 450 mess
 _PAUSE_NS = _S // 2  # after which any number goes on
 _IN_A_ROW = 3  # messages that make a run one
 _SILENCE_NS = 5 * _S // 2
+_LASTING_NS = 3 * _S  # a run of another vehicle lasts; what bursts of lost messages leave of ours does not
 _BOOT_NS = _S  # by which boot times of one vehicle differ at most: messages are under way for a while
 _REMEMBERED_NS = 10 * _S
 _SOURCES_KEPT = 8
@@ -194,9 +195,15 @@ class Sources:
             return ()
         others = [run for run in self._runs if run is not ours and t_ns - run.heard_ns <= _REMEMBERED_NS]
         beside = [run for run in others if run.place != ours.place]
-        behind = [run for run in others if run.place == ours.place and run.count >= _IN_A_ROW]
+        behind = [run for run in others if run.place == ours.place and self._goes_on_beside(t_ns, run)]
         names = [_name(run.place) for run in beside] + [f"{_name(run.place)}, where ours is, too" for run in behind]
         return tuple(dict.fromkeys(names))
+
+    @staticmethod
+    def _goes_on_beside(t_ns: int, run: _Run) -> bool:
+        """Return whether a run behind our address lasts: what a burst of lost messages leaves does not."""
+        lasts = run.count >= _IN_A_ROW and run.heard_ns - run.first_ns >= _LASTING_NS
+        return lasts and t_ns - run.heard_ns <= _SILENCE_NS
 
     def forget(self) -> None:
         """Forget all: the link was opened again. In flight the boot time of ours is kept."""

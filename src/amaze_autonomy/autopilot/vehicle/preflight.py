@@ -133,7 +133,9 @@ def _landed(known: Preflight) -> Check:
 
 def _rc(known: Preflight) -> Check:
     heard = known.vehicle.system.rc(known.t_ns)
-    return _row(known, "RC receiver", "switch on the transmitter", good=heard, needed=known.settings.needs.rc)
+    return _row(
+        known, "RC receiver", "switch on the transmitter", good=heard, needed=known.settings.needs.rc, heals=True
+    )
 
 
 def _kill(known: Preflight) -> Check:
