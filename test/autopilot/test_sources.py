@@ -156,6 +156,49 @@ def test_two_vehicles_behind_one_router_are_never_mixed(offset, rates):
     assert sources.strangers(5 * S) == ("10.0.0.1:14550, where ours is, too",)
 
 
+@pytest.mark.parametrize("seed", (10, 56, 62, 105, *range(4)))
+def test_one_vehicle_is_one_again_after_a_start_at_which_much_was_lost(seed):
+    """Bursts that are lost and read late leave runs; two of one vehicle must not live beside one another for ever."""
+    chance, sources = random.Random(seed), Sources()
+    rate, disturbed_s, stall_s = chance.choice([50, 150, 450]), chance.uniform(1.0, 6.0), chance.choice([0.3, 1.5])
+    read_s, losing, backlog, taken, sent = 0.0, False, [], 0, 0
+    for number in range(20 * rate):
+        t_s = number / rate
+        if t_s < disturbed_s:
+            losing ^= chance.random() < (0.3 if losing else 0.03)
+            if losing or len(backlog) > 277:
+                continue
+        backlog.append((number, None if chance.random() < 0.8 else -30.0))
+        if t_s < min(disturbed_s, read_s):
+            continue
+        read_s = t_s + chance.expovariate(1 / stall_s)
+        for each, boot_s in backlog:
+            boot_ms = None if boot_s is None else round((each / rate - boot_s) * 1000)
+            heard = sources.take(round(t_s * S), HERE, each % 256, boot_ms)
+            sent, taken = sent + (t_s > disturbed_s + 8), taken + (heard and t_s > disturbed_s + 8)
+        backlog.clear()
+        assert t_s < disturbed_s + 8 or sources.strangers(round(t_s * S)) == ()
+    assert taken == sent > 0
+
+
+@pytest.mark.parametrize("seed", (32, 61, *range(4)))
+def test_of_a_stranger_behind_our_address_nothing_is_believed_once_our_boot_time_is_known(seed):
+    chance, sources, spoken = random.Random(seed), Sources(), []
+    for who, rates in enumerate([(50, 150, 450), (1, 5, 50, 450)]):
+        rate, number, boot_s = chance.choice(rates), chance.randrange(256), -20.0 - 10 * who
+        t_s = chance.random() + who * chance.choice([1, 5])
+        while t_s < 60:
+            t_s, number = t_s + 1 / rate, number + 1
+            has_boot = chance.random() < 0.2 and (who == 0 or rate > 1)
+            if chance.random() > 0.01:
+                spoken.append((t_s, who, number, boot_s if has_boot else None))
+    sources.armed, wrong, taken = True, 0, 0
+    for t_s, who, number, boot_s in sorted(spoken, key=lambda said: said[:2]):
+        heard = say(sources, t_s, sequence=number, boot_s=boot_s)
+        wrong, taken = wrong + (heard and who == 1), taken + (heard and who == 0)
+    assert wrong <= 20 < taken  # what came before a message of ours said when it was started
+
+
 # --- the connection -----------------------------------------------------------------------------------------------
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 from .dialect import Message, mavlink, source_of
 
@@ -70,7 +70,7 @@ class Peers:
 
     def pass_over(self, t_ns: int, source: Tuple[int, int], sequence: int, place: Any) -> None:
         """Note that a message came that nobody wants: its number belongs to the run of its sender."""
-        if source == (self.vehicle, _AUTOPILOT) and self.heartbeat_ns is not None:
+        if source == (self.vehicle, _AUTOPILOT):
             self.sources.take(t_ns, place, sequence)
 
     def age_ns(self, t_ns: int) -> Optional[int]:
@@ -104,7 +104,8 @@ def _is_vehicle(heartbeat: Message) -> bool:
 # one boot time. The first one heard is ours. In flight it stays ours: a stranger is never believed, and our own
 # silence is noticed although the stranger speaks. On the ground, where vehicles are exchanged and restarted, the next
 # one is ours once ours has been silent for a while. A vehicle whose address changes in flight (a router that was
-# restarted) is known by its boot time. What fits two runs alike is given to neither.
+# restarted) is known by its boot time. What fits two runs alike is given to neither, unless all that came from there for
+# a while was one run: then there is one vehicle, and the other run is what lost messages left of it.
 
 
 _S = 1_000_000_000
@@ -136,6 +137,7 @@ class _Run:
     def __init__(self, t_ns: int, place: Any, sequence: int) -> None:
         self.place, self.sequence = place, sequence
         self.first_ns = self.heard_ns = t_ns
+        self.maybe_ns = t_ns  # of the last message that was of this run, or of another one
         self.count = self.gap_ns = 0
         self.boot: Optional[Tuple[int, int]] = None
 
@@ -155,7 +157,11 @@ class _Run:
 
     def denies(self, t_ns: int, boot_ns: int) -> bool:
         """Return whether a vehicle that was started at this time is another one."""
-        return self.boot is not None and abs(boot_ns - self.boot[1]) > _BOOT_NS + t_ns - self.boot[0]
+        return self.boot is not None and abs(boot_ns - self.boot[1]) > _BOOT_NS + self.silent_ns(t_ns)
+
+    def silent_ns(self, t_ns: int) -> int:
+        """Return for how long nothing came that can be of this run."""
+        return t_ns - max(self.heard_ns, self.maybe_ns)
 
 
 class Sources:
@@ -164,6 +170,7 @@ class Sources:
     def __init__(self) -> None:
         self._runs: List[_Run] = []
         self._ours: Optional[_Run] = None
+        self._unbroken: Dict[Any, _Run] = {}  # all that came from an address with more than one run, while it is one
         self.armed = False
 
     def take(self, t_ns: int, place: Any, sequence: int, boot_ms: Optional[int] = None) -> bool:
@@ -209,18 +216,21 @@ class Sources:
         """Forget all: the link was opened again. In flight the boot time of ours is kept."""
         self._runs = [self._ours] if self.armed and self._ours is not None else []
         self._ours = self._runs[0] if self._runs else None
+        self._unbroken.clear()
 
     # --- inside ---------------------------------------------------------------------------------------------------
 
     def _run_of(self, t_ns: int, place: Any, sequence: int, boot_ns: Optional[int]) -> Optional[_Run]:
         here = [run for run in self._runs if run.place == place]
+        if len(here) > 1:
+            self._note_unbroken(t_ns, place, sequence)
         if boot_ns is not None:
             here = [run for run in here if not run.denies(t_ns, boot_ns)]
         fits = [run for run in here if run.follows(t_ns, sequence)]
         if len(fits) > 1:
             fits = self._without_jumps(t_ns, fits)
         if len(fits) > 1:
-            return None
+            return self._one_vehicle(t_ns, fits)
         if fits:
             return fits[0]
         if len(here) == 1 and t_ns - here[0].heard_ns > _PAUSE_NS:
@@ -233,6 +243,29 @@ class Sources:
         real = [run for run in fits if run is first or self._is_vehicle(t_ns, run, first)]
         self._runs = [run for run in self._runs if run not in fits or run in real]
         return real
+
+    def _note_unbroken(self, t_ns: int, place: Any, sequence: int) -> None:
+        run = self._unbroken.get(place)
+        if run is None or not 0 < (sequence - run.sequence) % _NUMBERS <= _AHEAD or t_ns - run.heard_ns > _S:
+            run = self._unbroken[place] = _Run(t_ns, place, sequence)
+        run.hear(t_ns, sequence, None)
+
+    def _one_vehicle(self, t_ns: int, fits: List[_Run]) -> Optional[_Run]:
+        """Return the run that a message goes on with when all those that it fits are one vehicle; None: they may be two."""
+        first = self._ours if self._ours in fits else fits[0]
+        unbroken = self._unbroken[first.place]
+        if unbroken.count < _NUMBERS // 4 or t_ns - unbroken.first_ns < _LASTING_NS:
+            return self._neither(t_ns, fits)
+        if any(run.boot is not None and first.denies(t_ns, run.boot[1]) for run in fits if run is not first):
+            return self._neither(t_ns, fits)
+        self._runs = [run for run in self._runs if run is first or run not in fits]
+        first.sequence = unbroken.sequence
+        return first
+
+    @staticmethod
+    def _neither(t_ns: int, fits: List[_Run]) -> None:
+        for run in fits:
+            run.maybe_ns = t_ns
 
     @staticmethod
     def _is_vehicle(t_ns: int, run: _Run, first: Optional[_Run]) -> bool:
@@ -269,8 +302,8 @@ class Sources:
 
 def _follows(t_ns: int, run: _Run, ours: _Run) -> bool:
     """Return whether a run began at the address of another when that had ended: messages were lost, or it restarted."""
-    ended = t_ns - ours.heard_ns > max(_ENDED_NS, _ENDED_GAPS * ours.gap_ns)
-    return ended and run.place == ours.place and run.first_ns >= ours.heard_ns
+    ended = ours.silent_ns(t_ns) > max(_ENDED_NS, _ENDED_GAPS * ours.gap_ns)
+    return ended and run.place == ours.place and run.first_ns >= max(ours.heard_ns, ours.maybe_ns)
 
 
 def _same_boot(run: _Run, ours: _Run) -> bool:
