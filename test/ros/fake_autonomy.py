@@ -14,8 +14,6 @@ import rospy
 
 from amaze_autonomy import msg, srv
 
-COMMANDS = ("go", "retry", "give_up", "hold", "resume", "land", "abort", "acknowledge")
-
 
 class FakeAutonomy:
     """Topic and services of the engine under a name space.
@@ -31,7 +29,7 @@ class FakeAutonomy:
         self._state = msg.AutonomyState(state="MISSION_INPUT", message="Select a mission.")
         self._publisher = rospy.Publisher(f"{name}/state", msg.AutonomyState, latch=True, queue_size=10)
         kinds = {"list_missions": srv.ListMissions, "select_mission": srv.SelectMission}
-        kinds.update(dict.fromkeys(COMMANDS, srv.UserCommand))
+        kinds["command"] = srv.UserCommand
         self._services = [
             rospy.Service(f"{name}/{service}", kind, self._handler(service))
             for service, kind in kinds.items()
@@ -69,8 +67,9 @@ class FakeAutonomy:
             if service == "list_missions":
                 return srv.ListMissionsResponse(missions=[_mission("1", ""), _mission("2", "no such file")])
             ids = " ".join(getattr(request, "mission_ids", ()))
-            self.calls.append(f"{service} {ids}".strip())
-            answer = self.answers.get(service)
+            name = getattr(request, "command", service)
+            self.calls.append(f"{name} {ids}".strip())
+            answer = self.answers.get(name)
             if callable(answer):
                 return answer()
             if service == "select_mission":

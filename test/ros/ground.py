@@ -3,8 +3,16 @@
 
 from __future__ import annotations
 
+import re
+import shlex
+from pathlib import Path
+from typing import Any, Dict
+
 import rospy
+import rosservice
+import yaml
 from behaviours import Behaviours
+from genpy.message import fill_message_args
 from hitches import allowed_s
 from stack import Stack
 
@@ -14,6 +22,7 @@ DONE, REFUSED = 1, 2
 BEFORE = ["data_recorder/start", "mission_planner/load"]
 FLIGHT = [*BEFORE, "TAKEOFF", "data_recorder/stop"]
 PASSING = (1, 2)
+INTEGRATOR = Path(__file__).resolve().parents[2] / "docs" / "integrator.md"
 ground = Behaviours()
 
 
@@ -212,6 +221,31 @@ def go_is_waited_for(stack: Stack) -> None:
     assert stack.ask("go")[0] == DONE
     stack.wait_state("MISSION_ENDED")
     assert stack.commands() == FLIGHT
+
+
+@ground.add(mission="", overrides=("autonomy.require_go=true",))
+def services_are_called_as_the_documentation_says(stack: Stack) -> None:
+    """Each `rosservice call` of docs/integrator.md, in its order, read as rosservice reads it."""
+    stack.wait_peers()
+    said: Dict[str, Any] = {}
+    before = {"go": "READY", "hold": "MISSION", "resume": "HOLD", "land": "MISSION"}
+    for line in re.findall(r"^rosservice call (.*?)(?: +#.*)?$", INTEGRATOR.read_text(encoding="utf-8"), re.MULTILINE):
+        name, *given = shlex.split(line.replace("'1'", "'long'"))
+        word = name.rsplit("/", 1)[1]
+        if word in before:
+            stack.wait_state(before[word])
+        service = f"/{stack.name}{name}"
+        kind = rosservice.get_service_class_by_name(service)
+        request = kind._request_class()
+        fill_message_args(request, [yaml.safe_load(each) for each in given])
+        said[word] = rospy.ServiceProxy(service, kind)(request)
+    assert said["select_mission"].accepted, said["select_mission"].message
+    done = {word for word, answer in said.items() if getattr(answer, "success", False)}
+    assert done == {"go", "hold", "resume", "land", "abort"}, said
+    assert "retry" in said["retry"].message, "a refusal gives no reason"
+    assert said["command"].answer == 3, "it lands already"
+    others = {"list_missions", "select_mission", "retry", "give_up", "acknowledge", "command"}
+    assert set(said) == done | others, "services without an example"
 
 
 @ground.add(mission="long")

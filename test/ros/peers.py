@@ -31,7 +31,7 @@ class Prober:
     """Asks the engine something again and again, in a process of its own: this one has too much to do to measure."""
 
     def __init__(self, stack: Stack) -> None:
-        command = [sys.executable, str(HERE / "ask_often.py"), f"/{stack.name}/autonomy/resume", "1.0"]
+        command = [sys.executable, str(HERE / "ask_often.py"), f"/{stack.name}/autonomy/command", "resume", "1.0"]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         assert self._process.stdout.readline() == "ready\n"

@@ -317,9 +317,9 @@ class Stack:
 
     def ask(self, command: str) -> Tuple[int, str]:
         """Be the user; return (answer, message)."""
-        service = f"/{self.name}/autonomy/{command}"
+        service = f"/{self.name}/autonomy/command"
         rospy.wait_for_service(service, LIMIT_S)
-        answer = rospy.ServiceProxy(service, srv.UserCommand)()
+        answer = rospy.ServiceProxy(service, srv.UserCommand)(command)
         return answer.answer, answer.message
 
     def retry(self) -> None:

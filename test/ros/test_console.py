@@ -144,12 +144,12 @@ class TestConsole(unittest.TestCase):
         self.assertEqual(console.wait_for("ANSWER    hold"), "ANSWER    hold: REFUSED too late")
 
     def test_a_service_that_is_not_there_is_an_answer_too(self) -> None:
-        engine, console = self.engine(without=("abort",)), self.console()
+        engine, console = self.engine(without=("command",)), self.console()
         engine.show(**FLYING)
         console.wait_for("STATE     MISSION")
         console.type("abort")
         line = console.wait_for("ANSWER")
-        self.assertEqual(line, f"ANSWER    abort: NO ANSWER service [{self.name}/abort] unavailable")
+        self.assertEqual(line, f"ANSWER    abort: NO ANSWER service [{self.name}/command] unavailable")
 
     def test_a_service_that_dies_in_mid_call(self) -> None:
         engine, console = self.engine(), self.console()
@@ -211,7 +211,7 @@ class TestConsole(unittest.TestCase):
 
     def test_topic_and_services_can_be_remapped(self) -> None:
         engine = self.engine()
-        names = [f"/elsewhere/{name}:={self.name}/{name}" for name in ("state", "list_missions", "land")]
+        names = [f"/elsewhere/{name}:={self.name}/{name}" for name in ("state", "list_missions", "command")]
         console = ConsoleProcess("--engine", "/elsewhere", *names)
         self.started.insert(0, console)
         engine.show(**FLYING)

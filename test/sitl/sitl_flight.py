@@ -142,7 +142,7 @@ class Operator:
     @staticmethod
     def say(command: str) -> str:
         """Ask something of the engine; return its answer."""
-        answer = rospy.ServiceProxy(f"autonomy/{command}", srv.UserCommand)()
+        answer = rospy.ServiceProxy("autonomy/command", srv.UserCommand)(command)
         return f"{answer.answer} {answer.message}"
 
 

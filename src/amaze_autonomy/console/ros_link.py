@@ -39,9 +39,8 @@ class RosLink(Link):
 
     Subscribes: `<engine>/state` (AutonomyState, latched, 2 Hz and at each decision); `data_recorder/status`
     (RecordingStatus, 2 Hz) in the engine's name space, for the time that a phase still takes.
-    Calls: `<engine>/list_missions` (ListMissions), `<engine>/select_mission` (SelectMission), `<engine>/go`, `retry`,
-    `give_up`, `hold`, `resume`, `land`, `abort`, `acknowledge` (UserCommand each). Each call has its own thread: a
-    service that hangs delays no other.
+    Calls: `<engine>/list_missions` (ListMissions), `<engine>/select_mission` (SelectMission), `<engine>/command`
+    (UserCommand). Each call has its own thread: one that hangs delays no other.
     Parameters: `~engine` (string), `~mission` (string, number or a list of them), where the command line says nothing.
 
     A master or an engine that is not there yet, goes away or comes back is waited for and found again.
@@ -150,7 +149,7 @@ class RosLink(Link):
             verdict = Verdict.DONE if reply.accepted else Verdict.REFUSED
             return AnswerCame(request.id, verdict, clean(reply.message))
         name = "" if request.command is None else request.command.value
-        reply = self._service(name, UserCommand)()
+        reply = self._service("command", UserCommand)(name)
         return AnswerCame(request.id, verdict_of(reply.answer), clean(reply.message))
 
     def _service(self, name: str, kind: Any) -> Any:

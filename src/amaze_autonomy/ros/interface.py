@@ -20,7 +20,6 @@ from amaze_autonomy.engine.events import (
     Event,
     RecordingStatus,
     Reply,
-    UserCommand,
 )
 from amaze_autonomy.interface import CHECK_ROW, COMPONENT, SERVICES, Service, Status, service_of, status_of
 
@@ -28,7 +27,6 @@ from ..engine.events import Check
 
 __all__ = [
     "SERVICE_CLASSES",
-    "USER_SERVICES",
     "age_of",
     "check_row",
     "component_state",
@@ -44,9 +42,6 @@ __all__ = [
 SERVICE_CLASSES: Dict[str, Type[Any]] = {
     name: Trigger if row.type == "Trigger" else getattr(srv, row.type) for name, row in SERVICES.items()
 }
-USER_SERVICES: Tuple[str, ...] = tuple(command.value for command in UserCommand)
-"""The user's services in the private namespace of the node, by the value of their command."""
-
 _FRAMES: Mapping[Type[Event], str] = {AutopilotStatus: "takeoff_enu"}
 """What positions in a status are measured in, by name; no tf is needed, and none published."""
 _HEALTH = ("gps", "imu", "magnetometer", "barometer", "rc", "prearm")

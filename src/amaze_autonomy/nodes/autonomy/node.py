@@ -7,7 +7,8 @@ Services it calls, topics it listens to: `interface.py`. It offers, in its priva
     /diagnostics     diagnostic_msgs/DiagnosticArray, 1 Hz
     ~list_missions   ListMissions
     ~select_mission  SelectMission
-    ~go ~retry ~give_up ~hold ~resume ~land ~abort ~acknowledge   UserCommand
+    ~command         UserCommand, by its name
+    ~go ~retry ~give_up ~hold ~resume ~land ~abort ~acknowledge   std_srvs/Trigger, the same
 
 Parameters: `parameters.py`. Exit status: `results.py`.
 """

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import threading
+from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 import rospy
+from std_srvs.srv import Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Answer, AnswerKind
@@ -23,6 +25,7 @@ from ...ros.interface import number
 __all__ = ["Unattended", "UserDesk", "choose"]
 
 _ANSWER_LIMIT_S = 3.0
+_COMMANDS: Mapping[str, UserCommand] = {command.value: command for command in UserCommand}
 
 
 def choose(missions: Sequence[Mission], ids: Sequence[str], t_ns: int, request_id: int = 0) -> Event:
@@ -59,8 +62,9 @@ class UserDesk:
             rospy.Service("~list_missions", srv.ListMissions, lambda _: self._list()),
             rospy.Service("~select_mission", srv.SelectMission, self._select),
         ]
+        self._services.append(rospy.Service("~command", srv.UserCommand, self._named))
         for command in UserCommand:
-            self._services.append(rospy.Service(f"~{command.value}", srv.UserCommand, self._handler(command)))
+            self._services.append(rospy.Service(f"~{command.value}", Trigger, partial(self._triggered, command)))
 
     def answer(self, answer: Answer) -> None:
         """Hand an answer to the user who waits for it."""
@@ -69,14 +73,22 @@ class UserDesk:
         if slot is not None:
             slot.put(answer)
 
-    def _handler(self, command: UserCommand) -> Callable[[Any], Any]:
-        def handle(_: Any) -> Any:
-            answer = self._ask(
-                lambda request_id: UserRequest(t_ns=self._now_ns(), command=command, request_id=request_id)
-            )
-            return srv.UserCommandResponse(answer=answer.answer.value, message=answer.message)
+    def _named(self, request: Any) -> Any:
+        """Carry out the command that is named."""
+        command = _COMMANDS.get(request.command)
+        if command is None:
+            message = f"there is no command {request.command!r}; there are {', '.join(_COMMANDS)}"
+            return srv.UserCommandResponse(answer=AnswerKind.REFUSED.value, message=message)
+        answer = self._command(command)
+        return srv.UserCommandResponse(answer=answer.answer.value, message=answer.message)
 
-        return handle
+    def _triggered(self, command: UserCommand, _request: Any) -> Any:
+        """Carry out a command for who has no messages of ours; what is so already has succeeded."""
+        answer = self._command(command)
+        return TriggerResponse(success=answer.answer is not AnswerKind.REFUSED, message=answer.message)
+
+    def _command(self, command: UserCommand) -> Answer:
+        return self._ask(lambda request_id: UserRequest(t_ns=self._now_ns(), command=command, request_id=request_id))
 
     def _select(self, request: Any) -> Any:
         ids = [each.strip() for each in request.mission_ids]

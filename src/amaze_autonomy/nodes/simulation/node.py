@@ -208,7 +208,7 @@ class SimulationNode:
 
 def _ask_engine(command: str) -> None:
     try:
-        rospy.ServiceProxy(f"autonomy/{command}", srv.UserCommand)()
+        rospy.ServiceProxy("autonomy/command", srv.UserCommand)(command)
     except rospy.ServiceException as error:
         rospy.logwarn("the scenario's user asked for %s: %s", command, error)
 
