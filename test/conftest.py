@@ -17,6 +17,8 @@ settings.register_profile("search", max_examples=2000, deadline=None, print_blob
 settings.register_profile(
     "mutants", derandomize=True, deadline=None, database=None, phases=(Phase.explicit, Phase.generate)
 )
+# On another version of Python: that it is the same there, not once more whether it is right.
+settings.register_profile("few", derandomize=True, deadline=None, database=None, max_examples=15)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 

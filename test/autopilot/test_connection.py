@@ -12,6 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link.wire import Wire
 
+pytestmark = pytest.mark.live
+
 KEY = bytes(range(32))
 PING = mavlink.MAVLink_ping_message(1, 2, 0, 0)
 

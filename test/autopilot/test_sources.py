@@ -156,7 +156,7 @@ def test_two_vehicles_behind_one_router_are_never_mixed(offset, rates):
     assert sources.strangers(5 * S) == ("10.0.0.1:14550, where ours is, too",)
 
 
-@pytest.mark.parametrize("seed", (10, 56, 62, 105, *range(4)))
+@pytest.mark.parametrize("seed", [10, 56, 62, 105, *range(4)])
 def test_one_vehicle_is_one_again_after_a_start_at_which_much_was_lost(seed):
     """Bursts that are lost and read late leave runs; two of one vehicle must not live beside one another for ever."""
     chance, sources = random.Random(seed), Sources()
@@ -181,7 +181,7 @@ def test_one_vehicle_is_one_again_after_a_start_at_which_much_was_lost(seed):
     assert taken == sent > 0
 
 
-@pytest.mark.parametrize("seed", (32, 61, *range(4)))
+@pytest.mark.parametrize("seed", [32, 61, *range(4)])
 def test_of_a_stranger_behind_our_address_nothing_is_believed_once_our_boot_time_is_known(seed):
     chance, sources, spoken = random.Random(seed), Sources(), []
     for who, rates in enumerate([(50, 150, 450), (1, 5, 50, 450)]):

@@ -23,6 +23,8 @@ from amaze_autonomy.bags.verify import verify
 from amaze_autonomy.bags.write import Output
 from amaze_autonomy.whole_file import temporary_name
 
+pytestmark = pytest.mark.live
+
 SOURCE = Path(__file__).parents[2] / "src"
 
 

@@ -15,6 +15,8 @@ from amaze_autonomy import paths
 from amaze_autonomy.config import ConfigError, document, load_configuration
 from amaze_autonomy.config.document import parse
 
+pytestmark = pytest.mark.long
+
 FOLDER = paths.config_folder()
 FILES = sorted(
     path.relative_to(FOLDER).as_posix() for pattern in ("*.yaml", "trajectories/*") for path in FOLDER.glob(pattern)

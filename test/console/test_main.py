@@ -15,6 +15,8 @@ from console_process import ConsoleProcess
 
 from amaze_autonomy.console.main import main
 
+pytestmark = pytest.mark.live
+
 HERE = Path(__file__).parent
 SCREEN_ON, SCREEN_OFF, CURSOR_ON = "\x1b[?1049h", "\x1b[?1049l", "\x1b[?25h"
 

@@ -10,6 +10,7 @@ import os
 from collections import Counter
 from typing import Any, Dict
 
+import pytest
 from engine_beginnings import BEGINNINGS, at
 from engine_peers import COMPONENTS, MISSION, S
 from engine_story import Story
@@ -25,6 +26,8 @@ from amaze_autonomy.engine.rules import Code, Restart, Severity
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.journal import journal
 from amaze_autonomy.journal.report import report
+
+pytestmark = pytest.mark.long
 
 STREAMS = ("watchdog", "autopilot", "planner", "recorder", "landing")
 SEARCH = os.environ.get("HYPOTHESIS_PROFILE") == "search"

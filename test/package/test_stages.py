@@ -12,7 +12,7 @@ STAGES = os.environ.get("AMAZE_STAGES")
 
 
 @pytest.mark.skipif(STAGES is None, reason="only ./run test runs other jobs before")
-@pytest.mark.parametrize("stage", ["lint", "test-py38", "test-proof", "test-ros", "test-sitl"])
+@pytest.mark.parametrize("stage", ["lint", "test-py38", "test-proof", "test-builds", "test-ros", "test-sitl"])
 def test_the_job_that_ran_before_passed(stage):
     log = Path(STAGES) / f"{stage}.log"
     status = int(log.with_suffix(".status").read_text())

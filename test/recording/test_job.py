@@ -14,6 +14,8 @@ from part_tools import FACTS, killed, two_platforms
 
 from amaze_autonomy.recording.job import run
 
+pytestmark = pytest.mark.live
+
 
 def request(session):
     return {

@@ -24,6 +24,8 @@ from amaze_autonomy.recording import parts as parts_module
 from amaze_autonomy.recording.parts import check_arrived
 from amaze_autonomy.recording.storage import PARTS
 
+pytestmark = pytest.mark.live
+
 NAME = f"amaze{os.getpid() % 10000}"
 HOST, OTHER = "10.213.7.1", "10.213.7.2"
 RATE_MB_S = 8

@@ -9,6 +9,8 @@ import pytest
 from amaze_autonomy.config.recording_schema import Transfer
 from amaze_autonomy.recording.programs import problem_of, progress_of, transfer_command
 
+pytestmark = pytest.mark.live
+
 NAMES, TARGET = Path("/here/.wanted"), Path("/here")
 S = 1_000_000_000
 

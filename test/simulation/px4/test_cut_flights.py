@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from cut_flights import CutFlights
 from soak import S
 
@@ -9,6 +10,8 @@ from amaze_autonomy.autopilot.vehicle.client import set_mode
 from amaze_autonomy.engine.events import WatchdogAction
 from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import State
+
+pytestmark = pytest.mark.long
 
 
 def test_nothing_commands_against_a_landing_and_no_landing_is_late():

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 from soak import MS, Quality, Soak
+
+pytestmark = pytest.mark.long
 
 
 def test_missions_over_a_bad_radio_are_flown_each_command_once():

@@ -9,6 +9,8 @@ import sys
 import pytest
 from udp_tools import Client, free_port
 
+pytestmark = pytest.mark.live
+
 COMMAND = [sys.executable, "-m", "amaze_autonomy.simulation.px4_udp.cli"]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 
+import pytest
 from px4_tools import QUICK
 from soak import MS, S
 from udp_tools import served
@@ -18,8 +19,14 @@ from amaze_autonomy.missions import Controller, MissionPlan, PlannerSpec, Trajec
 from amaze_autonomy.simulation.px4 import Quality
 from amaze_autonomy.simulation.px4_udp import BadRelay
 
+pytestmark = pytest.mark.live
+
 LINE = Trajectory("line.csv", (Waypoint(0.0, 0.0, 2.0, 0.0, 0.0), Waypoint(5.0, 0.0, 2.0, 0.0, 0.0)))
 SPEED = 2.0
+# A machine that has other work may let all of this stand for seconds; what is lost and cut here is what is tested.
+PATIENT = PlannerSpec(
+    transfer_limit_ns=60 * S, command_limit_ns=60 * S, vehicle_age_limit_ns=30 * S, pose_age_limit_ns=30 * S
+)
 
 
 def plan():
@@ -28,7 +35,7 @@ def plan():
 
 
 def test_a_mission_over_sockets_with_loss_jitter_and_a_cut_is_flown_once():
-    planner = Sequencer(SequencerSettings((plan(),), PlannerSpec(), QUICK.model, 2.0))
+    planner = Sequencer(SequencerSettings((plan(),), PATIENT, QUICK.model, 2.0))
     with served(speed=SPEED) as (owner, port):
         quality = Quality(loss=0.05, jitter_ns=50 * MS, cuts=((2 * S, 3 * S),))
         relay = BadRelay(("127.0.0.1", port), quality, seed=3)
@@ -46,7 +53,7 @@ def test_a_mission_over_sockets_with_loss_jitter_and_a_cut_is_flown_once():
                 assert time.monotonic() < deadline_s, loading.reason
                 link.wait_for(lambda: False, 0.3)
             assert link.ask(lambda t_ns: planner.command(t_ns, "s", MissionAction.TAKEOFF)) == ""
-            landed = link.wait_for(lambda: planner.status(time.monotonic_ns()).phase is MissionPhase.LANDED, 120.0)
+            landed = link.wait_for(lambda: planner.status(time.monotonic_ns()).phase is MissionPhase.LANDED, 300.0)
             assert landed, planner.status(time.monotonic_ns())
             assert planner.status(time.monotonic_ns()).waypoint == 2
         finally:

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from udp_tools import free_port, served
 
+pytestmark = pytest.mark.live
+
 _SEEN = ["connected", "uploaded", "armed", "took off", "flown", "landed and disarmed"]
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import time
 
+import pytest
 from udp_tools import Client, served
 
 from amaze_autonomy.simulation.px4 import BadLine, Quality
 from amaze_autonomy.simulation.px4_udp import BadRelay
+
+pytestmark = pytest.mark.live
 
 MS, S = 1_000_000, 1_000_000_000
 

@@ -11,6 +11,8 @@ from udp_tools import Client, Quick, free_port, served
 from amaze_autonomy.simulation.px4 import VehicleAddressError
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 
+pytestmark = pytest.mark.live
+
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 
 

@@ -104,8 +104,8 @@ def _is_vehicle(heartbeat: Message) -> bool:
 # one boot time. The first one heard is ours. In flight it stays ours: a stranger is never believed, and our own
 # silence is noticed although the stranger speaks. On the ground, where vehicles are exchanged and restarted, the next
 # one is ours once ours has been silent for a while. A vehicle whose address changes in flight (a router that was
-# restarted) is known by its boot time. What fits two runs alike is given to neither, unless all that came from there for
-# a while was one run: then there is one vehicle, and the other run is what lost messages left of it.
+# restarted) is known by its boot time. What fits two runs alike is given to neither, unless all that came from there
+# for a while was one run: then there is one vehicle, and the other run is what lost messages left of it.
 
 
 _S = 1_000_000_000
@@ -251,7 +251,7 @@ class Sources:
         run.hear(t_ns, sequence, None)
 
     def _one_vehicle(self, t_ns: int, fits: List[_Run]) -> Optional[_Run]:
-        """Return the run that a message goes on with when all those that it fits are one vehicle; None: they may be two."""
+        """Return the run that a message goes on with when all that it fits are one vehicle; None: they may be two."""
         first = self._ours if self._ours in fits else fits[0]
         unbroken = self._unbroken[first.place]
         if unbroken.count < _NUMBERS // 4 or t_ns - unbroken.first_ns < _LASTING_NS:
