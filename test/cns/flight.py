@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, Callable, Dict, List, Tuple
 
 from stand_ins import STAND_INS, namespace
@@ -48,24 +49,28 @@ class Flight:
         self.world = World(configuration, without=PEERS)
         self.vehicle = self.world.vehicle
         self.nodes = {kind.peer: kind(self.vehicle, **faults.get(kind.peer, {})) for kind in STAND_INS}
-        rules, streams = self.rules, configuration.streams
-        self.peers = {
-            "watchdog": Watchdog(rules, configuration.missions, streams.watchdog_action_rate_hz),
-            "landing_detection": LandingDetection(rules, streams.landing_detection_rate_hz),
-            "state_estimation": StateEstimation(rules),
-            "mission_planner": Sequencer(configuration.plans, rules.limits, streams.planner_status_rate_hz, bounds),
-            "data_recorder": Recorder({"main": "/data/main"}, 3 * S, 60 * S, streams.recorder_status_rate_hz),
-        }
+        self._bounds = bounds
+        self.peers = self._make_peers()
         self.state = EngineState()
         self.t_ns = 0
         self.decisions: List[Decision] = []
         self.notices: List[str] = []
         self.planner: List[MissionStatus] = []
         self.dead: Tuple[str, ...] = ()
+        self.away = False
         self._take(EngineStarted(t_ns=0, label="cns"))
         self.run(2 * S)
-        plan = configuration.plan(mission)
-        self._take(MissionSelected(t_ns=self.t_ns, missions=(plan.mission,)))
+        self.select(mission)
+
+    def _make_peers(self) -> Dict[str, Any]:
+        rules, streams, plans = self.rules, self.configuration.streams, self.configuration.plans
+        return {
+            "watchdog": Watchdog(rules, self.configuration.missions, streams.watchdog_action_rate_hz),
+            "landing_detection": LandingDetection(rules, streams.landing_detection_rate_hz),
+            "state_estimation": StateEstimation(rules),
+            "mission_planner": Sequencer(plans, rules.limits, streams.planner_status_rate_hz, self._bounds),
+            "data_recorder": Recorder({"main": "/data/main"}, 3 * S, 60 * S, streams.recorder_status_rate_hz),
+        }
 
     # --- what is seen ---------------------------------------------------------------------------------------------
 
@@ -87,6 +92,9 @@ class Flight:
 
     # --- time -----------------------------------------------------------------------------------------------------
 
+    def select(self, mission: str) -> None:
+        self._take(MissionSelected(t_ns=self.t_ns, missions=(self.configuration.plan(mission).mission,)))
+
     def ask(self, command: UserCommand) -> None:
         self._take(UserRequest(t_ns=self.t_ns, command=command))
 
@@ -104,6 +112,16 @@ class Flight:
         self.until(lambda: self.state.state in ENDS, limit_ns)
         return self.state.state.value
 
+    def restart(self, away_ns: int = 3 * S) -> None:
+        """Have the node that the peers are in die, and another one come that has what was kept."""
+        kept = json.loads(json.dumps({name: peer.kept() for name, peer in self.peers.items()}))
+        self.away = True
+        self.run(away_ns)
+        self.away, self.peers = False, self._make_peers()
+        for name, each in kept.items():
+            if each:
+                self.peers[name].restore(self.t_ns, each)
+
     def _step(self, t_ns: int) -> None:
         self.t_ns = t_ns
         for event in self.world.advance(t_ns):
@@ -112,6 +130,8 @@ class Flight:
         self.peers["data_recorder"].look(t_ns, "main", Folder(recorder.written, recorder.open_files))
         for name, peer in self.peers.items():
             self._exchange(t_ns, name)
+            if self.away:
+                continue
             for event in peer.step(t_ns):
                 if isinstance(event, MissionStatus):
                     self.planner.append(event)
@@ -127,6 +147,9 @@ class Flight:
             peer.alive = False
             return
         node.step(t_ns)
+        if self.away:
+            node.said, node.returned = [], []
+            return
         said, node.said = node.said, []
         returned, node.returned = node.returned, []
         for key, fields in said:
@@ -153,6 +176,8 @@ class Flight:
         service = service_of(command) if isinstance(command, Request) else None
         if service is None:
             return
+        if self.away and service.peer in self.peers:
+            return  # nobody answers: the engine's own limit ends it
         if service.peer not in self.peers:
             self.world.handle(self.t_ns, command)
             return

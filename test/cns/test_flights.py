@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import dist
+
 import pytest
 from cns_folder import write_folder
 from flight import Flight, S
@@ -50,7 +52,7 @@ def phases(flight):
 def test_a_mission_is_flown_to_its_end_with_all_five(make):
     flight = make()
     assert flight.end() == "MISSION_ENDED"
-    assert flight.state.session.result is Result.COMPLETE, flight.notices
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
     assert flight.requests() == WHOLE
     assert phases(flight) == [P.IDLE, P.LOADED, P.TAKING_OFF, P.FLYING, P.LANDING, P.LANDED]
     assert (flight.planner[-1].waypoint, flight.planner[-1].waypoints) == (4, 4)
@@ -65,7 +67,7 @@ def test_a_mission_is_flown_to_its_end_with_all_five(make):
 def test_several_files_and_repetitions_count_from_their_own_takeoffs(make):
     flight = make("2")
     assert flight.end(900 * S) == "MISSION_ENDED"
-    assert flight.state.session.result is Result.COMPLETE, flight.notices
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
     assert flight.requests() == WHOLE * 4
 
 
@@ -78,7 +80,7 @@ def test_a_component_that_comes_back_is_held_for_and_the_mission_goes_on(make):
     assert flight.planner[-1].phase is P.HOLDING
     del flight.nodes["watchdog"].failing["mission_cam"]
     assert flight.end() == "MISSION_ENDED"
-    assert flight.state.session.result is Result.COMPLETE, flight.notices
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
     assert flight.requests() == [ARM, TAKEOFF, HOLD, RESUME, LAND, DISARM]
 
 
@@ -167,13 +169,96 @@ def test_a_waypoint_that_it_skips_all_the_same_is_told(make):
     assert "its sequencer has skipped waypoint 2" in {status.message for status in flight.planner}
 
 
-def test_a_sequencer_that_is_gone_in_flight_is_missed_and_the_autopilot_lands(make):
+def test_a_sequencer_that_is_gone_in_flight_is_told_at_once_and_the_autopilot_lands(make):
     flight = make()
     flying(flight)
     flight.dead = ("mission_planner",)
+    began_ns = flight.t_ns
+    flight.until(lambda: flight.state.state is State.LAND)
+    assert (flight.t_ns - began_ns) / S == pytest.approx(0.6, abs=0.05)  # not after planner_status_limit_s
+    assert flight.planner[-1].message == "its sequencer is gone"
     flight.until(lambda: not flight.vehicle.armed)
     assert flight.requests() == [ARM, TAKEOFF]
     flight.end()
+    assert flight.state.session.result is Result.LANDED_EARLY
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_the_peers_node_started_again_in_flight_goes_on_with_the_mission(make, held):
+    flight = make()
+    flying(flight)
+    if held:
+        flight.nodes["watchdog"].failing["mission_cam"] = ERROR
+        flight.until(lambda: flight.planner[-1].phase is P.HOLDING)
+        flight.run(2 * S)
+        flight.nodes["watchdog"].failing.clear()  # while nobody hears it
+    flight.restart()
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert flight.requests() == ([ARM, TAKEOFF, HOLD, RESUME, LAND, DISARM] if held else WHOLE)
+    assert (flight.planner[-1].waypoint, flight.planner[-1].waypoints) == (4, 4)
+    assert len(flight.calls("watchdog")) == 1
+    assert [fields["data"] for _, fields in flight.calls("data_recorder")] == [True, False]
+
+
+def test_the_peers_node_started_again_while_it_stops_recording_says_what_came_of_it(make):
+    flight = make()
+    flight.until(lambda: len(flight.calls("data_recorder")) == 2)
+    flight.restart()
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert len(flight.calls("data_recorder")) == 2
+
+
+def test_the_peers_node_started_again_does_not_miss_what_has_failed_meanwhile(make):
+    flight = make()
+    flying(flight)
+    flight.nodes["watchdog"].failing["px4_imu"] = ERROR  # its log of that is heard by nobody
+    flight.restart()
+    flight.until(lambda: HOLD in flight.requests(), 2 * S)  # of what nobody names, the row of high
+    assert any("its watchdog says ERROR and its log was missed" in notice for notice in flight.notices)
+
+
+def test_the_peers_node_started_again_in_a_takeoff_whose_end_it_missed_lands(make):
+    flight = make()
+    flight.until(lambda: flight.vehicle.height_m > 0.6)
+    flight.restart()  # it comes to its height, and hovers
+    flight.end()
+    assert flight.requests() == [ARM, TAKEOFF, LAND, DISARM]
+    assert flight.state.session.result is Result.LANDED_EARLY
+
+
+def test_the_peers_node_started_again_that_missed_the_end_of_the_mission_does_not_hover_for_ever(make):
+    flight = make()
+    vehicle = flight.vehicle
+    flight.until(lambda: vehicle.reached == 3)
+    last = (vehicle.waypoints[3].x_m, vehicle.waypoints[3].y_m)
+    flight.until(lambda: dist(vehicle.position_m[:2], last) < 0.5)
+    flight.restart(4 * S)
+    assert flight.nodes["mission_planner"]._state == "hover"
+    flight.end(120 * S)
+    assert flight.requests() == WHOLE
+    assert flight.state.session.result is Result.LANDED_EARLY
+
+
+def test_the_peers_node_started_again_that_missed_a_landing_can_fly_the_next_mission(make):
+    flight = make()
+    flight.until(lambda: LAND in flight.requests() and flight.vehicle.height_m < 0.3)
+    flight.restart()
+    flight.end()
+    flight.select("1")
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE
+    assert flight.requests() == [ARM, TAKEOFF, LAND, DISARM, *WHOLE]  # its first landing ends with that DISARM
+
+
+def test_a_landing_that_is_asked_of_a_node_started_again_reaches_its_sequencer(make):
+    flight = make()
+    flying(flight)
+    flight.restart()
+    flight.ask(UserCommand.LAND)
+    flight.end()
+    assert flight.requests() == [ARM, TAKEOFF, LAND, DISARM]
     assert flight.state.session.result is Result.LANDED_EARLY
 
 

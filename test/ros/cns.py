@@ -46,8 +46,11 @@ PYTHONPATH = install(FOLDER)
 sys.path.insert(0, str(FOLDER))
 ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
 SQUARE = "x,y,z,yaw,holdtime\n0,0,1.5,0,0\n1,0,1.5,5,0\n1,1,1.5,90,0\n"
-QUICK = {  # and three limits that a machine with much else to do may stand still for
-    "autonomy.losses.planner_status_limit_s": 6.0,
+FLYING = msg.MissionStatus.FLYING
+RESTARTED = "started again: mission_planner goes on with what it knew"
+QUICK = {  # and four limits that a machine with much else to do may stand still for
+    "autonomy.losses.planner_status_limit_s": 30.0,
+    "autonomy.losses.watchdog_heartbeat_limit_s": 30.0,
     "autonomy.losses.autopilot_status_limit_s": 6.0,
     "autonomy.losses.status_max_age_s": 6.0,
     "autonomy.recording.recording_lead_s": 0.2,
@@ -84,6 +87,7 @@ class Stack:
         self.ends: Dict[str, List[Dict[str, Any]]] = {}
         self.number = 0
         self.ended = False
+        self.silent: Tuple[str, ...] = ()
         classes = _classes({**TOPICS, **SERVICES}, SERVICES)
         self.senders: Dict[str, Any] = {}
         for key, name in TOPICS.items():
@@ -140,6 +144,8 @@ class Stack:
             elif isinstance(event, (Reply, CheckReply)):
                 self.answers[event.command_id] = event
         for node in self.nodes.values():
+            if node.peer in self.silent:
+                continue
             node.step(t_ns)
             for key, fields in node.said:
                 message = self.senders[key].data_class()
@@ -185,17 +191,25 @@ class TestCns(unittest.TestCase):
         cls.stack.ended = True
         shutil.rmtree(FOLDER, ignore_errors=True)
 
-    def test_a_whole_mission_is_flown_with_all_five(self) -> None:
+    def test_a_whole_mission_is_flown_with_all_five_though_the_node_between_is_killed_in_flight(self) -> None:
         recordings = f"cns_recordings:=main={self.stack.recordings}"
         states: List[str] = []
         rospy.Subscriber("autonomy/state_name", String, lambda name: states.append(name.data))
         foreign = rospy.Publisher("landing_detection/landed", String, queue_size=1)  # somebody else's, of another type
-        shown, rows = set(), set()
+        shown, rows, phases = set(), set(), set()
+        rospy.Subscriber("mission_planner/status", msg.MissionStatus, lambda status: phases.add(status.phase))
         rospy.Subscriber("autonomy/state", msg.AutonomyState, lambda state: shown.add(state.advice))
         rospy.Subscriber("/diagnostics", DiagnosticArray, lambda all_of: rows.update(_values(all_of)))
         arguments = ("peers:=cns", "mission:=1", "unattended:=true", "exit_when_ended:=true", recordings)
         process, log = launch(*arguments, modules=PYTHONPATH)
         try:
+            wait_for(lambda: FLYING in phases, lambda: f"the mission: {log.read_text()[-3000:]}", 60.0)
+            self.stack.silent = ("mission_planner",)  # until somebody hears it
+            subprocess.run(["pkill", "-KILL", "-P", str(process.pid), "-f", "__name:=cns_peers"], check=True)
+            wait_for(lambda: process.poll() is not None or RESTARTED in log.read_text(), log.read_text, 60.0)
+            phases.clear()
+            wait_for(lambda: FLYING in phases, lambda: f"the mission: {log.read_text()[-3000:]}", 60.0)
+            self.stack.silent = ()
             wait_for(lambda: process.poll() is not None, lambda: f"the end: {log.read_text()[-3000:]}", 90.0)
         finally:
             process.terminate()

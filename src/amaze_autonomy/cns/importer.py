@@ -48,6 +48,8 @@ takeoff:
 losses:
   # seconds: its watchdog beats once a check, 0.5 to 2 Hz
   watchdog_heartbeat_limit_s: 6.0
+  # seconds: cns_peers may be started again in flight; that its sequencer is gone it says at once
+  planner_status_limit_s: 5.0
 """
 _AUTOPILOT = "# Its stack flies through mavros. Everything else: docs/configuration.md\nbackend: mavros\n"
 

@@ -116,6 +116,17 @@ class Peer:
         """Return statuses that are due and replies that have become possible."""
         raise NotImplementedError
 
+    def kept(self) -> Dict[str, Any]:
+        """Return what a process that is started again in flight must know, as JSON has it; empty: nothing."""
+        return {}
+
+    def restore(self, t_ns: int, kept: Mapping[str, Any]) -> None:
+        """Go on with what was kept.
+
+        Raises:
+            KeyError, TypeError, ValueError: Another version has kept it.
+        """
+
 
 # --- watchdog ---------------------------------------------------------------------------------------------------------
 
@@ -123,7 +134,8 @@ class Peer:
 class Watchdog(Peer):
     """Its watchdog: started once, heard by its heartbeat, known by its log.
 
-    Restarts are its own business and it says nothing of them: what a flight holds for comes back, or the wait ends.
+    Restarts of components are its own business and it says nothing of them: what a flight holds for comes back, or the
+    wait ends.
 
     Args:
         rules: severities of the components.
@@ -137,7 +149,6 @@ class Watchdog(Peer):
         self._missions = {mission.id: mission for mission in missions}
         self._own: Dict[str, Severity] = {}
         self._tolerated: Tuple[str, ...] = ()
-        self._asked_ns: Optional[int] = None
         self._calling = False
         self._problem = ""
         self._beats, self._worst, self._beat_ns = 0, int(EntityStatus.UNDEF), 0
@@ -146,11 +157,35 @@ class Watchdog(Peer):
         self._latest = ""
         self._said: Dict[str, ComponentStatus] = {}
         self._rhythm = Rhythm(rate_hz)
+        self._mission_id = ""
+        self._missed = False  # changes, while this process was not there
+
+    def kept(self) -> Dict[str, Any]:
+        """Return the rows, and how far its heartbeat and our streams have come."""
+        if not self._beats:
+            return {}
+        rows = [[*row, *said] for row, said in self._rows.items()]
+        counts = [self._beats, self._worst, self._beat_ns, self._sequence, self._informed]
+        return {"mission": self._mission_id, "counts": counts, "rows": rows}
+
+    def restore(self, t_ns: int, kept: Mapping[str, Any]) -> None:  # noqa: ARG002
+        """Go on; its start is not called again while it beats."""
+        self._take_mission(str(kept["mission"]))
+        rows = {(str(row[0]), int(row[1]), str(row[2])): (int(row[3]), str(row[4])) for row in kept["rows"]}
+        self._beats, self._worst, self._beat_ns, self._sequence, self._informed = map(int, kept["counts"])
+        self._rows, self._missed = rows, True
+
+    def _take_mission(self, mission_id: str) -> None:
+        mission = self._missions.get(mission_id, Mission(id="none"))
+        self._mission_id, self._own, self._tolerated = mission_id, dict(mission.severities), mission.tolerated
 
     def hear(self, t_ns: int, key: str, message: Any) -> None:
         """Take a heartbeat or a change."""
         if key == "heartbeat":
             self._beats, self._worst, self._beat_ns = self._beats + 1, int(message.status.status), t_ns
+            if self._missed and self._worst == EntityStatus.NOMINAL:  # whatever has failed is back
+                self._rows = {row: (self._worst, info) for row, (_, info) in self._rows.items()}
+            self._missed = False
             return
         if message.data.current:
             self._rows.clear()
@@ -159,10 +194,8 @@ class Watchdog(Peer):
             self._latest = component_of(each.entity)
 
     def returned(self, t_ns: int, key: str, response: Any, problem: str) -> None:  # noqa: ARG002
-        """Take the end of the start call; it is made again only where it cannot have reached anybody."""
+        """Take the end of the start call; it is made again only where nothing beats: none can have been started."""
         self._calling, self._problem = False, problem
-        if problem and not self._beats:
-            self._asked_ns = None
 
     def components(self) -> Tuple[ComponentStatus, ...]:
         """Return what is known of each component: the worst of its entity's topic, node and driver."""
@@ -184,13 +217,12 @@ class Watchdog(Peer):
         return self._own.get(component, known.get(component, UNLISTED))
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
-        """Start it once; then answer by what it says, at once."""
+        """Start it when it does not beat; then answer by what it says, at once."""
         assert isinstance(command, RunCheck)  # noqa: S101 - the row of the service says so
-        mission = self._missions.get(command.mission_id, Mission(id="none"))
-        self._own, self._tolerated = dict(mission.severities), mission.tolerated
+        self._take_mission(command.mission_id)
         silent = not self._beats or t_ns - self._beat_ns > self._limits.watchdog_heartbeat_limit_ns
-        if self._asked_ns is None and silent:
-            self._asked_ns, self._calling = t_ns, True
+        if silent and not self._calling:
+            self._calling = True
             startup_ns = command.startup_time_ns or self._limits.watchdog_startup_time_ns
             self.outbox.append(Call("watchdog_start", {"startup_time": startup_ns / _S}, startup_ns + 20 * _S))
         rows = self._check_rows(t_ns, command, silent=silent)
@@ -459,6 +491,21 @@ class Recorder(Peer):
         self._send(on=True)
         return None
 
+    def kept(self) -> Dict[str, Any]:
+        """Return what is recorded, and what lay in the folders before."""
+        if not self._session:
+            return {}
+        return {"session": self._session, "phase": [self._phase.name, self._message], "before": self._before}
+
+    def restore(self, t_ns: int, kept: Mapping[str, Any]) -> None:
+        """Go on; how its call ended is not known any more: what it writes is."""
+        name, message = kept["phase"]
+        phase, before = RecordingPhase[name], {str(each): int(size) for each, size in kept["before"].items()}
+        self._session, self._before, self._message = str(kept["session"]), before, str(message)
+        self._enter(t_ns, RecordingPhase.VERIFYING if phase is RecordingPhase.STOPPING else phase)
+        if phase is RecordingPhase.RECORDING:  # it was proven; whether it still is shows within its limit
+            self._grew_ns = dict.fromkeys(before, t_ns)
+
     def _send(self, *, on: bool) -> None:
         self._calling = True
         self.outbox.append(Call("record", {"data": on}, self._growth_limit_ns if on else self._stop_limit_ns))
@@ -492,7 +539,9 @@ class Recorder(Peer):
     def _incomplete(self, t_ns: int) -> str:
         """Return what is wrong with the files after the stop; empty when nothing is."""
         for name, place in self._folders.items():
-            folder = self._seen[name]
+            folder = self._seen.get(name)
+            if folder is None:
+                return f"the folder on {name} cannot be seen ({place})"
             if folder.written_bytes <= self._before.get(name, 0):
                 return f"nothing was recorded on {name} ({place})"
             if folder.open_files:

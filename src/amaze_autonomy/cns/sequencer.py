@@ -8,12 +8,13 @@ Our commands become its requests, its pairs (response, completed) become our pha
 * After the last waypoint it hovers: LAND is sent, and on the ground DISARM.
 * HOLD would interrupt its landing: it is not sent while it lands.
 * A request with another id than the mission's is answered to nobody: the id is that of the loaded mission.
+* It says nothing when it has died: in flight that is FAILED at once, so that the autopilot lands.
 """
 
 from __future__ import annotations
 
 from math import cos, degrees, dist, inf, radians, remainder, sin
-from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCommand
 from amaze_autonomy.engine.commands import Request as Command
@@ -30,6 +31,8 @@ _S = 1_000_000_000
 _REPLY_EARLY = 0.8
 _SAME_M = 0.05
 _HEADING_AGE_NS = _S
+_UNKNOWN_FLIGHT_NS = 60 * _S
+_GONE_NS, _COMES_NS = 6 * _S // 10, 3 * _S  # without a publisher of answers: in flight; after this process has begun
 _LAST_ID = 255
 _P = MissionPhase
 _IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
@@ -81,7 +84,50 @@ class Sequencer(Peer):
         self._ended: List[Event] = []
         self._rhythm = Rhythm(rate_hz)
         self._heading: Optional[Tuple[int, float]] = None
+        self._restored = False
+        self._unheard_ns: Optional[int] = None  # when the end of the mission must have been missed
+        self._gone_ns: Optional[int] = None  # when it counts as gone unless it is there again
         self.alive = True
+
+    def kept(self) -> Dict[str, Any]:
+        """Return the mission that is loaded, what was asked, and how far it has come."""
+        if self._loaded is None:
+            return {}
+        loaded, asked = self._loaded, self._asked
+        return {
+            "loaded": [loaded.session_id, loaded.mission_id, loaded.file_index, loaded.repetition],
+            "points": self._points,
+            "phase": [self._phase.name, self._before_hold.name, self._message],
+            "reached": self._reached,
+            "asked": None if asked is None else asked.name,
+            "arming_ns": self._arming_ns,
+            "landing": self._landing,
+        }
+
+    def restore(self, t_ns: int, kept: Mapping[str, Any]) -> None:
+        """Go on with the mission; what its sequencer has answered meanwhile is not known any more."""
+        session_id, mission_id, file_index, repetition = kept["loaded"]
+        if mission_id not in self._plans:
+            raise ValueError(f"there is no mission {mission_id!r} any more")
+        points = tuple(((float(x), float(y), float(z)), yaw, hold_s) for (x, y, z), yaw, hold_s in kept["points"])
+        asked, arming_ns = kept["asked"], kept["arming_ns"]
+        name, before_hold, message = kept["phase"]
+        loaded = LoadMission(
+            id=0,
+            limit_ns=1,
+            session_id=session_id,
+            mission_id=mission_id,
+            file_index=file_index,
+            repetition=repetition,
+        )
+        self._phase, self._before_hold, self._message = MissionPhase[name], MissionPhase[before_hold], str(message)
+        self._loaded, self._id, self._points, self._reached = loaded, int(mission_id), points, int(kept["reached"])
+        self._asked = None if asked is None else Request[asked]
+        self._arming_ns = None if arming_ns is None else int(arming_ns)
+        self._landing, self._gone_ns = bool(kept["landing"]), t_ns + _COMES_NS
+        self._restored = True
+        if self._phase is _P.TAKING_OFF and self._asked is Request.TAKEOFF:
+            self._fail("started again during the takeoff, whose end its sequencer says once")
 
     def turn(self, t_ns: int, heading_rad: float) -> None:
         """Take the vehicle's heading, counter-clockwise from east."""
@@ -151,12 +197,15 @@ class Sequencer(Peer):
             return f"mission {command.mission_id} has {len(plan.trajectories)} waypoint files"
         if not self.alive:
             return "its sequencer is not there"
-        if self._phase in _IN_FLIGHT:
+        if self._phase in _IN_FLIGHT and not self._restored:
             return f"its sequencer flies (phase {self._phase.name})"
         points, problem = self._points_of(t_ns, plan.trajectories[command.file_index], command)
         problem = problem or self._out_of_bounds(points)
         if problem:
             return problem
+        if self._phase in _IN_FLIGHT:  # the engine loads on the ground alone: the end of that flight was missed
+            self._ask(Request.DISARM)
+        self._restored, self._unheard_ns = False, None
         self._loaded, self._id, self._points = command, int(command.mission_id), points
         self._phase, self._message, self._reached = _P.LOADED, "", 0
         self._asked = self._arming_ns = None
@@ -219,6 +268,7 @@ class Sequencer(Peer):
         found = next((number for number, point in ahead if dist(point[0], place) <= _SAME_M), None)
         if found is None or self._phase not in _IN_FLIGHT:
             return
+        self._restored, self._unheard_ns = False, None  # what comes after this is heard
         if found > self._reached:
             self._message = f"its sequencer has skipped waypoint {self._reached + 1}"
         self._reached = found + 1
@@ -287,7 +337,8 @@ class Sequencer(Peer):
     # --- time -----------------------------------------------------------------------------------------------------
 
     def step(self, t_ns: int) -> List[Event]:
-        """Return replies and the status; none of a sequencer that is not there, which the engine then misses."""
+        """Return replies and the status; on the ground none of a sequencer that is not there."""
+        self._miss(t_ns)
         for request, command, until_ns in self._waiting:
             if t_ns >= until_ns:
                 self._ended.append(replied(command, t_ns, f"its sequencer does not answer {request.name}"))
@@ -297,9 +348,24 @@ class Sequencer(Peer):
             self._ask(Request.DISARM)
         ended, self._ended = self._ended, []
         key = (self._phase, self._message, self._reached, self._loaded)
-        if self.alive and self._rhythm.due(t_ns, key):
+        if (self.alive or self._phase is _P.FAILED) and self._rhythm.due(t_ns, key):
             ended.append(self._status(t_ns))
         return ended
+
+    def _miss(self, t_ns: int) -> None:
+        """Notice in flight that nobody says what comes next: nobody is there, or it was said while we were not."""
+        if self._restored and self._phase is _P.FLYING and self._loaded is not None:
+            if self._unheard_ns is None:
+                duration_s = self._plans[self._loaded.mission_id].mission.estimated_duration_s
+                self._unheard_ns = t_ns + (_UNKNOWN_FLIGHT_NS if duration_s is None else round(duration_s * _S))
+            elif t_ns >= self._unheard_ns:
+                self._fail("its sequencer has said nothing since this node was started again")
+        if self.alive:
+            self._gone_ns = None
+        elif self._gone_ns is None:
+            self._gone_ns = t_ns + _GONE_NS
+        elif t_ns >= self._gone_ns and self._phase in _IN_FLIGHT:
+            self._fail("its sequencer is gone")
 
     def _status(self, t_ns: int) -> MissionStatus:
         loaded, many = self._loaded, len(self._points)

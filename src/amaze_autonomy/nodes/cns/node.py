@@ -9,11 +9,14 @@ those of `node_main.py`:
 ~recordings          where their recorder writes: platform=[host:]folder, with semicolons between; empty: recording.yaml
 ~bounds              of the sequencer's waypoints: least x, y, z and most x, y, z in metres; empty: not checked
 ~waypoint_reference  what its waypoints count from, as its message numbers it; 1 is where it started
+
+A node that is started again in flight goes on with what the last one has kept in ROS_HOME.
 """
 
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import shlex
 import subprocess
@@ -44,12 +47,15 @@ from amaze_autonomy.interface import SERVICES as OURS
 from amaze_autonomy.interface import STATUSES, Service, status_of
 from amaze_autonomy.monitoring.readings import estimate_reader
 
+from ...autopilot.link.state_files import read_kept
 from ...ros.clock import Clock
 from ...ros.errors import CallError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, ros_time, status_message
 from ...ros.node_main import run_node
 from ...ros.service_client import ServiceClient
 from ...ros.threads import Periodic, Workers
+from ...whole_file import temporary_name
+from ..autonomy.run_folder import boot_id, default_parent
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES
 
 __all__ = ["CnsPeersNode", "main"]
@@ -61,6 +67,7 @@ _LOOK_NS = _S // 2
 _SSH_S = 4.0
 _LONGEST_ANSWER_S = 120.0
 _CORNERS = 6
+_FORGOTTEN_NS, _STAMP_NS = 20 * _S, _S
 
 
 class CnsPeersNode:
@@ -79,6 +86,8 @@ class CnsPeersNode:
         names = _peer_names()
         self._folders = _folders(configuration)
         self._peers: Dict[str, Peer] = {name: self._peer(name) for name in names}
+        self._memory = Memory(default_parent() / f"{rospy.get_name().strip('/').replace('/', '.')}.json")
+        self._memory.restore(clock.now_ns(), self._peers)
         self._prefix = str(rospy.get_param("~cns_namespace", "")).rstrip("/")
         self._topics = {key: name for key, name in TOPICS.items() if name.peer in names}
         services = {key: name for key, name in SERVICES.items() if name.peer in names}
@@ -148,6 +157,8 @@ class CnsPeersNode:
     def _send(self, peer: str) -> None:
         """Send what a peer has in its outbox; under the lock, so that requests keep their order."""
         outbox, self._peers[peer].outbox = self._peers[peer].outbox, []
+        if outbox:
+            self._memory.keep(self._clock.now_ns(), self._peers)  # what was asked is known after whatever happens next
         for each in outbox:
             if isinstance(each, Publish):
                 self._senders[each.key].publish(self._message(each))
@@ -211,6 +222,7 @@ class CnsPeersNode:
                     message = status_message(event, self._clock.ros_ns())
                     self._statuses[status_of(event).topic].publish(message)
             self._send(name)
+        self._memory.keep(now_ns, self._peers)
 
     def _notice(self, name: str, peer: Peer) -> None:
         """Notice whether anybody is there to say what comes next."""
@@ -248,6 +260,56 @@ def _deadline_s(limit_ns: int) -> float:
     import time  # noqa: PLC0415 - the clock of sockets, which no other line here reads
 
     return time.monotonic() + limit_ns / _S
+
+
+# --- memory -----------------------------------------------------------------------------------------------------------
+
+
+class Memory:
+    """What the peers must know of a flight, in a file for a process that is started again.
+
+    It is for the end of a process, not of the computer: it is not put on the disk, and of no worth after a boot, nor
+    when it is old: then nobody says that it is the same flight.
+
+    Args:
+        path: of the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._boot = path, boot_id()
+        self._last, self._stamp_ns = "", 0
+
+    def keep(self, t_ns: int, peers: Mapping[str, Peer]) -> None:
+        """Write what is to be kept when it has changed, and once a second that it still holds."""
+        kept = {name: each for name, each in ((name, peer.kept()) for name, peer in peers.items()) if each}
+        text = json.dumps(kept, sort_keys=True)
+        if text == self._last and (not kept or t_ns - self._stamp_ns < _STAMP_NS):
+            return
+        part = temporary_name(self._path)
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_text(json.dumps({"boot": self._boot, "t_ns": t_ns, "peers": kept}), encoding="utf-8")
+            part.replace(self._path)
+        except OSError as error:
+            rospy.logwarn_throttle(60.0, f"{error}; started again in flight, this node will not know the mission")
+            return
+        self._last, self._stamp_ns = text, t_ns
+
+    def restore(self, t_ns: int, peers: Mapping[str, Peer]) -> None:
+        """Have the peers go on with what was kept, where it is of this flight."""
+        found = read_kept(self._path)
+        kept, then_ns = found.get("peers"), found.get("t_ns")
+        if found.get("boot") != self._boot or not isinstance(kept, dict) or not isinstance(then_ns, int):
+            return
+        if not 0 <= t_ns - then_ns <= _FORGOTTEN_NS:
+            return
+        for name, each in kept.items():
+            try:
+                peers[name].restore(t_ns, each)
+            except (KeyError, TypeError, ValueError) as error:
+                rospy.logwarn("%s: what was kept of %s is not understood: %r", self._path, name, error)
+            else:
+                rospy.logwarn("started again: %s goes on with what it knew %.1f s ago", name, (t_ns - then_ns) / _S)
 
 
 # --- parameters -------------------------------------------------------------------------------------------------------
