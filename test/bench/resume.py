@@ -43,8 +43,8 @@ def starts(journal: Path) -> List[EngineStarted]:
     """Return every start of the engine that is on the disk."""
     text = journal.read_text()
     lines = text[: text.rfind("\n") + 1].splitlines()
-    events = (decode(line, number).payload for number, line in enumerate(lines, 1))
-    return [event for event in events if isinstance(event, EngineStarted)]
+    found = [decode(line).payload for line in lines if '"event":"EngineStarted","kind":"event"' in line]
+    return [event for event in found if isinstance(event, EngineStarted)]
 
 
 def resumed_s(node: Node, journal: Path) -> float:

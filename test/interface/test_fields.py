@@ -159,3 +159,17 @@ def test_texts_of_peers_are_cut_in_statuses_lists_and_parts():
     found = next(each for each in STATUSES if each.topic == "watchdog/info").read(message, 5, 0)
     assert [len(each) for each in (found.changed[0], found.components[0].reason)] == [MOST_TEXT, MOST_TEXT]
     assert len(encode_event(found)) < 3 * MOST_TEXT
+
+
+def test_numbers_are_published_in_steps_that_mean_something():
+    status = next(each for each in STATUSES if each.event is ev.AutopilotStatus)
+    noise = {
+        "height_m": 1.5050423885695636,
+        "battery_fraction": 0.98044,
+        "battery_voltage_v": nan,
+        "position_x_m": None,
+    }
+    event = ev.AutopilotStatus(t_ns=0, armed=True, landed=ev.VehicleLanded.IN_AIR, mode="", **noise)
+    message = status.write(event, classes)
+    assert (message.height, message.battery_fraction, message.position_valid) == (1.505, 0.9804, False)
+    assert isnan(message.battery_voltage)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import enum
 import json
 import typing
-from dataclasses import fields, is_dataclass
+from contextlib import suppress
+from dataclasses import fields, is_dataclass, replace
 from math import inf, nan
 
 import pytest
@@ -16,6 +17,7 @@ from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Decision, Value
 from amaze_autonomy.engine.events import Check, CheckName, Mission, Verdict
 from amaze_autonomy.engine.rules import Code, ComponentRule, Limits, Restart, Rules, Severity
+from amaze_autonomy.interface import STATUSES
 from amaze_autonomy.journal import journal
 
 EVENT_CLASSES = [
@@ -245,3 +247,98 @@ def test_a_journal_without_lines_or_header_is_refused():
         journal.read("")
     with pytest.raises(journal.JournalError, match="line 1: the first line is no header"):
         journal.read(f"{GOOD_TICK}\n")
+
+
+# --- delta lines ------------------------------------------------------------------------------------------------------
+
+STATUS_CLASSES = [kind for kind in EVENT_CLASSES if kind.__name__ in journal.DELTA_LETTERS.values()]
+
+
+def delta_lines(some):
+    encoder = journal.DeltaEncoder()
+    return [encoder.encode(event) for event in some]
+
+
+def full_lines(lines):
+    decoder = journal.DeltaDecoder()
+    return [decoder.full(line) for line in lines]
+
+
+def test_what_comes_all_the_time_has_a_letter():
+    assert {status.event.__name__ for status in STATUSES} == set(journal.DELTA_LETTERS.values())
+
+
+@st.composite
+def streams(draw):
+    """Return events as a flight has them: often with some of the fields of the last of its kind."""
+    last, stream = {}, []
+    for _ in range(draw(st.integers(1, 12))):
+        kind = draw(st.sampled_from(STATUS_CLASSES) | st.sampled_from(EVENT_CLASSES))
+        event = draw(instances_of(kind))
+        if kind in last and draw(st.booleans()):
+            kept = draw(st.sets(st.sampled_from([field.name for field in fields(kind)])))
+            with suppress(ValueError):  # of two that do not go together
+                event = replace(last[kind], **{name: getattr(event, name) for name in kept})
+        last[kind] = event
+        stream.append(event)
+    return stream
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+@given(streams())
+def test_full_lines_are_made_of_delta_lines_to_the_byte(stream):
+    assert full_lines(delta_lines(stream)) == [journal.encode_event(event) for event in stream]
+
+
+def heartbeat(number, code=Code.NOMINAL):
+    t_ns, sequence, loops = 10**12 + 200_000_000 * number, 100 + number, 1000 + 10 * number
+    return events.WatchdogAction(t_ns=t_ns, sequence=sequence, loop_counter=loops, code=code)
+
+
+def test_a_delta_line_says_which_numbers_are_others():
+    lines = delta_lines([heartbeat(0), heartbeat(1), heartbeat(2, Code.HOLD), heartbeat(3)])
+    assert lines[1] == '{"W":"12+10 4+1 2+200000000 49a4"}'
+    assert lines[2] == journal.encode_event(heartbeat(2, Code.HOLD)), "what changes in words stands in full"
+    assert lines[3] == journal.encode_event(heartbeat(3))
+
+
+def test_a_number_of_single_precision_takes_no_more_digits_than_it_has():
+    metres = (1.0, 4.984846115112305, 0.1, 1e300, None)
+    heights = [events.LandedStatus(t_ns=1, landed=events.Landed.AIRBORNE, distance_m=each) for each in metres]
+    lines = delta_lines(heights)
+    assert [line[6:-7] for line in lines[1:]] == ["3~4.984846", "3=0.1", "3=1e+300", "3=null"]
+    assert full_lines(lines) == list(map(journal.encode_event, heights))
+
+
+def test_a_status_stands_in_full_now_and_then():
+    lines = delta_lines(map(heartbeat, range(1000)))
+    assert [number for number, line in enumerate(lines) if '"kind"' in line] == [0, 301, 602, 903]
+
+
+@pytest.mark.parametrize("damage", ["missing", "another", "edited"])
+def test_a_delta_line_that_rests_on_another_line_is_refused(damage):
+    lines = [GOOD_HEADER, *delta_lines(map(heartbeat, range(5)))]
+    if damage == "missing":
+        del lines[3]
+    elif damage == "another":
+        lines[1] = journal.encode_event(heartbeat(7))
+    else:
+        lines[3] = lines[3].replace("+10", "+20")
+    with pytest.raises(journal.JournalError, match=r"line \d: says what differs from a line that is not there \(a gap"):
+        journal.read("".join(f"{line}\n" for line in lines))
+    with pytest.raises(journal.JournalError, match="a delta line, which says nothing alone"):
+        journal.decode(lines[-1])
+
+
+def test_a_delta_line_at_the_end_may_be_cut_off():
+    lines = [GOOD_HEADER, *delta_lines(map(heartbeat, range(3)))]
+    text = "".join(f"{line}\n" for line in lines)[:-3]
+    found = journal.read(text)
+    assert (len(found.lines), found.truncated) == (3, True)
+
+
+def test_behind_a_gap_that_is_known_full_lines_are_written():
+    encoder = journal.DeltaEncoder()
+    encoder.encode(heartbeat(1))
+    encoder.forget()
+    assert encoder.encode(heartbeat(2)) == journal.encode_event(heartbeat(2))

@@ -12,6 +12,9 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from amaze_autonomy.engine.events import WatchdogAction
+from amaze_autonomy.engine.rules import Code
+from amaze_autonomy.journal.journal import DeltaEncoder, read
 from amaze_autonomy.nodes.autonomy import run_folder
 from amaze_autonomy.nodes.autonomy.run_folder import create, reopen
 from amaze_autonomy.ros.errors import StartError
@@ -114,14 +117,24 @@ def test_it_does_not_try_a_full_disk_at_every_line(tmp_path, journal, monkeypatc
     assert lines(tmp_path) == [HEADER, "a", "b", ""]
 
 
-def test_what_is_kept_for_a_disk_has_a_limit_and_the_gap_is_said(journal, monkeypatch):
-    FullDisk(monkeypatch, 0)
-    monkeypatch.setattr(run_folder, "_MOST_KEPT", 100)
-    for _ in range(20):
-        journal.append("x" * 9)
+def test_what_is_kept_for_a_disk_has_a_limit_and_what_is_behind_the_gap_can_be_read(tmp_path, monkeypatch):
+    journal, encoder = create(tmp_path, '{"kind":"header","version":1}'), DeltaEncoder()
+    disk = FullDisk(monkeypatch, 0)
+    monkeypatch.setattr(run_folder, "_MOST_KEPT", 1000)
+    heartbeats = [WatchdogAction(t_ns=n, sequence=n, loop_counter=n, code=Code.NOMINAL) for n in range(100, 150)]
+    given_up = 0
+    for number, event in enumerate(heartbeats):
+        if journal.append(encoder.encode(event)) is None:
+            encoder.forget()
+            given_up = number
         journal.flush()
+        assert journal._kept_bytes <= 1000
     assert journal.gap
-    assert journal._kept_bytes <= 100
+    disk.free = 10_000
+    journal.close()
+    found = read((tmp_path / "journal.jsonl").read_text())
+    assert [line.payload for line in found.lines[1:]] == heartbeats[given_up + 1 :]
+    assert 0 < given_up < 49
 
 
 def removed(folder):

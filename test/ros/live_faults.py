@@ -90,8 +90,9 @@ def _way(journal: Path) -> List[str]:
     """Return the states of a journal, in their order."""
     if not journal.exists():
         return []
-    rows = (json.loads(line) for line in journal.read_text(encoding="utf-8").splitlines())
-    steps = [row for row in rows if row["kind"] == "decision" and row["before"] != row["after"]]
+    lines = journal.read_text(encoding="utf-8").splitlines()
+    rows = [json.loads(line) for line in lines if '"kind":"decision"' in line]
+    steps = [row for row in rows if row["before"] != row["after"]]
     return [key for key, _ in itertools.groupby(row["after"] for row in steps)]
 
 

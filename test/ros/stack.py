@@ -26,7 +26,7 @@ from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.interface import SERVICES
-from amaze_autonomy.journal.journal import decode
+from amaze_autonomy.journal.journal import read
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.journal_laws import check_laws, law_lines
 from amaze_autonomy.replay.journals import read_journals
@@ -281,8 +281,8 @@ class Stack:
         """Every event and decision that is on the disk."""
         path = self.output / "journal.jsonl"
         text = path.read_text() if path.exists() else ""
-        lines = text[: text.rfind("\n") + 1].splitlines()
-        return [decode(line, number).payload for number, line in enumerate(lines, 1)]
+        whole = text[: text.rfind("\n") + 1]
+        return [line.payload for line in read(whole).lines] if whole else []
 
     def check_laws(self) -> None:
         """Assert that no law was broken at any event of any journal of this test."""

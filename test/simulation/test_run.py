@@ -14,6 +14,7 @@ from amaze_autonomy.engine.commands import (
     AnswerKind,
     AutopilotDisarm,
     AutopilotLand,
+    Decision,
     Level,
     MissionCommand,
     Notify,
@@ -78,6 +79,25 @@ def test_a_nominal_mission_is_nominal(configuration, mission_id, seed):
 def events_of(result):
     lines = journal.read("".join(line + "\n" for line in result.lines)).lines
     return [line.payload for line in lines if isinstance(line.payload, Event)]
+
+
+@pytest.mark.parametrize("name", ["", *STORIES])
+def test_a_journal_of_delta_lines_decides_the_same(flown, name):
+    """The law of the journal's short form: events and decisions of every flight, bit for bit."""
+    whole = flown(name).lines
+    payloads = [journal.decode(line).payload for line in whole]
+    encoder = journal.DeltaEncoder()
+    written = [encoder.encode(each) if isinstance(each, Event) else line for each, line in zip(payloads, whole)]
+    again = journal.read("".join(f"{line}\n" for line in written))
+    assert [line.payload for line in again.lines] == payloads
+    rules, state, decided = journal.rules_of(again.lines[0]), EngineState(), []
+    for line in again.lines:
+        if isinstance(line.payload, Event):
+            state, commands = decide(state, line.payload, rules)
+            decided += [journal.encode_decision(each) for each in commands if isinstance(each, Decision)]
+    assert decided == [line for line in whole if '"kind":"decision"' in line]
+    statuses = [len(line) for line in whole if '"t_ns"' in line and '"kind":"event"' in line and "Status" in line]
+    assert sum(statuses) > 3 * sum(len(line) for line in written if line[3] == '"')
 
 
 def test_a_mission_takes_as_long_as_its_estimate_says(configuration):

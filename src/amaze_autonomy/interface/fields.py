@@ -7,7 +7,7 @@ A field is called in the message as in the type, without its unit (`height_m`: `
 | `str` | the same, cut at `MOST_TEXT` characters | |
 | `bool`, `int`, `float` | the same | |
 | an enum | its number; that of a text is its place in the enum | is refused, with the field's name |
-| `Optional[float]`, `Figure` | a number | NaN and infinity are None; None is NaN |
+| `Optional[float]`, `Figure` | a number, written in steps (`_STEPS`) | NaN and infinity are None; None is NaN |
 | `int` in nanoseconds (`_ns`) | seconds | |
 | `Optional[int]` in nanoseconds | seconds from now | NaN, infinity and decades are None; None is NaN |
 | `Tuple[X, ...]` | a list | |
@@ -38,6 +38,8 @@ MOST_TEXT = 1000
 """Characters of a text of a peer that are kept: each stands in the journal, and in what people are shown."""
 
 _UNITS = ("_m_s", "_ns", "_m", "_s", "_v")
+_STEPS: Mapping[str, int] = {"_m": 3, "_m_s": 3, "_s": 3, "_v": 3, "_fraction": 4, "_rate": 0}
+"""Decimals by the end of a field's name: what no sensor of a vehicle knows is noise, in every recording and journal."""
 _FAR_S = 1e9  # further away than this is nonsense, not a time
 _FIRST: Mapping[Type[Enum], int] = {Verdict: 1}
 """Where the numbers of an enum of texts begin, if not with 0."""
@@ -147,7 +149,7 @@ def _ways(hint: Any, name: str, at: str, shapes: Mapping[Any, Shape[Any]]) -> Tu
     if name.endswith("_ns"):
         return (_duration_ns, lambda value, *_: value * 1e-9) if inner is None else (_moment_ns, _moment_s)
     if inner is float:
-        return _known, lambda value, *_: nan if value is None else value
+        return _known, _rounded(next((decimals for unit, decimals in _STEPS.items() if name.endswith(unit)), None))
     kind = hint if inner is None else inner
     if kind is str:
         return lambda value, _: text(value), lambda value, *_: value or ""
@@ -168,6 +170,12 @@ def _moment_s(moment_ns: Optional[int], now_ns: int, _: Classes) -> float:
 
 def _known(value: float, _: int) -> Optional[float]:
     return float(value) if isfinite(value) else None
+
+
+def _rounded(decimals: Optional[int]) -> Write:
+    if decimals is None:
+        return lambda value, *_: nan if value is None else value
+    return lambda value, *_: nan if value is None else round(value, decimals)
 
 
 @lru_cache(maxsize=None)

@@ -8,16 +8,22 @@ the same bytes on every Python. Wall time stands in the header only.
     {"command":"GO","event":"UserRequest","kind":"event","request_id":0,"t_ns":12}
     {"after":"...","before":"...","commands":[],"event":"UserRequest","kind":"decision",...}
 
+The engine writes statuses as delta lines where nothing but numbers has changed (below); `read`, which reads a whole
+journal, makes full lines of them again.
+
 Adding a field with a default keeps old journals readable; any other change needs a new `VERSION`.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, fields
 from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore[attr-defined]
 from math import isfinite
+from struct import pack, unpack
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple, Union
+from zlib import crc32
 
 from ..engine import events as _events
 from ..engine.commands import Decision
@@ -26,7 +32,10 @@ from ..engine.rules import Rules
 from .codec import CodecError, Form, form_of, from_plain, to_plain
 
 __all__ = [
+    "DELTA_LETTERS",
     "VERSION",
+    "DeltaDecoder",
+    "DeltaEncoder",
     "Journal",
     "JournalError",
     "JournalLine",
@@ -180,11 +189,13 @@ def rules_of(line: JournalLine) -> Rules:
 
 
 def decode(line: str, line_number: int = 1) -> JournalLine:
-    """Read one line of a journal.
+    """Read one full line of a journal.
 
     Raises:
-        JournalError: It is not a line that this module writes.
+        JournalError: It is not a line that this module writes, or a delta line.
     """
+    if _DELTA_LINE.fullmatch(line):
+        raise JournalError("a delta line, which says nothing alone", line_number, "read the whole journal")
     data = _parse(line, line_number)
     kind = data.pop("kind", None)
     try:
@@ -207,11 +218,14 @@ def read(text: str) -> Journal:
     """
     parts = text.split("\n")
     last = parts.pop()
-    lines: List[JournalLine] = [decode(part, number) for number, part in enumerate(parts, 1) if part.strip()]
+    full = DeltaDecoder().full
+    lines: List[JournalLine] = [
+        decode(full(part, number), number) for number, part in enumerate(parts, 1) if part.strip()
+    ]
     if not last:
         return _with_header(lines, truncated=False)
     try:
-        lines.append(decode(last, len(parts) + 1))
+        lines.append(decode(full(last, len(parts) + 1), len(parts) + 1))
     except JournalError:
         return _with_header(lines, truncated=True)
     return _with_header(lines, truncated=False)
@@ -291,3 +305,153 @@ def _checked_header(data: Dict[str, Any], line_number: int) -> Dict[str, Any]:
 for _kind in _EVENTS.values():
     if {"kind", "event"} & {field.name for field in fields(_kind)}:
         raise TypeError(f"{_kind.__name__}: no field may be called kind or event, the journal's lines use them")
+
+
+# --- delta lines ------------------------------------------------------------------------------------------------------
+# Most of a flight is statuses that say the same again. Where nothing but numbers differs from the last status of its
+# kind, a delta line says which, by their places in the line, and how much: exactly the full line can be made of it.
+#
+# An example: {"W":"1=431809 11+32 4+1 2+199826809 1906"}
+#
+# W is WatchdogAction. Each number stands so many values behind the last one: `=` it is this, `+` and `-` it is an
+# integer and grew by this, `~` it is the float that is nearest to this in single precision. At the end four digits of
+# the CRC of the full line: a delta line behind a gap, or behind a line that was changed, is noticed. What changes in
+# words stands in full, and so does a status now and then, so that a gap does not take all that follows.
+
+
+DELTA_LETTERS: Mapping[str, str] = {
+    "A": "AutopilotStatus",
+    "I": "WatchdogInfo",
+    "L": "LandedStatus",
+    "M": "MissionStatus",
+    "R": "RecordingStatus",
+    "W": "WatchdogAction",
+}
+"""The kinds of event that come all the time, and their letters in delta lines."""
+
+_MOST_DELTAS = 300  # in a row: a minute at 5 Hz
+_LETTERS = {_EVENTS[name]: letter for letter, name in DELTA_LETTERS.items()}
+_LETTER_OF_NAME = {name: letter for letter, name in DELTA_LETTERS.items()}
+_VALUES = re.compile(r'("(?:[^"\\]|\\.)*"|[^,:\[\]{}"]+)')  # every second part of a split
+_NUMBER = re.compile(r"(-?\d+)(\.\d+)?(e[+-]?\d+)?|null")
+_DELTA_LINE = re.compile(r'\{"([A-Z])":"((?:\d+[-+=~][^ "]+ )*)([0-9a-f]{4})"\}')
+_DELTA = re.compile(r"(\d+)([-+=~])([^ ]+) ")
+_EVENT_NAME = re.compile(r'"event":"(\w+)"')
+
+
+class DeltaEncoder:
+    """Writes the lines of events for one file, in their order."""
+
+    def __init__(self) -> None:
+        self._last: Dict[str, Tuple[List[str], int]] = {}
+
+    def forget(self) -> None:
+        """Write full lines next: what was written last is not in the file."""
+        self._last.clear()
+
+    def encode(self, event: Event) -> str:
+        """Return the line of an event, a delta line where that will do.
+
+        Raises:
+            JournalError: It is not an event of `events.py`, or a field holds what its annotation forbids.
+        """
+        line = encode_event(event)
+        letter = _LETTERS.get(type(event))
+        if letter is None:
+            return line
+        parts = _VALUES.split(line)
+        before, count = self._last.get(letter, ([], _MOST_DELTAS))
+        deltas = _deltas(before, parts) if count < _MOST_DELTAS else None
+        self._last[letter] = parts, 0 if deltas is None else count + 1
+        return line if deltas is None else f'{{"{letter}":"{deltas}{_check(line)}"}}'
+
+
+class DeltaDecoder:
+    """Makes full lines of the lines of one file, in their order."""
+
+    def __init__(self) -> None:
+        self._last: Dict[str, List[str]] = {}
+
+    def full(self, line: str, line_number: Optional[int] = None) -> str:
+        """Return the full line of a line; one that is no delta line is full.
+
+        Raises:
+            JournalError: A delta line says what differs from a line that is not there.
+        """
+        found = _DELTA_LINE.fullmatch(line)
+        if found is None:
+            name = _EVENT_NAME.search(line) if '"kind":"event"' in line else None
+            letter = "" if name is None else _LETTER_OF_NAME.get(name.group(1), "")
+            if letter:
+                self._last[letter] = _VALUES.split(line)
+            return line
+        letter, deltas, check = found.groups()
+        parts = self._last.pop(letter, [])
+        try:
+            full = _applied(parts, deltas)
+        except (IndexError, ValueError, OverflowError):
+            full = ""
+        if _check(full) != check or not full:
+            raise JournalError("says what differs from a line that is not there", line_number, "a gap, or damaged")
+        self._last[letter] = parts
+        return full
+
+
+def _deltas(before: List[str], parts: List[str]) -> Optional[str]:
+    """Return what differs; None when more than numbers does."""
+    if len(before) != len(parts):
+        return None
+    deltas, place = "", 0
+    for index, (old, new) in enumerate(zip(before, parts)):
+        if old != new:
+            if not (index % 2 and _NUMBER.fullmatch(old) and _NUMBER.fullmatch(new)):
+                return None
+            deltas += f"{index // 2 - place}{_delta(old, new)} "
+            place = index // 2
+    return deltas
+
+
+def _delta(old: str, new: str) -> str:
+    """Return the shortest words for a number."""
+    words = f"={new}"
+    grown = f"{int(new) - int(old):+d}" if _is_integer(old) and _is_integer(new) else _single(new)
+    return grown if grown and len(grown) < len(words) else words
+
+
+def _is_integer(text: str) -> bool:
+    return text.lstrip("-").isdigit()
+
+
+def _single(text: str) -> str:
+    """Return a number of single precision in as few digits as that takes; empty when it is not one."""
+    if "." not in text:
+        return ""
+    for digits in (6, 7, 8, 9):
+        short = f"{float(text):.{digits}g}"
+        if _double(short) == text:
+            return f"~{short}"
+    return ""
+
+
+def _double(short: str) -> str:
+    """Return the number of single precision that is nearest, in all its digits."""
+    try:
+        return repr(unpack("f", pack("f", float(short)))[0])
+    except OverflowError:
+        return ""
+
+
+def _applied(parts: List[str], deltas: str) -> str:
+    place = 0
+    for step, kind, words in _DELTA.findall(deltas):
+        place += int(step)
+        index = 2 * place + 1
+        if kind == "=":
+            parts[index] = words
+        else:
+            parts[index] = _double(words) if kind == "~" else str(int(parts[index]) + int(kind + words))
+    return "".join(parts)
+
+
+def _check(line: str) -> str:
+    return f"{crc32(line.encode()) & 0xFFFF:04x}"

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple, TypeVar
 
 from amaze_autonomy.bags import BagError, Recording
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionRejected, MissionSelected, Shutdown, UserRequest
 from amaze_autonomy.engine.state import evolve
 
-from ..journal.journal import Journal, JournalError, decode, read
+from ..journal.journal import DeltaDecoder, Journal, JournalError, decode, read
 from .errors import JournalGapError, ReplayError
 
-__all__ = ["JOURNAL_KIND", "FlightLog", "lines_of_bag", "read_journals", "read_log"]
+__all__ = ["JOURNAL_KIND", "FlightLog", "read_journals", "read_log"]
 
+
+T = TypeVar("T", Event, Decision)
 
 JOURNAL_KIND = "amaze_autonomy/JournalEntry"
 _BAG_MAGIC = b"#ROSBAG"
@@ -48,34 +50,40 @@ def read_journals(path: Path, topic: str = "") -> Tuple[Journal, ...]:
 
 def _journals_of_bag(path: Path, topic: str) -> Tuple[Journal, ...]:
     with Recording(path) as recording:
-        entries = lines_of_bag(recording, topic or _journal_topic(recording))
-    runs: List[Dict[int, str]] = []
-    for _, sequence, line in entries:
-        if not runs or (sequence == 0 and runs[-1].get(0, line) != line):
-            runs.append({})  # a new journal; the same line again is a message that was recorded twice
-        if runs[-1].setdefault(sequence, line) != line:
-            raise JournalGapError(f"{path}: line {sequence + 1} of the journal is there twice, with two contents")
+        runs = _runs((recording,), topic or _journal_topic(recording))
     if not runs:
         raise JournalGapError(f"{path}: the journal's topic has no messages; take the journal from disk")
     return tuple(read("".join(f"{line}\n" for line in _whole(path, run))) for run in runs)
 
 
-def _whole(path: Path, run: Dict[int, str]) -> List[str]:
+def _runs(recordings: Sequence[Recording], topic: str, *, strict: bool = True) -> List[Dict[int, Tuple[int, str]]]:
+    """Return for each journal its lines by their numbers, each with the time at which it was recorded first.
+
+    Raises:
+        JournalGapError: A line is there twice, with two contents; unless it is not `strict`.
+        MessageError: A message is damaged.
+    """
+    runs: List[Dict[int, Tuple[int, str]]] = []
+    for recording, entry in ((each, entry) for each in recordings for entry in each.entries(topic)):
+        message = recording.message(entry)
+        number, line = int(message.sequence), str(message.line)
+        if not runs or (number == 0 and runs[-1].get(0, (0, line))[1] != line):
+            runs.append({})  # a new journal; the same line again is a message that was recorded twice
+        t_ns, known = runs[-1].get(number, (entry.t_ns, line))
+        if strict and known != line:
+            raise JournalGapError(
+                f"{recording.path}: line {number + 1} of the journal is there twice, with two contents"
+            )
+        runs[-1][number] = min(t_ns, entry.t_ns), known
+    return runs
+
+
+def _whole(path: Path, run: Dict[int, Tuple[int, str]]) -> List[str]:
     """Return the lines of a journal in their order; none may be missing."""
     for number, sequence in enumerate(sorted(run)):
         if number != sequence:
             raise _gap(path, number, sequence)
-    return [run[sequence] for sequence in sorted(run)]
-
-
-def lines_of_bag(recording: Recording, topic: str) -> List[Tuple[int, int, str]]:
-    """Return time of recording, sequence and text of each line, in the order in which they were recorded.
-
-    Raises:
-        MessageError: A message is damaged.
-    """
-    read = ((entry.t_ns, recording.message(entry)) for entry in recording.entries(topic))
-    return [(t_ns, int(message.sequence), str(message.line)) for t_ns, message in read]
+    return [run[sequence][1] for sequence in sorted(run)]
 
 
 def _gap(path: Path, first: int, found: int) -> JournalGapError:
@@ -131,15 +139,20 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
         MessageError: A message is damaged.
     """
     label = ""
-    found: Dict[int, Event] = {}
-    decided: Dict[int, Decision] = {}
+    asked: List[Event] = []
+    made: List[Decision] = []
     ways: List[int] = []
     last_ns = 0
-    for recording in recordings:
-        for t_ns, sequence, line in lines_of_bag(recording, topic):
-            event = decode(line, sequence + 1).payload
+    for run in _runs(recordings, topic, strict=False):
+        decoder = DeltaDecoder()
+        for number, (t_ns, text) in sorted(run.items()):
+            try:
+                line = decoder.full(text)
+            except JournalError:  # behind lines that were not recorded: a status, which is recorded itself
+                continue
+            event = decode(line, number + 1).payload
             if isinstance(event, Decision):
-                decided[sequence] = event
+                made.append(event)
             if not isinstance(event, Event):
                 continue
             ways.append(t_ns - event.t_ns)
@@ -147,10 +160,12 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
             if isinstance(event, EngineStarted) and not label:
                 label = event.label
             elif isinstance(event, _ASKED):
-                found[sequence] = event
+                asked.append(event)
     if not ways:
         return None
     offset_ns = min(ways)
-    asked = tuple(evolve(found[key], t_ns=max(0, found[key].t_ns + offset_ns)) for key in sorted(found))
-    made = tuple(evolve(decided[key], t_ns=max(0, decided[key].t_ns + offset_ns)) for key in sorted(decided))
-    return FlightLog(label, asked, made, last_ns + offset_ns)
+    return FlightLog(label, _moved(asked, offset_ns), _moved(made, offset_ns), last_ns + offset_ns)
+
+
+def _moved(found: Sequence[T], offset_ns: int) -> Tuple[T, ...]:
+    return tuple(evolve(each, t_ns=max(0, each.t_ns + offset_ns)) for each in found)

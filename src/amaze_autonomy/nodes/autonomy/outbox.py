@@ -70,6 +70,7 @@ class Outbox:
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._lines = JournalLines(lambda: journal.path, lambda: journal.written, journal.lines)
         self._topic = JournalTopic(self._lines, clock.ros_ns)
+        self._encoder = codec.DeltaEncoder()
         self._said = ""
         self.state = EngineState()
 
@@ -126,7 +127,7 @@ class Outbox:
 
     def _take(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         self.state = state
-        self._line(codec.encode_event(event))
+        self._line(self._encoder.encode(event))
         for command in commands:
             if isinstance(command, Decision):
                 self._timeline.decision(command)
@@ -142,7 +143,8 @@ class Outbox:
                 _SAY[command.level]("%s%s", command.text, f" {command.advice}" if command.advice else "")
 
     def _line(self, line: str) -> None:
-        self._journal.append(line)
+        if self._journal.append(line) is None:
+            self._encoder.forget()
         self._lines.add(line)
 
     def _say_problem(self) -> None:

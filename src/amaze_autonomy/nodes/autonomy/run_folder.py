@@ -190,7 +190,7 @@ def write_result(folder: Path, result: Dict[str, Any]) -> None:
 # --- journal file -----------------------------------------------------------------------------------------------------
 # The journal on disk: appended line by line, flushed at each decision, on the disk within a second.
 #  A disk that is full or gone is not a reason to stop an engine in flight: what could not be written is kept, said,
-# and written as soon as it can be. The file then has no gap, unless so much was kept that the oldest had to go.
+# and written as soon as it can be. The file then has no gap, unless so much was kept that it had to go.
 
 
 JOURNAL_NAME = "journal.jsonl"
@@ -228,18 +228,21 @@ class JournalFile:
         """Return how many lines are in the file, or never will be."""
         return self.lines - len(self._kept)
 
-    def append(self, line: str) -> int:
-        """Take a line; return its number from 0. It is on its way at the next `flush`."""
+    def append(self, line: str) -> Optional[int]:
+        """Take a line; return its number from 0. It is on its way at the next `flush`.
+
+        None: no disk has taken anything for so long that this line and all that waited are given up. What comes behind
+        the gap must not rest on them.
+        """
         data = line.encode() + b"\n"
         self._kept.append(data)
         self._kept_bytes += len(data)
-        number = self.lines
         self.lines += 1
-        if self._kept_bytes > _MOST_KEPT:
-            self.gap = True
-            while self._kept_bytes > _MOST_KEPT // 2:
-                self._kept_bytes -= len(self._kept.pop(0))
-        return number
+        if self._kept_bytes <= _MOST_KEPT:
+            return self.lines - 1
+        self.gap = True
+        self._kept, self._kept_bytes = [], 0
+        return None
 
     def flush(self, *, force: bool = False) -> None:
         """Write what was taken; a failure is kept in `problem` and tried again later."""
