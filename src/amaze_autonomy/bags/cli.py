@@ -385,7 +385,7 @@ def _info_lines(result: Dict[str, Any]) -> List[str]:
     length = f", {(end - start) / SECOND:.2f} s from {_date(start)} to {_date(end)}" if start is not None else ""
     lines = [
         result["file"],
-        f"  {result['messages']:,} messages{length}; {_size(result['bytes'])}; version {result['version']}",
+        f"  {result['messages']:,} messages{length}; {_size(result['bytes'])}; {_version(result['version'])}",
         f"  chunks: {', '.join(_chunks(*each) for each in result['compression'].items()) or 'none'}",
         *([] if result["closed"] else [f"  {result['problem']}: this is what is in its chunks"]),
     ]
@@ -400,6 +400,10 @@ def _info_lines(result: Dict[str, Any]) -> List[str]:
             f"  {row['topic']:<{wide}}  {row['type']:<{kinds}}  {row['messages']:>9,}{rate}{gap}{several}{md5}"
         )
     return [line.rstrip() for line in lines]
+
+
+def _version(version: str) -> str:
+    return f"version {version}" if version[0].isdigit() else version
 
 
 def _chunks(kind: str, known: Dict[str, int]) -> str:

@@ -57,6 +57,7 @@ __all__ = [
     "foreign",
     "index_header",
     "index_record_at",
+    "is_log",
     "message_fields",
     "nanoseconds",
     "our_index_record",
@@ -72,10 +73,16 @@ __all__ = [
 
 MAGIC = b"#ROSBAG V2.0\n"
 _FOREIGN: Tuple[Tuple[bytes, str], ...] = (
-    (b"ULog\x01\x12\x35", "a ULog of PX4; of the same flight, a telemetry log (.tlog) or a bag can be read"),
+    (b"ULog\x01\x12\x35", "a ULog of PX4; amaze-bag info and amaze-replay read it"),
     (b"\xa3\x95", "a DataFlash log of ArduPilot; of the same flight, a telemetry log (.tlog) or a bag can be read"),
-    (b"\x89MCAP0\r\n", "an MCAP file; rosbags-convert makes a ROS 1 bag of a ROS 2 bag with it"),
-    (b"SQLite format 3\x00", "an SQLite file, as in a ROS 2 bag; rosbags-convert makes a ROS 1 bag of that"),
+    (
+        b"\x89MCAP0\r\n",
+        "an MCAP file; amaze-bag info and amaze-replay read it",
+    ),
+    (
+        b"SQLite format 3\x00",
+        "an SQLite file; amaze-bag info and amaze-replay read it where it is a ROS 2 bag",
+    ),
     (b"version https://git-lfs", "a pointer of Git LFS, not the file itself; git lfs pull fetches that"),
     (b"\x1f\x8b", "compressed with gzip; unpack it first"),
     (b"BZh", "compressed with bzip2; unpack it first"),
@@ -481,7 +488,16 @@ def decompressed(kind: str, data: Buffer, size: int, memory: int = MEMORY) -> Bu
 def foreign(begin: Buffer) -> str:
     """Return what a file is that is no bag, and what can be done with it, by its first bytes; empty: nobody knows."""
     first = bytes(begin[:32])
+    if is_log(first):
+        return "a telemetry log of MAVLink; amaze-replay reads it"
     return next((words for magic, words in _FOREIGN if first.startswith(magic)), "")
+
+
+def is_log(begin: Buffer) -> bool:
+    """Return whether a file is a telemetry log: behind a time in microseconds, of this century, begins a frame."""
+    year_2000, year_2100 = 946_684_800_000_000, 4_102_444_800_000_000
+    stamped = len(begin) > 8 and year_2000 < int.from_bytes(begin[:8], "big") < year_2100  # noqa: PLR2004
+    return stamped and begin[8] in (0xFE, 0xFD)
 
 
 def check_memory(size: int, memory: int) -> None:

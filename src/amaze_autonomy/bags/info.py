@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Tuple
 
 import numpy as np
 
 from amaze_autonomy.units import SECOND
 
 from .errors import BagError
-from .format import MEMORY, Connection, record_at
+from .format import MEMORY, record_at
 from .index import ChunkHead, Index, chunk_head, index_parts
+from .other_formats import is_other, other_recording
 from .read import joined_parts
 from .scan import Scan, scan
 
@@ -26,12 +27,19 @@ def info_result(path: Path, memory: int = MEMORY) -> Dict[str, Any]:
     """Return what a bag has.
 
     Args:
-        path: of the bag; one that was not closed, or whose index is damaged, is looked through.
+        path: of the bag; one that was not closed, or whose index is damaged, is looked through. MCAP, ROS 2 bags and
+            ULogs are told of as well.
         memory: bytes that the data of a chunk may take where it has to be looked at.
 
     Raises:
         BagError: It is no bag.
     """
+    if is_other(path):
+        with other_recording(path, memory) as recording:
+            t_ns, channel = recording.times()
+            about = _about(recording.channels, t_ns, channel, recording.heads)
+            size, version = recording.bytes, recording.version
+        return {"file": str(path), "bytes": size, "closed": True, "problem": "", **about, "version": version}
     try:
         with Index(path) as index:
             messages = index.messages()
@@ -70,9 +78,7 @@ def _head(file: int, position: int, compression: str, data: Any) -> ChunkHead:
     return chunk_head(record_at(begin, 0, len(begin)))
 
 
-def _about(
-    connections: Dict[int, Connection], t_ns: Any, connection: Any, heads: Iterable[ChunkHead]
-) -> Dict[str, Any]:
+def _about(connections: Mapping[int, Any], t_ns: Any, connection: Any, heads: Iterable[ChunkHead]) -> Dict[str, Any]:
     """Return what messages and chunks come to."""
     kinds: Dict[str, Dict[str, int]] = {}
     for head in heads:
@@ -91,7 +97,7 @@ def _about(
     }
 
 
-def _topics(connections: Dict[int, Connection], t_ns: Any, connection: Any) -> Iterator[Dict[str, Any]]:
+def _topics(connections: Mapping[int, Any], t_ns: Any, connection: Any) -> Iterator[Dict[str, Any]]:
     """Yield each topic with its count, rate and silence; in a time that grows with messages and topics, not both."""
     publishers = Counter((each.topic, each.kind) for each in connections.values())
     names = sorted(publishers)

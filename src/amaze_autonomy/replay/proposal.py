@@ -23,6 +23,7 @@ __all__ = ["Proposal", "propose"]
 _S = 1_000_000_000
 _G = 9.80665
 _LATE_S, _ARMED_BEFORE_S = 3.0, 1.0
+_ESTIMATE_HZ = 25.0  # slower than this is too slow for the shipped configuration
 _NEAR_MM, _MOUNTED_M, _ALOFT_M, _RISE_M = 300.0, 0.6, 0.5, 0.3
 
 
@@ -65,6 +66,11 @@ _MAVLINK: Mapping[str, Tuple[str, ...]] = {
     "gps": ("mavlink/GPS_RAW_INT",),
     "lrf": ("mavlink/DISTANCE_SENSOR",),
 }
+_PX4: Mapping[str, Tuple[str, ...]] = {
+    "gps": ("px4_msgs/VehicleGpsPosition", "px4_msgs/SensorGps"),
+    "magnetometer": ("px4_msgs/VehicleMagnetometer", "px4_msgs/SensorMag"),
+    "barometer": ("px4_msgs/VehicleAirData", "px4_msgs/SensorBaro"),
+}
 _HEALTH = ("gps", "imu")
 
 # name of the component, types, words in the topic's name that make it likelier, words that make it unlikelier
@@ -77,12 +83,12 @@ _SENSORS: Tuple[Tuple[str, Tuple[str, ...], Tuple[str, ...], Tuple[str, ...]], .
     ),
     (
         "gps",
-        ("sensor_msgs/NavSatFix", "mavros_msgs/GPSRAW", *_MAVLINK["gps"]),
+        ("sensor_msgs/NavSatFix", "mavros_msgs/GPSRAW", *_PX4["gps"], *_MAVLINK["gps"]),
         ("raw/fix", "fix", "gps"),
         ("satellites",),
     ),
-    ("magnetometer", ("sensor_msgs/MagneticField",), ("imu/mag", "mag"), ()),
-    ("barometer", ("sensor_msgs/FluidPressure",), ("static", "baro"), ("diff",)),
+    ("magnetometer", ("sensor_msgs/MagneticField", *_PX4["magnetometer"]), ("imu/mag", "mag"), ()),
+    ("barometer", ("sensor_msgs/FluidPressure", *_PX4["barometer"]), ("static", "baro"), ("diff",)),
     (
         "lrf",
         ("sensor_msgs/Range", "sensor_msgs/LaserScan", *_MAVLINK["lrf"], _LOG_DATA),
@@ -158,6 +164,7 @@ class _Maker:
         self.armed_s: Optional[float] = None
         self.in_the_air = False
         self._ground_m: Optional[float] = None
+        self._estimate_hz: Optional[float] = None
         self._mapped: List[_Topic] = []
         status = [topic for topic in topics if topic.kind == "amaze_autonomy/AutopilotStatus"]
         self._autopilot: Optional[_Topic] = status[0] if status else None
@@ -170,6 +177,8 @@ class _Maker:
         lines += ["components:" + ("" if components else " {}"), *components, ""]
         lines += ["readings:" + ("" if readings else " {}"), *readings, ""]
         lines += ["statuses:", *statuses, ""] if statuses else []
+        if self._estimate_hz is not None and self._estimate_hz < _ESTIMATE_HZ:
+            lines += [f"state_estimation: {{rate_hz: {self._estimate_hz:.3g}}}  # as recorded", ""]
         lines += self._landing() + self._script()
         return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted))
 
@@ -182,7 +191,7 @@ class _Maker:
             if topic is None or (topic.kind == _LOG_DATA and "range" not in topic.name):
                 continue
             self._mapped.append(topic)
-            health = f", autopilot: {name}" if self._autopilot is not None and name in _HEALTH else ""
+            health = f", autopilot: {name}" if name in _HEALTH and self._tells_health(name) else ""
             lines += _component(name, topic, health)
         names: List[str] = []
         for topic in self._topics:
@@ -191,6 +200,11 @@ class _Maker:
                 names.append(name)
                 lines += _component(name, topic, ", severity: moderate, wait_limit_s: 10.0")
         return lines
+
+    def _tells_health(self, name: str) -> bool:
+        """Return True when the autopilot's status ever tells the health of a sensor."""
+        topic = self._autopilot
+        return topic is not None and any(value for _, value in self._values(topic.kind, name, topic.name, most=400))
 
     def _best(self, kinds: Sequence[str], good: Sequence[str], bad: Sequence[str]) -> Optional[_Topic]:
         """Return the likeliest topic of some types; of equals the one with the most messages."""
@@ -231,6 +245,7 @@ class _Maker:
             if topic is not None and not any(word in topic.name for word in _NOT_ESTIMATED):
                 oriented = _oriented(topic.first, height.replace("position.z", "orientation"))
                 lines = [f"  estimate: {{topic: {topic.name}, source: {source}}}"] if oriented else []
+                self._estimate_hz = 1.0 / topic.period_s if oriented and topic.period_s else None
                 heights = self._numbers(topic, height)
                 if heights and max(heights) > min(heights):  # a height that never changes is none
                     self._flies_from_the_beginning(heights)

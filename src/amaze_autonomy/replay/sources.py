@@ -16,7 +16,9 @@ import numpy as np
 
 from amaze_autonomy.bags import BagError, Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.bags.format import is_log
 from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.other_formats import is_other, other_recording
 from amaze_autonomy.bags.recording import Numbers
 from amaze_autonomy.engine.events import Event
 
@@ -340,7 +342,7 @@ def _figures(topic: str, times: Any) -> TopicFigures:
 
 
 # --- opening ----------------------------------------------------------------------------------------------------------
-# Files as recordings: bags, and MAVLink in a file of its own or inside a bag, whose code is loaded only for that.
+# Files as recordings. What is no ROS 1 bag, or has MAVLink in it, needs code that is loaded only for that.
 
 
 MAVLINK_KIND = "mavros_msgs/Mavlink"
@@ -348,15 +350,17 @@ _LOG = ".tlog"
 
 
 def recordings_of(path: Path) -> List[Any]:
-    """Return a file as recordings: a telemetry log, or a bag and, where it carries MAVLink, that as another one.
+    """Return a file as recordings: what it is, by content, and what is made of the MAVLink or PX4 topics in it.
 
     Raises:
         BagError: It cannot be read.
     """
-    if path.suffix == _LOG:
+    if _is_log(path):
         from .telemetry import Telemetry  # noqa: PLC0415
 
         return [Telemetry.of_log(path)]
+    if is_other(path):
+        return _of_other(path)
     bag = Recording(path)
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
     if not topics:
@@ -364,6 +368,26 @@ def recordings_of(path: Path) -> List[Any]:
     from .telemetry import Telemetry  # noqa: PLC0415
 
     return [bag, Telemetry.of_bag(bag, topics)]
+
+
+def _of_other(path: Path) -> List[Any]:
+    from .uorb import VEHICLE_KIND, Uorb  # noqa: PLC0415
+
+    recording = other_recording(path)
+    try:
+        kinds = {topic.kind for topic in recording.topics}
+        return [recording, Uorb(recording)] if VEHICLE_KIND in kinds else [recording]
+    except MessageError as error:
+        recording.close()
+        raise BagError(str(path), f"PX4's topics cannot be read: {error}", "name another recording") from error
+
+
+def _is_log(path: Path) -> bool:
+    """Return whether a file is a telemetry log, by name or by content."""
+    if path.suffix == _LOG or not path.is_file():
+        return path.suffix == _LOG
+    with path.open("rb") as file:
+        return is_log(file.read(16))
 
 
 def topics_of(paths: Iterable[Path]) -> Tuple[str, ...]:
@@ -376,7 +400,7 @@ def topics_of(paths: Iterable[Path]) -> Tuple[str, ...]:
 
 
 def _topics(path: Path) -> Iterable[str]:
-    if path.suffix == _LOG:
+    if _is_log(path):
         from .telemetry import topics_of_log  # noqa: PLC0415
 
         return topics_of_log(path)

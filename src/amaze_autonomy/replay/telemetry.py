@@ -24,17 +24,111 @@ from ..autopilot.link.peers import Identity, Peers
 from ..autopilot.link.wire import decode
 from ..autopilot.vehicle.vehicle import WANTED, VehicleState
 
-__all__ = ["Status", "Telemetry", "imu", "status", "topics_of_log"]
+__all__ = [
+    "KINDS",
+    "STATUS",
+    "Header",
+    "Imu",
+    "Made",
+    "Status",
+    "Telemetry",
+    "Teller",
+    "Vector",
+    "header",
+    "imu",
+    "status",
+    "topics_of_log",
+]
 
 
 _S = 1_000_000_000
-_STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
+STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
+KINDS: Mapping[str, str] = {STATUS: "amaze_autonomy/AutopilotStatus", _IMU: "sensor_msgs/Imu"}
 _PERIOD_NS = _S // 5
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _NOBODY = Identity(255, 1, vehicle=0)  # nobody's address: what was addressed to others is taken, too
 
 
-class Telemetry:
+class Made:
+    """Topics that are made of what a recording holds in another form, with the face of a bag.
+
+    Args:
+        path: of the file that they are from.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._places: Dict[str, List[Tuple[int, int]]] = {}
+        self._statuses: List[Status] = []
+
+    def __enter__(self) -> Made:  # noqa: PYI034  (Self is not in 3.8)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close nothing: all has been read."""
+
+    @property
+    def topics(self) -> Tuple[Topic, ...]:
+        """Its topics, by name."""
+        return tuple(
+            Topic(name, self.kind(name), len(places), places[0][0], places[-1][0])
+            for name, places in sorted(self._places.items())
+        )
+
+    @property
+    def start_ns(self) -> Optional[int]:
+        """Time of the first message of the vehicle; None when there is none."""
+        return min((places[0][0] for places in self._places.values()), default=None)
+
+    @property
+    def end_ns(self) -> Optional[int]:
+        """Time of the last message; None when there is none."""
+        return max((places[-1][0] for places in self._places.values()), default=None)
+
+    def entries(self, topic: str) -> List[Entry]:
+        """Return all messages of a topic in their order."""
+        number = self._names.index(topic) if topic in self._names else 0
+        return [Entry(t_ns, 0, 0, at, number) for t_ns, at in self._places.get(topic, ())]
+
+    def message(self, entry: Entry) -> Any:
+        """Return one message."""
+        topic = self._names[entry.connection]
+        return self._statuses[entry.offset] if topic == STATUS else self.made(topic, entry)
+
+    def made(self, topic: str, entry: Entry) -> Any:
+        """Return one message that is no status."""
+        raise NotImplementedError
+
+    def kind(self, topic: str) -> str:
+        """Return the type of a topic."""
+        raise NotImplementedError
+
+    def columns(self, wanted: Mapping[str, Any]) -> Dict[str, Any]:  # noqa: ARG002 - the face of a bag
+        """Return nothing: every message is read by itself."""
+        return {}
+
+    @property
+    def _names(self) -> List[str]:
+        if len(self._sorted) != len(self._places):
+            self._sorted = sorted(self._places)
+        return self._sorted
+
+    _sorted: List[str] = []  # noqa: RUF012  (replaced, never changed)
+
+    def place(self, topic: str, t_ns: int, at: int) -> None:
+        """Note a message: its time, and its number where it comes from."""
+        self._places.setdefault(topic, []).append((t_ns, at))
+
+    def tell(self, t_ns: int, vehicle: VehicleState) -> None:
+        """Note a status."""
+        self.place(STATUS, t_ns, len(self._statuses))
+        self._statuses.append(status(t_ns, vehicle))
+
+
+class Telemetry(Made):
     """MAVLink frames with their times.
 
     Args:
@@ -44,16 +138,10 @@ class Telemetry:
     """
 
     def __init__(self, path: Path, frames: Iterable[Tuple[int, Frame]], counter: Optional[Counter] = None) -> None:
-        self.path = path
+        super().__init__(path)
         self._frames = sorted(frames, key=lambda each: each[0])
         self._count = counter
-        self._places: Dict[str, List[Tuple[int, int]]] = {}
-        self._statuses: List[Status] = []
         self._read()
-        self.topics: Tuple[Topic, ...] = tuple(
-            Topic(name, _kind(name), len(places), places[0][0], places[-1][0])
-            for name, places in sorted(self._places.items())
-        )
 
     @classmethod
     def of_log(cls, path: Path) -> Telemetry:
@@ -77,45 +165,18 @@ class Telemetry:
         """What was in the log; None for a bag."""
         return None if self._count is None else self._count.count
 
-    def __enter__(self) -> Telemetry:  # noqa: PYI034  (Self is not in 3.8)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close nothing: all has been read."""
-
-    @property
-    def start_ns(self) -> Optional[int]:
-        """Time of the first message of the vehicle; None when there is none."""
-        return min((topic.first_ns for topic in self.topics), default=None)
-
-    @property
-    def end_ns(self) -> Optional[int]:
-        """Time of the last message; None when there is none."""
-        return max((topic.last_ns for topic in self.topics), default=None)
-
-    def entries(self, topic: str) -> List[Entry]:
-        """Return all messages of a topic in their order."""
-        number = sorted(self._places).index(topic) if topic in self._places else 0
-        return [Entry(t_ns, 0, 0, at, number) for t_ns, at in self._places.get(topic, ())]
-
-    def message(self, entry: Entry) -> Any:
-        """Return one message."""
-        topic = self.topics[entry.connection].name
-        if topic == _STATUS:
-            return self._statuses[entry.offset]
+    def made(self, topic: str, entry: Entry) -> Any:
+        """Return one message that is no status."""
         message = decode(self._frames[entry.offset][1])
         return imu(entry.t_ns, message) if topic == _IMU else message
 
-    def columns(self, wanted: Mapping[str, Any]) -> Dict[str, Any]:  # noqa: ARG002 - the face of a bag
-        """Return nothing: every message is read by itself."""
-        return {}
+    def kind(self, topic: str) -> str:
+        """Return the type of a topic."""
+        return KINDS[topic] if topic in KINDS else "mavlink/" + topic[len(_PREFIX) :]
 
     def _read(self) -> None:
         """Sort the vehicle's frames by topic, and let the link's code listen to them."""
-        vehicle, teller = _vehicle(self._frames), _Teller(self._tell)
+        vehicle, teller = _vehicle(self._frames), Teller(self.tell)
         own = {frame.number for _, frame in self._frames if _sender(frame) == (vehicle, _AUTOPILOT)}
         for at, (t_ns, frame) in enumerate(self._frames):
             teller.until(t_ns)
@@ -123,21 +184,14 @@ class Telemetry:
                 if (
                     frame.system == vehicle and frame.number not in own
                 ):  # e.g. a range finder that is a component itself
-                    self._place(_PREFIX + _name(frame.number), t_ns, at)
+                    self.place(_PREFIX + _name(frame.number), t_ns, at)
                 continue
             name = _name(frame.number)
-            self._place(_PREFIX + name, t_ns, at)
+            self.place(_PREFIX + name, t_ns, at)
             if name == "HIGHRES_IMU" or (name == "RAW_IMU" and _PREFIX + "HIGHRES_IMU" not in self._places):
-                self._place(_IMU, t_ns, at)
+                self.place(_IMU, t_ns, at)
             if name in WANTED:
                 teller.take(t_ns, decode(frame))
-
-    def _place(self, topic: str, t_ns: int, at: int) -> None:
-        self._places.setdefault(topic, []).append((t_ns, at))
-
-    def _tell(self, t_ns: int, vehicle: VehicleState) -> None:
-        self._place(_STATUS, t_ns, len(self._statuses))
-        self._statuses.append(status(t_ns, vehicle))
 
 
 def _sender(frame: Frame) -> Tuple[int, int]:
@@ -155,7 +209,7 @@ def _vehicle(frames: Iterable[Tuple[int, Frame]]) -> Optional[int]:
     return None
 
 
-class _Teller:
+class Teller:
     """Says when the autopilot node would have published: five times a second, and at once on a change.
 
     It begins with the first heartbeat: that none came before says something of the recording, not of the vehicle. It
@@ -191,7 +245,7 @@ class _Teller:
 def topics_of_log(path: Path) -> List[str]:
     """Return the topics that a log may have, without listening to it."""
     numbers = {frame.number for _, frame in _frames(path)[0]}
-    return [_STATUS, _IMU, *sorted(_PREFIX + _name(number) for number in numbers)]
+    return [STATUS, _IMU, *sorted(_PREFIX + _name(number) for number in numbers)]
 
 
 def _frames(path: Path) -> Tuple[Iterable[Tuple[int, Frame]], Counter]:
@@ -214,11 +268,6 @@ def _name(number: int) -> str:
     return f"MESSAGE_{number}" if kind is None else str(kind.msgname)
 
 
-def _kind(topic: str) -> str:
-    kinds = {_STATUS: "amaze_autonomy/AutopilotStatus", _IMU: "sensor_msgs/Imu"}
-    return kinds.get(topic, "mavlink/" + topic[len(_PREFIX) :])
-
-
 # --- telemetry messages -----------------------------------------------------------------------------------------------
 # What a telemetry log tells, as the messages that a bag would hold: fields as in ROS, made of MAVLink.
 
@@ -229,35 +278,43 @@ _SENSORS = ("gps", "imu", "magnetometer", "barometer")
 
 
 @dataclass(frozen=True)
-class _Stamp:
+class Stamp:
+    """A time."""
+
     sec: int
     nanosec: int
 
 
 @dataclass(frozen=True)
-class _Header:
-    stamp: _Stamp
+class Header:
+    """The header of a message."""
+
+    stamp: Stamp
 
 
 @dataclass(frozen=True)
-class _Vector:
+class Vector:
+    """A vector."""
+
     x: float
     y: float
     z: float
 
 
 @dataclass(frozen=True)
-class _Imu:
-    header: _Header
-    linear_acceleration: _Vector
-    angular_velocity: _Vector
+class Imu:
+    """Fields as in sensor_msgs/Imu."""
+
+    header: Header
+    linear_acceleration: Vector
+    angular_velocity: Vector
 
 
 @dataclass(frozen=True)
 class Status:
     """Fields as in msg/AutopilotStatus."""
 
-    header: _Header
+    header: Header
     link_age: float
     armed_known: bool
     armed: bool
@@ -282,16 +339,17 @@ class Status:
     barometer: int
 
 
-def _header(t_ns: int) -> _Header:
-    return _Header(_Stamp(t_ns // _S, t_ns % _S))
+def header(t_ns: int) -> Header:
+    """Return the header of a message of a time."""
+    return Header(Stamp(t_ns // _S, t_ns % _S))
 
 
-def imu(t_ns: int, message: Any) -> _Imu:
+def imu(t_ns: int, message: Any) -> Imu:
     """Return an IMU sample: forward, right, down becomes forward, left, up."""
     scale, turn = (1.0, 1.0) if message.get_type() == "HIGHRES_IMU" else (_MILLI_G, 1e-3)
-    acceleration = _Vector(message.xacc * scale, -message.yacc * scale, -message.zacc * scale)
-    rates = _Vector(message.xgyro * turn, -message.ygyro * turn, -message.zgyro * turn)
-    return _Imu(_header(t_ns), acceleration, rates)
+    acceleration = Vector(message.xacc * scale, -message.yacc * scale, -message.zacc * scale)
+    rates = Vector(message.xgyro * turn, -message.ygyro * turn, -message.zgyro * turn)
+    return Imu(header(t_ns), acceleration, rates)
 
 
 def _number(value: Optional[float]) -> float:
@@ -302,7 +360,7 @@ def status(t_ns: int, vehicle: VehicleState) -> Status:
     """Return what the autopilot node would say of a vehicle at a time."""
     said, health = vehicle.status(t_ns), vehicle.health(t_ns)
     return Status(
-        header=_header(t_ns),
+        header=header(t_ns),
         link_age=_number(said.link_age_s),
         armed_known=said.armed is not None,
         armed=bool(said.armed),

@@ -1,0 +1,543 @@
+"""Recordings that are no ROS 1 bags, with the face of one: MCAP, ROS 2 bags, ULog. Recognised by content.
+
+MCAP files (of ROS 2 and of ROS 1) are read by their index, so that a message costs its own chunk; the bag of ROS 2 is a
+folder of MCAP or SQLite files, or one of those alone. Messages are decoded by the rosbags library, with the definitions
+in the file; SQLite files of before 2023 have none, then those of ROS 2 Humble are taken. A ULog is read by pyulog, its
+topics are named and typed as PX4's are in ROS 2: `/vehicle_status`, px4_msgs/VehicleStatus. Its clock starts when PX4
+does; where its GPS tells the time of day, all times are that.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import struct
+import zlib
+from collections import OrderedDict
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from urllib.parse import quote
+
+import numpy as np
+
+from .errors import BagError, MessageError, RecordError
+from .format import MEMORY, check_memory, decompressed
+from .index import ChunkHead
+from .recording import Entry, Topic
+
+__all__ = ["Channel", "OtherRecording", "is_other", "other_recording"]
+
+_MCAP, _SQLITE, _ULOG = b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"ULog\x01\x12\x35"
+_METADATA = "metadata.yaml"
+_Places = Tuple[Any, Any, Any]
+_NONE: Any = np.zeros(0, np.int64)
+
+
+class Channel(NamedTuple):
+    """What `Connection` is in a bag.
+
+    Args:
+        topic: its name.
+        kind: type as ROS 1 names it, e.g. sensor_msgs/Imu.
+        md5: of its definition; empty where the format has none.
+        encoding: of its messages: cdr, ros1, ulog, or one that is not read.
+        schema: how its definition is written: ros2msg, ros2idl, ros1msg, or empty.
+        definition: of its type; empty: not in the file.
+    """
+
+    topic: str
+    kind: str
+    md5: str = ""
+    encoding: str = ""
+    schema: str = ""
+    definition: str = ""
+
+
+class OtherRecording:
+    """A recording of another format, open for reading, with the face of `Recording`.
+
+    Args:
+        path: of the file or folder.
+        version: what it is, for people.
+        channels: by number.
+        places: by number, times, positions of chunks, and offsets in them of its messages.
+        raw: returns a message by channel, position and offset; raises `MessageError`.
+        heads: of its chunks.
+        close: closes its files.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        version: str,
+        channels: Mapping[int, Channel],
+        places: Mapping[int, _Places],
+        raw: Callable[[int, int, int], Any],
+        heads: Sequence[ChunkHead] = (),
+        close: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.path, self.version, self.channels, self.heads = path, version, channels, tuple(heads)
+        self._places, self._raw, self._close = places, raw, close
+        self._decoders: Dict[int, Callable[[Any], Any]] = {}
+        self._entries: Dict[str, List[Entry]] = {}
+        self.topics: Tuple[Topic, ...] = tuple(self._topics())
+
+    def __enter__(self) -> OtherRecording:  # noqa: PYI034  (Self is not in 3.8)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close its files."""
+        self._close()
+
+    @property
+    def start_ns(self) -> Optional[int]:
+        """Time of the first message; None when there is none."""
+        return min((topic.first_ns for topic in self.topics if topic.messages), default=None)
+
+    @property
+    def end_ns(self) -> Optional[int]:
+        """Time of the last message; None when there is none."""
+        return max((topic.last_ns for topic in self.topics if topic.messages), default=None)
+
+    @property
+    def bytes(self) -> int:
+        """The size of its files."""
+        files = [self.path] if self.path.is_file() else [each for each in self.path.iterdir() if each.is_file()]
+        return sum(each.stat().st_size for each in files)
+
+    def times(self) -> Tuple[Any, Any]:
+        """Return time and channel of every message."""
+        numbers = [np.full(len(places[0]), number) for number, places in self._places.items()]
+        times = [places[0] for places in self._places.values()]
+        return np.concatenate([_NONE, *times]), np.concatenate([_NONE, *numbers])
+
+    def entries(self, topic: str) -> List[Entry]:
+        """Return all messages of a topic in their order."""
+        if topic not in self._entries:
+            found: List[Entry] = []
+            for number, channel in self.channels.items():
+                if channel.topic == topic:
+                    columns = (column.tolist() for column in self._places.get(number, (_NONE,) * 3))
+                    found += [Entry(t_ns, 0, chunk, offset, number) for t_ns, chunk, offset in zip(*columns)]
+            self._entries[topic] = sorted(found)
+        return self._entries[topic]
+
+    def message(self, entry: Entry) -> Any:
+        """Return one message, decoded.
+
+        Raises:
+            MessageError: It is damaged, or of an encoding that is not read.
+        """
+        raw = self._raw(entry.connection, entry.chunk, entry.offset)
+        channel = self.channels[entry.connection]
+        if channel.encoding == "ulog":
+            return raw
+        try:
+            if entry.connection not in self._decoders:
+                self._decoders[entry.connection] = _decoder(channel)
+            return self._decoders[entry.connection](raw)
+        except MessageError:
+            raise
+        except Exception as error:  # the library raises whatever its generated code meets
+            raise MessageError(f"{channel.kind} cannot be decoded: {error or type(error).__name__}") from error
+
+    def columns(self, wanted: Mapping[str, Any]) -> Dict[str, Any]:  # noqa: ARG002 - the face of a bag
+        """Return nothing: every message is read by itself."""
+        return {}
+
+    def _topics(self) -> Iterator[Topic]:
+        kinds = {channel.topic: channel.kind for channel in self.channels.values()}
+        for name in sorted(kinds):
+            own = [number for number, channel in self.channels.items() if channel.topic == name]
+            times = np.concatenate([_NONE, *(self._places[number][0] for number in own if number in self._places)])
+            first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
+            yield Topic(name, kinds[name], len(times), first, last)
+
+
+def is_other(path: Path) -> bool:
+    """Return whether a file or folder is of a format that is read here."""
+    return path.is_dir() or bool(_format(path))
+
+
+def other_recording(path: Path, memory: int = MEMORY) -> OtherRecording:
+    """Open a recording that is no ROS 1 bag.
+
+    Args:
+        path: of the file, or of the folder of a ROS 2 bag.
+        memory: bytes that a chunk may take, decompressed.
+
+    Raises:
+        BagError: It cannot be read, or is damaged.
+    """
+    if path.is_dir():
+        return _joined(path, *_files_of(path), memory)
+    kind = _format(path)
+    return _ulog(path) if kind is _ULOG else _joined(path, [path], "", memory)
+
+
+def _format(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            begin = file.read(16)
+    except OSError:
+        return b""
+    return next((magic for magic in (_MCAP, _SQLITE, _ULOG) if begin.startswith(magic)), b"")
+
+
+def _lacking(path: Path, what: str, extra: str) -> BagError:
+    return BagError(str(path), f"is {what}, for which a library lacks", f"pip install 'amaze_autonomy[{extra}]'")
+
+
+# --- ROS 2 bags and MCAP ----------------------------------------------------------------------------------------------
+
+
+class _Part(NamedTuple):
+    """One file of a recording: as `OtherRecording`, its channels by their own numbers."""
+
+    version: str
+    channels: Mapping[int, Channel]
+    places: Mapping[int, _Places]
+    raw: Callable[[int, int], bytes]
+    heads: Sequence[ChunkHead]
+    close: Callable[[], None]
+
+
+def _files_of(folder: Path) -> Tuple[List[Path], str]:
+    """Return the files of a ROS 2 bag, and how each message in them is compressed."""
+    import yaml  # noqa: PLC0415  (only for these)
+
+    place = folder / _METADATA
+    if not place.is_file():
+        files = sorted(each for each in folder.iterdir() if each.is_file() and _format(each) in (_MCAP, _SQLITE))
+        if not files:
+            raise BagError(str(folder), "is a folder without a recording", "name a bag, or the folder of a ROS 2 bag")
+        return files, ""
+    try:
+        about = yaml.safe_load(place.read_text("utf-8"))["rosbag2_bagfile_information"]
+        files = [folder / Path(name).name for name in about["relative_file_paths"]]
+        mode = str(about.get("compression_mode") or "").lower()
+    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        raise BagError(str(place), "does not describe a ROS 2 bag", "name the file in its folder instead") from error
+    missing = [each.name for each in files if not each.is_file()]
+    if missing:
+        raise BagError(str(folder), f"lacks its {', '.join(missing)}", "name the files that are there, one by one")
+    if mode == "file":
+        raise BagError(
+            str(folder), "has files that are compressed as a whole", "unpack them: zstd -d FILE, then name one"
+        )
+    return files, "zstd" if mode == "message" else ""
+
+
+def _joined(path: Path, files: Sequence[Path], compressed: str, memory: int) -> OtherRecording:
+    """Return several files as one recording; `compressed`: how each message is."""
+    parts: List[_Part] = []
+    try:
+        parts.extend({_MCAP: _mcap, _SQLITE: _sqlite}.get(_format(file), _unreadable)(file, memory) for file in files)
+    except BaseException:
+        for part in parts:
+            part.close()
+        raise
+    channels: Dict[int, Channel] = {}
+    places: Dict[int, _Places] = {}
+    raws: Dict[int, Callable[[int, int], bytes]] = {}
+    for part in parts:
+        for own, channel in part.channels.items():
+            number = len(channels)
+            channels[number], raws[number] = channel, part.raw
+            places[number] = part.places.get(own, (_NONE,) * 3)
+
+    def raw(number: int, chunk: int, offset: int) -> bytes:
+        data = raws[number](chunk, offset)
+        return _unzstd(data, memory) if compressed else data
+
+    def close() -> None:
+        for part in parts:
+            part.close()
+
+    version = " and ".join(dict.fromkeys(part.version for part in parts)) + (", folder" if path.is_dir() else "")
+    return OtherRecording(path, version, channels, places, raw, [head for part in parts for head in part.heads], close)
+
+
+def _unreadable(path: Path, _: int) -> _Part:
+    raise BagError(str(path), "is neither MCAP nor SQLite", "name a ROS 2 bag")
+
+
+def _sqlite(path: Path, _: int) -> _Part:
+    """Open an SQLite file of a ROS 2 bag; one that a recorder did not close is read as far as it goes."""
+    open_log = path.with_name(f"{path.name}-wal")
+    how = "mode=ro" if open_log.is_file() and open_log.stat().st_size else "mode=ro&immutable=1"
+    try:
+        base = sqlite3.connect(f"file:{quote(str(path.resolve()))}?{how}", uri=True)
+        topics = base.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id").fetchall()
+        rows: Any = np.array(
+            base.execute("SELECT topic_id, timestamp, id FROM messages ORDER BY timestamp, id").fetchall(), np.int64
+        ).reshape(-1, 3)
+        tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+        told = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        definitions = {row[0]: row[1:] for row in base.execute(told)} if "message_definitions" in tables else {}
+    except sqlite3.Error as error:
+        raise BagError(str(path), f"is no readable SQLite file of a ROS 2 bag ({error})", "name another") from error
+    channels = {
+        number: Channel(name, _ros1_name(kind), "", encoding, *definitions.get(kind, ("", "")))
+        for number, name, kind, encoding in topics
+    }
+    places: Dict[int, _Places] = {
+        number: (own[:, 1], np.zeros(len(own), np.int64), own[:, 2])
+        for number in channels
+        for own in (rows[rows[:, 0] == number],)
+    }
+
+    def raw(_: int, row: int) -> bytes:
+        try:
+            data: bytes = base.execute("SELECT data FROM messages WHERE id = ?", (row,)).fetchone()[0]
+        except sqlite3.Error as error:
+            raise MessageError(f"row {row} is damaged: {error}") from error
+        return data
+
+    return _Part("ROS 2 (SQLite)", channels, places, raw, (), base.close)
+
+
+_CACHED = 8
+
+
+def _mcap(path: Path, memory: int) -> _Part:
+    """Open an MCAP file by its index."""
+    try:
+        from mcap.exceptions import McapError  # noqa: PLC0415  (an extra)
+        from mcap.reader import SeekingReader  # noqa: PLC0415
+    except ImportError as error:
+        raise _lacking(path, "an MCAP file", "mcap") from error
+    file = path.open("rb")
+    damaged = BagError(str(path), "is damaged, or was not closed", "`mcap recover` makes a whole one of it")
+    try:
+        reader: Any = SeekingReader(file, record_size_limit=memory)
+        profile, summary = reader.get_header().profile, reader.get_summary()
+        if summary is None or (summary.statistics and summary.statistics.message_count and not summary.chunk_indexes):
+            file.close()
+            raise BagError(str(path), "is an MCAP file without an index", "`mcap recover` makes one with it")
+        chunks = sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset)
+        parts: Dict[int, List[Tuple[Any, int]]] = {}
+        for number, chunk in enumerate(chunks):
+            for channel, found in _message_indexes(file, chunk):
+                parts.setdefault(channel, []).append((found, number))
+    except (McapError, OSError, struct.error, ValueError, EOFError) as error:
+        file.close()
+        if isinstance(error, BagError):
+            raise
+        raise damaged from error
+    channels: Dict[int, Channel] = {}
+    for number, each in summary.channels.items():
+        schema = summary.schemas.get(each.schema_id)
+        name, encoding, data = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
+        text = data.decode("utf-8", "replace") if encoding in ("ros1msg", "ros2msg", "ros2idl") else ""
+        md5 = each.metadata.get("md5sum", "")
+        channels[number] = Channel(each.topic, _ros1_name(name), md5, each.message_encoding, encoding, text)
+    places: Dict[int, _Places] = {}
+    for number, own in parts.items():
+        times = np.concatenate([found[:, 0] for found, _ in own]).astype(np.int64)
+        offsets = np.concatenate([found[:, 1] for found, _ in own]).astype(np.int64)
+        of_chunk = np.concatenate([np.full(len(found), chunk) for found, chunk in own])
+        places[number] = (times, of_chunk, offsets)
+    heads = [
+        ChunkHead(chunk.compression or "none", chunk.chunk_start_offset, chunk.compressed_size, chunk.uncompressed_size)
+        for chunk in chunks
+    ]
+    unpacked = _McapChunks(file, chunks, memory)
+    version = f"MCAP{f' of {profile}' if profile else ''}"
+    return _Part(version, channels, places, unpacked.message, heads, file.close)
+
+
+def _message_indexes(file: Any, chunk: Any) -> Iterator[Tuple[int, Any]]:
+    """Yield the channels of a chunk, each with the times and offsets of its messages."""
+    file.seek(chunk.chunk_start_offset + chunk.chunk_length)
+    data = file.read(chunk.message_index_length)
+    place = 0
+    while place + 15 <= len(data):
+        op, length, channel, size = struct.unpack_from("<BQHL", data, place)
+        if op == 7 and size:  # noqa: PLR2004  (a message index)
+            yield channel, np.frombuffer(data, "<u8", size // 8, place + 15).reshape(-1, 2)
+        place += 9 + length
+
+
+class _McapChunks:
+    """Messages out of the chunks of an MCAP file, the last few kept."""
+
+    def __init__(self, file: Any, chunks: Sequence[Any], memory: int) -> None:
+        self._file, self._chunks, self._memory = file, chunks, memory
+        self._kept: OrderedDict[int, Any] = OrderedDict()
+
+    def message(self, number: int, offset: int) -> bytes:
+        """Return the data of the message at an offset of a chunk.
+
+        Raises:
+            MessageError: It is damaged.
+        """
+        if number not in self._kept:
+            try:
+                self._kept[number] = self._unpacked(self._chunks[number])
+            except Exception as error:  # the decompressors raise what they like
+                at = self._chunks[number].chunk_start_offset
+                raise MessageError(f"chunk at byte {at} is damaged: {error or type(error).__name__}") from error
+            while len(self._kept) > _CACHED:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(number)
+        data = self._kept[number]
+        op, length = struct.unpack_from("<BQ", data, offset)
+        if op != 5 or offset + 9 + length > len(data):  # noqa: PLR2004  (a message)
+            raise MessageError(f"there is no whole message at {offset} of chunk {number}")
+        return bytes(data[offset + 9 + 22 : offset + 9 + length])
+
+    def _unpacked(self, chunk: Any) -> Any:
+        self._file.seek(chunk.chunk_start_offset)
+        record = self._file.read(chunk.chunk_length)
+        size, crc, name = struct.unpack_from("<QLL", record, 25)
+        compression = record[41 : 41 + name].decode("ascii")
+        stored = memoryview(record)[41 + name + 8 :]
+        if compression == "zstd":
+            check_memory(size, self._memory)
+            data: Any = _unzstd(bytes(stored), size)
+        else:
+            data = decompressed(compression or "none", stored, size, self._memory)
+        if len(data) != size or (crc and zlib.crc32(data) != crc):
+            raise RecordError("it is not what its checksum says")
+        return data
+
+
+def _unzstd(data: bytes, size: int) -> bytes:
+    """Decompress, at most to a size."""
+    import zstandard  # noqa: PLC0415  (comes with mcap)
+
+    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+        plain: bytes = reader.read(size + 1)
+    if len(plain) > size:
+        raise RecordError(f"it has more than {size} bytes")
+    return plain
+
+
+def _ros1_name(kind: str) -> str:
+    return kind.replace("/msg/", "/")
+
+
+_KNOWN = {  # to some writers
+    "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec",
+    "builtin_interfaces/msg/Duration": "int32 sec\nuint32 nanosec",
+    "std_msgs/msg/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+}
+
+
+def _decoder(channel: Channel) -> Callable[[Any], Any]:
+    """Return what decodes the messages of a channel, by its definition."""
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow)
+
+    if channel.encoding not in ("cdr", "ros1"):
+        raise MessageError(f"messages in {channel.encoding or 'no encoding'} are not read")
+    kind = channel.kind.replace("/", "/msg/")
+    store: Any = get_typestore(Stores.EMPTY if channel.definition else Stores.ROS2_HUMBLE)
+    if not channel.definition:
+        if kind not in store.types:
+            raise MessageError(f"its type {channel.kind} is not defined in the file, and not one of ROS 2's own")
+    else:
+        idl = channel.schema == "ros2idl"
+        types = get_types_from_idl(channel.definition) if idl else get_types_from_msg(channel.definition, kind)
+        for name, text in _KNOWN.items():
+            types.setdefault(name, get_types_from_msg(text, name)[name])
+        store.register(types)
+    read = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
+    return lambda raw: read(raw, kind)
+
+
+# --- ULog -------------------------------------------------------------------------------------------------------------
+
+
+_GPS = ("vehicle_gps_position", "sensor_gps")
+_TEXTS = "/logged_messages"
+_FIX_3D = 3
+_STEP = re.compile(r"\w+|\[\d+\]")
+
+
+def _ulog(path: Path) -> OtherRecording:
+    """Open a ULog: pyulog reads all of it."""
+    try:
+        from pyulog.core import ULog, ULogException  # noqa: PLC0415  (an extra)
+    except ImportError as error:
+        raise _lacking(path, "a ULog of PX4", "ulog") from error
+    try:
+        with redirect_stdout(StringIO()):  # it prints what it thinks of the file
+            log: Any = ULog(str(path))
+    except (ULogException, OSError, ValueError, IndexError, KeyError, struct.error, TypeError) as error:
+        raise BagError(str(path), f"is a damaged ULog ({error or type(error).__name__})", "name another") from error
+    if log.file_corruption and not log.data_list:
+        raise BagError(str(path), "is a damaged ULog: nothing in it can be read", "name another")
+    offset_ns = _day_ns(log)
+    channels: Dict[int, Channel] = {}
+    places: Dict[int, _Places] = {}
+    for number, data in enumerate(log.data_list):
+        times = data.data["timestamp"].astype(np.int64) * 1000 + offset_ns
+        order = np.argsort(times, kind="stable")
+        topic = f"/{data.name}" + (f"_{data.multi_id}" if data.multi_id else "")
+        channels[number] = Channel(topic, f"px4_msgs/{_camel(data.name)}", encoding="ulog")
+        places[number] = (times[order], np.zeros(len(order), np.int64), order)
+    texts = log.logged_messages
+    if texts:
+        times = np.array([each.timestamp * 1000 + offset_ns for each in texts], np.int64)
+        channels[len(channels)] = Channel(_TEXTS, "px4_msgs/LoggedMessage", encoding="ulog")
+        places[len(places)] = (times, np.zeros(len(texts), np.int64), np.arange(len(texts)))
+    fields = [_Fields(data) for data in log.data_list]
+
+    def raw(number: int, _: int, row: int) -> Any:
+        if number == len(fields):
+            return SimpleNamespace(text=texts[row].message, severity=texts[row].log_level - ord("0"))
+        return fields[number].message(row)
+
+    version = "ULog" + (", damaged in places" if log.file_corruption else "")
+    return OtherRecording(path, version, channels, places, raw)
+
+
+def _day_ns(log: Any) -> int:
+    """Return what must be added to the log's times to have the time of day; 0: nothing tells it."""
+    for name in _GPS:
+        for data in log.data_list:
+            if data.name != name or "time_utc_usec" not in data.data:
+                continue
+            told = np.flatnonzero((data.data["time_utc_usec"] > 0) & (data.data["fix_type"] >= _FIX_3D))
+            if len(told):
+                first = told[0]
+                return (int(data.data["time_utc_usec"][first]) - int(data.data["timestamp"][first])) * 1000
+    return 0
+
+
+def _camel(name: str) -> str:
+    return "".join(word[:1].upper() + word[1:] for word in name.split("_"))
+
+
+class _Fields:
+    """The fields of a topic of a ULog: pyulog names them flat, `esc[0].rpm`, here they are nested as in ROS."""
+
+    def __init__(self, data: Any) -> None:
+        self._columns: List[Tuple[List[str], Any]] = [
+            (_STEP.findall(name), column) for name, column in data.data.items() if "_padding" not in name
+        ]
+
+    def message(self, row: int) -> Any:
+        """Return a message."""
+        whole: Dict[str, Any] = {}
+        for steps, column in self._columns:
+            place = whole
+            for step in steps[:-1]:
+                place = place.setdefault(step, {})
+            place[steps[-1]] = column[row].item()
+        return _nested(whole)
+
+
+def _nested(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if next(iter(value))[0] == "[":
+        return [_nested(each) for each in value.values()]
+    return SimpleNamespace(**{name: _nested(each) for name, each in value.items()})
