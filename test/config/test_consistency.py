@@ -229,6 +229,15 @@ LRF = """\
                 "while the mission is loaded, and one that takes its time ends the takeoff"
             ],
         ),
+        (
+            "0.5",
+            "[/camera/image, /lrf/range]",
+            ("autonomy.checks.reply_limits_s.state_estimation=12", "autonomy.checks.check_max_age_s=30"),
+            [
+                "takeoff.load_limit_s (10) is not above checks.reply_limits_s.state_estimation (12): the checks are "
+                "asked again while the mission is loaded, and one that takes its time ends the takeoff"
+            ],
+        ),
     ],
 )
 def test_what_files_do_not_mean_together_is_said(small, limit, group, overrides, expected):

@@ -21,6 +21,11 @@ from amaze_autonomy.config import load_configuration
             "else a slow answer is too old when it comes",
         ),
         (
+            "checks: {reply_limits_s: {battery: 10.0}}",
+            "checks.reply_limits_s.battery: is 10; must be below checks.check_max_age_s (10): "
+            "else a slow answer is too old when it comes",
+        ),
+        (
             "recording: {recording_lead_s: 20.0}",
             "recording.recording_lead_s: is 20; must be below recording.recording_start_limit_s (15): "
             "else no recording starts in time",

@@ -66,6 +66,19 @@ def test_each_silent_check_runs_out(check):
     assert f"the {check} check got no answer in time" in story.state.shown.text
 
 
+@pytest.mark.parametrize("check", ORDER)
+def test_a_check_with_a_limit_of_its_own_is_waited_for_so_long_and_the_others_are_not(check):
+    story = Story(replace(SHIPPED, reply_limits_ns=((check, 7 * S),))).start().after(0.5)
+    story.answers[f"check:{check}"] = None
+    story.select()
+    startup_s = {"watchdog": 10}
+    asked = {c.check.value: c.limit_ns // S for c in story.since if isinstance(c, RunCheck)}
+    assert asked == {each: (7 if each == check else 3) + startup_s.get(each, 0) for each in ORDER}
+    story.after_ns((7 + startup_s.get(check, 0)) * S - 1).expect("PREFLIGHT")
+    story.after_ns(1).expect("OUTREACH")
+    assert f"the {check} check got no answer in time" in story.state.shown.text
+
+
 def test_a_watchdog_that_has_never_beaten_is_no_takeoff_however_patient_the_limit():
     patient = replace(SHIPPED.limits, watchdog_heartbeat_limit_ns=600 * S)
     story = Story(replace(SHIPPED, limits=patient)).start().after(0.5)

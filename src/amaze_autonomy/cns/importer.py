@@ -40,7 +40,8 @@ _AUTONOMY = """\
 # Limits that nodes of the CNS Flight Stack need behind peers:=cns. Everything else: docs/configuration.md
 checks:
   # seconds: the supervisor answers after its window, 10 s by default
-  check_reply_limit_s: 12.0
+  reply_limits_s:
+    state_estimation: 12.0
   check_max_age_s: 30.0
 takeoff:
   # seconds: the checks are asked again while the mission is loaded, the supervisor among them

@@ -16,6 +16,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tup
 from amaze_autonomy.engine.commands import Request, RunCheck, StartRecording, StopRecording
 from amaze_autonomy.engine.events import (
     Check,
+    CheckName,
     CheckReply,
     ComponentStatus,
     Event,
@@ -356,7 +357,7 @@ class LandingDetection(Peer):
 
     def __init__(self, rules: Rules, rate_hz: float) -> None:
         super().__init__()
-        reply_ns = rules.limits.check_reply_limit_ns
+        reply_ns = rules.reply_limit_ns(CheckName.ON_GROUND.value)
         silent = "its landing detector does not answer"
         self._call = _OneCall("takeoff_check", "landing detector", 2 * reply_ns, reply_ns, silent)
         self._landed, self._reason = Landed.UNKNOWN, "its landing detector has said nothing yet"
@@ -397,15 +398,15 @@ class StateEstimation(Peer):
     """Its estimator supervisor: it answers after its window, and never when its topic is silent.
 
     Args:
-        rules: limits of the engine; `check_reply_limit_s` must be longer than its window.
+        rules: limits of the engine; `checks.reply_limits_s.state_estimation` must be longer than its window.
     """
 
     def __init__(self, rules: Rules) -> None:
         super().__init__()
-        reply_ns = rules.limits.check_reply_limit_ns
+        reply_ns = rules.reply_limit_ns(CheckName.STATE_ESTIMATION.value)
         silent = (
-            "its estimator supervisor does not answer: its estimate is silent, or check_reply_limit_s is not above its "
-            "window"
+            "its estimator supervisor does not answer: its estimate is silent, or checks.reply_limits_s has no "
+            "state_estimation above its window"
         )
         self._call = _OneCall("supervision", "estimator supervisor", 2 * reply_ns, reply_ns, silent)
         self._ended: List[Event] = []

@@ -7,9 +7,10 @@ from typing import Dict, Tuple
 
 from amaze_autonomy.engine.rules import LimitRow, Limits, Rules
 
+from ..engine.events import CheckName
 from .binding import Row, bind, group_of
 from .kinds import Flag, Kind, Number, Whole
-from .schema import Group, Key
+from .schema import Group, Key, Named
 
 __all__ = ["AUTONOMY", "Streams"]
 
@@ -42,6 +43,16 @@ def _kind(name: str, row: LimitRow) -> Kind:
     return Number(above=0.0, below=1.0) if name.endswith("_fraction") else Number(above=0.0, maximum=row.most)
 
 
+_CHECKS = tuple(check.value for check in CheckName)
+_REPLIES = Key(
+    "reply_limits_s",
+    Named(f"checks {', '.join(_CHECKS)}", "|".join(_CHECKS), Number(above=0.0, maximum=60.0)),
+    "checks with a time of their own in the place of check_reply_limit_s",
+    "a supervisor that looks at its estimate for 10 s is no reason to wait as long for a battery",
+    {},
+)
+
+
 def _limit_groups() -> Dict[str, Group]:
     """Return the groups of limits, in the order of the engine's rows."""
     found: Dict[str, Group] = {}
@@ -49,7 +60,8 @@ def _limit_groups() -> Dict[str, Group]:
         row: LimitRow = entry.metadata["row"]
         key = bind(Limits, entry.name, _kind(entry.name, row), row.words, row.reason)
         keys = found[row.group].keys if row.group in found else ()
-        found[row.group] = Group(row.about, (*keys, key))
+        more = (_REPLIES,) if entry.name == "check_reply_limit_ns" else ()
+        found[row.group] = Group(row.about, (*keys, key, *more))
     return found
 
 

@@ -43,7 +43,9 @@ def rules_of(autonomy: _Values, sensors: _Values) -> Rules:
     """
     limits = limits_of(autonomy)
     rows = tuple(_rule(name, values, limits) for name, values in sensors["components"].items())
-    return Rules(rows, limits, autonomy["require_go"])
+    own = autonomy["checks"]["reply_limits_s"]
+    reply_limits_ns = tuple((check, field_value("reply_limits_ns", own[check])) for check in sorted(own))
+    return Rules(rows, limits, autonomy["require_go"], reply_limits_ns)
 
 
 def _rule(name: str, values: _Values, limits: Limits) -> ComponentRule:

@@ -215,12 +215,21 @@ def _misspelled(sensors: Mapping[str, Any], recording: Mapping[str, Any], topics
 
 
 def _loaded_too_soon(autonomy: Mapping[str, Any]) -> Iterator[str]:
-    limit_s, reply_s = autonomy["takeoff"]["load_limit_s"], autonomy["checks"]["check_reply_limit_s"]
-    if limit_s <= reply_s:
-        yield (
-            f"takeoff.load_limit_s ({limit_s:g}) is not above checks.check_reply_limit_s ({reply_s:g}): the checks are "
-            "asked again while the mission is loaded, and one that takes its time ends the takeoff"
-        )
+    limit_s = autonomy["takeoff"]["load_limit_s"]
+    for key, reply_s in _reply_limits(autonomy):
+        if limit_s <= reply_s:
+            yield (
+                f"takeoff.load_limit_s ({limit_s:g}) is not above {key} ({reply_s:g}): the checks are asked again "
+                "while the mission is loaded, and one that takes its time ends the takeoff"
+            )
+
+
+def _reply_limits(autonomy: Mapping[str, Any]) -> Iterator[Tuple[str, float]]:
+    """Yield the limits of answers to checks: of all of them, then of those that have their own."""
+    checks = autonomy["checks"]
+    yield "checks.check_reply_limit_s", checks["check_reply_limit_s"]
+    for check, limit_s in checks["reply_limits_s"].items():
+        yield f"checks.reply_limits_s.{check}", limit_s
 
 
 def _meant(topic: str, topics: Iterable[str]) -> str:
@@ -307,6 +316,15 @@ def _value(values: Mapping[str, Any], address: str) -> float:
     return float(values[group][key])
 
 
+def _check_own_replies(values: Mapping[str, Any], places: Places) -> None:
+    """Check the limits that checks have for themselves, as the one of all."""
+    order = next(each for each in ORDER if each.low == "checks.check_reply_limit_s")
+    for key, limit_s in _reply_limits(values):
+        if limit_s >= _value(values, order.high) and key != order.low:
+            right = f"must be below {order.high} ({_value(values, order.high):g}): {order.reason}"
+            refuse_at(tuple(key.split(".")), places, f"is {limit_s:g}", right)
+
+
 def check_order(values: Mapping[str, Any], places: Places) -> None:
     """Check the limits of the engine against each other.
 
@@ -317,6 +335,7 @@ def check_order(values: Mapping[str, Any], places: Places) -> None:
         low, high = _value(values, order.low), _value(values, order.high)
         if low > high or (low == high and not order.equal):
             _out_of_order(order, low, high, places)
+    _check_own_replies(values, places)
     for limit, rate in LOSS_RATES:
         least = _PERIODS / _value(values, rate)
         if _value(values, limit) < least:

@@ -53,7 +53,7 @@ def _entered(limit: str) -> When:
 def check_limit_ns(state: EngineState, rules: Rules, check: CheckName) -> int:
     """Return how long the answer to a check may take; the watchdog's first one starts its watching."""
     first = CHECKS[check].watches and state.peers.watchdog_started_ns is None
-    return rules.limits.check_reply_limit_ns + (rules.limits.watchdog_startup_time_ns if first else 0)
+    return rules.reply_limit_ns(check.value) + (rules.limits.watchdog_startup_time_ns if first else 0)
 
 
 def _check_reply(state: EngineState, rules: Rules) -> Optional[int]:

@@ -66,8 +66,13 @@ def _limit_of(m: Moment, request: Any) -> str:
         expected = limits.load_limit_ns
     if isinstance(request, RunCheck):
         first = request.check.value == "watchdog" and not m.saw.watching
-        expected = limits.check_reply_limit_ns + (limits.watchdog_startup_time_ns if first else 0)
+        expected = _reply_limit_ns(m, request) + (limits.watchdog_startup_time_ns if first else 0)
     return "" if request.limit_ns == expected else f"its limit is {request.limit_ns}, not {expected}"
+
+
+def _reply_limit_ns(m: Moment, request: RunCheck) -> int:
+    own = [limit_ns for name, limit_ns in m.rules.reply_limits_ns if name == request.check.value]
+    return own[0] if own else m.rules.limits.check_reply_limit_ns
 
 
 def _content_of(m: Moment, request: Any) -> str:
@@ -110,7 +115,7 @@ def _repeated(m: Moment, request: Any) -> str:
     if isinstance(request, RunCheck):
         asked = dict(m.saw.checks).get(request.check.value)
         open_still = asked is not None and asked.answered_ns is None and m.before.state is m.after.state
-        waited = asked is not None and m.saw.now - asked.asked_ns >= m.rules.limits.check_reply_limit_ns
+        waited = asked is not None and m.saw.now - asked.asked_ns >= _reply_limit_ns(m, request)
         return "a check is asked again while its answer is waited for" if open_still and not waited else ""
     if isinstance(request, (LoadMission, StartRecording)) and same_place:
         return f"{type(request).__name__} again without a step in between"

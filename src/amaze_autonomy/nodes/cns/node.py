@@ -200,7 +200,8 @@ class CnsPeersNode:
         with self._changed:
             self._number += 1
             number, now_ns = self._number, self._clock.now_ns()
-            limit_ns = self._configuration.rules.limits.check_reply_limit_ns
+            rules = self._configuration.rules
+            limit_ns = rules.reply_limit_ns(service.check.value if service.check is not None else "")
             reply = self._peers[service.peer].answer(now_ns, service.command(request, number, limit_ns))
             self._send(service.peer)
             if reply is None:
