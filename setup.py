@@ -37,6 +37,7 @@ setup(
         "": ["py.typed"],
         "amaze_autonomy.replay": ["maps/*.yaml"],
         "amaze_autonomy.tester": ["pages/page.*"],
+        "amaze_autonomy.pages": ["*.html", "*.css", "*.js"],
     },
     data_files=data_files(),
     options={"build": {"build_base": SCRATCH}, "egg_info": {"egg_base": SCRATCH}},

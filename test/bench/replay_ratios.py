@@ -90,7 +90,7 @@ def measure(bags: dict, folder: Path) -> dict:
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
     environment.pop("AMAZE_TAPES", None)
     out, best = folder / "out", {}
-    rest = ["--map", MAP, "--mission", "4", "--out", out]
+    rest = ["--map", MAP, "--mission", "4", "--no-html", "--out", out]
     ways = {f"cold, {name}": (COMMAND, bag, []) for name, bag in bags.items()}
     ways.update({f"warm, {name}": (COMMAND, bag, ["--tapes", folder / "tapes"]) for name, bag in bags.items()})
     ways[BASE] = (PLAIN + COMMAND, bags["plain"], [])

@@ -44,7 +44,7 @@ def fastest(arguments: list) -> float:
 
 def measure(bag: Path, topic_map: str, folder: Path) -> str:
     """Return a row of the table for one bag."""
-    run_s = fastest(["run", str(bag), "--map", topic_map, "--out", str(folder)])
+    run_s = fastest(["run", str(bag), "--map", topic_map, "--no-html", "--out", str(folder)])
     journal_s = fastest(["journal", str(folder / "journal.jsonl")])
     result = json.loads((folder / "result.json").read_text())
     length_s = (result["end_ns"] - result["start_ns"]) / 1e9

@@ -23,11 +23,12 @@ def test_a_replay_prints_timeline_figures_checks_and_verdict(flight_bag, flight_
     assert out.endswith("Map flight, mission 1: ends in MISSION_ENDED (COMPLETE) after 10 decisions.\n")
 
 
-def test_the_folder_holds_journal_timeline_and_result(tmp_path, flight_bag, flight_map, capsys):
+def test_the_folder_holds_journal_timeline_result_and_page(tmp_path, flight_bag, flight_map, capsys):
     out = tmp_path / "made" / "here"
     assert main(["run", str(flight_bag), "--map", flight_map, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
-    assert sorted(path.name for path in out.iterdir()) == ["journal.jsonl", "result.json", "timeline.txt"]
+    names = sorted(path.name for path in out.iterdir())
+    assert names == ["flight.html", "journal.jsonl", "result.json", "timeline.txt"]
     assert (out / "timeline.txt").read_text() == printed
     result = json.loads((out / "result.json").read_text())
     assert (result["state"], result["result"], result["mission"], result["damage"]) == (

@@ -123,12 +123,14 @@ class FlightLog:
         events: in the bag's time, in order.
         decisions: that were made in flight, in the bag's time, in order.
         end_ns: time of the last event, whatever it is, in the bag's time.
+        offset_ns: what was added to the journal's times.
     """
 
     label: str
     events: Tuple[Event, ...]
     decisions: Tuple[Decision, ...] = ()
     end_ns: int = 0
+    offset_ns: int = 0
 
 
 def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLog]:
@@ -164,7 +166,7 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
     if not ways:
         return None
     offset_ns = min(ways)
-    return FlightLog(label, _moved(asked, offset_ns), _moved(made, offset_ns), last_ns + offset_ns)
+    return FlightLog(label, _moved(asked, offset_ns), _moved(made, offset_ns), last_ns + offset_ns, offset_ns)
 
 
 def _moved(found: Sequence[T], offset_ns: int) -> Tuple[T, ...]:

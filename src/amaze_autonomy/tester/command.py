@@ -22,11 +22,13 @@ from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import JournalError
+from ..pages.document import PageError
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
 from ..replay.changed_keys import changes_of
 from ..replay.compare import Comparison, compare
@@ -45,7 +47,7 @@ __all__ = ["main"]
 
 _ALONE = (["run"], ["journal"], ["laws"], ["map"], ["maps"])
 DONE, DIFFERENT, IMPOSSIBLE, PARTIAL, VACUOUS = 0, 1, 2, 3, 4
-_KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError)
+_KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError, PageError)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -94,7 +96,10 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     run.add_argument("--mute", action="append", default=[], metavar="TOPIC", help="leave a topic out; repeatable")
     _add_configuration(run, "default: the one that ships with the package")
     add_tapes(run)
-    run.add_argument("--out", type=Path, metavar="DIR", help="folder for journal.jsonl, timeline.txt and result.json")
+    words = "folder for journal.jsonl, timeline.txt, result.json, and flight.html where plotly is installed"
+    run.add_argument("--out", type=Path, metavar="DIR", help=words)
+    _add_page(run)
+    run.add_argument("--no-html", action="store_true", help="leave flight.html out of the folder of --out")
     run.add_argument("--json", action="store_true", help="print result.json instead of the timeline")
     run.set_defaults(command=_run)
 
@@ -119,6 +124,7 @@ def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     journal.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
     _add_configuration(journal, "decide with its rules; default: those in the journal's header")
     journal.add_argument("--json", action="store_true", help="print the result as JSON")
+    _add_page(journal)
     journal.set_defaults(command=_journal)
 
 
@@ -129,6 +135,11 @@ def _add_laws(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     _add_configuration(laws, "decide with its rules; default: those in the journal's header")
     laws.add_argument("--json", action="store_true", help="print the result as JSON")
     laws.set_defaults(command=_laws)
+
+
+def _add_page(parser: argparse.ArgumentParser) -> None:
+    words = "write the flight page: one file that a browser opens without a network (needs plotly)"
+    parser.add_argument("--html", type=Path, metavar="FILE", help=words)
 
 
 def _add_configuration(parser: argparse.ArgumentParser, words: str) -> None:
@@ -180,6 +191,7 @@ def _run(options: argparse.Namespace) -> int:
         with progress_bar("replaying") as progress:
             outcome = Session(plan, part, changes=changes).run(progress)
         _write(options.out, plan, part, outcome)
+        _write_page(options, configuration, plan, part, outcome)
         if options.json:
             show_lines([json.dumps(replay_result(plan, part, outcome), indent=1)])
         else:
@@ -244,6 +256,25 @@ def _write(folder: Optional[Path], plan: Plan, recordings: Recordings, outcome: 
     write_whole(folder / "result.json", json.dumps(replay_result(plan, recordings, outcome), indent=1) + "\n")
 
 
+def _write_page(
+    options: argparse.Namespace, configuration: Configuration, plan: Plan, recordings: Recordings, outcome: Outcome
+) -> None:
+    """Write the flight page where it was asked for; beside the other results only where it can be made."""
+    beside = options.out is not None and not options.no_html
+    if options.html is None and not beside:
+        return
+    from ..pages.flight import replay_page  # noqa: PLC0415  (only who wants a page waits for it)
+
+    page = replay_page(plan, recordings, outcome, configuration.plan(plan.mission.id))
+    if options.html is not None:
+        page.write(options.html)
+    if beside:
+        try:
+            page.write(options.out / "flight.html")
+        except PageError as error:
+            sys.stderr.write(f"amaze-replay: no flight.html: {error}\n")
+
+
 def _say_speed(outcome: Outcome, took_s: float) -> None:
     if sys.stderr.isatty():
         ratio = (outcome.end_ns - outcome.start_ns) / 1e9 / max(took_s, 1e-9)
@@ -270,6 +301,10 @@ def _journal(options: argparse.Namespace) -> int:
     else:
         for each in comparisons:
             show_lines(comparison_lines(each))
+    if options.html is not None:
+        from ..pages.flight import journal_page  # noqa: PLC0415
+
+        journal_page(options.file, journals[-1], comparisons[-1], rules).write(options.html)
     if any(each.differences for each in comparisons):
         return DIFFERENT
     return PARTIAL if any(each.truncated for each in comparisons) else DONE

@@ -22,6 +22,7 @@ from amaze_autonomy.simulation.run import run
 from ..engine.events import Mission
 from ..engine.rules import ComponentRule
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
+from ..journal.trace import Trace, trace_of
 from ..replay.beginning import beginning_of
 from ..replay.changed_keys import Unread, changes_of, unread_by_rules
 from ..replay.errors import DamagedInputError, ReplayError
@@ -34,7 +35,6 @@ from ..replay.session import Outcome, Session
 from ..replay.sources import Recordings, topics_of
 from ..replay.topic_map import TopicMap, load_map, map_names
 from .expect.pattern import Pattern, instants
-from .expect.trace import Trace, trace_of
 from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind
 from .task import Options

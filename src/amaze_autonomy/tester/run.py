@@ -19,11 +19,11 @@ from amaze_autonomy.simulation.errors import SimulationError
 
 from ..engine.failsafe import FAILSAFE_CONDITIONS, USER_HOLD
 from ..journal.journal import JournalError, encode_decision
+from ..journal.trace import Trace
 from ..replay.errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
 from ..replay.journal_laws import broken_words, laws_of_lines
 from .expect import Finding, Grade, judge
 from .expect.pattern import Pattern, about, instants
-from .expect.trace import Trace
 from .golden import compare_with_golden
 from .play import Played, configuration_of, play
 from .result import Figures, Result, Verdict

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
+from ..journal.trace import Trace
 from ..replay.errors import ReplayError
-from .expect.trace import Trace
 from .play import play
 from .scenario import Case
 from .task import Options

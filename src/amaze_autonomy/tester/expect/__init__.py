@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ...journal.trace import Span, Trace, trace_of
 from .judge import Window, judge
 from .model import EXPECTATIONS, Expectation, ExpectationKind, Finding, Grade
 from .pattern import Pattern
-from .trace import Span, Trace, trace_of
 
 __all__ = [
     "EXPECTATIONS",

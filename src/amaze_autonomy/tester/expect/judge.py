@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
+from ...journal.trace import Span, Trace
 from .model import Expectation, Finding, Grade
 from .pattern import Pattern, instants, spans
-from .trace import Span, Trace
 
 __all__ = ["Window", "judge"]
 

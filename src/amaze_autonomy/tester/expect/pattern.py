@@ -11,7 +11,7 @@ from typing import List, Optional, Tuple
 
 from amaze_autonomy.engine.commands import Decision
 
-from .trace import Span, Trace
+from ...journal.trace import Span, Trace
 
 __all__ = ["Pattern", "about", "instants", "spans"]
 

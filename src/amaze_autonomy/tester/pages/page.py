@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.engine.state import State
 from amaze_autonomy.whole_file import write_whole
 
 from ...journal.journal import JournalError
+from ...journal.trace import Span, Trace, trace_of
+from ...pages.contents import STATE_COLOURS
 from ...replay.errors import ReplayError
 from ...replay.timeline import value_text
 from ..coverage import Coverage
-from ..expect.trace import Span, Trace, trace_of
 from ..golden import align, read_golden
 from ..golden.align import without_numbers
 from ..golden.store import golden_path
@@ -22,27 +22,6 @@ from ..result import Result, Verdict
 from ..scenario import load_cases
 
 __all__ = ["STATE_COLOURS", "page_content", "write_page"]
-
-# --- colours ----------------------------------------------------------------------------------------------------------
-# Colours of the pictures, in one place: what is alike in two of them has the same colour.
-
-
-STATE_COLOURS: Mapping[str, str] = {
-    State.MISSION_INPUT.value: "#dee2e6",
-    State.PREFLIGHT.value: "#a5d8ff",
-    State.OUTREACH.value: "#ffd8a8",
-    State.READY.value: "#b2f2bb",
-    State.START_RECORDING.value: "#99e9f2",
-    State.LOAD_MISSION.value: "#91a7ff",
-    State.TAKEOFF.value: "#74c0fc",
-    State.MISSION.value: "#69db7c",
-    State.HOLD.value: "#ffe066",
-    State.LAND.value: "#ffa94d",
-    State.PILOT.value: "#e599f7",
-    State.DATA_CLEANUP.value: "#c5b8a5",
-    State.MISSION_ENDED.value: "#ced4da",
-}
-
 
 # --- content ----------------------------------------------------------------------------------------------------------
 # What the page shows, as plain values: lanes over time, decisions with their values, coverage, speed.

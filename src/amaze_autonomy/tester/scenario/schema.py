@@ -28,9 +28,9 @@ from amaze_autonomy.config.schema import Group, Key, Named
 from amaze_autonomy.simulation.scenario_file import FAULT, REQUEST
 
 from ...config.sensors_schema import COMPONENT_NAME, TOPIC_NAME
+from ...journal.trace import READINGS
 from ...replay.faults.kinds import RECORDED_FAULT
 from ..expect.schema import ExpectationEntry, PatternEntry
-from ..expect.trace import READINGS
 from .model import Anchor, SourceKind
 
 __all__ = ["CONFIGURATION", "OVERRIDE", "VERSION", "schema_of"]

@@ -1,4 +1,4 @@
-"""A run as an expectation sees it: decisions, states and codes over time, read from its journal alone.
+"""A run as expectations and pages see it: decisions, states and codes over time, read from its journal alone.
 
 So a simulation, a replayed bag and a journal from disk are judged by the same code.
 """
@@ -6,14 +6,14 @@ So a simulation, a replayed bag and a journal from disk are judged by the same c
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import AutopilotStatus, ComponentStatus, Event, WatchdogAction, WatchdogInfo
 from amaze_autonomy.engine.state import State
 
-from ...engine.rules import Code
-from ...journal.journal import decode
+from ..engine.rules import Code
+from .journal import decode
 
 __all__ = ["READINGS", "Span", "Trace", "trace_of"]
 
@@ -76,7 +76,7 @@ class _Changes:
 
 
 def trace_of(
-    lines: Iterable[str],
+    lines: Iterable[Union[str, object]],
     start_ns: Optional[int] = None,
     end_ns: Optional[int] = None,
     faults: Tuple[Optional[int], ...] = (),
@@ -84,7 +84,7 @@ def trace_of(
     """Read a run from the lines of its journal.
 
     Args:
-        lines: with or without its header.
+        lines: with or without its header; or what they hold, where somebody has decoded them already.
         start_ns: zero of the scenario's times; None: the first event.
         end_ns: of the run; None: the last event.
         faults: when each fault of the scenario began.
@@ -94,7 +94,7 @@ def trace_of(
     """
     reading = _Reading()
     for number, line in enumerate(lines, 1):
-        reading.take(decode(line, number).payload)
+        reading.take(decode(line, number).payload if isinstance(line, str) else line)
     return reading.trace(start_ns, end_ns, faults)
 
 

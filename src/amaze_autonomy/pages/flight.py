@@ -1,0 +1,262 @@
+"""The page of one flight: what happened, what was decided and why, out of a replay, a journal, or a bag with one.
+
+Everything that is shown is in `FlightPage.content`, as plain values: whoever wants to know what it says looks there.
+Times are seconds from the first message of the recording, or of the journal where there is no recording. What was not
+recorded is marked: `scripted`, where the scripted world of a replay said it; `counterfactual`, where the recorded
+vehicle had not got a command of the replay.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+from amaze_autonomy.bags import Recording
+from amaze_autonomy.config import ConfigError
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.commands import Decision, Level, Notify
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import (
+    EngineStarted,
+    Event,
+    LandedStatus,
+    WatchdogInfo,
+)
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState, State, evolve
+from amaze_autonomy.missions import MissionPlan
+from amaze_autonomy.monitoring.specs import EstimateSource
+
+from ..journal.journal import Journal, decode, rules_of
+from ..monitoring.gravity import rotation_from_rpy
+from ..replay.compare import Comparison
+from ..replay.journals import JOURNAL_KIND, read_log
+from ..replay.plan import Plan
+from ..replay.report import comparison_lines, footer_lines, verdict
+from ..replay.session import Outcome
+from ..replay.sources import Recordings
+from ..replay.timeline import Line, LineKind, Notes, Source, decision_text, joined, marked
+from .contents import Sensors, Story, content_of
+from .document import write_document
+
+__all__ = ["FlightPage", "journal_page", "replay_page"]
+
+_S = 1_000_000_000
+_BAG_MAGIC = b"#ROSBAG"
+
+
+@dataclass
+class FlightPage:
+    """What the page shows: plain values, as the page's scripts read them."""
+
+    title: str
+    content: Dict[str, Any] = field(default_factory=dict)
+
+    def write(self, path: Path) -> None:
+        """Write the page as one file.
+
+        Raises:
+            OSError: it cannot be written.
+            PageError: the plot library is not installed.
+        """
+        write_document(path, self.title, ("flight",), self.content)
+
+
+# --- from a replay ----------------------------------------------------------------------------------------------------
+
+
+def replay_page(plan: Plan, recordings: Recordings, outcome: Outcome, mission: Optional[MissionPlan]) -> FlightPage:
+    """Return the page of a replay.
+
+    Args:
+        plan: of the replay.
+        recordings: that were replayed, still open.
+        outcome: of the replay.
+        mission: with its waypoints; shown where the recording tells that it was flown.
+    """
+    names = ", ".join(bag.path.name for bag in recordings.bags)
+    own = "planner" not in outcome.scripted
+    story = Story(
+        payloads=[decode(line, number).payload for number, line in enumerate(outcome.journal, 1)],
+        lines=outcome.timeline,
+        start_ns=outcome.start_ns,
+        end_ns=outcome.end_ns,
+        rules=plan.rules,
+        scripted=outcome.scripted,
+        lead_scripted=True,
+        counterfactual_ns=outcome.counterfactual_ns,
+        plan=mission if own else None,
+        fence=_fence_of(plan.configuration, plan.mission.id) if own else (),
+        recordings=recordings,
+        sensors=_sensors_of_plan(plan),
+        facts=[("Map", plan.topic_map.name)],
+    )
+    title, result = f"Replay of {names}", outcome.state.session.result.value
+    return FlightPage(
+        title, content_of(story, title, result, verdict(outcome), footer_lines(plan, recordings, outcome))
+    )
+
+
+def _sensors_of_plan(plan: Plan) -> Sensors:
+    readings = plan.topic_map.readings
+    found = Sensors(
+        watched=tuple(
+            (topic.topic, spec.name, topic.rate_hz, topic.age_limit_ns / _S)
+            for spec in plan.components
+            for topic in spec.topics
+        )
+    )
+    if plan.landing is not None and "range" in readings:
+        reading = readings["range"]
+        found = found._replace(
+            range=(reading.topic, reading.fields["distance"], reading.scale, plan.landing.max_range_m)
+        )
+    if plan.state_estimation is not None and "imu" in readings:
+        reading, turned = readings["imu"], rotation_from_rpy(plan.state_estimation.imu_mounting_rpy_rad)
+        paths = [reading.fields.get(name, default) for name, default in _IMU_FIELDS.items()]
+        found = found._replace(imu=(reading.topic, paths[0], paths[1], paths[2], reading.scale, turned[2]))
+    if plan.state_estimation is not None and "estimate" in readings:
+        found = found._replace(estimate=(readings["estimate"].topic, plan.state_estimation.source))
+    return found
+
+
+_IMU_FIELDS = {
+    "acceleration": "linear_acceleration",
+    "turn_rate": "angular_velocity",
+    "orientation": "orientation",
+}
+
+
+# --- from a journal ---------------------------------------------------------------------------------------------------
+
+
+def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Optional[Rules] = None) -> FlightPage:
+    """Return the page of a journal, with the sensors of the bag where it lies in one.
+
+    Args:
+        path: of the journal, or of the bag that it was read from.
+        journal: whole.
+        comparison: of its decisions with those that are made now.
+        rules: that it was decided by again; None: its own.
+    """
+    header = journal.lines[0].payload
+    configuration = header.get("configuration", {}) if isinstance(header, dict) else {}
+    decided = rules or rules_of(journal.lines[0])
+    sensors = _sensors_of_configuration(configuration)
+    recordings, late_ns = _recording_of(path, sensors)
+    try:
+        payloads = [_later(line.payload, late_ns) for line in journal.lines[1:]]
+        times = [each.t_ns for each in payloads if isinstance(each, (Event, Decision))] or [0]
+        start_ns = recordings.start_ns if recordings is not None else times[0]
+        first = comparison.first
+        parted_ns = None if first is None else first.event.t_ns + late_ns - 1
+        lines = _decided_lines(payloads, decided, start_ns)
+        story = Story(
+            payloads=payloads,
+            lines=marked(joined(lines), parted_ns),
+            start_ns=start_ns,
+            end_ns=max(times[-1], recordings.end_ns if recordings is not None else 0),
+            rules=decided,
+            counterfactual_ns=parted_ns,
+            recordings=recordings,
+            sensors=sensors,
+        )
+        mission = story.mission
+        if mission is not None:
+            story.fence = _fence_of(configuration, mission.id)
+            story.plan = _plan_beside(path, mission.id)
+        said = comparison_lines(comparison)
+        result = comparison.final.session.result.value
+        ended = f"ends in {comparison.final.state.value}" + (f" ({result})" if result else "")
+        title = f"Flight {path.stem}"
+        return FlightPage(title, content_of(story, title, result, f"{ended}. {said[0]}", said[1:]))
+    finally:
+        if recordings is not None:
+            recordings.close()
+
+
+def _recording_of(path: Path, sensors: Sensors) -> Tuple[Optional[Recordings], int]:
+    """Return the bag that holds the journal, open, and how much later its clock is than the journal's."""
+    with path.open("rb") as file:
+        if file.read(len(_BAG_MAGIC)) != _BAG_MAGIC:
+            return None, 0
+    with Recording(path) as bag:
+        topic = next(each.name for each in bag.topics if each.kind == JOURNAL_KIND)
+    recordings = Recordings([path], [topic, *sensors.topics])
+    log = read_log(tuple(each for each in recordings.bags if isinstance(each, Recording)), topic)
+    return recordings, 0 if log is None else log.offset_ns
+
+
+def _later(payload: object, late_ns: int) -> object:
+    moves = late_ns != 0 and isinstance(payload, (Event, Decision))
+    return evolve(payload, t_ns=max(0, payload.t_ns + late_ns)) if moves else payload  # type: ignore[attr-defined]
+
+
+def _decided_lines(payloads: Iterable[object], rules: Rules, start_ns: int) -> List[Line]:
+    """Decide all events again; return what was decided and said, and what the monitors said, as a timeline."""
+    lines: List[Line] = []
+    notes = Notes(lambda t_ns, source, text, level: lines.append(Line(t_ns, source, LineKind.MONITOR, text, level)))
+    state = EngineState()
+    for event in payloads:
+        if not isinstance(event, Event):
+            continue
+        if isinstance(event, EngineStarted) and not event.resumed:
+            state = EngineState()
+        if isinstance(event, WatchdogInfo):
+            notes.components(event.components, event.t_ns, Source.LOG)
+        elif isinstance(event, LandedStatus):
+            notes.landed(event.landed, event.reason, event.t_ns, Source.LOG)
+        state, commands = decide(state, event, rules)
+        for command in commands:
+            if isinstance(command, Decision):
+                level = _STATE_LEVELS.get(command.after, 0)
+                text = decision_text(command, start_ns)
+                lines.append(Line(event.t_ns, Source.LOG, LineKind.DECISION, text, level))
+        for command in commands:
+            if isinstance(command, Notify):
+                level = {Level.INFO: 0, Level.WARNING: 1}.get(command.level, 2)
+                lines.append(Line(event.t_ns, Source.LOG, LineKind.MESSAGE, f'"{command.text}"', level))
+    return lines
+
+
+_STATE_LEVELS = {State.LAND.value: 2, State.PILOT.value: 2, State.OUTREACH.value: 2, State.HOLD.value: 1}
+
+
+def _sensors_of_configuration(configuration: Mapping[str, Any]) -> Sensors:
+    """Return where the sensors are that an effective configuration names; nothing for one of another version."""
+    sensors = configuration.get("sensors", {})
+    watched = tuple(
+        (topic, name, spec.get("rate_hz"), spec.get("age_limit_s"))
+        for name, component in sensors.get("components", {}).items()
+        for topic, spec in component.get("topics", {}).items()
+    )
+    landing, state = sensors.get("landing_detection", {}), sensors.get("state_estimation", {})
+    found = Sensors(watched)
+    if landing.get("topic") and landing.get("source") == "range":
+        limits = landing.get("scale", 1.0), landing.get("max_range_m", math.inf)
+        found = found._replace(range=(landing["topic"], "range", *limits))
+    if state.get("imu_topic"):
+        roll, pitch, yaw = (math.radians(each) for each in state.get("imu_mounting_rpy_deg", (0.0, 0.0, 0.0)))
+        up = rotation_from_rpy((roll, pitch, yaw))[2]
+        found = found._replace(imu=(state["imu_topic"], *_IMU_FIELDS.values(), 1.0, up))
+    if state.get("topic"):
+        found = found._replace(estimate=(state["topic"], EstimateSource(state.get("source", "odometry"))))
+    return found
+
+
+def _fence_of(configuration: Mapping[str, Any], mission_id: str) -> Sequence[Sequence[float]]:
+    missions = configuration.get("missions", {}).get("missions", {})
+    return list(missions.get(mission_id, {}).get("fence_m", ()))
+
+
+def _plan_beside(path: Path, mission_id: str) -> Optional[MissionPlan]:
+    """Return the mission of the configuration that the collector has put beside a recording; None: none is there."""
+    folder = path.parent / "configuration"
+    if not folder.is_dir():
+        return None
+    with suppress(ConfigError, KeyError, OSError):
+        return load_configuration(folder).plan(mission_id)
+    return None

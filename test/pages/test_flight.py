@@ -1,0 +1,270 @@
+"""The flight page says what the recording, the journal and the replay say, marks what is not recorded, and is safe."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from base64 import b64decode
+from pathlib import Path
+
+import numpy as np
+import pytest
+from replay_bags import START_NS, S, flight_rows, make, write_bag
+from replay_demo import demo_bag, simulated
+from replay_runs import CONFIG, recording, replay
+
+from amaze_autonomy.bags import Recording
+from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.journal.journal import read
+from amaze_autonomy.pages.document import PageError, write_document
+from amaze_autonomy.pages.flight import journal_page, replay_page
+from amaze_autonomy.replay.compare import compare
+from amaze_autonomy.replay.journals import read_journals
+from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.session import Session
+from amaze_autonomy.replay.sources import Recordings, topics_of
+from amaze_autonomy.replay.topic_map import load_map
+from amaze_autonomy.tester.command import main
+
+MAP = __file__.replace("pages/test_flight.py", "replay/flight.yaml")
+
+
+def replayed(bag, topic_map):
+    """Return the content of the page of a replay."""
+    configuration = load_configuration(CONFIG)
+    plan = make_plan(configuration, load_map(topic_map), "1", topics_of([bag]))
+    with Recordings([bag], plan.topics) as recordings:
+        outcome = Session(plan, recordings).run()
+        return replay_page(plan, recordings, outcome, configuration.plan("1")).content
+
+
+def series(content, title, name, *, scripted=False):
+    """Return the points of a line of a plot."""
+    plot = next(each for each in content["plots"] if each["title"] == title)
+    line = next(each for each in plot["series"] if (each["name"], each["scripted"]) == (name, scripted))
+    t_s, values = (np.frombuffer(b64decode(line[key]), "<f4") for key in "tv")
+    known = ~np.isnan(values)
+    return dict(zip(np.round(t_s[known], 3).tolist(), values[known].tolist()))
+
+
+def band(content, name):
+    return next(each for each in content["bands"] if each["name"] == name)
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return simulated()
+
+
+@pytest.fixture(scope="module")
+def bag(flown, tmp_path_factory):
+    return demo_bag(tmp_path_factory.mktemp("demo") / "demo.bag", flown)
+
+
+@pytest.fixture(scope="module")
+def of_bag(bag):
+    journal = read_journals(bag)[0]
+    return journal_page(bag, journal, compare(journal)).content
+
+
+def test_the_page_of_a_bag_has_the_flight_s_states_modes_and_decisions_on_the_bag_s_clock(of_bag, flown):
+    decisions = [line.payload for line in read("\n".join(flown) + "\n").lines if line.kind == "decision"]
+    shown = [each for each in of_bag["events"] if each["kind"] == "decision"]
+    assert [each["text"].split("  by ")[1].split()[0] for each in shown][:5] == [each.rule for each in decisions][:5]
+    took_off = next(each.t_ns for each in decisions if each.after == "TAKEOFF")
+    began = next(each.t_ns for each in decisions if each.after == "START_RECORDING")
+    states = {text: begin for begin, _, text in band(of_bag, "engine")["spans"]}
+    assert states["TAKEOFF/arming"] == pytest.approx((took_off - began) / S - 0.5, abs=0.01)
+    assert [text for *_, text in band(of_bag, "flight mode")["spans"]][-1].startswith("AUTO.")
+    assert of_bag["background"] == "flight mode"
+    assert (of_bag["counterfactual_s"], of_bag["scripted"]) == (None, [])
+    assert not any(each["scripted"] or each["counterfactual"] for each in of_bag["events"])
+
+
+def test_it_has_the_telemetry_the_sensors_the_track_and_the_rates(of_bag, flown):
+    heights = [p.payload.height_m or 0.0 for p in read("\n".join(flown) + "\n").lines if hasattr(p.payload, "height_m")]
+    assert max(series(of_bag, "Altitude", "altitude above takeoff").values()) == pytest.approx(max(heights), abs=0.02)
+    assert max(series(of_bag, "Range finder", "distance").values()) > 1.0
+    assert min(series(of_bag, "IMU level", "acceleration").values()) == pytest.approx(9.81, abs=0.01)
+    assert max(series(of_bag, "Battery", "level").values()) > 90.0
+    assert of_bag["track"]["about"] == "metres east and north of the takeoff place, by the autopilot"
+    rates = {each["topic"]: each for each in of_bag["rates"]["topics"]}
+    assert rates["/px4/imu"]["rate_hz"] == pytest.approx(100.0, rel=0.01)
+    assert rates["/px4/imu"]["component"] == "imu"
+    assert rates["/mission_camera/image_raw"]["messages"] == 0
+
+
+def test_what_the_user_read_and_the_monitors_said_is_in_the_timeline(of_bag):
+    texts = [each["text"] for each in of_bag["events"]]
+    assert '"Takeoff."' in texts
+    assert any(text.startswith("landing detection: ") for text in texts)
+
+
+def test_a_journal_alone_has_a_page_without_sensors(flown, tmp_path):
+    path = tmp_path / "journal.jsonl"
+    path.write_text("\n".join(flown) + "\n")
+    journal = read_journals(path)[0]
+    content = journal_page(path, journal, compare(journal)).content
+    assert [plot["title"] for plot in content["plots"]] == [
+        "Altitude",
+        "Speed",
+        "Battery",
+        "Age of the autopilot's heartbeat",
+    ]
+    assert content["rates"]["topics"] == []
+    assert content["result"] == "COMPLETE"
+
+
+def test_the_mission_and_its_fence_are_drawn_where_its_configuration_lies_beside_the_recording(bag, tmp_path):
+    copied = tmp_path / "flight.bag"
+    copied.write_bytes(bag.read_bytes())
+    (tmp_path / "configuration").symlink_to(CONFIG)
+    journal = read_journals(copied)[0]
+    planned = journal_page(copied, journal, compare(journal)).content["track"]["planned"]
+    waypoints = load_configuration(CONFIG).plan("1").trajectories[0].waypoints
+    assert planned == [[[each.x_m, each.y_m, each.z_m] for each in waypoints]]
+
+
+def test_other_rules_are_counterfactual_from_the_first_difference_on(flown, tmp_path):
+    path = tmp_path / "journal.jsonl"
+    path.write_text("\n".join(flown) + "\n")
+    journal = read_journals(path)[0]
+    rules = load_configuration(CONFIG, ["autonomy.require_go=true"]).rules
+    compared = compare(journal, rules)
+    content = journal_page(path, journal, compared, rules).content
+    first_s = (compared.first.event.t_ns - compared.start_ns) / S
+    assert content["counterfactual_s"] == pytest.approx(first_s, abs=0.001)
+    marks = {each["counterfactual"] for each in content["events"] if each["t"] >= first_s}
+    assert marks == {True}
+
+
+def test_a_replay_marks_what_is_scripted_and_draws_no_plot_of_it(tmp_path):
+    content = replayed(write_bag(tmp_path / "flight.bag", flight_rows()), MAP)
+    assert content["scripted"] == ["mode", "position", "planner", "recorder"]
+    assert band(content, "planner")["scripted"]
+    assert not band(content, "vehicle")["scripted"]
+    assert content["background"] == "engine"
+    assert content["track"] is None
+    assert "Speed" not in [plot["title"] for plot in content["plots"]]
+    assert {each["scripted"] for each in content["events"] if each["source"] == "script"} == {True}
+    assert max(series(content, "Range finder", "distance").values()) == pytest.approx(3.05, abs=2.0)
+
+
+def test_a_replay_is_counterfactual_where_the_timeline_says_so(tmp_path):
+    rows = flight_rows(silent={"/imu": (15.0, 25.0)})
+    bag = write_bag(tmp_path / "flight.bag", rows)
+    outcome, _ = replay(bag, MAP)
+    content = replayed(bag, MAP)
+    assert content["counterfactual_s"] == pytest.approx((outcome.counterfactual_ns - outcome.start_ns) / S, abs=0.001)
+    assert [each["counterfactual"] for each in content["events"]] == [line.counterfactual for line in outcome.timeline]
+
+
+def test_ranges_at_or_above_the_limit_are_nothing_seen(tmp_path):
+    rows = flight_rows()
+    for _, topic, message in rows:
+        if topic == "/range":
+            message.max_range = 1.5
+    content = replayed(write_bag(tmp_path / "flight.bag", rows), MAP)
+    assert max(series(content, "Range finder", "distance").values()) < 1.5
+    unseen = series(content, "Range finder", "nothing seen: at or above its limit").values()
+    assert set(unseen) == {1.5}
+
+
+HOSTILE = "</script><img src=x onerror=alert(1)><b>\u2028 &lt;"
+
+
+def test_names_in_a_recording_never_become_markup(tmp_path):
+    """Only what the page itself consists of may hold markup: names are JSON without "<", and put in as text."""
+    log = make(
+        "rosgraph_msgs/msg/Log",
+        header=make(
+            "std_msgs/msg/Header", seq=0, stamp=make("builtin_interfaces/msg/Time", sec=0, nanosec=0), frame_id=""
+        ),
+        level=8,
+        name=HOSTILE,
+        msg=HOSTILE,
+        file="",
+        function="",
+        line=0,
+        topics=[],
+    )
+    rows = sorted([*flight_rows(), (START_NS + S, "/rosout", log)], key=lambda row: row[0])
+    bag = write_bag(tmp_path / "flight<i>.bag", rows)
+    page = tmp_path / "flight.html"
+    assert main(["run", str(bag), "--map", MAP, "--html", str(page)]) == 0
+    text = page.read_text("utf-8")
+    assert text.count("onerror=alert") == 2
+    assert "<img src=x" not in text
+    data = re.search(r"^const CONTENT = (.*);$", text, re.MULTILINE).group(1)
+    assert "<" not in data
+    content = json.loads(data)
+    assert HOSTILE in next(each["text"] for each in content["events"] if each["kind"] == "text")
+    assert content["title"] == "Replay of flight<i>.bag"
+    assert "<title>Replay of flight&lt;i&gt;.bag</title>" in text
+
+
+def test_the_scripts_put_text_in_as_text_and_escape_it_for_the_plot_library():
+    folder = Path(sys.modules["amaze_autonomy.pages.document"].__file__).parent
+    scripts = "".join(path.read_text("utf-8") for path in folder.glob("*.js"))
+    assert not re.findall(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(", scripts)
+
+
+def test_a_page_loads_nothing(tmp_path):
+    page = tmp_path / "flight.html"
+    write_document(page, "title", ("flight",), {})
+    own = re.sub(r"<script>\n/\*\*.*?</script>", "", page.read_text("utf-8"), flags=re.DOTALL)
+    assert "Plotly.react" in own
+    assert not re.findall(r"https?://|<link|@import|url\(|\bsrc=", own)
+
+
+def test_without_the_plot_library_it_says_how_to_get_it_and_data_is_not_harmed(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("amaze_autonomy.pages.document._PLOTS", ("no_such_library", "plotly.min.js"))
+    with pytest.raises(PageError, match=r"pip install 'amaze_autonomy\[page\]'"):
+        write_document(tmp_path / "a.html", "title", ("flight",), {})
+    bag = write_bag(tmp_path / "flight.bag", flight_rows())
+    assert main(["run", str(bag), "--map", MAP, "--html", str(tmp_path / "a.html")]) == 2
+    assert "plotly, which is not installed here" in capsys.readouterr().err
+    assert main(["run", str(bag), "--map", MAP, "--out", str(tmp_path / "out")]) == 0
+    assert "no flight.html: " in capsys.readouterr().err
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "journal.jsonl",
+        "result.json",
+        "timeline.txt",
+    ]
+
+
+def test_run_with_a_folder_puts_the_page_beside_the_other_results(tmp_path):
+    bag = write_bag(tmp_path / "flight.bag", flight_rows())
+    assert main(["run", str(bag), "--map", MAP, "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "flight.html").stat().st_size < 15_000_000
+    assert main(["run", str(bag), "--map", MAP, "--out", str(tmp_path / "other"), "--no-html"]) == 0
+    assert not (tmp_path / "other" / "flight.html").exists()
+
+
+def test_a_telemetry_log_has_texts_modes_and_a_track():
+    path = recording("px4_battery_drain.tlog")
+    content = replayed(path, "px4_telemetry")
+    assert [text for *_, text in band(content, "flight mode")["spans"]] == [
+        "AUTO.LOITER",
+        "AUTO.MISSION",
+        "AUTO.LOITER",
+        "AUTO.LAND",
+        "AUTO.MISSION",
+    ]
+    texts = [each for each in content["events"] if each["kind"] == "text"]
+    assert any("Takeoff detected" in each["text"] for each in texts)
+    assert content["track"]["labels"][:2] == ["AUTO.LOITER", "AUTO.MISSION"]
+    assert 20.0 < max(series(content, "Tilt", "attitude of the autopilot").values()) < 45.0
+
+
+def test_a_real_bag_has_its_shock_and_its_gaps():
+    path = recording("ardrone_indoor_flight.bag")
+    content = replayed(path, "ardrone_indoor_flight")
+    assert max(series(content, "IMU level", "acceleration").values()) == pytest.approx(31.0, abs=1.0)
+    imu = next(each for each in content["rates"]["topics"] if each["component"] == "imu")
+    with Recording(path) as bag:
+        times = np.array([entry.t_ns for entry in bag.entries("/ardrone/imu")])
+    assert imu["longest_s"] == pytest.approx(np.diff(times).max() / S)
+    assert imu["longest_at_s"] == pytest.approx(101.66, abs=0.01)
+    assert imu["gaps"][0] == pytest.approx((99.926, 100.143), abs=0.01)  # what the watchdog calls silence at 100.14
