@@ -12,10 +12,12 @@ from amaze_autonomy.console.model import (
     MissionRow,
     Note,
     PendingFailure,
+    Platform,
     Question,
     Request,
     RequestKind,
     Snapshot,
+    Telemetry,
     Verdict,
 )
 from amaze_autonomy.engine.events import Check, UserCommand
@@ -58,16 +60,44 @@ PASSED = (
     Check("state estimation: tilt", CheckVerdict.PASS, 0.009, 0.1745, "rad", 0.01),
 )
 
-LRF = PendingFailure("lrf", 8, "wait", "land", 12.4, "no message on /lrf/range for longer than 0.3 s")
-REALSENSE = PendingFailure("realsense_camera", 4, "wait", "continue", 21.0, "node /realsense: connection refused")
-GPS = PendingFailure("gps", 2, "continue", "", None, "3.1 Hz, expected 5 Hz")
-CAMERA = PendingFailure("mission_camera", 16, "land", "", None, "no message on /camera/image for longer than 0.3 s")
+LRF = PendingFailure(
+    "lrf", 8, "wait", "land", 8.1, "restart limit", "", "no message on /lrf/range for longer than 0.3 s"
+)
+REALSENSE = PendingFailure(
+    "realsense_camera", 4, "wait", "continue", 21.0, "wait limit", "", "node /realsense: connection refused"
+)
+GPS = PendingFailure("gps", 2, "continue", "", None, "", "", "3.1 Hz, expected 5 Hz")
+CAMERA = PendingFailure(
+    "mission_camera", 16, "land", "", None, "", "", "no message on /camera/image for longer than 0.3 s"
+)
 
 _NOTES = (
     Note("10:14:31", 0, "Pre-flight checks of mission 1 are running."),
     Note("10:14:36", 0, "Ready."),
     Note("10:14:40", 0, "Takeoff."),
     Note("10:15:02", 1, "gps: 3.1 Hz, expected 5 Hz. The mission goes on."),
+)
+
+TELEMETRY = Telemetry(
+    age=0.1,
+    link_age=0.05,
+    mode="AUTO.MISSION",
+    armed=True,
+    landed="IN_AIR",
+    gps="nominal",
+    battery_fraction=0.72,
+    battery_limit=0.15,
+    battery_voltage=15.6,
+    altitude=5.02,
+    altitude_limit=30.0,
+    position_x=10.0,
+    position_y=6.5,
+    distance=11.9,
+    distance_limit=100.0,
+    speed=1.0,
+    climb=0.0,
+    flight_time=83.0,
+    flight_time_limit=900.0,
 )
 
 _MISSION = Snapshot(
@@ -87,6 +117,7 @@ _FLYING = replace(
     waypoint=3,
     waypoints=8,
     recording_phase="RECORDING",
+    telemetry=TELEMETRY,
 )
 
 
@@ -103,7 +134,8 @@ _HOLD = replace(
     step="holding",
     failures=(GPS, REALSENSE, LRF),
     waiting_for="lrf, realsense_camera",
-    time_left_s=12.4,
+    time_left_s=8.1,
+    limit="restart limit",
     message="Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
     message_level=1,
     advice="Wait, or land.",
@@ -272,7 +304,11 @@ SCENES: Dict[str, Desk] = {
             data_location="main:/data/20261121T101431-001",
         ),
         collecting=Collecting(
-            _MISSION.session_id, "TRANSFERRING", None, NOW_S - 0.3, ("second: the cable is cut: tried again for 20 s",)
+            _MISSION.session_id,
+            "TRANSFERRING",
+            None,
+            NOW_S - 0.3,
+            (Platform("second", message="second: the cable is cut: tried again for 20 s"),),
         ),
     ),
     "mission-ended": _desk(

@@ -8,7 +8,7 @@ import pytest
 from console_scenes import MISSIONS, NOW_S, SCENES
 
 from amaze_autonomy.console.dialog import answered, listed, press, received, tick, typed
-from amaze_autonomy.console.model import Answer, Desk, Note, Question, Request, RequestKind, Snapshot, Verdict
+from amaze_autonomy.console.model import Answer, CommandAnswer, Desk, Question, Request, RequestKind, Verdict
 from amaze_autonomy.engine.events import UserCommand
 
 HOLD, MISSION, INPUT = SCENES["hold"], SCENES["mission"], replace(SCENES["mission-input"], listed_s=NOW_S)
@@ -89,7 +89,7 @@ def test_every_key_sends_its_own_command():
 def test_a_question_is_dropped_when_the_engine_would_not_do_it_any_more():
     desk, _ = press(HOLD, "l", NOW_S)
     landing = SCENES["land"].snapshot
-    desk = received(desk, landing, NOW_S, "10:00:00")
+    desk = received(desk, landing, NOW_S)
     assert (desk.question, desk.error) == (None, "Not sent: land is not possible any more.")
     assert press(desk, "enter", NOW_S)[1] == ()
 
@@ -166,13 +166,13 @@ def test_typing_before_the_list_has_come():
 
 def test_what_is_typed_is_dropped_when_another_console_selects():
     desk, _ = press_all(INPUT, "1")
-    desk = received(desk, SCENES["preflight"].snapshot, NOW_S, "10:00:00")
+    desk = received(desk, SCENES["preflight"].snapshot, NOW_S)
     assert (desk.entry, desk.question) == ("", None)
 
 
 def test_a_confirmation_is_dropped_when_another_console_selects():
     desk, _ = press_all(INPUT, "1", "enter")
-    desk = received(desk, SCENES["preflight"].snapshot, NOW_S, "10:00:00")
+    desk = received(desk, SCENES["preflight"].snapshot, NOW_S)
     assert (desk.question, desk.error) == (None, "Not sent: mission 1 is not possible any more.")
     assert press(desk, "y", NOW_S)[1] == ()
 
@@ -192,7 +192,7 @@ def test_the_list_is_asked_for_when_a_mission_can_be_selected():
 def test_the_list_is_not_asked_for_in_flight_and_anew_afterwards():
     flying, requests = tick(replace(HOLD, listed_s=5.0), NOW_S)
     assert (flying.listed_s, requests) == (None, ())
-    ended = received(flying, SCENES["mission-ended"].snapshot, NOW_S, "")
+    ended = received(flying, SCENES["mission-ended"].snapshot, NOW_S)
     assert [request.kind for request in tick(ended, NOW_S)[1]] == [RequestKind.LIST]
 
 
@@ -218,7 +218,7 @@ def test_a_mission_by_parameter_is_dropped_when_the_engine_is_busy():
 def test_an_answer_is_shown_for_fifteen_seconds():
     desk = replace(HOLD, requests=(LAND,))
     desk = answered(desk, 1, Verdict.REFUSED, "the reason", NOW_S)
-    assert desk == replace(HOLD, answer=Answer("land", Verdict.REFUSED, "the reason", NOW_S))
+    assert desk == replace(HOLD, answer=Answer("land", Verdict.REFUSED, "the reason", NOW_S, "HOLD"))
     assert tick(desk, NOW_S + 14.0)[0].answer is not None
     assert tick(desk, NOW_S + 16.0)[0].answer is None
 
@@ -252,13 +252,24 @@ def test_a_hanging_request_does_not_keep_land_back():
     assert [request.command for request in desk.requests] == [UserCommand.HOLD, UserCommand.LAND]
 
 
-def test_messages_are_noted_once_with_their_time():
-    desk = Desk()
-    first = Snapshot(state="READY", message="Ready.")
-    for clock, snapshot in (("10:00:00", first), ("10:00:01", first), ("10:00:02", replace(first, time_left_s=3.0))):
-        desk = received(desk, snapshot, NOW_S, clock)
-    desk = received(desk, replace(first, state="HOLD", message="Holding.", message_level=1), NOW_S, "10:00:03")
-    assert desk.notes == (Note("10:00:00", 0, "Ready."), Note("10:00:03", 1, "Holding."))
+def test_an_answer_vanishes_with_the_state_that_it_was_for_once_it_could_be_read():
+    desk = answered(replace(HOLD, requests=(replace(LAND, id=1),)), 1, Verdict.DONE, "Landing.", NOW_S)
+    landing = received(desk, SCENES["land"].snapshot, NOW_S + 0.2)
+    assert tick(landing, NOW_S + 1.9)[0].answer == Answer("land", Verdict.DONE, "Landing.", NOW_S, "HOLD")
+    assert tick(landing, NOW_S + 2.1)[0].answer is None
+    assert tick(desk, NOW_S + 14.0)[0].answer is not None
+
+
+def test_land_while_it_lands_is_answered_already_and_not_sent():
+    already = CommandAnswer("land", Verdict.ALREADY, "It is landing.")
+    landing = replace(SCENES["land"], snapshot=replace(SCENES["land"].snapshot, answers=(already,)))
+    desk, requests = press(landing, "l", NOW_S)
+    assert requests == ()
+    assert (desk.answer, desk.question, desk.error) == (
+        Answer("land", Verdict.ALREADY, "It is landing.", NOW_S, "LAND"),
+        None,
+        "",
+    )
 
 
 # --- lines ---

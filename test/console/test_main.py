@@ -36,7 +36,7 @@ def left_in_order(console):
 
 def test_land_is_one_key_and_one_more(tmp_path):
     with ConsoleProcess(tmp_path, "hold") as console:
-        console.wait_for("waits 12 s, then LAND")
+        console.wait_for("waits 8 s (restart limit),")
         console.type("l")
         console.wait_for("LAND at the present position?")
         assert console.asked() == []
@@ -130,7 +130,7 @@ def test_silence_of_the_engine_is_loud(tmp_path):
 
 def test_ascii_where_the_locale_has_no_unicode(tmp_path):
     with ConsoleProcess(tmp_path, "hold", PYTHONIOENCODING="ascii") as console:
-        console.wait_for("waits 12 s, then LAND")
+        console.wait_for("waits 8 s (restart limit),")
         console.type("\x03")
         assert console.end() == 130
         assert console.seen.isascii()
@@ -208,7 +208,7 @@ def test_without_input_it_tells_and_never_blocks(tmp_path):
     assert lines[1:] == [
         "STATE     LAND (commanding), IN FLIGHT, mission 1 Short square, less than a minute, 1 min 57 s left",
         "ERROR     Landing: mission_camera: no message on /camera/image for longer than 0.3 s.",
-        "WRONG     mission_camera code 16: land: no message on /camera/image for longer than 0.3 s",
+        "FAULT     mission_camera code 16: land: no message on /camera/image for longer than 0.3 s",
         "PROGRESS  waypoint 0 of 8",
         "RECORDING recording",
         "ADVICE    Watch the vehicle; be ready to take over.",

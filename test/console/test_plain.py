@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from console_scenes import CAMERA, CHECKS, GPS, LRF, MISSIONS, NOW_S, SCENES
 
-from amaze_autonomy.console.model import Answer, Desk, Question, Request, RequestKind, Verdict
+from amaze_autonomy.console.model import Answer, Desk, Note, Question, Request, RequestKind, Verdict
 from amaze_autonomy.console.plain import changes
 from amaze_autonomy.engine.events import UserCommand
 
@@ -15,6 +15,22 @@ START = Desk(started_s=NOW_S, received_s=NOW_S)
 
 def lines(before, after, before_s=NOW_S, after_s=NOW_S):
     return changes(before, before_s, after, after_s)
+
+
+def test_of_several_messages_at_once_none_is_left_out():
+    notes = tuple(Note("10:00:00", 1, f"message {number}", "", number) for number in range(1, 6))
+    before = replace(SCENES["hold"], run="r-1", notes=notes[:2])
+    assert lines(before, replace(before, notes=notes)) == [f"WARNING   message {number}" for number in (3, 4, 5)]
+    anew = replace(before, run="r-2", notes=notes[:3])
+    assert lines(replace(before, run="r-1"), anew) == [f"WARNING   message {number}" for number in (1, 2, 3)]
+
+
+def test_of_the_messages_before_this_console_was_there_the_last_one_is_shown():
+    note = Note("10:00:00", 0, SCENES["hold"].snapshot.message, "", 1)
+    last = Note("10:00:01", 0, "Landing.", "", 2)
+    before = replace(SCENES["hold"], notes=())
+    assert lines(before, replace(before, run="r", notes=(note, last))) == ["INFO      Landing."]
+    assert lines(before, replace(before, run="r", notes=(last, note))) == []
 
 
 def test_nothing_new_is_no_line():
@@ -33,11 +49,13 @@ def test_time_that_passes_is_no_line():
 
 def test_the_first_state_is_told_whole():
     assert lines(START, SCENES["hold"]) == [
-        "STATE     HOLD (holding), IN FLIGHT, mission 1 Short square, less than a minute, 12 s left",
+        "STATE     HOLD (holding), IN FLIGHT, mission 1 Short square, less than a minute, 8 s left",
         "WARNING   Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
-        "WRONG     gps code 2: continue: 3.1 Hz, expected 5 Hz",
-        "WRONG     realsense_camera code 4: wait, then continue, 21 s left: node /realsense: connection refused",
-        "WRONG     lrf code 8: wait, then land, 12 s left: no message on /lrf/range for longer than 0.3 s",
+        "FAULT     gps code 2: continue: 3.1 Hz, expected 5 Hz",
+        "FAULT     realsense_camera code 4: wait, then continue, 21 s left (wait limit): "
+        "node /realsense: connection refused",
+        "FAULT     lrf code 8: wait, then land, 8 s left (restart limit): "
+        "no message on /lrf/range for longer than 0.3 s",
         "PROGRESS  waypoint 3 of 8",
         "RECORDING recording",
         "WAIT      lrf, realsense_camera",
@@ -55,10 +73,10 @@ def test_a_failure_that_turns_into_a_landing_and_others_that_clear():
         hold, snapshot=replace(hold.snapshot, state="LAND", failures=(replace(LRF, verb="land", then=""), CAMERA))
     )
     assert lines(hold, land) == [
-        "STATE     LAND (holding), IN FLIGHT, mission 1 Short square, less than a minute, 12 s left",
+        "STATE     LAND (holding), IN FLIGHT, mission 1 Short square, less than a minute, 8 s left",
         "WARNING   Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
-        "WRONG     lrf code 8: land, 12 s left: no message on /lrf/range for longer than 0.3 s",
-        "WRONG     mission_camera code 16: land: no message on /camera/image for longer than 0.3 s",
+        "FAULT     lrf code 8: land, 8 s left (restart limit): no message on /lrf/range for longer than 0.3 s",
+        "FAULT     mission_camera code 16: land: no message on /camera/image for longer than 0.3 s",
         "CLEARED   gps",
         "CLEARED   realsense_camera",
         "ADVICE    Wait, or land.",

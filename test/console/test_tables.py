@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+from dataclasses import replace
 
 import pytest
 from console_scenes import CAMERA, GPS, LRF, REALSENSE
@@ -11,7 +12,7 @@ from rich.console import Console
 
 from amaze_autonomy.console.model import PendingFailure, Snapshot
 from amaze_autonomy.console.style import ASCII
-from amaze_autonomy.console.tables import checks_table, failures_table, verb_words
+from amaze_autonomy.console.tables import action_words, checks_table, failures_table
 from amaze_autonomy.engine.events import Check, Verdict
 
 WORDS = ("battery", "fraction", "range", "of", "the", "state_estimation:", "orientation", "a", "deviation")
@@ -68,8 +69,8 @@ def test_the_number_of_rows_left_out_is_said():
 @pytest.mark.parametrize(
     "failure, words",
     [
-        (LRF, "waits 10 s, then LAND"),
-        (REALSENSE, "waits 19 s, then CONTINUE"),
+        (LRF, "waits 6 s (restart limit), then LAND"),
+        (REALSENSE, "waits 19 s (wait limit), then CONTINUE"),
         (GPS, "flies on without it"),
         (CAMERA, "LAND"),
         (PendingFailure("user_hold", 0, "wait", "land", None), "waits, then LAND"),
@@ -78,17 +79,26 @@ def test_the_number_of_rows_left_out_is_said():
     ],
 )
 def test_what_is_done_about_a_failure_in_words(failure, words):
-    assert verb_words(failure, 2.0) == words
+    assert action_words(failure, 2.0) == words
 
 
 def names(snapshot):
-    return [line.split()[0] for line in draw(failures_table(snapshot, 0.0, ASCII), 120)[2:]]
+    return [line.split()[0] for line in draw(failures_table(snapshot, 0.0, ASCII), 160)[2:]]
 
 
 def test_the_worst_and_most_urgent_comes_first():
     failures = (GPS, REALSENSE, LRF, CAMERA, PendingFailure("user_hold", 0, "wait", "land", None))
     snapshot = Snapshot(state="LAND", in_flight=True, failures=failures)
     assert names(snapshot) == ["mission_camera", "lrf", "realsense_camera", "user_hold", "gps"]
+
+
+def test_faults_of_one_cause_are_one_row():
+    cause = "no link to the autopilot"
+    gps, imu = replace(GPS, cause=cause), PendingFailure("imu", 16, "land", "", None, "", cause, "silent")
+    snapshot = Snapshot(state="LAND", in_flight=True, failures=(gps, LRF, imu))
+    lines = draw(failures_table(snapshot, 0.0, ASCII), 120)
+    assert lines[2].split() == ["2", "faults", "16", "LAND", *f"{cause}: imu, gps".split()]
+    assert names(snapshot) == ["2", "lrf"]
 
 
 def test_on_the_ground_nothing_is_done_about_a_failure():

@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+import time
 from math import inf, nan
 from types import SimpleNamespace
 
 import pytest
 
-from amaze_autonomy.console.model import Collecting, MissionRow, PendingFailure, Snapshot, Verdict
-from amaze_autonomy.console.wire import collecting_of, missions_of, snapshot_of, verdict_of
+from amaze_autonomy.console.model import (
+    Collecting,
+    MissionRow,
+    Note,
+    PendingFailure,
+    Platform,
+    Snapshot,
+    Telemetry,
+    Verdict,
+)
+from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, snapshot_of, verdict_of
 from amaze_autonomy.engine.events import Check
 from amaze_autonomy.engine.events import Verdict as CheckVerdict
+
+FAILURE = SimpleNamespace(
+    name="lrf", code=8, verb="wait", then="land", time_left=12.5, limit="restart limit", cause="", reason="silent"
+)
 
 
 def state_message(**changes):
@@ -29,7 +43,7 @@ def state_message(**changes):
             SimpleNamespace(name="tilt", verdict=3, value=0.3, limit=0.17, unit="rad", age=0.1, advice="Level it."),
             SimpleNamespace(name="gps", verdict=9, value=nan, limit=inf, unit="", age=nan, advice=""),
         ],
-        "failures": [SimpleNamespace(name="lrf", code=8, verb="wait", then="land", time_left=12.5, reason="silent")],
+        "failures": [FAILURE],
         "waiting_for": "lrf",
         "time_left": 12.5,
         "message": "Holding",
@@ -62,7 +76,7 @@ def test_a_state_message_becomes_a_snapshot():
             Check("tilt", CheckVerdict.FAIL, 0.3, 0.17, "rad", 0.1, "Level it."),
             Check("gps", CheckVerdict.UNKNOWN, None, None, "", None, ""),
         ),
-        failures=(PendingFailure("lrf", 8, "wait", "land", 12.5, "silent"),),
+        failures=(PendingFailure("lrf", 8, "wait", "land", 12.5, "restart limit", "", "silent"),),
         waiting_for="lrf",
         time_left_s=12.5,
         message="Holding",
@@ -153,12 +167,33 @@ def test_answers(number, verdict):
                 phase=5,
                 platforms=[
                     SimpleNamespace(platform="main", message=""),
-                    SimpleNamespace(platform="second", message="does not answer: tried again for 20 s"),
+                    SimpleNamespace(platform="second", message="does not answer"),
                 ],
             ),
-            Collecting("s-1", "TRANSFERRING", None, troubles=("second: does not answer: tried again for 20 s",)),
+            Collecting(
+                "s-1", "TRANSFERRING", platforms=(Platform("main"), Platform("second", message="does not answer"))
+            ),
         ),
     ],
 )
 def test_a_recorder_status_becomes_what_it_says_of_its_phase(message, collecting):
     assert collecting_of(message) == collecting
+
+
+def test_a_platform_that_names_itself_is_named_once():
+    platforms = (Platform("main", message="main: the disk is full"), Platform("second", message="does not answer"))
+    assert Collecting(platforms=platforms).troubles == ("main: the disk is full", "second: does not answer")
+
+
+def test_the_last_messages_become_notes_with_their_time_and_number():
+    stamp = SimpleNamespace(secs=1_795_000_000, nsecs=0)
+    rows = [SimpleNamespace(number=n, stamp=stamp, level=1, text=f"no. {n}\x1b[2J", advice="") for n in range(1, 301)]
+    run, notes = notes_of(SimpleNamespace(run="r-1", messages=rows))
+    clock = time.strftime("%H:%M:%S", time.localtime(1_795_000_000))
+    assert (run, len(notes), notes[-1]) == ("r-1", 200, Note(clock, 1, "no. 300", "", 300))
+
+
+def test_what_the_vehicle_says_of_itself_with_nan_as_unknown():
+    said = SimpleNamespace(age=0.1, mode="AUTO\x07", armed=True, battery_fraction=nan, altitude=3.5)
+    expected = Telemetry(age=0.1, mode="AUTO?", armed=True, landed="", battery_fraction=None, altitude=3.5)
+    assert snapshot_of(state_message(telemetry=said)).telemetry == expected

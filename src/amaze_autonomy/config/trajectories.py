@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
@@ -130,7 +131,8 @@ def plans_of(
             check_files(trajectories, values["repetitions"], limits.takeoff_height_m, bounds, reach, fences)
         except WaypointError as error:
             raise _config_error(error, folder) from None
-        plans.append(_plan(mission_id, values, trajectories, home, model, limits, places))
+        plan = _plan(mission_id, values, trajectories, home, model, limits, places)
+        plans.append(replace(plan, fences=fences))
     return tuple(plans)
 
 

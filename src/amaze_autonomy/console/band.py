@@ -70,6 +70,10 @@ def _situation(snapshot: Snapshot) -> str:
         parts.append(f"file {snapshot.file_index + 1} of {snapshot.files}")
     if snapshot.repetitions > 1:
         parts.append(f"repetition {snapshot.repetition + 1} of {snapshot.repetitions}")
+    if snapshot.queue:
+        parts.append(f"then mission {', '.join(snapshot.queue)}")
+    if snapshot.limit:
+        parts.append(f"time left: {snapshot.limit}")
     return " | ".join(parts)
 
 

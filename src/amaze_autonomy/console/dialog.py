@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from typing import List, Optional, Tuple
 
 from .keys import QUIT_KEY, Binding, binding_of_key, binding_of_word, offered
-from .model import Answer, Desk, MissionRow, Note, Question, Request, RequestKind, Snapshot, Verdict
+from .model import Answer, Desk, MissionRow, Question, Request, RequestKind, Snapshot, Verdict
 from .wire import clean
 from .words import duration, fraction
 
@@ -29,10 +29,10 @@ __all__ = [
 
 
 _ANSWER_SHOWN_S = 15.0
+_ANSWER_READ_S = 2.0  # it vanishes with the state that it was for, but not before it can be read
 _QUESTION_OPEN_S = 10.0
 _REQUEST_FORGOTTEN_S = 60.0
 _LIST_AGAIN_S = 5.0
-_NOTES = 50
 _ENTRY_LIMIT = 60
 
 Turn = Tuple[Desk, Tuple[Request, ...]]
@@ -41,20 +41,13 @@ Turn = Tuple[Desk, Tuple[Request, ...]]
 # --- the engine speaks ---
 
 
-def received(desk: Desk, snapshot: Snapshot, now_s: float, clock: str) -> Desk:
-    """Take in a state; `clock` is the wall time for the log of messages."""
+def received(desk: Desk, snapshot: Snapshot, now_s: float) -> Desk:
+    """Take in a state."""
     before = desk.snapshot
     desk = replace(desk, snapshot=snapshot, received_s=now_s, link="")
-    if snapshot.message and (before is None or _said(before) != _said(snapshot)):
-        note = Note(clock=clock, level=snapshot.message_level, text=snapshot.message)
-        desk = replace(desk, notes=(*desk.notes, note)[-_NOTES:])
     if before is not None and before.takes_mission and not snapshot.takes_mission:
         desk = replace(desk, entry="", error="")
     return _drop_question_if_void(desk)
-
-
-def _said(snapshot: Snapshot) -> Tuple[str, str, int]:
-    return snapshot.state, snapshot.message, snapshot.message_level
 
 
 def _drop_question_if_void(desk: Desk) -> Desk:
@@ -85,7 +78,12 @@ def answered(desk: Desk, request_id: int, verdict: Verdict, message: str, now_s:
     desk = replace(desk, requests=tuple(each for each in desk.requests if each.id != request_id))
     if request.kind is RequestKind.LIST:
         return desk
-    return replace(desk, answer=Answer(request=request.words, verdict=verdict, message=message, at_s=now_s))
+    return _said(desk, request.words, verdict, message, now_s)
+
+
+def _said(desk: Desk, request: str, verdict: Verdict, message: str, now_s: float) -> Desk:
+    state = "" if desk.snapshot is None else desk.snapshot.state
+    return replace(desk, answer=Answer(request=request, verdict=verdict, message=message, at_s=now_s, state=state))
 
 
 # --- time passes ---
@@ -93,7 +91,7 @@ def answered(desk: Desk, request_id: int, verdict: Verdict, message: str, now_s:
 
 def tick(desk: Desk, now_s: float) -> Turn:
     """Forget what is old; ask for the missions when they are needed; select what a parameter named."""
-    if desk.answer is not None and now_s - desk.answer.at_s > _ANSWER_SHOWN_S:
+    if desk.answer is not None and now_s - desk.answer.at_s > _shown_s(desk, desk.answer):
         desk = replace(desk, answer=None)
     if desk.question is not None and now_s - desk.question.asked_s > _QUESTION_OPEN_S:
         desk = replace(desk, question=None, error=f"Not sent: {desk.question.request.words} was not confirmed in time.")
@@ -105,6 +103,12 @@ def tick(desk: Desk, now_s: float) -> Turn:
     if desk.listed_s is None or (desk.missions is None and now_s - desk.listed_s > _LIST_AGAIN_S):
         return _send(replace(desk, listed_s=now_s), Request(kind=RequestKind.LIST), now_s)
     return _select_wanted(desk, now_s)
+
+
+def _shown_s(desk: Desk, answer: Answer) -> float:
+    """Return for how long an answer is shown."""
+    there = desk.snapshot is None or desk.snapshot.state == answer.state
+    return _ANSWER_SHOWN_S if there else _ANSWER_READ_S
 
 
 def _fade_error(desk: Desk, now_s: float) -> Desk:
@@ -199,6 +203,9 @@ def _unknown(desk: Desk, words: str) -> str:
 def _command(desk: Desk, binding: Binding, now_s: float, *, sure: bool = False) -> Turn:
     name = binding.command.value.replace("_", " ")
     if binding not in offered(desk.snapshot):
+        known = None if desk.snapshot is None else desk.snapshot.answer_to(binding.command)
+        if known is not None:  # what the engine would answer; asked, it might do it in a state that nobody has seen yet
+            return _said(desk, name, known.verdict, known.message, now_s), ()
         where = "" if desk.snapshot is None else f" in {desk.snapshot.state}"
         return replace(desk, error=f"{name} is not possible now{where}."), ()
     request = Request(kind=RequestKind.COMMAND, command=binding.command)

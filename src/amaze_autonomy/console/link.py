@@ -9,7 +9,7 @@ import queue
 from dataclasses import dataclass
 from typing import List, Optional, Tuple, Union
 
-from .model import Collecting, MissionRow, Request, Snapshot, Verdict
+from .model import Collecting, MissionRow, Note, Request, Snapshot, Verdict
 from .terminal import Wake
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "LinkClosed",
     "LinkSays",
     "Mailbox",
+    "MessagesCame",
     "MissionWanted",
     "MissionsCame",
     "StateCame",
@@ -38,6 +39,14 @@ class CollectingCame:
     """What the recorder says of its phase."""
 
     collecting: Collecting
+
+
+@dataclass(frozen=True)
+class MessagesCame:
+    """The engine's last messages, of one run of it."""
+
+    run: str
+    notes: Tuple[Note, ...]
 
 
 @dataclass(frozen=True)
@@ -80,7 +89,9 @@ class LinkClosed:
     failed: bool = False
 
 
-Happening = Union[StateCame, CollectingCame, MissionsCame, AnswerCame, MissionWanted, LinkSays, LinkClosed]
+Happening = Union[
+    StateCame, CollectingCame, MessagesCame, MissionsCame, AnswerCame, MissionWanted, LinkSays, LinkClosed
+]
 
 
 class Mailbox:

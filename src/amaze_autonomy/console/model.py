@@ -8,29 +8,49 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from math import floor
+from typing import Dict, List, Optional, Tuple
 
-from amaze_autonomy.engine.events import UserCommand
-
-from ..engine.events import Check
+from ..engine.events import Check, UserCommand
 
 __all__ = [
     "STALE_AFTER_S",
     "Answer",
     "Collecting",
+    "CommandAnswer",
     "Desk",
     "MissionRow",
     "Note",
     "PendingFailure",
+    "Platform",
     "Question",
     "Request",
     "RequestKind",
     "Snapshot",
+    "Telemetry",
     "Verdict",
 ]
 
 STALE_AFTER_S = 3.0
 """The engine publishes its state at 2 Hz; silence for longer than this is shown as lost contact."""
+
+
+class Verdict(enum.Enum):
+    """What became of a request; the first three as in srv/UserCommand.srv."""
+
+    DONE = "DONE"
+    REFUSED = "REFUSED"
+    ALREADY = "ALREADY"
+    NO_ANSWER = "NO ANSWER"  # the service does not exist, or died in mid-call
+
+
+@dataclass(frozen=True)
+class CommandAnswer:
+    """What the engine would answer to a command now; fields as in msg/UserAnswer.msg."""
+
+    command: str
+    verdict: Verdict
+    message: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,7 +62,34 @@ class PendingFailure:
     verb: str = ""
     then: str = ""
     time_left_s: Optional[float] = None
+    limit: str = ""
+    cause: str = ""
     reason: str = ""
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """What the vehicle says of itself; fields as in msg/Telemetry.msg."""
+
+    age: Optional[float] = None
+    link_age: Optional[float] = None
+    mode: str = ""
+    armed: bool = False
+    landed: str = ""
+    gps: str = ""
+    battery_fraction: Optional[float] = None
+    battery_limit: Optional[float] = None
+    battery_voltage: Optional[float] = None
+    altitude: Optional[float] = None
+    altitude_limit: Optional[float] = None
+    position_x: Optional[float] = None
+    position_y: Optional[float] = None
+    distance: Optional[float] = None
+    distance_limit: Optional[float] = None
+    speed: Optional[float] = None
+    climb: Optional[float] = None
+    flight_time: Optional[float] = None
+    flight_time_limit: Optional[float] = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +123,7 @@ class Snapshot:
     failures: Tuple[PendingFailure, ...] = ()
     waiting_for: str = ""
     time_left_s: Optional[float] = None
+    limit: str = ""
     message: str = ""
     message_level: int = 0
     advice: str = ""
@@ -87,11 +135,46 @@ class Snapshot:
     data_location: str = ""
     result: str = ""
     data_result: str = ""
+    answers: Tuple[CommandAnswer, ...] = ()
+    queue: Tuple[str, ...] = ()
+    telemetry: Telemetry = Telemetry()
 
     @property
     def takes_mission(self) -> bool:
         """True when the engine takes a mission now."""
         return self.state in ("MISSION_INPUT", "MISSION_ENDED")
+
+    def fault_groups(self) -> Tuple[Tuple[PendingFailure, ...], ...]:
+        """Return the active faults, those of one cause together; the worst and most urgent first."""
+        groups: Dict[str, List[PendingFailure]] = {}
+        for each in sorted(self.failures, key=_urgency):
+            groups.setdefault(each.cause or f" {each.name}", []).append(each)
+        return tuple(map(tuple, groups.values()))
+
+    def answer_to(self, command: UserCommand) -> Optional[CommandAnswer]:
+        """Return what the engine would answer to a command now; None: it did not say."""
+        return next((each for each in self.answers if each.command == command.value), None)
+
+
+def _urgency(failure: PendingFailure) -> Tuple[int, float, str]:
+    order = ("pilot", "land", "wait", "continue")
+    rank = order.index(failure.verb) if failure.verb in order else 0
+    left = failure.time_left_s
+    return rank, float("inf") if left is None else floor(left), failure.name
+
+
+@dataclass(frozen=True)
+class Platform:
+    """The recording on one companion computer; fields as in msg/PlatformRecording.msg."""
+
+    platform: str = ""
+    growing: bool = False
+    bytes: int = 0
+    byte_rate: Optional[float] = None
+    free_fraction: Optional[float] = None
+    location: str = ""
+    message: str = ""
+    dropped: int = 0
 
 
 @dataclass(frozen=True)
@@ -103,33 +186,34 @@ class Collecting:
         phase: by its name.
         remaining_s: time left of the phase; None: unknown.
         at_s: when it came.
-        troubles: what is wrong on which platform, a line each.
+        platforms: the recording on each.
     """
 
     session_id: str = ""
     phase: str = ""
     remaining_s: Optional[float] = None
     at_s: float = 0.0
-    troubles: Tuple[str, ...] = ()
+    platforms: Tuple[Platform, ...] = ()
 
-
-class Verdict(enum.Enum):
-    """What became of a request; the first three as in srv/UserCommand.srv."""
-
-    DONE = "DONE"
-    REFUSED = "REFUSED"
-    ALREADY = "ALREADY"
-    NO_ANSWER = "NO ANSWER"  # the service does not exist, or died in mid-call
+    @property
+    def troubles(self) -> Tuple[str, ...]:
+        """What is wrong on which platform, a line each; one that names itself is not named twice."""
+        return tuple(
+            each.message if each.message.startswith(f"{each.platform}: ") else f"{each.platform}: {each.message}"
+            for each in self.platforms
+            if each.message
+        )
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The engine's answer to a request, and when it came."""
+    """The engine's answer to a request, when it came, and in which state."""
 
     request: str
     verdict: Verdict
     message: str = ""
     at_s: float = 0.0
+    state: str = ""
 
 
 class RequestKind(enum.Enum):
@@ -181,11 +265,13 @@ class Question:
 
 @dataclass(frozen=True)
 class Note:
-    """One line of the log of messages; `clock` is the wall time as it is shown, `level` as in `Snapshot`."""
+    """One message of the engine; `clock` is the wall time as it is shown, `level` as in `Snapshot`."""
 
     clock: str
     level: int
     text: str
+    advice: str = ""
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -208,7 +294,8 @@ class Desk:
         question: that waits for a yes.
         requests: sent and not answered.
         answer: the last one.
-        notes: the last messages, oldest first.
+        run: of the engine whose messages are numbered.
+        notes: its last messages, oldest first.
         next_id: of the next request.
         interactive: there is somebody who can type.
     """
@@ -228,6 +315,7 @@ class Desk:
     question: Optional[Question] = None
     requests: Tuple[Request, ...] = ()
     answer: Optional[Answer] = None
+    run: str = ""
     notes: Tuple[Note, ...] = ()
     next_id: int = 1
     interactive: bool = True

@@ -21,6 +21,7 @@ def changes(before: Desk, before_s: float, after: Desk, after_s: float) -> List[
     """Return a line for each thing that is different, the most important first."""
     return [
         *_contact(before, before_s, after, after_s),
+        *_messages(before, after),
         *_engine(before.snapshot, after, after_s),
         *_recorders(before.troubles(before_s), after.troubles(after_s)),
         *_dialog(before, before_s, after, after_s),
@@ -38,6 +39,19 @@ def _contact(before: Desk, before_s: float, after: Desk, after_s: float) -> Iter
         yield "CONTACT   the engine is heard again"
 
 
+def _messages(before: Desk, after: Desk) -> Iterator[str]:
+    """Yield each new message; of those before this console was there, the last one."""
+    if after.notes == before.notes:
+        return
+    seen = before.notes[-1].number if before.notes and before.run == after.run else 0
+    new = [note for note in after.notes if note.number > seen]
+    if not before.run:
+        shown = "" if before.snapshot is None else before.snapshot.message
+        new = [note for note in new[-1:] if note.text != shown]
+    for note in new:
+        yield f"{level(note.level):<9} {note.text}"
+
+
 def _engine(before: Optional[Snapshot], desk: Desk, now_s: float) -> Iterator[str]:
     after = desk.snapshot
     if after is None or before == after:
@@ -49,8 +63,8 @@ def _engine(before: Optional[Snapshot], desk: Desk, now_s: float) -> Iterator[st
     if (old.file_index, old.repetition) != (after.file_index, after.repetition):
         repetition = f"repetition {after.repetition + 1} of {after.repetitions}"
         yield f"PROGRESS  file {after.file_index + 1} of {after.files}, {repetition}"
-    if after.message and (after.state, after.message) != (old.state, old.message):
-        yield f"{level(after.message_level):<9} {after.message}"
+    if not desk.run and after.message and (after.state, after.message) != (old.state, old.message):
+        yield f"{level(after.message_level):<9} {after.message}"  # an engine that numbers none
     yield from _failures(old.failures, after.failures)
     yield from _checks(old.checks, after.checks)
     yield from _progress(old, after, desk.remaining_s(now_s))
@@ -79,10 +93,12 @@ def _failures(old: Tuple[PendingFailure, ...], new: Tuple[PendingFailure, ...]) 
     for failure in new:
         last = known.pop(failure.name, None)
         if last is None or (last.code, last.verb, last.then) != (failure.code, failure.verb, failure.then):
-            left = "" if failure.time_left_s is None else f", {seconds(failure.time_left_s)} left"
+            limit = f" ({failure.limit})" if failure.limit else ""
+            left = "" if failure.time_left_s is None else f", {seconds(failure.time_left_s)} left{limit}"
             then = f", then {failure.then}" if failure.then else ""
             code = f" code {failure.code}" if failure.code else ""
-            yield f"WRONG     {failure.name}{code}: {failure.verb}{then}{left}: {failure.reason}"
+            cause = f" [{failure.cause}]" if failure.cause else ""
+            yield f"FAULT     {failure.name}{code}: {failure.verb}{then}{left}: {failure.reason}{cause}"
     for name in known:
         yield f"CLEARED   {name}"
 

@@ -17,13 +17,14 @@ from amaze_autonomy.console.link import (
     Link,
     LinkClosed,
     LinkSays,
+    MessagesCame,
     MissionsCame,
     MissionWanted,
     StateCame,
 )
 from amaze_autonomy.console.model import STALE_AFTER_S, Request, RequestKind, Verdict
-from amaze_autonomy.console.wire import collecting_of, missions_of, snapshot_of, verdict_of
-from amaze_autonomy.msg import AutonomyState, RecordingStatus
+from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, snapshot_of, verdict_of
+from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 
 from .wire import clean
@@ -37,8 +38,9 @@ _LOOK_S = 1.0
 class RosLink(Link):
     """A console's connection to the engine. `<engine>` is the engine's node, `/autonomy` unless told otherwise.
 
-    Subscribes: `<engine>/state` (AutonomyState, latched, 2 Hz and at each decision); `data_recorder/status`
-    (RecordingStatus, 2 Hz) in the engine's name space, for the time that a phase still takes.
+    Subscribes: `<engine>/state` (AutonomyState, latched, 2 Hz and at each decision); `<engine>/messages`
+    (OperatorMessages, latched); `data_recorder/status` (RecordingStatus, 2 Hz) in the engine's name space, for the time
+    that a phase still takes and the recording on each platform.
     Calls: `<engine>/list_missions` (ListMissions), `<engine>/select_mission` (SelectMission), `<engine>/command`
     (UserCommand). Each call has its own thread: one that hangs delays no other.
     Parameters: `~engine` (string), `~mission` (string, number or a list of them), where the command line says nothing.
@@ -115,12 +117,16 @@ class RosLink(Link):
         recorder = f"{rosgraph.names.namespace(self._engine)}data_recorder/status"
         self._subscribers = [
             rospy.Subscriber(f"{self._engine}/state", AutonomyState, self._on_state, queue_size=1),
+            rospy.Subscriber(f"{self._engine}/messages", OperatorMessages, self._on_messages, queue_size=1),
             rospy.Subscriber(recorder, RecordingStatus, self._on_recording, queue_size=1),
         ]
 
     def _on_state(self, message: AutonomyState) -> None:
         self._heard_s = time.monotonic()
         self._post(StateCame(snapshot_of(message)))
+
+    def _on_messages(self, message: OperatorMessages) -> None:
+        self._post(MessagesCame(*notes_of(message)))
 
     def _on_recording(self, message: RecordingStatus) -> None:
         self._post(CollectingCame(collecting_of(message)))

@@ -15,6 +15,7 @@ from .link import (
     LinkClosed,
     LinkSays,
     Mailbox,
+    MessagesCame,
     MissionsCame,
     MissionWanted,
     StateCame,
@@ -103,10 +104,12 @@ class Session:
 
     def _apply(self, happening: Happening) -> None:
         if isinstance(happening, StateCame):
-            self.desk = dialog.received(self.desk, happening.snapshot, self.now(), self.clock())
+            self.desk = dialog.received(self.desk, happening.snapshot, self.now())
             self._look_for_the_end(happening.snapshot)
         elif isinstance(happening, CollectingCame):
             self.desk = replace(self.desk, collecting=replace(happening.collecting, at_s=self.now()))
+        elif isinstance(happening, MessagesCame):
+            self.desk = replace(self.desk, run=happening.run, notes=happening.notes)
         elif isinstance(happening, MissionsCame):
             self.desk = dialog.listed(self.desk, happening.request_id, happening.missions)
         elif isinstance(happening, AnswerCame):

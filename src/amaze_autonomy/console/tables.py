@@ -1,8 +1,7 @@
-"""The console's three tables: missions, pre-flight checks, what is wrong now."""
+"""The console's three tables: missions, pre-flight checks, active faults."""
 
 from __future__ import annotations
 
-from math import floor
 from textwrap import wrap
 from typing import Tuple
 
@@ -17,7 +16,7 @@ from .model import MissionRow, PendingFailure, Snapshot
 from .style import Style, Tone, tone_of_check, tone_of_code
 from .words import age, duration, fraction, quantity, seconds
 
-__all__ = ["checks_table", "failures_table", "missions_table", "verb_words"]
+__all__ = ["action_words", "checks_table", "failures_table", "missions_table"]
 
 _LEAST_ADVICE = 24
 
@@ -127,37 +126,33 @@ def _judgement_width(checks: Tuple[Check, ...]) -> int:
     return 2 + max(7, verdicts) + 2 + max(5, values) + 2 + max(5, limits)
 
 
-def verb_words(failure: PendingFailure, passed_s: float) -> str:
-    """Return what is done about a failure, e.g. "waits 12 s, then LAND"."""
+def action_words(failure: PendingFailure, passed_s: float) -> str:
+    """Return what is done about a fault, e.g. "waits 12 s (wait limit), then LAND"."""
     if failure.verb == "wait":
         then = f", then {failure.then.upper() or '?'}"
         if failure.time_left_s is None:
             return f"waits{then}"
-        return f"waits {seconds(failure.time_left_s - passed_s)}{then}"
+        limit = f" ({failure.limit})" if failure.limit else ""
+        return f"waits {seconds(failure.time_left_s - passed_s)}{limit}{then}"
     return {"continue": "flies on without it", "land": "LAND", "pilot": "PILOT"}.get(failure.verb, failure.verb)
 
 
 def failures_table(snapshot: Snapshot, passed_s: float, style: Style) -> Table:
-    """Return what is wrong, the worst and most urgent first; `passed_s` since the snapshot came.
+    """Return the active faults, what has one cause on one row; `passed_s` since the snapshot came.
 
-    The verbs are those of a flight: on the ground nothing is done about a failure but to refuse the takeoff.
+    The actions are those of a flight: on the ground nothing is done about a fault but to refuse the takeoff.
     """
-    table = _table(style, "wrong now", "code", "what is done", "why")
+    table = _table(style, "active faults", "code", "action", "why")
     table.columns[0].no_wrap = True
     _right(table, 1)
     table.columns[2].ratio, table.columns[3].ratio = 2, 3
-    for failure in sorted(snapshot.failures, key=_urgency):
+    for group in snapshot.fault_groups():
+        worst, alone = group[0], len(group) == 1
+        why = worst.reason if alone else f"{worst.cause}: {', '.join(each.name for each in group)}"
         table.add_row(
-            style.label(failure.name, tone_of_code(failure.code, failure.verb)),
-            style.text(str(failure.code) if failure.code else "-"),
-            style.text(verb_words(failure, passed_s) if snapshot.in_flight else "-", Tone.STRONG),
-            style.text(failure.reason),
+            style.label(worst.name if alone else f"{len(group)} faults", tone_of_code(worst.code, worst.verb)),
+            style.text(str(worst.code) if worst.code else "-"),
+            style.text(action_words(worst, passed_s) if snapshot.in_flight else "-", Tone.STRONG),
+            style.text(why),
         )
     return table
-
-
-def _urgency(failure: PendingFailure) -> Tuple[int, float, str]:
-    order = ("pilot", "land", "wait", "continue")
-    rank = order.index(failure.verb) if failure.verb in order else 0
-    left = failure.time_left_s
-    return rank, float("inf") if left is None else floor(left), failure.name

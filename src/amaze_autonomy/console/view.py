@@ -21,7 +21,7 @@ from .keys import QUIT_KEY, offered
 from .model import Desk, Snapshot
 from .style import Style, Tone, tone_of_answer, tone_of_level
 from .tables import checks_table, failures_table, missions_table
-from .words import fraction, level, seconds
+from .words import fraction, level, readings, seconds
 
 __all__ = ["Screen", "footer", "progress"]
 
@@ -68,6 +68,7 @@ class Screen:
             return
         yield ""
         yield _message(snapshot, self._style)
+        yield from telemetry(snapshot, self._style)
         if snapshot.failures:
             yield ""
             yield failures_table(snapshot, self._desk.age_s(self._now_s), self._style)
@@ -175,6 +176,21 @@ def _keys(desk: Desk, style: Style) -> Text:
         keys.append_text(style.label(binding.key.upper(), Tone.INFO)).append(f" {binding.words}   ")
     keys.append_text(style.label(QUIT_KEY.upper(), Tone.INFO)).append(" close console only")
     return keys
+
+
+# --- telemetry --------------------------------------------------------------------------------------------------------
+
+
+def telemetry(snapshot: Snapshot, style: Style) -> List[RenderableType]:
+    """Return what the vehicle says of itself while it flies, what is to be looked at on a background."""
+    if not snapshot.in_flight or snapshot.telemetry.age is None:
+        return []
+    line = Text(overflow="fold")
+    for each in readings(snapshot.telemetry):
+        limit = f" ({each.limit})" if each.warn and each.limit else ""
+        value = style.text(f"{each.value}{limit}", Tone.WARN if each.warn else Tone.STRONG)
+        line.append(f"{each.name} ").append_text(value).append("   ")
+    return ["", Padding(line, (0, 1))]
 
 
 # --- progress ---------------------------------------------------------------------------------------------------------

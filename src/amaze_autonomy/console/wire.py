@@ -7,16 +7,18 @@ that holds nonsense, becomes unknown: a console that shows most of it is better 
 from __future__ import annotations
 
 import re
+import time
 import unicodedata
-from typing import Any, Optional, Tuple
+from dataclasses import fields
+from typing import Any, Dict, Optional, Tuple, Type, TypeVar
 
 from amaze_autonomy.engine.events import RecordingPhase
 
 from ..engine.events import Check, finite
 from ..engine.events import Verdict as CheckVerdict
-from .model import Collecting, MissionRow, PendingFailure, Snapshot, Verdict
+from .model import Collecting, CommandAnswer, MissionRow, Note, PendingFailure, Platform, Snapshot, Telemetry, Verdict
 
-__all__ = ["LIMIT", "clean", "collecting_of", "missions_of", "snapshot_of", "verdict_of"]
+__all__ = ["LIMIT", "clean", "collecting_of", "missions_of", "notes_of", "snapshot_of", "verdict_of"]
 
 # --- text -------------------------------------------------------------------------------------------------------------
 # Texts from elsewhere made harmless: nothing that comes over the wire or the keyboard may steer a terminal.
@@ -93,8 +95,24 @@ def _failure(message: Any) -> PendingFailure:
         verb=_text(message, "verb", 20),
         then=_text(message, "then", 20),
         time_left_s=_number(message, "time_left"),
+        limit=_text(message, "limit", 30),
+        cause=_text(message, "cause", 120),
         reason=_text(message, "reason"),
     )
+
+
+T = TypeVar("T", Platform, Telemetry)
+
+
+def _same(kind: Type[T], message: Any) -> T:
+    """Make a type whose fields have the names of the message's, by their annotations."""
+    read: Dict[str, Any] = {
+        "str": _text,
+        "bool": lambda each, name: bool(getattr(each, name, False)),
+        "int": _count,
+        "Optional[float]": _number,
+    }
+    return kind(**{field.name: read[str(field.type)](message, field.name) for field in fields(kind)})
 
 
 def snapshot_of(message: Any) -> Snapshot:
@@ -114,6 +132,7 @@ def snapshot_of(message: Any) -> Snapshot:
         failures=tuple(_failure(row) for row in _rows(message, "failures")),
         waiting_for=_text(message, "waiting_for"),
         time_left_s=_number(message, "time_left"),
+        limit=_text(message, "limit", 60),
         message=_text(message, "message"),
         message_level=_count(message, "message_level"),
         advice=_text(message, "advice"),
@@ -125,6 +144,12 @@ def snapshot_of(message: Any) -> Snapshot:
         data_location=_text(message, "data_location"),
         result=_text(message, "result", 20),
         data_result=_text(message, "data_result", 20),
+        answers=tuple(
+            CommandAnswer(_text(row, "command", 20), verdict_of(_count(row, "answer")), _text(row, "message"))
+            for row in _rows(message, "answers")
+        ),
+        queue=tuple(clean(str(name), 40) for name in _rows(message, "queue")),
+        telemetry=_same(Telemetry, getattr(message, "telemetry", None)),
     )
 
 
@@ -135,11 +160,7 @@ def collecting_of(message: Any) -> Collecting:
         session_id=_text(message, "session_id", 60),
         phase=_PHASES.get(_count(message, "phase"), ""),
         remaining_s=remaining_s if remaining_s is not None and remaining_s >= 0.0 else None,
-        troubles=tuple(
-            f"{_text(row, 'platform', 40)}: {_text(row, 'message')}"
-            for row in _rows(message, "platforms")
-            if _text(row, "message")
-        ),
+        platforms=tuple(_same(Platform, row) for row in _rows(message, "platforms")),
     )
 
 
@@ -157,6 +178,21 @@ def missions_of(message: Any) -> Tuple[MissionRow, ...]:
         )
         for row in _rows(message, "missions")
     )
+
+
+def notes_of(message: Any) -> Tuple[str, Tuple[Note, ...]]:
+    """Return the run of an OperatorMessages and its messages."""
+    notes = tuple(
+        Note(
+            clock=time.strftime("%H:%M:%S", time.localtime(max(0, row.stamp.secs))),
+            level=_count(row, "level"),
+            text=_text(row, "text"),
+            advice=_text(row, "advice"),
+            number=_count(row, "number"),
+        )
+        for row in tuple(getattr(message, "messages", ()))[-_ROWS:]
+    )
+    return _text(message, "run", 60), notes
 
 
 def verdict_of(answer: Any) -> Verdict:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from math import ceil, floor, pi
-from typing import Optional
+from typing import NamedTuple, Optional, Tuple
 
-__all__ = ["age", "clock", "duration", "fraction", "level", "quantity", "seconds"]
+from .model import Telemetry
+
+__all__ = ["Reading", "age", "clock", "duration", "fraction", "level", "quantity", "readings", "seconds"]
 
 _UNKNOWN = "-"
 _THREE_DIGITS = 100.0
@@ -60,3 +62,58 @@ def duration(value_s: Optional[float]) -> str:
     if minutes == 0:
         return f"{rest} s"
     return f"{minutes} min {rest:02d} s" if rest else f"{minutes} min"
+
+
+# --- telemetry --------------------------------------------------------------------------------------------------------
+
+
+class Reading(NamedTuple):
+    """One instrument: its name, its value and its limit in words, and whether the value is to be looked at."""
+
+    name: str
+    value: str
+    limit: str = ""
+    warn: bool = False
+
+
+_OLD_S = 1.5  # the autopilot's status comes five times a second
+_NEAR = 0.9  # of a limit
+
+
+def readings(said: Telemetry) -> Tuple[Reading, ...]:
+    """Return what a pilot reads in flight, in the order of an instrument panel."""
+    low = said.battery_fraction is None or said.battery_fraction <= (said.battery_limit or 0.0) + 0.1
+    flown, longest = said.flight_time, said.flight_time_limit
+    old = said.age is None or said.age > _OLD_S
+    link_s = max(said.age or 0.0, said.link_age or 0.0) if said.link_age is not None else None
+    return (
+        Reading("battery", fraction(said.battery_fraction), _limit("lands at", fraction(said.battery_limit)), low),
+        Reading("voltage", _tenths(said.battery_voltage, "V")),
+        _against("altitude", said.altitude, said.altitude_limit),
+        Reading("speed", _tenths(said.speed, "m/s")),
+        Reading("climb", _tenths(said.climb, "m/s")),
+        _against("home", said.distance, said.distance_limit),
+        Reading(
+            "flight time",
+            _UNKNOWN if flown is None else clock(flown),
+            _limit("lands at", _UNKNOWN if longest is None else clock(longest)),
+            flown is not None and longest is not None and flown > _NEAR * longest,
+        ),
+        Reading("mode", said.mode or _UNKNOWN),
+        Reading("motors", "armed" if said.armed else "disarmed"),
+        Reading("GPS", said.gps or _UNKNOWN, "", said.gps not in ("", "nominal")),
+        Reading("link", age(link_s), "", old or link_s is None or link_s > _OLD_S),
+    )
+
+
+def _against(name: str, value: Optional[float], limit: Optional[float]) -> Reading:
+    near = value is not None and limit is not None and value > _NEAR * limit
+    return Reading(name, _tenths(value, "m"), _limit("lands above", quantity(limit, "m")), near)
+
+
+def _limit(words: str, value: str) -> str:
+    return "" if value == _UNKNOWN else f"{words} {value}"
+
+
+def _tenths(value: Optional[float], unit: str) -> str:
+    return _UNKNOWN if value is None else f"{value + 0.0:.1f} {unit}"

@@ -297,7 +297,7 @@ def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
             key = "failure_while_landing" if landing else change.rule
             turn.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
         place = (turn.state.state, turn.state.step)
-        _write_down(turn, decisions, change.rule, place, failsafe.values_of(failure, turn.now), first)
+        _write_down(turn, decisions, change.rule, place, failsafe.values_of(failure, turn), first)
 
 
 def _first(turn: Turn) -> Tuple[Optional[Transition], Seen]:

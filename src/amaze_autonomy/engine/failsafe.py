@@ -284,6 +284,7 @@ FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
 
 
 USER_HOLD = "user_hold"
+_EARLIER_NS = 100_000_000  # two limits that are nearer to one another end together for a person
 
 
 class Change(NamedTuple):
@@ -473,11 +474,24 @@ def _changes(old: Tuple[Failure, ...], state: EngineState, without: Tuple[str, .
     return tuple(changes)
 
 
-def values_of(failure: Failure, now_ns: int) -> Tuple[Value, ...]:
+def wait_end(failure: Failure, state: EngineState) -> Optional[Tuple[int, str]]:
+    """Return when a wait ends at the latest, and by which limit: its budget, or the restarts, whichever is earlier."""
+    if failure.deadline_ns is None:
+        return None
+    for status in state.peers.components:
+        trying = status.name == failure.name and status.restart is Restart.TRYING
+        if trying and status.until_ns is not None and status.until_ns <= failure.deadline_ns - _EARLIER_NS:
+            return status.until_ns, "restart limit"
+    return failure.deadline_ns, "wait limit"
+
+
+def values_of(failure: Failure, turn: Turn) -> Tuple[Value, ...]:
     """Return what a decision about a failure looked at."""
     values = [Value("failure", failure.name), Value("code", failure.code), Value("verb", failure.action.name.lower())]
-    if failure.deadline_ns is not None:
-        values.append(Value("waits at most", round((failure.deadline_ns - now_ns) / _NS, 3), None, "s"))
+    end = wait_end(failure, turn.state)
+    if end is not None:
+        words = "waits at most" if end[1] == "wait limit" else "waits at most (restart limit)"
+        values.append(Value(words, round((end[0] - turn.now) / _NS, 3), None, "s"))
     if failure.reason:
         values.append(Value("reason", failure.reason))
     return tuple(values)

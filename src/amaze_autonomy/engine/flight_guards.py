@@ -173,7 +173,7 @@ def in_flight(turn: Turn) -> Optional[Seen]:
 def _failed(turn: Turn, failure: Failure) -> Seen:
     component = failure.kind is FailureKind.COMPONENT
     reason = ": ".join(filter(None, (failure.name, failure.reason))) if component else failure.reason
-    return Seen(failsafe.values_of(failure, turn.now), reason)
+    return Seen(failsafe.values_of(failure, turn), reason)
 
 
 def must_land(turn: Turn) -> Optional[Seen]:
@@ -199,7 +199,7 @@ def must_wait(turn: Turn) -> Optional[Seen]:
     held = failsafe.waiting(turn.state) if turn.state.flight.active else ()
     if not held:
         return None
-    values = tuple(value for failure in held for value in failsafe.values_of(failure, turn.now))
+    values = tuple(value for failure in held for value in failsafe.values_of(failure, turn))
     return Seen(values, _failed(turn, held[-1]).reason)
 
 

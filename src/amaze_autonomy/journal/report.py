@@ -1,22 +1,98 @@
-"""What a person is shown of the engine's state: the fields of msg/AutonomyState.msg in Python's terms."""
+"""What a person is shown of the engine: one model for console, page and reports.
+
+`report` makes it of a state: the fields of msg/AutonomyState.msg in Python's terms. `MessageLog` keeps what the engine
+says, numbered, in order: a state shows the last message only, and one event may bring several.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Deque, Dict, Iterable, List, Optional, Tuple
 
-from ..engine.commands import Level
+from ..engine.commands import AnswerKind, Command, Level, Notify
 from ..engine.context import Turn
-from ..engine.decide import available
-from ..engine.events import Check, Tick, Verdict
-from ..engine.failsafe import waiting
-from ..engine.rules import Rules
-from ..engine.state import CheckRecord, EngineState, Failure, State, Step, evolve
+from ..engine.decide import answer_to
+from ..engine.events import Check, Tick, UserCommand, Verdict
+from ..engine.failsafe import wait_end, waiting
+from ..engine.rules import Action, Rules
+from ..engine.state import CheckRecord, EngineState, Failure, FailureKind, State, Step, evolve
 from ..engine.timers import state_deadline
 
-__all__ = ["Report", "report"]
+__all__ = ["CommandAnswer", "Fault", "MessageLog", "OperatorMessage", "Report", "Telemetry", "report"]
 
 _NS = 1e9
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """What the vehicle says of itself, with the limits that count for the mission; None is unknown.
+
+    Args:
+        heard_ns: when the autopilot's last status came.
+        link_age_s: of the link to the autopilot, as that status said.
+        mode, armed, landed: as the autopilot says.
+        gps: the watchdog's word on the component `gps`: "nominal", or why it is not; empty: it watches none.
+        battery_fraction, battery_voltage_v: what is left; at `battery_limit` it lands.
+        altitude_m: above the takeoff place; above `altitude_limit_m` it lands.
+        position_x_m, position_y_m: east and north of it; farther away than `distance_limit_m` it lands.
+        speed_m_s, climb_m_s: over ground, and upwards.
+        flight_time_s: since the takeoff command; after `flight_time_limit_s` it lands.
+    """
+
+    heard_ns: Optional[int] = None
+    link_age_s: Optional[float] = None
+    mode: str = ""
+    armed: Optional[bool] = None
+    landed: str = "UNKNOWN"
+    gps: str = ""
+    battery_fraction: Optional[float] = None
+    battery_limit: Optional[float] = None
+    battery_voltage_v: Optional[float] = None
+    altitude_m: Optional[float] = None
+    altitude_limit_m: Optional[float] = None
+    position_x_m: Optional[float] = None
+    position_y_m: Optional[float] = None
+    distance_m: Optional[float] = None
+    distance_limit_m: Optional[float] = None
+    speed_m_s: Optional[float] = None
+    climb_m_s: Optional[float] = None
+    flight_time_s: Optional[float] = None
+    flight_time_limit_s: Optional[float] = None
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that is wrong now.
+
+    Args:
+        name: component, or row of FAILSAFE_CONDITIONS.
+        code: the watchdog's code; 0 for what is not a component.
+        action: what is done about it now.
+        fallback: what is done when a wait has ended; None: it is not waited for.
+        end_ns: when the wait ends at the latest, on the clock that decides.
+        limit: which limit that is: "wait limit" or "restart limit".
+        cause: what this and others have in common, in words; empty: it stands alone.
+        reason: in words.
+    """
+
+    name: str
+    code: int
+    action: Action
+    fallback: Optional[Action] = None
+    end_ns: Optional[int] = None
+    limit: str = ""
+    cause: str = ""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class CommandAnswer:
+    """What the engine would answer to a command now."""
+
+    command: UserCommand
+    answer: AnswerKind
+    text: str
 
 
 @dataclass(frozen=True)
@@ -29,16 +105,18 @@ class Report:
         session_id, mission_id, mission_description, file_index, files, repetition, repetitions: what is flown.
         in_flight: from the TAKEOFF command until disarmed and ON_GROUND, freshly.
         checks: the pre-flight table; each row's name starts with its check, e.g. "battery: level".
-        failures: everything that is wrong now.
+        faults: everything that is wrong now; a hold that the operator asked for is none.
         waiting_for: one sentence; empty when it waits for nothing.
-        deadline: name of the timer that ends the state; empty when it has none.
+        deadline: name of the limit that ends the state first; empty when it has none.
         deadline_ns: its end.
         message, message_level, advice: the last message to the user.
-        user_commands: names of the commands that would be done now.
+        answers: what the engine would answer to each command now.
         waypoint, waypoints: progress as the planner says.
         recording_phase, recording_progress, data_location: the data.
         result: how the mission ended; empty before.
         data_result: what became of its data: COMPLETE or INCOMPLETE; empty before, and where nothing was recorded.
+        queue: ids of the missions that are flown after this one.
+        telemetry: of the vehicle.
     """
 
     state: str
@@ -52,14 +130,14 @@ class Report:
     repetitions: int
     in_flight: bool
     checks: Tuple[Check, ...]
-    failures: Tuple[Failure, ...]
+    faults: Tuple[Fault, ...]
     waiting_for: str
     deadline: str
     deadline_ns: Optional[int]
     message: str
     message_level: Level
     advice: str
-    user_commands: Tuple[str, ...]
+    answers: Tuple[CommandAnswer, ...]
     waypoint: int
     waypoints: int
     recording_phase: str
@@ -67,6 +145,8 @@ class Report:
     data_location: str
     result: str
     data_result: str
+    queue: Tuple[str, ...]
+    telemetry: Telemetry
 
 
 def report(state: EngineState, rules: Rules) -> Report:
@@ -77,7 +157,10 @@ def report(state: EngineState, rules: Rules) -> Report:
         rules: the configuration it decides by.
     """
     mission, planner, recorder = state.session.mission, state.peers.planner, state.peers.recorder
-    deadline = state_deadline(state, rules)
+    faults, deadline = _faults(state), state_deadline(state, rules)
+    ends = [(fault.end_ns, fault.limit) for fault in faults if fault.end_ns is not None]
+    if deadline is not None and ends and state.state is State.HOLD:
+        deadline = min((deadline[1], deadline[0]), *ends)[::-1]
     return Report(
         state=state.state.value,
         phase=state.step.value,
@@ -90,14 +173,14 @@ def report(state: EngineState, rules: Rules) -> Report:
         repetitions=mission.repetitions if mission is not None else 0,
         in_flight=state.flight.active,
         checks=(*(row for record in state.preflight.checks for row in _rows(record)), *_clock_rows(state, rules)),
-        failures=state.failures,
+        faults=faults,
         waiting_for=_waiting_for(state),
         deadline=deadline[0] if deadline is not None else "",
         deadline_ns=deadline[1] if deadline is not None else None,
         message=state.shown.text,
         message_level=state.shown.level,
         advice=state.shown.advice,
-        user_commands=tuple(c.value for c in available(Turn(state, Tick(t_ns=state.t_ns), rules))),
+        answers=_answers(state, rules),
         waypoint=planner.waypoint if planner is not None else 0,
         waypoints=planner.waypoints if planner is not None else 0,
         recording_phase=recorder.phase.name if recorder is not None else "",
@@ -105,7 +188,100 @@ def report(state: EngineState, rules: Rules) -> Report:
         data_location=state.recording.location,
         result=state.session.result.value,
         data_result=state.session.data_result.value,
+        queue=tuple(mission.id for mission in state.queue),
+        telemetry=_telemetry(state, rules),
     )
+
+
+def _answers(state: EngineState, rules: Rules) -> Tuple[CommandAnswer, ...]:
+    turn = Turn(state, Tick(t_ns=state.t_ns), rules)
+    cases = {command: answer_to(turn, command) for command in UserCommand}
+    return tuple(CommandAnswer(command, case.answer, case.text) for command, case in cases.items())
+
+
+def _telemetry(state: EngineState, rules: Rules) -> Telemetry:
+    status, flight, mission = state.peers.autopilot, state.flight, state.session.mission
+    own = {
+        name: getattr(mission, name, None) or getattr(rules.limits, name)
+        for name in ("max_height_m", "max_distance_m", "max_flight_time_ns")
+    }
+    flying = flight.active and flight.started_ns is not None
+    limits = Telemetry(
+        heard_ns=state.peers.autopilot_ns,
+        gps=next((each.reason or each.code.name.lower() for each in state.peers.components if each.name == "gps"), ""),
+        battery_limit=rules.limits.battery_critical_fraction,
+        altitude_limit_m=own["max_height_m"],
+        distance_limit_m=own["max_distance_m"],
+        flight_time_limit_s=own["max_flight_time_ns"] / _NS,
+        flight_time_s=(state.t_ns - (flight.started_ns or 0)) / _NS if flying else None,
+    )
+    if status is None:
+        return limits
+    return evolve(
+        limits,
+        link_age_s=status.link_age_s,
+        mode=status.mode,
+        armed=status.armed,
+        landed=status.landed.name,
+        battery_fraction=status.battery_fraction,
+        battery_voltage_v=status.battery_voltage_v,
+        altitude_m=status.height_m,
+        position_x_m=status.position_x_m,
+        position_y_m=status.position_y_m,
+        distance_m=status.distance_m,
+        speed_m_s=status.horizontal_speed_m_s,
+        climb_m_s=status.vertical_speed_m_s,
+    )
+
+
+# --- faults -----------------------------------------------------------------------------------------------------------
+# What is wrong, each with what it shares with others: one cable or one computer is one sentence, not seven.
+
+_OF_THE_LINK = ("autopilot_status", "battery_unknown", "position_unknown")
+_OF_THE_AUTOPILOT = "the autopilot's "  # how the watchdog begins what it says of a sensor of the autopilot
+_LATE = ("no message on ", "no answer", " Hz on ", "connection refused")
+_TOGETHER_NS, _TOGETHER = 2_000_000_000, 4
+
+
+def _faults(state: EngineState) -> Tuple[Fault, ...]:
+    found = [each for each in state.failures if each.kind is not FailureKind.USER]
+    causes = _causes(found)
+    return tuple(_fault(each, state, causes.get(each.name, "")) for each in found)
+
+
+def _fault(failure: Failure, state: EngineState, cause: str) -> Fault:
+    end = wait_end(failure, state)
+    return Fault(
+        name=failure.name,
+        code=failure.code,
+        action=failure.action,
+        fallback=failure.fallback,
+        end_ns=None if end is None else end[0],
+        limit="" if end is None else end[1],
+        cause=cause,
+        reason=failure.reason,
+    )
+
+
+def _causes(failures: List[Failure]) -> Dict[str, str]:
+    """Return what several faults have in common, by their names; who stands alone has no entry."""
+    names = {each.name for each in failures}
+    if "clock" in names:
+        return dict.fromkeys(names, "the clock that decides stands still (/clock)") if len(names) > 1 else {}
+    causes: Dict[str, str] = {}
+    if "autopilot_status" in names:
+        sensors = [each.name for each in failures if each.reason.startswith(_OF_THE_AUTOPILOT)]
+        without = [*sensors, *(names & set(_OF_THE_LINK))]
+        if len(without) > 1:
+            causes.update(dict.fromkeys(without, "no link to the autopilot"))
+    late = [each for each in failures if each.name not in causes and any(word in each.reason for word in _LATE)]
+    for first in late:
+        same = [each for each in late if 0 <= each.since_ns - first.since_ns <= _TOGETHER_NS]
+        if len(same) >= _TOGETHER:
+            words = f"{len(same)} components late within 2 s: their computer is overloaded, or is cut off"
+            causes.update({each.name: words for each in same if each.name not in causes})
+            break
+    return causes
 
 
 def _rows(record: CheckRecord) -> Tuple[Check, ...]:
@@ -155,8 +331,8 @@ _WAITS = {
     State.MISSION_INPUT: "a mission to be selected",
     State.PREFLIGHT: "the answers to the pre-flight checks",
     State.OUTREACH: "you: retry or give up",
-    State.START_RECORDING: "the recorder to prove that files grow, and the lead time",
-    State.LOAD_MISSION: "the mission planner's confirmation and the checks asked again",
+    State.START_RECORDING: "the recording to start, and its lead time",
+    State.LOAD_MISSION: "the mission planner to accept it, and the checks once more",
     State.LAND: "landed and disarmed",
     State.PILOT: "on the ground, disarmed, and your acknowledgement",
     State.DATA_CLEANUP: "the data to be complete",
@@ -165,19 +341,55 @@ _WAITS = {
 _STEP_WAITS = {
     Step.ARMING: "the vehicle to arm",
     Step.LIFTING_OFF: "lift-off",
-    Step.CLIMBING: "takeoff height",
+    Step.CLIMBING: "the takeoff altitude",
     Step.CANCELLING: "the vehicle to be disarmed",
     Step.FLYING: "the last waypoint, landed and disarmed",
-    Step.TOUCHDOWN: "the planner's confirmation and the checks asked again",
+    Step.TOUCHDOWN: "the planner to accept the next file, and the checks once more",
     Step.CONFIRMING: "the planner to hold",
-    Step.RESUMING: "the planner to go on",
+    Step.RESUMING: "the planner to resume",
 }
 
 
 def _waiting_for(state: EngineState) -> str:
-    held = ", ".join(failure.name for failure in waiting(state))
+    held = ", ".join("you: resume or land" if f.kind is FailureKind.USER else f.name for f in waiting(state))
     if state.state is State.HOLD and state.step is Step.HOLDING:
         return held
     if state.state is State.READY:
         return "the operator's go"
     return _STEP_WAITS.get(state.step) or _WAITS.get(state.state, "")
+
+
+# --- messages ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class OperatorMessage:
+    """One message of the engine to its user; `number` counts from 1, `t_ns` is on the clock that decides."""
+
+    number: int
+    t_ns: int
+    level: Level
+    text: str
+    advice: str = ""
+
+
+class MessageLog:
+    """The last messages of a run, numbered: who was away asks for those after the last number that it has."""
+
+    MOST = 200
+
+    def __init__(self) -> None:
+        self._messages: Deque[OperatorMessage] = deque(maxlen=self.MOST)
+        self._last = 0
+
+    def take(self, t_ns: int, commands: Iterable[Command]) -> bool:
+        """Take what one event has brought; return True when there is anything new."""
+        said = [command for command in commands if isinstance(command, Notify)]
+        for notify in said:
+            self._last += 1
+            self._messages.append(OperatorMessage(self._last, t_ns, notify.level, notify.text, notify.advice))
+        return bool(said)
+
+    def after(self, number: int) -> Tuple[OperatorMessage, ...]:
+        """Return all messages with a higher number that are kept, oldest first."""
+        return tuple(each for each in self._messages if each.number > number)

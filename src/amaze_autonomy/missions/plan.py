@@ -96,6 +96,7 @@ class MissionPlan:
         again: estimate of any further one, which takes off where the last file landed.
         home: where the first takeoff must be; None: wherever the vehicle stands.
         controller: who steers along the waypoints.
+        fences: that its legs were checked against.
     """
 
     mission: Mission
@@ -104,6 +105,7 @@ class MissionPlan:
     again: Round
     home: Optional[Home] = None
     controller: Controller = Controller.MISSION
+    fences: Tuple[Fence, ...] = ()
 
     def flight(self, file_index: int, repetition: int) -> FlightEstimate:
         """Return the estimate of one flight, both counted from 0."""

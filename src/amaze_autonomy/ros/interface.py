@@ -49,13 +49,13 @@ _HEALTH_NUMBERS = {None: 0, True: 1, False: 2}
 _MEASURED = ("battery_cell_voltage", "battery_current", "clock_offset")
 
 
-def _classes(name: str) -> Any:
+def classes(name: str) -> Any:
     return getattr(msg, name)
 
 
 def message_class(status: Status) -> Type[Any]:
     """Return the class of the messages of a status."""
-    kind: Type[Any] = _classes(status.shape.message)
+    kind: Type[Any] = classes(status.shape.message)
     return kind
 
 
@@ -105,7 +105,7 @@ def status_message(
         more.update({name: number((measured or {}).get(name)) for name in _MEASURED})
     elif isinstance(event, RecordingStatus):
         more = {"remaining": nan}
-    message = status_of(event).write(event, _classes, **more)
+    message = status_of(event).write(event, classes, **more)
     message.header.frame_id = _FRAMES.get(type(event), "")
     message.header.stamp = ros_time(max(0, ros_ns - getattr(event, "age_ns", 0)))
     return message
@@ -113,12 +113,12 @@ def status_message(
 
 def component_state(status: ComponentStatus, now_ns: int) -> msg.ComponentState:
     """Return one ComponentState; its `until` counts from `now_ns`, on the deciding clock."""
-    return COMPONENT.written(status, now_ns, _classes)
+    return COMPONENT.written(status, now_ns, classes)
 
 
 def check_row(row: Check) -> msg.Check:
     """Return one row of the pre-flight table."""
-    return CHECK_ROW.written(row, 0, _classes)
+    return CHECK_ROW.written(row, 0, classes)
 
 
 def request_of(command: Request) -> Tuple[Service, Any]:
@@ -126,12 +126,12 @@ def request_of(command: Request) -> Tuple[Service, Any]:
     service = service_of(command)
     if service is None:
         raise TypeError(f"{type(command).__name__} goes to no service")
-    return service, SERVICE_CLASSES[service.name]._request_class(**service.ask(command, _classes))
+    return service, SERVICE_CLASSES[service.name]._request_class(**service.ask(command, classes))
 
 
 def response_of(service: Service, reply: Union[Reply, CheckReply], now_ns: int) -> Any:
     """Return the response of a service that says what was replied."""
-    response = SERVICE_CLASSES[service.name]._response_class(**service.answer(reply, now_ns, _classes))
+    response = SERVICE_CLASSES[service.name]._response_class(**service.answer(reply, now_ns, classes))
     if hasattr(response, "gravity"):
         response.gravity.x = response.gravity.y = response.gravity.z = nan
     return response

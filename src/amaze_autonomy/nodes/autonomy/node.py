@@ -3,6 +3,7 @@
 Services it calls, topics it listens to: `interface.py`. It offers, in its private namespace:
 
     ~state           AutonomyState, latched, at each decision and 2 Hz
+    ~messages        OperatorMessages, latched: the last messages to the user, numbered
     ~journal         JournalEntry, every line of the journal; a new listener first gets all lines so far
     /diagnostics     diagnostic_msgs/DiagnosticArray, 1 Hz
     ~list_missions   ListMissions
@@ -44,6 +45,7 @@ from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.interface import STATUSES, Status
 
 from ...journal import journal as codec
+from ...journal.report import MessageLog
 from ...ros import node_main
 from ...ros.clock import Clock, make_clock, wait_for_time
 from ...ros.errors import NodeError, StartError
@@ -98,16 +100,23 @@ class AutonomyNode:
         self._timeline = Timeline()
         self._farewell = Farewell()
         self._journal = self._open_journal()
-        state = self._decided_again()
+        messages = MessageLog()
+        state = self._decided_again(messages)
         self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
         self._reconnector = Reconnector()
-        self._state_publisher = StatePublisher(configuration.rules, clock, self._foreign)
+        self._state_publisher = StatePublisher(configuration.rules, clock, self._foreign, self._run_label(), messages)
         self._outbox = Outbox(
-            self._journal, self._timeline, clock, self._state_publisher.publish, self._housekeeping, self._name_journal
+            self._journal,
+            self._timeline,
+            clock,
+            self._state_publisher.publish,
+            self._state_publisher.say,
+            self._housekeeping,
+            self._name_journal,
         )
         self._requests = Requests(self._clients(), self.put, clock.now_ns)
-        self._desk = UserDesk(configuration.missions, self.put, clock.now_ns)
+        self._desk = UserDesk(configuration.missions, self.put, clock.now_ns, configuration.battery.minimum_fraction)
         self._inbox = Inbox(clock, self._reject, self._stalled)
         self._engine = EngineThread(
             decide,
@@ -156,11 +165,16 @@ class AutonomyNode:
         )
         return create(run_folder.make_folder(self._parameters.output, self._label), codec.encode_header(header))
 
-    def _decided_again(self) -> EngineState:
-        """Return the state that an unfinished journal leads to."""
+    def _run_label(self) -> str:
+        """Return the name of the run whose messages go on: that of the journal."""
+        return self._label if self._resumed is None else str(self._resumed.header.get("label", self._label))
+
+    def _decided_again(self, messages: MessageLog) -> EngineState:
+        """Return the state that an unfinished journal leads to, and take the messages on the way."""
         state = EngineState()
         for event in self._resumed.events if self._resumed is not None else ():
-            state, _ = decide(state, event, self._configuration.rules)
+            state, commands = decide(state, event, self._configuration.rules)
+            messages.take(event.t_ns, commands)
         return state
 
     def start(self) -> None:

@@ -15,16 +15,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 
 from amaze_autonomy import msg
-from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Value
+from amaze_autonomy.engine.commands import AnswerKind, Command, Decision, Level, Notify, Value
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.rules import Limits, Rules
-from amaze_autonomy.engine.state import EngineState, Failure
+from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.interface import STATUSES, Status, status_of
 
+from ...interface.fields import Shape
 from ...journal import journal as codec
-from ...journal.report import Report, report
+from ...journal.report import CommandAnswer, Fault, MessageLog, Report, Telemetry, report
 from ...ros.clock import Clock
-from ...ros.interface import check_row, number, ros_time
+from ...ros.interface import check_row, classes, number, ros_time
 from .journal_topic import JournalLines, JournalTopic
 from .run_folder import JournalFile
 
@@ -51,6 +52,7 @@ class Outbox:
         timeline: the report for people.
         clock: for the stamps.
         publish_state: publishes ~state; called at each decision and twice a second.
+        say: publishes ~messages; called with the time and the commands of each step that has any, before that.
         housekeeping: called twice a second, after `publish_state`.
         moved: called when the journal goes on at another place.
     """
@@ -61,11 +63,12 @@ class Outbox:
         timeline: Timeline,
         clock: Clock,
         publish_state: Callable[[EngineState], None],
+        say: Callable[[int, Tuple[Command, ...]], None],
         housekeeping: Callable[[], None],
         moved: Callable[[], None] = lambda: None,
     ) -> None:
         self._journal, self._timeline, self._clock = journal, timeline, clock
-        self._publish_state, self._housekeeping, self._moved = publish_state, housekeeping, moved
+        self._publish_state, self._say, self._housekeeping, self._moved = publish_state, say, housekeeping, moved
         self._queue: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._lines = JournalLines(lambda: journal.path, lambda: journal.written, journal.lines)
@@ -137,6 +140,7 @@ class Outbox:
         if commands or self._queue.empty():  # a kill takes no more than what is under way
             self._journal.flush()
         if commands:
+            self._say(event.t_ns, commands)
             self._publish_state(state)
         for command in commands:
             if isinstance(command, Notify):
@@ -164,16 +168,23 @@ class Outbox:
 
 
 class StatePublisher:
-    """Writes AutonomyState, and the name of the state alone for who has no messages of ours.
+    """Writes AutonomyState and the last messages, and the name of the state alone for who has no messages of ours.
 
     Args:
         rules: that the engine decides by.
         clock: for the time that is left.
         foreign: returns a line for each publisher of another type on a topic of ours; they follow the advice.
+        run: names the run of the engine whose messages are numbered.
+        log: its messages so far.
     """
 
-    def __init__(self, rules: Rules, clock: Clock, foreign: Callable[[], Tuple[str, ...]]) -> None:
+    def __init__(
+        self, rules: Rules, clock: Clock, foreign: Callable[[], Tuple[str, ...]], run: str, log: MessageLog
+    ) -> None:
         self._rules, self._clock, self._foreign = rules, clock, foreign
+        self._run, self._log = run, log
+        self._messages = rospy.Publisher("~messages", msg.OperatorMessages, latch=True, queue_size=10)
+        self._publish_messages()
         self._publisher = rospy.Publisher("~state", msg.AutonomyState, latch=True, queue_size=10)
         self._names = rospy.Publisher("~state_name", String, latch=True, queue_size=10)
         self._named = ""
@@ -187,20 +198,57 @@ class StatePublisher:
             self._named = message.state
             self._names.publish(String(data=message.state))
 
+    def say(self, t_ns: int, commands: Tuple[Command, ...]) -> None:
+        """Publish the messages of a step of the engine, with those before them."""
+        if self._log.take(t_ns, commands):
+            self._publish_messages()
+
+    def _publish_messages(self) -> None:
+        now_ns, ros_ns = self._clock.now_ns(), self._clock.ros_ns()
+        message = msg.OperatorMessages(run=self._run)
+        message.header.stamp = ros_time(ros_ns)
+        message.messages = [
+            msg.OperatorMessage(
+                number=each.number,
+                stamp=ros_time(max(0, ros_ns - (now_ns - each.t_ns))),
+                level=_MESSAGE_LEVELS[each.level],
+                text=each.text,
+                advice=each.advice,
+            )
+            for each in self._log.after(0)
+        ]
+        self._messages.publish(message)
+
 
 #: Levels of DiagnosticStatus.
 _MESSAGE_LEVELS = {Level.INFO: 0, Level.WARNING: 1, Level.ERROR: 2, Level.ALARM: 3}
 
 
-def _pending(failure: Failure, now_ns: int) -> msg.PendingFailure:
+_TELEMETRY = Shape(Telemetry, "Telemetry", without=("heard_ns",))
+_ANSWER = Shape(CommandAnswer, "UserAnswer", named={"text": "message"}, without=("command",))
+
+
+def _pending(fault: Fault, now_ns: int) -> msg.PendingFailure:
     return msg.PendingFailure(
-        name=failure.name,
-        code=failure.code,
-        verb=failure.action.name.lower(),
-        then="" if failure.fallback is None else failure.fallback.name.lower(),
-        time_left=_left_s(failure.deadline_ns, now_ns),
-        reason=failure.reason,
+        name=fault.name,
+        code=fault.code,
+        verb=fault.action.name.lower(),
+        then="" if fault.fallback is None else fault.fallback.name.lower(),
+        time_left=_left_s(fault.end_ns, now_ns),
+        limit=fault.limit,
+        cause=fault.cause,
+        reason=fault.reason,
     )
+
+
+def _telemetry(telemetry: Telemetry, now_ns: int) -> msg.Telemetry:
+    heard_ns = telemetry.heard_ns
+    age = nan if heard_ns is None else max(0.0, (now_ns - heard_ns) * 1e-9)
+    return msg.Telemetry(age=age, **_TELEMETRY.write(telemetry, now_ns, classes))
+
+
+def _answer(answer: CommandAnswer, now_ns: int) -> msg.UserAnswer:
+    return msg.UserAnswer(command=answer.command.value, **_ANSWER.write(answer, now_ns, classes))
 
 
 def _left_s(deadline_ns: Optional[int], now_ns: int) -> float:
@@ -221,13 +269,14 @@ def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState
         repetitions=report.repetitions,
         in_flight=report.in_flight,
         checks=[check_row(row) for row in report.checks],
-        failures=[_pending(failure, now_ns) for failure in report.failures],
+        failures=[_pending(fault, now_ns) for fault in report.faults],
         waiting_for=report.waiting_for,
         time_left=_left_s(report.deadline_ns, now_ns),
+        limit=report.deadline.replace("_", " "),
         message=report.message,
         message_level=_MESSAGE_LEVELS[Level(report.message_level)],
         advice=report.advice,
-        user_commands=list(report.user_commands),
+        user_commands=[each.command.value for each in report.answers if each.answer is AnswerKind.DONE],
         waypoint=report.waypoint,
         waypoints=report.waypoints,
         recording_phase=report.recording_phase,
@@ -235,6 +284,9 @@ def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState
         data_location=report.data_location,
         result=report.result,
         data_result=report.data_result,
+        answers=[_answer(each, now_ns) for each in report.answers],
+        queue=list(report.queue),
+        telemetry=_telemetry(report.telemetry, now_ns),
     )
     message.header.stamp = ros_time(ros_ns)
     return message

@@ -47,10 +47,17 @@ class UserDesk:
         missions: that can be selected.
         put: takes the events.
         now_ns: the clock that decides.
+        least_battery: fraction below which no mission starts, whatever it needs.
     """
 
-    def __init__(self, missions: Sequence[Mission], put: Callable[[Event], None], now_ns: Callable[[], int]) -> None:
-        self._missions, self._put, self._now_ns = missions, put, now_ns
+    def __init__(
+        self,
+        missions: Sequence[Mission],
+        put: Callable[[Event], None],
+        now_ns: Callable[[], int],
+        least_battery: float = 0.0,
+    ) -> None:
+        self._missions, self._put, self._now_ns, self._least_battery = missions, put, now_ns, least_battery
         self._ids = itertools.count(1)
         self._lock = threading.Lock()
         self._waiting: Dict[int, SimpleQueue[Answer]] = {}
@@ -110,17 +117,18 @@ class UserDesk:
                 del self._waiting[request_id]
 
     def _list(self) -> Any:
-        return srv.ListMissionsResponse(missions=[_info(mission) for mission in self._missions])
+        return srv.ListMissionsResponse(missions=[_info(mission, self._least_battery) for mission in self._missions])
 
 
-def _info(mission: Mission) -> msg.MissionInfo:
+def _info(mission: Mission, least_battery: float) -> msg.MissionInfo:
+    needed = mission.battery_needed_fraction
     return msg.MissionInfo(
         id=mission.id,
         description=mission.description,
         files=mission.files,
         repetitions=mission.repetitions,
         estimated_duration=number(mission.estimated_duration_s),
-        battery_needed=number(mission.battery_needed_fraction),
+        battery_needed=number(None if needed is None else max(needed, least_battery)),
     )
 
 

@@ -1,0 +1,164 @@
+"""What a person is shown of the engine: faults with their cause and true time left, telemetry, numbered messages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from amaze_autonomy.engine.commands import AnswerKind, Level, Notify
+from amaze_autonomy.engine.events import AutopilotStatus, ComponentStatus, Mission, UserCommand, VehicleLanded
+from amaze_autonomy.engine.rules import Action, Code, Restart, Rules
+from amaze_autonomy.engine.state import EngineState, Failure, FailureKind, Flight, Landing, Peers, Session, State, Step
+from amaze_autonomy.journal.report import Fault, MessageLog, OperatorMessage, Telemetry, report
+
+S = 1_000_000_000
+T = 100 * S
+
+
+def component(name, reason="", since_ns=T, **changes):
+    return Failure(name, FailureKind.COMPONENT, 4, Action.CONTINUE, since_ns=since_ns, reason=reason, **changes)
+
+
+def loss(name):
+    return Failure(name, FailureKind.LOSS, 0, Action.LAND, since_ns=T, reason="silent")
+
+
+def shown(*failures, **changes):
+    return report(EngineState(t_ns=T, failures=failures, **changes), Rules())
+
+
+# --- faults ---
+
+
+def held(until_ns, restart=Restart.TRYING):
+    lrf = Failure("lrf", FailureKind.COMPONENT, 8, Action.WAIT, Action.LAND, T, T + 15 * S, "silent")
+    status = ComponentStatus("lrf", Code.HOLD, restart, until_ns, "silent")
+    flight = Flight(active=True, started_ns=T - 60 * S)
+    return shown(lrf, state=State.HOLD, step=Step.HOLDING, flight=flight, peers=Peers(components=(status,)))
+
+
+def test_a_wait_ends_by_the_limit_that_is_the_earlier_one_and_names_it():
+    look = held(T + 12 * S)
+    assert look.faults == (Fault("lrf", 8, Action.WAIT, Action.LAND, T + 12 * S, "restart limit", "", "silent"),)
+    assert (look.deadline, look.deadline_ns) == ("restart limit", T + 12 * S)
+    for later in (held(T + 20 * S), held(None), held(T + 12 * S, Restart.NONE)):
+        assert [(fault.end_ns, fault.limit) for fault in later.faults] == [(T + 15 * S, "wait limit")]
+        assert later.deadline_ns == T + 15 * S
+
+
+def test_the_operators_own_hold_is_no_fault():
+    hold = Failure("user_hold", FailureKind.USER, 0, Action.WAIT, Action.LAND, T, T + 120 * S, "the user asked")
+    look = shown(hold, state=State.HOLD, step=Step.HOLDING, flight=Flight(active=True, user_hold_ns=T))
+    assert (look.faults, look.waiting_for) == ((), "you: resume or land")
+
+
+def test_what_goes_with_the_autopilots_link_has_one_cause():
+    failures = (
+        loss("autopilot_status"),
+        loss("battery_unknown"),
+        component("gps", "the autopilot's gps: no answer for longer than 1 s"),
+        component("lrf", "no message on /lrf/range for longer than 0.3 s"),
+    )
+    link = "no link to the autopilot"
+    assert [fault.cause for fault in shown(*failures).faults] == [link, link, link, ""]
+    assert [fault.cause for fault in shown(failures[0], failures[3]).faults] == ["", ""]
+
+
+def test_four_that_are_late_at_once_have_one_cause_and_three_have_none():
+    late = [component(f"c{n}", f"no message on /c{n} for longer than 0.3 s", T + n * S // 2) for n in range(4)]
+    words = "4 components late within 2 s: their computer is overloaded, or is cut off"
+    assert {fault.cause for fault in shown(*late).faults} == {words}
+    assert {fault.cause for fault in shown(*late[:3]).faults} == {""}
+    apart = [replace(each, since_ns=T + 3 * n * S) for n, each in enumerate(late)]
+    assert {fault.cause for fault in shown(*apart).faults} == {""}
+    broken = [component(f"c{n}", "the self-test failed") for n in range(4)]
+    assert {fault.cause for fault in shown(*broken).faults} == {""}
+
+
+# --- commands ---
+
+
+def test_land_while_it_lands_is_answered_already():
+    landing = shown(state=State.LAND, step=Step.DESCENDING, flight=Flight(active=True), landing=Landing(since_ns=T))
+    answers = {each.command: (each.answer, each.text) for each in landing.answers}
+    assert set(answers) == set(UserCommand)
+    assert answers[UserCommand.LAND] == (AnswerKind.ALREADY, "It is landing.")
+    assert answers[UserCommand.HOLD] == (AnswerKind.REFUSED, "A hold never interrupts a landing.")
+
+
+# --- telemetry ---
+
+
+def test_telemetry_has_the_limits_that_count_for_the_mission():
+    mission = Mission(id="1", max_height_m=12.0)
+    autopilot = AutopilotStatus(
+        t_ns=T,
+        armed=True,
+        landed=VehicleLanded.IN_AIR,
+        mode="AUTO.MISSION",
+        link_age_s=0.25,
+        height_m=4.5,
+        position_x_m=3.0,
+        position_y_m=4.0,
+        vertical_speed_m_s=-0.5,
+        horizontal_speed_m_s=1.5,
+        battery_fraction=0.75,
+        battery_voltage_v=15.5,
+    )
+    peers = Peers(autopilot=autopilot, autopilot_ns=T, components=(ComponentStatus("gps", Code.NOMINAL),))
+    flight = Flight(active=True, started_ns=T - 42 * S)
+    look = shown(peers=peers, flight=flight, session=Session(mission=mission), queue=(Mission(id="2"),))
+    assert look.queue == ("2",)
+    assert look.telemetry == Telemetry(
+        heard_ns=T,
+        link_age_s=0.25,
+        mode="AUTO.MISSION",
+        armed=True,
+        landed="IN_AIR",
+        gps="nominal",
+        battery_fraction=0.75,
+        battery_limit=0.15,
+        battery_voltage_v=15.5,
+        altitude_m=4.5,
+        altitude_limit_m=12.0,
+        position_x_m=3.0,
+        position_y_m=4.0,
+        distance_m=5.0,
+        distance_limit_m=100.0,
+        speed_m_s=1.5,
+        climb_m_s=-0.5,
+        flight_time_s=42.0,
+        flight_time_limit_s=900.0,
+    )
+
+
+def test_nothing_heard_is_nothing_known_but_the_limits():
+    look = shown().telemetry
+    assert look == Telemetry(
+        battery_limit=0.15, altitude_limit_m=30.0, distance_limit_m=100.0, flight_time_limit_s=900.0
+    )
+
+
+# --- messages ---
+
+
+def say(text):
+    return Notify(level=Level.WARNING, key="", text=text, advice="Look.")
+
+
+def test_of_several_messages_in_one_step_none_is_lost():
+    log = MessageLog()
+    assert log.take(T, (say("one"), say("two")))
+    assert not log.take(T + 1, ())
+    assert log.take(T + 2, (say("three"),))
+    said = OperatorMessage(1, T, Level.WARNING, "one", "Look.")
+    three = OperatorMessage(3, T + 2, Level.WARNING, "three", "Look.")
+    assert log.after(0) == (said, OperatorMessage(2, T, Level.WARNING, "two", "Look."), three)
+    assert log.after(2) == (three,)
+
+
+def test_eight_hours_of_messages_do_not_grow():
+    log = MessageLog()
+    for second in range(8 * 3600):
+        log.take(second * S, (say(f"{second} s"),))
+    kept = log.after(0)
+    assert (len(kept), kept[0].number, kept[-1].number) == (MessageLog.MOST, 28_601, 28_800)
