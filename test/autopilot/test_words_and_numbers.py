@@ -283,6 +283,12 @@ def test_modes_have_px4_s_names(autopilot, number, name):
     assert mode_name(autopilot, number) == name
 
 
+@pytest.mark.parametrize("number, name", [(9, "MODE.SURFACE"), (19, "MANUAL"), (2, "ALTCTL"), (5, "MODE.5")])
+def test_a_submarine_s_modes_have_numbers_of_their_own(number, name):
+    said = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_SUBMARINE, ARDUPILOT, 0, number, 4, 3)
+    assert Heartbeat.of(0, said).mode == name
+
+
 def test_modes_have_numbers_to_command_them():
     assert (mode_number(PX4, "AUTO.LAND"), mode_number(ARDUPILOT, "AUTO.LAND")) == ((4, 6), (9, 0))
     assert (px4_number("NO.SUCH"), mode_number(ARDUPILOT, "POSCTL")) == (None, None)

@@ -132,6 +132,11 @@ def test_a_ulog_is_judged_by_the_map_that_is_proposed_of_it(ulog, tmp_path):
         ("TAKEOFF", "MISSION"),
         ("MISSION", "PILOT"),  # nobody here has commanded the landing of 26 s
     ]
+    said = [line for line in texts(outcome, LineKind.NOTE) if "says" in line]
+    assert said == [
+        "+7.600 bag the autopilot says: Armed by external command",
+        "+26.000 bag the autopilot says: Landing",
+    ]
     took_over = [line for line in texts(outcome, LineKind.DECISION) if "MISSION -> PILOT" in line]
     assert took_over[0].startswith("+26.300 bag MISSION -> PILOT by pilot_took_over (reason flight mode AUTO.LAND")
 

@@ -115,6 +115,7 @@ def test_a_flight_over_mavros_is_a_whole_mission_by_the_proposed_map(tmp_path):
         "battery": "/mavros/battery",
         "armed": "/mavros/state",
         "mode": "/mavros/state",
+        "failsafe": "/mavros/state",
         "landed": "/mavros/extended_state",
     }
     assert [component.name for component in found.components] == ["imu", "magnetometer"]
@@ -156,6 +157,53 @@ def test_a_recorded_pilot_is_a_pilot(tmp_path):
     outcome, _ = replay(bag, path)
     (taken,) = [d for d in outcome.decisions if d.after == "PILOT" and d.before == "MISSION"]
     assert 25.0 <= (taken.t_ns - START_NS) / S < 26.0
+
+
+def changed(rows, **values):
+    """Return rows in which the vehicle's state says something else from 20 s on."""
+    for at, topic, message in rows:
+        if topic == "/mavros/state" and (at - START_NS) / S >= 20.0:
+            for name, value in values.items():
+                setattr(message, name, value)
+    return rows
+
+
+def test_a_recorded_failsafe_is_one(tmp_path):
+    rows = changed(mavros_rows(state_hz=10.0), system_status=5, mode="AUTO.LOITER")
+    _, path = proposed(tmp_path, write_bag(tmp_path / "x.bag", rows))
+    outcome, _ = replay(tmp_path / "x.bag", path)
+    taken = next(d for d in outcome.decisions if d.after == "PILOT")
+    assert 20.0 <= (taken.t_ns - START_NS) / S < 21.0
+    assert "failsafe" in " ".join(str(value.value) for value in taken.values)
+
+
+def test_modes_of_an_ardupilot_behind_mavros_are_read_by_its_own_names_and_its_status_is_no_failsafe(tmp_path):
+    rows = changed(mavros_rows(state_hz=10.0, mode="GUIDED"), system_status=5, mode="LAND")
+    _, path = proposed(tmp_path, write_bag(tmp_path / "x.bag", rows))
+    assert "failsafe" not in load_map(path).readings
+    outcome, _ = replay(tmp_path / "x.bag", path)
+    taken = next(d for d in outcome.decisions if d.after == "PILOT")
+    assert {value.name: value.value for value in taken.values}["flight mode"] == "AUTO.LAND"
+
+
+def test_what_the_autopilot_says_in_words_are_lines_with_their_severity(tmp_path):
+    if "mavros_msgs/msg/StatusText" not in STORE.types:
+        text = "std_msgs/Header header\nuint8 severity\nstring text\n"
+        STORE.register(get_types_from_msg(text, "mavros_msgs/msg/StatusText"))
+    rows = mavros_rows()
+    for t_s, severity, words in ((7.5, 6, "Armed by RC\x07"), (20.0, 4, "Low battery"), (26.0, 2, "Failsafe")):
+        at = START_NS + round(t_s * S)
+        said = make("mavros_msgs/msg/StatusText", header=header(at), severity=severity, text=words)
+        rows.append((at, "/mavros/statustext/recv", said))
+    bag = write_bag(tmp_path / "x.bag", sorted(rows, key=lambda row: row[0]))
+    for name in ("mavros", proposed(tmp_path, bag)[1]):
+        outcome, _ = replay(bag, name)
+        said = [line for line in outcome.timeline if "says" in line.text]
+        assert [(line.text, line.level) for line in said] == [
+            ("the autopilot says: Armed by RC", 0),
+            ("the autopilot says: Low battery", 1),
+            ("the autopilot says: Failsafe", 2),
+        ]
 
 
 def test_plain_sensors_are_selected_by_the_lift_off_that_the_range_shows(tmp_path):

@@ -275,7 +275,7 @@ def recorded_facts(plan: Plan, recordings: Recordings, *, log: bool) -> FrozenSe
     heard = {topic for rank, topic in enumerate(recordings.topics) if len(recordings.times(rank))}
     found = {name for name, reading in plan.topic_map.readings.items() if reading.topic in heard}
     told = {name for name, topic in plan.topic_map.statuses.items() if topic in heard}
-    facts = found & {"armed", "landed", "height", "battery", "mode"}
+    facts = found & {"armed", "landed", "height", "battery", "mode", "failsafe"}
     if "range" in found:
         facts |= {"height", "landed", "landing_detection"}
     if "height" in found:

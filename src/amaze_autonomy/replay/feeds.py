@@ -20,6 +20,7 @@ from amaze_autonomy.monitoring.specs import AutopilotSensor, EstimateSource
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
+from ..autopilot.vehicle.modes import ARDUPILOT_NAMES
 from .fields import Getter, getter, number, orientation, quaternion, vector
 from .landing_columns import Footing
 from .rate_columns import Pace
@@ -28,6 +29,7 @@ from .topic_columns import Track
 from .topic_map import Reading
 
 __all__ = [
+    "FACTS",
     "FULL",
     "BatteryFeed",
     "ComponentFeed",
@@ -177,7 +179,7 @@ class BatteryFeed(LastCounts):
 
 
 class FactFeed(LastCounts):
-    """A property of the vehicle: armed, landed or height."""
+    """A property of the vehicle, one of `FACTS`."""
 
     def __init__(self, name: str, reading: Reading, facts: Dict[str, Fact]) -> None:
         super().__init__(
@@ -215,7 +217,15 @@ def _landed(reading: Reading) -> Callable[[Any], VehicleLanded]:
 
 
 def _mode(reading: Reading) -> Callable[[Any], str]:
-    return lambda value: MISSION_MODE if _word(value) in reading.mission else _word(value)
+    def read(value: Any) -> str:
+        word = _word(value)
+        return MISSION_MODE if word in reading.mission else ARDUPILOT_NAMES.get(word, word)
+
+    return read
+
+
+def _failsafe(reading: Reading) -> Callable[[Any], bool]:
+    return lambda value: _word(value) in reading.on
 
 
 def _armed(_: Reading) -> Callable[[Any], bool]:
@@ -231,8 +241,10 @@ _READ: Mapping[str, Callable[[Reading], Callable[[Any], Any]]] = {
     "landed": _landed,
     "armed": _armed,
     "mode": _mode,
+    "failsafe": _failsafe,
 }
-_FACTS: Mapping[str, str] = {"height": "height_m", "landed": "landed", "armed": "armed", "mode": "mode"}
+_FACTS: Mapping[str, str] = {**{name: name for name in _READ}, "height": "height_m"}
+FACTS = tuple(_READ)
 
 
 # --- ground feeds -----------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from ..monitoring.watchdog import Streams
 from .agenda import Turns
 from .errors import FieldError, MisfitError
 from .feeds import (
+    FACTS,
     BatteryFeed,
     ComponentFeed,
     EstimateFeed,
@@ -293,7 +294,7 @@ class Monitors:
         self._caught_up(BatteryMonitor)
         told: Dict[str, Any] = {}
         readings = self._plan.topic_map.readings
-        for name in ("armed", "landed", "height", "mode"):
+        for name in FACTS:
             if name in readings:
                 fact = "height_m" if name == "height" else name
                 told[fact] = self._fresh(fact, t_ns, self._age_limit_ns(readings[name].topic, _FACT_AGE_NS))
@@ -344,9 +345,5 @@ class Monitors:
             feeds.append(EstimateFeed(self._state, readings["estimate"]))
         if self._battery is not None:
             feeds.append(BatteryFeed(self._battery, readings["battery"], self._facts))
-        feeds += [
-            FactFeed(name, readings[name], self._facts)
-            for name in ("height", "armed", "landed", "mode")
-            if name in readings
-        ]
+        feeds += [FactFeed(name, readings[name], self._facts) for name in FACTS if name in readings]
         return feeds

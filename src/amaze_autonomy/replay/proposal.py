@@ -111,6 +111,9 @@ _ESTIMATES: Tuple[Tuple[str, str, str], ...] = (
     ("geometry_msgs/PoseStamped", "pose", "pose.position.z"),
     ("geometry_msgs/PoseWithCovarianceStamped", "pose_with_covariance", "pose.pose.position.z"),
 )
+_TEXTS = ("mavros_msgs/StatusText", "mavlink/STATUSTEXT", "px4_msgs/LoggedMessage")
+_PX4_MODES = ("OFFBOARD", "POSCTL", "ALTCTL", "MANUAL", "STABILIZED")
+_CRITICAL = 5  # MAV_STATE_CRITICAL
 _NOT_ESTIMATED = ("setpoint", "target", "command", "reference", "goal")
 
 
@@ -219,7 +222,7 @@ class _Maker:
     # --- readings -----------------------------------------------------------------------------------------------------
 
     def _readings(self) -> List[str]:
-        lines = self._vehicle() + self._imu() + self._estimate() + self._range() + self._battery()
+        lines = self._vehicle() + self._texts() + self._imu() + self._estimate() + self._range() + self._battery()
         told = " ".join(lines) + " ".join(self._statuses())
         for fact in ("armed", "landed", "height", "battery", "mode"):
             if f"  {fact}:" not in told and "autopilot:" not in told:
@@ -345,6 +348,9 @@ class _Maker:
             self.modes = [flown] if flown else []
             mission = f", mission: [{flown}]" if flown else ""
             lines.append(f"  mode: {{topic: {state.name}, mode: mode{mission}}}")
+            if any(str(value) in _PX4_MODES or str(value).startswith("AUTO.") for _, value in modes):
+                told = f"failsafe: system_status, on: [{_CRITICAL}, {_CRITICAL + 1}]"  # ArduPilot's means less
+                lines.append(f"  failsafe: {{topic: {state.name}, {told}}}")
         extended = self._best(("mavros_msgs/ExtendedState",), (), ())
         if extended is not None:
             changes = _changes(self._values(extended.kind, "landed_state", extended.name))
@@ -352,6 +358,13 @@ class _Maker:
             self._tell("landed", [(t, words.get(int(value), str(value))) for t, value in changes])
             lines.append(f"  landed: {{topic: {extended.name}, landed: landed_state, on_ground: [1], unknown: [0]}}")
         return lines
+
+    def _texts(self) -> List[str]:
+        topic = self._best(_TEXTS, ("recv",), ("send",))
+        if topic is None:
+            single = [each for each in self._topics if each.kind in _TEXTS]  # also one text is worth a line
+            topic = single[0] if single else None
+        return [] if topic is None else [f"  texts: {{topic: {topic.name}, severity: severity}}"]
 
     def _by_status(self, topic: _Topic) -> List[str]:
         """Tell of the flight by the autopilot's own status, which needs no readings."""

@@ -38,6 +38,7 @@ from amaze_autonomy.engine.timers import next_deadline
 from ..engine.events import Check, CheckName
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
+from . import fields
 from .agenda import Agenda, Rank
 from .beginning import Beginning, Flight, Lead, armings, beginning_of, lead_of, selected_ns
 from .changed_keys import Change, ChangedKeys, Unread, recorded_facts
@@ -58,6 +59,7 @@ __all__ = ["Outcome", "Parting", "Session", "part"]
 _S = 1_000_000_000
 _STEP_NS = 1_000_000
 _NEVER_NS = 1 << 62
+_NOTICE = 5  # of the severities of MAVLink: 4 is a warning, below it are errors
 _SCRIPTED = ("armed", "landed", "height", "mode", "position", "battery", "planner", "recorder")
 _WARM_UP_NS = 3 * _S  # what is played fills the windows of the checks before anybody asks
 Progress = Callable[[int, int], None]
@@ -202,6 +204,7 @@ class Session:
             self._agenda.at(start_ns, Rank.TICK, self._check_lead)
         for topic in self._recordings.missing:
             self._note(start_ns, f"{topic} is {'muted' if topic in self._recordings.muted else 'not in the recording'}")
+        self._note_texts()
         source = Source.SCRIPT if self._log is None else Source.LOG
         self._feed(EngineStarted(t_ns=self._begin_ns, label=self._label()), source)
         for event in self._story.events():
@@ -405,8 +408,21 @@ class Session:
     def _say(self, t_ns: int, source: Source, text: str, level: int) -> None:
         self._lines.append(Line(t_ns, source, LineKind.MONITOR, text, level))
 
-    def _note(self, t_ns: int, text: str) -> None:
-        self._agenda.at(t_ns, 0, lambda at_ns: self._lines.append(Line(at_ns, Source.BAG, LineKind.NOTE, text)))
+    def _note(self, t_ns: int, text: str, level: int = 0) -> None:
+        self._agenda.at(t_ns, 0, lambda at_ns: self._lines.append(Line(at_ns, Source.BAG, LineKind.NOTE, text, level)))
+
+    def _note_texts(self) -> None:
+        """Note what the recorded vehicle says in words."""
+        reading = self._plan.topic_map.readings.get("texts")
+        if reading is None or reading.topic not in self._recordings.topics:
+            return
+        get = {name: fields.getter(path) for name, path in reading.fields.items()}
+        for sample in self._recordings.ordered((self._recordings.topics.index(reading.topic),)):
+            message = self._recordings.message(sample)
+            if message is not None:
+                severity = fields.number(get["severity"](message)) if "severity" in get else None
+                level = 0 if severity is None or severity >= _NOTICE else 1 if severity == _NOTICE - 1 else 2
+                self._note(sample.t_ns, f"the autopilot says: {_said(get['text'](message))}", level)
 
     def _outcome(self) -> Outcome:
         end_ns, evidence = self._recordings.end_ns, self._world.evidence
@@ -458,6 +474,12 @@ def _periods_ns(recordings: Recordings) -> Dict[str, int]:
         if len(times) > 1:
             found[topic] = int(np.median(np.diff(times)))
     return found
+
+
+def _said(value: Any) -> str:
+    """Return a text of a vehicle as one line: bytes up to the first zero, or words."""
+    text = value.split(b"\0")[0].decode("utf-8", "replace") if isinstance(value, bytes) else str(value).split("\0")[0]
+    return "".join(each if each.isprintable() else " " for each in text).strip()
 
 
 def _level(level: Level) -> int:

@@ -67,6 +67,7 @@ class Reading:
         source: kind of message; for `estimate`.
         unknown: values of the field that say nothing; for `landed`.
         mission: flight modes in which the recorded vehicle flew its mission; for `mode`.
+        on: values of the field that mean that a failsafe acts; for `failsafe`.
     """
 
     topic: str
@@ -77,6 +78,7 @@ class Reading:
     source: str = ""
     unknown: Tuple[str, ...] = ()
     mission: Tuple[str, ...] = ()
+    on: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class Script:
 
 @dataclass(frozen=True)
 class TopicMap:
-    """A map: `readings` by name (imu, estimate, range, height, battery, armed, landed, mode), `statuses` by name.
+    """A map: `readings` by name (imu, range, armed, ...: rows of `_READINGS`), `statuses` by name.
 
     `landing` and `state_estimation` are what the recording's vehicle has differently: fields of the specifications.
     `as_configured`: every component of the configuration whose topics are all in the recording is watched.
@@ -252,6 +254,24 @@ _READINGS = Group(
                 [],
             ),
         ),
+        _reading(
+            "failsafe",
+            "whether the autopilot acts by a failsafe of its own",
+            _field("failsafe", "failsafe"),
+            Key(
+                "on",
+                ListOf(Text("a value", numbers=True), "values that mean that it does", 1),
+                "values that mean that it does",
+                "",
+                ["True", "1"],
+            ),
+        ),
+        _reading(
+            "texts",
+            "what the vehicle says in words; lines of the timeline",
+            _field("text", "text"),
+            _field("severity"),
+        ),
     ),
 )
 _STATUS_KEYS = tuple(
@@ -343,7 +363,7 @@ def _component(name: str, values: Dict[str, Any], places: Places) -> ComponentMa
 
 
 def _made_reading(values: Dict[str, Any]) -> Reading:
-    known = ("topic", "scale", "offset_m", "on_ground", "source", "unknown", "mission")
+    known = ("topic", "scale", "offset_m", "on_ground", "source", "unknown", "mission", "on")
     paths = {key: path for key, path in values.items() if key not in known and path is not None}
     return Reading(
         topic=values["topic"],
@@ -354,6 +374,7 @@ def _made_reading(values: Dict[str, Any]) -> Reading:
         source=values.get("source", ""),
         unknown=tuple(values.get("unknown", ())),
         mission=tuple(values.get("mission", ())),
+        on=tuple(values.get("on", ())),
     )
 
 

@@ -383,6 +383,7 @@ class World:
             self.motors.append((t_ns, told["armed"]))
         facts = self._vehicle.facts(t_ns, told)
         facts.update({"mode": told["mode"]} if "mode" in told else {})
+        facts.update({"failsafe": told["failsafe"] is True and facts["armed"] is True} if "failsafe" in told else {})
         if "battery_fraction" not in told:
             batteries = (feed for feed in self._monitors.feeds if isinstance(feed, BatteryFeed))
             facts["battery_fraction"] = next((feed.level_at(t_ns) for feed in batteries), facts["battery_fraction"])

@@ -34,13 +34,14 @@ class Heartbeat(NamedTuple):
     mode: str
     status: int
     autopilot: int
+    vehicle: int = mavlink.MAV_TYPE_QUADROTOR
 
     @classmethod
     def of(cls, t_ns: int, message: Message) -> Heartbeat:
         """Return what a HEARTBEAT says."""
         armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        mode = mode_name(message.autopilot, message.custom_mode)
-        return cls(t_ns, armed, mode, int(message.system_status), int(message.autopilot))
+        mode = mode_name(message.autopilot, message.custom_mode, message.type)
+        return cls(t_ns, armed, mode, int(message.system_status), int(message.autopilot), int(message.type))
 
 
 class Control:
@@ -68,7 +69,7 @@ class Control:
         beat = self.beat
         if beat is None:
             return False
-        mode, self.mode_ns = mode_name(beat.autopilot, custom_mode), t_ns
+        mode, self.mode_ns = mode_name(beat.autopilot, custom_mode, beat.vehicle), t_ns
         self.beat = beat._replace(mode=mode)
         if beat.armed and mode == self._commanded:
             self._confirmed = True

@@ -1,7 +1,8 @@
 """Flight modes: numbers of the autopilots, names as PX4 and mavros write them, and what each means for who has control.
 
 ArduPilot's modes get the name of the PX4 mode that does the same, so that one engine reads both: GUIDED is OFFBOARD,
-AUTO is AUTO.MISSION, BRAKE is AUTO.LOITER, and its LOITER, which is flown by the sticks, is POSCTL.
+AUTO is AUTO.MISSION, BRAKE is AUTO.LOITER, and its LOITER, which is flown by the sticks, is POSCTL. ArduSub numbers its
+modes otherwise: 9 is SURFACE there, not LAND.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import FrozenSet, Mapping, Optional, Tuple
 from ..link.dialect import mavlink
 
 __all__ = [
+    "ARDUPILOT_NAMES",
     "LAND",
     "LANDING_MODES",
     "MANUAL_MODES",
@@ -72,9 +74,40 @@ _ARDUPILOT: Mapping[int, str] = {
     24: "POSCTL",  # ZIGZAG
     27: "AUTO.RTL",  # AUTO_RTL
 }
+_UNKNOWN = "MODE."
+_ARDUSUB: Mapping[int, str] = {
+    0: "STABILIZED",
+    1: "ACRO",
+    2: "ALTCTL",  # ALT_HOLD
+    3: "AUTO.MISSION",
+    4: "OFFBOARD",  # GUIDED
+    7: "ORBIT",  # CIRCLE
+    9: f"{_UNKNOWN}SURFACE",
+    16: "POSCTL",  # POSHOLD
+    19: "MANUAL",
+    20: f"{_UNKNOWN}MOTOR_DETECT",
+    21: "ALTCTL",  # SURFTRAK
+}
+ARDUPILOT_NAMES: Mapping[str, str] = {
+    "STABILIZE": "STABILIZED",
+    "ALT_HOLD": "ALTCTL",
+    "AUTO": "AUTO.MISSION",
+    "GUIDED": "OFFBOARD",
+    "LOITER": "POSCTL",
+    "RTL": "AUTO.RTL",
+    "CIRCLE": "ORBIT",
+    "LAND": "AUTO.LAND",
+    "AUTOTUNE": "ALTCTL",
+    "POSHOLD": "POSCTL",
+    "BRAKE": "AUTO.LOITER",
+    "GUIDED_NOGPS": "OFFBOARD",
+    "SMART_RTL": "AUTO.RTL",
+    "SURFACE": f"{_UNKNOWN}SURFACE",
+}
+"""Names that mavros has for ArduPilot's modes."""
+
 _ARDUPILOT_NUMBERS: Mapping[str, int] = {"AUTO.LAND": 9, "AUTO.MISSION": 3, "OFFBOARD": 4, "AUTO.LOITER": 17}
 
-_UNKNOWN = "MODE."
 MANUAL_MODES: FrozenSet[str] = frozenset(
     {"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE", "ORBIT", "DRIFT", "SPORT", "FLIP", "THROW"}
 )
@@ -93,10 +126,11 @@ def is_foreign(mode: str) -> bool:
     return is_piloted(mode) or mode in NEVER_OURS
 
 
-def mode_name(autopilot: int, custom_mode: int) -> str:
+def mode_name(autopilot: int, custom_mode: int, vehicle: int = mavlink.MAV_TYPE_QUADROTOR) -> str:
     """Return the name of a heartbeat's mode; one that nobody knows is named by its number, never left empty."""
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        return _ARDUPILOT.get(custom_mode, f"{_UNKNOWN}{custom_mode}")
+        names = _ARDUSUB if vehicle == mavlink.MAV_TYPE_SUBMARINE else _ARDUPILOT
+        return names.get(custom_mode, f"{_UNKNOWN}{custom_mode}")
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     name = _AUTO.get(sub) if main == _AUTO_MAIN else _MAIN.get(main)
     if name == "POSCTL" and sub == 1:

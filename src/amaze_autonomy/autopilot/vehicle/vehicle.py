@@ -172,7 +172,7 @@ class VehicleState:
         """
         beat, number = self.beat, int(message.custom_mode)
         waits = self.landed(t_ns) not in (VehicleLanded.IN_AIR, VehicleLanded.TAKING_OFF)
-        if waits and beat is not None and mode_name(beat.autopilot, number) != beat.mode:
+        if waits and beat is not None and mode_name(beat.autopilot, number, beat.vehicle) != beat.mode:
             self.mode_changed = True
         else:
             self.mode_changed = self.control.add_mode(t_ns, number) or self.mode_changed
