@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import json
 import os
+import sys
+import time
 from io import BytesIO
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("rospy")
+sys.path.append(str(Path(__file__).parents[1] / "replay"))
+
+from replay_bags import flight_rows, write_bag
 
 from amaze_autonomy import msg
 from amaze_autonomy.config.loader import load_configuration
-from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
+from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
 from amaze_autonomy.nodes.autonomy.run_folder import create, register, registered
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection
 from amaze_autonomy.nodes.recorder.links import read_status
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
-from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
+from amaze_autonomy.nodes.recorder.processes import DiskSync, FlightPages, Subscriptions
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, Status
@@ -189,3 +196,53 @@ def test_no_other_file_is_copied_into_a_session_whoever_names_it(tmp_path, ros_h
     for session in ("", "a", "../a-001", "journals/a-001", ".-001"):
         assert registered(session) is None
     assert [path.name for path in (ros_home / "amaze_autonomy" / "journals").iterdir()] == ["a"]
+
+
+@pytest.fixture
+def session(tmp_path):
+    """The folder of a session whose recording is complete, of a flight that ended before it began."""
+    folder = tmp_path / "20261121T041730-001_1"
+    folder.mkdir()
+    configuration = load_configuration(config_folder())
+    header = encode_header(make_header(configuration.rules, configuration.effective, configuration.hash))
+    events = [encode_event(EngineStarted(t_ns=1)), encode_event(Shutdown(t_ns=10**9))]
+    (folder / "journal.jsonl").write_text("".join(f"{line}\n" for line in (header, *events)))
+    write_bag(folder / f"{folder.name}.bag", flight_rows(2.0))
+    return folder
+
+
+def made(pages, session, said):
+    pages.begin(session)
+    deadline = time.monotonic() + 120.0
+    while not said and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return said
+
+
+@pytest.mark.live
+def test_a_finished_recording_gets_its_page_once_by_a_process_of_its_own(session):
+    said = []
+    pages = FlightPages(lambda words, there: said.append((words, there)))
+    assert made(pages, session, said) == [(str(session / "flight.html"), True)]
+    (session / "flight.html").unlink()
+    pages.begin(session)
+    pages.stop()
+    assert not (session / "flight.html").exists()
+
+
+@pytest.mark.live
+def test_a_page_that_cannot_be_made_is_a_word_and_touches_nothing(session):
+    (session / "journal.jsonl").write_text("no journal\n")
+    before = {path.name: path.read_bytes() for path in session.iterdir()}
+    said = []
+    made(FlightPages(lambda words, there: said.append((words, there))), session, said)
+    ((words, there),) = said
+    assert not there
+    assert words.startswith(f"no {session / 'flight.html'}: amaze-replay: line 1: ")
+    assert {path.name: path.read_bytes() for path in session.iterdir()} == before
+
+
+def test_a_session_without_a_complete_recording_gets_no_page(tmp_path):
+    pages = FlightPages(lambda words, there: pytest.fail(f"{words} {there}"))
+    pages.begin(tmp_path)
+    assert list(tmp_path.iterdir()) == []

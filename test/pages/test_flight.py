@@ -126,6 +126,23 @@ def test_the_mission_and_its_fence_are_drawn_where_its_configuration_lies_beside
     assert planned == [[[each.x_m, each.y_m, each.z_m] for each in waypoints]]
 
 
+def test_a_journal_beside_its_bag_has_the_bag_s_sensors_and_begins_with_the_recorded_mission(bag, flown, tmp_path):
+    folder = tmp_path / "20261121T041730-002_1"
+    folder.mkdir()
+    (folder / f"{folder.name}.bag").write_bytes(bag.read_bytes())
+    (folder / "journal.jsonl").write_text("\n".join(flown) + "\n")
+    path = folder / "journal.jsonl"
+    journal = read_journals(path)[0]
+    content = journal_page(path, journal, compare(journal)).content
+    assert content["title"] == "Flight 20261121T041730-002_1"
+    assert content["result"] == "COMPLETE"
+    assert max(series(content, "Range finder", "distance").values()) > 1.0
+    assert band(content, "engine")["spans"][-1][2] == "MISSION_ENDED"
+    selected = next(line.payload for line in journal.lines if type(line.payload).__name__ == "MissionSelected")
+    began = next(line.payload.t_ns for line in journal.lines if getattr(line.payload, "after", "") == "START_RECORDING")
+    assert content["begin_s"] == pytest.approx((selected.t_ns - began) / S - 0.5, abs=0.01)
+
+
 def test_other_rules_are_counterfactual_from_the_first_difference_on(flown, tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_text("\n".join(flown) + "\n")

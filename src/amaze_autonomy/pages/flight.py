@@ -23,6 +23,7 @@ from amaze_autonomy.engine.events import (
     EngineStarted,
     Event,
     LandedStatus,
+    MissionSelected,
     WatchdogInfo,
 )
 from amaze_autonomy.engine.rules import Rules
@@ -134,7 +135,7 @@ _IMU_FIELDS = {
 
 
 def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Optional[Rules] = None) -> FlightPage:
-    """Return the page of a journal, with the sensors of the bag where it lies in one.
+    """Return the page of a journal, with the sensors of the bag that it lies in, or that lies beside it.
 
     Args:
         path: of the journal, or of the bag that it was read from.
@@ -153,9 +154,10 @@ def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Op
         start_ns = recordings.start_ns if recordings is not None else times[0]
         first = comparison.first
         parted_ns = None if first is None else first.event.t_ns + late_ns - 1
-        lines = _decided_lines(payloads, decided, start_ns)
+        since_ns = 0 if recordings is None else _since(payloads, start_ns)
+        lines = [line for line in _decided_lines(payloads, decided, start_ns) if line.t_ns >= since_ns]
         story = Story(
-            payloads=payloads,
+            payloads=[each for each in payloads if getattr(each, "t_ns", 0) >= since_ns],
             lines=marked(joined(lines), parted_ns),
             start_ns=start_ns,
             end_ns=max(times[-1], recordings.end_ns if recordings is not None else 0),
@@ -171,7 +173,8 @@ def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Op
         said = comparison_lines(comparison)
         result = comparison.final.session.result.value
         ended = f"ends in {comparison.final.state.value}" + (f" ({result})" if result else "")
-        title = f"Flight {path.stem}"
+        name = path.stem if recordings is None else recordings.bags[0].path.stem
+        title = f"Flight {name}"
         return FlightPage(title, content_of(story, title, result, f"{ended}. {said[0]}", said[1:]))
     finally:
         if recordings is not None:
@@ -179,15 +182,32 @@ def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Op
 
 
 def _recording_of(path: Path, sensors: Sensors) -> Tuple[Optional[Recordings], int]:
-    """Return the bag that holds the journal, open, and how much later its clock is than the journal's."""
-    with path.open("rb") as file:
-        if file.read(len(_BAG_MAGIC)) != _BAG_MAGIC:
-            return None, 0
-    with Recording(path) as bag:
-        topic = next(each.name for each in bag.topics if each.kind == JOURNAL_KIND)
-    recordings = Recordings([path], [topic, *sensors.topics])
+    """Return the bag of a journal, open, and how much later its clock is than the journal's; None: there is no bag.
+
+    It is the one that the journal was read from, or the one that the collector has put beside it, named as its folder.
+    """
+    bag = path if _is_bag(path) else path.resolve().parent / f"{path.resolve().parent.name}.bag"
+    if not bag.is_file():
+        return None, 0
+    with Recording(bag) as recording:
+        topic = next((each.name for each in recording.topics if each.kind == JOURNAL_KIND), None)
+    if topic is None:
+        return None, 0
+    recordings = Recordings([bag], [topic, *sensors.topics])
     log = read_log(tuple(each for each in recordings.bags if isinstance(each, Recording)), topic)
     return recordings, 0 if log is None else log.offset_ns
+
+
+def _is_bag(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(_BAG_MAGIC)) == _BAG_MAGIC
+
+
+def _since(payloads: Sequence[object], start_ns: int) -> int:
+    """Return when the recorded mission was selected: what the engine did before is on the pages of other missions."""
+    return max(
+        (each.t_ns for each in payloads if isinstance(each, MissionSelected) and each.t_ns <= start_ns), default=0
+    )
 
 
 def _later(payload: object, late_ns: int) -> object:

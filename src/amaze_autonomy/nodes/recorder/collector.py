@@ -24,6 +24,7 @@ from ...ros.errors import CallError
 from ..autonomy.run_folder import registered
 from .links import PlatformLink
 from .platform import RecorderPlatform, resolved
+from .processes import FlightPages
 from .settings import RecorderShare, collector_setup, transfers
 
 __all__ = ["Collection", "RecorderCollector"]
@@ -42,6 +43,9 @@ class RecorderCollector:
         self.machine = Collector(collector_setup(share.configuration))
         self._collection = Collection(share.configuration, transfers(share.configuration))
         self._links: Dict[str, PlatformLink] = {}
+        self._pages = FlightPages(
+            lambda words, there: (rospy.loginfo if there else rospy.logwarn)("flight page: %s", words)
+        )
         self.commands: Mapping[Type[Any], Callable[[Any], None]] = {
             asked.Ask: self._ask,
             asked.MeasureClock: self._measure_clock,
@@ -62,6 +66,7 @@ class RecorderCollector:
         rospy.Subscriber("autonomy/state", msg.AutonomyState, self._see_engine, queue_size=10)
 
     def _start(self, session_id: str, mission_id: str) -> Answer:
+        self._pages.stop()
         with self._share.lock:
             return self.machine.start(self._share.now_ns(), session_id, mission_id)
 
@@ -74,13 +79,15 @@ class RecorderCollector:
             self.machine.heard(self._share.now_ns(), platform, status)
 
     def _see_engine(self, message: Any) -> None:
-        """Note when it flies; copy the journal again when the mission has ended: its last decisions came afterwards."""
+        """Note when it flies; at the end copy the journal, with its last decisions, and make the page."""
         with self._share.lock:
             self.machine.heard_engine(message.header.stamp.to_nsec(), message.session_id, in_flight=message.in_flight)
         if message.state == "MISSION_ENDED" and message.session_id == self.machine.session_id:
-            self._share.workers.submit(
-                lambda: self._collection.copy_journal(self._folder(), message.session_id, again=True)
-            )
+            self._share.workers.submit(lambda: self._finish(self._folder(), message.session_id))
+
+    def _finish(self, folder: Path, session_id: str) -> None:
+        self._collection.copy_journal(folder, session_id, again=True)
+        self._pages.begin(folder)
 
     # --- the work; on the working thread --------------------------------------------------------------------------
 

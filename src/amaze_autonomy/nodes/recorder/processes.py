@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from contextlib import suppress
@@ -40,7 +41,7 @@ from ...ros.clock import MonotonicClock
 from ...ros.local_process import LocalProcess
 from ...ros.threads import Periodic
 
-__all__ = ["DiskSync", "RecorderChildren", "RecorderJobs", "Subscriptions", "recorder_program"]
+__all__ = ["DiskSync", "FlightPages", "RecorderChildren", "RecorderJobs", "Subscriptions", "recorder_program"]
 
 
 def recorder_program() -> List[str]:
@@ -465,3 +466,69 @@ class _Tail:
         self._thread.join(1.0)
         lines = [line.strip() for line in self._data.decode("utf-8", "replace").splitlines() if line.strip()]
         return "\n".join(lines)
+
+
+# --- flight pages -----------------------------------------------------------------------------------------------------
+
+
+_PAGE, _PAGE_LIMIT_S = "flight.html", 600.0
+
+
+class FlightPages:
+    """Makes the page beside a finished recording: in a process of its own, about which nobody else need know.
+
+    It reads what is finished, when nobody else wants the processor, and puts its one file there when it is whole. It
+    goes on for a while when the node ends, and is ended when the next recording begins. What fails is a warning.
+
+    Args:
+        say: takes what came of a page, and whether it is there.
+    """
+
+    def __init__(self, say: Callable[[str, bool], None]) -> None:
+        self._say = say
+        self._lock = threading.Lock()
+        self._process: Optional[subprocess.Popen[bytes]] = None
+        self._begun: Set[Path] = set()
+
+    def begin(self, folder: Path) -> None:
+        """Make the page of a session's folder, once, where its recording is complete."""
+        bag, journal = folder / f"{folder.name}.bag", folder / "journal.jsonl"
+        with self._lock:
+            if folder in self._begun or not bag.is_file():
+                return
+            self._begun.add(folder)
+        threading.Thread(target=self._make, args=(journal if journal.is_file() else bag,), daemon=True).start()
+
+    def stop(self) -> None:
+        """End what is being made: the next flight needs the computer."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+    def _make(self, source: Path) -> None:
+        page = source.parent / _PAGE
+        replay = [sys.executable, "-m", "amaze_autonomy.tester.command", "journal", str(source), "--html", str(page)]
+        command = ["timeout", f"{_PAGE_LIMIT_S:.0f}", "nice", "-n", "19", *replay]
+        try:
+            with tempfile.TemporaryFile() as words:  # not a pipe, which would end it with the node
+                with self._lock:
+                    process = self._process = subprocess.Popen(
+                        command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, start_new_session=True
+                    )
+                process.wait()
+                with self._lock:
+                    if self._process is None:
+                        self._say(
+                            f"no {page} yet, the next recording has begun: amaze-replay journal {source} --html", False
+                        )
+                        return
+                    self._process = None
+                words.seek(0)
+                last = words.read().decode("utf-8", "replace").strip().splitlines()[-1:]
+        except OSError as error:
+            self._say(f"no {page}: {error}", False)
+            return
+        there = page.is_file()
+        self._say(str(page) if there else f"no {page}: {''.join(last)[:_LAST_WORDS]}", there)
