@@ -14,7 +14,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import Any, Mapping, Optional, Tuple, Type, TypeVar, Union
+from typing import Any, Dict, Mapping, Optional, Tuple, Type, TypeVar, Union
 
 from .rules import Code, Restart, Severity
 
@@ -278,6 +278,10 @@ class Landed(enum.Enum):
     AIRBORNE = 2
 
 
+_FIGURES: Dict[type, Tuple[str, ...]] = {}
+"""The fields of each event that are a number or unknown."""
+
+
 @dataclass(frozen=True)
 class Event:
     """Base of all events.
@@ -288,6 +292,11 @@ class Event:
 
     t_ns: int
 
+    def __init_subclass__(cls) -> None:
+        """Note what is a number or unknown: its annotation says so."""
+        own = cls.__dict__.get("__annotations__", {})
+        _FIGURES[cls] = tuple(name for name, hint in own.items() if hint == "Optional[float]")
+
     def __new__(cls, *args: Any, **_: Any) -> Event:  # noqa: PYI034 - typing.Self is newer than 3.8
         """Refuse positional arguments (Python 3.8 has no keyword-only dataclasses)."""
         if args:
@@ -297,17 +306,15 @@ class Event:
     def __post_init__(self) -> None:
         if not isinstance(self.t_ns, int) or self.t_ns < 0:
             self._check("t_ns", good=False, expected="a whole number of nanoseconds, not negative")
+        known = self.__dict__
+        for field in _FIGURES.get(type(self), ()):
+            value = known[field]
+            if value is not None and not isfinite(value):
+                known[field] = None
 
     def _check(self, field: str, *, good: bool, expected: str) -> None:
         if not good:
             raise InvalidEventError(type(self).__name__, field, getattr(self, field), expected)
-
-    def _unknown_is_none(self, *fields: str) -> None:
-        known = self.__dict__
-        for field in fields:
-            value = known[field]
-            if value is not None and not isfinite(value):
-                known[field] = None
 
     def _age_or_none(self, *fields: str) -> None:
         """Keep an age in seconds; one from the future (beyond what clocks differ by), or of decades, is unknown."""
@@ -475,10 +482,6 @@ class MissionStatus(Event):
     message: str = ""
     age_ns: int = 0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._unknown_is_none("distance_left_m", "time_left_s")
-
 
 @dataclass(frozen=True)
 class PlatformRecording:
@@ -540,14 +543,6 @@ class AutopilotStatus(Event):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._unknown_is_none(
-            "height_m",
-            "position_x_m",
-            "position_y_m",
-            "vertical_speed_m_s",
-            "horizontal_speed_m_s",
-            "battery_voltage_v",
-        )
         self._age_or_none("link_age_s", "battery_age_s")
         self._fraction_or_none("battery_fraction")
 
@@ -568,10 +563,6 @@ class LandedStatus(Event):
     distance_m: Optional[float] = None
     reason: str = ""
     age_ns: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._unknown_is_none("distance_m")
 
 
 @dataclass(frozen=True)

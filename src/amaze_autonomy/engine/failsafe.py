@@ -12,6 +12,7 @@ are written so that unknown does not pass. What a component's failure means stan
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 from dataclasses import dataclass
 from operator import attrgetter
@@ -106,7 +107,7 @@ class Silent:
 
 
 @dataclass(frozen=True)
-class _Bound:
+class Bound(abc.ABC):
     """A field of a status against a limit.
 
     Args:
@@ -143,15 +144,15 @@ class _Bound:
         unit = next(unit for end, unit in _UNITS if self.field.endswith(end))
         return Seen((Value(self.words, value, limit, unit),))
 
+    @abc.abstractmethod
     def beyond(self, value: float, limit: float) -> bool:
         """Return True when a value is not as it should be."""
-        raise NotImplementedError
 
 
 _UNITS = (("_m_s", "m/s"), ("_m", "m"), ("_s", "s"), ("_fraction", "fraction"), ("", ""))
 
 
-class Above(_Bound):
+class Above(Bound):
     """A field of a status is above its limit."""
 
     def beyond(self, value: float, limit: float) -> bool:
@@ -159,7 +160,7 @@ class Above(_Bound):
         return not value <= limit
 
 
-class Below(_Bound):
+class Below(Bound):
     """A field of a status is at its limit or below it."""
 
     def beyond(self, value: float, limit: float) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .fields import InvalidMessageError, Shape, message_name
 from .services import CHECK_SERVICES, PEERS, SERVICES, Service, peer_of, service_of
-from .statuses import CHECK_ROW, COMPONENT, STATUSES, Status, status_of
+from .statuses import CHECK_ROW, COMPONENT, STATUSES, Status, health_fields, health_of, status_of
 
 __all__ = [
     "CHECK_ROW",
@@ -22,6 +22,8 @@ __all__ = [
     "Service",
     "Shape",
     "Status",
+    "health_fields",
+    "health_of",
     "message_name",
     "peer_of",
     "service_of",

@@ -13,10 +13,12 @@ A field is called in the message as in the type, without its unit (`height_m`: `
 | `Tuple[X, ...]` | a list | |
 
 A *shape* adds what annotations do not say: other names, and flags by which a message says that a field is known.
+A message of before lacks the fields that came later: they are what the type says of them without being told.
 """
 
 from __future__ import annotations
 
+from dataclasses import MISSING, fields
 from enum import Enum
 from functools import lru_cache
 from math import isfinite, nan
@@ -103,6 +105,23 @@ class Shape(Generic[T]):
         self._plan: List[Tuple[str, str, Read, Write]] = [
             (name, self.names[name], *_ways(hint, name, self.names[name], shapes)) for name, hint in hints.items()
         ]
+        self._untold: Dict[str, Any] = {
+            each.name: each.default
+            for each in fields(kind)  # type: ignore[arg-type]
+            if each.name in self.names and each.default is not MISSING
+        }
+
+    @property
+    def flat(self) -> Tuple[str, ...]:
+        """The fields of the message, with the flags that say what is known; empty where a list is among them."""
+        hints = field_types(self.kind)
+        lists = any(tuple_items(hints[name]) is not None for name in self.names)
+        return () if lists else (*self.names.values(), *dict.fromkeys(self._flags.values()))
+
+    def _is_of_before(self, message: Any) -> bool:
+        """Return whether a recorded message has this type's name, and all that it must tell."""
+        named = str(getattr(message, "__msgtype__", "")).endswith(f"/{self.message}")
+        return named and all(hasattr(message, at) for name, at in self.names.items() if name not in self._untold)
 
     def read(self, message: Any, from_ns: int, *only: str) -> Dict[str, Any]:
         """Return the fields of a message by their names in the type, or some of them alone.
@@ -111,7 +130,13 @@ class Shape(Generic[T]):
             InvalidMessageError: A field holds what cannot be.
         """
         plan = self._some(only) if only else self._plan
-        found = {name: read(getattr(message, at), from_ns) for name, at, read, _ in plan}
+        try:
+            found = {name: read(getattr(message, at), from_ns) for name, at, read, _ in plan}
+        except AttributeError:
+            if not self._is_of_before(message):
+                raise
+            told = [(name, at, read) for name, at, read, _ in plan if hasattr(message, at)]
+            found = {**self._untold, **{name: read(getattr(message, at), from_ns) for name, at, read in told}}
         for name, flag in self._flags.items():
             if not getattr(message, flag):
                 found[name] = None

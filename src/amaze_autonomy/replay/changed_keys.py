@@ -16,18 +16,20 @@ from typing import Any, Callable, Collection, Dict, FrozenSet, Iterable, List, M
 
 from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, Bound
 from amaze_autonomy.engine.rules import Rules
 
 from .plan import Plan
 from .sources import Recordings
 
 __all__ = [
-    "LIMIT_FACTS",
     "MISSION_FACTS",
     "Change",
     "ChangedKeys",
     "Unread",
     "changes_of",
+    "facts_of",
     "recorded_facts",
     "unread_by_rules",
 ]
@@ -93,7 +95,8 @@ LIMIT_FACTS: Mapping[str, Tuple[str, ...]] = {
     "max_height_m": ("height",),
     "max_distance_m": ("position",),
 }
-"""For each limit of the engine the facts that it limits: one of them must be recorded."""
+"""For each limit of the engine the facts that it limits: one of them must be recorded. The limit of a field that only
+the status itself tells needs no row here: `facts_of` takes the status."""
 
 MISSION_FACTS: Mapping[str, Tuple[str, ...]] = {
     "files": ("planner",),
@@ -102,11 +105,16 @@ MISSION_FACTS: Mapping[str, Tuple[str, ...]] = {
     "severities": ("watchdog",),
     "required": ("watchdog",),
     "tolerated": ("watchdog",),
-    "max_height_m": ("height",),
-    "max_distance_m": ("position",),
-    "max_flight_time_ns": _VEHICLE,
+    **{each.name: LIMIT_FACTS[each.name] for each in fields(Mission) if each.name in LIMIT_FACTS},
 }
 """Likewise for what the engine knows of a mission; what is not here decides nothing."""
+
+
+def facts_of(limit: str) -> Tuple[str, ...]:
+    """Return the facts that a limit of the engine limits."""
+    conditions = [when for row in FAILSAFE_CONDITIONS for when in row.when if isinstance(when, Bound)]
+    told = {when.field.partition(".")[0] for when in conditions if when.limit == limit}
+    return LIMIT_FACTS.get(limit, tuple(sorted(told)))
 
 
 @dataclass(frozen=True)
@@ -220,7 +228,7 @@ class ChangedKeys:
         """Return why nothing looked at a part of the plan; None: something did."""
         kind, name = part[0], part[1]
         if kind in ("limit", "rule"):
-            return self._engine_reason(part, LIMIT_FACTS.get(name, ("log",)), facts)
+            return self._engine_reason(part, facts_of(name), facts)
         if kind == "mission":
             return _told(MISSION_FACTS.get(name, ()), facts) if name in MISSION_FACTS else "it decides nothing"
         if kind in ("row", "component", "restart"):
@@ -281,7 +289,7 @@ def recorded_facts(plan: Plan, recordings: Recordings, *, log: bool) -> FrozenSe
     if "height" in found:
         facts.add("landed")
     if "autopilot" in told:
-        facts |= {"armed", "landed", "height", "position", "speed", "mode", "battery", "link", "stamps"}
+        facts |= {"autopilot", "armed", "landed", "height", "position", "speed", "mode", "battery", "link", "stamps"}
     names = {"mission_planner": "planner", "data_recorder": "recorder", "landing_detection": "landing_detection"}
     for name, fact in names.items():
         facts |= {fact, "stamps"} if name in told else set()

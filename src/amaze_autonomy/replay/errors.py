@@ -19,7 +19,6 @@ __all__ = [
     "EditError",
     "FieldError",
     "GoldenError",
-    "InvalidStatusError",
     "JournalGapError",
     "MisfitError",
     "NoMessagesError",
@@ -73,10 +72,6 @@ class MisfitError(ReplayError):
     def __init__(self, topic: str, kind: str, reason: str) -> None:
         super().__init__(f"{topic}: {kind} is not what the map takes it for: {reason}")
         self.topic, self.kind, self.reason = topic, kind, reason
-
-
-class InvalidStatusError(ValueError):
-    """One recorded status holds what cannot be; the others may be good."""
 
 
 class UnknownTopicError(ReplayError):

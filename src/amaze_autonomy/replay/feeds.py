@@ -11,6 +11,7 @@ from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Tuple
 import numpy as np
 
 from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.interface import health_of
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.gravity import BUCKET_NS, PLAUSIBLE_M2_S4, rotation_from_rpy, tilt_of, up_of_quaternion
@@ -24,7 +25,6 @@ from ..autopilot.vehicle.modes import ARDUPILOT_NAMES
 from .fields import Getter, getter, number, orientation, quaternion, vector
 from .landing_columns import Footing
 from .rate_columns import Pace
-from .statuses import health_of
 from .topic_columns import Track
 from .topic_map import Reading
 
@@ -528,7 +528,8 @@ class HealthFeed(Feed):
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take a status."""
-        self._watchdog.add_autopilot(t_ns, {AutopilotSensor(name): good for name, good in health_of(message).items()})
+        said = health_of(message)
+        self._watchdog.add_autopilot(t_ns, {sensor: said[sensor.value] for sensor in AutopilotSensor})
 
     def play(self, t_ns: int) -> None:
         """Take one of a vehicle whose sensors all work."""

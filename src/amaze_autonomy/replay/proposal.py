@@ -13,6 +13,8 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Seque
 
 import numpy as np
 
+from amaze_autonomy.interface import STATUSES
+
 from .beginning import ARMING_LEAD_NS
 from .errors import FieldError, NoMessagesError
 from .fields import getter, number, quaternion
@@ -98,12 +100,7 @@ _SENSORS: Tuple[Tuple[str, Tuple[str, ...], Tuple[str, ...], Tuple[str, ...]], .
 )
 _CAMERAS = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")
 _STATUSES: Mapping[str, str] = {
-    "amaze_autonomy/WatchdogAction": "watchdog_action",
-    "amaze_autonomy/WatchdogInfo": "watchdog_info",
-    "amaze_autonomy/MissionStatus": "mission_planner",
-    "amaze_autonomy/AutopilotStatus": "autopilot",
-    "amaze_autonomy/Landed": "landing_detection",
-    "amaze_autonomy/RecordingStatus": "data_recorder",
+    **{f"amaze_autonomy/{row.shape.message}": row.name for row in STATUSES},
     "amaze_autonomy/JournalEntry": "journal",
 }
 _ESTIMATES: Tuple[Tuple[str, str, str], ...] = (

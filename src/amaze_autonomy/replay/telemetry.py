@@ -11,12 +11,13 @@ It has the face of a bag. Its topics are made of what the vehicle sent:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import nan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
 from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.interface import health_fields, status_of
 
 from ..autopilot.link.dialect import mavlink
 from ..autopilot.link.framing import Counter, Frame, TlogCount, TlogError, read_tlog
@@ -30,7 +31,6 @@ __all__ = [
     "Header",
     "Imu",
     "Made",
-    "Status",
     "Telemetry",
     "Teller",
     "Vector",
@@ -59,7 +59,7 @@ class Made:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._places: Dict[str, List[Tuple[int, int]]] = {}
-        self._statuses: List[Status] = []
+        self._statuses: List[Any] = []
 
     def __enter__(self) -> Made:  # noqa: PYI034  (Self is not in 3.8)
         return self
@@ -272,9 +272,7 @@ def _name(number: int) -> str:
 # What a telemetry log tells, as the messages that a bag would hold: fields as in ROS, made of MAVLink.
 
 
-_HEALTH = {None: 0, True: 1, False: 2}
 _MILLI_G = 9.80665e-3
-_SENSORS = ("gps", "imu", "magnetometer", "barometer")
 
 
 @dataclass(frozen=True)
@@ -310,35 +308,6 @@ class Imu:
     angular_velocity: Vector
 
 
-@dataclass(frozen=True)
-class Status:
-    """Fields as in msg/AutopilotStatus."""
-
-    header: Header
-    link_age: float
-    armed_known: bool
-    armed: bool
-    landed: int
-    mode: str
-    pilot_in_control: bool
-    failsafe: bool
-    height_valid: bool
-    height: float
-    position_valid: bool
-    position_x: float
-    position_y: float
-    vertical_speed: float
-    horizontal_speed: float
-    battery_fraction: float
-    battery_voltage: float
-    battery_age: float
-    battery_critical: bool
-    gps: int
-    imu: int
-    magnetometer: int
-    barometer: int
-
-
 def header(t_ns: int) -> Header:
     """Return the header of a message of a time."""
     return Header(Stamp(t_ns // _S, t_ns % _S))
@@ -352,32 +321,8 @@ def imu(t_ns: int, message: Any) -> Imu:
     return Imu(header(t_ns), acceleration, rates)
 
 
-def _number(value: Optional[float]) -> float:
-    return nan if value is None else float(value)
-
-
-def status(t_ns: int, vehicle: VehicleState) -> Status:
+def status(t_ns: int, vehicle: VehicleState) -> Any:
     """Return what the autopilot node would say of a vehicle at a time."""
-    said, health = vehicle.status(t_ns), vehicle.health(t_ns)
-    return Status(
-        header=header(t_ns),
-        link_age=_number(said.link_age_s),
-        armed_known=said.armed is not None,
-        armed=bool(said.armed),
-        landed=said.landed.value,
-        mode=said.mode,
-        pilot_in_control=said.pilot_in_control,
-        failsafe=said.failsafe,
-        height_valid=said.height_m is not None,
-        height=_number(said.height_m),
-        position_valid=said.position_x_m is not None,
-        position_x=_number(said.position_x_m),
-        position_y=_number(said.position_y_m),
-        vertical_speed=_number(said.vertical_speed_m_s),
-        horizontal_speed=_number(said.horizontal_speed_m_s),
-        battery_fraction=_number(said.battery_fraction),
-        battery_voltage=_number(said.battery_voltage_v),
-        battery_age=_number(said.battery_age_s),
-        battery_critical=said.battery_critical,
-        **{name: _HEALTH[health[name]] for name in _SENSORS},
-    )
+    said = vehicle.status(t_ns)
+    more = health_fields(vehicle.health(t_ns))
+    return status_of(said).write(said, lambda _: SimpleNamespace, header=header(t_ns), **more)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Tuple
 
+from amaze_autonomy import interface
 from amaze_autonomy.config import ConfigError, Place
 from amaze_autonomy.config.binding import bind, field_value, key_name, make
 from amaze_autonomy.config.document import read
@@ -30,15 +31,7 @@ from .fields import FIELD_PATH
 __all__ = ["SCHEMA", "ComponentMap", "Reading", "Script", "TopicMap", "load_map", "map_names"]
 
 MAPS = Path(__file__).parent / "maps"
-STATUSES = (
-    "watchdog_action",
-    "watchdog_info",
-    "mission_planner",
-    "autopilot",
-    "landing_detection",
-    "data_recorder",
-    "journal",
-)
+STATUSES = (*(row.name for row in interface.STATUSES), "journal")
 
 
 @dataclass(frozen=True)

@@ -33,14 +33,15 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.rules import Code, Limits
 from amaze_autonomy.engine.state import EngineState, evolve
+from amaze_autonomy.interface import InvalidMessageError
 from amaze_autonomy.monitoring.condition import FOREVER_NS
 
 from ..engine.context import LANDING_MODES
-from ..engine.events import CHECKS, CheckName
+from ..engine.events import CHECKS, CheckName, InvalidEventError
 from .agenda import Agenda, Rank, Task, Turns
 from .answers import RECORDED, Answers, Follower
 from .beginning import Lead
-from .errors import InvalidStatusError, MisfitError, ReplayError
+from .errors import MisfitError, ReplayError
 from .faults.story import Story
 from .feeds import BatteryFeed, Feed, Rise
 from .fields import kind_of
@@ -272,7 +273,7 @@ class World:
         """Return a recorded status as an event; None when it holds what cannot be, which is noted."""
         try:
             return EVENT_OF[name](message, t_ns)
-        except InvalidStatusError as error:
+        except (InvalidMessageError, InvalidEventError) as error:
             self._recordings.note(topic, t_ns, str(error))
             return None
         except (AttributeError, TypeError) as error:

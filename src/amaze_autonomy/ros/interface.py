@@ -21,7 +21,16 @@ from amaze_autonomy.engine.events import (
     RecordingStatus,
     Reply,
 )
-from amaze_autonomy.interface import CHECK_ROW, COMPONENT, SERVICES, Service, Status, service_of, status_of
+from amaze_autonomy.interface import (
+    CHECK_ROW,
+    COMPONENT,
+    SERVICES,
+    Service,
+    Status,
+    health_fields,
+    service_of,
+    status_of,
+)
 
 from ..engine.events import Check
 
@@ -44,9 +53,6 @@ SERVICE_CLASSES: Dict[str, Type[Any]] = {
 }
 _FRAMES: Mapping[Type[Event], str] = {AutopilotStatus: "takeoff_enu"}
 """What positions in a status are measured in, by name; no tf is needed, and none published."""
-_HEALTH = ("gps", "imu", "magnetometer", "barometer", "rc", "prearm")
-_HEALTH_NUMBERS = {None: 0, True: 1, False: 2}
-_MEASURED = ("battery_cell_voltage", "battery_current", "clock_offset")
 
 
 def classes(name: str) -> Any:
@@ -81,8 +87,7 @@ def read_status(status: Status, message: Any, t_ns: int, ros_ns: int) -> Event:
         InvalidMessageError: A field holds what cannot be.
     """
     sender = (getattr(message, "_connection_header", None) or {}).get("callerid", "")
-    arrival = {"publisher": sender} if "publisher" in status.event.__dataclass_fields__ else {}
-    return status.read(message, t_ns, age_of(message.header, ros_ns), **arrival)
+    return status.read(message, t_ns, age_of(message.header, ros_ns), sender)
 
 
 def status_message(
@@ -96,13 +101,12 @@ def status_message(
     Args:
         event: what the engine is told.
         ros_ns: now.
-        healthy: of an autopilot's gps, imu, magnetometer, barometer, rc, prearm; None or not there: unknown.
-        measured: its battery_cell_voltage, battery_current, clock_offset; None or not there: unknown.
+        healthy: of an autopilot, what `statuses.HEALTH` names; None or not there: unknown.
+        measured: likewise, what `statuses.MEASURED` names.
     """
     more: Dict[str, Any] = {}
     if isinstance(event, AutopilotStatus):
-        more = {name: _HEALTH_NUMBERS[(healthy or {}).get(name)] for name in _HEALTH}
-        more.update({name: number((measured or {}).get(name)) for name in _MEASURED})
+        more = health_fields(healthy, measured)
     elif isinstance(event, RecordingStatus):
         more = {"remaining": nan}
     message = status_of(event).write(event, classes, **more)
