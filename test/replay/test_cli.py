@@ -9,6 +9,7 @@ import sys
 import pytest
 from replay_bags import ROOT, START_NS, break_chunk, flight_rows, number, write_bag, write_empty_bag
 
+from amaze_autonomy.bags.recording import Indexed, Library
 from amaze_autonomy.tester import command
 from amaze_autonomy.tester.command import main
 
@@ -138,3 +139,16 @@ def test_no_ros_is_needed():
         check=False,
     )
     assert (done.stderr, done.stdout.splitlines()[-1]) == ("", "0")
+
+
+@pytest.mark.parametrize("reader", [Indexed, Library])
+def test_a_chunk_that_takes_more_memory_than_is_said_is_damage_unless_that_is_permitted(
+    tmp_path, flight_map, capsys, monkeypatch, reader
+):
+    monkeypatch.setattr("amaze_autonomy.bags.recording.opened", reader)
+    bag = write_bag(tmp_path / "large.bag", flight_rows(150.0), "bz2", chunk_bytes=10**9)
+    command_line = ["run", str(bag), "--map", flight_map, "--memory"]
+    assert main([*command_line, "1"]) == 3
+    assert "takes 4 MB of memory, 1 may be taken (--memory 4 permits it)" in capsys.readouterr().out
+    assert main([*command_line, "4"]) == 0
+    assert "may be taken" not in capsys.readouterr().out

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .scan import Scan
     from .verify import Verified
 
-__all__ = ["main"]
+__all__ = ["add_memory", "main"]
 
 DONE, IMPOSSIBLE, USAGE, LOST = 0, 1, 2, 3
 _COMPRESSIONS = ("auto", "none", "lz4", "bz2")
@@ -165,9 +165,24 @@ def _command(
     parser = _with_help(adder.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."), name)
     parser.set_defaults(command=function)
     parser.add_argument("--json", action="store_true", help="for programs")
+    add_memory(parser)
+    return parser
+
+
+def add_memory(parser: argparse.ArgumentParser) -> None:
+    """Add the option that says how much memory a chunk may take."""
     words = f"that the data of a chunk may take (default {MEMORY // MB}): a small file can hold gigabytes"
     parser.add_argument("--memory", type=_megabytes, default=MEMORY, metavar="MB", help=words)
-    return parser
+
+
+def _megabytes(text: str) -> int:
+    try:
+        size = int(text) * MB
+    except ValueError:
+        size = 0
+    if size <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of megabytes")
+    return size
 
 
 def _with_help(parser: argparse.ArgumentParser, name: Optional[str]) -> argparse.ArgumentParser:
@@ -183,16 +198,6 @@ def _second(text: str) -> int:
         return int(Decimal(text) * SECOND)
     except (InvalidOperation, ValueError, OverflowError):
         raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds") from None
-
-
-def _megabytes(text: str) -> int:
-    try:
-        size = int(text) * MB
-    except ValueError:
-        size = 0
-    if size <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of megabytes")
-    return size
 
 
 def _seconds(text: str) -> Tuple[int, ...]:

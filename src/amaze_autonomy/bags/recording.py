@@ -14,7 +14,7 @@ import os
 import struct
 from collections import OrderedDict
 from contextlib import suppress
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -22,8 +22,8 @@ import numpy as np
 
 from .columns import WHOLE, Wanted, read_columns, wanted_of
 from .errors import BagError, MessageError
-from .format import decompressed, fields_of
-from .index import Index, Messages
+from .format import MEMORY, decompressed, fields_of, record_at
+from .index import Index, Messages, chunk_head
 from .tapes import Tapes, tapes_of
 
 __all__ = ["ChunkCache", "Entry", "Indexed", "Library", "Link", "Numbers", "Recording", "Table", "Topic", "opened"]
@@ -155,13 +155,14 @@ class Indexed:
 
     Args:
         path: of the bag.
+        memory: bytes that the data of a chunk may take, decompressed.
 
     Raises:
         BagError: the index is not as it should be.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.index = Index(path)
+    def __init__(self, path: Path, memory: int = MEMORY) -> None:
+        self.index = Index(path, memory)
         try:
             self.messages: Messages = self.index.messages()
         except BagError:
@@ -212,13 +213,14 @@ class Library:
 
     Args:
         path: of the bag.
+        memory: bytes that the data of a chunk may take, decompressed.
 
     Raises:
         BagError: the library cannot read it either.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._reader = _reader(path)
+    def __init__(self, path: Path, memory: int = MEMORY) -> None:
+        self._reader, self._memory = _reader(path), memory
         self.links: Tuple[Link, ...] = tuple(
             Link(
                 each.id,
@@ -239,11 +241,14 @@ class Library:
     def load(self, position: int) -> bytes:
         """Return the data of a chunk, decompressed."""
         chunk, file = self._reader.chunks[position], self._reader.bio
+        file.seek(position)
+        begin = file.read(chunk.datapos - position)
+        head = chunk_head(record_at(begin, 0, len(begin)))
         file.seek(chunk.datapos)
         stored = file.read(chunk.datasize)
         if len(stored) != chunk.datasize:
             raise EOFError(f"{len(stored)} bytes of {chunk.datasize}")
-        return bytes(chunk.decompressor(stored))
+        return bytes(decompressed(head.compression, stored, head.size, self._memory))
 
     def close(self) -> None:
         """Close the file."""
@@ -259,7 +264,7 @@ def _by_connection(connection: Any) -> Dict[int, Any]:
     return dict(zip(ordered[firsts].tolist(), np.split(order, firsts[1:])))
 
 
-def opened(path: Path) -> Any:
+def opened(path: Path, memory: int = MEMORY) -> Any:
     """Open a bag: `Indexed` where that can be, else `Library`.
 
     Raises:
@@ -271,11 +276,11 @@ def opened(path: Path) -> Any:
     if not path.is_file():
         raise BagError(str(path), "is no file", "name a bag")
     try:
-        return Indexed(path)
+        return Indexed(path, memory)
     except BagError as error:
         if "is no bag but " in error.wrong:
             raise
-        return Library(path)
+        return Library(path, memory)
 
 
 def _definition(header: bytes) -> str:
@@ -407,14 +412,15 @@ class Recording:
 
     Args:
         path: of the bag.
+        memory: bytes that the data of a chunk may take, decompressed.
 
     Raises:
         BagError: It is no bag, not indexed, encrypted, of another version, or its index is damaged.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, memory: int = MEMORY) -> None:
         self.path = path
-        self._bag = opened(path)
+        self._bag = opened(path, memory)
         self._chunks = ChunkCache(self._bag.load, *([self._bag.peek] if isinstance(self._bag, Indexed) else []))
         self._links: Dict[int, Link] = {each.number: each for each in self._bag.links}
         self._by_topic: Dict[str, List[Link]] = {}
@@ -567,12 +573,8 @@ class Recording:
         return Numbers(len(table.t_ns), tuple(parts))
 
     def _decoder(self, connection: int) -> _Decode:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow to load)
-
-        kind = self._links[connection].kind.replace("/", "/msg/")
-        store: Any = get_typestore(Stores.EMPTY)  # one per connection: two publishers may define one type differently
-        store.register(get_types_from_msg(self._links[connection].definition, kind))
-        self._decoders[connection] = lambda raw: store.deserialize_ros1(raw, kind)
+        link = self._links[connection]
+        self._decoders[connection] = _decoder(link.kind.replace("/", "/msg/"), link.definition)
         return self._decoders[connection]
 
     def _publishers(self, topic: str) -> List[List[int]]:
@@ -593,6 +595,16 @@ class Recording:
             topic = Topic(link.topic, link.kind, len(times), first, last)
             topics[topic.name] = _joined(topics[topic.name], topic) if topic.name in topics else topic
         return [topics[name] for name in sorted(topics)]
+
+
+@lru_cache(maxsize=256)
+def _decoder(kind: str, definition: str) -> _Decode:
+    """Return what decodes messages of a type; two publishers may define one type differently."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow to load)
+
+    store: Any = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition, kind))
+    return lambda raw: store.deserialize_ros1(raw, kind)
 
 
 def _joined(one: Topic, other: Topic) -> Topic:

@@ -15,6 +15,7 @@ import numpy as np
 
 from amaze_autonomy.interface import STATUSES
 
+from ..bags.format import MEMORY
 from .beginning import ARMING_LEAD_NS
 from .errors import FieldError, NoMessagesError
 from .fields import getter, number, quaternion
@@ -114,14 +115,14 @@ _CRITICAL = 5  # MAV_STATE_CRITICAL
 _NOT_ESTIMATED = ("setpoint", "target", "command", "reference", "goal")
 
 
-def propose(paths: Sequence[Path]) -> Proposal:
-    """Propose a map for the recordings of one flight.
+def propose(paths: Sequence[Path], memory: int = MEMORY) -> Proposal:
+    """Propose a map for the recordings of one flight; `memory`: bytes that a chunk may take, decompressed.
 
     Raises:
         BagError: A file cannot be read.
         NoMessagesError: There is no message in them.
     """
-    bags = [bag for path in paths for bag in recordings_of(path)]
+    bags = [bag for path in paths for bag in recordings_of(path, memory)]
     try:
         topics = _topics(bags)
         if not topics:

@@ -16,7 +16,7 @@ import numpy as np
 
 from amaze_autonomy.bags import BagError, Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
-from amaze_autonomy.bags.format import is_log
+from amaze_autonomy.bags.format import MEMORY, is_log
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.other_formats import is_other, other_recording
 from amaze_autonomy.bags.recording import Numbers
@@ -97,6 +97,7 @@ class Recordings:
         paths: of the bags.
         topics: that are wanted; the place of a topic is its rank.
         muted: topics that are read as if they were not there.
+        memory: bytes that the data of a chunk may take, decompressed.
 
     Raises:
         BagError: A bag cannot be read.
@@ -105,7 +106,9 @@ class Recordings:
         TimeJumpError: There is nothing for an hour between two messages.
     """
 
-    def __init__(self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = ()) -> None:
+    def __init__(
+        self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = (), memory: int = MEMORY
+    ) -> None:
         self.bags: List[Any] = []  # bags, and telemetry logs with the face of bags
         self.topics, self.muted = tuple(topics), tuple(muted)
         self.damage: Dict[str, Damage] = {}
@@ -114,14 +117,14 @@ class Recordings:
         self._read: Dict[int, Tuple[str, ...]] = {}
         self._statuses: Dict[Tuple[int, int], Sequence[Optional[Event]]] = {}
         try:
-            self._open(paths)
+            self._open(paths, memory)
         except BaseException:
             self.close()
             raise
 
-    def _open(self, paths: Sequence[Path]) -> None:
+    def _open(self, paths: Sequence[Path], memory: int) -> None:
         for path in paths:
-            self.bags.extend(recordings_of(path))
+            self.bags.extend(recordings_of(path, memory))
         self.bags.sort(key=lambda bag: (bag.start_ns or 0, bag.path.name))
         known = tuple(sorted({topic.name for bag in self.bags for topic in bag.topics}))
         for topic in self.muted:
@@ -349,7 +352,7 @@ MAVLINK_KIND = "mavros_msgs/Mavlink"
 _LOG = ".tlog"
 
 
-def recordings_of(path: Path) -> List[Any]:
+def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
     """Return a file as recordings: what it is, by content, and what is made of the MAVLink or PX4 topics in it.
 
     Raises:
@@ -360,8 +363,8 @@ def recordings_of(path: Path) -> List[Any]:
 
         return [Telemetry.of_log(path)]
     if is_other(path):
-        return _of_other(path)
-    bag = Recording(path)
+        return _of_other(path, memory)
+    bag = Recording(path, memory)
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
     if not topics:
         return [bag]
@@ -370,10 +373,10 @@ def recordings_of(path: Path) -> List[Any]:
     return [bag, Telemetry.of_bag(bag, topics)]
 
 
-def _of_other(path: Path) -> List[Any]:
+def _of_other(path: Path, memory: int) -> List[Any]:
     from .uorb import VEHICLE_KIND, Uorb  # noqa: PLC0415
 
-    recording = other_recording(path)
+    recording = other_recording(path, memory)
     try:
         kinds = {topic.kind for topic in recording.topics}
         return [recording, Uorb(recording)] if VEHICLE_KIND in kinds else [recording]

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags import BagError
+from amaze_autonomy.bags.cli import add_memory
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.command_line import run_command
 from amaze_autonomy.config import ConfigError
@@ -98,6 +99,7 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     add_tapes(run)
     words = "folder for journal.jsonl, timeline.txt, result.json, and flight.html where plotly is installed"
     run.add_argument("--out", type=Path, metavar="DIR", help=words)
+    add_memory(run)
     _add_page(run)
     run.add_argument("--no-html", action="store_true", help="leave flight.html out of the folder of --out")
     run.add_argument("--json", action="store_true", help="print result.json instead of the timeline")
@@ -115,6 +117,7 @@ def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     proposed = commands.add_parser("map", help="propose a topic map for recordings that nobody described yet")
     proposed.add_argument("bags", nargs="+", type=Path, metavar="FILE", help="ROS 1 bags of one flight")
     proposed.add_argument("--out", type=Path, metavar="FILE", help="write it there; default: print it")
+    add_memory(proposed)
     proposed.set_defaults(command=_propose)
 
 
@@ -161,7 +164,7 @@ def _maps(_: argparse.Namespace) -> int:
 def _propose(options: argparse.Namespace) -> int:
     from ..replay.proposal import propose  # noqa: PLC0415
 
-    proposal = propose(options.bags)
+    proposal = propose(options.bags, options.memory)
     if options.out is None:
         show_lines(proposal.text.splitlines())
         return DONE
@@ -183,7 +186,7 @@ def _run(options: argparse.Namespace) -> int:
         lambda some: load_configuration(options.config or config_folder(), some),
         lambda each: make_plan(each, topic_map, mission_id, recorded),
     )
-    with Recordings(options.bags, plan.topics, options.mute) as recordings:
+    with Recordings(options.bags, plan.topics, options.mute, options.memory) as recordings:
         if options.flights:
             show_lines(_each_flight(plan, recordings))
             return PARTIAL if recordings.damage else DONE
