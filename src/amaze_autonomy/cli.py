@@ -13,7 +13,9 @@ from .command_line import run_command, say_wrong
 
 __all__ = ["main"]
 
-OK, WRONG, USAGE = 0, 1, 2
+OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
+_RAW = argparse.RawDescriptionHelpFormatter
+_FOR = "seconds to listen for (default: 10)"
 _DESCRIPTION = "Autonomy engine for multicopters with a PX4 autopilot: the commands that need no ROS."
 _STATUSES = """\
 exit status:
@@ -51,6 +53,24 @@ _IMPORT_EXAMPLES = """\
 examples:
   amaze-autonomy import-cns ~/cns/config --output ~/flight/config
   amaze-autonomy check-config ~/flight/config
+"""
+_PROPOSE_EXAMPLES = """\
+examples:
+  amaze-autonomy propose-config flight.bag --output ~/flight/config
+  amaze-autonomy propose-config --live --for 20     of the graph that runs now
+  amaze-autonomy check-config ~/flight/config
+"""
+_DOCTOR_EXAMPLES = """\
+examples:
+  amaze-autonomy doctor ~/flight/config
+  amaze-autonomy doctor --for 20 --json
+  ROS_NAMESPACE=/amaze amaze-autonomy doctor
+
+exit status:
+  0  nothing is wrong (there may be warnings)
+  1  something is wrong, or the configuration has a mistake
+  2  wrong use of the command
+  3  there is no ROS master to ask, or no ROS here
 """
 _FOLDER = "folder of the configuration (default: the one that ships with the package)"
 
@@ -90,6 +110,22 @@ def _parser() -> argparse.ArgumentParser:
     cns.add_argument("--output", type=Path, default=Path("amaze_config"), metavar="DIR", help=words)
     cns.set_defaults(command=_import_cns)
 
+    words = "compare a configuration with the graph that runs now, and with this computer"
+    doctor = commands.add_parser("doctor", help=words, description=words, epilog=_DOCTOR_EXAMPLES, formatter_class=_RAW)
+    doctor.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
+    doctor.add_argument("--for", type=float, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    _add_common(doctor)
+    doctor.set_defaults(command=_doctor)
+
+    words = "write a first configuration of what a recording, or the graph that runs now, shows"
+    first = commands.add_parser("propose-config", help=words, description=words, **_layout(_PROPOSE_EXAMPLES))
+    first.add_argument("recordings", nargs="*", type=Path, metavar="BAG", help="of one flight, or at rest")
+    first.add_argument("--live", action="store_true", help="listen to every topic of the running graph instead")
+    first.add_argument("--for", type=float, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    words = "folder to write, new or empty (default: ./amaze_config)"
+    first.add_argument("--output", type=Path, default=Path("amaze_config"), metavar="DIR", help=words)
+    first.set_defaults(command=_propose_config)
+
     words = "write the generated parts of docs/, or check them"
     docs = commands.add_parser("docs", help=words, description=words, **_layout(_DOCS_EXAMPLES))
     docs.add_argument("--check", action="store_true", help="write nothing; exit status 1 when something differs")
@@ -102,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _layout(examples: str) -> Dict[str, Any]:
-    return {"epilog": f"{examples}\n{_STATUSES}", "formatter_class": argparse.RawDescriptionHelpFormatter}
+    return {"epilog": f"{examples}\n{_STATUSES}", "formatter_class": _RAW}
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
@@ -197,6 +233,64 @@ def _import_cns(options: argparse.Namespace) -> int:
     counts = f"{len(configuration.components)} components, {len(configuration.plans)} missions"
     print(f"\n{options.output}: good: {counts}; read what was assumed: {options.output / 'import.txt'}")
     return OK
+
+
+def _propose_config(options: argparse.Namespace) -> int:
+    """Write and check a first configuration, and say what was assumed; kept beside it."""
+    if bool(options.recordings) == options.live:
+        return say_wrong("propose-config", "name recordings, or say --live", USAGE)
+    from .bags.errors import BagError  # noqa: PLC0415 (--help stays quick)
+    from .config import ConfigError, load_configuration  # noqa: PLC0415
+    from .replay.errors import ReplayError  # noqa: PLC0415
+    from .replay.first_configuration import write_configuration  # noqa: PLC0415
+    from .replay.proposal import propose, propose_of  # noqa: PLC0415
+
+    try:
+        if options.live:
+            from .ros.graph import GraphError, listen  # noqa: PLC0415 (it needs ROS)
+
+            try:
+                proposal = propose_of([listen(options.for_s)], [Path("the running graph")])
+            except GraphError as error:
+                return say_wrong("propose-config", str(error), WRONG)
+        else:
+            proposal = propose(options.recordings)
+        assumed = write_configuration(proposal, options.output)
+    except (BagError, ReplayError) as error:
+        return say_wrong("propose-config", str(error), WRONG)
+    print("\n".join(assumed))
+    try:
+        configuration = load_configuration(options.output)
+    except ConfigError as error:
+        return say_wrong("propose-config", f"written, and to be corrected: {error}", WRONG)
+    print(f"\n{options.output}: good: {len(configuration.components)} components; look at {options.output}/propose.txt")
+    return OK
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    """Say what is wrong, and which line would put it right."""
+    configuration = _load(options)
+    if configuration is None:
+        return WRONG
+    from .doctor import GOOD, examine, examine_host  # noqa: PLC0415 (--help stays quick)
+    from .doctor import WRONG as IS_WRONG  # noqa: PLC0415
+    from .interface import SERVICES  # noqa: PLC0415
+
+    try:
+        from .ros.graph import GraphError, look  # noqa: PLC0415 (it needs ROS)
+    except ImportError as error:
+        return say_wrong("doctor", f"there is no ROS here ({error}): source its setup.bash", NOBODY)
+    try:
+        graph = look(options.for_s, tuple(SERVICES))
+    except GraphError as error:
+        return say_wrong("doctor", str(error), NOBODY)
+    findings = (*examine(configuration, graph), *examine_host(configuration))
+    if options.json:
+        _print_json({"findings": [vars(each) for each in findings]})
+    else:
+        for each in sorted(findings, key=lambda each: each.level == GOOD):
+            print(f"{each.level:<8}{each.about}: {each.said}" + (f"\n        -> {each.line}" if each.line else ""))
+    return WRONG if any(each.level == IS_WRONG for each in findings) else OK
 
 
 def _docs(options: argparse.Namespace) -> int:

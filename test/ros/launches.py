@@ -18,16 +18,19 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import termios
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, Sequence, Tuple
 
 from behaviours import Behaviours
 from hitches import allowed_s
 from stack import HERE, QUICK, Stack
 
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.tester.command import main as replay
 
 AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
@@ -95,20 +98,38 @@ class Terminal:
         os.close(self._master)
 
 
-def roslaunch(stack: Stack, *arguments: str, terminal: Optional[Terminal] = None) -> subprocess.Popen[bytes]:
+LAUNCH = HERE.parents[1] / "launch" / "autonomy.launch"
+GROUP = '<launch><group ns="{}"><include file="{}" pass_all_args="true">{}</include></group></launch>'
+FOREIGN = """\
+import rospy, std_msgs.msg, std_srvs.srv
+rospy.init_node("{0}")
+said = rospy.Publisher("~state", std_msgs.msg.String, latch=True, queue_size=1)
+said.publish("of another stack")
+rospy.Service("~start", std_srvs.srv.Trigger, lambda _: std_srvs.srv.TriggerResponse())
+rospy.spin()
+"""
+
+
+def in_group(stack: Stack, arguments: Sequence[str]) -> Path:
+    """Return a launch file that includes ours in a group, as a stack that exists would."""
+    given = "".join('<arg name="{}" value="{}"/>'.format(*word.split(":=", 1)) for word in arguments)
+    path = stack.folder / "group.launch"
+    path.write_text(GROUP.format(stack.name, LAUNCH, given))
+    return path
+
+
+def roslaunch(
+    stack: Stack, *arguments: str, terminal: Optional[Terminal] = None, group: bool = False
+) -> subprocess.Popen[bytes]:
     """Start the launch file of the package in the namespace of a stack."""
-    command = [
-        "roslaunch",
-        "--screen",
-        str(HERE.parents[1] / "launch" / "autonomy.launch"),
-        "simulation:=true",
-        "console:=false",
-    ]
+    command = ["roslaunch", "--screen", str(LAUNCH), "simulation:=true", "console:=false"]
     config = stack.config
     if "record:=true" not in arguments:
         config, arguments = own_sensors(stack), ("record:=false", *arguments)
     command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join(PATIENT)}", *arguments]
     environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
+    if group:
+        command, environment = ["roslaunch", "--screen", str(in_group(stack, command[3:]))], dict(os.environ)
     if terminal is not None:
         out = terminal.slave
         process = subprocess.Popen(
@@ -214,10 +235,53 @@ def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
         assert f"autonomy: {name}" in stack.log()
 
 
+def told(stack: Stack, namespace: str, *words: str) -> Tuple[int, str]:
+    """Run a command of the package in a namespace; return its exit status and what it printed."""
+    command = ["amaze-autonomy", *words]
+    environment = {**os.environ, "ROS_NAMESPACE": namespace}
+    done = subprocess.run(command, env=environment, cwd=stack.folder, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout or done.stderr
+
+
+def looked_at(stack: Stack) -> None:
+    """What the doctor says of the stack, and of the other one; a configuration of what runs is good."""
+    doctor = ("doctor", str(stack.config), "--for", "3", "--json")
+    _, text = told(stack, f"/{stack.name}", *doctor)
+    found = [(each["about"], each["said"]) for each in json.loads(text)["findings"]]
+    for name, service in SERVICES.items():
+        words = (
+            f"/{stack.name}/{name} is offered by /{stack.name}/{service.peer}"  # the recorder's has its platform, too
+        )
+        assert any(about == service.peer and said.startswith(words) for about, said in found), found
+    said = [words for about, words in found if about == "imu"]
+    assert all(words.startswith("/px4/imu of /") for words in said), said
+    status, text = told(stack, "/", *doctor)
+    wrong = [each["said"] for each in json.loads(text)["findings"] if each["level"] == "wrong"]
+    assert "/watchdog/start of /watchdog is std_srvs/Trigger, asked is amaze_autonomy/StartWatchdog" in wrong, wrong
+    assert status == 1
+    status, text = told(stack, "/", "propose-config", "--live", "--for", "3", "--output", "proposed")
+    assert status == 0, text
+    assert {"imu", "gps", "lrf"} <= set(
+        load_configuration(stack.folder / "proposed").effective["sensors"]["components"]
+    )
+
+
 @launches.add(processes=(), start=False)
-def two_recorder_nodes_end_with_one_verified_bag_that_replays(stack: Stack) -> None:
-    roslaunch(stack, "mission:=hop", "exit_when_ended:=true", "record:=true", "flight:=simulated")
-    ended(stack)
+def every_node_in_a_group_beside_another_stack_ends_with_one_verified_bag_that_replays(stack: Stack) -> None:
+    """The other stack has nodes /autonomy and /watchdog, with topics and services of other types."""
+    others = [subprocess.Popen([sys.executable, "-c", FOREIGN.format(name)]) for name in ("autonomy", "watchdog")]
+    try:
+        port = f"mavlink_port:={free_ports()}"
+        roslaunch(stack, "mission:=hop", "exit_when_ended:=true", "record:=true", "require_go:=true", port, group=True)
+        wait(stack, lambda: stack.state == "READY", "READY")
+        looked_at(stack)
+        wait(stack, lambda: stack.state == "READY" and stack.ask("go")[0] == 1, "the go")
+        ended(stack)
+        assert [process.poll() for process in others] == [None, None], "another stack's node was taken over"
+    finally:
+        for process in others:
+            process.kill()
+            process.wait()
     result = stack.result()
     bag = Path(result["data"])
     assert (result["exit_status"], result["result"]) == (0, "COMPLETE")

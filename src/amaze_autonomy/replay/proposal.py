@@ -21,7 +21,7 @@ from .errors import FieldError, NoMessagesError
 from .fields import getter, number, quaternion
 from .sources import recordings_of
 
-__all__ = ["Proposal", "propose"]
+__all__ = ["Proposal", "propose", "propose_of"]
 
 _S = 1_000_000_000
 _G = 9.80665
@@ -56,11 +56,13 @@ class Proposal:
         text: of the YAML file.
         found: what was found of the flight, one line each.
         scripted: what the recording does not tell, so that the script plays it.
+        kinds: type of every topic.
     """
 
     text: str
     found: Tuple[str, ...]
     scripted: Tuple[str, ...]
+    kinds: Tuple[Tuple[str, str], ...]
 
 
 _LOG_DATA = "crazyflie_driver/GenericLogData"
@@ -124,13 +126,22 @@ def propose(paths: Sequence[Path], memory: int = MEMORY) -> Proposal:
     """
     bags = [bag for path in paths for bag in recordings_of(path, memory)]
     try:
-        topics = _topics(bags)
-        if not topics:
-            raise NoMessagesError(f"{', '.join(path.name for path in paths)}: there is no message in it")
-        return _Maker(bags, topics, paths).proposal()
+        return propose_of(bags, paths)
     finally:
         for bag in bags:
             bag.close()
+
+
+def propose_of(bags: Sequence[Any], paths: Sequence[Path]) -> Proposal:
+    """Propose a map for opened recordings, or for what was heard of a running graph.
+
+    Raises:
+        NoMessagesError: There is no message in them.
+    """
+    topics = _topics(bags)
+    if not topics:
+        raise NoMessagesError(f"{', '.join(path.name for path in paths)}: there is no message in it")
+    return _Maker(bags, topics, paths).proposal()
 
 
 def _topics(bags: Iterable[Any]) -> Tuple[_Topic, ...]:
@@ -181,7 +192,8 @@ class _Maker:
         if self._estimate_hz is not None and self._estimate_hz < _ESTIMATE_HZ:
             lines += [f"state_estimation: {{rate_hz: {self._estimate_hz:.3g}}}  # as recorded", ""]
         lines += self._landing() + self._script()
-        return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted))
+        kinds = tuple((topic.name, topic.kind) for topic in self._topics)
+        return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted), kinds)
 
     # --- components ---------------------------------------------------------------------------------------------------
 

@@ -26,10 +26,10 @@ from ...ros.interface import ros_time
 __all__ = ["Cursor", "JournalLines", "JournalTopic"]
 
 _SLICE = 64 * 1024
-_MOST_LINES = 40  # at once: rosbag's recorder holds 100 messages of a topic, and drops what comes faster than it takes
+_MOST_LINES = 20  # at once: rosbag's recorder holds 100 messages of a topic, and drops what comes faster than it takes
 _RECENT = 1024 * 1024  # bytes in memory for listeners that keep up
 _MOST_UNWRITTEN = 16 * 1024 * 1024  # bytes in memory while no disk takes them
-_PAUSE_S = 0.01  # between two slices: who catches up takes a part of a core, and gets 4000 lines a second
+_PAUSE_S = 0.02  # between two slices: who catches up gets 1000 lines a second, and may stand still for 0.1 s meanwhile
 _LOOK_AGAIN_S = 0.5
 
 _log = logging.getLogger(__name__)

@@ -1,0 +1,171 @@
+"""Looks at a running graph: who publishes what, how often, with which stamps; which services are offered.
+
+Every topic is listened to for some seconds, of whatever type it is; nothing is published, nothing is asked of anybody
+but the types of services. What was heard reads like a recording, so that a configuration can be proposed of it.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import threading
+import time
+from functools import partial
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from urllib.parse import urlparse
+
+import genpy
+import rosgraph
+import roslib.message
+import rospy
+import rosservice
+
+from ..doctor import Graph, SeenService, SeenTopic
+
+__all__ = ["GraphError", "Heard", "listen", "look"]
+
+_S = 1_000_000_000
+_KEPT_BYTES, _KEPT = 4096, 2000  # of a topic: its small messages; of a larger one the first alone
+_STAMP = struct.Struct("<II")
+
+
+class GraphError(Exception):
+    """There is no graph to look at."""
+
+
+class HeardTopic(NamedTuple):
+    """A topic as a recording has it."""
+
+    name: str
+    kind: str
+
+
+class Heard:
+    """What was heard of the topics; reads like one recording."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._kinds: Dict[str, List[str]] = {}
+        self._entries: Dict[str, List[Tuple[int, Optional[bytes], str]]] = {}
+        self.ages_s: Dict[str, List[float]] = {}
+
+    def take(self, topic: str, message: Any) -> None:
+        """Take a message of any type."""
+        now_ns, ros_s = time.time_ns(), rospy.get_time()
+        kind, raw = message._connection_header["type"], message._buff
+        with self._lock:
+            kinds, entries = self._kinds.setdefault(topic, []), self._entries.setdefault(topic, [])
+            if kind not in kinds:
+                kinds.append(kind)
+            keep = not entries or (len(raw) <= _KEPT_BYTES and len(entries) < _KEPT)
+            entries.append((now_ns, raw if keep else None, kind))
+            if _stamped(message._connection_header.get("message_definition", "")):
+                seconds, nanoseconds = _STAMP.unpack_from(raw, 4)
+                if seconds or nanoseconds:
+                    self.ages_s.setdefault(topic, []).append(ros_s - seconds - nanoseconds / _S)
+
+    @property
+    def topics(self) -> Tuple[HeardTopic, ...]:
+        """Return the topics that were heard, with the first type of each."""
+        return tuple(HeardTopic(name, kinds[0]) for name, kinds in sorted(self._kinds.items()))
+
+    def entries(self, topic: str) -> Sequence[Tuple[int, Optional[bytes], str]]:
+        """Return the messages that were heard."""
+        return self._entries.get(topic, [])
+
+    def message(self, entry: Tuple[int, Optional[bytes], str]) -> Any:
+        """Return a message; where it was not kept, or its package is not here, there is none."""
+        _, raw, kind = entry
+        found = roslib.message.get_message_class(kind) if raw is not None else None
+        if found is None:
+            raise ValueError(f"{kind} cannot be read here")
+        message = found()
+        try:
+            message.deserialize(raw)
+        except genpy.DeserializationError as error:
+            raise ValueError(f"{kind} is of another version here") from error
+        return message
+
+    def close(self) -> None:
+        """There is nothing to be closed."""
+
+
+def _stamped(definition: str) -> bool:
+    """Return whether messages of a definition begin with a header."""
+    lines = (line.split("#")[0].strip() for line in definition.splitlines())
+    first = next((line for line in lines if line), "")
+    return first.split()[:1] in (["Header"], ["std_msgs/Header"])
+
+
+def _begin() -> Any:
+    """Become a node of the graph; return its master."""
+    if not rosgraph.is_master_online():
+        raise GraphError(f"no ROS master answers at {rosgraph.get_master_uri()}: start it, or set ROS_MASTER_URI")
+    if not rospy.core.is_initialized():
+        rospy.init_node("amaze_looks", anonymous=True, disable_signals=True, disable_rosout=True)
+    return rosgraph.Master(rospy.get_name())
+
+
+def listen(for_s: float) -> Heard:
+    """Listen to every topic for some seconds.
+
+    Raises:
+        GraphError: There is no master.
+    """
+    master, heard = _begin(), Heard()
+    published, _, _ = master.getSystemState()
+    subscribers = [
+        rospy.Subscriber(topic, rospy.AnyMsg, partial(heard.take, topic), tcp_nodelay=True)
+        for topic, nodes in published
+        if nodes != [rospy.get_name()]
+    ]
+    time.sleep(for_s)
+    for each in subscribers:
+        each.unregister()
+    return heard
+
+
+def look(for_s: float, services: Sequence[str]) -> Graph:
+    """Look at the graph for some seconds.
+
+    Args:
+        for_s: to listen for.
+        services: of which the types are wanted, as they are named in the code.
+
+    Raises:
+        GraphError: There is no master.
+    """
+    master = _begin()
+    heard = listen(for_s)
+    published, _, offered = master.getSystemState()
+    declared = dict(master.getTopicTypes())
+    topics = {}
+    for topic, nodes in published:
+        others = tuple(node for node in nodes if node != rospy.get_name())
+        if others:
+            topics[topic] = _topic(heard, topic, declared.get(topic, "?"), others)
+    asked = {name: rospy.resolve_name(name) for name in services}
+    providers = {name: nodes[0] for name, nodes in offered if nodes}
+    found = {
+        name: SeenService(resolved, rosservice.get_service_type(resolved) or "?", providers[resolved])
+        for name, resolved in asked.items()
+        if resolved in providers
+    }
+    nodes = {node for rows in (published, offered) for _, each in rows for node in each}
+    host = urlparse(rosgraph.get_master_uri()).hostname or ""
+    local = host in ("localhost", "127.0.0.1", "::1")
+    named = local or bool(os.environ.get("ROS_IP") or os.environ.get("ROS_HOSTNAME"))
+    return Graph(topics, found, frozenset(nodes), rospy.get_namespace(), host, named=named)
+
+
+def _topic(heard: Heard, topic: str, declared: str, nodes: Tuple[str, ...]) -> SeenTopic:
+    times, ages = [entry[0] for entry in heard.entries(topic)], sorted(heard.ages_s.get(topic, ()))
+    span_s = (times[-1] - times[0]) / _S if times else 0.0
+    kinds = {kind for _, _, kind in heard.entries(topic)} or {declared}
+    return SeenTopic(
+        kinds=tuple(sorted(kinds)),
+        nodes=nodes,
+        count=len(times),
+        rate_hz=(len(times) - 1) / span_s if span_s > 0.0 else None,
+        age_s=ages[len(ages) // 2] if ages else None,
+    )

@@ -1,0 +1,81 @@
+"""A first configuration of a recording that nobody described is good, and says what was assumed."""
+
+from __future__ import annotations
+
+import yaml
+from replay_bags import START_NS, S, header, imu, magnetic, make, write_bag
+
+from amaze_autonomy import cli
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
+
+
+def proposed(capsys, tmp_path, *bags):
+    """Return the exit status, what was printed, and the folder."""
+    folder = tmp_path / "config"
+    status = cli.main(["propose-config", *map(str, bags), "--output", str(folder)])
+    out, err = capsys.readouterr()
+    return status, out + err, folder
+
+
+def test_a_flight_becomes_a_configuration_without_contradictions(capsys, tmp_path, flight_bag):
+    status, said, folder = proposed(capsys, tmp_path, flight_bag)
+    assert status == 0, said
+    effective = load_configuration(folder).effective
+    assert [*contradictions(effective), *unrecorded_topics(effective["sensors"], effective["recording"])] == []
+    sensors = effective["sensors"]
+    rows = {name: (row["group"], row["severity"], *row["topics"]) for name, row in sensors["components"].items()}
+    assert rows == {
+        "imu": ("other", "highest", "/imu"),
+        "magnetometer": ("other", "moderate", "/mag"),
+        "lrf": ("other", "high", "/range"),
+    }
+    assert sensors["components"]["imu"]["topics"]["/imu"]["rate_hz"] == 50.0
+    assert (sensors["landing_detection"]["topic"], sensors["landing_detection"]["source"]) == ("/range", "range")
+    assert sensors["state_estimation"]["imu_topic"] == "/imu"
+    assert (folder / "propose.txt").read_text().strip() in said
+    assert "lrf: /range" in said
+
+
+def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys, tmp_path):
+    pose = [(t, "/mavros/local_position/pose", _pose(t)) for t in range(START_NS, START_NS + 5 * S, S // 30)]
+    raw = [(t, "/mavros/imu/data_raw", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    mag = [(t, "/mavros/imu/mag", magnetic(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    bag = write_bag(tmp_path / "mavros.bag", sorted((*pose, *raw, *mag), key=lambda row: row[0]))
+    status, said, folder = proposed(capsys, tmp_path, bag)
+    assert status == 0, said
+    sensors = yaml.safe_load((folder / "sensors.yaml").read_text())
+    assert {name: row["group"] for name, row in sensors["components"].items()} == {"imu": "px4", "magnetometer": "px4"}
+    assert (sensors["landing_detection"]["topic"], sensors["landing_detection"]["source"]) == (
+        "/mavros/local_position/pose",
+        "pose",
+    )
+    assert yaml.safe_load((folder / "autopilot.yaml").read_text()) == {"backend": "mavros"}
+    assert "landing_detection: no range finder" in said
+
+
+def _pose(t_ns):
+    position = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
+    orientation = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+    return make("geometry_msgs/msg/PoseStamped", header=header(t_ns), pose=pose)
+
+
+def test_a_recording_without_a_sensor_is_no_configuration(capsys, tmp_path):
+    bag = write_bag(tmp_path / "one.bag", [(START_NS, "/imu", imu(START_NS))])
+    status, said, folder = proposed(capsys, tmp_path, bag)
+    assert (status, folder.exists()) == (1, False)
+    assert "no sensor was seen that keeps a rate" in said
+
+
+def test_a_folder_with_files_is_not_written_to(capsys, tmp_path, flight_bag):
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "mine.yaml").write_text("a: 1\n")
+    status, said, folder = proposed(capsys, tmp_path, flight_bag)
+    assert status == 1
+    assert said == f"propose-config: {folder}: is there already; name an empty or a new folder with --output\n"
+    assert [path.name for path in folder.iterdir()] == ["mine.yaml"]
+
+
+def test_recordings_or_the_running_graph_must_be_named(capsys, tmp_path):
+    assert proposed(capsys, tmp_path)[:2] == (2, "propose-config: name recordings, or say --live\n")
