@@ -36,7 +36,6 @@ setup(
     package_data={
         "": ["py.typed"],
         "amaze_autonomy.replay": ["maps/*.yaml"],
-        "amaze_autonomy.tester": ["pages/page.*"],
         "amaze_autonomy.pages": ["*.html", "*.css", "*.js"],
     },
     data_files=data_files(),

@@ -59,7 +59,7 @@ def test_another_decision_fails_with_the_first_difference(accepted, capsys):
     for part in (
         "golden   +",
         "new      +",
-        "waits at most 15 s",
+        "waits at most (restart limit) 12 s",
         "states   0 s",
         "reproduce: amaze-replay test suite/lrf",
     ):

@@ -14,7 +14,7 @@ from typing import Any, Mapping, Sequence
 
 from amaze_autonomy.whole_file import write_whole
 
-__all__ = ["PageError", "write_document"]
+__all__ = ["PageError", "need_plots", "write_document"]
 
 _HERE = Path(__file__).parent
 _PLOTS = ("plotly", "package_data/plotly.min.js")
@@ -37,7 +37,7 @@ def write_document(path: Path, title: str, parts: Sequence[str], content: Mappin
         OSError: it cannot be written.
         PageError: the plot library is not installed.
     """
-    plots = _plot_library()
+    plots = need_plots()
     data = json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     style, scripts = _texts(parts, "css"), _texts(parts, "js")
     write_whole(
@@ -55,7 +55,12 @@ def _texts(parts: Sequence[str], kind: str) -> str:
     return "".join(path.read_text("utf-8") for path in paths if path.is_file())
 
 
-def _plot_library() -> str:
+def need_plots() -> str:
+    """Return the plot library for the browser.
+
+    Raises:
+        PageError: it is not installed.
+    """
     try:
         data = pkgutil.get_data(*_PLOTS)
     except (ImportError, OSError):

@@ -136,7 +136,7 @@ class Rates {
 
   setHead(head) {
     head.append(element("b", "Rates of the watched topics"), element("span", `share of the expected rate over ${this.rates.bin_s} s; red lines are silences`, { class: "hint" }));
-    this.words = head.appendChild(element("span", "", { class: "hint" }));
+    this.words = head.appendChild(element("span", "", { class: "hint words" }));
   }
 
   told(t) {

@@ -86,9 +86,17 @@ class Stack { // of charts over one time: one view, one cursor
         if (entry.isIntersecting && entry.target.chart.stale) this.draw(entry.target.chart);
       }
     }, { rootMargin: "150px" });
-    place.addEventListener("pointermove", (event) => this.pointed(event));
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw());
-    addEventListener("resize", () => this.mark());
+    this.open = new AbortController();
+    const { signal } = this.open;
+    place.addEventListener("pointermove", (event) => this.pointed(event), { signal });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.redraw(), { signal });
+    addEventListener("resize", () => this.mark(), { signal });
+  }
+
+  close() {
+    this.open.abort();
+    this.seen.disconnect();
+    for (const chart of this.charts) Plotly.purge(chart.div);
   }
 
   add(chart, after) { // chart: title, height, figure(): traces and layout, told(t): what its head says at a time
@@ -240,7 +248,7 @@ class Bands { // what was so for a time, and what happened at one
 
   setHead(head) {
     head.append(element("b", this.title));
-    this.words = head.appendChild(element("span", "", { class: "hint" }));
+    this.words = head.appendChild(element("span", "", { class: "hint words" }));
   }
 
   told(t) {
@@ -262,9 +270,14 @@ class Bands { // what was so for a time, and what happened at one
       };
     });
     this.dots.forEach((row, number) => {
-      const shown = row.points.filter(([t]) => t >= stack.begin && t <= stack.end);
+      const shown = row.points.filter(([t]) => t >= stack.begin && t <= stack.end), near = (stack.end - stack.begin) / 120, ends = [];
+      const level = (t) => { // what stands too near to another one moves down a little
+        const free = Math.max(0, ends.findIndex((end) => t - end > near) < 0 ? ends.length : ends.findIndex((end) => t - end > near));
+        ends[Math.min(free, 3)] = t;
+        return Math.min(free, 3) * 0.16 - 0.2;
+      };
       traces.push({
-        type: "scatter", mode: "markers", x: shown.map((each) => each[0]), y: shown.map(() => this.rows.length + number),
+        type: "scatter", mode: "markers", x: shown.map((each) => each[0]), y: shown.map((each) => this.rows.length + number + level(each[0])),
         marker: { size: 9, symbol: row.symbol || "diamond", color: shown.map((each) => each[2]), line: { color: themed("chart"), width: 1 } },
         customdata: shown.map((each) => each[3]), hoverinfo: "text", hovertext: shown.map((each) => escaped(cut(each[1], 220)).replace(/(.{1,80})(\s|$)/g, "$1<br>")),
       });

@@ -13,6 +13,7 @@ from typing import Any, List, Mapping, Sequence, Tuple
 
 from amaze_autonomy.whole_file import write_whole
 
+from ..pages.document import need_plots
 from ..replay.errors import ReplayError
 from ..replay.journals import read_journals
 from ..replay.terminal import show_lines
@@ -31,8 +32,7 @@ from .choice import (
 )
 from .coverage import Coverage, coverage_lines, coverage_of
 from .mutation import hunts_of, mutation_lines, mutation_passed, run_hunts
-from .pages.page import write_page
-from .pages.sweep_page import write_sweep_page
+from .report_pages import write_page, write_sweep_page
 from .result import NOT_COMPARED, Result, as_json, as_junit, as_markdown, exit_status, result_lines, summary_line
 from .run import case_of, run_tasks
 from .scenario import Case, load_cases
@@ -73,6 +73,8 @@ def _add_test(commands: _Parsers) -> None:
 
 def _test(options: argparse.Namespace) -> int:
     began = time.perf_counter()
+    if options.html is not None:
+        need_plots()
     if options.json is not None:
         write_whole(options.json, _STARTED)
     waivers = waivers_of(options) if options.html is not None else {}
@@ -236,6 +238,8 @@ def _add_sweep(commands: Any) -> None:
 
 
 def _sweep(options: argparse.Namespace) -> int:
+    if options.html is not None:
+        need_plots()
     count = int((options.last_s - options.first_s) / options.step + 1e-9) if options.step > 0 else 0
     if count > _MOST_RUNS:
         raise ReplayError(f"a sweep of {count + 1} runs: must be at most {_MOST_RUNS}; take a larger --step")

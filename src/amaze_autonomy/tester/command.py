@@ -29,7 +29,7 @@ from amaze_autonomy.paths import config_folder
 from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import JournalError
-from ..pages.document import PageError
+from ..pages.document import PageError, need_plots
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
 from ..replay.changed_keys import changes_of
 from ..replay.compare import Comparison, compare
@@ -175,6 +175,8 @@ def _propose(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     began = time.monotonic()
+    if options.html is not None:
+        need_plots()
     use_tapes(options)
     gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
     topic_map = _map(options.map, options.bags)
@@ -292,6 +294,8 @@ def _given_rules(options: argparse.Namespace) -> Optional[Rules]:
 
 
 def _journal(options: argparse.Namespace) -> int:
+    if options.html is not None:
+        need_plots()
     rules = _given_rules(options)
     journals = read_journals(options.file, options.topic)
     comparisons: List[Comparison] = []

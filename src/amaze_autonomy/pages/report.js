@@ -1,28 +1,8 @@
-"use strict";
-const SVG = "http://www.w3.org/2000/svg";
+// The report of a suite of scenarios. CONTENT is what report_pages.py says.
 const COLOURS = CONTENT.colours;
-const CODES = { 1: "#d3f9d8", 2: "#fff3bf", 4: "#ffe066", 8: "#ffa94d", 16: "#ff6b6b" };
-const CODE_NAMES = { 1: "1 nominal", 2: "2 non-critical", 4: "4 inconvenient", 8: "8 hold", 16: "16 abort" };
 const MARKS = { fault: ["faults", "#f783ac"], user: ["user", "#748ffc"], counterfactual: ["another flight", "#dee2e6"], script: ["~ script", "#e9ecef"] };
 const SIGNS = { PASS: "✓", FAIL: "✗", ERROR: "!", VACUOUS: "∅", INCONCLUSIVE: "?" };
-const LEFT = 170, ROW = 26, NEAR = 9, STEP = 11;
-const $ = (id) => document.getElementById(id);
 let shown = null; // the chart on show: what the keys act on
-
-function element(name, text, attributes) {
-  const made = document.createElement(name);
-  if (text !== undefined) made.textContent = text;
-  for (const [key, value] of Object.entries(attributes || {})) made.setAttribute(key, value);
-  return made;
-}
-
-function drawn(parent, name, attributes, text) {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  if (text !== undefined) made.textContent = text;
-  parent.appendChild(made);
-  return made;
-}
 
 function list(filter) {
   $("list").replaceChildren();
@@ -76,151 +56,42 @@ function parted(spans) {
   return levels;
 }
 
-function wide(text) {
-  let sum = 0;
-  for (const letter of text) sum += /[A-Z_]/.test(letter) ? 7.9 : 6.1;
-  return sum;
-}
-
-function fitted(text, width) {
-  let most = text.length;
-  while (most > 2 && wide(text.slice(0, most)) + (most < text.length ? 8 : 0) > width) most -= 1;
-  if (most === text.length) return text;
-  return most > 2 ? `${text.slice(0, most)}…` : "";
-}
-
-function ticks(low, high) {
-  const rough = (high - low) / 8, power = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map((base) => base * power).find((each) => each >= rough);
-  const found = [];
-  for (let number = Math.ceil(low / step - 1e-9); number * step <= high + step * 1e-9; number += 1) found.push(number * step);
-  return [found, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
-}
-
-function stacked(moments, x) {
-  const ends = [];
-  return moments.map((moment) => {
-    const at = x(moment.t);
-    let level = ends.findIndex((end) => at - end > NEAR);
-    if (level < 0) level = ends.length;
-    ends[level] = at;
-    return [moment, at, level];
-  });
-}
-
-function chart(test, told) {
-  const rows = lanes(test);
-  const svg = document.createElementNS(SVG, "svg");
-  svg.setAttribute("aria-label", `${test.id} over time`);
-  const moments = [...test.moments].sort((one, other) => one.t - other.t);
-  const first = moments.find((each) => each.change);
-  let begin = 0, end = Math.max(test.end_s, 0.001), chosen = null, left = 0, scale = 1;
-  const tell = (what, text) => { chosen = what; told.textContent = text; draw(); };
-  const draw = () => {
-    svg.replaceChildren();
-    const width = (svg.clientWidth || 900) - LEFT - 8;
-    [left, scale] = [begin, (end - begin) / width];
-    const x = (t) => LEFT + ((t - begin) / (end - begin)) * width;
-    const inside = (t) => Math.min(Math.max(t, begin), end);
-    rows.forEach(([name, spans, colour], row) => {
-      drawn(svg, "text", { x: 6, y: row * ROW + 17 }, name);
-      for (const span of spans) {
-        if (span[1] < begin || span[0] > end) continue;
-        const from = x(inside(span[0])), to = Math.max(x(inside(span[1])), from + 2);
-        const bar = drawn(svg, "rect", { x: from, y: row * ROW + 3, width: to - from, height: ROW - 6, fill: colour(span[2]) || "#adb5bd", class: chosen === span ? "mark told" : "mark" });
-        drawn(bar, "title", {}, `${span[2]}: ${span[0]} s to ${span[1]} s`);
-        bar.onclick = () => tell(span, `${name}: ${span[2]}\nfrom ${span[0]} s to ${span[1]} s`);
-        drawn(svg, "text", { x: from + 4, y: row * ROW + 17, class: "inside" }, fitted(span[2], to - from - 4));
-      }
-    });
-    const base = rows.length * ROW;
-    drawn(svg, "text", { x: 6, y: base + 17 }, "decisions");
-    const dots = stacked(moments.filter((each) => each.t >= begin && each.t <= end), x);
-    const levels = Math.max(1, ...dots.map((dot) => dot[2] + 1));
-    const height = base + 14 + levels * STEP + 96;
-    svg.setAttribute("height", height);
-    if (first !== undefined && first.t >= begin && first.t <= end) {
-      drawn(svg, "line", { x1: x(first.t), x2: x(first.t), y1: 0, y2: height - 18, class: "first" });
-    }
-    for (const [moment, at, level] of dots) {
-      const kind = moment.change === "removed" ? "removed" : moment.change ? "different" : "same";
-      const size = { cx: at, cy: base + ROW / 2 + level * STEP, r: moment.change ? 6 : 4.5 };
-      const dot = drawn(svg, "circle", { ...size, class: `mark ${kind}${moment === chosen ? " told" : ""}` });
-      drawn(dot, "title", {}, `${moment.t} s ${moment.move} by ${moment.rule}${moment.change ? `, ${moment.change}` : ""}`);
-      dot.onclick = () => tell(moment, describe(moment));
-    }
-    heights(svg, test, base + 14 + levels * STEP, x, begin, end);
-    const [times, digits] = ticks(begin, end);
-    for (const t of times) drawn(svg, "text", { x: x(t), y: height - 4, "text-anchor": "middle" }, `${t.toFixed(digits)} s`);
+// The chart of a test: lanes, decisions and height over one time. A decision that is not the golden's is red or grey.
+function chart(test, place, told) {
+  const moments = [...test.moments].sort((one, other) => one.t - other.t), first = moments.find((each) => each.change);
+  const stack = new Stack(place, 0, Math.max(test.end_s, 0.001), {});
+  let chosen = null;
+  const tell = (what) => {
+    chosen = what;
+    told.textContent = Array.isArray(what) ? `${what[3]}: ${what[2]}\nfrom ${what[0]} s to ${what[1]} s` : describe(what);
+    stack.show(Array.isArray(what) ? what[0] : what.t);
   };
-  const zoom = (at, factor) => {
-    begin = Math.max(0, at - (at - begin) * factor);
-    end = Math.min(test.end_s, at + (end - at) * factor);
-    if (end - begin < 0.02) end = begin + 0.02;
-    draw();
-  };
-  const time = (event) => left + (event.clientX - svg.getBoundingClientRect().left - LEFT) * scale;
-  svg.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    zoom(time(event), event.deltaY > 0 ? 1.25 : 0.8);
-  }, { passive: false });
-  let held = null;
-  svg.onpointerdown = (event) => { held = [event.clientX, begin, end]; };
-  svg.onpointermove = (event) => {
-    if (!held || !event.buttons) { pointed(svg, time(event), event); return; }
-    const by = ((held[0] - event.clientX) / (svg.clientWidth - LEFT)) * (held[2] - held[1]);
-    const shift = Math.min(Math.max(by, -held[1]), test.end_s - held[2]);
-    [begin, end] = [held[1] + shift, held[2] + shift];
-    draw();
-  };
-  const whole = () => { begin = 0; end = test.end_s; draw(); };
-  svg.ondblclick = whole;
-  const step = (by) => { // to the next decision; it is brought into view
+  const colour = (moment) => themed(moment.change === "removed" ? "open" : moment.change ? "bad" : "dot");
+  const rows = lanes(test).map(([name, spans, hue]) => ({ name, colour: hue, spans: spans.map((span) => [...span.slice(0, 3), name]) }));
+  const points = moments.map((each) => [each.t, `${each.t} s ${each.move} by ${each.rule}${each.change ? `, ${each.change}` : ""}`, colour(each), each]);
+  stack.add(new Bands("Over time", rows, [{ name: "decisions", points, symbol: "circle" }], tell));
+  if (test.height) stack.add(new Lines(test.height));
+  const step = (by) => {
     const now = moments.indexOf(chosen), next = moments[now < 0 ? (by > 0 ? 0 : moments.length - 1) : now + by];
-    if (next === undefined) return;
-    const shift = next.t < begin ? next.t - begin : next.t > end ? next.t - end : 0;
-    [begin, end] = [begin + shift, end + shift];
-    tell(next, describe(next));
+    if (next !== undefined) tell(next);
   };
-  const middle = () => (chosen && chosen.t >= begin && chosen.t <= end ? chosen.t : (begin + end) / 2);
   const difference = () => {
     if (first === undefined) return;
-    [begin, end] = [Math.max(0, first.t - 2.5), Math.min(Math.max(test.end_s, first.t), first.t + 2.5)];
-    tell(first, describe(first));
+    stack.view(first.t - 2.5, first.t + 2.5);
+    tell(first);
   };
-  const acts = { "+": () => zoom(middle(), 0.5), "-": () => zoom(middle(), 2), 0: whole, f: difference, ArrowRight: () => step(1), ArrowLeft: () => step(-1) };
-  const tools = element("p", "Wheel: zoom. Drag: move. ", { class: "hint" });
+  const acts = { "+": () => stack.zoom(0.5), "-": () => stack.zoom(2), 0: () => stack.view(stack.first, stack.last), f: difference, ArrowRight: () => step(1), ArrowLeft: () => step(-1) };
+  const tools = element("p", "Drag: zoom. Double click: all. ", { class: "hint" });
   const tool = (text, key) => { tools.appendChild(element("button", text, { title: `key ${key}` })).onclick = acts[key]; };
-  tool("+", "+");
-  tool("−", "-");
-  tool("all", "0");
-  tool("‹ decision", "ArrowLeft");
-  tool("decision ›", "ArrowRight");
+  for (const [text, key] of [["+", "+"], ["−", "-"], ["all", "0"], ["‹ decision", "ArrowLeft"], ["decision ›", "ArrowRight"]]) tool(text, key);
   if (first !== undefined) tool("first difference", "f");
   tools.appendChild(element("br"));
   for (const [key, what] of [["↑ ↓", "scenario"], ["← →", "decision"], ["+ − 0", "zoom"], ["f", "first difference"], ["/", "filter"]]) {
     tools.appendChild(element("kbd", key));
     tools.appendChild(document.createTextNode(` ${what}  `));
   }
-  if (first !== undefined) [chosen, told.textContent] = [first, describe(first)];
-  return { svg, draw, tools, acts };
-}
-
-function pointed(svg, t, event) {
-  svg.querySelectorAll(".cursor").forEach((each) => each.remove());
-  const at = event.clientX - svg.getBoundingClientRect().left, height = svg.getAttribute("height");
-  if (at < LEFT) return;
-  drawn(svg, "line", { x1: at, x2: at, y1: 0, y2: height - 18, class: "cursor" });
-  drawn(svg, "text", { x: at + 4, y: height - 22, class: "cursor" }, `${t.toFixed(2)} s`);
-}
-
-function heights(svg, test, top, x, begin, end) {
-  const points = test.height.filter(([t]) => t >= begin && t <= end);
-  if (!points.length) return;
-  const most = Math.max(1, ...test.height.map(([, value]) => value));
-  const path = points.map(([t, value]) => `${x(t)},${top + 62 - (Math.max(value, 0) / most) * 56}`).join(" ");
-  drawn(svg, "text", { x: 6, y: top + 20 }, `height, up to ${Math.max(...test.height.map(([, value]) => value))} m`);
-  drawn(svg, "polyline", { points: path, class: "curve" });
+  if (first !== undefined) tell(first);
+  return { stack, tools, acts };
 }
 
 function describe(moment) {
@@ -232,7 +103,8 @@ function describe(moment) {
 
 function show(number) {
   const test = CONTENT.tests[number];
-  shown = { number, acts: {}, draw: () => {} };
+  if (shown !== null && shown.stack) shown.stack.close();
+  shown = { number, acts: {} };
   for (const item of document.querySelectorAll("li")) {
     const chosen = Number(item.dataset.number) === number;
     item.classList.toggle("chosen", chosen);
@@ -248,12 +120,9 @@ function show(number) {
   head.appendChild(document.createTextNode(test.headline));
   if (test.states.length) {
     const told = element("pre", "Click a bar or a decision for its values.", { "aria-live": "polite" });
-    const made = chart(test, told);
-    main.appendChild(made.svg);
-    main.appendChild(made.tools);
-    main.appendChild(told);
+    const made = chart(test, main.appendChild(element("div")), told);
+    main.append(made.tools, told);
     Object.assign(shown, made);
-    made.draw();
   }
   if (test.difference.length) {
     main.appendChild(element("h3", "Against the golden"));
@@ -285,6 +154,7 @@ function expectations(main, test) {
 
 function table(title, head, rows, kind) {
   const main = $("main");
+  if (shown !== null && shown.stack) shown.stack.close();
   shown = null;
   for (const item of document.querySelectorAll("li")) item.classList.remove("chosen");
   main.replaceChildren(element("h2", title));
@@ -361,8 +231,6 @@ document.onkeydown = (event) => {
   event.preventDefault();
   acts[event.key]();
 };
-window.onresize = () => { if (shown) shown.draw(); };
-
 function goThere() {
   const wanted = decodeURIComponent(location.hash.slice(1));
   if (wanted === "coverage") coverage();

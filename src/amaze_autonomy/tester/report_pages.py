@@ -1,27 +1,28 @@
-"""Puts page.html, page.css, page.js and the content together into one file."""
+"""The report of a suite, and the map of a sweep, as one HTML page each, of the parts of every page (`pages/`)."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
-from amaze_autonomy.whole_file import write_whole
 
-from ...journal.journal import JournalError
-from ...journal.trace import Span, Trace, trace_of
-from ...pages.contents import STATE_COLOURS
-from ...replay.errors import ReplayError
-from ...replay.timeline import value_text
-from ..coverage import Coverage
-from ..golden import align, read_golden
-from ..golden.align import without_numbers
-from ..golden.store import golden_path
-from ..result import Result, Verdict
-from ..scenario import load_cases
+from ..journal.journal import JournalError
+from ..journal.trace import Span, Trace, trace_of
+from ..pages.contents import STATE_COLOURS
+from ..pages.document import write_document
+from ..pages.readings import Series
+from ..replay.errors import ReplayError
+from ..replay.timeline import value_text
+from .coverage import Coverage
+from .golden import align, read_golden
+from .golden.align import without_numbers
+from .golden.store import golden_path
+from .result import Result, Verdict
+from .scenario import load_cases
+from .sweep import Flight, Sweep
 
-__all__ = ["STATE_COLOURS", "page_content", "write_page"]
+__all__ = ["page_content", "sweep_content", "write_page", "write_sweep_page"]
 
 # --- content ----------------------------------------------------------------------------------------------------------
 # What the page shows, as plain values: lanes over time, decisions with their values, coverage, speed.
@@ -29,6 +30,7 @@ __all__ = ["STATE_COLOURS", "page_content", "write_page"]
 
 _RANK = {Verdict.FAIL: 0, Verdict.ERROR: 1, Verdict.VACUOUS: 2, Verdict.INCONCLUSIVE: 3, Verdict.PASS: 4}
 _Bar = Tuple[float, float, str]
+_MOST_POINTS = 1000
 
 
 def page_content(results: Sequence[Result], coverage: Optional[Coverage], wall_s: float) -> Dict[str, Any]:
@@ -57,7 +59,7 @@ def _test(result: Result) -> Dict[str, Any]:
 def _lanes(result: Result) -> Dict[str, Any]:
     """Return what is drawn; nothing for a test that did not run."""
     if not result.story:
-        return {"end_s": 0.0, "states": [], "golden": [], "codes": {}, "quiet": [], "moments": [], "height": []}
+        return {"end_s": 0.0, "states": [], "golden": [], "codes": {}, "quiet": [], "moments": [], "height": None}
     trace = trace_of(result.story, result.start_ns)
     golden = _golden(result)
     before = {} if golden is None else {change.after: change.kind.value for change in align(golden, trace.decisions)}
@@ -72,7 +74,7 @@ def _lanes(result: Result) -> Dict[str, Any]:
         "quiet": [name for name, spans in trace.codes.items() if all(s.value == "1" for s in spans)],
         "moments": [_moment(each, trace, before.get(each, "")) for each in trace.decisions]
         + [_moment(each, trace, "removed") for each in lost],
-        "height": _thinned([(round(trace.seconds(t), 2), round(v, 2)) for t, v in trace.readings.get("height_m", ())]),
+        "height": _height(trace),
     }
 
 
@@ -117,15 +119,13 @@ def _moment(decision: Decision, trace: Trace, change: str) -> Dict[str, Any]:
     }
 
 
-def _thinned(points: List[Tuple[float, float]], most: int = 300) -> List[Tuple[float, float]]:
-    step = max(1, len(points) // most)
-    return points[::step]
-
-
-# --- page -------------------------------------------------------------------------------------------------------------
-
-
-_HERE = Path(__file__).parent
+def _height(trace: Trace) -> Optional[Dict[str, Any]]:
+    """Return the plot of the height; None where nobody tells it."""
+    points = trace.readings.get("height_m", ())
+    if not points:
+        return None
+    line = Series("height", [trace.seconds(t_ns) for t_ns, _ in points], [value for _, value in points])
+    return {"title": "Height", "unit": "m", "series": [line.plain(_MOST_POINTS)], "limits": []}
 
 
 def write_page(path: Path, results: Sequence[Result], coverage: Optional[Coverage], wall_s: float) -> None:
@@ -139,11 +139,56 @@ def write_page(path: Path, results: Sequence[Result], coverage: Optional[Coverag
 
     Raises:
         OSError: it cannot be written.
+        PageError: the plot library is not installed.
     """
-    content = json.dumps(page_content(results, coverage, wall_s), separators=(",", ":"), allow_nan=False)
-    page = (_HERE / "page.html").read_text("utf-8")
-    parts = {"css": "page.css", "js": "page.js"}
-    for mark, name in parts.items():
-        page = page.replace(f"@{mark}@", (_HERE / name).read_text("utf-8"))
-    # "</script>" inside a text would end the script; JSON allows to write "<" as an escape.
-    write_whole(path, page.replace("@content@", content.replace("<", "\\u003c")))
+    write_document(path, "Scenarios", ("report",), page_content(results, coverage, wall_s))
+
+
+# --- sweep ------------------------------------------------------------------------------------------------------------
+
+
+def write_sweep_page(path: Path, title: str, result: Sweep) -> None:
+    """Write the map of a sweep: the state over flight time for each time of the fault, with the boundaries.
+
+    Args:
+        path: of the file.
+        title: what was swept: the scenario.
+        result: of the sweep.
+
+    Raises:
+        OSError: it cannot be written.
+        PageError: the plot library is not installed.
+    """
+    write_document(path, title, ("sweep",), sweep_content(title, result))
+
+
+def sweep_content(title: str, result: Sweep) -> Dict[str, Any]:
+    """Return all that the map shows: a bar for each state of each flight, as wide as half-way to its neighbours."""
+    outcomes = list(dict.fromkeys(flight.outcome for flight in result.flights))
+    columns = list(zip(result.flights, _columns(result.flights)))
+    boundaries = [(each.after_s, each.before_s, *each.outcomes) for each in result.boundaries]
+    marks = [(after_s + before_s) / 2 for after_s, before_s, *_ in boundaries]
+    ends = [result.flights[0].t_s, *marks, result.flights[-1].t_s]
+    return {
+        "title": title,
+        "about": f"{result.fault}. {result.runs} runs, {len(outcomes)} outcomes, {len(boundaries)} boundaries.",
+        "clock": result.clock,
+        "colours": dict(STATE_COLOURS),
+        "letters": {outcome: chr(ord("A") + number % 26) for number, outcome in enumerate(outcomes)},
+        "runs": {outcome: sum(flight.outcome == outcome for flight in result.flights) for outcome in outcomes},
+        "bars": [
+            ((left + right) / 2, right - left, begin_s, end_s, state, flight.t_s)
+            for flight, (left, right) in columns
+            for begin_s, end_s, state in flight.states
+        ],
+        "began": [(flight.t_s, flight.began_s) for flight in result.flights if flight.began_s is not None],
+        "regions": list(zip(ends, ends[1:], [*(each[2] for each in boundaries), result.flights[-1].outcome])),
+        "boundaries": boundaries,
+    }
+
+
+def _columns(flights: Sequence[Flight]) -> List[Tuple[float, float]]:
+    """Return from where to where each flight stands: half-way to its neighbours."""
+    times = [flight.t_s for flight in flights]
+    middles = [(one + other) / 2 for one, other in zip(times, times[1:])]
+    return list(zip([times[0], *middles], [*middles, times[-1]]))
