@@ -83,11 +83,9 @@ class CheckTraits:
 
 
 CHECKS: Mapping[CheckName, CheckTraits] = {
+    **dict.fromkeys(CheckName, CheckTraits()),
     CheckName.WATCHDOG: CheckTraits(("mission_id", "required", "startup_time_ns"), watches=True),
     CheckName.BATTERY: CheckTraits(("required_fraction",)),
-    CheckName.AUTOPILOT: CheckTraits(),
-    CheckName.ON_GROUND: CheckTraits(),
-    CheckName.STATE_ESTIMATION: CheckTraits(),
 }
 
 

@@ -118,9 +118,9 @@ class Answers:
 
 
 RECORDED: Mapping[CheckName, Recorded] = {
+    **{name: Recorded(name.value.replace("_", " ")) for name in CheckName},  # no recording tells
     CheckName.WATCHDOG: Recorded("watchdog", (), Answers.watchdog),
     CheckName.BATTERY: Recorded("battery fraction", ("battery",), Answers.battery),
-    CheckName.AUTOPILOT: Recorded("autopilot"),
     CheckName.ON_GROUND: Recorded("distance to ground", ("range",), Answers.on_ground),
     CheckName.STATE_ESTIMATION: Recorded("tilt", ("imu", "estimate"), Answers.state_estimation),
 }
