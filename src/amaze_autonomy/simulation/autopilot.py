@@ -7,7 +7,7 @@ from math import sqrt
 from typing import Dict, List, Optional, Tuple
 
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Request, RunCheck
-from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Event, Outcome, VehicleLanded
+from amaze_autonomy.engine.events import AutopilotStatus, Event, VehicleLanded
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 
@@ -47,26 +47,19 @@ class Autopilot(Peer):
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Check, land or disarm."""
-        if isinstance(command, RunCheck):
-            rows = self._check(t_ns)
-            if "required_fraction" in CHECKS[command.check].asks:
-                rows = self._monitor.check(t_ns, command.required_fraction).checks
-            return CheckReply(
-                t_ns=t_ns,
-                command_id=command.id,
-                check=command.check,
-                outcome=Outcome.ACCEPTED,
-                ok=all(row.passed for row in rows),
-                checks=rows,
-            )
+        if not isinstance(command, (AutopilotLand, AutopilotDisarm)):
+            return super().answer(t_ns, command)
         if self.site.world_fault("autopilot_link_lost") is not None:
             return refused(command, "no link to the vehicle")
-        problem = "not the autopilot's business"
-        if isinstance(command, AutopilotLand):
-            problem = self.site.vehicle.land()
-        elif isinstance(command, AutopilotDisarm):
-            problem = self.site.vehicle.disarm()
+        vehicle = self.site.vehicle
+        problem = vehicle.land() if isinstance(command, AutopilotLand) else vehicle.disarm()
         return refused(command, problem) if problem else accepted(command)
+
+    def checks(self, t_ns: int, command: RunCheck) -> Tuple[Check, ...]:
+        """Tell what a takeoff needs of it, or of its battery."""
+        if "required_fraction" in CHECKS[command.check].asks:
+            return self._monitor.check(t_ns, command.required_fraction).checks
+        return self._check(t_ns)
 
     def step(self, t_ns: int) -> List[Event]:
         """Listen, and tell."""

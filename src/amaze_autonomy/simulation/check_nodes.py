@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Deque, Dict, List, NamedTuple, Optional
+from typing import Deque, Dict, List, NamedTuple, Tuple
 
-from amaze_autonomy.engine.commands import Request, RunCheck
-from amaze_autonomy.engine.events import CheckReply, Event, LandedStatus, Outcome
+from amaze_autonomy.engine.commands import RunCheck
+from amaze_autonomy.engine.events import Event, LandedStatus
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor
 
-from .peer import Cadence, Peer, Site, refused, slowness
+from ..engine.events import Check
+from .peer import Cadence, Peer, Site, slowness
 from .readings import EstimateReader, ImuReader, RangeReader
 from .streams import Batch
 from .vehicle import Pose
@@ -29,19 +30,9 @@ class LandingDetection(Peer):
         self._reader = RangeReader(site.settings.landing, site.noise(self.name))
         self._cadence = Cadence(site.settings.rates.landing_detection_rate_hz)
 
-    def answer(self, t_ns: int, command: Request) -> Optional[Event]:
+    def checks(self, t_ns: int, command: RunCheck) -> Tuple[Check, ...]:  # noqa: ARG002
         """Tell whether the vehicle is on the ground."""
-        if not isinstance(command, RunCheck):
-            return refused(command, "not the landing detection's business")
-        rows = self._detector.checks(t_ns)
-        return CheckReply(
-            t_ns=t_ns,
-            command_id=command.id,
-            check=command.check,
-            outcome=Outcome.ACCEPTED,
-            ok=all(row.passed for row in rows),
-            checks=rows,
-        )
+        return self._detector.checks(t_ns)
 
     def step(self, t_ns: int) -> List[Event]:
         """Take in what came, judge, and tell."""
@@ -98,20 +89,10 @@ class StateEstimation(Peer):
         self._imu = ImuReader(spec, site.noise("imu"))
         self._estimate = EstimateReader(site.noise("estimate"))
 
-    def answer(self, t_ns: int, command: Request) -> Optional[Event]:
+    def checks(self, t_ns: int, command: RunCheck) -> Tuple[Check, ...]:  # noqa: ARG002
         """Tell whether the states are valid."""
-        if not isinstance(command, RunCheck):
-            return refused(command, "not the state estimation's business")
         self._take_in(t_ns)
-        verdict = self._monitor(t_ns).check(t_ns)
-        return CheckReply(
-            t_ns=t_ns,
-            command_id=command.id,
-            check=command.check,
-            outcome=Outcome.ACCEPTED,
-            ok=verdict.valid,
-            checks=verdict.checks,
-        )
+        return self._monitor(t_ns).check(t_ns).checks
 
     def step(self, t_ns: int) -> List[Event]:
         """Remember what came."""

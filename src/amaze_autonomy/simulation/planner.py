@@ -30,14 +30,14 @@ class Planner(Peer):
         self._was_armed = False
         self._cadence = Cadence(site.settings.rates.planner_status_rate_hz)
 
-    def answer(self, t_ns: int, command: Request) -> Optional[Event]:  # noqa: ARG002
+    def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Load a waypoint file, or carry out a command."""
         if isinstance(command, LoadMission):
             problem = self._load(command)
         elif isinstance(command, MissionCommand):
             problem = self._command(command)
         else:
-            problem = "not the planner's business"
+            return super().answer(t_ns, command)
         return refused(command, problem) if problem else accepted(command)
 
     def step(self, t_ns: int) -> List[Event]:

@@ -50,7 +50,7 @@ class Recorder(Peer):
         elif isinstance(command, StopRecording):
             problem = self._stop(t_ns, command)
         else:
-            problem = "not the recorder's business"
+            return super().answer(t_ns, command)
         return refused(command, problem) if problem else accepted(command)
 
     def step(self, t_ns: int) -> List[Event]:

@@ -13,7 +13,7 @@ from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
 from ..engine.events import Verdict
 from ..monitoring.watchdog import Streams
-from .peer import Cadence, Peer, Site, refused, slowness
+from .peer import Cadence, Peer, Site, slowness
 from .scenario import Subject
 from .streams import Batch, Content
 
@@ -43,7 +43,7 @@ class SimulatedWatchdog(Peer):
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Begin to watch, or make a new take-off check; the first answer waits for the components to come up."""
         if not isinstance(command, RunCheck):
-            return refused(command, "not the watchdog's business")
+            return super().answer(t_ns, command)
         first = not self._watchdog.started
         mission = self.site.settings.mission(command.mission_id)
         self._watchdog.start(
