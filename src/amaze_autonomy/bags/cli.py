@@ -1,4 +1,4 @@
-"""`amaze-bag`: look into bags, find damage, recover, merge, verify; on any machine, without ROS.
+"""`amaze-bag`: look into bags, find damage, recover, merge, filter, cut, verify; on any machine, without ROS.
 
 A command loads only what it needs: numpy alone takes longer to load than a recovery in place takes.
 """
@@ -70,6 +70,17 @@ examples:
   amaze-bag merge main.bag camera.bag -o flight.bag --offsets-s 0,-3.02     the camera's clock was 3.02 s ahead
   amaze-bag merge main.bag camera.bag -o flight.bag --duplicates drop       both recorded /rosout
 """,
+    "filter": """\
+examples:
+  amaze-bag filter flight.bag -o small.bag --without '/camera/*'
+  amaze-bag filter flight.bag -o imu.bag --types sensor_msgs/Imu --verify
+  amaze-bag filter flight.bag -o landing.bag --topics '/mavros/*' /tf_static --from 310 --latched
+""",
+    "cut": """\
+examples:
+  amaze-bag cut flight.bag -o landing.bag --from 310 --to 342.5          seconds from the first message
+  amaze-bag cut flight.bag -o noon.bag --from 2026-11-22T12:00:00Z --latched
+""",
     "verify": """\
 examples:
   amaze-bag verify flight.bag                         its inputs are in the manifest beside it
@@ -119,6 +130,7 @@ def _parser() -> argparse.ArgumentParser:
     recover.add_argument("--force", action="store_true", help="replace an existing output")
 
     _add_merge(adder)
+    _add_filter(adder)
     verify = _command(adder, "verify", "compare a merged bag with its inputs, and readers with each other", _verify)
     verify.add_argument("bag", type=Path, metavar="BAG")
     verify.add_argument("inputs", nargs="*", type=Path, metavar="INPUT", help="default: those of the manifest")
@@ -148,6 +160,40 @@ def _add_merge(adder: Any) -> None:
     merge.add_argument("--force", action="store_true", help="replace an existing output")
     merge.add_argument("--verify", action="store_true", help="then verify, as the command verify does")
     _add_readers(merge)
+
+
+def _add_filter(adder: Any) -> None:
+    named = _command(adder, "filter", "some topics, types, or some time of a bag as a bag", _filter)
+    cut = _command(adder, "cut", "a time of a bag as a bag", _filter)
+    named.add_argument("--topics", nargs="+", default=(), metavar="PATTERN", help="that are wanted, as '/camera/*'")
+    named.add_argument("--without", nargs="+", default=(), metavar="PATTERN", help="topics that are not wanted")
+    named.add_argument("--types", nargs="+", default=(), metavar="PATTERN", help="that are wanted, as 'sensor_msgs/*'")
+    cut.set_defaults(topics=(), without=(), types=())
+    for parser in (named, cut):
+        parser.add_argument("bag", type=Path, metavar="BAG", help="is only read")
+        parser.add_argument("-o", "--output", type=Path, required=True)
+        words = "from the first message in seconds, or a date and time in UTC (2026-11-22T12:00:00Z)"
+        parser.add_argument("--from", type=_moment, dest="begin", metavar="TIME", help=f"from then on: {words}")
+        parser.add_argument("--to", type=_moment, dest="end", metavar="TIME", help="before then, likewise")
+        words = "of latched topics, such as /tf_static, also the last message before --from, with its own time"
+        parser.add_argument("--latched", action="store_true", help=words)
+        words = "of the output; auto (default): chunks that are wanted whole as they are, all others none"
+        parser.add_argument("--compression", choices=_COMPRESSIONS, default="auto", help=words)
+        parser.add_argument("--force", action="store_true", help="replace an existing output")
+        parser.add_argument("--verify", action="store_true", help="then compare with the original, message by message")
+        _add_readers(parser)
+
+
+def _moment(text: str) -> Tuple[int, bool]:
+    """Return a time in ns, and whether it is counted from the first message."""
+    if "-" not in text[1:]:
+        return _second(text), True
+    try:
+        when = datetime.fromisoformat(text.replace("Z", "+00:00"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither seconds nor a date and time") from None
+    seconds = (when if when.tzinfo else when.replace(tzinfo=timezone.utc)).timestamp()
+    return round(seconds * 1e6) * 1000, False
 
 
 def _add_readers(parser: argparse.ArgumentParser) -> None:
@@ -324,6 +370,35 @@ def _merge(options: argparse.Namespace) -> bool:
         lines += _verify_lines(verified)
     _show(lines, manifest, as_json=options.json)
     return bool(verified and verified.problems)
+
+
+def _filter(options: argparse.Namespace) -> bool:
+    """Write a part of a bag, verify it if asked."""
+    from .filter import Part, filter_bag, verify_part
+    from .merge import MergeOptions
+
+    begin, end = options.begin or (0, None), options.end or (None, None)
+    if None not in (begin[1], end[1]) and begin[1] != end[1]:
+        raise BagError("--from and --to", "are not of one kind", "give both in seconds, or both as dates")
+    relative = begin[1] is not False and end[1] is not False
+    times = (begin[0], end[0], relative)
+    if not relative or end[0] is None or begin[0] < end[0]:
+        part = Part(tuple(options.topics), tuple(options.without), tuple(options.types), *times, options.latched)
+    else:
+        raise BagError("--from and --to", f"{begin[0] / SECOND} s is not before {end[0] / SECOND} s", "exchange them")
+    how = MergeOptions(compression=options.compression, replace=options.force, memory=options.memory)
+    with _progress_bar(options.name) as progress:
+        merged = filter_bag(options.bag, options.output, part, how, progress)
+    lines, problems = _merge_lines(merged), False
+    result: Dict[str, Any] = {"output": str(merged.path), "bytes": merged.size, "messages": merged.messages}
+    if options.verify:
+        with _progress_bar("verify") as progress:
+            asked = {"readers": options.readers, "memory": options.memory, "progress": progress}
+            verified = verify_part(options.bag, options.output, part, **asked)
+        lines, problems = [*lines, *_verify_lines(verified)], bool(verified.problems)
+        result["problems"] = list(verified.problems)
+    _show(lines, result, as_json=options.json)
+    return problems
 
 
 def _verify(options: argparse.Namespace) -> bool:

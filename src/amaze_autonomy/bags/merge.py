@@ -24,10 +24,11 @@ from .format import MEMORY, Connection, Identity
 from .index import ChunkHead, Index
 from .manifest import Tally
 from .merge_writer import Writing
-from .read import GROUP_BYTES, Block, Loader, Pool, relabel
+from .read import GROUP_BYTES, Block, Loader, Pool, Table, relabel
 from .write import Output
 
 if TYPE_CHECKING:  # loading them all would be a good part of a short run
+    from .filter import Selection
     from .lz4_chunk_copy import Carriers
 
 __all__ = ["Group", "MergeOptions", "Merged", "Source", "Unified", "merge", "unify"]
@@ -141,6 +142,7 @@ class Source:
         verbatim: chunks that are copied as they are.
         unseen: for each connection here, whether the bytes of its messages need not be seen.
         carriers: loads chunks that are to stay compressed; None when none is.
+        selection: of its messages; None: all.
     """
 
     def __init__(
@@ -152,15 +154,16 @@ class Source:
         verbatim: Set[int],
         unseen: Any,
         carriers: Optional[Carriers] = None,
+        selection: Optional[Selection] = None,
     ) -> None:
         self.index, self.number = index, number
         self._loader, self._carriers = Loader(index, number, unseen), carriers
         self._target, self._shift_ns, self._verbatim = target, shift_ns, verbatim
-        chunks = index.chunks
+        chunks, self._selection = index.chunks, selection
         self._order = [
             each
             for each in sorted(range(len(chunks)), key=lambda each: (chunks[each].start_ns, each))
-            if chunks[each].counts
+            if chunks[each].counts and (selection is None or selection.touches(chunks[each]))
         ]
         self._next = 0
 
@@ -222,7 +225,7 @@ class Source:
         blocks: List[Block] = []
         for kind, run in groupby(numbers, key=self._kind):
             blocks += self._loaded(kind, list(run), pool)
-        return blocks
+        return blocks if self._selection is None else [_selected(block, self._selection) for block in blocks]
 
     def _kind(self, number: int) -> str:
         if self.index.head(number).compression == "none":
@@ -240,6 +243,16 @@ class Source:
     def _relabelled(self, block: Block) -> Block:
         connection = self._target[block.table.connection]
         return block._replace(table=relabel(block.buffer, block.table, connection, self._shift_ns))
+
+
+def _selected(block: Block, selection: Selection) -> Block:
+    """Return a block with the messages that are wanted; its connections have kept their numbers."""
+    table = block.table
+    mask = selection.mask(table.t_ns, table.connection)
+    columns = (table.t_ns, table.connection, table.start, table.payload, table.end)
+    t_ns, connection, start, payload, end = (column[mask] for column in columns)
+    rows = Table(t_ns, connection, start, payload, end, table.fields)
+    return block._replace(table=rows, origin=block.origin[mask], whole=block.whole[mask])
 
 
 # --- the merge --------------------------------------------------------------------------------------------------------
@@ -260,6 +273,7 @@ class MergeOptions(NamedTuple):
         publishers_apart: whether publishers of one topic keep their own connections, as in a recording.
         replace: whether an existing output may be replaced.
         memory: bytes that the data of a chunk may take when it is decompressed.
+        selection: of the messages of a single input; None: all.
     """
 
     compression: str = "auto"
@@ -269,6 +283,7 @@ class MergeOptions(NamedTuple):
     publishers_apart: bool = True
     replace: bool = False
     memory: int = MEMORY
+    selection: Optional[Selection] = None
 
 
 class Merged(NamedTuple):
@@ -313,7 +328,10 @@ def merge(
         indexes = [stack.enter_context(Index(path, options.memory)) for path in inputs]
         offsets = options.offsets_ns or (0,) * len(indexes)
         _check(indexes, offsets, output)
-        unified = unify(indexes, publishers_apart=options.publishers_apart)
+        if options.selection is None:
+            unified = unify(indexes, publishers_apart=options.publishers_apart)
+        else:
+            unified = _used(indexes[0], options.selection)
         sources = _sources(indexes, offsets, unified, options)
         needed = sum(map(Source.needed, sources)) if options.compression in ("none", "auto") else 0
         out = stack.enter_context(Output(output, replace=options.replace, needed=needed))
@@ -332,6 +350,12 @@ def merge(
         size = out.close(unified.connections)
     warnings = (*unified.warnings, *_duplicate_warnings(writing.duplicates, options.duplicates))
     return Merged(output, size, writing.messages, writing.copied, writing.duplicates, warnings)
+
+
+def _used(index: Index, selection: Selection) -> Unified:
+    """Return the connections of a single input of which a message is left, by the numbers that they have there."""
+    connections = {number: index.connections[number] for number in selection.used}
+    return Unified(connections, [np.arange(len(selection.wanted))], {}, _warnings(connections))
 
 
 def _check(indexes: Sequence[Index], offsets: Sequence[int], output: Path) -> None:
@@ -358,6 +382,7 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
             and all(target[connection] == connection for connection, _ in index.chunks[each].counts)
             and index.head(each).compression in _kept(options.compression)
             and _in_order(index, each)
+            and (options.selection is None or options.selection.holds(index.chunks[each]))
         }
         unwatched: Any = np.isin(target, watched, invert=True)
         unseen = unwatched & (options.compression in ("auto", "none"))
@@ -366,7 +391,7 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
             from .lz4_chunk_copy import Carriers  # noqa: PLC0415  (a circle, and seldom wanted)
 
             carriers = Carriers(index, number, target, offset, unwatched)
-        sources.append(Source(index, number, target, offset, verbatim, unseen, carriers))
+        sources.append(Source(index, number, target, offset, verbatim, unseen, carriers, options.selection))
     return sources
 
 

@@ -14,7 +14,7 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from .index import Index
 from .manifest import Tallies, Tally, TopicKey, checksums, payload_checksums
 from .merge import Source
 from .read import Block, Pool
+
+if TYPE_CHECKING:  # a circle
+    from .filter import Selection
 
 __all__ = ["READERS", "Counted", "Reading", "Verified", "count", "disagreements", "read_with", "verify"]
 
@@ -94,8 +97,15 @@ class _Counter:
         self.last = last if self.last is None else max(self.last, last)
 
 
-def count(path: Path, shift_ns: int = 0, progress: Optional[Progress] = None, *, memory: int = MEMORY) -> Counted:
-    """Read all of a bag; check every chunk against its index.
+def count(
+    path: Path,
+    shift_ns: int = 0,
+    progress: Optional[Progress] = None,
+    selection: Optional[Selection] = None,
+    *,
+    memory: int = MEMORY,
+) -> Counted:
+    """Read all of a bag, or a selection of its messages; check every chunk against its index.
 
     Raises:
         BagError: It is damaged.
@@ -103,7 +113,7 @@ def count(path: Path, shift_ns: int = 0, progress: Optional[Progress] = None, *,
     with Index(path, memory) as index, Pool() as pool:
         counter = _Counter(index)
         target = np.arange(max(index.connections, default=0) + 1)
-        source = Source(index, 0, target, shift_ns, set(), np.zeros(len(target), bool))
+        source = Source(index, 0, target, shift_ns, set(), np.zeros(len(target), bool), selection=selection)
         total, done = sum(chunk.end - chunk.position for chunk in index.chunks), 0
         counter.ordered = _chunks_in_order(index)
         while source.more:
@@ -303,6 +313,7 @@ def verify(
     readers: str = "open",
     memory: int = MEMORY,
     progress: Optional[Progress] = None,
+    selection: Optional[Selection] = None,
 ) -> Verified:
     """Compare a merged bag with its inputs, message by message.
 
@@ -314,6 +325,7 @@ def verify(
         readers: none, open (they read the index) or read (they read every message).
         memory: bytes that the data of a chunk may take when it is decompressed.
         progress: called with bytes done and all bytes.
+        selection: of the messages of each input that the output has; None: all.
 
     Raises:
         BagError: A bag is damaged.
@@ -321,8 +333,9 @@ def verify(
     shifts = [0, *(offsets_ns or [0] * len(inputs))]
     paths = [output, *inputs]
     report = _together(paths, progress)
+    selections = [None, *([selection] * len(inputs))]
     with ThreadPoolExecutor(2) as pool:
-        counted = list(pool.map(partial(count, memory=memory), paths, shifts, report))
+        counted = list(pool.map(partial(count, memory=memory), paths, shifts, report, selections))
     readings = read_with(output, every_message=readers == "read") if readers != "none" else []
     problems = disagreements(counted[0], readings)
     if not counted[0].ordered:
