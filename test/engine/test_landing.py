@@ -144,6 +144,18 @@ def test_down_and_then_silent_is_landed():
     assert story.place[0] in ("DATA_CLEANUP", "MISSION_ENDED")
 
 
+@pytest.mark.parametrize("place", ["MISSION flying", "HOLD holding"])
+def test_an_unknown_landed_state_says_nothing_of_a_flight_that_seems_over(place):
+    """Found by steps from states that nobody has reached: it was forgotten that the vehicle had come down."""
+    story = at(place)
+    flight = replace(story.state.flight, active=False, grounded_ns=story.now)
+    story.state = replace(story.state, flight=flight)
+    story.say(armed=True, landed=ev.VehicleLanded.UNKNOWN)
+    assert story.state.flight.grounded_ns == flight.grounded_ns
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR)
+    assert story.state.flight.grounded_ns is None
+
+
 # --- disarm -----------------------------------------------------------------------------------------------------------
 
 
