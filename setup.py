@@ -35,6 +35,7 @@ setup(
     package_dir={"": "src"},
     package_data={
         "": ["py.typed"],
+        "amaze_autonomy.nodes.web": ["page/*"],
         "amaze_autonomy.replay": ["maps/*.yaml"],
         "amaze_autonomy.pages": ["*.html", "*.css", "*.js"],
     },

@@ -97,6 +97,13 @@ def test_a_users_hold_does_not_last_for_ever():
     assert story.motions == ["LAND"]
 
 
+def test_the_users_own_hold_is_no_warning():
+    story = at("MISSION flying")
+    story.look().user("hold")
+    story.after(1.0).expect("HOLD", "holding")
+    assert story.told == ["user_hold"]
+
+
 def test_asking_for_a_hold_twice_does_not_prolong_it():
     story = at("HOLD holding")
     asked_ns = story.state.flight.user_hold_ns

@@ -83,16 +83,16 @@ _NEAR = 0.9  # of a limit
 def readings(said: Telemetry) -> Tuple[Reading, ...]:
     """Return what a pilot reads in flight, in the order of an instrument panel."""
     low = said.battery_fraction is None or said.battery_fraction <= (said.battery_limit or 0.0) + 0.1
+    volts = _tenths(said.battery_voltage, "V")
     flown, longest = said.flight_time, said.flight_time_limit
     old = said.age is None or said.age > _OLD_S
     link_s = max(said.age or 0.0, said.link_age or 0.0) if said.link_age is not None else None
     return (
-        Reading("battery", fraction(said.battery_fraction), _limit("lands at", fraction(said.battery_limit)), low),
-        Reading("voltage", _tenths(said.battery_voltage, "V")),
-        _against("altitude", said.altitude, said.altitude_limit),
+        Reading("battery", fraction(said.battery_fraction), f"{volts}, lands at {fraction(said.battery_limit)}", low),
+        _against("altitude", said.altitude, "above", said.altitude_limit),
         Reading("speed", _tenths(said.speed, "m/s")),
         Reading("climb", _tenths(said.climb, "m/s")),
-        _against("home", said.distance, said.distance_limit),
+        _against("home", said.distance, "beyond", said.distance_limit),
         Reading(
             "flight time",
             _UNKNOWN if flown is None else clock(flown),
@@ -106,9 +106,9 @@ def readings(said: Telemetry) -> Tuple[Reading, ...]:
     )
 
 
-def _against(name: str, value: Optional[float], limit: Optional[float]) -> Reading:
+def _against(name: str, value: Optional[float], where: str, limit: Optional[float]) -> Reading:
     near = value is not None and limit is not None and value > _NEAR * limit
-    return Reading(name, _tenths(value, "m"), _limit("lands above", quantity(limit, "m")), near)
+    return Reading(name, _tenths(value, "m"), _limit(f"lands {where}", quantity(limit, "m")), near)
 
 
 def _limit(words: str, value: str) -> str:
@@ -116,4 +116,4 @@ def _limit(words: str, value: str) -> str:
 
 
 def _tenths(value: Optional[float], unit: str) -> str:
-    return _UNKNOWN if value is None else f"{value + 0.0:.1f} {unit}"
+    return _UNKNOWN if value is None else f"{round(value, 1) + 0.0:.1f} {unit}"  # no -0.0

@@ -292,8 +292,9 @@ def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
     """Bring what is wrong up to date, and write down what changed in flight."""
     for change in failsafe.update(turn):
         failure, first = change.failure, len(turn.commands)
-        landing = change.rule == "failure_wait" and turn.lands()
-        if landing or _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state:
+        waits = change.rule == "failure_wait"
+        landing, own = waits and turn.lands(), waits and failure.kind is FailureKind.USER  # own: said by the transition
+        if landing or (not own and _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state):
             key = "failure_while_landing" if landing else change.rule
             turn.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
         place = (turn.state.state, turn.state.step)

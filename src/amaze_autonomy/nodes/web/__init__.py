@@ -1,0 +1,1 @@
+"""The operator's page: a board of what is shown, a server for it, the node."""

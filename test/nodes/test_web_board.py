@@ -1,0 +1,267 @@
+"""What the operator's page is sent, and what becomes of its commands: pure, in virtual time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.console.link import AnswerCame, CollectingCame, MessagesCame, MissionsCame, StateCame
+from amaze_autonomy.console.model import (
+    Collecting,
+    CommandAnswer,
+    MissionRow,
+    Note,
+    PendingFailure,
+    Platform,
+    Request,
+    RequestKind,
+    Snapshot,
+    Telemetry,
+    Verdict,
+)
+from amaze_autonomy.engine.events import Check, UserCommand
+from amaze_autonomy.engine.events import Verdict as CheckVerdict
+from amaze_autonomy.missions import Circle, Fence, Frame, Polygon
+from amaze_autonomy.nodes.web.board import SAMPLES, Board, Have, Orders, plan_of, state_of
+from amaze_autonomy.paths import config_folder
+
+FLYING = Snapshot(state="MISSION", in_flight=True, telemetry=Telemetry(age=0.1, position_x=1.0, position_y=2.0))
+NOTES = tuple(Note("10:00:00", 0, f"message {number}", "", number) for number in range(1, 6))
+TOKEN = "a token of the vehicle"
+
+
+def board_with(*happenings):
+    board = Board("b-1")
+    for second, happening in enumerate(happenings):
+        board.take(happening, float(second))
+    return board
+
+
+# --- board ---
+
+
+def test_a_viewer_gets_all_there_is_and_then_only_what_is_new():
+    board = board_with(StateCame(FLYING), MessagesCame("r-1", NOTES[:2]))
+    news, have = board.since(Have(), 2.5)
+    assert (news["board"], news["age_s"], news["run"]) == ("b-1", 2.5, "r-1")
+    assert (sorted(news["parts"]), [each[0] for each in news["notes"]]) == (["plans", "state"], [1, 2])
+    assert news["samples"] == [[1, 0.0, 1.0, 2.0, None, None, None, None]]
+    board.take(MessagesCame("r-1", NOTES), 3.0)
+    news, have = board.since(have, 3.0)
+    assert (news["parts"], [each[3] for each in news["notes"]], news["samples"]) == (
+        {},
+        ["message 3", "message 4", "message 5"],
+        [],
+    )
+    assert board.since(have, 3.5)[0]["notes"] == []
+
+
+def test_a_viewer_that_was_away_gets_the_messages_after_its_last_one_also_from_another_server():
+    board = board_with(StateCame(FLYING), MessagesCame("r-1", NOTES))
+    for have in (Have("b-1", {}, "r-1", 3, 1), Have("b-0", {"state": 1}, "r-1", 3, 99)):
+        news, _ = board.since(have, 3.0)
+        assert [each[0] for each in news["notes"]] == [4, 5]
+        assert "state" in news["parts"]
+    assert board.since(Have("b-0", {}, "r-1", 3, 99), 3.0)[0]["samples"]
+
+
+def test_after_a_restart_of_the_engine_the_numbers_begin_anew():
+    board = board_with(MessagesCame("r-1", NOTES))
+    _, have = board.since(Have(), 0.0)
+    board.take(MessagesCame("r-2", NOTES[:1]), 1.0)
+    news, have = board.since(have, 1.0)
+    assert (news["run"], [each[0] for each in news["notes"]], have.note) == ("r-2", [1], 1)
+
+
+def test_what_is_the_same_is_not_sent_again():
+    board = board_with(StateCame(FLYING))
+    _, have = board.since(Have(), 0.0)
+    board.take(StateCame(FLYING), 0.1)
+    assert board.since(have, 0.1)[0]["parts"] == {}
+    board.take(StateCame(replace(FLYING, waypoint=2)), 0.2)
+    assert list(board.since(have, 0.2)[0]["parts"]) == ["state"]
+
+
+def test_eight_hours_do_not_grow():
+    board = Board("b-1")
+    for half_second in range(8 * 3600 * 2):
+        telemetry = replace(FLYING.telemetry, position_x=float(half_second))
+        board.take(StateCame(replace(FLYING, telemetry=telemetry)), half_second / 2)
+    news, have = board.since(Have(), 8 * 3600.0)
+    assert (len(news["samples"]), have.sample) == (SAMPLES, 8 * 3600 * 2)
+    assert sorted(news["parts"]) == ["plans", "state"]
+
+
+def test_the_missions_are_asked_for_when_they_can_be_selected_and_again_after_a_flight():
+    board, listed = Board("b-1"), MissionsCame(1, (MissionRow("1", "Square", 1, 1, 41.6, 0.3),))
+    wanted = []
+    for second, state in enumerate(["MISSION_INPUT", "MISSION_INPUT", "PREFLIGHT", "MISSION_ENDED", "MISSION_ENDED"]):
+        board.take(StateCame(Snapshot(state=state)), float(second * 10))
+        wanted.append(board.wants_missions(second * 10.0))
+        board.take(listed, second * 10.0)
+    assert wanted == [True, False, False, True, False]
+    shown = board.since(Have(), 0.0)[0]["parts"]["missions"]
+    question = "Fly mission 1: Square (42 s, battery needed 30 %)?"
+    assert shown == [
+        {"id": "1", "words": "Square", "duration": "42 s", "battery": "30 %", "error": "", "question": question}
+    ]
+
+
+def test_a_state_in_the_words_in_which_it_is_shown():
+    link = "no link to the autopilot"
+    state = state_of(
+        replace(
+            FLYING,
+            failures=(
+                PendingFailure("lrf", 8, "wait", "land", 8.1, "restart limit", "", "silent"),
+                PendingFailure("imu", 16, "land", "", None, "", link, "silent"),
+                PendingFailure("gps", 2, "continue", "", None, "", link, "silent"),
+            ),
+            checks=(Check("tilt", CheckVerdict.FAIL, 0.5, 0.25, "rad", 0.5, "level it"),),
+            answers=(CommandAnswer("land", Verdict.DONE, "Landing."),),
+            user_commands=("land",),
+        )
+    )
+    assert state["faults"] == [
+        {
+            "cause": link,
+            "tone": "bad",
+            "action": "LAND",
+            "left_s": None,
+            "limit": "",
+            "faults": [["imu", 16, "silent"], ["gps", 2, "silent"]],
+        },
+        {
+            "cause": "",
+            "tone": "warn",
+            "action": "waits, then LAND",
+            "left_s": 8.1,
+            "limit": "restart limit",
+            "faults": [["lrf", 8, "silent"]],
+        },
+    ]
+    [check] = state["checks"]
+    assert (check["value"], check["limit"], check["verdict"], check["tone"]) == ("28.6 deg", "14.3 deg", "FAIL", "bad")
+    commands = {each["name"]: each for each in state["commands"]}
+    assert set(commands) == {each.value for each in UserCommand}
+    assert (commands["land"]["possible"], commands["land"]["question"]) == (True, "LAND at the present position?")
+    assert not commands["go"]["possible"]
+
+
+def test_the_recording_on_each_platform():
+    platform = Platform("second", False, 18_000_000, 0.0, 0.08, "", "the disk is nearly full", 3)
+    board = board_with(StateCame(FLYING), CollectingCame(Collecting("", "RECORDING", None, 0.0, (platform,))))
+    [shown] = board.since(Have(), 1.0)[0]["parts"]["recording"]["platforms"]
+    assert shown == {
+        "name": "second",
+        "growing": False,
+        "size": "18.0 MB",
+        "rate": "0.00 MB/s",
+        "free": "8 %",
+        "dropped": 3,
+        "trouble": "the disk is nearly full",
+    }
+
+
+def test_a_mission_is_drawn_with_its_fences():
+    plan = load_configuration(config_folder()).plan("1")
+    fence = Fence((Polygon(((0.0, 0.0), (9.0, 0.0), (0.0, 9.0))),), (Circle((3.0, 3.0), 1.5, stay_in=False),))
+    drawn = plan_of(replace(plan, fences=(fence,)))
+    assert drawn["files"] == [[[point.x_m, point.y_m] for point in plan.trajectories[0].waypoints]]
+    assert drawn["fences"] == [{"in": True, "corners": [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]]}]
+    assert drawn["circles"] == [{"in": False, "centre": [3.0, 3.0], "radius": 1.5}]
+
+
+def test_a_file_whose_heading_is_not_known_before_the_takeoff_is_not_drawn():
+    plan = load_configuration(config_folder()).plan("1")
+    ahead = tuple(replace(each, frame=Frame.START_HEADING) for each in plan.trajectories)
+    assert plan_of(replace(plan, trajectories=ahead))["files"] == [[]]
+
+
+# --- orders ---
+
+
+def order(**changes):
+    given = {"id": "o-1", "token": TOKEN, "board": "b-1", "seen": "READY", "beat": 100.0, "command": "go"}
+    return {**given, **changes}
+
+
+@pytest.fixture
+def orders():
+    return Orders("b-1", TOKEN)
+
+
+def test_an_order_that_comes_again_is_sent_once_and_answered_each_time(orders):
+    answer, request = orders.take(order(), "READY", 100.1)
+    assert (answer, request.command) == (None, UserCommand.GO)
+    assert orders.take(order(), "READY", 102.1) == (None, None)
+    done = {"id": "o-1", "request": "go", "verdict": "DONE", "message": "Starting."}
+    assert orders.answered(AnswerCame(request.id, Verdict.DONE, "Starting.")) == done
+    assert orders.take(order(), "TAKEOFF", 120.0) == (done, None)
+    assert orders.answered(AnswerCame(request.id, Verdict.REFUSED, "again")) is None
+
+
+def test_a_mission_is_selected_by_its_id(orders):
+    _, request = orders.take(order(command=None, missions=["1"], seen="MISSION_INPUT"), "MISSION_INPUT", 100.0)
+    assert (request.kind, request.missions) == (RequestKind.SELECT, ("1",))
+
+
+@pytest.mark.parametrize(
+    "changes, state, verdict, words",
+    [
+        ({"token": "wrong"}, "READY", "REFUSED", "The token is not the one"),
+        ({"token": None}, "READY", "REFUSED", "The token is not the one"),
+        ({"board": "b-0"}, "READY", "NO ANSWER", "was started anew"),
+        ({}, "PREFLIGHT", "REFUSED", "Not sent: the engine is in PREFLIGHT by now."),
+        ({"beat": 94.9}, "READY", "NO ANSWER", "too long under way"),
+        ({"beat": 101.0}, "READY", "NO ANSWER", "too long under way"),
+        ({"beat": "now"}, "READY", "NO ANSWER", "too long under way"),
+        ({"command": "fly home"}, "READY", "REFUSED", "not a command"),
+        ({"command": None, "missions": [1]}, "READY", "REFUSED", "not a command"),
+        ({"command": None, "missions": []}, "READY", "REFUSED", "not a command"),
+    ],
+)
+def test_what_is_not_carried_out(orders, changes, state, verdict, words):
+    answer, request = orders.take(order(**changes), state, 100.0)
+    assert (answer["verdict"], request) == (verdict, None)
+    assert words in answer["message"]
+
+
+def test_what_stops_the_vehicle_or_brings_it_down_is_never_too_late(orders):
+    for number, command in enumerate(("hold", "land", "abort")):
+        late = order(id=f"o-{number}", command=command, beat=0.0, seen="MISSION")
+        assert orders.take(late, "HOLD", 100.0)[1].command is UserCommand(command)
+
+
+def test_what_has_no_id_is_not_answered(orders):
+    for order_id in (None, 7, "", "x" * 65):
+        assert orders.take(order(id=order_id), "READY", 100.0) == (None, None)
+
+
+def test_an_engine_that_does_not_answer_is_named(orders):
+    orders.take(order(), "READY", 100.0)
+    assert orders.overdue(109.0) == []
+    [late] = orders.overdue(110.1)
+    assert (late["verdict"], late["message"]) == ("NO ANSWER", "The engine has not answered within 10 s.")
+    assert orders.overdue(111.0) == []
+
+
+def test_a_flood_of_orders_is_refused_and_old_ones_are_forgotten(orders):
+    sent = [orders.take(order(id=f"o-{n}"), "READY", 100.0)[1] for n in range(100)]
+    assert sum(request is not None for request in sent) == 16
+    for request in sent[:16]:
+        orders.answered(AnswerCame(request.id, Verdict.DONE, ""))
+    for number in range(2000):
+        _, request = orders.take(order(id=f"p-{number}"), "READY", 100.0)
+        orders.answered(AnswerCame(request.id, Verdict.DONE, ""))
+    assert len(orders._orders) == 500
+
+
+def test_a_request_has_the_number_that_its_answer_carries(orders):
+    first = orders.take(order(), "READY", 100.0)[1]
+    second = orders.take(order(id="o-2"), "READY", 100.0)[1]
+    assert isinstance(first, Request)
+    assert first.id != second.id
+    assert orders.answered(AnswerCame(second.id, Verdict.ALREADY, "x"))["id"] == "o-2"
