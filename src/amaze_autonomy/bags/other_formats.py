@@ -128,13 +128,21 @@ class OtherRecording:
             self._entries[topic] = sorted(found)
         return self._entries[topic]
 
+    def raw(self, entry: Entry) -> Any:
+        """Return one message as it was recorded.
+
+        Raises:
+            MessageError: It is damaged.
+        """
+        return self._raw(entry.connection, entry.chunk, entry.offset)
+
     def message(self, entry: Entry) -> Any:
         """Return one message, decoded.
 
         Raises:
             MessageError: It is damaged, or of an encoding that is not read.
         """
-        raw = self._raw(entry.connection, entry.chunk, entry.offset)
+        raw = self.raw(entry)
         channel = self.channels[entry.connection]
         if channel.encoding == "ulog":
             return raw

@@ -148,6 +148,8 @@ class Link(NamedTuple):
     caller: str
     kind: str
     definition: str
+    md5: str = ""
+    latching: bool = False
 
 
 class Indexed:
@@ -173,7 +175,7 @@ class Indexed:
         self._chunk_positions: Any = np.array([chunk.position for chunk in self.index.chunks], np.int64)
         self._numbers = {chunk.position: number for number, chunk in enumerate(self.index.chunks)}
         self.links: Tuple[Link, ...] = tuple(
-            Link(each.number, each.topic, each.caller, each.kind, _definition(each.header))
+            Link(each.number, each.topic, each.caller, each.kind, _definition(each.header), each.md5, each.latching)
             for each in self.index.connections.values()
         )
 
@@ -228,6 +230,8 @@ class Library:
                 each.ext.callerid or "",
                 each.msgtype.replace("/msg/", "/"),
                 getattr(each.msgdef, "data", each.msgdef),  # a str in 0.9, an object in 0.11
+                each.digest,
+                bool(each.ext.latching),
             )
             for each in self._reader.connections
         )
@@ -494,6 +498,18 @@ class Recording:
         except Exception as error:  # the library raises whatever its generated code meets
             kind = self._links[entry.connection].kind
             raise MessageError(f"{kind} cannot be decoded: {error or type(error).__name__}") from error
+
+    def raw(self, entry: Entry) -> bytes:
+        """Return one message as it was recorded.
+
+        Raises:
+            MessageError: It is damaged.
+        """
+        return self._chunks.message(entry.chunk, entry.offset)
+
+    def link(self, connection: int) -> Link:
+        """Return what is known of a connection."""
+        return self._links[connection]
 
     def caller(self, connection: int) -> str:
         """Return the node that published on a connection; empty when unknown."""

@@ -46,7 +46,7 @@ from ..replay.topic_map import TopicMap, load_map, map_names
 
 __all__ = ["main"]
 
-_ALONE = (["run"], ["journal"], ["laws"], ["map"], ["maps"])
+_ALONE = (["run"], ["journal"], ["laws"], ["map"], ["maps"], ["export"])
 DONE, DIFFERENT, IMPOSSIBLE, PARTIAL, VACUOUS = 0, 1, 2, 3, 4
 _KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError, PageError)
 
@@ -78,6 +78,7 @@ def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
         add_commands(commands)
         add_corpus(commands)
     _add_map(commands)
+    _add_export(commands)
     maps = commands.add_parser("maps", help="list the topic maps that ship with the package")
     maps.set_defaults(command=_maps)
     return parser
@@ -119,6 +120,18 @@ def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     proposed.add_argument("--out", type=Path, metavar="FILE", help="write it there; default: print it")
     add_memory(proposed)
     proposed.set_defaults(command=_propose)
+
+
+def _add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    words = "write recordings for other programs: MCAP, tables in CSV, the track as KML"
+    exported = commands.add_parser("export", help=words)
+    exported.add_argument("bags", nargs="+", type=Path, metavar="FILE", help="recordings of one flight")
+    words = "x.mcap, x.kml, or a folder: there a table x.csv for each topic"
+    exported.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help=words)
+    words = "topics that are wanted, as '/camera/*'; default: all"
+    exported.add_argument("--topics", nargs="+", default=(), metavar="PATTERN", help=words)
+    add_memory(exported)
+    exported.set_defaults(command=_export)
 
 
 def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -171,6 +184,16 @@ def _propose(options: argparse.Namespace) -> int:
     write_whole(options.out, proposal.text)
     show_lines([*proposal.found, f"scripted: {', '.join(proposal.scripted) or 'nothing'}", f"written: {options.out}"])
     return DONE
+
+
+def _export(options: argparse.Namespace) -> int:
+    from ..replay.export import export  # noqa: PLC0415
+
+    done = export(options.bags, options.output, options.topics, options.memory)
+    unread = [f"{topic}: {count:,} messages cannot be read, they are missing" for topic, count in done.unread.items()]
+    written = [f"written: {path}" for path in done.files]
+    show_lines([*done.left_out, *unread, *written, f"{done.messages:,} messages"])
+    return PARTIAL if unread else DONE
 
 
 def _run(options: argparse.Namespace) -> int:
