@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import rospy
 from behaviours import Behaviours
 from hitches import allowed_s
 from stack import PREFLIGHT, Stack
+from std_msgs.msg import Bool
 
 from amaze_autonomy.engine.events import AutopilotStatus, WatchdogAction
 from amaze_autonomy.engine.rules import Code
@@ -142,6 +144,19 @@ def flapping_component_spends_its_budget(stack: Stack) -> None:
     assert "LAND" not in stack.commands()
     stack.ask("land")
     stack.wait_over()
+
+
+@flights.add("user_land", mission="long")
+def switch_of_the_transmitter_lands(stack: Stack) -> None:
+    said = rospy.Publisher(f"/{stack.name}/autopilot/land_switch", Bool, queue_size=1)
+    stack.wait_state("MISSION")
+    stack.wait(said.get_num_connections, "the engine to listen")
+    said.publish(data=False)
+    said.publish(data=True)
+    stack.wait_over()
+    assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
+    assert stack.states[-1].result == "LANDED_EARLY"
+    assert "the switch of the transmitter says land" in stack.log()
 
 
 def _flies_on_without(stack: Stack) -> bool:

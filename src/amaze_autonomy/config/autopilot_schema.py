@@ -15,6 +15,7 @@ __all__ = [
     "BatteryCaps",
     "CommandSettings",
     "GpsSettings",
+    "LandSwitch",
     "LinkSettings",
     "StateLimits",
     "TakeoffNeeds",
@@ -132,6 +133,23 @@ class TakeoffNeeds:
     clock_difference_limit_ns: int = _S
 
 
+@dataclass(frozen=True)
+class LandSwitch:
+    """A channel of the transmitter that means: land.
+
+    Args:
+        channel: from 1; 0: none does.
+        above_us: width of the pulse above which it is on.
+        hold_ns: how long it must be on.
+        age_limit_ns: how old the last channels may be.
+    """
+
+    channel: int = 0
+    above_us: float = 1700.0
+    hold_ns: int = 300_000_000
+    age_limit_ns: int = _S
+
+
 _RATES = {
     "EXTENDED_SYS_STATE": 5.0,
     "SYS_STATUS": 2.0,
@@ -161,6 +179,7 @@ class AutopilotSettings:
         battery: the most that is believed in each charge state.
         commands: land and disarm.
         needs: before a takeoff.
+        land_switch: a channel of the transmitter that means: land.
         rates_hz: messages that are asked for.
         parameters: of a PX4, by name, and their values; with those for set-points where they are used.
         ardupilot_parameters: of an ArduPilot.
@@ -176,6 +195,7 @@ class AutopilotSettings:
     battery: BatteryCaps = field(default_factory=BatteryCaps)
     commands: CommandSettings = field(default_factory=CommandSettings)
     needs: TakeoffNeeds = field(default_factory=TakeoffNeeds)
+    land_switch: LandSwitch = field(default_factory=LandSwitch)
     rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(_RATES))
     parameters: Mapping[str, float] = field(default_factory=dict)
     ardupilot_parameters: Mapping[str, float] = field(default_factory=dict)
@@ -229,6 +249,12 @@ _NEED_ROWS: Tuple[Row, ...] = (
     ("home", Flag(), "the home position must be set; off: it is a warning", "returning and global waypoints need it, indoor flights do not"),
     ("clock_difference_limit_ns", _time(3600), "time of day of the vehicle and of this computer that differs more is a warning", "recordings of both are compared"),
 )
+_SWITCH_ROWS: Tuple[Row, ...] = (
+    ("channel", Whole(0, 18), "of the transmitter, from 1, that means land; 0: none does", "one that the autopilot has no other use for"),
+    ("above_us", Number(minimum=900.0, maximum=2100.0), "width of its pulse in microseconds above which it is on", "a switch of three positions is at 1000, 1500 and 2000"),
+    ("hold_ns", _time(5), "how long it must be on", "a single wrong reading lands nobody"),
+    ("age_limit_ns", _time(10), "channels that are older say nothing", "without a transmitter the autopilot decides"),
+)
 # fmt: on
 _PARAMETER = Number(minimum=-1e9, maximum=1e9)
 
@@ -256,6 +282,13 @@ AUTOPILOT = Group(
         Key("battery", group_of(BatteryCaps, "caps", _BATTERY_ROWS), "what the charge state makes of a level", "", {}),
         Key("commands", group_of(CommandSettings, "limits", _COMMAND_ROWS), "land and disarm", "", {}),
         Key("needs", group_of(TakeoffNeeds, "needs", _NEED_ROWS), "what must be so before a takeoff", "", {}),
+        Key(
+            "land_switch",
+            group_of(LandSwitch, "a switch", _SWITCH_ROWS),
+            "a switch of the transmitter that asks the engine to land",
+            "the pilot stays a pilot: nothing is taken over",
+            {},
+        ),
         Key(
             "rates_hz",
             Named("messages of MAVLink", r"[A-Z][A-Z0-9_]{1,49}", Number(minimum=0.1, maximum=50.0)),
@@ -326,6 +359,7 @@ def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings
         battery=group("battery", BatteryCaps),
         commands=group("commands", CommandSettings),
         needs=group("needs", TakeoffNeeds),
+        land_switch=group("land_switch", LandSwitch),
         rates_hz=dict(values["rates_hz"]),
         parameters=dict(values["parameters"]),
         ardupilot_parameters=dict(values["ardupilot_parameters"]),

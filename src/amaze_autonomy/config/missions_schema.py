@@ -7,7 +7,7 @@ from typing import Tuple
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, Frame, PlannerSpec, YawUnit
 
 from .binding import Row, group_of
-from .kinds import Choice, ListOf, Number, Text, Whole
+from .kinds import Choice, Flag, ListOf, Number, Text, Whole
 from .schema import Group, Key, Named
 from .sensors_schema import COMPONENT_NAME, NAME, SEVERITY
 
@@ -145,6 +145,13 @@ _MISSION = Group(
             [],
         ),
         Key("limits", _LIMITS, "limits of its own", "a small field", {}),
+        Key(
+            "land_switch",
+            Flag(),
+            "the switch of the transmitter that means land counts (land_switch of autopilot.yaml)",
+            "a pilot who trains landings has it for himself",
+            True,
+        ),
         Key(
             "controller",
             Choice(tuple(each.value for each in Controller)),

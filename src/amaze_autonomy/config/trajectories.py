@@ -132,7 +132,7 @@ def plans_of(
         except WaypointError as error:
             raise _config_error(error, folder) from None
         plan = _plan(mission_id, values, trajectories, home, model, limits, places)
-        plans.append(replace(plan, fences=fences))
+        plans.append(replace(plan, fences=fences, land_switch=values["land_switch"]))
     return tuple(plans)
 
 

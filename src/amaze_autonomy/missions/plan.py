@@ -97,6 +97,7 @@ class MissionPlan:
         home: where the first takeoff must be; None: wherever the vehicle stands.
         controller: who steers along the waypoints.
         fences: that its legs were checked against.
+        land_switch: the switch of the transmitter that means land counts.
     """
 
     mission: Mission
@@ -106,6 +107,7 @@ class MissionPlan:
     home: Optional[Home] = None
     controller: Controller = Controller.MISSION
     fences: Tuple[Fence, ...] = ()
+    land_switch: bool = True
 
     def flight(self, file_index: int, repetition: int) -> FlightEstimate:
         """Return the estimate of one flight, both counted from 0."""

@@ -18,6 +18,7 @@ VEHICLE = (1, 1)
 _UNKNOWN_MV, _UNKNOWN = 65535, -1
 _DEG7 = 1e7
 _BATTERIES = 256  # that 8 bits tell apart
+_CHANNELS = 18
 
 
 class Source(NamedTuple):
@@ -115,6 +116,12 @@ def _text(message: Any) -> Message:
     return mavlink.MAVLink_statustext_message(message.severity, message.text.encode("utf-8", "replace"))
 
 
+def _channels(message: Any) -> Message:
+    widths = list(message.channels)[:_CHANNELS]
+    padded = widths + [_UNKNOWN_MV] * (_CHANNELS - len(widths))
+    return mavlink.MAVLink_rc_channels_message(0, len(widths), *padded, message.rssi)
+
+
 def _estimator(message: Any) -> Message:
     flags = sum(bit for name, bit in _FLAGS if getattr(message, name))
     return mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0)
@@ -197,6 +204,7 @@ _SOURCES: Tuple[Source, ...] = (
     Source("sys_status", "mavros_msgs/SysStatus", "SYS_STATUS", _sys_status),
     Source("battery", "sensor_msgs/BatteryState", "BATTERY_STATUS", _battery),
     Source("statustext/recv", "mavros_msgs/StatusText", "STATUSTEXT", _text),
+    Source("rc/in", "mavros_msgs/RCIn", "RC_CHANNELS", _channels),
     Source("estimator_status", "mavros_msgs/EstimatorStatus", "ESTIMATOR_STATUS", _estimator),
     Source("gpsstatus/gps1/raw", "mavros_msgs/GPSRAW", "GPS_RAW_INT", _gps),
     Source("local_position/pose", "geometry_msgs/PoseStamped", "LOCAL_POSITION_NED", _pose),

@@ -18,11 +18,20 @@ from ..link.dialect import Message, mavlink
 from ..planner.mission_vehicle import DRAIN_NS, GROUND_NS, STALL_NS
 from .modes import LAND, mode_number
 from .parameters import Parameters
-from .preflight import Preflight, battery_state_row, preflight_rows
+from .preflight import LandSwitchWatch, Preflight, battery_state_row, preflight_rows
 from .rates import Rates
 from .vehicle import WANTED, VehicleState
 
-__all__ = ["CLIENT_MESSAGES", "AutopilotClient", "Confirmed", "Progress", "Reply", "command_long", "set_mode"]
+__all__ = [
+    "CLIENT_MESSAGES",
+    "AutopilotClient",
+    "Confirmed",
+    "Progress",
+    "Reply",
+    "command_long",
+    "set_mode",
+    "switch_messages",
+]
 
 _S = 1_000_000_000
 _LANDING = ("AUTO.LAND", "AUTO.PRECLAND")
@@ -33,7 +42,14 @@ _BEAT_LATE_NS, _ASK_BEAT_NS = 1_300_000_000, 300_000_000  # PX4 beats at 1 Hz
 
 CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")
 
+_SWITCH_HZ = 10.0
+
 Address = Callable[[], Tuple[int, int]]
+
+
+def switch_messages(settings: AutopilotSettings) -> Tuple[str, ...]:
+    """Return the messages that the land switch needs besides."""
+    return ("RC_CHANNELS",) if settings.land_switch.channel else ()
 
 
 class Reply(NamedTuple):
@@ -72,7 +88,9 @@ class AutopilotClient:
         self.settings, self._battery = settings, battery
         self._address, self._wall, self._strangers = address, wall_minus_clock_ns, strangers
         self.vehicle = VehicleState(settings, battery.cells)
-        self._rates, self._parameters = Rates(settings.rates_hz), Parameters(settings.parameters)
+        self.land_switch = LandSwitchWatch(settings.land_switch)
+        rates_hz = {**dict.fromkeys(switch_messages(settings), _SWITCH_HZ), **settings.rates_hz}
+        self._rates, self._parameters = Rates(rates_hz), Parameters(settings.parameters)
         limits = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
         self.landing = Confirmed(self._land_message, self._landing_seen, limits, stands=True)
         self.disarming = Confirmed(self._disarm_message, self._disarm_seen, limits)
@@ -104,6 +122,8 @@ class AutopilotClient:
             self._acknowledged(message)
         elif name == "PARAM_VALUE":
             self._parameters.add(message, bytewise=self._is_px4())
+        elif name == "RC_CHANNELS":
+            self.land_switch.add(t_ns, message)
         elif name == "SYSTEM_TIME":
             self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
         return []
@@ -218,7 +238,8 @@ class AutopilotClient:
     def rows(self, t_ns: int, ground: Optional[Landed]) -> Tuple[Check, ...]:
         """Return the rows of the pre-flight table."""
         states, strangers = self._parameters.states, self._strangers()
-        return preflight_rows(Preflight(t_ns, self.vehicle, self.settings, states, ground, strangers))
+        known = Preflight(t_ns, self.vehicle, self.settings, states, ground, strangers)
+        return (*preflight_rows(known), *self.land_switch.rows(known))
 
     def check_battery(self, t_ns: int, required_fraction: Optional[float]) -> BatteryVerdict:
         """Return whether the battery is enough for the next mission."""

@@ -29,6 +29,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, 
 
 import rosgraph
 import rospy
+from std_msgs.msg import Bool
 
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.engine.commands import Command
@@ -60,7 +61,7 @@ from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
 from .run_folder import JournalFile, create, reopen
-from .users import Unattended, UserDesk, choose
+from .users import LandSwitch, Unattended, UserDesk, choose
 
 __all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "data_outcome", "exit_status", "main", "outcome"]
 
@@ -104,6 +105,7 @@ class AutonomyNode:
         state = self._decided_again(messages)
         self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
+        self._switch = LandSwitch(frozenset(each.mission.id for each in configuration.plans if not each.land_switch))
         self._reconnector = Reconnector()
         self._state_publisher = StatePublisher(configuration.rules, clock, self._foreign, self._run_label(), messages)
         self._outbox = Outbox(
@@ -186,6 +188,7 @@ class AutonomyNode:
         self._desk.open()
         for status in STATUSES:
             self._listen(status)
+        rospy.Subscriber("autopilot/land_switch", Bool, self._take_switch, queue_size=1, tcp_nodelay=True)
         self._reconnector.start()
         if self._parameters.missions and self._resumed is None:
             threading.Thread(target=self._select, name="select", daemon=True).start()
@@ -231,6 +234,14 @@ class AutonomyNode:
         self._outbox.do(partial(rospy.logwarn_throttle, _SAY_AGAIN_S, text + left_out))
 
     # --- run ------------------------------------------------------------------------------------------------------
+
+    def _take_switch(self, message: Any) -> None:
+        """Take the switch of the transmitter; a user's request to land, without anybody who waits for an answer."""
+        t_ns = self._clock.now_ns()
+        command = self._switch.answer(self._engine.state, t_ns, on=message.data)
+        if command is not None:
+            rospy.logwarn("the switch of the transmitter says land")
+            self.put(UserRequest(t_ns=t_ns, command=command))
 
     def put(self, event: Event) -> None:
         """Give the engine an event; from any thread."""

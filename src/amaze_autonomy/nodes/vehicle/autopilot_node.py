@@ -7,6 +7,7 @@
     autopilot/status          AutopilotStatus, 5 Hz and at once on a change
     autopilot/commanding      std_msgs/String, likewise: AUTO.LAND or DISARM while that stands here, else empty; the
                               planner then does nothing else
+    autopilot/land_switch     std_msgs/Bool, likewise, where land_switch of autopilot.yaml has a channel: it says land
     /diagnostics              diagnostic_msgs/DiagnosticArray, 1 Hz
     landing_detection/landed  Landed: the range finder's opinion, for the check (subscribed)
 
@@ -19,7 +20,7 @@ from __future__ import annotations
 from typing import Any, Callable, Dict, Optional, Tuple
 
 import rospy
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
@@ -28,7 +29,7 @@ from amaze_autonomy.engine.events import Landed
 
 from ...autopilot.link.connection import link_problem
 from ...autopilot.link.dialect import mavlink
-from ...autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient, Reply
+from ...autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient, Reply, switch_messages
 from ...engine.events import Check
 from ...ros.clock import Clock
 from ...ros.interface import check_row, number, status_message
@@ -65,7 +66,8 @@ class AutopilotNode:
         )
         self.client.on_text = _log_text
         settings = self._settings
-        self._link: Link = make_link(settings, settings.link, self.client, CLIENT_MESSAGES, clock)
+        messages = (*CLIENT_MESSAGES, *switch_messages(settings))
+        self._link: Link = make_link(settings, settings.link, self.client, messages, clock)
         period_ns = round(_S / configuration.streams.autopilot_status_rate_hz)
         self._loop = LevelLoop(self._link, clock, period_ns, self._key, self._tell)
         self._publisher = rospy.Publisher("autopilot/status", msg.AutopilotStatus, queue_size=_QUEUE, tcp_nodelay=True)
@@ -73,6 +75,7 @@ class AutopilotNode:
         self._commanding = rospy.Publisher(
             "autopilot/commanding", String, queue_size=_QUEUE, tcp_nodelay=True, latch=True
         )
+        self._switch = rospy.Publisher("autopilot/land_switch", Bool, queue_size=_QUEUE, tcp_nodelay=True)
         self._problem, self._said = "", ChangeLog()
 
     # --- services; on rospy's threads -----------------------------------------------------------------------------
@@ -147,6 +150,7 @@ class AutopilotNode:
         vehicle = self.client.vehicle
         return (
             self.client.commanding,
+            self.client.land_switch.on(t_ns),
             vehicle.armed(t_ns),
             vehicle.mode(t_ns),
             vehicle.landed(t_ns),
@@ -158,6 +162,9 @@ class AutopilotNode:
 
     def _publish(self) -> None:
         self._commanding.publish(self._link.ask(lambda _: (self.client.commanding, ())))
+        on = self._link.ask(lambda t_ns: (self.client.land_switch.on(t_ns), ()))
+        if on is not None:
+            self._switch.publish(on)
         status, health, measured = self._link.ask(lambda t_ns: (self._state(t_ns), ()))
         self._publisher.publish(status_message(status, self._clock.ros_ns(), health, measured))
 
