@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import struct
 
+import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from replay_bags import START_NS, STORE, height_m
 from rosbags.rosbag2 import Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 
@@ -149,3 +150,39 @@ def _us(t_s):
 
 def _record(kind, data):
     return struct.pack("<H", len(data)) + kind + data
+
+
+_ROS = {"uint64_t": "uint64", "uint8_t": "uint8", "float": "float32", "int32_t": "int32"}
+_BOOT_NS = START_NS - _BOOT_US * 1000
+
+
+def px4_rows(rows):
+    """Return the same as messages of px4_msgs on the topics of uXRCE-DDS: (time in ns, topic, message)."""
+    for topic in dict.fromkeys(topic for _, topic, _ in rows):
+        kind = _px4_kind(topic)
+        if kind not in ROS2.types:
+            fields = [each.split(" ") for each in _FORMATS[topic].split(";")]
+            lines = [f"{_ros_type(how)} {name}" for how, name in fields]
+            ROS2.register(get_types_from_msg("\n".join(lines), kind))
+    return [(_BOOT_NS + _us(t_s) * 1000, f"/fmu/out/{topic}", _px4_message(t_s, topic, values))
+            for t_s, topic, values in rows]  # fmt: skip
+
+
+def _px4_kind(topic):
+    return "px4_msgs/msg/" + "".join(word.capitalize() for word in topic.split("_"))
+
+
+def _ros_type(how):
+    plain, *length = how.split("[")
+    return "[".join([_ROS.get(plain, plain), *length])
+
+
+def _px4_message(t_s, topic, values):
+    left, fields = list(values), {"timestamp": _us(t_s)}
+    for how, name in (each.split(" ") for each in _FORMATS[topic].split(";")[1:]):
+        if "[" in how:
+            count = int(how[:-1].split("[")[1])
+            fields[name], left = np.array(left[:count], np.float32), left[count:]
+        else:
+            fields[name] = left.pop(0)
+    return ROS2.types[_px4_kind(topic)](**fields)

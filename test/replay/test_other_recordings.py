@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
-from other_recordings import ulog_rows, write_mcap, write_ros2, write_ulog
+from other_recordings import px4_rows, ulog_rows, write_mcap, write_ros2, write_ulog
 from pyulog.core import ULog
 from replay_bags import START_NS, S, flight_rows, write_bag
 from replay_runs import CONFIG, moves, texts
@@ -139,6 +139,17 @@ def test_a_ulog_is_judged_by_the_map_that_is_proposed_of_it(ulog, tmp_path):
     ]
     took_over = [line for line in texts(outcome, LineKind.DECISION) if "MISSION -> PILOT" in line]
     assert took_over[0].startswith("+26.300 bag MISSION -> PILOT by pilot_took_over (reason flight mode AUTO.LAND")
+
+
+def test_px4_s_topics_in_a_ros2_bag_are_judged_as_those_of_its_ulog(ulog, tmp_path):
+    folder = write_ros2(tmp_path / "ros2", px4_rows(ulog_rows()))
+    (tmp_path / "ros2.yaml").write_text(propose([folder]).text)
+    (tmp_path / "ulog.yaml").write_text(propose([ulog]).text)
+    by_ros2, by_ulog = replayed(folder, tmp_path / "ros2.yaml"), replayed(ulog, tmp_path / "ulog.yaml")
+    assert [(each.t_ns, each.rule) for each in by_ros2.decisions] == [
+        (each.t_ns, each.rule) for each in by_ulog.decisions
+    ]
+    assert len(by_ros2.decisions) > 8
 
 
 def test_a_gps_that_loses_its_fix_in_a_ulog_is_seen(tmp_path):
