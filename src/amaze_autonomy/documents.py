@@ -4,32 +4,49 @@
     (made by the function of that name, never by hand)
     <!-- end -->
 
-A part is registered in `DOCUMENTS` of the module whose tables it shows, and stands wherever a page has its markers.
+Each part is a row of `_PARTS`, and stands wherever a page has its markers; those of the configuration are made with it.
 """
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Callable, Dict, Iterable, Mapping, Tuple
+from typing import Callable, Iterable, List, Mapping, Sequence, Tuple
 
 from . import paths
 from .config import load_configuration
+from .config.document import Items, Scalar, Table
+from .config.errors import Place
 from .config.reference import DOCUMENTS as CONFIGURATION
-from .config.reference import shipped_file
-from .journal.documents import DOCUMENTS as ENGINE
-from .journal.documents import decision_table
-from .simulation.documents import DOCUMENTS as SIMULATION
-from .tester.documents import DOCUMENTS as TESTER
+from .config.reference import group_reference, shipped_file
+from .engine.commands import MESSAGES, AnswerKind
+from .engine.context import MODES
+from .engine.decide import ANSWERS, OTHERWISE, SELECT
+from .engine.events import UserCommand
+from .engine.failsafe import FAILSAFE_CONDITIONS
+from .engine.rules import SEVERITIES, Rules
+from .engine.state import State, Step
+from .engine.timers import TIMERS
+from .engine.transitions import TRANSITIONS, Source, Transition, places_of
+from .interface import PEERS, SERVICES
+from .replay.faults import RECORDED_KINDS, TOPIC
+from .replay.topic_map import SCHEMA, load_map, map_names
+from .simulation import Subject
+from .simulation.scenario import EVENTS, KINDS, FaultKind, Parameter
+from .simulation.scenario_file import load_scenario
+from .tester.expect import EXPECTATIONS, ExpectationKind
+from .tester.scenario.schema import schema_of
 
 __all__ = [
     "DocumentError",
+    "decision_table",
     "documents",
     "filled",
     "first_difference",
     "not_shown",
     "regenerated",
     "shipped_configuration",
+    "state_diagram",
 ]
 
 _BEGIN, _END = "<!-- generated:", "<!-- end -->"
@@ -43,16 +60,9 @@ class DocumentError(ValueError):
     """A page has a marker that nothing is generated for, or half a pair of markers."""
 
 
-def _shipped_decision_table() -> str:
-    return decision_table(load_configuration(paths.config_folder()).rules)
-
-
 def documents() -> Mapping[str, Callable[[], str]]:
     """Return every part that can be generated, by the name of its marker."""
-    parts: Dict[str, Callable[[], str]] = {"decision-table": _shipped_decision_table}
-    for registered in (ENGINE, CONFIGURATION, SIMULATION, TESTER):
-        parts.update(registered)
-    return parts
+    return {**_PARTS, **CONFIGURATION}
 
 
 def _names(page: str) -> Tuple[str, ...]:
@@ -111,3 +121,277 @@ def first_difference(old: str, new: str) -> Tuple[int, str, str]:
             return number, one, other
     number = min(len(before), len(after))
     return number + 1, "\n".join(before[number : number + 1]), "\n".join(after[number : number + 1])
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    lines += ["| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+# --- engine -----------------------------------------------------------------------------------------------------------
+
+
+def _place(source: Source) -> str:
+    if isinstance(source, tuple):
+        state, step = source
+        return f"{state.value}.{step.value}" if step is not Step.NONE else state.value
+    return source.value
+
+
+def _severity_table() -> str:
+    """Return the table of severities."""
+    rows = [
+        (
+            severity.value,
+            int(row.code),
+            int(row.code_given_up),
+            f"`{row.action.name.lower()}`",
+            f"`{row.fallback.name.lower()}`" if row.fallback else "",
+        )
+        for severity, row in SEVERITIES.items()
+    ]
+    return _table(("Severity", "Code when it fails", "Code when restarting has failed", "Action", "Fallback"), rows)
+
+
+def _loss_table() -> str:
+    """Return the table of what else can be lost in flight."""
+    rows = [
+        (
+            f"`{row.name}`",
+            row.words,
+            f"`{row.action.name.lower()}`",
+            "yes" if row.both_routes else "",
+            "yes" if row.alarm else "",
+        )
+        for row in FAILSAFE_CONDITIONS
+    ]
+    return _table(("Row", "In words", "Action", "Both routes at once", "Alarm to the pilot"), rows)
+
+
+def decision_table(rules: Rules) -> str:
+    """Return the decision table of a configuration."""
+    rows = []
+    for rule in rules.components:
+        row = SEVERITIES[rule.severity]
+        words = row.action.name.lower() + (
+            f" up to {rule.wait_limit_ns / 1e9:g} s, then {row.fallback.name.lower()}" if row.fallback else ""
+        )
+        rows.append((f"`{rule.name}`", rule.group, "yes" if rule.restart else "never", rule.severity.value, words))
+    return _table(("Component", "Group", "Restart", "Severity", "Result"), rows)
+
+
+def _transition_table() -> str:
+    """Return the transition table, in its order."""
+    rows = [
+        (
+            f"`{row.rule}`",
+            ", ".join(_place(source) for source in row.sources),
+            row.words,
+            _place(row.target) if row.target is not None else "(stays)",
+            f"`{row.message}`" if row.message else "",
+        )
+        for row in TRANSITIONS
+    ]
+    return _table(("Rule", "From", "When", "To", "Message"), rows)
+
+
+def state_diagram() -> str:
+    """Return the state diagram as Mermaid text: one arrow for each pair of states, with its rules."""
+    arrows: List[Tuple[str, str, List[str]]] = []
+    for row in TRANSITIONS:
+        for source, target in _arrows(row):
+            known = next((names for a, b, names in arrows if (a, b) == (source, target)), None)
+            if known is None:
+                arrows.append((source, target, [row.rule]))
+            elif row.rule not in known:
+                known.append(row.rule)
+    order = [state.value for state in State]
+    arrows.sort(key=lambda arrow: (order.index(arrow[0]), order.index(arrow[1])))
+    lines = ["```mermaid", "stateDiagram-v2", "    [*] --> MISSION_INPUT"]
+    lines += [f"    {a} --> {b}: {_label(names)}" for a, b, names in arrows]
+    return "\n".join([*lines, "```"]) + "\n"
+
+
+def _arrows(row: Transition) -> Tuple[Tuple[str, str], ...]:
+    if row.target is None:
+        return ()
+    target = row.target[0]
+    states: List[State] = []
+    for source in row.sources:
+        for place in places_of(source):
+            if place[0] is not target and place[0] not in states:
+                states.append(place[0])
+    return tuple((state.value, target.value) for state in states)
+
+
+def _label(names: List[str]) -> str:
+    first, rest = names[:2], names[2:]
+    return ", ".join([*first, f"and {len(rest)} more"] if len(rest) > 1 else names)
+
+
+def _answer_table() -> str:
+    """Return what every command of the user is answered in every state."""
+    rows = []
+    for state in State:
+        cells = [SELECT[state].answer.name.lower()]
+        for command in UserCommand:
+            cases = ANSWERS[command].get(state, ())
+            texts = [
+                f"{case.answer.name.lower()}" + ("" if case.when == "always" else f" ({case.when})") for case in cases
+            ]
+            if not cases or cases[-1].when != "always":
+                texts.append(AnswerKind.REFUSED.name.lower())
+            cells.append(", ".join(texts))
+        rows.append((state.value, *cells))
+    head = ("State", "select", *(command.value for command in UserCommand))
+    reasons = "\n".join(f"* `{command.value}` otherwise: {text}" for command, text in OTHERWISE.items())
+    return _table(head, rows) + "\n" + reasons + "\n"
+
+
+def _message_table() -> str:
+    """Return every message to the user."""
+    rows = [(f"`{key}`", entry.level.name, entry.text, entry.advice) for key, entry in MESSAGES.items()]
+    return _table(("Message", "Level", "Text", "What you can do"), rows)
+
+
+def _timer_table() -> str:
+    """Return every wait of the engine."""
+    rows = [
+        (f"`{timer.name}`", ", ".join(_place(place) for place in timer.places), "yes" if timer.ends_state else "")
+        for timer in TIMERS
+    ]
+    return _table(("Timer", "Where", "Ends the state by itself"), rows)
+
+
+def _mode_table() -> str:
+    """Return which flight modes answer which command."""
+    return _table(
+        ("Command", "Flight modes that are ours"), [(a.name, ", ".join(sorted(modes))) for a, modes in MODES.items()]
+    )
+
+
+def _shipped_decision_table() -> str:
+    return decision_table(load_configuration(paths.config_folder()).rules)
+
+
+# --- simulation -------------------------------------------------------------------------------------------------------
+
+
+_SUBJECTS = {
+    Subject.COMPONENT: "### `component:` a component of sensors.yaml",
+    Subject.PROCESS: f"### `process:` a peer of the engine\n\nOne of {', '.join(f'`{name}`' for name in PEERS)}.",
+    Subject.SERVICE: f"### `service:` a service of a peer\n\nOne of {', '.join(f'`{name}`' for name in SERVICES)}.",
+    Subject.WORLD: "### Vehicle, battery, pilot, recording: no target",
+}
+
+
+def _parameter(parameter: Parameter) -> str:
+    """Return a parameter in words: name, what it means, default or what it must be."""
+    said = f"`{parameter.name}`: {parameter.words}"
+    if parameter.choices:
+        said += f" ({', '.join(parameter.choices)})"
+    if parameter.default is None:
+        return f"{said}; must be given"
+    return said if parameter.default == "" else f"{said}; default {parameter.default}"
+
+
+def _words(kind: FaultKind) -> str:
+    """Return what a kind of fault does, and to whom when not to all."""
+    return f"{kind.words} ({', '.join(kind.targets)} only)" if kind.targets else kind.words
+
+
+def _kinds_of_faults() -> str:
+    """Return every kind of fault, by subject."""
+    parts: List[str] = []
+    for subject, head in _SUBJECTS.items():
+        parts.append(f"{head}\n\n{_kinds_table(kind for kind in KINDS.values() if kind.subject == subject)}")
+    return "\n".join(parts)
+
+
+def _kinds_table(kinds: Iterable[FaultKind]) -> str:
+    """Return some kinds of faults as a table."""
+    rows = [
+        (f"`{kind.name}`", _words(kind), "<br>".join(_parameter(each) for each in kind.parameters)) for kind in kinds
+    ]
+    return _table(("fault", "what it does", "parameters"), rows)
+
+
+def _events() -> str:
+    """Return every event that a trigger can wait for."""
+    return _table(("event", "when"), ((f"`{name}`", words) for name, words in EVENTS.items()))
+
+
+def _shipped_scenarios() -> str:
+    """Return every scenario that ships with the package."""
+    files = sorted((paths.config_folder() / "faults").glob("*.yaml"))
+    return _table(("name", "what happens"), ((f"`{file.stem}`", load_scenario(file).description) for file in files))
+
+
+# --- replay and tester ------------------------------------------------------------------------------------------------
+
+
+_HEADS = {
+    TOPIC: "### `topic:` a topic that the map reads",
+    Subject.COMPONENT: "### `component:` all topics of a component",
+    Subject.PROCESS: "### `process:` what a peer says, and the engine itself",
+    Subject.SERVICE: "### `service:` what the scripted peers answer",
+    Subject.WORLD: "### The whole recording: no target",
+}
+
+
+def _expectations() -> str:
+    rows = [(f"`{kind.name}`", _keys(kind), kind.words) for kind in EXPECTATIONS.values()]
+    return _table(("`expect`", "Keys", "Holds when"), rows)
+
+
+def _keys(kind: ExpectationKind) -> str:
+    patterns = ", ".join(f"`{name}`{' (a list)' if kind.many else ''}" for name in kind.patterns)
+    numbers = " or ".join(f"`{name}`" for name in kind.numbers)
+    return f"{patterns}; {numbers}{'' if kind.needs else ' if wanted'}" if numbers else patterns
+
+
+def _faults() -> str:
+    parts: List[str] = []
+    for subject, head in _HEADS.items():
+        kinds = [kind for kind in RECORDED_KINDS.values() if kind.subject == subject]
+        parts.append(f"{head}\n\n{_kinds_table(kinds)}")
+    return "\n".join(parts)
+
+
+def _scenario() -> str:
+    """Return the keys of a scenario on bags, which has the most."""
+    place = Place("")
+    tree = Table(place, {"bags": (place, Items(place, (Scalar(place, "", "str"),)))})
+    return group_reference(schema_of(tree))
+
+
+def _topic_map() -> str:
+    return group_reference(SCHEMA)
+
+
+def _topic_maps() -> str:
+    rows = "".join(f"| `{name}` | {load_map(name).about} |\n" for name in map_names())
+    return f"| Map | Recording |\n|---|---|\n{rows}"
+
+
+_PARTS: Mapping[str, Callable[[], str]] = {
+    "decision-table": _shipped_decision_table,
+    "severities": _severity_table,
+    "losses": _loss_table,
+    "transitions": _transition_table,
+    "state-diagram": state_diagram,
+    "answers": _answer_table,
+    "messages": _message_table,
+    "timers": _timer_table,
+    "modes": _mode_table,
+    "fault-kinds": _kinds_of_faults,
+    "fault-events": _events,
+    "scenarios": _shipped_scenarios,
+    "topic-map": _topic_map,
+    "topic-maps": _topic_maps,
+    "scenario-keys": _scenario,
+    "expectations": _expectations,
+    "recorded-faults": _faults,
+}
+"""By the name of the marker in a page."""

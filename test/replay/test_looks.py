@@ -14,7 +14,7 @@ from replay_bags import S
 from amaze_autonomy.monitoring.specs import EstimateSource, StateEstimationSpec
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor
 from amaze_autonomy.replay.feeds import EstimateFeed, ImuFeed
-from amaze_autonomy.replay.state_estimation_columns import unsure_looks
+from amaze_autonomy.replay.monitor_columns import unsure_looks
 from amaze_autonomy.replay.topic_columns import Track
 from amaze_autonomy.replay.topic_map import Reading
 

@@ -13,7 +13,7 @@ from replay_bags import S
 from amaze_autonomy.monitoring.condition import FOREVER_NS, Level
 from amaze_autonomy.monitoring.rate import RateMonitor
 from amaze_autonomy.monitoring.specs import TopicSpec
-from amaze_autonomy.replay.rate_columns import Pace
+from amaze_autonomy.replay.monitor_columns import Pace
 from amaze_autonomy.replay.topic_columns import Track
 
 RATES = (0.5, 5.0, 30.0, 200.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from .csv_table import Frame, Said, YawUnit
 from .errors import WaypointError
 from .fence import Circle, Fence, Polygon, check_fence, polygon_problem
-from .files import SUFFIXES, parse_file
 from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, distance_m, estimate_flight, leg_s
 from .geodesy import Home, Place
 from .plan import (
@@ -18,6 +17,7 @@ from .plan import (
     estimate_rounds,
     total,
 )
+from .plan_file import SUFFIXES, parse_file
 from .routes import GLOBAL_COLUMNS, Area, Route, RoutePoint, localize, localize_fence
 from .waypoints import COLUMNS, Trajectory, Waypoint, parse_trajectory
 

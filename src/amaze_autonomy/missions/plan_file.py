@@ -11,14 +11,15 @@ import json
 import json.decoder
 import json.scanner
 import math
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple, Union
 
+from .csv_table import Said, lines_of
 from .errors import WaypointError
 from .geodesy import Home, Place
-from .routes import Area, Route, RoutePoint
-from .waypoints import Names
+from .routes import Area, Route, RoutePoint, is_global, parse_route
+from .waypoints import Names, Trajectory, parse_trajectory
 
-__all__ = ["Object", "parse_plan", "read_json"]
+__all__ = ["SUFFIXES", "Object", "parse_file", "parse_plan", "read_json"]
 
 # --- located json -----------------------------------------------------------------------------------------------------
 # JSON in which every object knows its line, read strictly: no key twice, no NaN.
@@ -289,3 +290,24 @@ def _circle(file: _File, area: Object) -> Area:
         file.refuse(circle.line, "radius", f"is {radius:g}", "must be above 0, in metres")
     place = file.place(circle, "center", centre[0], centre[1])
     return Area((place,), radius, file.part(area, "inclusion", bool, "true or false"), area.line)
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+# Any waypoint file: its name and its header say of which kind it is.
+
+
+SUFFIXES = (".csv", ".plan")
+
+
+def parse_file(text: str, file: str, mission: Said = Said()) -> Union[Trajectory, Route]:  # noqa: B008 - it cannot change
+    """Read a whole waypoint file: in local metres, in latitude and longitude, or a plan of QGroundControl.
+
+    `mission` is what its mission says of files that do not say it themselves.
+
+    Raises:
+        WaypointError: the first mistake in it, with line and column.
+    """
+    if file.endswith(".plan"):
+        return parse_plan(text, file)
+    parse = parse_route if is_global(lines_of(text)) else parse_trajectory
+    return parse(text, file, mission)

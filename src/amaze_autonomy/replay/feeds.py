@@ -23,8 +23,7 @@ from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from ..autopilot.vehicle.modes import ARDUPILOT_NAMES
 from .fields import Getter, getter, number, orientation, quaternion, vector
-from .landing_columns import Footing
-from .rate_columns import Pace
+from .monitor_columns import Footing, Pace
 from .topic_columns import Track
 from .topic_map import Reading
 

@@ -33,8 +33,8 @@ from .feeds import (
     TiltFeed,
 )
 from .fields import kind_of
+from .monitor_columns import unsure_looks
 from .plan import Plan
-from .state_estimation_columns import unsure_looks
 from .topic_columns import Track
 
 __all__ = ["Light", "Monitors"]
