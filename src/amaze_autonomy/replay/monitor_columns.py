@@ -1,7 +1,7 @@
-"""The monitors' vectorised forms: numpy says beforehand what of a recording can be taken together, and decides the same.
+"""The monitors' vectorised forms: numpy says beforehand what of a recording can be taken together, and it is the same.
 
-A chapter for each monitor: rates, landing detection, state estimation. Each has its monitor's own arithmetic, and a test
-that both judge alike.
+A chapter for each monitor: rates, landing detection, state estimation. Each has its monitor's own arithmetic, and a
+test that both judge alike.
 """
 
 from __future__ import annotations
