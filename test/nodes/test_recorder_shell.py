@@ -31,7 +31,7 @@ from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, Status
 
-PART = PlatformStatus("second", True, 1000, 20.5, 0.25, "/rec/s/second", "wörds", 3)
+PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3)
 
 
 def over_the_wire(message):
@@ -51,6 +51,12 @@ def over_the_wire(message):
 )
 def test_a_status_comes_in_as_it_went_out(status):
     assert read_status(over_the_wire(recording_status(status, 5_000_000_001))) == status
+
+
+def test_rates_and_free_space_are_published_without_noise():
+    noisy = PlatformStatus("main", True, 1000, 145368.76952339258, 0.25045087642547037)
+    (part,) = recording_status(Status("s1", RecordingPhase.RECORDING, platforms=(noisy,)), 0).platforms
+    assert (part.byte_rate, part.free_fraction) == (145369.0, 0.2505)
 
 
 def test_a_status_with_an_unknown_phase_is_none():

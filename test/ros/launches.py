@@ -225,7 +225,8 @@ def autopilot_and_planner_land_when_the_whole_launch_is_told_to_end_in_flight(st
 
 @launches.add(processes=(), start=False)
 def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
-    roslaunch(stack, "mission:=hop", "exit_when_ended:=true", f"mavlink_port:={free_ports()}")
+    ports = f"mavlink_port:={free_ports()}"
+    roslaunch(stack, "mission:=hop", "exit_when_ended:=true", "processes:=forked", ports)
     ended(stack)
     result = stack.result()
     assert (result["exit_status"], result["result"], result["state"]) == (0, "COMPLETE", "MISSION_ENDED")

@@ -65,7 +65,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     """Run a node on this thread until it is told to end; return its exit status."""
     survive_a_closed_terminal()
     os.umask(UMASK)
-    rospy.init_node(name, disable_signals=True)
+    rospy.init_node(name, argv=sys.argv, disable_signals=True)
     stopped = threading.Event()
     node: Any = None
     reconnector = Reconnector()

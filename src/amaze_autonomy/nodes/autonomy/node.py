@@ -71,6 +71,7 @@ _LOOK_AGAIN_S = 0.2
 _LONGEST_STATUS = 1 << 22  # bytes
 _SAY_AGAIN_S = 10.0
 _LAST_WORDS_S = 0.3  # until what was published last is on the wire
+_LITTLE_MEMORY = 2e9
 _SPARE = {"mission_planner/command": 2, "autopilot/land": 1, "autopilot/disarm": 1}
 
 
@@ -351,9 +352,19 @@ def _unfinished(parameters: Parameters, configuration: Configuration) -> Optiona
     return found
 
 
+def _propose_forks() -> None:
+    """Say how less memory would do, on a computer that has little."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if memory < _LITTLE_MEMORY and rospy.get_param("~processes", "") == "separate":
+        rospy.logwarn(
+            "This computer has %.1f GB of memory: with processes:=forked the nodes take 100 MB less", memory / 1e9
+        )
+
+
 def _make(stopped: threading.Event) -> AutonomyNode:
     parameters = read_parameters()
     node_main.take_precedence_or_say(parameters.nice)
+    _propose_forks()
     configuration = load_configuration(parameters.config, parameters.overrides)
     _check_missions(parameters, configuration)
     wait_for_time(stopped)

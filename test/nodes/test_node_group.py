@@ -1,0 +1,119 @@
+"""Nodes as forks of one process: each with its own name and log, killed alone, started again, ended together."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+pytest.importorskip("rospy")
+
+from amaze_autonomy.nodes.autonomy import node
+from amaze_autonomy.nodes.node_group import NODES, arguments_of
+
+LIMIT_S = 60.0
+PROGRAM = """
+import os, signal, sys, threading, types
+from pathlib import Path
+from amaze_autonomy.nodes import node_group
+
+def stand_in(node):
+    def main():
+        told = threading.Event()
+        signal.signal(signal.SIGINT, lambda *_: told.set())
+        path = Path(sys.argv[-1]) / f"{node}.{os.getpid()}"
+        path.write_text(" ".join(sys.argv[1:-1]))
+        while not told.wait(0.05):
+            pass
+        path.with_suffix(".ended").touch()
+        return 0
+    module = types.ModuleType(node)
+    module.main = main
+    sys.modules[f"amaze_autonomy.nodes.{node_group.NODES[node]}"] = module
+
+folder = sys.argv.pop()
+for node in node_group.NODES:
+    stand_in(node)
+arguments_of = node_group.arguments_of
+node_group.arguments_of = lambda node, given: [*arguments_of(node, given), folder]
+raise SystemExit(node_group.main())
+"""
+
+
+def test_a_node_has_a_name_and_a_log_of_its_own_and_everything_else_of_the_group():
+    given = ["watchdog", "autopilot", "a:=b", "__name:=node_group", "__log:=/var/log/node_group-3.log", "_nice:=0"]
+    assert arguments_of("watchdog", given) == [
+        "__name:=watchdog",
+        "a:=b",
+        "__log:=/var/log/watchdog-node_group-3.log",
+        "_nice:=0",
+    ]
+
+
+def test_the_launch_file_forks_every_node_that_may_be_in_a_group():
+    folder = Path(__file__).parents[2]
+    launch = ET.parse(folder / "launch" / "autonomy.launch").getroot()
+    (forked,) = [arg.get("value") for arg in launch.iter("arg") if arg.get("name") == "_forked"]
+    assert set(re.findall(r"'(\w+) '", forked)) | {"data_recorder"} == set(NODES)
+    assert "'=data_recorder'" in forked
+    assert {name for name in NODES if (folder / "scripts" / name).exists()} == set(NODES)
+
+
+@pytest.mark.parametrize("processes, memory, said", [("separate", 1e9, 1), ("separate", 4e9, 0), ("forked", 1e9, 0)])
+def test_forks_are_proposed_where_memory_is_little(monkeypatch, processes, memory, said):
+    warnings = []
+    monkeypatch.setattr(node.rospy, "get_param", lambda _name, _default: processes)
+    monkeypatch.setattr(node.rospy, "logwarn", lambda *words: warnings.append(words))
+    monkeypatch.setattr(node.os, "sysconf", {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": memory / 4096}.__getitem__)
+    node._propose_forks()
+    assert len(warnings) == said
+
+
+def test_what_is_no_node_is_said():
+    for arguments, words in (
+        (["steering"], "there is no node steering; name some of autopilot"),
+        ([], "no node is named"),
+    ):
+        code = "from amaze_autonomy.nodes.node_group import main; raise SystemExit(main())"
+        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+        assert (done.returncode, words in done.stderr) == (2, True)
+
+
+def wait_for(condition):
+    until_s = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < until_s
+        time.sleep(0.02)
+
+
+@pytest.mark.live
+def test_a_node_that_is_killed_is_started_again_alone_and_all_end_together(tmp_path):
+    def started(node):
+        return {int(path.suffix[1:]) for path in tmp_path.glob(f"{node}.[0-9]*") if path.read_text()}
+
+    with (tmp_path / "said").open("wb") as said:
+        arguments = ["watchdog", "autopilot", "__name:=node_group", str(tmp_path)]
+        group = subprocess.Popen([sys.executable, "-c", PROGRAM, *arguments], stderr=said, start_new_session=True)
+    try:
+        wait_for(lambda: started("watchdog") and started("autopilot"))
+        (watchdog,), (autopilot,) = started("watchdog"), started("autopilot")
+        os.kill(watchdog, signal.SIGKILL)
+        wait_for(lambda: len(started("watchdog")) == 2)
+        assert started("autopilot") == {autopilot}, "it goes on"
+        (again,) = started("watchdog") - {watchdog}
+        assert (tmp_path / f"watchdog.{again}").read_text() == "__name:=watchdog"
+        group.send_signal(signal.SIGINT)
+        assert group.wait(LIMIT_S) == 0
+        assert sorted(path.name for path in tmp_path.glob("*.ended")) == ["autopilot.ended", "watchdog.ended"]
+        assert "node_group: watchdog has ended (signal 9); it is started again" in (tmp_path / "said").read_text()
+    finally:
+        if group.poll() is None:
+            os.killpg(group.pid, signal.SIGKILL)
+            group.wait()
