@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""Do live nodes grow? Memory, threads and descriptors of every node while the demo's vehicle flies for long.
+
+    node_soak.py [--minutes 15] [--times 10] [--processes separate|forked] [--json FILE]
+
+All statuses come so many times as often as usual, so that what leaks with a message is seen so many times as soon; what
+leaks with time alone is not. The simulated vehicle flies mission 4 again and again. The first third of the time is not
+counted. The status is 1 when a node grows by more than a tenth in twelve hours at the usual rates, or does not keep to
+its threads and descriptors.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Dict, List, NamedTuple, Tuple
+from xmlrpc.client import Error, ServerProxy
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+RATES_HZ = {
+    "watchdog_action": 5,
+    "planner_status": 5,
+    "autopilot_status": 5,
+    "landing_detection": 5,
+    "recorder_status": 2,
+}
+HOURS, GROWTH_FRACTION, SPARE = 12.0, 0.1, 6
+PERIOD_S = 5.0
+
+
+class Sample(NamedTuple):
+    """One look at a process."""
+
+    t_s: float
+    memory_mb: float
+    threads: int
+    descriptors: int
+
+
+def look(pid: int, t_s: float) -> Sample:
+    """Return what a process holds: memory of its own and its part of what is shared (PSS)."""
+    folder = Path("/proc") / str(pid)
+    rollup = (folder / "smaps_rollup").read_text()
+    pss_kb = next(int(line.split()[1]) for line in rollup.splitlines() if line.startswith("Pss:"))
+    return Sample(
+        t_s, pss_kb * 1024 / 1e6, len(list((folder / "task").iterdir())), len(list((folder / "fd").iterdir()))
+    )
+
+
+def nodes_of(uri: str) -> Dict[str, int]:
+    """Return the process of each node that the master knows; those that do not answer are left out."""
+    master, found = ServerProxy(uri), {}
+    for name in sorted({node for kind in master.getSystemState("/soak")[2] for _, nodes in kind for node in nodes}):
+        try:
+            found[name] = int(ServerProxy(master.lookupNode("/soak", name)[2]).getPid("/soak")[2])
+        except (OSError, Error):
+            continue
+    return found
+
+
+def fly(options: argparse.Namespace, folder: Path) -> Dict[Tuple[str, int], List[Sample]]:
+    """Fly for the time, and look at every node now and then."""
+    rates = "; ".join(f"autonomy.streams.{name}_rate_hz={hz * options.times}" for name, hz in RATES_HZ.items())
+    missions = ",".join(["4"] * (1 + int(options.minutes / 4.0)))
+    arguments = [f"mission:={missions}", f"output:={folder}", f"overrides:={rates}", f"processes:={options.processes}"]
+    (ROOT / "build/demo/master").unlink(missing_ok=True)
+    with (folder / "demo.log").open("wb") as log:
+        command = ["bash", str(ROOT / "run"), "demo", *arguments]
+        environment = {**os.environ, "AMAZE_COMPUTERS": "1"}
+        demo = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+    seen: Dict[Tuple[str, int], List[Sample]] = {}
+    began_s = time.monotonic()
+    while time.monotonic() - began_s < options.minutes * 60.0 and demo.poll() is None:
+        time.sleep(PERIOD_S)
+        try:
+            uri = (ROOT / "build/demo/master").read_text().strip()
+            for name, pid in nodes_of(uri).items():
+                seen.setdefault((name, pid), []).append(look(pid, time.monotonic() - began_s))
+        except OSError:
+            continue  # not yet, or just gone
+    if demo.poll() is not None:
+        raise SystemExit(f"node_soak: the demo has ended: {(folder / 'demo.log').read_text()[-2000:]}")
+    demo.send_signal(signal.SIGINT)
+    demo.wait(120.0)
+    return seen
+
+
+def grown(samples: List[Sample], times: float) -> Tuple[float, float, int, int]:
+    """Return memory in MB, its growth in 12 hours at the usual rates, and by how much threads and descriptors vary."""
+    t_s, memory = np.array([each.t_s for each in samples]), np.array([each.memory_mb for each in samples])
+    slope = float(np.polyfit(t_s, memory, 1)[0])
+    threads, descriptors = [each.threads for each in samples], [each.descriptors for each in samples]
+    growth_mb = slope * HOURS * 3600.0 / times
+    return float(memory[-1]), growth_mb, max(threads) - min(threads), max(descriptors) - min(descriptors)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=15.0)
+    parser.add_argument("--times", type=float, default=10.0)
+    parser.add_argument("--processes", choices=("separate", "forked"), default="separate")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    socket.setdefaulttimeout(3.0)
+    with TemporaryDirectory(prefix="amaze_soak_") as name:
+        seen = fly(options, Path(name))
+    first_s = options.minutes * 60.0 / 3.0
+    late = {key: [each for each in samples if each.t_s >= first_s] for key, samples in seen.items()}
+    rows = {key: grown(samples, options.times) for key, samples in late.items() if len(samples) > 10}
+    if options.json:
+        options.json.write_text(
+            json.dumps({f"{name} {pid}": row for (name, pid), row in rows.items()}, indent=2) + "\n"
+        )
+    print(f"{options.minutes:g} minutes at {options.times:g} times the usual rates, {options.processes}")
+    print(f"{'':28}{'PSS, MB':>9}{'growth in 12 h, MB':>20}{'threads +-':>12}{'descriptors +-':>16}")
+    good = bool(rows)
+    for (node, _), (memory, growth, threads, descriptors) in sorted(rows.items()):
+        flat = growth < GROWTH_FRACTION * memory and threads <= SPARE and descriptors <= SPARE
+        good = good and flat
+        print(f"{node:28}{memory:9.1f}{growth:20.1f}{threads:12}{descriptors:16}{'' if flat else '  GROWS'}")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
