@@ -31,16 +31,15 @@ from ..journal.trace import Span, trace_of
 from ..missions.csv_table import Frame
 from ..replay.sources import Recordings
 from ..replay.timeline import Line, LineKind
+from ..replay.upsets import columns_of, mavlink_tilt, tilt_deg
 from .readings import (
     Estimates,
     Series,
     bin_of,
-    columns_of,
     estimates_of,
     packed,
     rates_of,
     thinned,
-    tilt_deg,
     with_gaps,
 )
 
@@ -370,8 +369,9 @@ def _attitude(story: Story, estimates: Optional[Estimates]) -> _Plots:
             series.append(_gravity_tilt(story, recordings, imu))
     if estimates is not None:
         series.append(Series("estimate", *with_gaps(estimates.t_s, estimates.tilt)))
-    if recordings is not None:
-        series += _mavlink_tilt(recordings, story.start_ns)
+    told = None if recordings is None else mavlink_tilt(recordings)
+    if told is not None:
+        series.append(Series("attitude of the autopilot", *with_gaps(*told)))
     return _plot("Tilt", "deg", series)
 
 
@@ -386,18 +386,6 @@ def _gravity_tilt(story: Story, recordings: Recordings, imu: Any) -> Series:
         along = (x * imu[5][0] + y * imu[5][1] + z * imu[5][2]) / np.sqrt(x * x + y * y + z * z)
     tilt = np.degrees(np.arccos(np.clip(along, -1.0, 1.0)))
     return Series("mean acceleration over 1 s", *with_gaps(t_s, tilt))
-
-
-def _mavlink_tilt(recordings: Recordings, start_ns: int) -> List[Series]:
-    series: List[Series] = []
-    for bag in recordings.bags:
-        entries = bag.entries("/mavlink/ATTITUDE") if not hasattr(bag, "numbers") else ()
-        said = [(entry.t_ns, bag.message(entry)) for entry in entries]
-        if said:
-            t_s = np.array([(t_ns - start_ns) / _S for t_ns, _ in said])
-            level = np.array([math.cos(each.roll) * math.cos(each.pitch) for _, each in said])
-            series.append(Series("attitude of the autopilot", *with_gaps(t_s, np.degrees(np.arccos(level)))))
-    return series
 
 
 def _imu(story: Story, _: Optional[Estimates]) -> _Plots:

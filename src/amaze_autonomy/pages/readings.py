@@ -12,13 +12,10 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from amaze_autonomy.bags import Entry
-from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.monitoring.specs import EstimateSource
 
-from ..replay.errors import FieldError
-from ..replay.fields import getter, number
 from ..replay.sources import Recordings
+from ..replay.upsets import columns_of, tilt_deg
 
 __all__ = [
     "MOST_POINTS",
@@ -26,12 +23,10 @@ __all__ = [
     "Series",
     "TopicRate",
     "bin_of",
-    "columns_of",
     "estimates_of",
     "packed",
     "rates_of",
     "thinned",
-    "tilt_deg",
     "with_gaps",
 ]
 
@@ -150,53 +145,7 @@ def with_gaps(t_s: Any, values: Any) -> Tuple[Any, Any]:
     return np.insert(t_s, after, t_s[after - 1] + 1e-3), np.insert(values, after, np.nan)
 
 
-# --- columns of a recording -------------------------------------------------------------------------------------------
-
-
-def columns_of(recordings: Recordings, topic: str, paths: Sequence[str], start_ns: int) -> Tuple[Any, List[Any]]:
-    """Return the times of a topic's messages in seconds, and a column for each path; NaN where there is no number."""
-    if topic not in recordings.topics or topic in recordings.missing:
-        return np.zeros(0), [np.zeros(0) for _ in paths]
-    rank = recordings.topics.index(topic)
-    recordings.read({rank: tuple(paths)})
-    track = recordings.track(rank, tuple(paths)) if all(hasattr(bag, "numbers") for bag in recordings.bags) else None
-    if track is not None and len(track.columns) == len(paths):
-        t_ns, found = track.times, [np.asarray(column, float) for column in track.columns]
-    else:
-        t_ns, found = recordings.times(rank), _one_by_one(recordings, rank, paths)
-    return (np.asarray(t_ns, np.int64) - start_ns) / _S, found
-
-
-def _one_by_one(recordings: Recordings, rank: int, paths: Sequence[str]) -> List[Any]:
-    """Return columns out of whole messages: of logs, and of bags whose messages are irregular or damaged."""
-    gets = [getter(path) for path in paths]
-    rows: List[List[float]] = []
-    for sample in recordings.ordered([rank]):
-        row = [float("nan")] * len(paths)
-        try:
-            place = Entry(sample.t_ns, sample.publisher, sample.chunk, sample.offset, sample.connection)
-            message = recordings.bags[sample.bag].message(place)
-        except MessageError:
-            message = None
-        for column, get in enumerate(gets if message is not None else ()):
-            try:
-                value = number(get(message))
-            except FieldError:
-                value = None
-            row[column] = float("nan") if value is None else value
-        rows.append(row)
-    return list(np.array(rows, float).reshape(-1, len(paths)).T)
-
-
-# --- attitude and estimate --------------------------------------------------------------------------------------------
-
-
-def tilt_deg(x: Any, y: Any, z: Any, w: Any) -> Any:
-    """Return the angle between the vehicle's z axis and up of quaternions in degrees; NaN for what is none."""
-    norm = x * x + y * y + z * z + w * w
-    with np.errstate(invalid="ignore", divide="ignore"):
-        cosine = 1.0 - 2.0 * (x * x + y * y) / norm
-        return np.where(np.abs(norm - 1.0) < 0.1, np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), np.nan)  # noqa: PLR2004
+# --- estimate ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

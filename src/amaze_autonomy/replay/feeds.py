@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import partial
 from math import isfinite, nan
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Container, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -251,15 +251,29 @@ FACTS = tuple(_READ)
 
 
 class RangeFeed(Feed):
-    """A distance to the ground, in the units of the message; the specification scales it."""
+    """A distance to the ground, in the units of the message; the specification scales it.
 
-    def __init__(self, detector: LandingDetector, reading: Reading) -> None:
+    Args:
+        detector: that takes it.
+        reading: of the map.
+        given: limits that the map says: they win over those in the messages.
+    """
+
+    def __init__(self, detector: LandingDetector, reading: Reading, given: Container[str] = ()) -> None:
         super().__init__(reading.topic, _S // 20, paths=(reading.fields["distance"], "min_range", "max_range"))
         self._detector, self._get = detector, getter(reading.fields["distance"])
+        self._unsaid = "min_range_m" in given, "max_range_m" in given
         self.tilt: Optional[TiltFeed] = None
         self._first_m: Optional[float] = None
         self._below: Callable[[int], float] = lambda _: 0.0
         self._footing: Optional[Footing] = None
+
+    def ride(self, track: Track, rank: int) -> None:
+        """Take all readings of a track, with the limits that count."""
+        reading, *limits = track.columns
+        nothing = np.full(len(track), nan)
+        told = (nothing if unsaid else limit for limit, unsaid in zip(limits, self._unsaid))
+        super().ride(Track(track.times, (reading, *told)) if any(self._unsaid) else track, rank)
 
     def take_many(self, begin: int, end: int) -> None:
         """Take readings of the track, each with the tilt of its time."""
@@ -287,8 +301,12 @@ class RangeFeed(Feed):
 
     def take_values(self, t_ns: int, values: Tuple[Any, ...]) -> None:
         """Take a reading and its limits."""
-        value, least, most = map(number, values)
-        self._detector.add_range(t_ns, float("nan") if value is None else value, least, most)
+        value = number(values[0])
+        self._detector.add_range(t_ns, nan if value is None else value, *self._limits(values[1:]))
+
+    def _limits(self, told: Sequence[Any]) -> List[Optional[float]]:
+        """Return what a message says of its limits, where the map does not."""
+        return [None if unsaid else number(limit) for limit, unsaid in zip(told, self._unsaid)]
 
     def play(self, t_ns: int) -> None:
         """Take what the sensor measures when the vehicle stands on the ground."""
@@ -300,7 +318,7 @@ class RangeFeed(Feed):
     def join(self, message: Any, rise: Rise) -> None:
         """Play the height of the scripted vehicle, to what is recorded first."""
         spec = self._detector.spec
-        limits = (number(getattr(message, name, None)) for name in ("min_range", "max_range"))
+        limits = self._limits([getattr(message, name, None) for name in ("min_range", "max_range")])
         value = number(self._get(message))
         self._first_m = None if value is None else seen_m(value, spec, *limits)
         self._below = rise.height_m

@@ -336,7 +336,7 @@ class Monitors:
         if told is not None and any(spec.autopilot is not None for spec in self._plan.components):
             feeds.append(HealthFeed(self._watchdog, told))
         if self._landing is not None:
-            feeds.append(RangeFeed(self._landing, readings["range"]))
+            feeds.append(RangeFeed(self._landing, readings["range"], self._plan.topic_map.landing))
         if self._landing is not None and "orientation" in (readings["imu"].fields if "imu" in readings else {}):
             feeds.append(TiltFeed(self._landing, readings["imu"]))
         if self._state is not None and "imu" in readings:

@@ -25,6 +25,7 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import (
+    AutopilotStatus,
     EngineStarted,
     Event,
     MissionSelected,
@@ -51,6 +52,7 @@ from .script import User
 from .sources import Recordings, Sample
 from .statuses import FLAT
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
+from .upsets import upsets_of
 from .world import World
 
 __all__ = ["Outcome", "Parting", "Session", "part"]
@@ -137,6 +139,7 @@ class Session:
         self._journal: List[str] = []
         self._lines: List[Line] = []
         self._decisions: List[Decision] = []
+        self._statuses: List[AutopilotStatus] = []
         self._request_id = 0
         self._deadline_ns: Optional[int] = None  # or, while `_deadline_open`, a time that it is not before
         self._user = User(plan.topic_map.script)
@@ -357,6 +360,8 @@ class Session:
         if isinstance(event, EngineStarted) and not event.resumed:
             self._state = EngineState()
         self._journal.append(encode_event(event))
+        if isinstance(event, AutopilotStatus):
+            self._statuses.append(event)
         self._source = source
         self._state, commands = decide(self._state, event, self._rules)
         self._world.state = self._state
@@ -436,9 +441,11 @@ class Session:
             missed, since_ns = None, parting.t_ns
         words = f"the recording ends in {self._state.state.value}"
         self._lines.append(Line(end_ns, Source.BAG, LineKind.NOTE, words))
+        upsets = upsets_of(self._plan, self._recordings, self._statuses, flown="landed" in self._facts())
+        lines = sorted([*self._lines, *upsets], key=lambda line: line.t_ns)
         return Outcome(
             journal=tuple(self._journal),
-            timeline=tuple(marked(joined(self._lines), since_ns)),
+            timeline=tuple(marked(joined(lines), since_ns)),
             state=self._state,
             start_ns=self._recordings.start_ns,
             end_ns=end_ns,

@@ -136,6 +136,7 @@ class Recordings:
             raise self._nothing()
         self._check_times()
 
+    faulted = False  # it is what was recorded
     _samples: Optional[List[Sample]] = None
     _figures: Optional[Tuple[TopicFigures, ...]] = None
 

@@ -48,7 +48,7 @@ class FaultedRecordings(Recordings):
         self._items = [Item(sample.t_ns, sample, ()) for sample in part]
         self._samples = [item.sample for item in self._items]
         self.touched: List[int] = []
-        self._faulted = False
+        self.faulted = False
         self._by_rank: Optional[List[List[int]]] = None
 
     @property
@@ -63,7 +63,7 @@ class FaultedRecordings(Recordings):
 
     def apply(self, acting: Sequence[Acting], seed: int) -> None:
         """Put faults into the stream, one after the other; `touched` counts the messages of each."""
-        self._faulted = True
+        self.faulted = True
         self.touched = [0] * len(acting)
         for number, each in enumerate(acting):
             self._apply(number, each, Random(f"{seed}/{number}"))  # noqa: S311  (repeatable, not secret)
@@ -108,7 +108,7 @@ class FaultedRecordings(Recordings):
 
     def message(self, sample: Sample) -> Optional[Any]:
         """Return the decoded message as the faults left it; None when it is damaged, which is noted."""
-        if not self._faulted:
+        if not self.faulted:
             return self._inner.message(sample)
         item = self._items[sample.offset]
         message = self._inner.message(item.sample)
@@ -126,7 +126,7 @@ class FaultedRecordings(Recordings):
 
     def values(self, sample: Sample) -> Optional[Tuple[Any, ...]]:
         """Return the numbers of a message; None when `message` must be asked: it is damaged, or a fault edits it."""
-        if not self._faulted:
+        if not self.faulted:
             return self._inner.values(sample)
         item = self._items[sample.offset]
         return None if item.edits else self._inner.values(item.sample)
@@ -134,7 +134,7 @@ class FaultedRecordings(Recordings):
     def read_statuses(self, wanted: Mapping[int, str]) -> Tuple[int, ...]:
         """Read recorded statuses as events."""
         whole = self._inner.read_statuses(wanted)
-        return () if self._faulted else whole
+        return () if self.faulted else whole
 
     def tell_statuses(self, wanted: Mapping[int, str]) -> None:
         """Make events of recorded statuses."""
@@ -142,7 +142,7 @@ class FaultedRecordings(Recordings):
 
     def status(self, sample: Sample) -> Optional[Event]:
         """Return a recorded status as an event; None when `message` must be asked: a fault moves or edits it."""
-        if not self._faulted:
+        if not self.faulted:
             return self._inner.status(sample)
         item = self._items[sample.offset]
         moved = item.edits or item.t_ns != item.sample.t_ns
