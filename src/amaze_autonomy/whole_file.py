@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import errno
 import os
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Iterable, Union
+from typing import IO, Iterable, Iterator, Union
 
-__all__ = ["sync_folder", "temporary_name", "write_whole"]
+__all__ = ["sha256_of", "sync_folder", "temporary_name", "whole", "write_whole"]
+
+_PIECE = 1 << 20
 
 
 def temporary_name(path: Path) -> Path:
@@ -30,18 +32,39 @@ def write_whole(path: Path, content: Union[str, bytes, Iterable[bytes]]) -> None
         OSError: It cannot be written; what was there still is, and nothing is left beside it.
     """
     data = content.encode() if isinstance(content, str) else content
+    try:
+        with whole(path) as file:
+            file.writelines([data] if isinstance(data, bytes) else data)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error  # of the file that was asked for
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file for writing that takes its place when it is whole; after an error nothing is left beside it."""
     part = temporary_name(path)
     try:
         with part.open("wb") as file:
-            file.writelines([data] if isinstance(data, bytes) else data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         part.replace(path)
         sync_folder(path.parent)
-    except OSError as error:
+    except BaseException:
         with suppress(OSError):
             part.unlink()
-        raise OSError(error.errno, error.strerror, str(path)) from error  # of the file that was asked for
+        raise
+
+
+def sha256_of(path: Path) -> str:
+    """Return the checksum of a file."""
+    from hashlib import sha256  # noqa: PLC0415  (slow to load, and seldom wanted)
+
+    digest = sha256()
+    with path.open("rb") as file:
+        for piece in iter(lambda: file.read(_PIECE), b""):
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def sync_folder(folder: Path) -> None:

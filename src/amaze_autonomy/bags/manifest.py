@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, NamedTuple, Optional, Sequenc
 import lz4
 import numpy as np
 
-from amaze_autonomy.whole_file import write_whole
+from amaze_autonomy.whole_file import sha256_of, write_whole
 
 from .errors import BagError
 from .index import Index
@@ -96,9 +96,6 @@ def _mix(value: Any) -> Any:
 
 
 # --- the manifest -----------------------------------------------------------------------------------------------------
-
-
-_PIECE = 1 << 20
 
 
 def manifest_path(bag: Path) -> Path:
@@ -191,7 +188,7 @@ def _counted(counted: Counted, folder: Path) -> Dict[str, Any]:
     return {
         "file": _relative(counted.path, folder),
         "bytes": counted.size,
-        "sha256": _sha256(counted.path),
+        "sha256": sha256_of(counted.path),
         "messages": counted.messages,
         "start_ns": counted.start_ns,
         "end_ns": counted.end_ns,
@@ -208,16 +205,6 @@ def _rows(tallies: Dict[TopicKey, Tally]) -> List[Dict[str, Any]]:
         {"topic": topic, "type": kind, "md5": md5, "messages": tally.messages, "checksum": f"{tally.checksum:016x}"}
         for (topic, kind, md5), tally in sorted(tallies.items())
     ]
-
-
-def _sha256(path: Path) -> str:
-    from hashlib import sha256  # noqa: PLC0415  (slow to load, and only wanted here)
-
-    digest = sha256()
-    with path.open("rb") as file:
-        for piece in iter(lambda: file.read(_PIECE), b""):
-            digest.update(piece)
-    return digest.hexdigest()
 
 
 def _versions() -> Dict[str, str]:

@@ -17,11 +17,12 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from amaze_autonomy.whole_file import sha256_of
+
 __all__ = ["VARIABLE", "Tapes", "tapes_of"]
 
 VARIABLE = "AMAZE_TAPES"
 _VERSION = 1  # of what `columns` takes, and of the files here
-_BLOCK = 1 << 20
 _BROKEN = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
 Columns = Dict[int, Tuple[Any, List[Any]]]
@@ -129,7 +130,7 @@ class Tapes:
         except (OSError, ValueError):
             self._hash = ""
         if len(self._hash) != 64:  # noqa: PLR2004  (of SHA-256 in hexadecimal)
-            self._hash = _sha256(self._bag)
+            self._hash = sha256_of(self._bag)
             self._note(note)
         return self._hash
 
@@ -150,11 +151,3 @@ def _remove(part: Path) -> None:
 
 def _plain(what: Mapping[int, Sequence[str]]) -> List[Any]:
     return [[number, list(paths)] for number, paths in sorted(what.items())]
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        for block in iter(lambda: file.read(_BLOCK), b""):
-            digest.update(block)
-    return digest.hexdigest()

@@ -14,11 +14,12 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.recover import read_undo, recover, recover_in_place, undo_path
+from amaze_autonomy.whole_file import sha256_of
 
 from .errors import TransferError
 from .losses import Numbers, Stream, Written, account, header_numbers, written
 from .programs import LogState, read_line
-from .storage import PARTS, read_json, sha256_of, write_json
+from .storage import PARTS, read_json, write_json
 
 __all__ = ["Part", "check_arrived", "close_parts", "open_bags", "whole_bags"]
 

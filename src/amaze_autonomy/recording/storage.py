@@ -10,7 +10,6 @@ FOLDER/SESSION_MISSION/             one per session, on each platform
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import re
@@ -20,7 +19,7 @@ from typing import Any, Dict, Mapping, Optional, Sequence
 
 from amaze_autonomy.config.recording_schema import Storage, TopicGroup
 from amaze_autonomy.units import GB, MB
-from amaze_autonomy.whole_file import write_whole
+from amaze_autonomy.whole_file import sha256_of, write_whole
 
 from .errors import FolderError
 from .status import Space
@@ -33,7 +32,6 @@ __all__ = [
     "remove_part",
     "reserve_bytes",
     "session_name",
-    "sha256_of",
     "space_of",
     "time_left_s",
     "too_little",
@@ -131,17 +129,7 @@ def time_left_s(space: Optional[Space], rate: float, reserve: int) -> Optional[f
 
 
 _OF_IT = ("recovered_from", "undo")
-_PIECE = 1 << 20
 _log = logging.getLogger(__name__)
-
-
-def sha256_of(path: Path) -> str:
-    """Return the checksum of a file."""
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        for piece in iter(lambda: file.read(_PIECE), b""):
-            digest.update(piece)
-    return digest.hexdigest()
 
 
 def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> None:

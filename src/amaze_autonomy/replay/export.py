@@ -10,8 +10,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
-from contextlib import suppress
 from dataclasses import is_dataclass
 from datetime import datetime, timezone
 from fnmatch import fnmatchcase
@@ -28,7 +26,7 @@ from amaze_autonomy.bags import BagError, Entry, Recording
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.bags.other_formats import OtherRecording
-from amaze_autonomy.whole_file import sync_folder, temporary_name, write_whole
+from amaze_autonomy.whole_file import whole, write_whole
 
 from .errors import ReplayError
 from .sources import recordings_of
@@ -121,29 +119,21 @@ def _write_mcap(flight: _Flight, output: Path) -> Exported:
         from mcap.writer import Writer  # noqa: PLC0415  (an extra)
     except ImportError as error:
         raise BagError(str(output), "needs a library for MCAP", "pip install 'amaze_autonomy[mcap]'") from error
-    part, count = temporary_name(output), 0
-    try:
-        with part.open("wb") as file:
-            writer = Writer(file)
-            writer.start(_profile(flight), "amaze-replay")
-            channels = _Channels(writer)
-            for entry, number in flight.in_order():
-                recording, topic = flight.topics[number]
-                try:
-                    data = channels.data(recording, entry)
-                except MessageError:
-                    flight.unread[topic.name] = flight.unread.get(topic.name, 0) + 1
-                    continue
-                count += 1
-                writer.add_message(channels.of(recording, topic, entry), entry.t_ns, data, entry.t_ns, count)
-            writer.finish()
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(output)
-        sync_folder(output.parent)
-    finally:
-        with suppress(FileNotFoundError):
-            part.unlink()
+    count = 0
+    with whole(output) as file:
+        writer = Writer(file)
+        writer.start(_profile(flight), "amaze-replay")
+        channels = _Channels(writer)
+        for entry, number in flight.in_order():
+            recording, topic = flight.topics[number]
+            try:
+                data = channels.data(recording, entry)
+            except MessageError:
+                flight.unread[topic.name] = flight.unread.get(topic.name, 0) + 1
+                continue
+            count += 1
+            writer.add_message(channels.of(recording, topic, entry), entry.t_ns, data, entry.t_ns, count)
+        writer.finish()
     return Exported((output,), count, flight.unread, ())
 
 

@@ -19,7 +19,7 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tupl
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.scan import scan
 from amaze_autonomy.config.errors import ConfigError
-from amaze_autonomy.whole_file import write_whole
+from amaze_autonomy.whole_file import sha256_of, write_whole
 
 from ..replay.errors import ReplayError
 from ..replay.terminal import add_tapes, progress_bar, show_lines, use_tapes
@@ -309,15 +309,7 @@ def _fetch_bags(case: Case, url: str) -> None:
 
 
 def _is_kept(path: Path, sha256: str) -> bool:
-    return path.is_file() and (not sha256 or _sha256(path) == sha256)
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        for block in iter(lambda: file.read(_BLOCK), b""):
-            digest.update(block)
-    return digest.hexdigest()
+    return path.is_file() and (not sha256 or sha256_of(path) == sha256)
 
 
 def _fetch(url: str, path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
@@ -18,6 +17,7 @@ from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
 from amaze_autonomy.simulation.run import run
+from amaze_autonomy.whole_file import sha256_of
 
 from ..engine.events import Mission
 from ..engine.rules import ComponentRule
@@ -131,7 +131,6 @@ def missions_of(case: Case, configuration: Configuration) -> Tuple[Mission, ...]
 
 
 _S = 1_000_000_000
-_BLOCK = 1 << 20
 
 
 def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
@@ -217,20 +216,12 @@ def _check_bags(case: Case) -> None:
     for bag in case.bags:
         if not bag.path.is_file():
             raise DamagedInputError(f"{bag.path}: is not there; the scenario needs it{_hint(bag.path)}")
-        if bag.sha256 and _sha256(bag.path) != bag.sha256:
+        if bag.sha256 and sha256_of(bag.path) != bag.sha256:
             raise DamagedInputError(f"{bag.path}: is another file than the scenario was written for (sha256 differs)")
 
 
 def _hint(path: Path) -> str:
     return f" (is {path.parts[0][2:-1]} set?)" if path.parts[0].startswith("${") else ""
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        for block in iter(lambda: file.read(_BLOCK), b""):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def _map(case: Case) -> TopicMap:
