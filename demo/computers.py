@@ -1,15 +1,19 @@
 """Two computers on one: network namespaces with a cable between them, and an ssh server on the far one. Needs root.
 
-Neither reaches the machine's own network, nor is reached from it. Whatever runs on them is ended with the program that
-made them, however that ends: the kernel sees to it when it is killed. The keys are made for one run, and lie in memory.
+Neither reaches the machine's own network, nor is reached from it, but for the page that `relay` carries. Whatever runs
+on them is ended with the program that made them, however that ends: the kernel sees to it when it is killed. The keys
+are made for one run, and lie in memory.
 """
 
 from __future__ import annotations
 
+import asyncio
 import os
 import shutil
 import signal
+import socket
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any, Callable, List
@@ -216,3 +220,41 @@ def run_sshd(cleanup: Any, far: Computer, folder: Path) -> subprocess.Popen[Any]
 
     wait_for(listens, "sshd")
     return process
+
+
+# --- relay ------------------------------------------------------------------------------------------------------------
+
+
+async def relay(listener: socket.socket, port: int) -> None:
+    """Carry what comes in at a socket to a port of this computer, and back."""
+
+    async def carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            from_port, to_port = await asyncio.open_connection("127.0.0.1", port)
+        except OSError:  # nobody listens yet; a browser tries again
+            writer.close()
+            return
+        await asyncio.gather(pump(reader, to_port), pump(from_port, writer))
+
+    server = await asyncio.start_server(carry, sock=listener)
+    await server.serve_forever()
+
+
+async def pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Carry on until one side has closed."""
+    try:
+        while True:
+            data = await reader.read(1 << 16)
+            if not data:
+                break
+            writer.write(data)
+            await writer.drain()
+    except OSError:
+        pass
+    finally:
+        writer.close()
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    asyncio.run(relay(socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2])))

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import shlex
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -141,6 +142,8 @@ def fly(cleanup: ExitStack, arguments: List[str]) -> int:
     (DEMO / "near").write_text(f"{near.holder.pid}\n")  # for ./run console
     cleanup.callback(forget, near.holder.pid)
     start_far(cleanup, far, output, shared)
+    if not any(each.startswith("web:=") for each in demo):
+        demo = [*demo, "web:=true", f"web_port:={show_page(cleanup, near)}"]
     command = ["bash", str(ROOT / "run"), "demo", *demo, f"output:={output}"]
     flight = near.start(cleanup, "TERM", [*command, "second_recorder:=false", "transfer:=rsync"], env=environment)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # it lands the vehicle and ends its nodes
@@ -151,6 +154,24 @@ def fly(cleanup: ExitStack, arguments: List[str]) -> int:
     if status and any((output / "second_computer").glob("*/second/*.bag*")):
         print(f"{'one_bag':12} {by_hand(output)}", flush=True)
     return status
+
+
+def show_page(cleanup: ExitStack, near: Computer) -> int:
+    """Have the near computer's page reached from here, where the browser is; return its port, here and there.
+
+    A socket belongs to the network in which it was made: one that listens here is accepted from over there.
+    """
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind(("127.0.0.1", 8080))
+        except OSError:
+            listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        number, port = listener.fileno(), int(listener.getsockname()[1])
+        command = [sys.executable, str(ROOT / "demo" / "computers.py"), str(number), str(port)]
+        near.start(cleanup, "TERM", command, pass_fds=(number,))
+    return port
 
 
 def by_hand(output: Path) -> str:

@@ -17,7 +17,8 @@ from amaze_autonomy.console.keyboard import KeyDecoder
         (b"\x15", ["clear"]),
         (b"\x03\x04", ["quit", "quit"]),
         ("ü→".encode(), ["ü", "→"]),
-        (b"\x1b[Al", ["l"]),
+        (b"\x1b[Al", ["up", "l"]),
+        (b"\x1b[B\x1bOA\x1b[5~\x1b[6~", ["down", "up", "page up", "page down"]),
         (b"\x1bOPl", ["l"]),
         (b"\x1b[15;5~l", ["l"]),
         (b"\x1b[<0;10;20Ml", ["l"]),
@@ -36,7 +37,7 @@ def test_pieces_of_any_size_give_the_same_keys(data):
     for size in range(1, len(data) + 1):
         decoder = KeyDecoder()
         pieces = [data[at : at + size] for at in range(0, len(data), size)]
-        assert [key for piece in pieces for key in decoder.feed(piece)] == ["a", "ü", "→", "b", "c"]
+        assert [key for piece in pieces for key in decoder.feed(piece)] == ["a", "ü", "→", "up", "b", "c"]
 
 
 def test_a_lone_escape_is_the_escape_key_after_a_pause():

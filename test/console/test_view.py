@@ -12,13 +12,24 @@ from console_scenes import CHECKS, NOW_S, SCENES
 from rich.console import Console
 from write_screens import screen
 
-from amaze_autonomy.console.model import Answer, MissionRow, PendingFailure, Question, Request, RequestKind, Verdict
+from amaze_autonomy.console.dialog import press, received
+from amaze_autonomy.console.model import (
+    Answer,
+    MissionRow,
+    Note,
+    PendingFailure,
+    Question,
+    Request,
+    RequestKind,
+    Verdict,
+)
 from amaze_autonomy.console.style import ASCII, UNICODE
 from amaze_autonomy.console.view import Screen
 from amaze_autonomy.console.wire import snapshot_of
 from amaze_autonomy.engine.state import State
 
 SCREENS = Path(__file__).parent / "screens"
+CHECK_NOTE = Note("10:00:00", 0, "one of the messages")
 
 
 def draw(desk, width=100, height=None, style=UNICODE, color_system=None):
@@ -59,6 +70,36 @@ def test_band_and_keys_are_visible_in_any_size(name, width, height):
 @pytest.mark.parametrize("name", SCENES)
 def test_a_screen_of_usual_size_is_filled_exactly(name):
     assert len(draw(SCENES[name], 80, 24)) == 24
+
+
+@pytest.mark.parametrize("name", [name for name, desk in SCENES.items() if desk.snapshot and desk.snapshot.advice])
+def test_on_80_columns_and_24_lines_the_advice_is_on_the_screen(name):
+    advice = SCENES[name].snapshot.advice
+    assert advice in " ".join(" ".join(draw(SCENES[name], 80, 24)).split())
+
+
+@pytest.mark.parametrize("name", ["outreach", "hold", "mission", "mission-ended"])
+def test_what_does_not_fit_is_there_when_one_scrolls(name):
+    notes = tuple(replace(CHECK_NOTE, text=f"no. {number} of the messages", number=number) for number in range(1, 31))
+    desk = replace(SCENES[name], notes=notes)
+    seen = set()
+    for _ in range(20):
+        lines = draw(desk, 80, 24)
+        assert len(lines) == 24
+        seen |= {" ".join(line.split()) for line in lines}
+        desk, _ = press(desk, "page down", NOW_S)
+    whole = {" ".join(line.split()) for line in draw(replace(desk, scroll=1), 80)}
+    assert whole <= seen
+    assert any("no. 1 of" in line for line in seen)
+    desk, _ = press(replace(desk, scroll=3), "page up", NOW_S)
+    assert desk.scroll == 0
+
+
+def test_scrolling_answers_no_question_and_ends_with_the_state():
+    asked = replace(SCENES["hold-land-asked"], notes=(CHECK_NOTE,) * 30)
+    scrolled, requests = press(asked, "down", NOW_S)
+    assert (scrolled.question, scrolled.scroll, requests) == (asked.question, 1, ())
+    assert received(scrolled, SCENES["land"].snapshot, NOW_S).scroll == 0
 
 
 def test_what_failed_stays_when_there_is_no_room_for_what_passed():

@@ -34,6 +34,7 @@ _QUESTION_OPEN_S = 10.0
 _REQUEST_FORGOTTEN_S = 60.0
 _LIST_AGAIN_S = 5.0
 _ENTRY_LIMIT = 60
+_SCROLLS = {"up": -1, "down": 1, "page up": -8, "page down": 8}
 
 Turn = Tuple[Desk, Tuple[Request, ...]]
 
@@ -45,6 +46,8 @@ def received(desk: Desk, snapshot: Snapshot, now_s: float) -> Desk:
     """Take in a state."""
     before = desk.snapshot
     desk = replace(desk, snapshot=snapshot, received_s=now_s, link="")
+    if before is not None and before.state != snapshot.state:
+        desk = replace(desk, scroll=0)
     if before is not None and before.takes_mission and not snapshot.takes_mission:
         desk = replace(desk, entry="", error="")
     return _drop_question_if_void(desk)
@@ -140,7 +143,10 @@ def _select_wanted(desk: Desk, now_s: float) -> Turn:
 
 
 def press(desk: Desk, key: str, now_s: float) -> Turn:
-    """Take in one key: a letter, or "enter", "escape", "backspace", "clear", "quit"."""
+    """Take in one key: a letter, or "enter", "escape", "backspace", "clear", "quit", or one of `_SCROLLS`."""
+    if key in _SCROLLS:
+        lines = 0 if desk.snapshot is None else 40 + 2 * len(desk.snapshot.checks) + len(desk.notes)
+        return replace(desk, scroll=min(lines, max(0, desk.scroll + _SCROLLS[key]))), ()
     if key == "quit":
         return desk, (Request(kind=RequestKind.QUIT),)
     if desk.question is not None:

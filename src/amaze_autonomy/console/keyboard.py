@@ -1,7 +1,8 @@
 """Bytes of a terminal made into keys. Pure.
 
-A key is the letter itself, or one of "enter", "escape", "backspace", "clear" (Ctrl-U), "quit" (Ctrl-C, Ctrl-D). Arrows,
-function keys, mouse reports and everything that is pasted are nothing: pasted text must never land a vehicle.
+A key is the letter itself, or one of "enter", "escape", "backspace", "clear" (Ctrl-U), "quit" (Ctrl-C, Ctrl-D), "up",
+"down", "page up", "page down". Other function keys, mouse reports and everything that is pasted are nothing: pasted
+text must never land a vehicle.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import codecs
 import re
 import unicodedata
-from typing import List, Mapping
+from typing import List, Mapping, Optional
 
 __all__ = ["KeyDecoder"]
 
@@ -21,6 +22,14 @@ _CONTROLS: Mapping[str, str] = {
     "\x15": "clear",
     "\x03": "quit",
     "\x04": "quit",
+}
+_SCROLLS: Mapping[str, str] = {
+    "\x1b[A": "up",
+    "\x1bOA": "up",
+    "\x1b[B": "down",
+    "\x1bOB": "down",
+    "\x1b[5~": "page up",
+    "\x1b[6~": "page down",
 }
 _NO_LETTERS = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 _PASTE, _PASTE_END = "\x1b[200~", "\x1b[201~"
@@ -47,8 +56,11 @@ class KeyDecoder:
             elif self._rest[0] != "\x1b":
                 keys += _key(self._rest[0])
                 self._rest = self._rest[1:]
-            elif not self._skip_sequence():
-                break
+            else:
+                found = self._take_sequence()
+                if found is None:
+                    break
+                keys += found
         return keys
 
     def flush(self) -> List[str]:
@@ -67,16 +79,16 @@ class KeyDecoder:
         self._rest, self._pasting = self._rest[at + len(_PASTE_END) :], False
         return True
 
-    def _skip_sequence(self) -> bool:
-        """Drop one escape sequence; return False when it is not complete."""
+    def _take_sequence(self) -> Optional[List[str]]:
+        """Take one escape sequence and return its key, mostly none; None when it is not complete."""
         found = _SEQUENCE.match(self._rest)
         if found is None:
             if len(self._rest) > _LONGEST_SEQUENCE:
                 self._rest = ""
-            return False
+            return None
         self._rest = self._rest[found.end() :]
         self._pasting = found.group() == _PASTE
-        return True
+        return [_SCROLLS[found.group()]] if found.group() in _SCROLLS else []
 
 
 def _key(letter: str) -> List[str]:

@@ -298,6 +298,7 @@ class Desk:
         notes: its last messages, oldest first.
         next_id: of the next request.
         interactive: there is somebody who can type.
+        scroll: lines of the middle of the screen that are above its top.
     """
 
     engine: str = "/autonomy"
@@ -319,6 +320,7 @@ class Desk:
     notes: Tuple[Note, ...] = ()
     next_id: int = 1
     interactive: bool = True
+    scroll: int = 0
 
     def age_s(self, now_s: float) -> float:
         """Return how long ago the last state came."""

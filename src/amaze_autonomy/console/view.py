@@ -2,7 +2,7 @@
 
 From top to bottom: the band (state and time left, large), the message with its advice, what is wrong, progress, the
 table that the state is about, the log of messages; at the bottom, always visible: answer, question, keys. What does not
-fit is cut from the middle, never from the band or the keys.
+fit is cut from the middle, never from the band or the keys, and is there when one scrolls.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ __all__ = ["Screen", "footer", "progress"]
 
 _ALL = 10_000
 _LEAST_LOG = 3
+_NOTES = 8  # of the log, while nobody scrolls
 _CHECK_STATES = ("PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION")
 
 
@@ -49,14 +50,33 @@ class Screen:
         width = options.max_width
         top = self._lines(console, options, band(self._desk, self._now_s, width, self._style))
         bottom = self._lines(console, options, footer(self._desk, self._now_s, width, self._style))
-        room = _ALL if self._height is None else max(0, self._height - len(top) - len(bottom))
+        middle = self._middle(console, options, _ALL)
+        if self._height is not None:
+            room = max(0, self._height - len(top) - len(bottom))
+            middle = self._fitted(console, options, middle, room)
+            middle += [[Segment(" " * width)]] * (room - len(middle))
+        return [Segments([*line, Segment.line()]) for line in [*top, *middle, *bottom]]
+
+    def _middle(self, console: Console, options: ConsoleOptions, room: int) -> List[List[Segment]]:
         middle: List[List[Segment]] = []
         for part in (self._news, self._checks, self._missions, self._log):
-            for piece in part(width, room - len(middle)):
+            for piece in part(options.max_width, room - len(middle)):
                 middle += self._lines(console, options, piece)
-        if self._height is not None:
-            middle = middle[:room] + [[Segment(" " * width)]] * (room - len(middle))
-        return [Segments([*line, Segment.line()]) for line in [*top, *middle, *bottom]]
+        return middle
+
+    def _fitted(
+        self, console: Console, options: ConsoleOptions, whole: List[List[Segment]], room: int
+    ) -> List[List[Segment]]:
+        """Return what there is room for: the top, the least important left out, or from where it is scrolled to."""
+        more = len(whole) > room or len(self._desk.notes) > _NOTES
+        if not more or room < _LEAST_LOG:
+            return whole[:room]
+        start = min(self._desk.scroll, max(0, len(whole) - room + 1))
+        shown = whole[start:] if start else self._middle(console, options, room - 1)
+        if start and len(shown) < room:
+            return shown
+        hint = self._style.text(" Page Up, Page Down: the rest", Tone.QUIET)
+        return shown[: room - 1] + self._lines(console, options, hint)
 
     def _lines(self, console: Console, options: ConsoleOptions, part: RenderableType) -> List[List[Segment]]:
         return console.render_lines(part, options.update(height=None), pad=True)
@@ -106,7 +126,7 @@ class Screen:
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
         table.add_column(ratio=1, overflow="fold")
-        for note in reversed(notes[-8:]):
+        for note in reversed(notes if self._desk.scroll else notes[-_NOTES:]):
             words = level(note.level) if note.level > 0 else "info"
             tone = tone_of_level(note.level) if note.level > 0 else Tone.PLAIN
             table.add_row(self._style.text(note.clock), self._style.label(words, tone), self._style.text(note.text))
