@@ -275,6 +275,17 @@ def test_a_telemetry_log_has_texts_modes_and_a_track():
     assert 20.0 < max(series(content, "Tilt", "attitude of the autopilot").values()) < 45.0
 
 
+def test_a_text_that_the_map_reads_stands_there_once(tmp_path):
+    path = recording("px4_battery_drain.tlog")
+    texts = "  texts: {topic: /mavlink/STATUSTEXT, text: text, severity: severity}\n\nstatuses:"
+    text = (
+        Path(sys.modules["amaze_autonomy.replay.topic_map"].__file__).parent / "maps/px4_telemetry.yaml"
+    ).read_text()
+    (tmp_path / "map.yaml").write_text(text.replace("\nstatuses:", texts))
+    said = [each for each in replayed(path, str(tmp_path / "map.yaml"))["events"] if "Takeoff detected" in each["text"]]
+    assert [(each["kind"], each["text"]) for each in said] == [("note", "the autopilot says: Takeoff detected")]
+
+
 def test_a_real_bag_has_its_shock_and_its_gaps():
     path = recording("ardrone_indoor_flight.bag")
     content = replayed(path, "ardrone_indoor_flight")

@@ -38,6 +38,23 @@ def test_a_team_keeps_a_flight_as_a_regression_test(capsys):
     assert capsys.readouterr().out.startswith("PASS         field: ")
 
 
+@pytest.mark.skipif(not (DATA / "crazyflie_sine.bag").is_file(), reason="no recordings: set AMAZE_DATA")
+@pytest.mark.usefixtures("folder")
+def test_a_map_a_fault_and_anchors_of_one_s_own(capsys):
+    flights = Path("flights")
+    flights.mkdir()
+    shutil.copy(DATA / "crazyflie_sine.bag", flights / "flight.bag")
+    for name in ("quadrotor.yaml", "range.scenario.yaml"):
+        (flights / name).write_text(block("yaml", f"# {name}"))
+    commands = block("", "amaze-replay run flights/flight.bag").splitlines()
+    for command in commands:
+        assert main(command.partition("#")[0].split()[1:]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("PASS         range: 19 decisions, 3 expectations hold")
+    assert "    PASS     exists command HOLD, within_s 0.2, from quiet: " in out
+    assert Path("flight.html").stat().st_size < 15_000_000
+
+
 def test_every_verb_of_the_page_is_there(capsys):
     verbs = dict.fromkeys(re.findall(r"^amaze-replay ([a-z-]+)", PAGE, re.MULTILINE))
     assert len(verbs) > 5

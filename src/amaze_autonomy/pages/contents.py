@@ -486,7 +486,15 @@ def _events(story: Story) -> List[Dict[str, Any]]:
         }
         for line in story.lines
     ]
-    return sorted([*lines, *_texts(story)], key=lambda each: float(each["t"]))
+    known = {(each["t"], part) for each in lines for part in _parts(str(each["text"]))}
+    more = [each for each in _texts(story) if (each["t"], _parts(str(each["text"]))[-1]) not in known]
+    return sorted([*lines, *more], key=lambda each: float(each["t"]))
+
+
+def _parts(text: str) -> List[str]:
+    """Return a text and what follows each colon in it: the timeline may have it already, under another name."""
+    pieces = text.split(": ")
+    return [": ".join(pieces[place:]).strip('"') for place in range(len(pieces))]
 
 
 def _texts(story: Story) -> List[Dict[str, Any]]:
