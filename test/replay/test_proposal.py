@@ -245,6 +245,15 @@ def test_the_command_writes_a_map_that_runs(tmp_path, capsys):
     assert "amaze-replay map" in Path(out).read_text()
 
 
+def test_a_recording_without_a_vehicle_is_said_to_be_that(tmp_path, capsys):
+    rows = [(START_NS + each * S, "/turtle", make("std_msgs/msg/Bool", data=True)) for each in range(5)]
+    bag, out = write_bag(tmp_path / "x.bag", rows), tmp_path / "x.yaml"
+    assert main(["map", str(bag), "--out", str(out)]) == 0
+    assert "# What was found:\n#   no flight: nothing tells of it\n" in out.read_text()
+    assert main(["run", str(bag), "--map", str(out)]) == 2
+    assert "x.bag: the map names none of its topics; there are /turtle" in capsys.readouterr().err
+
+
 def test_a_bag_without_messages_is_one_clear_error():
     with pytest.raises(NoMessagesError, match=r"no_messages.bag: there is no message in it$"):
         propose([recording("no_messages.bag")])

@@ -323,6 +323,8 @@ class Recordings:
         if all(bag.start_ns is None for bag in self.bags):
             return NoMessagesError(f"{names}: there is no message in it")
         there = ", ".join(topic.name for bag in self.bags for topic in bag.topics)
+        if not self.topics:
+            return NoMessagesError(f"{names}: the map names none of its topics; there are {there}")
         return NoMessagesError(
             f"{names}: no message of {', '.join(self.topics)}; there are {there}: is it another map?"
         )
