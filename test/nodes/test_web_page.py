@@ -32,6 +32,7 @@ from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.journal.report import MessageLog, report
 from amaze_autonomy.nodes.autonomy.outbox import state_message
+from amaze_autonomy.nodes.web import server
 from amaze_autonomy.nodes.web.server import PageServer
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import World
@@ -365,7 +366,8 @@ def test_a_mission_is_clicked_through_over_a_bad_link_by_one_of_two_viewers_and_
         assert pilot.errors() == guest.errors() == []
 
 
-def test_names_of_others_are_never_markup(field):
+def test_names_of_others_are_never_markup_and_without_plotly_all_but_the_plots_is_there(field, monkeypatch):
+    monkeypatch.setattr(server, "plotly_file", lambda: None)
     evil = '<img src=x onerror="window.broken=1"><b>bold</b>'
     field.stop()
     field.start("r-1", field.port, speed=0.0)
@@ -384,6 +386,8 @@ def test_names_of_others_are_never_markup(field):
         assert page.text("message") == evil
         assert page.count("#message b, #messages b, img") == 0
         assert page.driver.execute_script("return window.broken") is None
+        hidden = 'return ["no-plots", "track-part", "plots-part"].map((id) => $(id).hidden)'
+        assert page.driver.execute_script(hidden) == [False, True, True]
 
 
 def test_many_messages_do_not_make_the_page_grow(field):

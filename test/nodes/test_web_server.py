@@ -15,7 +15,7 @@ from tornado.websocket import websocket_connect
 
 from amaze_autonomy.console.link import AnswerCame, MessagesCame, StateCame
 from amaze_autonomy.console.model import Note, Snapshot, Verdict
-from amaze_autonomy.nodes.web.server import PageServer
+from amaze_autonomy.nodes.web.server import PageServer, token_of
 
 pytestmark = pytest.mark.live
 LIMIT_S = 60.0
@@ -73,6 +73,20 @@ def test_the_page_loads_nothing_from_elsewhere_and_is_not_for_other_sites():
             await websocket_connect(page)
 
     served(story)
+
+
+def test_a_token_is_made_for_its_owner_alone_and_stays(tmp_path):
+    file = tmp_path / "new" / "web_token"
+    token = token_of(file)
+    assert len(token) >= 16
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert token_of(file) == token
+    file.write_text("our own token of today\n")
+    assert token_of(file) == "our own token of today"
+    for short in ("", "short\n"):
+        file.write_text(short)
+        with pytest.raises(ValueError, match="at least 8 characters"):
+            token_of(file)
 
 
 def test_two_viewers_see_the_same_and_a_command_is_answered_to_its_sender():

@@ -9,13 +9,12 @@ owner alone, where there is none; it is printed with the address.
 from __future__ import annotations
 
 import argparse
-import os
-import secrets
 import signal
 import sys
 import threading
 from pathlib import Path
 from typing import List, Optional, Sequence
+from urllib.parse import quote
 
 import rospkg
 from tornado.ioloop import IOLoop
@@ -25,31 +24,11 @@ from amaze_autonomy.paths import config_folder
 
 from ...console.link import Happening, LinkClosed
 from ...console.ros_link import RosLink
-from .server import PageServer
+from .server import PageServer, token_of
 
-__all__ = ["main", "token_of"]
+__all__ = ["main"]
 
 _ERROR = 2
-_LEAST_TOKEN = 8
-
-
-def token_of(file: Path) -> str:
-    """Return the token of a file; make one where there is none.
-
-    Raises:
-        OSError: It can neither be read nor be made.
-        ValueError: It is too short.
-    """
-    try:
-        lines = file.read_text(encoding="utf-8").split()
-    except FileNotFoundError:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as out:
-            lines = [secrets.token_urlsafe(12)]
-            out.write(lines[0] + "\n")
-    if not lines or len(lines[0]) < _LEAST_TOKEN:
-        raise ValueError(f"{file}: must begin with a token of at least {_LEAST_TOKEN} characters")
-    return lines[0]
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -93,7 +72,7 @@ def _serve(address: str, port: int, token: str, plans: Sequence[object]) -> int:
         signal.signal(number, lambda *_: loop.add_callback_from_signal(loop.stop))
     host, at = server.listen(port, address)
     name = f"[{host}]" if ":" in host else host
-    print(f"web: the operator's page: http://{name}:{at}/#{token}", flush=True)
+    print(f"web: the operator's page: http://{name}:{at}/#{quote(token)}", flush=True)
     print("web: who has the address with what follows # may command; without it one only looks", flush=True)
     link.start()
     try:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import os
 import secrets
 import time
 from importlib.util import find_spec
@@ -27,12 +28,13 @@ from ...console.model import Request, RequestKind
 from ...missions import MissionPlan
 from .board import Board, Have, Orders
 
-__all__ = ["PAGE", "PageServer", "plotly_file"]
+__all__ = ["PAGE", "PageServer", "plotly_file", "token_of"]
 
 PAGE = Path(__file__).parent / "page"
 _BEAT_S = 1.0
 _LONGEST_MESSAGE = 1 << 14
 _MOST_VIEWERS = 32
+_LEAST_TOKEN = 8
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
@@ -51,6 +53,26 @@ def plotly_file() -> Optional[Path]:
         return None
     path = Path(found.origin).parent / "package_data" / "plotly.min.js"
     return path if path.is_file() else None
+
+
+def token_of(file: Path) -> str:
+    """Return the token of a file; make one where there is none.
+
+    Raises:
+        OSError: It can neither be read nor be made.
+        ValueError: It is too short.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as out:
+            lines = [secrets.token_urlsafe(12)]
+            out.write(lines[0] + "\n")
+    token = lines[0].strip() if lines else ""
+    if len(token) < _LEAST_TOKEN:
+        raise ValueError(f"{file}: must begin with a token of at least {_LEAST_TOKEN} characters")
+    return token
 
 
 class PageServer:

@@ -188,7 +188,7 @@ function render() {
   document.body.classList.toggle("old", Boolean(gone));
   $("lost").hidden = !gone;
   const watch = state && state.in_flight ? " Below is what was heard last: watch the vehicle, be ready to take over." : "";
-  $("lost").textContent = gone + watch;
+  $("lost").textContent = gone ? gone + watch : "";
   const alive = `connected, ${((nowMs() - beatMs) / 1000 + (ageS || 0)).toFixed(1)} s old`;
   $("link").textContent = gone || !connected ? "no contact" : mayCommand ? alive : `${alive}; commands need the token`;
   if (!state) {
