@@ -13,7 +13,7 @@ def test_damaged_and_hostile_mavlink_makes_no_crash_no_false_state_and_no_growth
 
 
 def test_into_the_planner_s_link_no_file_is_ever_loaded_and_nothing_takes_off():
-    run, (half, end) = fuzz(1, 3000, PlannerFuzz)
+    run, (half, end) = fuzz(1, 4000, PlannerFuzz)
     assert run.heard > 1000
     assert run.loads > 3
     assert run.read > 3  # items came back
