@@ -273,7 +273,7 @@ DEFECTS = (
     ),
     Defect(
         "GIVEN_UP is not heard",
-        attribute(failsafe, "Restart", type("Deaf", (), {"GIVEN_UP": None})),
+        attribute(failsafe, "Restart", type("Deaf", (), {"GIVEN_UP": None, "TRYING": failsafe.Restart.TRYING})),
         test_decision_table.test_given_up_at_code_8_lands_too,
     ),
     Defect(

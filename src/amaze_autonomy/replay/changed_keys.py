@@ -228,7 +228,7 @@ class ChangedKeys:
         """Return why nothing looked at a part of the plan; None: something did."""
         kind, name = part[0], part[1]
         if kind in ("limit", "rule"):
-            return self._engine_reason(part, facts_of(name), facts)
+            return self._engine_reason(part, facts_of(name) if kind == "limit" else ("log",), facts)
         if kind == "mission":
             return _told(MISSION_FACTS.get(name, ()), facts) if name in MISSION_FACTS else "it decides nothing"
         if kind in ("row", "component", "restart"):
