@@ -90,7 +90,7 @@ def fly(options: argparse.Namespace, folder: Path) -> Dict[Tuple[str, int], List
             continue  # not yet, or just gone
     if demo.poll() is not None:
         raise SystemExit(f"node_soak: the demo has ended: {(folder / 'demo.log').read_text()[-2000:]}")
-    demo.send_signal(signal.SIGINT)
+    demo.send_signal(signal.SIGTERM)  # a shell in the background ignores SIGINT
     demo.wait(120.0)
     return seen
 
