@@ -181,6 +181,41 @@ def test_one_vehicle_is_one_again_after_a_start_at_which_much_was_lost(seed):
     assert taken == sent > 0
 
 
+@pytest.mark.parametrize("speed", [0.1, 0.5, 3.0])
+@pytest.mark.parametrize("boot_hz", [2, 50])
+def test_a_simulation_whose_time_runs_slower_or_faster_is_one_vehicle(speed, boot_hz):
+    sources = Sources()
+    for tick in range(3000):
+        t_s = tick / 100
+        boot_ms = round((20.0 + t_s * speed) * 1000) if tick % (100 // boot_hz) == 0 else None
+        assert sources.take(round(t_s * S), HERE, tick % 256, boot_ms)
+    assert sources.strangers(30 * S) == ()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_who_was_stopped_in_flight_for_seconds_knows_its_vehicle_again(seed):
+    """The first of what came meanwhile lay in the socket, seconds old; the rest was lost; then the present comes."""
+    chance, sources, heard = random.Random(seed), Sources(), []
+    rate, stopped_s = chance.choice([50, 150, 450]), chance.uniform(1.0, 12.0)
+    kept = chance.randrange(60, 300)
+    sources.armed, waiting = True, []
+    for number in range(20 * rate):
+        t_s = number / rate
+        boot_ms = round((t_s + 30.0) * 1000) if chance.random() < 0.3 else None
+        if 3.0 < t_s < 3.0 + stopped_s:
+            if len(waiting) < kept:
+                waiting.append((number, boot_ms))
+            continue
+        for said, said_boot_ms in (*waiting, (number, boot_ms)):
+            taken = sources.take(round(t_s * S), HERE, said % 256, said_boot_ms)
+            heard += [t_s] if taken else []
+        waiting.clear()
+    silent_s = max(after - before for before, after in zip(heard, heard[1:]))
+    assert heard[-1] > 19.9
+    assert silent_s < stopped_s + 0.6
+    assert sources.strangers(20 * S) == ()
+
+
 @pytest.mark.parametrize("seed", [32, 61, *range(4)])
 def test_of_a_stranger_behind_our_address_nothing_is_believed_once_our_boot_time_is_known(seed):
     chance, sources, spoken = random.Random(seed), Sources(), []

@@ -119,6 +119,9 @@ _IN_A_ROW = 3  # messages that make a run one
 _SILENCE_NS = 5 * _S // 2
 _LASTING_NS = 3 * _S  # a run of another vehicle lasts; what bursts of lost messages leave of ours does not
 _BOOT_NS = _S  # by which boot times of one vehicle differ at most: messages are under way for a while
+_DRIFT = 4  # messages in which a later boot time counts
+_ALONE = (_NUMBERS // 4, _LASTING_NS)  # messages and time without another one between, after which two runs are one
+_ALONE_OF_ONE_BOOT = (16, 3 * _S // 10)  # likewise, of runs that say the same boot time
 _REMEMBERED_NS = 10 * _S
 _SOURCES_KEPT = 8
 _AVERAGED = 16  # gaps
@@ -139,16 +142,27 @@ class _Run:
         self.first_ns = self.heard_ns = t_ns
         self.maybe_ns = t_ns  # of the last message that was of this run, or of another one
         self.count = self.gap_ns = 0
-        self.boot: Optional[Tuple[int, int]] = None
+        self.boot_ns: Optional[int] = None  # the earliest that was heard: a message can only be late
+        self.told_ns = t_ns  # when it was told last
+        self.late_ns = 0  # by so much messages may be late: nothing was heard, or read, for so long before them
 
     def hear(self, t_ns: int, sequence: int, boot_ns: Optional[int]) -> None:
         if (sequence - self.sequence) % _NUMBERS < _NUMBERS - _LATE:
             self.sequence = sequence
+        if self.silent_ns(t_ns) > _PAUSE_NS:
+            self.late_ns = self.silent_ns(t_ns)
         self.gap_ns += (t_ns - self.heard_ns - self.gap_ns) // _AVERAGED
         self.heard_ns = t_ns
         self.count += 1
-        if boot_ns is not None:
-            self.boot = (t_ns, boot_ns)
+        if boot_ns is None:
+            return
+        self.told_ns = t_ns
+        if self.boot_ns is None or boot_ns < self.boot_ns:
+            self.boot_ns = boot_ns
+        elif not self.late_ns or boot_ns <= self.boot_ns + _BOOT_NS:
+            # Clocks go apart, those of slow simulations by much.
+            self.boot_ns = max(self.boot_ns + (boot_ns - self.boot_ns) // _DRIFT, boot_ns - _BOOT_NS // 2)
+            self.late_ns = 0
 
     def follows(self, t_ns: int, sequence: int) -> bool:
         """Return whether a number is one of the next, or of the last."""
@@ -157,7 +171,10 @@ class _Run:
 
     def denies(self, t_ns: int, boot_ns: int) -> bool:
         """Return whether a vehicle that was started at this time is another one."""
-        return self.boot is not None and abs(boot_ns - self.boot[1]) > _BOOT_NS + self.silent_ns(t_ns)
+        if self.boot_ns is None:
+            return False
+        late_ns = max(self.late_ns, t_ns - self.told_ns)
+        return not -_BOOT_NS <= boot_ns - self.boot_ns <= _BOOT_NS + late_ns
 
     def silent_ns(self, t_ns: int) -> int:
         """Return for how long nothing came that can be of this run."""
@@ -254,9 +271,11 @@ class Sources:
         """Return the run that a message goes on with when all that it fits are one vehicle; None: they may be two."""
         first = self._ours if self._ours in fits else fits[0]
         unbroken = self._unbroken[first.place]
-        if unbroken.count < _NUMBERS // 4 or t_ns - unbroken.first_ns < _LASTING_NS:
+        others = [run for run in fits if run is not first]
+        if any(run.boot_ns is not None and first.denies(t_ns, run.boot_ns) for run in others):
             return self._neither(t_ns, fits)
-        if any(run.boot is not None and first.denies(t_ns, run.boot[1]) for run in fits if run is not first):
+        count, lasting_ns = _ALONE_OF_ONE_BOOT if all(_same_boot(run, first) for run in others) else _ALONE
+        if unbroken.count < count or t_ns - unbroken.first_ns < lasting_ns:
             return self._neither(t_ns, fits)
         self._runs = [run for run in self._runs if run is first or run not in fits]
         first.sequence = unbroken.sequence
@@ -271,7 +290,7 @@ class Sources:
     def _is_vehicle(t_ns: int, run: _Run, first: Optional[_Run]) -> bool:
         if t_ns - run.heard_ns > _S:
             return False
-        if run.boot is not None and first is not None and first.denies(t_ns, run.boot[1]):
+        if run.boot_ns is not None and first is not None and first.denies(t_ns, run.boot_ns):
             return True
         return run.count >= _IN_A_ROW
 
@@ -307,7 +326,7 @@ def _follows(t_ns: int, run: _Run, ours: _Run) -> bool:
 
 
 def _same_boot(run: _Run, ours: _Run) -> bool:
-    return run.boot is not None and ours.boot is not None and abs(run.boot[1] - ours.boot[1]) <= _BOOT_NS
+    return run.boot_ns is not None and ours.boot_ns is not None and abs(run.boot_ns - ours.boot_ns) <= _BOOT_NS
 
 
 def _name(place: Any) -> str:
