@@ -85,7 +85,8 @@ def test_a_waiver_for_what_there_is_not_is_a_mistake(tmp_path):
         read_waivers(path)
 
 
-SOME = {"deleted row landing_shown": "lrf", "longer wait for lrf": "lrf", "shifted limit descent_time_ns": ""}
+# The restarts of lrf end before its wait does: another scenario notices that one.
+SOME = {"deleted row landing_shown": "lrf", "longer wait for lrf": "", "shifted limit descent_time_ns": ""}
 
 
 @pytest.mark.parametrize("mutant", SOME)

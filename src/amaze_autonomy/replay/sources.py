@@ -215,6 +215,10 @@ class Recordings:
                     self._numbers[number, rank] = found.get(self.topics[rank])
                     self._rows.pop((number, rank), None)
 
+    def paths_read(self, rank: int) -> Tuple[str, ...]:
+        """Return of which fields of a topic the numbers are read."""
+        return self._read.get(rank, ())
+
     def read_statuses(self, wanted: Mapping[int, str]) -> Tuple[int, ...]:
         """Read recorded statuses as events, by rank the name of each; return the ranks of which `status` has all."""
         whole: List[int] = []

@@ -166,10 +166,13 @@ def columns_of(recordings: Any, topic: str, paths: Sequence[str], start_ns: int)
     if topic not in recordings.topics or topic in recordings.missing:
         return np.zeros(0), [np.zeros(0) for _ in paths]
     rank = recordings.topics.index(topic)
-    recordings.read({rank: tuple(paths)})
-    track = recordings.track(rank, tuple(paths)) if all(hasattr(bag, "numbers") for bag in recordings.bags) else None
-    if track is not None and len(track.columns) == len(paths):
-        t_ns, found = track.times, [np.asarray(column, float) for column in track.columns]
+    read = recordings.paths_read(rank)
+    if not set(paths) <= set(read):  # a bag is not read again for what is known of it
+        read = tuple(paths)
+        recordings.read({rank: read})
+    track = recordings.track(rank, read) if all(hasattr(bag, "numbers") for bag in recordings.bags) else None
+    if track is not None and len(track.columns) == len(read):
+        t_ns, found = track.times, [np.asarray(track.columns[read.index(path)], float) for path in paths]
     else:
         t_ns, found = recordings.times(rank), _one_by_one(recordings, rank, paths)
     return (np.asarray(t_ns, np.int64) - start_ns) / _S, found
