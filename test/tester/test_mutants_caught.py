@@ -39,7 +39,7 @@ CAUGHT_BY = {
     "swapped severity of lsm9ds1_imu": "all_moderate_fail",
     "longer wait for magnetometer": "autopilot_link",
     "longer wait for barometer": "all_moderate_fail",
-    "longer wait for realsense_camera": "hold_ignored",
+    "longer wait for realsense_camera": "demo_flight_anew",
     "shifted limit arm_limit_ns": "does_not_arm",
     "shifted limit lift_off_limit_ns": "does_not_lift_off",
     "shifted limit land_limit_ns": "landing_takes_too_long",

@@ -85,7 +85,7 @@ def test_a_waiver_for_what_there_is_not_is_a_mistake(tmp_path):
         read_waivers(path)
 
 
-# The restarts of lrf end before its wait does: another scenario notices that one.
+# The restarts of lrf end before its wait does: demo_flight notices that one.
 SOME = {"deleted row landing_shown": "lrf", "longer wait for lrf": "", "shifted limit descent_time_ns": ""}
 
 
