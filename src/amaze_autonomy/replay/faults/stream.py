@@ -116,6 +116,10 @@ class FaultedRecordings(Recordings):
             message = edit(message)
         return message
 
+    def paths_read(self, rank: int) -> Tuple[str, ...]:
+        """Return of which fields of a topic the numbers are read."""
+        return self._inner.paths_read(rank)
+
     def read(self, wanted: Mapping[int, Tuple[str, ...]], texts: Collection[int] = ()) -> None:
         """Read numbers of all messages of some topics, and texts of some."""
         self._inner.read(wanted, texts)
