@@ -182,7 +182,9 @@ class Recorders:
         return read_json(self.storage / platform / f".recorder-{platform}.json") or {}
 
     def process(self, platform: str, group: str) -> int:
-        return int(self.state(platform)["processes"].get(group, [0])[0])
+        """Return the process that records a group; it may be about to start."""
+        found = wait_for(lambda: self.state(platform).get("processes", {}).get(group), f"the recorder of {group}")
+        return int(found[0])
 
     def received(self, platform: str) -> Set[int]:
         """Return the numbers in the complete recording."""
@@ -279,13 +281,13 @@ class TestRecorder(unittest.TestCase):
         recorders.wait_phase(PHASE.RECORDING)
         time.sleep(1.0)  # so much is recorded before
 
-        killed = wait_for(lambda: recorders.process("second", "two"), "a recorder")
+        killed = recorders.process("second", "two")
         os.kill(killed, signal.SIGKILL)
-        wait_for(lambda: recorders.process("second", "two") not in (0, killed), "another recorder")
+        wait_for(lambda: recorders.process("second", "two") != killed, "another recorder")
         wait_for(lambda: "interrupted once" in recorders.status.platforms[1].message, "the word about it")
         wait_for(lambda: all(each.growing for each in recorders.status.platforms), "growth on both platforms")
 
-        kept = wait_for(lambda: recorders.process("main", "one"), "a recorder")
+        kept = recorders.process("main", "one")
         recorders.nodes["main"].kill()
         recorders.nodes["main"].wait()
         time.sleep(0.5)  # without a node for so long
@@ -388,8 +390,7 @@ class TestRecorder(unittest.TestCase):
             self.assertTrue(recorders.ask("start").accepted)
             recorders.wait_phase(PHASE.RECORDING)
             time.sleep(draw.uniform(0.5, 4.0))
-            pids = [recorders.process(*each) for each in (("main", "one"), ("second", "two"))]
-            recorder_pids = [pid for pid in pids if pid]
+            recorder_pids = [recorders.process(*each) for each in (("main", "one"), ("second", "two"))]
             sent = {platform: recorders.numbers[platform].sent for platform in PLATFORMS}
             disk.cut()
             for pid in (*(node.pid for node in recorders.nodes.values()), *recorder_pids):
