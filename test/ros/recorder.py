@@ -18,6 +18,7 @@ import tempfile
 import threading
 import time
 import unittest
+from functools import partial
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
 
@@ -103,6 +104,11 @@ class Numbers:
         self._stopped.set()
         self._thread.join()
         self._publisher.unregister()
+
+
+def unmounted(folder: Path) -> bool:
+    """Unmount; False while the kernel is not done yet with a process that was killed."""
+    return subprocess.run(["umount", "--quiet", str(folder)], check=False).returncode == 0
 
 
 class Recorders:
@@ -397,7 +403,7 @@ class TestRecorder(unittest.TestCase):
                 os.kill(pid, signal.SIGKILL)
             for node in recorders.nodes.values():
                 node.wait()
-            subprocess.run(["umount", str(disk.folder)], check=True)
+            wait_for(partial(unmounted, disk.folder), "the end of what was killed", 30.0, 0.1)
             disk.mount()
             for platform in PLATFORMS:
                 numbers = self.left_of(disk.folder / platform, f"/cut{number}/{platform}/numbers")
