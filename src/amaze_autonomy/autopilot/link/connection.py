@@ -271,11 +271,12 @@ class Connection(ClientHost):
     def _read(self) -> None:
         unix_ns, t_ns = time.time_ns(), self._now_ns()
         self._heard_ns = time.monotonic_ns()
-        for source, data in self._port.read():
+        for source, data, waited_ns in self._port.read():
+            came_ns = t_ns - waited_ns
             for frame, message in self._wire.each(data, source, unix_ns):
                 if message is None and self._wire.verifier is None:
-                    self._peers.pass_over(t_ns, (frame.system, frame.component), frame.sequence, source)
-                elif message is not None and self._peers.take(t_ns, message, source):
+                    self._peers.pass_over(came_ns, (frame.system, frame.component), frame.sequence, source)
+                elif message is not None and self._peers.take(came_ns, message, source):
                     self._port.prefer(source)
                     self._deliver(t_ns, message)
         self._changed.notify_all()

@@ -44,7 +44,7 @@ class Peers:
         """Return whether a message is from our vehicle's autopilot, and for us.
 
         Args:
-            t_ns: now.
+            t_ns: when it came, which may be a while before it was read.
             message: that came.
             place: address that it came from; None: there is only one.
         """
@@ -142,27 +142,30 @@ class _Run:
         self.first_ns = self.heard_ns = t_ns
         self.maybe_ns = t_ns  # of the last message that was of this run, or of another one
         self.count = self.gap_ns = 0
-        self.boot_ns: Optional[int] = None  # the earliest that was heard: a message can only be late
+        self.earliest_ns: Optional[int] = None  # boot time that was heard: a message can only be late
+        self.boot_ns: Optional[int] = None  # the same, going along with a clock that runs slower than ours
         self.told_ns = t_ns  # when it was told last
-        self.late_ns = 0  # by so much messages may be late: nothing was heard, or read, for so long before them
+        self.late_ns = 0  # by how much that message was late
 
     def hear(self, t_ns: int, sequence: int, boot_ns: Optional[int]) -> None:
         if (sequence - self.sequence) % _NUMBERS < _NUMBERS - _LATE:
             self.sequence = sequence
-        if self.silent_ns(t_ns) > _PAUSE_NS:
-            self.late_ns = self.silent_ns(t_ns)
         self.gap_ns += (t_ns - self.heard_ns - self.gap_ns) // _AVERAGED
         self.heard_ns = t_ns
         self.count += 1
-        if boot_ns is None:
-            return
+        if boot_ns is not None:
+            self._tell(t_ns, boot_ns)
+
+    def _tell(self, t_ns: int, boot_ns: int) -> None:
         self.told_ns = t_ns
-        if self.boot_ns is None or boot_ns < self.boot_ns:
+        if self.earliest_ns is None or self.boot_ns is None:
+            self.earliest_ns = self.boot_ns = boot_ns
+        self.earliest_ns = min(self.earliest_ns, boot_ns)
+        self.late_ns = max(0, boot_ns - self.boot_ns)
+        if not self.late_ns:
             self.boot_ns = boot_ns
-        elif not self.late_ns or boot_ns <= self.boot_ns + _BOOT_NS:
-            # Clocks go apart, those of slow simulations by much.
-            self.boot_ns = max(self.boot_ns + (boot_ns - self.boot_ns) // _DRIFT, boot_ns - _BOOT_NS // 2)
-            self.late_ns = 0
+        elif self.late_ns <= _BOOT_NS:  # clocks go apart, those of slow simulations by much
+            self.boot_ns += self.late_ns // _DRIFT
 
     def follows(self, t_ns: int, sequence: int) -> bool:
         """Return whether a number is one of the next, or of the last."""
@@ -171,10 +174,10 @@ class _Run:
 
     def denies(self, t_ns: int, boot_ns: int) -> bool:
         """Return whether a vehicle that was started at this time is another one."""
-        if self.boot_ns is None:
+        if self.boot_ns is None or self.earliest_ns is None:
             return False
-        late_ns = max(self.late_ns, t_ns - self.told_ns)
-        return not -_BOOT_NS <= boot_ns - self.boot_ns <= _BOOT_NS + late_ns
+        grown_ns = self.late_ns + t_ns - self.told_ns  # what comes in order is later than the last by no more
+        return not self.earliest_ns - _BOOT_NS <= boot_ns <= self.boot_ns + _BOOT_NS + grown_ns
 
     def silent_ns(self, t_ns: int) -> int:
         """Return for how long nothing came that can be of this run."""
@@ -194,7 +197,7 @@ class Sources:
         """Return whether a message is of our vehicle.
 
         Args:
-            t_ns: now.
+            t_ns: when it came.
             place: address it came from; None: there is only one.
             sequence: its number.
             boot_ms: since its start, when the message says so.

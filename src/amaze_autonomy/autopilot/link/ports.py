@@ -13,8 +13,10 @@ import os
 import re
 import select
 import socket
+import struct
 import termios
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+import time
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..errors import EndpointError
 
@@ -98,7 +100,23 @@ _PENDING_LIMIT = 65536
 _CONNECT_LIMIT_S = 0.5
 _BURST = 64
 _PEERS_KEPT = 8
-Chunk = Tuple[Any, bytes]
+_STAMPS = 35  # SO_TIMESTAMPNS of Linux (asm-generic/socket.h), for which Python has no name
+_STAMP = struct.Struct("@ll")  # timespec: seconds, nanoseconds
+_S = 1_000_000_000
+
+
+class Chunk(NamedTuple):
+    """What has come in.
+
+    Args:
+        source: whom from; None: there is only one.
+        data: as it came.
+        waited_ns: for how long it lay in the socket before it was read; 0: not known.
+    """
+
+    source: Any
+    data: bytes
+    waited_ns: int = 0
 
 
 class Port:
@@ -178,7 +196,7 @@ class _Stream(Port):
             return []
         if not data:
             raise ConnectionResetError("the other end has closed")
-        return [(None, data)]
+        return [Chunk(None, data)]
 
     def write(self, data: bytes) -> bool:
         if self._fd is None or len(self._pending) + len(data) > _PENDING_LIMIT:
@@ -283,10 +301,16 @@ class _Udp(Port):
         self._socket: Optional[socket.socket] = None
         self._vehicle: Any = None
         self._peers: Dict[Any, None] = {}
+        self._empty_ns = 0  # when nothing was left to be read, on the monotonic clock
 
     def open(self) -> None:
         if self._socket is None:
-            self._socket = _bound(self.endpoint, socket.SOCK_DGRAM)
+            self._adopt(_bound(self.endpoint, socket.SOCK_DGRAM))
+
+    def _adopt(self, made: socket.socket) -> None:
+        with contextlib.suppress(OSError):  # a system without stamps: it is not known how long something waited
+            made.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+        self._socket, self._empty_ns = made, time.monotonic_ns()
 
     def close(self) -> None:
         if self._socket is not None:
@@ -301,14 +325,24 @@ class _Udp(Port):
         chunks: List[Chunk] = []
         while self._socket is not None and len(chunks) < _BURST:
             try:
-                data, source = self._socket.recvfrom(_CHUNK)
+                data, control, _, source = self._socket.recvmsg(_CHUNK, socket.CMSG_SPACE(_STAMP.size))
             except BlockingIOError:
+                self._empty_ns = time.monotonic_ns()
                 break
             except ConnectionError:
                 continue
             self._remember(source)
-            chunks.append((source, data))
+            chunks.append(Chunk(source, data, self._waited_ns(control)))
         return chunks
+
+    def _waited_ns(self, control: Sequence[Tuple[int, int, bytes]]) -> int:
+        """Return for how long a datagram has waited: never since before nothing did, should the wall clock be set."""
+        for level, kind, data in control:
+            if (level, kind, len(data)) == (socket.SOL_SOCKET, _STAMPS, _STAMP.size):
+                seconds, rest_ns = _STAMP.unpack(data)
+                waited_ns: int = time.time_ns() - seconds * _S - rest_ns
+                return max(0, min(waited_ns, time.monotonic_ns() - self._empty_ns))
+        return 0
 
     def write(self, data: bytes) -> bool:
         targets = list(self._peers) if self._vehicle is None else [self._vehicle]
@@ -336,7 +370,7 @@ class _UdpOut(_Udp):
             made = socket.socket(family, kind)
             made.setblocking(False)
             made.connect(address)
-            self._socket = made
+            self._adopt(made)
 
     def write(self, data: bytes) -> bool:
         with contextlib.suppress(BlockingIOError, ConnectionError):

@@ -11,6 +11,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import Landed, VehicleLanded
 from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
+from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 from ...engine.events import Check
@@ -18,7 +19,7 @@ from ..link.dialect import Message, mavlink
 from ..planner.mission_vehicle import DRAIN_NS, GROUND_NS, STALL_NS
 from .modes import LAND, mode_number
 from .parameters import Parameters
-from .preflight import LandSwitchWatch, Preflight, battery_state_row, preflight_rows
+from .preflight import Preflight, battery_state_row, channel_width_us, land_switch_rows, preflight_rows
 from .rates import Rates
 from .vehicle import WANTED, VehicleState
 
@@ -88,7 +89,7 @@ class AutopilotClient:
         self.settings, self._battery = settings, battery
         self._address, self._wall, self._strangers = address, wall_minus_clock_ns, strangers
         self.vehicle = VehicleState(settings, battery.cells)
-        self.land_switch = LandSwitchWatch(settings.land_switch)
+        self.land_switch = LandSwitchMonitor(settings.land_switch)
         rates_hz = {**dict.fromkeys(switch_messages(settings), _SWITCH_HZ), **settings.rates_hz}
         self._rates, self._parameters = Rates(rates_hz), Parameters(settings.parameters)
         limits = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
@@ -123,7 +124,7 @@ class AutopilotClient:
         elif name == "PARAM_VALUE":
             self._parameters.add(message, bytewise=self._is_px4())
         elif name == "RC_CHANNELS":
-            self.land_switch.add(t_ns, message)
+            self.land_switch.add(t_ns, channel_width_us(message, self.land_switch.spec.channel))
         elif name == "SYSTEM_TIME":
             self.vehicle.offset.add_system_time(t_ns + self._wall(), message)
         return []
@@ -239,7 +240,7 @@ class AutopilotClient:
         """Return the rows of the pre-flight table."""
         states, strangers = self._parameters.states, self._strangers()
         known = Preflight(t_ns, self.vehicle, self.settings, states, ground, strangers)
-        return (*preflight_rows(known), *self.land_switch.rows(known))
+        return (*preflight_rows(known), *land_switch_rows(known, self.land_switch))
 
     def check_battery(self, t_ns: int, required_fraction: Optional[float]) -> BatteryVerdict:
         """Return whether the battery is enough for the next mission."""

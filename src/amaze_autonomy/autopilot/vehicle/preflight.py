@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Callable, Optional, Sequence, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.config.autopilot_schema import LandSwitch
 from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 
 from ...engine.events import Check, Verdict
 from ..link.dialect import mavlink
@@ -18,7 +18,7 @@ from .battery import LOW, STATE_NAMES
 from .parameters import ParameterState
 from .vehicle import VehicleState
 
-__all__ = ["LandSwitchWatch", "Preflight", "battery_state_row", "preflight_rows"]
+__all__ = ["Preflight", "battery_state_row", "channel_width_us", "land_switch_rows", "preflight_rows"]
 
 _S = 1_000_000_000
 _COMPLAINTS_NS = 60 * _S
@@ -186,47 +186,14 @@ _ROWS: Tuple[Callable[[Preflight], Check], ...] = (
 )
 
 
-# --- land switch ------------------------------------------------------------------------------------------------------
-
-
-class LandSwitchWatch:
-    """A channel of the transmitter that means: land. On for a while, by channels that are fresh, or it is not on.
-
-    Args:
-        settings: which channel, and its limits.
-    """
-
-    def __init__(self, settings: LandSwitch) -> None:
-        self.settings = settings
-        self._heard_ns: Optional[int] = None
-        self._on_ns: Optional[int] = None
-
-    def add(self, t_ns: int, message: Any) -> None:
-        """Take an RC_CHANNELS; a channel that is not there says nothing."""
-        number = self.settings.channel
-        if not 0 < number <= min(message.chancount, _MOST_CHANNELS):
-            return
-        width_us = getattr(message, f"chan{number}_raw")
-        if width_us in _NO_PULSE:
-            return
-        if self._heard_ns is not None and t_ns - self._heard_ns > self.settings.age_limit_ns:
-            self._on_ns = None  # what it was before is nothing any more
-        self._heard_ns = t_ns
-        self._on_ns = None if width_us <= self.settings.above_us else t_ns if self._on_ns is None else self._on_ns
-
-    def on(self, t_ns: int) -> Optional[bool]:
-        """Return whether it says: land; None: no fresh channels."""
-        if self._heard_ns is None or t_ns - self._heard_ns > self.settings.age_limit_ns:
-            return None
-        return self._on_ns is not None and self._heard_ns - self._on_ns >= self.settings.hold_ns
-
-    def rows(self, known: Preflight) -> Tuple[Check, ...]:
-        """Return its row of the pre-flight table, where there is a switch."""
-        if not self.settings.channel:
-            return ()
-        on = self.on(known.t_ns)
-        advice = "switch it back: it says land" if on else f"channel {self.settings.channel} is not heard"
-        return (_row(known, "land switch", advice, good=None if on is None else not on, heals=True),)
+def land_switch_rows(known: Preflight, switch: LandSwitchMonitor) -> Tuple[Check, ...]:
+    """Return the row of the switch that means land, where the configuration names one."""
+    channel = switch.spec.channel
+    if not channel:
+        return ()
+    on = switch.on(known.t_ns)
+    advice = "switch it back: it says land" if on else f"channel {channel} is not heard"
+    return (_row(known, "land switch", advice, good=None if on is None else not on, heals=True),)
 
 
 def battery_state_row(known: Preflight) -> Check:
@@ -236,3 +203,11 @@ def battery_state_row(known: Preflight) -> Check:
     good = not LOW <= state < _CHARGING
     said = STATE_NAMES.get(state, str(state))
     return _row(known, "battery state", f"the autopilot says {said}: change or charge the battery", good=good)
+
+
+def channel_width_us(message: Any, number: int) -> Optional[float]:
+    """Return the pulse width of a channel, from 1, of RC_CHANNELS; None: the transmitter has not that channel."""
+    if not 0 < number <= min(message.chancount, _MOST_CHANNELS):
+        return None
+    width_us = getattr(message, f"chan{number}_raw")
+    return None if width_us in _NO_PULSE else float(width_us)

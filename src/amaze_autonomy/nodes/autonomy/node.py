@@ -44,6 +44,7 @@ from amaze_autonomy.engine.events import (
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.interface import STATUSES, Status
+from amaze_autonomy.monitoring.land_switch import LandRequests
 
 from ...journal import journal as codec
 from ...journal.report import MessageLog
@@ -61,7 +62,7 @@ from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
 from .run_folder import JournalFile, create, reopen
-from .users import LandSwitch, Unattended, UserDesk, choose
+from .users import Unattended, UserDesk, choose
 
 __all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "data_outcome", "exit_status", "main", "outcome"]
 
@@ -106,7 +107,7 @@ class AutonomyNode:
         state = self._decided_again(messages)
         self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
-        self._switch = LandSwitch(frozenset(each.mission.id for each in configuration.plans if not each.land_switch))
+        self._switch = LandRequests(frozenset(each.mission.id for each in configuration.plans if not each.land_switch))
         self._reconnector = Reconnector()
         self._state_publisher = StatePublisher(configuration.rules, clock, self._foreign, self._run_label(), messages)
         self._outbox = Outbox(

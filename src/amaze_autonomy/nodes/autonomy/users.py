@@ -6,7 +6,7 @@ import itertools
 import threading
 from functools import partial
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, Dict, FrozenSet, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
@@ -22,7 +22,7 @@ from ...engine.decide import available
 from ...engine.events import Mission
 from ...ros.interface import number
 
-__all__ = ["LandSwitch", "Unattended", "UserDesk", "choose"]
+__all__ = ["Unattended", "UserDesk", "choose"]
 
 _ANSWER_LIMIT_S = 3.0
 _COMMANDS: Mapping[str, UserCommand] = {command.value: command for command in UserCommand}
@@ -130,38 +130,6 @@ def _info(mission: Mission, least_battery: float) -> msg.MissionInfo:
         estimated_duration=number(mission.estimated_duration_s),
         battery_needed=number(None if needed is None else max(needed, least_battery)),
     )
-
-
-# --- land switch ------------------------------------------------------------------------------------------------------
-
-
-_IN_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD)
-
-
-class LandSwitch:
-    """Asks for a landing in the pilot's place while the switch of the transmitter says so; a held one asks again.
-
-    It is a user's request as any other: nothing is taken over, and the engine says why it lands or does not.
-
-    Args:
-        without: missions that are flown without it, by their ids.
-    """
-
-    def __init__(self, without: FrozenSet[str]) -> None:
-        self._without = without
-        self._again_ns = 0
-
-    def answer(self, state: EngineState, t_ns: int, *, on: bool) -> Optional[UserCommand]:
-        """Return what is to be asked of the engine now; None: nothing."""
-        mission = state.session.mission
-        flies = state.flight.active and state.state in _IN_FLIGHT
-        if not on or not flies or mission is None or mission.id in self._without:
-            self._again_ns = 0
-            return None
-        if t_ns < self._again_ns:
-            return None
-        self._again_ns = t_ns + _AGAIN_NS
-        return UserCommand.LAND
 
 
 # --- unattended -------------------------------------------------------------------------------------------------------

@@ -1,0 +1,86 @@
+"""A switch of the pilot's transmitter that means land: is it on, and when is a landing asked for?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import FrozenSet, Optional
+
+from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.engine.state import EngineState, State
+
+__all__ = ["LandRequests", "LandSwitchMonitor", "LandSwitchSpec"]
+
+_S = 1_000_000_000
+_AGAIN_NS = _S  # a request that came too late for its state is made again
+_IN_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD)
+
+
+@dataclass(frozen=True)
+class LandSwitchSpec:
+    """A channel of the transmitter that means: land.
+
+    Args:
+        channel: from 1; 0: none does.
+        above_us: width of the pulse above which it is on.
+        hold_ns: how long it must be on.
+        age_limit_ns: how old the last channels may be.
+    """
+
+    channel: int = 0
+    above_us: float = 1700.0
+    hold_ns: int = 300_000_000
+    age_limit_ns: int = _S
+
+
+class LandSwitchMonitor:
+    """On for a while, by channels that are fresh, or it is not on.
+
+    Args:
+        spec: which channel, and its limits.
+    """
+
+    def __init__(self, spec: LandSwitchSpec) -> None:
+        self.spec = spec
+        self._heard_ns: Optional[int] = None
+        self._on_ns: Optional[int] = None
+
+    def add(self, t_ns: int, width_us: Optional[float]) -> None:
+        """Take the pulse width of the channel; None, no pulse, says nothing."""
+        if width_us is None:
+            return
+        if self._heard_ns is not None and t_ns - self._heard_ns > self.spec.age_limit_ns:
+            self._on_ns = None  # what it was before is nothing any more
+        self._heard_ns = t_ns
+        self._on_ns = None if width_us <= self.spec.above_us else t_ns if self._on_ns is None else self._on_ns
+
+    def on(self, t_ns: int) -> Optional[bool]:
+        """Return whether it says: land; None: no fresh channels."""
+        if self._heard_ns is None or t_ns - self._heard_ns > self.spec.age_limit_ns:
+            return None
+        return self._on_ns is not None and self._heard_ns - self._on_ns >= self.spec.hold_ns
+
+
+class LandRequests:
+    """Asks for a landing in the pilot's place while the switch of the transmitter says so; a held one asks again.
+
+    It is a user's request as any other: nothing is taken over, and the engine says why it lands or does not.
+
+    Args:
+        without: missions that are flown without it, by their ids.
+    """
+
+    def __init__(self, without: FrozenSet[str]) -> None:
+        self._without = without
+        self._again_ns = 0
+
+    def answer(self, state: EngineState, t_ns: int, *, on: bool) -> Optional[UserCommand]:
+        """Return what is to be asked of the engine now; None: nothing."""
+        mission = state.session.mission
+        flies = state.flight.active and state.state in _IN_FLIGHT
+        if not on or not flies or mission is None or mission.id in self._without:
+            self._again_ns = 0
+            return None
+        if t_ns < self._again_ns:
+            return None
+        self._again_ns = t_ns + _AGAIN_NS
+        return UserCommand.LAND

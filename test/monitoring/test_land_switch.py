@@ -1,0 +1,76 @@
+"""A switch of the transmitter that means: land. Held for a while by fresh channels; asked for in flight, and again."""
+
+from __future__ import annotations
+
+import pytest
+
+from amaze_autonomy.engine.events import Mission, UserCommand
+from amaze_autonomy.engine.state import EngineState, Flight, Session, State, evolve, put
+from amaze_autonomy.monitoring.land_switch import LandRequests, LandSwitchMonitor, LandSwitchSpec
+
+S, MS = 1_000_000_000, 1_000_000
+ON, OFF = 1900.0, 1100.0
+IN_FLIGHT = EngineState(
+    state=State.MISSION, t_ns=5 * S, flight=Flight(active=True), session=Session(mission=Mission(id="1"))
+)
+
+
+def heard(*readings, **limits):
+    """Return a switch that has heard (milliseconds, width) each."""
+    switch = LandSwitchMonitor(LandSwitchSpec(channel=7, **limits))
+    for t_ms, width_us in readings:
+        switch.add(t_ms * MS, width_us)
+    return switch
+
+
+@pytest.mark.parametrize(
+    "readings, on",
+    [
+        ([], None),
+        ([(0, OFF)], False),
+        ([(0, ON)], False),  # not long enough yet
+        ([(0, ON), (299, ON)], False),
+        ([(0, ON), (300, ON)], True),
+        ([(0, ON), (200, OFF), (400, ON)], False),  # a single reading begins anew
+        ([(0, ON), (300, ON), (400, OFF)], False),
+        ([(0, ON), (300, 1700.0)], False),  # not above
+        ([(0, ON), (1301, ON)], False),  # nothing is known of the time between
+        ([(0, ON), (300, None)], False),  # no pulse is no reading
+    ],
+)
+def test_it_is_on_when_it_was_held(readings, on):
+    last_ms = readings[-1][0] if readings else 0
+    assert heard(*readings).on(last_ms * MS) is on
+
+
+def test_what_is_old_says_nothing():
+    switch = heard((0, ON), (400, ON))
+    assert switch.on(1400 * MS) is True
+    assert switch.on(1401 * MS) is None
+
+
+def test_time_alone_does_not_hold_it():
+    assert heard((0, ON)).on(900 * MS) is False
+
+
+def test_it_asks_for_a_landing_in_flight_and_again_while_it_is_held():
+    requests = LandRequests(frozenset())
+    assert requests.answer(IN_FLIGHT, 5 * S, on=False) is None
+    assert requests.answer(IN_FLIGHT, 5 * S, on=True) is UserCommand.LAND
+    assert requests.answer(IN_FLIGHT, 6 * S - 1, on=True) is None
+    assert requests.answer(IN_FLIGHT, 6 * S, on=True) is UserCommand.LAND
+
+
+@pytest.mark.parametrize("state", [State.TAKEOFF, State.MISSION, State.HOLD])
+def test_it_counts_in_every_part_of_a_flight(state):
+    assert LandRequests(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) is UserCommand.LAND
+
+
+@pytest.mark.parametrize("state", [each for each in State if each not in (State.TAKEOFF, State.MISSION, State.HOLD)])
+def test_it_asks_for_nothing_elsewhere(state):
+    assert LandRequests(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) is None
+
+
+def test_it_asks_for_nothing_on_the_ground_nor_in_a_mission_without_it():
+    assert LandRequests(frozenset()).answer(put(IN_FLIGHT, "flight.active", False), 5 * S, on=True) is None
+    assert LandRequests(frozenset({"1"})).answer(IN_FLIGHT, 5 * S, on=True) is None
