@@ -14,6 +14,7 @@ from amaze_autonomy.config.kinds import unit_words
 from amaze_autonomy.config.schema import Group
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import Result
+from amaze_autonomy.interface import STATUSES
 from amaze_autonomy.monitoring.specs import BatterySpec, LandingSpec, PollingSpec, StateEstimationSpec
 from amaze_autonomy.simulation.run import run
 
@@ -109,7 +110,12 @@ def test_the_missions_are_those_of_the_demo(shipped):
 def test_all_that_is_watched_is_recorded_and_so_are_the_decisions(shipped):
     recorded = [topic for platform in shipped.recording.platforms for topic in shipped.recording.topics(platform.name)]
     assert [topic for topic in RATES if topic not in recorded] == []
-    assert [topic for topic in ("~journal", "/odometry", "/watchdog/action") if topic not in recorded] == []
+    assert [topic for topic in ("~journal", "/odometry", "watchdog/action") if topic not in recorded] == []
+
+
+def test_in_a_namespace_our_own_statuses_are_recorded_not_another_stack_s(shipped):
+    recorded = {topic for group in shipped.recording.groups for topic in group.topics}
+    assert [row.topic for row in STATUSES if row.topic not in recorded or f"/{row.topic}" in recorded] == []
 
 
 def test_every_trajectory_that_ships_is_flown_by_a_mission(shipped):

@@ -24,12 +24,12 @@ _HEAD = "# Proposed by amaze-autonomy propose-config of what was seen: look at i
 _OURS = (
     "~journal",
     "~state",
-    "/watchdog/action",
-    "/watchdog/info",
-    "/mission_planner/status",
-    "/data_recorder/status",
-    "/autopilot/status",
-    "/landing_detection/landed",
+    "watchdog/action",
+    "watchdog/info",
+    "mission_planner/status",
+    "data_recorder/status",
+    "autopilot/status",
+    "landing_detection/landed",
     "/diagnostics",
     "/rosout",
 )
@@ -167,7 +167,7 @@ class _Maker:
         return {"state_estimation": values}
 
     def _recording(self) -> Dict[str, Any]:
-        ours = {topic for topic in _OURS if topic.startswith("/")}
+        ours = {f"/{topic.lstrip('/')}" for topic in _OURS}
         seen = sorted(name for name, kind in self._kinds.items() if name not in ours and not kind.startswith("amaze_"))
         cameras = [name for name in seen if self._kinds[name] in _CAMERAS]
         groups = {"states": list(_OURS), "seen": [name for name in seen if name not in cameras], "cameras": cameras}
