@@ -27,8 +27,14 @@ class ListLink(Link):
     def __init__(self):
         self.sent = []
 
+    def start(self):
+        """Nothing is far away."""
+
     def send(self, request):
         self.sent.append(request)
+
+    def close(self):
+        """Nothing was opened."""
 
 
 class Console:

@@ -135,6 +135,11 @@ class Autopilot:
         """Tell whether it runs."""
         return self._process is not None and self._process.poll() is None
 
+    @property
+    def session(self) -> int:
+        """The session of its processes; 0 before it was switched on."""
+        return 0 if self._process is None else self._process.pid
+
     def kill(self) -> None:
         """Take its power away."""
         if self._process is not None:

@@ -173,13 +173,14 @@ class Flight:
         self._engine_at: Optional[float] = 0.0
         self._kind = kind
         self._operator: Any = None
+        self._stack_is_up = threading.Event()
 
     def fly(self) -> Dict[str, Any]:
         """Fly, and return how it went beside what is in the files."""
         facts: Dict[str, Any] = {"unix_minus_monotonic_s": time.time() - time.monotonic(), "ended_by": "itself"}
         self._relay.start()
         self._station.start()
-        threading.Thread(target=_prefer_all, daemon=True).start()
+        threading.Thread(target=self._prefer, daemon=True).start()
         try:
             self._switch_on()
             facts["ready_after_s"] = self._wait_until_ready()
@@ -193,6 +194,20 @@ class Flight:
         facts["texts"] = self._station.texts
         facts["links"] = {name: [link.passed, link.lost] for name, link in self._relay.links.items()}
         return facts
+
+    def _prefer(self) -> None:
+        """Let a flight have the processor before whatever else this computer does: it measures reactions.
+
+        Vehicle and relay come first from the beginning: one that starves is a bad link. Nodes do once they are up: ten
+        that start take all there is, also from another flight.
+        """
+        while True:
+            first = {os.getsid(0), self._autopilot.session}
+            for process in _network():
+                with contextlib.suppress(OSError):  # it has ended, or this kernel has no groups
+                    if self._stack_is_up.is_set() or os.getsid(int(process.name)) in first:
+                        (process / "autogroup").write_text("-19")
+            time.sleep(0.3)
 
     # --- the vehicle ----------------------------------------------------------------------------------------------
 
@@ -225,6 +240,7 @@ class Flight:
             self._start_engine()
         operator = Operator()
         operator.choose(tuple(self._scenario.mission.split(",")), self._check)
+        self._stack_is_up.set()
         self._operator = operator
         tail = Tail(self._folder / "run" / "journal.jsonl")
         deadline = time.monotonic() + self._scenario.limit_s
@@ -414,18 +430,6 @@ def _network() -> List[Path]:
             if os.readlink(process / "ns" / "net") == mine:
                 found.append(process)
     return found
-
-
-def _prefer_all() -> None:
-    """Let a flight have the processor before whatever else this computer does: it measures reactions.
-
-    This process, which has a session of its own, is one of them: a relay that starves would be a bad link.
-    """
-    while True:
-        for process in _network():
-            with contextlib.suppress(OSError):  # it has ended, or this kernel has no groups
-                (process / "autogroup").write_text("-19")
-        time.sleep(0.3)
 
 
 def main() -> int:

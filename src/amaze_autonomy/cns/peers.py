@@ -10,6 +10,7 @@ its files.
 
 from __future__ import annotations
 
+import abc
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -97,15 +98,15 @@ class Rhythm:
         return True
 
 
-class Peer:
+class Peer(abc.ABC):
     """Base of the peers."""
 
     def __init__(self) -> None:
         self.outbox: List[Union[Call, Publish]] = []
 
+    @abc.abstractmethod
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Return the reply to a command; None: it follows in `step`."""
-        raise NotImplementedError
 
     def hear(self, t_ns: int, key: str, message: Any) -> None:
         """Take a message of one of its topics."""
@@ -113,9 +114,9 @@ class Peer:
     def returned(self, t_ns: int, key: str, response: Any, problem: str) -> None:
         """Take the end of a call: its response, or what was wrong."""
 
+    @abc.abstractmethod
     def step(self, t_ns: int) -> List[Event]:
         """Return statuses that are due and replies that have become possible."""
-        raise NotImplementedError
 
     def kept(self) -> Dict[str, Any]:
         """Return what a process that is started again in flight must know, as JSON has it; empty: nothing."""

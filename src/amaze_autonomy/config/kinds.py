@@ -6,6 +6,7 @@ says what to write instead.
 
 from __future__ import annotations
 
+import abc
 import difflib
 import math
 import re
@@ -128,20 +129,20 @@ def refuse(entry: Entry, address: Address, wrong: str, right: str) -> NoReturn:
     raise ConfigError(entry.place, dotted(address), wrong, right)
 
 
-class Kind:
+class Kind(abc.ABC):
     """What a key may be given."""
 
+    @abc.abstractmethod
     def words(self, unit: str = "") -> str:
         """Say what is taken, after "must be"; `unit` in words."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def read(self, entry: Entry, address: Address, places: Places) -> Any:
         """Return the value of an entry as plain Python, and note in `places` where its parts stand.
 
         Raises:
             ConfigError: it is not of this kind.
         """
-        raise NotImplementedError
 
     def _refuse(self, entry: Entry, address: Address, wrong: str = "", hint: str = "") -> NoReturn:
         right = "must be " + self.words(unit_words(address[-1]) if address else "")

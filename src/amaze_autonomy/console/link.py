@@ -5,6 +5,7 @@ A link posts what happens into a mailbox, from any thread; the console's one thr
 
 from __future__ import annotations
 
+import abc
 import queue
 from dataclasses import dataclass
 from typing import List, Optional, Tuple, Union
@@ -114,17 +115,17 @@ class Mailbox:
         return happenings
 
 
-class Link:
+class Link(abc.ABC):
     """What the console needs of a connection to the engine."""
 
+    @abc.abstractmethod
     def start(self) -> None:
         """Connect; return at once and go on in the background."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def send(self, request: Request) -> None:
         """Send a request; return at once. Its answer is posted."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def close(self) -> None:
         """Disconnect."""
-        raise NotImplementedError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import enum
 from typing import NamedTuple, Optional
 
@@ -42,7 +43,7 @@ class Condition(NamedTuple):
     changes_at_ns: int = FOREVER_NS
 
 
-class Source:
+class Source(abc.ABC):
     """Base of everything that is watched: it knows since when, and how long it may take to come up."""
 
     def __init__(self) -> None:
@@ -52,9 +53,9 @@ class Source:
         """Begin to watch; until `grace_ns` later, what has not come yet is starting, not failed."""
         self._grace_end_ns = t_ns + grace_ns
 
+    @abc.abstractmethod
     def evaluate(self, t_ns: int) -> Condition:
         """Return the verdict at a time."""
-        raise NotImplementedError
 
     def _absent(self, t_ns: int, missing: str) -> Condition:
         """Return the verdict on a source that has never been heard of."""

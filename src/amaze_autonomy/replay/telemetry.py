@@ -10,6 +10,7 @@ It has the face of a bag. Its topics are made of what the vehicle sent:
 
 from __future__ import annotations
 
+import abc
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -49,7 +50,7 @@ _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _NOBODY = Identity(255, 1, vehicle=0)  # nobody's address: what was addressed to others is taken, too
 
 
-class Made:
+class Made(abc.ABC):
     """Topics that are made of what a recording holds in another form, with the face of a bag.
 
     Args:
@@ -98,13 +99,13 @@ class Made:
         topic = self._names[entry.connection]
         return self._statuses[entry.offset] if topic == STATUS else self.made(topic, entry)
 
+    @abc.abstractmethod
     def made(self, topic: str, entry: Entry) -> Any:
         """Return one message that is no status."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def kind(self, topic: str) -> str:
         """Return the type of a topic."""
-        raise NotImplementedError
 
     def columns(self, wanted: Mapping[str, Any]) -> Dict[str, Any]:  # noqa: ARG002 - the face of a bag
         """Return nothing: every message is read by itself."""

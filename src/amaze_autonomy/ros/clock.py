@@ -6,6 +6,7 @@ ROS time, made monotonic: where `/clock` jumps back (a bag that is played again)
 
 from __future__ import annotations
 
+import abc
 import threading
 import time
 from typing import Callable, Optional
@@ -19,22 +20,22 @@ _LONGEST_LOOK_NS = 150_000_000
 _CATCH_UP_S, _CATCH_UP_LIMIT_S = 0.01, 0.05
 
 
-class Clock:
+class Clock(abc.ABC):
     """What the nodes need of a clock; nanoseconds."""
 
     goes_on = True  # where the source of time stands still for too long
 
+    @abc.abstractmethod
     def now_ns(self) -> int:
         """Return the time on the clock that decides; never less than before."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def ros_ns(self) -> int:
         """Return ROS time, which the stamps of messages are on."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def wall_wait_s(self, until_ns: int) -> float:
         """Return how many seconds of wall time a thread may sleep until the deciding clock could reach a time."""
-        raise NotImplementedError
 
     def stalled_s(self) -> float:
         """Return for how many seconds of wall time the deciding clock has stood, when that is too long; else 0."""

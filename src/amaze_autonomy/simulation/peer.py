@@ -6,6 +6,7 @@ takes its place, the world leaves it out, and nothing else changes.
 
 from __future__ import annotations
 
+import abc
 import random
 from dataclasses import dataclass, field
 from typing import Dict, List, NamedTuple, Optional, Tuple
@@ -78,7 +79,7 @@ class Site:
         return self.faults.active(Subject.WORLD, kind)
 
 
-class Peer:
+class Peer(abc.ABC):
     """Base of the peers. A killed one is made anew when it comes back."""
 
     name = ""
@@ -104,9 +105,9 @@ class Peer:
         """Return the rows of one of its checks; in a world where nothing can be wrong with it, it passes."""
         return (Check(command.check.value.replace("_", " "), Verdict.PASS),)
 
+    @abc.abstractmethod
     def step(self, t_ns: int) -> List[Event]:
         """Do what is to be done at a time; return statuses and late replies."""
-        raise NotImplementedError
 
 
 class Cadence:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from math import cos, nan, sin
 from typing import TYPE_CHECKING, Generic, NamedTuple, Optional, Tuple, TypeVar
 
@@ -39,7 +40,7 @@ class Inertial(NamedTuple):
     turn_rate: Vector
 
 
-class Reader(Generic[T]):
+class Reader(abc.ABC, Generic[T]):
     """A sensor that reads the vehicle, unless something is wrong with its content."""
 
     def __init__(self, noise: random.Random) -> None:
@@ -54,11 +55,11 @@ class Reader(Generic[T]):
             self._last = self._measure(pose)
         return self._last
 
-    def _measure(self, pose: Pose) -> T:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _measure(self, pose: Pose) -> T: ...
 
-    def _nothing(self) -> T:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _nothing(self) -> T: ...
 
     def _spread(self, size: float) -> float:
         return size * self._noise.uniform(-1.0, 1.0)

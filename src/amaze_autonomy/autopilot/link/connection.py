@@ -5,6 +5,7 @@ Other threads ask its client through `Connection.ask` and wait for what becomes 
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import os
 import threading
@@ -40,7 +41,7 @@ class Client(Protocol):
         """Look at the time, 20 times a second."""
 
 
-class ClientHost:
+class ClientHost(abc.ABC):
     """Holds a client; who inherits from it sends what `_transmit` is given.
 
     Args:
@@ -67,9 +68,9 @@ class ClientHost:
         with self._changed:
             return self._changed.wait_for(condition, limit_s)
 
+    @abc.abstractmethod
     def _transmit(self, messages: Iterable[Message]) -> None:
         """Send messages; called under the lock."""
-        raise NotImplementedError
 
     def _tell(self, call: Callable[[], Iterable[Message]]) -> None:
         """Call the client; a defect in it must not cost the heartbeat and all the rest."""

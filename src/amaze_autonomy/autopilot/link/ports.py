@@ -6,6 +6,7 @@ again later.
 
 from __future__ import annotations
 
+import abc
 import contextlib
 import enum
 import fcntl
@@ -119,7 +120,7 @@ class Chunk(NamedTuple):
     waited_ns: int = 0
 
 
-class Port:
+class Port(abc.ABC):
     """A way in and out for bytes.
 
     Args:
@@ -134,30 +135,30 @@ class Port:
         """Whether a long silence is a reason to open it again."""
         return False
 
+    @abc.abstractmethod
     def open(self) -> None:
         """Open it; nothing when it is open."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def close(self) -> None:
         """Close it; nothing when it is closed."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def fileno(self) -> Optional[int]:
         """Return what to wait for, None while it is closed."""
-        raise NotImplementedError
 
     @property
     def blocked(self) -> bool:
         """Whether something still waits to be written."""
         return False
 
+    @abc.abstractmethod
     def read(self) -> List[Chunk]:
         """Return what has come in, and whom from."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def write(self, data: bytes) -> bool:
         """Send what can be sent now, keep the rest; return False when there is no room or nobody to send to."""
-        raise NotImplementedError
 
     def flush(self) -> None:
         """Send what was kept."""
