@@ -99,7 +99,7 @@ def shipped(name: str) -> Scenario:
         name=f"{_PREFIX}{name}",
         description=given["description"],
         mission="1",
-        autopilots=tuple(KINDS),
+        not_for={},
         overrides=(),
         parameters={"px4": {"SIM_BAT_MIN_PCT": 90}},
         when=tuple(actions),

@@ -51,7 +51,7 @@ _TRIGGER = ("state", "step", "event", "mode", "order", "occurrence", "delay_s")
 EVENTS = ("armed", "airborne", "waypoint", "landed", "disarmed", "started")
 _EXPECT = ("result", "states", "modes", "at_most", "at_least", "texts", "own_behaviour")
 _KEYS = (
-    *("description", "mission", "autopilots", "overrides", "parameters", "when", "faults", "requests", "expect"),
+    *("description", "mission", "not_for", "overrides", "parameters", "when", "faults", "requests", "expect"),
     *("unattended", "station", "limit_s", "engine", "flights"),
 )
 
@@ -88,7 +88,7 @@ class Scenario:
         name: of its file.
         description: one line.
         mission: ids for the launch file.
-        autopilots: that it is for.
+        not_for: autopilots that it is not for, each with the reason.
         overrides: of the configuration.
         parameters: of each autopilot, set before it starts.
         when: what is done from outside.
@@ -104,7 +104,7 @@ class Scenario:
     name: str
     description: str
     mission: str
-    autopilots: Tuple[str, ...]
+    not_for: Mapping[str, str]
     overrides: Tuple[str, ...]
     parameters: Mapping[str, Mapping[str, float]]
     when: Tuple[Action, ...]
@@ -115,6 +115,11 @@ class Scenario:
     engine: str
     limit_s: float
     launch: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    @property
+    def autopilots(self) -> Tuple[str, ...]:
+        """The autopilots that it is for."""
+        return tuple(name for name in KINDS if name not in self.not_for)
 
 
 def load(path: Path) -> Scenario:
@@ -134,19 +139,19 @@ def _scenario(name: str, given: Mapping[str, Any]) -> Scenario:
     _known(given, _KEYS, "key")
     actions = tuple(_action(each) for each in given.get("when", ()))
     kills = any(each.do == "kill_engine" for each in actions)
-    autopilots = tuple(given.get("autopilots", tuple(KINDS)))
-    _known(autopilots, tuple(KINDS), "autopilot")
+    not_for = given.get("not_for", {})
+    _known(not_for, tuple(KINDS), "autopilot")
     world = {"description": given["description"], **{key: given[key] for key in ("faults", "requests") if key in given}}
     return Scenario(
         name=name,
         description=given["description"],
         mission=str(given.get("mission", "1")),
-        autopilots=autopilots,
+        not_for=not_for,
         overrides=tuple(given.get("overrides", ())),
         parameters=given.get("parameters", {}),
         when=actions,
         world=world if len(world) > 1 else {},
-        expect={each: _expected(given["expect"], each) for each in autopilots},
+        expect={each: _expected(given["expect"], each) for each in KINDS if each not in not_for},
         unattended=bool(given.get("unattended", True)),
         station=bool(given.get("station", False)),
         engine="apart" if kills else "launched",

@@ -1,6 +1,6 @@
-"""Prints flights as a Markdown table, one row a scenario: from the folders that fly.py left.
+"""Prints flights as a page in Markdown, one row a scenario: from the folders that fly.py left.
 
-.venv/bin/python test/sitl/sitl_table.py build/sitl/*      # of several, the last flight of each counts
+.venv/bin/python test/sitl/sitl_table.py build/sitl/* >docs/flights.md   # of several, the last flight of each counts
 """
 
 from __future__ import annotations
@@ -8,9 +8,11 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Dict, List, Mapping
 
+from fly import SCENARIOS
 from sitl_autopilots import KINDS
+from sitl_scenario import load
 
 _TIMES = {
     "code_16_to_mode_s": "16",
@@ -18,36 +20,52 @@ _TIMES = {
     "resume_to_mode_s": "resume",
     "pilot_after_mode_s": "pilot",
 }
+_HEAD = """# Flights with real autopilots
+
+What `./run sitl` flew ([simulation.md](simulation.md)), as `test/sitl/sitl_table.py` prints it: every scenario on PX4
+v1.16.1 and ArduCopter 4.5.6 in software-in-the-loop, with roslaunch and all real nodes, two flights at a time on two
+cores. A flight is good when its states, result and modes are the expected ones, nobody of ours did what nobody may,
+its journal is decided again without a difference and breaks no law, and the telemetry log of its link says the same
+within 0.1 s. Then come its result, the time in the air, and what was measured on the wire, in seconds: from a code
+16, a hold or a resume to the mode that the vehicle shows, and from another's mode to PILOT.
+"""
+_NOMINAL = "nominal"
 
 
 def main() -> int:
-    """Print the table, and below it what is wrong with those that are bad."""
-    found: Dict[str, Dict[str, Mapping[str, Any]]] = {}
+    """Print the page: the table, what is bad, what failed first and was good later, what is the autopilot's own."""
+    found: Dict[str, Dict[str, List[Mapping[str, Any]]]] = {}
     folders = sorted((Path(name) for name in sys.argv[1:]), key=lambda path: path.stat().st_mtime)
     for path in (verdict for folder in folders for verdict in sorted(folder.glob("*/verdict.json"))):
         flight = json.loads(path.read_text(encoding="utf-8"))
-        if not flight["flown_again"]:
-            found.setdefault(flight["scenario"], {})[flight["autopilot"]] = flight
-    print("| scenario | " + " | ".join(KINDS) + " |\n" + "|---|" * (1 + len(KINDS)))
-    wrong: List[str] = []
-    own: List[str] = []
+        found.setdefault(flight["scenario"], {}).setdefault(flight["autopilot"], []).append(flight)
+    not_for = {path.stem: load(path).not_for for path in SCENARIOS.glob("*.yaml")}
+    print(_HEAD + "\n| scenario | " + " | ".join(KINDS) + " |\n|---" + "|---" * len(KINDS) + "|")
+    listed: Dict[str, List[str]] = {"What is bad": [], "What failed first": [], "What is the autopilot's own": []}
     for scenario, flights in sorted(found.items()):
-        print(f"| `{scenario}` | " + " | ".join(_cell(flights.get(name)) for name in KINDS) + " |")
-        for name, flight in sorted(flights.items()):
-            wrong += [f"- `{scenario}`, {name} ({flight['commit']}): {words}" for words in flight["wrong"]]
-            if flight.get("own_behaviour"):
-                own.append(f"- `{scenario}`, {name}: {flight['own_behaviour']}")
-    print("\nWhat is bad:\n\n" + "\n".join(wrong or ["nothing"]))
-    print("\nWhat is the autopilot's own:\n\n" + "\n".join(own or ["nothing"]))
+        cells = [_cell(flights.get(name, ()), not_for.get(scenario, {}).get(name, "")) for name in KINDS]
+        print(f"| `{scenario}` | " + " | ".join(cells) + " |")
+        for name, flown in sorted(flights.items()):
+            for flight in flown:
+                last = flight is flown[-1] or (scenario == _NOMINAL and not flight["flown_again"])
+                where = listed["What is bad" if last else "What failed first"]
+                wrong = "; ".join(flight["wrong"])
+                where += [f"- `{scenario}`, {name} ({flight['commit']}): {wrong}"] if wrong else []
+            if flown[-1].get("own_behaviour"):
+                listed["What is the autopilot's own"].append(f"- `{scenario}`, {name}: {flown[-1]['own_behaviour']}")
+    for title, lines in listed.items():
+        print(f"\n## {title}\n\n" + "\n".join(lines or ["Nothing."]))
     return 0
 
 
-def _cell(flight: Optional[Mapping[str, Any]]) -> str:
-    if flight is None:
-        return "not flown"
+def _cell(flown: List[Mapping[str, Any]], why_not: str) -> str:
+    if not flown:
+        return f"not for it: {why_not}" if why_not else "**not flown**"
+    flight, good = flown[-1], sum(1 for each in flown if each["good"])
     times = [f"{words} {flight['measured'][name]:.2f}" for name, words in _TIMES.items() if name in flight["measured"]]
     seconds = f", {flight['measured'].get('flight_s', 0.0):.0f} s"
-    return f"{'good' if flight['good'] else '**bad**'}, {flight['result']}{seconds}" + (
+    often = f", {good} of {len(flown)}" if flight["scenario"] == _NOMINAL else ""
+    return f"{'good' if flight['good'] else '**bad**'}{often}, {flight['result']}{seconds}" + (
         f" ({', '.join(times)})" if times else ""
     )
 

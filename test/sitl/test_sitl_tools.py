@@ -42,7 +42,7 @@ def test_the_quick_ones_are_scenarios_that_ship():
         ("when: [{do: cutt, for_s: 1}]", "action 'cutt' is not known"),
         ("when: [{do: cut, for_s: 1, after: {event: lunch}}]", "event 'lunch' is not known"),
         ("faluts: []", "key 'faluts' is not known"),
-        ("autopilots: [px5]", "autopilot 'px5' is not known"),
+        ("not_for: {px5: too new}", "autopilot 'px5' is not known"),
     ],
 )
 def test_a_mistake_in_a_scenario_is_one_line_with_its_file(tmp_path, line, words):
