@@ -6,12 +6,12 @@ import math
 from random import Random
 
 import pytest
-from flying import BACK, LINE, MS, PLANS, Flying, S, plan
+from flying import ARDUPILOT, BACK, LINE, MS, PLANS, PX4, Flying, S, plan
 from mission_channel import good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
-from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
+from amaze_autonomy.autopilot.planner.mission_vehicle import AIRBORNE, VehicleWatch
 from amaze_autonomy.engine.commands import AnswerKind, MissionAction
 from amaze_autonomy.engine.decide import ANSWERS
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, UserCommand
@@ -541,6 +541,34 @@ def test_an_item_that_its_mission_does_not_have_is_where_nobody_is():
     flying.until_phase(P.FLYING, limit_ns=6 * S)
     flying.until_phase(P.LANDED)
     assert (flying.status.waypoint, flying.status.message) == (3, "")
+
+
+@pytest.mark.parametrize("kind", [PX4, ARDUPILOT])
+@pytest.mark.parametrize("during", [P.TAKING_OFF, P.FLYING, P.HOLDING])
+def test_a_mission_that_somebody_else_puts_on_the_vehicle_in_flight_is_not_flown(kind, during):
+    """After it was read back for the last time: only the number of items in MISSION_CURRENT tells."""
+    flying = Flying(kind=kind)
+    flying.take_off("line")
+    if during is P.HOLDING:
+        flying.until_phase(P.FLYING)
+        assert flying.command(A.HOLD) == ""
+    flying.until(lambda: flying.phase is during and flying.planner.watch.landed in AIRBORNE)
+    flying.craft.load_items(flying.craft.items[:2], 0)
+    flying.until_phase(P.FAILED, limit_ns=3 * S)
+    assert flying.status.message.startswith("somebody else has replaced the mission on the vehicle: it has ")
+    flying.run(3 * S)
+    assert flying.phase is P.FAILED
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+
+
+def test_one_wrong_number_of_items_is_not_believed():
+    flying = Flying()
+    flying.take_off("line")
+    flying.until(lambda: flying.status.waypoint == 2)
+    flying.planner.receive(flying.t_ns, mavlink.MAVLink_mission_current_message(flying.planner.watch.current, 2))
+    flying.until_phase(P.LANDED)
+    assert P.FAILED not in flying.phases
 
 
 def test_how_far_it_came_is_not_given_up_while_the_vehicle_is_silent():

@@ -128,6 +128,26 @@ def test_an_autopilot_that_was_restarted_behind_the_same_address_is_heard_again_
     assert sources.strangers(2 * S) == ()
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_an_autopilot_that_starts_again_in_flight_is_heard_before_the_link_counts_as_lost(seed):
+    """Its first words say no boot time, and go on from any number; what comes then has numbers of both."""
+    chance, sources = random.Random(seed), Sources()
+    sources.armed = True
+    rate, down_s, mute = chance.choice([50, 150, 450]), chance.uniform(0.2, 6.0), chance.randrange(12)
+    for number in range(5 * rate):
+        assert say(sources, number / rate, boot_s=-40.0 if number % 5 == 0 else None)
+    say.numbers[HERE] = chance.choice([-1, say.numbers[HERE], chance.randrange(256)])
+    heard = []
+    for number in range(20 * rate):
+        t_s = 5.0 + down_s + number / rate
+        has_boot = number >= mute and chance.random() < 0.7
+        heard += [t_s] if say(sources, t_s, boot_s=5.0 + down_s - 0.2 if has_boot else None) else []
+    late_s = [after - before for before, after in zip([5.0 + down_s, *heard], heard)]
+    assert max(late_s) < 2.0
+    assert heard[-1] > 24.9 + down_s
+    assert sources.strangers(round(t_s * S)) == ()
+
+
 @pytest.mark.parametrize("offset", [100, 128, 200])
 @pytest.mark.parametrize("rates", [(500, 490), (500, 100), (100, 500)])
 def test_two_vehicles_behind_one_router_are_never_mixed(offset, rates):

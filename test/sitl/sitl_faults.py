@@ -17,11 +17,10 @@ from typing import Any, Callable, Dict, List, Mapping, Tuple
 
 import yaml
 from sitl_autopilots import KINDS, ROOT
-from sitl_scenario import EVENTS, Action, Scenario, ScenarioError, load, trigger
+from sitl_scenario import EVENTS, SKIPPED, Action, Scenario, ScenarioError, load, trigger
 
 FOLDER = ROOT / "config" / "faults"
 _PREFIX = "faults/"
-_SKIPPED = ("MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION")
 _FULL_V, _EMPTY_V = 12.6, 9.9  # three cells
 _OF_FLIGHT = ("autopilot/", "mission_planner/")
 _OF_MONITORS = ("watchdog/", "landing_detection/", "state_estimation/")
@@ -135,7 +134,7 @@ def _in_virtual_time(name: str) -> Tuple[List[str], str]:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         rows = (json.loads(line) for line in journal.read_text(encoding="utf-8").splitlines())
         states = [row["after"] for row in rows if row["kind"] == "decision"]
-    way = [state for state, _ in itertools.groupby(states) if state not in _SKIPPED]
+    way = [state for state, _ in itertools.groupby(states) if state not in SKIPPED]
     last = done.stdout.strip().splitlines()[-1]
     result = last.rpartition(": ")[2].split()[0] if last.startswith("mission ") else ""
     return way, result

@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
-from sitl_scenario import Scenario
+from sitl_scenario import SKIPPED, Scenario
 from sitl_wire import Order, Wire, read_wire
 
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
@@ -24,7 +24,6 @@ _TOGETHER_S = 0.05  # what was on its way when the engine decided
 _ON_GROUND_M = 0.25
 _SAME_S = 0.1
 _MAP = "px4_telemetry"  # it names messages, which both autopilots send
-_SKIPPED = ("MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION")
 _MODES = {"HOLD": "AUTO.LOITER", "RESUME": "AUTO.MISSION", "LAND": "AUTO.LAND"}
 
 MEASURES: Mapping[str, str] = {
@@ -102,7 +101,7 @@ def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
     wire = read_wire(folder, autopilot)
     ended = folder / "run" / "result.json"
     result = json.loads(ended.read_text(encoding="utf-8"))["result"] if ended.exists() else "?"
-    states = tuple(name for name in _way(journal) if name not in _SKIPPED)
+    states = tuple(name for name in _way(journal) if name not in SKIPPED)
     measured = _measured(journal, wire)
     wrong = [
         *_ended(facts),

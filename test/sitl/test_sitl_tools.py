@@ -55,7 +55,7 @@ def test_a_mistake_in_a_scenario_is_one_line_with_its_file(tmp_path, line, words
     assert str(caught.value).startswith(f"{path}: {words}")
 
 
-@pytest.mark.parametrize("state", ["FLYING", "takeoff"])
+@pytest.mark.parametrize("state", ["FLYING", "takeoff", "PREFLIGHT"])
 def test_a_state_that_is_none_is_refused(tmp_path, state):
     path = tmp_path / "one.yaml"
     path.write_text(f"description: one\nexpect: {{result: COMPLETE, states: [{state}]}}\n")

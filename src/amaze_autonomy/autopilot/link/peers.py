@@ -312,20 +312,27 @@ class Sources:
             self._ours = run
         elif run is ours or run.count < _IN_A_ROW:
             return
-        elif _follows(t_ns, run, ours) or self._replaces(t_ns, run, ours):
+        elif self._follows(t_ns, run, ours) or self._replaces(t_ns, run, ours):
             self._runs.remove(ours)
             self._ours = run
+
+    def _follows(self, t_ns: int, run: _Run, ours: _Run) -> bool:
+        """Return whether a run began at the address of another when that had ended: messages were lost, or it restarted.
+
+        What fitted both was not of the one that ended when all that came since then was one run.
+        """
+        if run.place != ours.place:
+            return False
+        since, (count, lasting_ns) = self._unbroken.get(run.place), _ALONE_OF_ONE_BOOT
+        one = since is not None and since.first_ns >= ours.heard_ns and since.count >= count
+        alone = one and since is not None and t_ns - since.first_ns >= lasting_ns
+        ended_ns = ours.heard_ns if alone else max(ours.heard_ns, ours.maybe_ns)
+        return run.first_ns >= ended_ns and t_ns - ended_ns > max(_ENDED_NS, _ENDED_GAPS * ours.gap_ns)
 
     def _replaces(self, t_ns: int, run: _Run, ours: _Run) -> bool:
         if t_ns - ours.heard_ns <= _SILENCE_NS:
             return False
         return not self.armed or _same_boot(run, ours)
-
-
-def _follows(t_ns: int, run: _Run, ours: _Run) -> bool:
-    """Return whether a run began at the address of another when that had ended: messages were lost, or it restarted."""
-    ended = ours.silent_ns(t_ns) > max(_ENDED_NS, _ENDED_GAPS * ours.gap_ns)
-    return ended and run.place == ours.place and run.first_ns >= max(ours.heard_ns, ours.maybe_ns)
 
 
 def _same_boot(run: _Run, ours: _Run) -> bool:

@@ -21,6 +21,7 @@ __all__ = ["IN_FLIGHT", "FlightRecord", "Here", "Outlook", "remaining"]
 
 _COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
 _COUNT_BEATS = 3  # that must be heard meanwhile: a silent vehicle may still tell
+_IN_A_ROW = 2  # one wrong message is not believed
 _P = MissionPhase
 
 
@@ -37,7 +38,8 @@ class FlightRecord:
         self.guidance: Optional[Guidance] = None
         self.armed = self.airborne = self.lifted = False
         self.failure = ""
-        self.reached = 0
+        self.replaced = False  # the mission on the vehicle is somebody else's
+        self.reached = self._others = 0
         self._highest = 0
         self._ground_ns: Optional[int] = None
         self._beat_ns: Optional[int] = None
@@ -58,6 +60,17 @@ class FlightRecord:
         self.lifted = self.lifted or (self.airborne and watch.landed is VehicleLanded.IN_AIR)
         if self.armed:
             self._count()
+
+    def is_replaced(self, total: Optional[int]) -> bool:
+        """Take a MISSION_CURRENT; return True once the vehicle has said twice in a row that it has another mission.
+
+        Args:
+            total: how many items ours has; None: it is not flown by one.
+        """
+        there = self._watch.total
+        self._others = self._others + 1 if None not in (there, total) and there != total else 0
+        self.replaced = self.replaced or self._others >= _IN_A_ROW
+        return self.replaced
 
     def _count(self) -> None:
         """Count waypoints that are done with."""
@@ -102,6 +115,8 @@ class FlightRecord:
         landing = watch.mode == LAND or watch.landed is VehicleLanded.LANDING
         if landing or (before is _P.LANDING and self.down):
             return _P.LANDING
+        if self.replaced:
+            return _P.FAILED
         if watch.mode == HOLD and self.airborne:
             return _P.HOLDING
         if watch.mode == MISSION and self.airborne:

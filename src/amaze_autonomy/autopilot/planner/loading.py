@@ -115,6 +115,11 @@ class Loading:
         plan = self._plan
         return plan.flight(self.request.file_index, self.request.repetition).duration_s if known and plan else math.nan
 
+    @property
+    def total(self) -> Optional[int]:
+        """How many items the vehicle says that it has of it; None: it has none of it."""
+        return None if self._upload is None or not self.accepted else self._upload.total
+
     def end(self, reason: str) -> None:
         """Give it up."""
         if not self.over:

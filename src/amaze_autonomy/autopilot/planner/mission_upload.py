@@ -83,6 +83,11 @@ class MissionUpload:
         self._read: Dict[int, Message] = {}
 
     @property
+    def total(self) -> int:
+        """How many items MISSION_CURRENT says that the vehicle has then: ArduPilot's first, home, is not counted."""
+        return len(self._items) - self._dialect.value
+
+    @property
     def over(self) -> bool:
         """True when it has ended, well or not."""
         return self.phase in _OVER

@@ -51,6 +51,7 @@ _OTHERS = {
     Dialect.PX4: ("EKF_STATUS_REPORT", "HEARTBEAT"),  # it beats at 1 Hz, and refuses to be asked
     Dialect.ARDUPILOT: ("ESTIMATOR_STATUS", "CURRENT_MODE"),
 }
+_NO_ITEMS = 65535  # MISSION_CURRENT of a vehicle that has no mission
 _WARNING = mavlink.MAV_SEVERITY_WARNING
 _COMPLAINTS = 3
 _DEG7, _MM = 1e-7, 1e-3
@@ -102,6 +103,7 @@ class VehicleWatch:
         self.estimator_ns = 0
         self.current: Optional[int] = None
         self.current_ns: Optional[int] = None
+        self.total: Optional[int] = None  # items of the mission that it has; None: it does not say
         self.reached: Optional[int] = None
         self.texts = Texts()
         self.results: Dict[int, str] = {}
@@ -222,6 +224,8 @@ class VehicleWatch:
 
     def _current(self, t_ns: int, message: Message) -> None:
         self.current, self.current_ns = message.seq, t_ns
+        total = getattr(message, "total", 0)  # an extension: 0 of a vehicle that has it not, 65535 of one without items
+        self.total = None if total == 0 else total % _NO_ITEMS
 
     def _reached(self, _: int, message: Message) -> None:
         self.reached = message.seq

@@ -101,6 +101,8 @@ class Sequencer:
         self._notice_stall(t_ns)
         self.watch.take(t_ns, message)
         self._rates.heard(t_ns, message.get_type())
+        if message.get_type() == "MISSION_CURRENT":
+            self._look_at_total()
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
             sent += self._loading.receive(t_ns, message)
@@ -391,6 +393,21 @@ class Sequencer:
         elif reading is not None and reading.over and self._procedure is not None:
             self._procedure.fail(f"the mission did not read back as it was sent: {reading.reason}")
             self._verification = None
+
+    def _look_at_total(self) -> None:
+        """Look whether the vehicle says that it has as many items as were sent: it is read back only at the takeoff."""
+        loading, flight, procedure = self._loading, self._flight, self._procedure
+        if self._landing or flight.replaced or self._phase not in (_P.TAKING_OFF, _P.FLYING, _P.HOLDING):
+            return
+        total = loading.total if loading is not None else None
+        if not flight.is_replaced(total):
+            return
+        reason = f"somebody else has replaced the mission on the vehicle: it has {self.watch.total} items, ours {total}"
+        if self._doing(_A.TAKEOFF) and procedure is not None and procedure.running and not flight.airborne:
+            procedure.fail(reason)
+        else:
+            self._procedure = None  # nothing of ours may go on with that mission
+            self._fail(reason)
 
     def _cancel(self, t_ns: int, reason: str) -> List[Message]:
         """Give a takeoff up that did not begin: disarm; an arming may be under way, unseen."""

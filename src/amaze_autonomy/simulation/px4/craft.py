@@ -53,6 +53,7 @@ class Craft(Vehicle):
     """
 
     after_takeoff = Mode.LOITER
+    home_items = 0  # with which its missions begin
 
     def __init__(self, settings: VehicleSettings, t_ns: int = 0, geography: Optional[Geography] = None) -> None:
         super().__init__(settings, t_ns)

@@ -428,7 +428,7 @@ def _extended_sys_state(view: View) -> Any:
 
 
 def _mission_current(view: View) -> Any:
-    total = len(view.craft.items) or _UNKNOWN_16
+    total = max(0, len(view.craft.items) - view.craft.home_items) or _UNKNOWN_16
     return mavlink.MAVLink_mission_current_message(view.craft.current, total)
 
 
