@@ -317,7 +317,7 @@ class Sources:
             self._ours = run
 
     def _follows(self, t_ns: int, run: _Run, ours: _Run) -> bool:
-        """Return whether a run began at the address of another when that had ended: messages were lost, or it restarted.
+        """Return whether a run began at the address of another when that had ended: by losses, or a restart.
 
         What fitted both was not of the one that ended when all that came since then was one run.
         """
