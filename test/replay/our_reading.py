@@ -15,7 +15,7 @@ from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
 from amaze_autonomy.journal.journal import read
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.session import Session
-from amaze_autonomy.replay.sources import Recordings, recordings_of, topics_of
+from amaze_autonomy.replay.sources import Recordings, topics_of
 from amaze_autonomy.replay.topic_map import load_map
 from amaze_autonomy.replay.upsets import columns_of, mavlink_tilt, tilt_deg
 
@@ -33,11 +33,13 @@ def replayed(name):
     with Recordings([path], plan.topics) as recordings:
         outcome = Session(plan, recordings).run()
         tilt = _tilt(recordings, topic_map)
-        figures = recordings.figures()
+        figures, log = recordings.figures(), recordings.bags[-1]
+        topics = {topic.name.replace("/mavlink/", ""): topic.messages for topic in log.topics}
+        health = [((entry.t_ns - log.start_ns) / 1e9, log.message(entry).gps) for entry in log.entries(STATUS)]
     lines = read("\n".join(outcome.journal) + "\n").lines
     statuses = [line.payload for line in lines if isinstance(line.payload, AutopilotStatus)]
     return SimpleNamespace(
-        path=path, outcome=outcome, tilt=tilt, figures=figures,
+        outcome=outcome, tilt=tilt, figures=figures, topics=topics, gps=health, frames=getattr(log, "count", None),
         statuses=[((each.t_ns - outcome.start_ns) / 1e9, each) for each in statuses if each.t_ns >= outcome.start_ns],
         lines=[((each.t_ns - outcome.start_ns) / 1e9, each) for each in outcome.timeline],
     )  # fmt: skip
@@ -67,21 +69,17 @@ def changes(rows, unknown=()):
 
 def counts(replay):
     """Return the messages of each topic, without those that are made of others."""
-    topics = [topic for each in recordings_of(replay.path) for topic in each.topics]
-    words = {topic.name.replace("/mavlink/", ""): topic.messages for topic in topics}
-    return {name: number for name, number in words.items() if name not in ("imu", "/autopilot/status")}
+    return {name: number for name, number in replay.topics.items() if name not in ("imu", STATUS)}
 
 
 def strangers(replay):
     """Return the number of frames whose ids the link does not know."""
-    count = getattr(recordings_of(replay.path)[0], "count", None)
-    return 0 if count is None else count.unknown
+    return 0 if replay.frames is None else replay.frames.unknown
 
 
 def frames(replay):
     """Return the number of frames with a wrong checksum; None for a bag."""
-    count = getattr(recordings_of(replay.path)[0], "count", None)
-    return None if count is None else count.damaged
+    return None if replay.frames is None else replay.frames.damaged
 
 
 def silences(replay):
@@ -143,10 +141,8 @@ def warnings(replay):
 
 
 def gps(replay):
-    """Return from when on the GPS was good, or not; `recordings_of` knows what the journal leaves out."""
-    log = recordings_of(replay.path)[-1]
-    health = [((entry.t_ns - log.start_ns) / 1e9, log.message(entry).gps) for entry in log.entries(STATUS)]
-    return changes(((t, value == GPS_OK) for t, value in health if value), ())
+    """Return from when on the GPS was good, or not."""
+    return changes((t, value == GPS_OK) for t, value in replay.gps if value)
 
 
 def largest_tilt(replay):

@@ -8,6 +8,7 @@ docs/replay.md, which is made of both.
 
 from __future__ import annotations
 
+import functools
 import re
 from pathlib import Path
 
@@ -114,14 +115,16 @@ def agree(true, said, tolerance):
     return true == said
 
 
+@functools.lru_cache(maxsize=None)
 def compared(name):
     """Return the facts of a recording that ours can tell: fact, what is expected of ours, ours, tolerance."""
-    truth, replay = TRUTH[name], replayed(name)
+    truth, replay, rows = TRUTH[name], replayed(name), []
     for fact, (part, ours, tolerance) in FACTS.items():
         if fact in truth or fact in ALWAYS:
             true = truth.get(fact, {} if fact == "gaps" else [])
             exception = truth.get("ours", {}).get(fact)
-            yield fact, exception["says"] if exception else part(true), ours(replay), tolerance
+            rows.append((fact, exception["says"] if exception else part(true), ours(replay), tolerance))
+    return rows
 
 
 @pytest.mark.parametrize("name", FULL)

@@ -26,6 +26,7 @@ __all__ = ["Proposal", "propose", "propose_of"]
 _S = 1_000_000_000
 _G = 9.80665
 _LATE_S, _ARMED_BEFORE_S = 3.0, 1.0
+_CHECKED_S, _COMMANDED_S = 3.2, 3.8  # from the selection to the checks before the takeoff, at the latest to its command
 _ESTIMATE_HZ = 25.0  # slower than this is too slow for the shipped configuration
 _NEAR_MM, _MOUNTED_M, _ALOFT_M, _RISE_M = 300.0, 0.6, 0.5, 0.3
 
@@ -111,6 +112,11 @@ _ESTIMATES: Tuple[Tuple[str, str, str], ...] = (
     ("geometry_msgs/PoseStamped", "pose", "pose.position.z"),
     ("geometry_msgs/PoseWithCovarianceStamped", "pose_with_covariance", "pose.pose.position.z"),
 )
+# types of a height that is no pose, its field, words of which one is in the topic's name, the least that a flight rises
+_HEIGHTS: Tuple[Tuple[Tuple[str, ...], str, Tuple[str, ...], float], ...] = (
+    (("std_msgs/Float64", "std_msgs/Float32"), "data", ("rel_alt", "height", "altitude"), 0.3),
+    (("sensor_msgs/NavSatFix",), "altitude", ("",), 2.0),
+)
 _TEXTS = ("mavros_msgs/StatusText", "mavlink/STATUSTEXT", "px4_msgs/LoggedMessage")
 _PX4_MODES = ("OFFBOARD", "POSCTL", "ALTCTL", "MANUAL", "STABILIZED")
 _CRITICAL = 5  # MAV_STATE_CRITICAL
@@ -176,6 +182,7 @@ class _Maker:
         self.armed_s: Optional[float] = None
         self.in_the_air = False
         self._ground_m: Optional[float] = None
+        self._level_s = -1e6  # when the autopilot first tells how full its battery is
         self._estimate_hz: Optional[float] = None
         self._mapped: List[_Topic] = []
         status = [topic for topic in topics if topic.kind == "amaze_autonomy/AutopilotStatus"]
@@ -264,8 +271,27 @@ class _Maker:
                     self._flies_from_the_beginning(heights)
                     lines.append(f"  height: {{topic: {topic.name}, height: {height}{self._offset(topic, height)}}}")
                 return lines
-        relative = next((t for t in self._topics if t.name.endswith("rel_alt") and t.kind == "std_msgs/Float64"), None)
-        return [] if relative is None else [f"  height: {{topic: {relative.name}, height: data}}"]
+        return self._plain_height()
+
+    def _plain_height(self) -> List[str]:
+        """Return a height that comes by itself, else that of the GPS; one that never rises is none."""
+        for kinds, path, words, rise_m in _HEIGHTS:
+            topic = self._best(kinds, words, _NOT_ESTIMATED)
+            if topic is None or not any(word in topic.name for word in words):
+                continue
+            values = [(t, number(value)) for t, value in self._values(topic.kind, path, topic.name)]
+            heights = [(t, value) for t, value in values if value is not None]
+            first = heights[0][1] if heights else 0.0
+            if not heights or max(value for _, value in heights) < first + rise_m:
+                continue
+            if min(value for _, value in heights) < first - rise_m:  # it begins in the air
+                return [f"  height: {{topic: {topic.name}, height: {path}}}"] if path == "data" else []
+            away = self._lift_off(heights, first + _RISE_M, "height" if path == "data" else "altitude of the GPS")
+            before = [value for t, value in heights if away is not None and t < away - _S]
+            ground_m = max(before, default=first)  # what wanders stays at or below 0 while it stands
+            offset = "" if path == "data" and abs(first) < 0.5 else f", offset_m: {-ground_m:.3f}"  # noqa: PLR2004
+            return [f"  height: {{topic: {topic.name}, height: {path}{offset}}}"]
+        return []
 
     def _offset(self, topic: _Topic, path: str) -> str:
         """Return the offset that makes the first height 0, where it begins on the ground and is not there already."""
@@ -316,17 +342,20 @@ class _Maker:
         field = "" if path == "range" else f', distance: "{path}"'
         return [f"  range: {{topic: {topic.name}{field}{'' if scale == 1.0 else f', scale: {scale:g}'}}}"]
 
-    def _lift_off(self, metres: Sequence[Tuple[int, float]], above_m: float) -> None:
-        """Find where a range leaves the ground; a recording that tells no arming is selected by that."""
+    def _lift_off(self, metres: Sequence[Tuple[int, float]], above_m: float, by: str = "range") -> Optional[int]:
+        """Find where a range or height leaves the ground; a recording that tells no arming is selected by that."""
         triples = zip(metres, metres[1:], metres[2:])
         away = next((t for (t, one), (_, two), (_, three) in triples if min(one, two, three) > above_m), None)
         if away is not None:
-            self.found.append(f"lift-off by the range: {self._seconds(away):+.1f} s")
+            self.found.append(f"lift-off by the {by}: {self._seconds(away):+.1f} s")
             self.armed_s = self._seconds(away) - _ARMED_BEFORE_S if self.armed_s is None else self.armed_s
+        return away
 
     def _battery(self) -> List[str]:
         if self._autopilot is not None:
             fields = "fraction: battery_fraction, voltage: battery_voltage"
+            levels = self._values(self._autopilot.kind, "battery_fraction", self._autopilot.name)
+            self._level_s = next((self._seconds(t) for t, value in levels if number(value) is not None), self._level_s)
             return [f"  battery: {{topic: {self._autopilot.name}, {fields}}}"]
         topic = self._best(("sensor_msgs/BatteryState",), ("battery",), ())
         if topic is None or topic.first is None:
@@ -422,6 +451,7 @@ class _Maker:
             begins = ["script: {begins: air}"] if self.in_the_air else []
             return begins or [f"script: {{select_at_s: {begun_s + _LATE_S:.1f}}}  # when every sensor has begun"]
         select_s, late_s = round(self.armed_s - ARMING_LEAD_NS / _S, 1), max(_LATE_S, begun_s + 0.1)
+        select_s = max(select_s, round(min(self._level_s - _CHECKED_S, self.armed_s - _COMMANDED_S), 1))
         late = f", sensors_until_s: {late_s:.1f}" if select_s < late_s else ""
         words = "# So that the takeoff has been commanded when it is armed, or lifts off."
         return [words, f"script: {{select_at_s: {select_s}{late}}}"]
