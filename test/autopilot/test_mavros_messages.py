@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from math import nan, pi
+from math import cos, nan, pi, sin
 from types import SimpleNamespace as Said
 
 import pytest
@@ -71,6 +71,22 @@ def test_position_and_velocity_come_together_north_east_down():
 def test_a_pose_tells_the_heading_from_north(z, w, from_north):
     pose = Said(pose=Said(orientation=Said(x=0.0, y=0.0, z=z, w=w)))
     assert Converter().convert(ATTITUDE, pose).yaw == pytest.approx(from_north)
+
+
+@pytest.mark.parametrize(
+    "about, roll, pitch",
+    [("x", pi / 3, 0.0), ("y", 0.0, -pi / 3)],  # nose up is against y, which is to the left
+)
+def test_a_pose_tells_roll_and_pitch_as_mavlink_does(about, roll, pitch):
+    axis = {"x": 0.0, "y": 0.0, "z": 0.0, about: sin(pi / 6)}
+    message = Converter().convert(ATTITUDE, Said(pose=Said(orientation=Said(w=cos(pi / 6), **axis))))
+    assert (message.roll, message.pitch) == (pytest.approx(roll), pytest.approx(pitch))
+
+
+@pytest.mark.parametrize("w", [0.0, nan])
+def test_a_pose_without_an_orientation_tells_no_roll_and_no_pitch(w):
+    message = Converter().convert(ATTITUDE, Said(pose=Said(orientation=Said(x=0.0, y=0.0, z=0.0, w=w))))
+    assert (str(message.roll), str(message.pitch)) == ("nan", "nan")
 
 
 def test_a_place_and_its_height_come_together():

@@ -7,6 +7,8 @@ one, and sends EVENTs on every link; ArduPilot grants 5 Hz, beats at each change
 
 from __future__ import annotations
 
+from math import pi, radians
+
 import pytest
 from autopilot_tools import beat
 from client_bench import ClientBench
@@ -104,6 +106,7 @@ def test_link_age_is_the_age_of_anything_and_armed_has_one_of_its_own():
         (("LOCAL_POSITION_NED",), {"height", "position", "speed"}),
         (("ESTIMATOR_STATUS",), {"height", "position", "speed"}),
         (("BATTERY_STATUS", "SYS_STATUS"), {"battery"}),
+        (("ATTITUDE",), {"tilt"}),
     ],
 )
 def test_each_value_that_grows_old_is_unknown_while_the_link_is_young(deaf, unknown):
@@ -117,6 +120,7 @@ def test_each_value_that_grows_old_is_unknown_while_the_link_is_young(deaf, unkn
             "position": status.position_x_m is None,
             "speed": status.horizontal_speed_m_s is None and status.vertical_speed_m_s is None,
             "battery": status.battery_age_s > 3.0,
+            "tilt": status.tilt_deg is None,
             "link": status.link_age_s > 0.5,
         }
         return {name for name, bad in found.items() if bad}
@@ -125,6 +129,18 @@ def test_each_value_that_grows_old_is_unknown_while_the_link_is_young(deaf, unkn
     bench.deaf = deaf
     bench.advance(4.0)
     assert missing() == unknown
+
+
+def test_a_vehicle_that_falls_over_is_known_to_within_half_a_second_and_one_wrong_attitude_is_none():
+    bench = ClientBench().fly().advance(2.0)
+    wrong = mavlink.MAVLink_attitude_message(0, pi, 0.0, 0.0, 0.0, 0.0, 0.0)
+    bench.client.receive(bench.t_ns, wrong)
+    assert bench.vehicle.status(bench.t_ns).tilt_deg < 15.0
+    bench.far.craft.flags.lean_rad = radians(80.0)
+    fell_ns = bench.t_ns
+    while bench.vehicle.status(bench.t_ns).tilt_deg < 70.0:
+        bench.step()
+    assert 0.3 * S <= bench.t_ns - fell_ns <= 0.5 * S
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

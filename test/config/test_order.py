@@ -36,6 +36,15 @@ from amaze_autonomy.config import load_configuration
             "else every takeoff ends in a landing",
         ),
         (
+            "flight: {max_tilt_deg: 40.0}",
+            "flight.max_tilt_deg: is 40; must be at least flight.tilt_warning_deg (45): "
+            "else it lands without a warning before",
+        ),
+        (
+            "flight: {tilt_warning_deg: 5.0}",
+            "flight.tilt_warning_deg: is 5.0; must be a number at least 10 and at most 180, in degrees",
+        ),
+        (
             "landing: {land_second_route_after_s: 0.4, descent_time_s: 0.1}",
             "landing.land_second_route_after_s: is 0.4; must be above landing.land_repeat_period_s (0.5): "
             "LAND is repeated before",

@@ -77,6 +77,7 @@ class Vehicle:
             "battery_fraction": self.battery,
             "battery_voltage_v": 15.8,
             "battery_age_s": 0.1,
+            "tilt_deg": 2.0,
         }
         return ev.AutopilotStatus(t_ns=t_ns, **{**said, **self.says})
 

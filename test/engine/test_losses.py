@@ -75,12 +75,15 @@ EXPECTED: Dict[str, Loss] = {
     "flight_time": Loss(flight_time, 0.3, "LAND", ONE),
     "height": Loss(says(height_m=30.1), 0.0, "LAND", ONE),
     "distance": Loss(says(position_x_m=80.0, position_y_m=-60.1), 0.0, "LAND", ONE),
+    "tilt": Loss(says(tilt_deg=70.1), 0.0, "LAND", ONE),
+    "tilt_warning": Loss(says(tilt_deg=45.1), 0.0, "CONTINUE"),
     "position_unknown": Loss(says(position_x_m=nan), 10.0, "CONTINUE"),
     "recorder_dead": Loss(recorder_failed, 0.2, "CONTINUE"),
     "landing_detection": Loss(silent("landing"), 1.0, "CONTINUE"),
 }
 """Heartbeat -> land; planner, clock -> both routes; autopilot -> both routes and alarm; battery unknown or critical,
-flight time, height, distance -> land; position unknown, recorder dead, landing detection silent -> continue, warned."""
+flight time, height, distance, tilt -> land; tilt beyond the warning, position unknown, recorder dead, landing detection
+silent -> continue, warned."""
 
 
 def test_the_table_has_these_rows_and_no_others():
@@ -261,6 +264,44 @@ def test_critical_is_at_the_limit_and_below(fraction, lands):
     story = at("MISSION flying")
     story.say(battery_fraction=fraction)
     assert story.is_in("LAND") == lands
+
+
+@pytest.mark.parametrize(
+    "tilt_deg, lands, warns", [(45.0, 0, 0), (45.1, 0, 1), (70.0, 0, 1), (70.1, 1, 1), (nan, 0, 0), (180.1, 0, 0)]
+)
+def test_a_tilt_warns_above_the_one_limit_and_lands_above_the_other(tilt_deg, lands, warns):
+    story = at("MISSION flying")
+    story.say(tilt_deg=tilt_deg)
+    assert (story.is_in("LAND"), story.failure("tilt_warning") is not None) == (lands, warns)
+
+
+def test_a_tilt_of_180_deg_as_its_limit_is_never():
+    story = at("MISSION flying")
+    never = replace(story.rules.limits, max_tilt_deg=180.0, tilt_warning_deg=180.0)
+    story.rules = replace(story.rules, limits=never)
+    story.say(tilt_deg=180.0).expect("MISSION", "flying")
+    assert story.state.failures == ()
+
+
+def test_a_vehicle_that_leans_once_is_warned_of_and_flies_to_its_end():
+    story = at("MISSION flying")
+    story.say(tilt_deg=50.0).expect("MISSION", "flying")
+    assert story.told == ["failure_continue"]
+    story.say(tilt_deg=3.0)
+    assert (story.told, story.state.failures) == (["failure_continue", "failure_back"], ())
+    story.until("MISSION_ENDED")
+    assert (story.motions, story.state.session.result.value) == ([], "COMPLETE")
+
+
+def test_a_vehicle_that_falls_over_is_landed_and_its_data_is_collected():
+    story = at("MISSION flying")
+    story.say(tilt_deg=88.0).expect("LAND")
+    assert "tilt 88.0 deg, limit 70.0" in story.failure("tilt").reason
+    assert (story.told[0], "failure_continue" in story.told) == ("failure_while_landing", False)
+    story.say(tilt_deg=5.0).expect("LAND")
+    story.until("MISSION_ENDED")
+    assert not {"HOLD", "RESUME"} & set(story.motions)
+    assert story.state.session.result.value == "LANDED_EARLY"
 
 
 def test_flight_time_counts_from_the_takeoff_command():

@@ -168,8 +168,19 @@ def test_numbers_are_published_in_steps_that_mean_something():
         "battery_fraction": 0.98044,
         "battery_voltage_v": nan,
         "position_x_m": None,
+        "tilt_deg": 45.0000001,
     }
     event = ev.AutopilotStatus(t_ns=0, armed=True, landed=ev.VehicleLanded.IN_AIR, mode="", **noise)
     message = status.write(event, classes)
     assert (message.height, message.battery_fraction, message.position_valid) == (1.505, 0.9804, False)
     assert isnan(message.battery_voltage)
+    assert message.tilt == 0.7854
+
+
+@pytest.mark.parametrize("tilt_rad, tilt_deg", [(0.7854, 45.0), (1.23, 70.0), (1.24, 71.0), (nan, None), (inf, None)])
+def test_an_angle_in_radians_is_read_in_whole_degrees(tilt_rad, tilt_deg):
+    status = next(each for each in STATUSES if each.event is ev.AutopilotStatus)
+    message = status.write(ev.AutopilotStatus(t_ns=0, armed=True, landed=ev.VehicleLanded.IN_AIR), classes)
+    assert isnan(message.tilt)
+    message.tilt = tilt_rad
+    assert status.read(message, 0, 0).tilt_deg == tilt_deg

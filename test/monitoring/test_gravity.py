@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from math import cos, inf, nan, pi, radians, sin
-from typing import List
+from math import cos, inf, isnan, nan, pi, radians, sin
+from typing import List, Optional
 
 import pytest
 from hypothesis import given
@@ -13,6 +13,7 @@ from monitoring_feed import S
 from amaze_autonomy.monitoring.gravity import (
     GravityWindow,
     ImuStatistics,
+    LastingTilt,
     Vector,
     angle_between,
     describe_tilt,
@@ -21,6 +22,7 @@ from amaze_autonomy.monitoring.gravity import (
     rotate,
     rotation_from_rpy,
     tilt_of,
+    tilt_of_rpy,
     up_of_quaternion,
 )
 
@@ -93,6 +95,60 @@ def test_a_rotation_keeps_lengths(rpy: Vector, vector: Vector):
 def test_a_tilt_is_the_angle_to_z(up: Vector):
     if norm(up) > 1e-3:
         assert tilt_of(up) == pytest.approx(angle_between(up, (0.0, 0.0, 1.0)), abs=1e-6)
+
+
+@given(st.floats(-7, 7), st.floats(-7, 7))
+def test_a_tilt_by_roll_and_pitch_knows_no_sign(roll: float, pitch: float):
+    tilt_rad = tilt_of_rpy(roll, pitch)
+    assert cos(tilt_rad) == pytest.approx(cos(roll) * cos(pitch), abs=1e-9)
+    assert tilt_rad == pytest.approx(tilt_of_rpy(-roll, pitch)) == pytest.approx(tilt_of_rpy(roll, -pitch))
+
+
+@pytest.mark.parametrize("roll, pitch", [(nan, 0.0), (0.0, nan), (inf, 0.0), (0.0, -inf)])
+def test_a_tilt_by_no_angles_is_none(roll: float, pitch: float):
+    assert isnan(tilt_of_rpy(roll, pitch))
+
+
+def lasting(*tilts_rad: float, period_ns: int = S // 10) -> List[Optional[float]]:
+    """Return what lasts after each of the samples."""
+    tilt, said = LastingTilt(2 * S), []
+    for number, tilt_rad in enumerate(tilts_rad):
+        tilt.add(number * period_ns, tilt_rad)
+        said.append(tilt.tilt_rad(number * period_ns))
+    return said
+
+
+def test_a_tilt_counts_when_it_has_lasted_for_three_tenths_of_a_second():
+    level, over = [0.1] * 4, [1.4, 1.3, 1.4, 1.4]
+    assert lasting(*level, *over) == [None] * 3 + [0.1] * 4 + [1.3]
+    assert lasting(*over, *level)[3:] == [1.3] + [0.1] * 4
+
+
+@pytest.mark.parametrize("period_ns", [S // 100, S // 30, S // 10, S // 4, S])
+def test_one_wrong_sample_or_two_are_never_a_tilt_however_slowly_they_come(period_ns: int):
+    level = [0.1] * 40
+    assert max(lasting(*level, 3.1, 3.1, *level, period_ns=period_ns)[39:]) == 0.1
+
+
+def test_a_sample_that_is_none_changes_nothing_and_silence_is_unknown():
+    tilt = LastingTilt(2 * S)
+    for number in range(5):
+        tilt.add(number * S // 10, 0.2)
+        tilt.add(number * S // 10, nan)
+    last_ns = 4 * S // 10
+    assert (tilt.tilt_rad(last_ns + 2 * S), tilt.tilt_rad(last_ns + 2 * S + 1)) == (0.2, None)
+
+
+def test_what_was_before_a_silence_or_a_jump_backwards_does_not_count():
+    for again_ns in (4 * S, S // 2):
+        tilt = LastingTilt(2 * S)
+        for number in range(5):
+            tilt.add(S + number * S // 10, 0.2)
+        tilt.add(again_ns, 1.5)
+        assert tilt.tilt_rad(again_ns) is None
+        for number in range(1, 4):
+            tilt.add(again_ns + number * S // 10, 1.5)
+        assert tilt.tilt_rad(again_ns + 3 * S // 10) == 1.5
 
 
 @pytest.mark.parametrize("other", [(0.0, 0.0, 0.0), (nan, 0.0, 0.0), (inf, 0.0, 0.0), (1e200, 1e200, 0.0)])

@@ -371,6 +371,7 @@ DEFECTS: Tuple[Defect, ...] = (
     ),
     Defect("height has no limit", judged("height", lambda _: None), ("limits",)),
     Defect("distance has no limit", judged("distance", lambda _: None), ("limits",)),
+    Defect("tilt has no limit", judged("tilt", lambda _: None), ("limits",)),
     Defect("a lost link is no loss", judged("autopilot_status", lambda _: None), ("limits",)),
     Defect(
         "a planner that failed is not heard",

@@ -228,6 +228,7 @@ _ANY_OF_VEHICLE: Mapping[str, Tuple[Any, ...]] = {
     "horizontal_speed_m_s": (None, 0.0, 0.5, 3.0),
     "vertical_speed_m_s": (None, 0.0, -0.2, -1.0, 1.0),
     "battery_age_s": (0.0, 1.0, 2.0, 2.1, None),
+    "tilt_deg": (None, 0.0, 45.0, 45.1, 70.0, 70.1, 180.0),
 }
 
 

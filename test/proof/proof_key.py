@@ -185,6 +185,7 @@ def _vehicle(state: EngineState) -> Key:
         status.vertical_speed_m_s,
         status.horizontal_speed_m_s,
         status.battery_fraction,
+        status.tilt_deg,
     )
 
 

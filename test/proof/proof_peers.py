@@ -139,6 +139,8 @@ SCENES: Dict[str, Dict[str, Any]] = {
     "link_unknown": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "link_age_s": None},
     "too_high": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 99.0},
     "too_far": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "position_x_m": 999.0},
+    "too_tilted": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "tilt_deg": 70.1},
+    "leaning": {"armed": True, "landed": _L.IN_AIR, "mode": "AUTO.MISSION", "height_m": 2.0, "tilt_deg": 70.0},
     "far_both_ways": {
         "armed": True,
         "landed": _L.IN_AIR,
@@ -215,6 +217,7 @@ _BASE: Dict[str, Any] = {
     "horizontal_speed_m_s": 0.0,
     "battery_voltage_v": 15.0,
     "battery_age_s": 0.0,
+    "tilt_deg": 0.0,
 }
 _KEPT: Dict[Any, Any] = {}
 """Events that were made before: the same but for their time."""

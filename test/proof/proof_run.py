@@ -52,7 +52,7 @@ _VERBS = {
     "imu": ("land",),
     "stranger": ("wait", "land"),
 }
-_NEVER_LANDED_FOR = ("position_unknown", "recorder_dead", "landing_detection")
+_NEVER_LANDED_FOR = ("tilt_warning", "position_unknown", "recorder_dead", "landing_detection")
 
 
 @dataclass(frozen=True)

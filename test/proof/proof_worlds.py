@@ -364,11 +364,15 @@ _ALL: Tuple[World, ...] = (
     ),
     World(
         name="limits",
-        words="in flight, the limits of flight time, height and distance; a link, a position or the clock is lost",
+        words="in flight, the limits of flight time, height, distance and tilt; a link, a position or the clock is "
+        "lost",
         seeds=(SEEDS["climbing"],),
         rules=limited(max_flight_time_ns=5 * UNIT),
         scenes={"lifting": ("flying",), "flying": ("landing",), "landing": ("ground",), "ground": ()},
-        anytime=("too_high", "too_far", "far_both_ways", "height_nan", "link_lost", "link_unknown", "flying"),
+        anytime=(
+            *("too_high", "too_far", "far_both_ways", "too_tilted", "leaning", "height_nan"),
+            *("link_lost", "link_unknown", "flying"),
+        ),
         clocks=("1.5", "0.0"),
         motion=(),
         planner=("FLYING",),

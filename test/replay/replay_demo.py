@@ -101,6 +101,7 @@ def _autopilot(event, at):
         barometer=1,
         rc=1,
         prearm=1,
+        tilt=NAN if event.tilt_deg is None else math.radians(event.tilt_deg),
         battery_cell_voltage=NAN,
         battery_current=NAN,
         clock_offset=NAN,

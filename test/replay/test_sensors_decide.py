@@ -19,6 +19,7 @@ from amaze_autonomy.simulation.scenario_file import parse_scenario
 from amaze_autonomy.tester.command import main
 
 GPS = "sensors.components.gps"
+RECORDED = Path(__file__).parents[1] / "scenarios" / "recorded" / "demo_flight.bag"
 FASTER = f"{GPS}.topics./px4/gps.rate_hz=25.0"
 
 
@@ -119,6 +120,7 @@ def test_a_key_that_nothing_looked_at_is_named_with_the_reason(bag, key, capsys)
     [
         "autonomy.takeoff.takeoff_height_m=0.9",
         "autonomy.recording.recording_lead_s=2.9",
+        "autonomy.flight.max_tilt_deg=60.0",
         "sensors.components.imu.severity=low",
         "sensors.components.lrf.topics./lrf/range.age_limit_s=0.29",
         "sensors.landing_detection.ground_distance_m=0.11",
@@ -135,6 +137,13 @@ def test_what_the_script_tells_is_no_data_of_the_bag(flight_bag, flight_map):
     outcome, _ = replay(flight_bag, flight_map, overrides=["autonomy.flight.max_distance_m=50.0"])
     assert [str(each) for each in outcome.unread] == [
         "autonomy.flight.max_distance_m was not looked at: position: scripted, not recorded"
+    ]
+
+
+def test_a_recording_of_before_the_tilt_does_not_know_it():
+    outcome, _ = replay(RECORDED, "amaze_demo", overrides=["autonomy.flight.max_tilt_deg=50.0"])
+    assert [str(each) for each in outcome.unread] == [
+        "autonomy.flight.max_tilt_deg was not looked at: no decision asked for it"
     ]
 
 

@@ -116,6 +116,17 @@ def test_a_lost_stream_of_set_points_is_px4_s_failsafe():
     ]
 
 
+def test_a_braking_px4_peaks_at_49_deg_and_only_what_lasts_is_warned_of_or_landed_for():
+    path = recording("px4_offboard.tlog")
+    _, outcome = replayed(path, "px4_telemetry")
+    assert "failure_continue" not in [each.rule for each in outcome.decisions]
+    rows, outcome = replayed(
+        path, "px4_telemetry", "autonomy.flight.tilt_warning_deg=30", "autonomy.flight.max_tilt_deg=42"
+    )
+    assert [row for row in rows if row[0] > 6.8][:1] == [(16.2, "LAND", "land")]
+    assert outcome.unread == ()
+
+
 def test_a_pilot_s_own_flights_are_nobody_s_mission():
     path = recording("copter_low_battery.tlog")
     rows, outcome = replayed(path, "copter_low_battery", "sensors.battery.cells=3")

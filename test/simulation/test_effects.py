@@ -18,6 +18,7 @@ def state(driver):
         "pilot_arms": vehicle.armed,
         "not_ready": dict(flags.not_ready),
         "tilted": flags.tilt_rad,
+        "tilted_in_flight": flags.lean_rad,
         "raised": flags.raised_m,
         "does_not_arm": flags.does_not_arm,
         "does_not_lift_off": flags.does_not_lift_off,
@@ -30,6 +31,7 @@ def state(driver):
 PARAMETERS = {
     "not_ready": "what: home, ",
     "tilted": "tilt_deg: 10, ",
+    "tilted_in_flight": "tilt_deg: 60, ",
     "raised": "height_m: 0.2, ",
     "does_not_climb": "above_m: 0.5, ",
     "ignores_mode": "mode: AUTO.LAND, ",

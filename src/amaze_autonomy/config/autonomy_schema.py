@@ -34,13 +34,15 @@ class Streams:
     recorder_status_rate_hz: float = 2.0
 
 
-_UNITS = ("_ns", "_m", "_m_s", "_fraction")
+_UNITS = ("_ns", "_m", "_m_s", "_deg", "_fraction")
 
 
 def _kind(name: str, row: LimitRow) -> Kind:
     if not name.endswith(_UNITS):
         return Whole(1, int(row.most))
-    return Number(above=0.0, below=1.0) if name.endswith("_fraction") else Number(above=0.0, maximum=row.most)
+    if name.endswith("_fraction"):
+        return Number(above=0.0, below=1.0)
+    return Number(minimum=row.least, maximum=row.most) if row.least else Number(above=0.0, maximum=row.most)
 
 
 _CHECKS = tuple(check.value for check in CheckName)

@@ -144,6 +144,7 @@ _RATES = {
     "EKF_STATUS_REPORT": 5.0,
     "SYSTEM_TIME": 1.0,
     "HOME_POSITION": 0.5,
+    "ATTITUDE": 10.0,
     "HEARTBEAT": 5.0,
     "CURRENT_MODE": 10.0,
 }

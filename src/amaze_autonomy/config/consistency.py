@@ -296,6 +296,7 @@ ORDER: Tuple[Order, ...] = (
     Order(
         "battery.battery_critical_fraction", "battery.battery_reserve_fraction", True, "else every mission ends by it"
     ),
+    Order("flight.tilt_warning_deg", "flight.max_tilt_deg", True, "else it lands without a warning before"),
     Order("commands.user_hold_limit_s", "flight.max_flight_time_s", False, "else a hold outlasts the flight"),
 )
 

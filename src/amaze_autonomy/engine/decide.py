@@ -293,7 +293,9 @@ def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
     for change in failsafe.update(turn):
         failure, first = change.failure, len(turn.commands)
         waits = change.rule == "failure_wait"
-        landing, own = waits and turn.lands(), waits and failure.kind is FailureKind.USER  # own: said by the transition
+        own = waits and failure.kind is FailureKind.USER  # said by the transition
+        landed_for = change.rule == "failure_continue" and bool(failsafe.worst(turn.state))
+        landing = landed_for or (waits and turn.lands())
         if landing or (not own and _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state):
             key = "failure_while_landing" if landing else change.rule
             turn.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")

@@ -190,6 +190,7 @@ E = TypeVar("E", bound="Union[Event, PlatformRecording]")
 
 _CLOCKS_DIFFER_BY_S = 0.2
 _LONGEST_AGE_S = 1e9
+_UPSIDE_DOWN_DEG = 180.0
 
 
 class InvalidEventError(ValueError):
@@ -322,13 +323,11 @@ class Event:
             if value is not None:
                 known[field] = max(0.0, value) if -_CLOCKS_DIFFER_BY_S <= value <= _LONGEST_AGE_S else None
 
-    def _fraction_or_none(self, *fields: str) -> None:
-        """Keep a fraction in 0..1; anything else is unknown (batteries say -1 or -0.53 when they do not know)."""
-        known = self.__dict__
-        for field in fields:
-            value = known[field]
-            if value is not None and not 0.0 <= value <= 1.0:
-                known[field] = None
+    def _within_or_none(self, field: str, most: float) -> None:
+        """Keep a number in 0..most; anything else is unknown (batteries say -1 or -0.53 when they do not know)."""
+        value = self.__dict__[field]
+        if value is not None and not 0.0 <= value <= most:
+            self.__dict__[field] = None
 
 
 def made(kind: Type[E], **fields: Any) -> E:
@@ -515,12 +514,15 @@ class RecordingStatus(Event):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._fraction_or_none("progress")
+        self._within_or_none("progress", 1.0)
 
 
 @dataclass(frozen=True)
 class AutopilotStatus(Event):
-    """What the vehicle says of itself; None is unknown. Position east and north of the takeoff position."""
+    """What the vehicle says of itself; None is unknown. Position east and north of the takeoff position.
+
+    `tilt_deg` is the angle between its z axis and the vertical that has lasted (`monitoring.gravity.LastingTilt`).
+    """
 
     armed: Optional[bool]
     landed: VehicleLanded
@@ -537,12 +539,14 @@ class AutopilotStatus(Event):
     battery_voltage_v: Optional[float] = None
     battery_age_s: Optional[float] = None
     battery_critical: bool = False
+    tilt_deg: Optional[float] = None
     age_ns: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._age_or_none("link_age_s", "battery_age_s")
-        self._fraction_or_none("battery_fraction")
+        self._within_or_none("battery_fraction", 1.0)
+        self._within_or_none("tilt_deg", _UPSIDE_DOWN_DEG)
 
     @property
     def distance_m(self) -> Optional[float]:

@@ -149,7 +149,7 @@ class Bound(abc.ABC):
         """Return True when a value is not as it should be."""
 
 
-_UNITS = (("_m_s", "m/s"), ("_m", "m"), ("_s", "s"), ("_fraction", "fraction"), ("", ""))
+_UNITS = (("_m_s", "m/s"), ("_m", "m"), ("_s", "s"), ("_deg", "deg"), ("_fraction", "fraction"), ("", ""))
 
 
 class Above(Bound):
@@ -270,6 +270,8 @@ FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
     F("flight_time", (Silent("", "max_flight_time_ns", "flight time", ends_flight=True),), Action.LAND, "the maximum flight time is reached"),
     F("height", (Above("autopilot.height_m", "max_height_m", "height"),), Action.LAND, "the height limit is exceeded"),
     F("distance", (Above("autopilot.distance_m", "max_distance_m", "distance"),), Action.LAND, "the distance limit is exceeded"),
+    F("tilt", (Above("autopilot.tilt_deg", "max_tilt_deg", "tilt"),), Action.LAND, "the tilt limit is exceeded"),
+    F("tilt_warning", (Above("autopilot.tilt_deg", "tilt_warning_deg", "tilt"),), Action.CONTINUE, "the vehicle tilts further than it should"),
     F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "age of the position"),), Action.CONTINUE, "height or position is unknown: their limits cannot be checked"),
     F("recorder_dead", (Silent("recorder_ns", "recorder_status_limit_ns", "age of the recorder's status"), Says(_does_not_record)), Action.CONTINUE, "the recorder is silent or does not record", peer="recorder", only="recording.asked"),
     F("landing_detection", (Silent("landing_ns", "landing_detection_limit_ns", "age of the landing detection"),), Action.CONTINUE, "the landing detection is silent", peer="landing detection"),

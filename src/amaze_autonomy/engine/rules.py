@@ -162,6 +162,7 @@ class LimitRow:
         group: of autonomy.yaml in which it stands.
         about: what the group is about.
         most: largest value that is accepted, in the unit of the configuration; 1: fractions below it.
+        least: smallest that is; 0: everything above it.
         words: what it is.
         reason: why it is there, or why it has this value.
     """
@@ -171,6 +172,7 @@ class LimitRow:
     most: float
     words: str
     reason: str
+    least: float = 0.0
 
 
 class _Group:
@@ -179,16 +181,16 @@ class _Group:
     def __init__(self, name: str, about: str) -> None:
         self.name, self.about = name, about
 
-    def _field(self, default: float, most: float, words: str, reason: str) -> Any:
-        return field(default=default, metadata={"row": LimitRow(self.name, self.about, most, words, reason)})
+    def _field(self, default: float, most: float, words: str, reason: str, least: float = 0.0) -> Any:
+        return field(default=default, metadata={"row": LimitRow(self.name, self.about, most, words, reason, least)})
 
     def time(self, default_s: float, most_s: float, words: str, reason: str) -> Any:
         """Return a time: in seconds here and in the configuration, in nanoseconds in the engine."""
         return self._field(round(default_s * _S), most_s, words, reason)
 
-    def number(self, default: float, most: float, words: str, reason: str) -> Any:
+    def number(self, default: float, most: float, words: str, reason: str, least: float = 0.0) -> Any:
         """Return a number of the unit that its name ends with, or a fraction."""
-        return self._field(default, most, words, reason)
+        return self._field(default, most, words, reason, least)
 
 
 _CHECKS = _Group("checks", "pre-flight checks")
@@ -198,12 +200,12 @@ _COMMANDS = _Group("commands", "commands in flight, holds")
 _LANDING = _Group("landing", "landing, second route, alarm")
 _LOSSES = _Group("losses", "peers that fall silent")
 _BATTERY = _Group("battery", "battery in flight and after it")
-_FLIGHT = _Group("flight", "limits of every flight; a mission may set its own")
+_FLIGHT = _Group("flight", "limits of every flight; a mission may set its own time, height and distance")
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Every limit of the engine, in nanoseconds, metres, metres per second and fractions. One row a line."""
+    """Every limit of the engine, in nanoseconds, metres, metres per second, degrees and fractions. One row a line."""
 
     # fmt: off
     check_reply_limit_ns: int = _CHECKS.time(3, 60, "time in which a check must be answered", "a service call takes milliseconds; 3 s is a hung peer")
@@ -257,6 +259,8 @@ class Limits:
     max_flight_time_ns: int = _FLIGHT.time(900, 86400, "longest flight, from the takeoff command on", "the battery's endurance")
     max_height_m: float = _FLIGHT.number(30.0, 1000.0, "height above the takeoff position at which it lands", "ceiling or permit")
     max_distance_m: float = _FLIGHT.number(100.0, 10000.0, "horizontal distance from the takeoff position at which it lands", "field or permit")
+    max_tilt_deg: float = _FLIGHT.number(70.0, 180.0, "angle to the vertical at which it lands, once it lasts; 180: never", "no mission leans so far: a motor, a propeller or the estimate has failed", least=10.0)
+    tilt_warning_deg: float = _FLIGHT.number(45.0, 180.0, "angle to the vertical at which it warns, once it lasts; 180: never", "PX4 leans by at most 45 deg (MPC_TILTMAX_AIR), ArduPilot by 30 (ANGLE_MAX)", least=10.0)
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -8,6 +8,7 @@ A field is called in the message as in the type, without its unit (`height_m`: `
 | `bool`, `int`, `float` | the same | |
 | an enum | its number; that of a text is its place in the enum | is refused, with the field's name |
 | `Optional[float]`, `Figure` | a number, written in steps (`_STEPS`) | NaN and infinity are None; None is NaN |
+| the same in degrees (`_deg`) | radians, read as whole degrees | the same |
 | `int` in nanoseconds (`_ns`) | seconds | |
 | `Optional[int]` in nanoseconds | seconds from now | NaN, infinity and decades are None; None is NaN |
 | `Tuple[X, ...]` | a list | |
@@ -21,7 +22,7 @@ from __future__ import annotations
 from dataclasses import MISSING, fields
 from enum import Enum
 from functools import lru_cache
-from math import isfinite, nan
+from math import degrees, isfinite, nan, radians
 from typing import Any, Callable, Dict, Generic, List, Mapping, Optional, Tuple, Type, TypeVar
 
 from ..engine.events import Verdict
@@ -39,9 +40,10 @@ Write = Callable[[Any, int, Classes], Any]
 MOST_TEXT = 1000
 """Characters of a text of a peer that are kept: each stands in the journal, and in what people are shown."""
 
-_UNITS = ("_m_s", "_ns", "_m", "_s", "_v")
+_UNITS = ("_m_s", "_ns", "_m", "_s", "_v", "_deg")
 _STEPS: Mapping[str, int] = {"_m": 3, "_m_s": 3, "_s": 3, "_v": 3, "_fraction": 4, "_rate": 0}
 """Decimals by the end of a field's name: what no sensor of a vehicle knows is noise, in every recording and journal."""
+_RAD_DECIMALS = 4
 _FAR_S = 1e9  # further away than this is nonsense, not a time
 _FIRST: Mapping[Type[Enum], int] = {Verdict: 1}
 """Where the numbers of an enum of texts begin, if not with 0."""
@@ -173,6 +175,8 @@ def _ways(hint: Any, name: str, at: str, shapes: Mapping[Any, Shape[Any]]) -> Tu
         return _enum(hint, at)
     if name.endswith("_ns"):
         return (_duration_ns, lambda value, *_: value * 1e-9) if inner is None else (_moment_ns, _moment_s)
+    if inner is float and name.endswith("_deg"):
+        return _degrees, _radians
     if inner is float:
         return _known, _rounded(next((decimals for unit, decimals in _STEPS.items() if name.endswith(unit)), None))
     kind = hint if inner is None else inner
@@ -195,6 +199,14 @@ def _moment_s(moment_ns: Optional[int], now_ns: int, _: Classes) -> float:
 
 def _known(value: float, _: int) -> Optional[float]:
     return float(value) if isfinite(value) else None
+
+
+def _degrees(value: float, _: int) -> Optional[float]:
+    return round(degrees(value), 0) if isfinite(value) else None
+
+
+def _radians(value: Optional[float], *_: Any) -> float:
+    return nan if value is None else round(radians(value), _RAD_DECIMALS)
 
 
 def _rounded(decimals: Optional[int]) -> Write:

@@ -88,11 +88,14 @@ def _lost(m: Moment) -> str:
 
 
 def _out_of_bounds(m: Moment) -> str:
-    status = m.saw.fresh(m.rules.limits)
+    limits = m.rules.limits
+    status = m.saw.fresh(limits)
     if status is None:
         return ""
     if status.height_m is not None and status.height_m > m.limit("max_height_m"):
         return "it is too high"
+    if status.tilt_deg is not None and status.tilt_deg > limits.max_tilt_deg:
+        return "it is tilted too far"
     x, y = status.position_x_m, status.position_y_m
     far = x is not None and y is not None and (x * x + y * y) ** 0.5 > m.limit("max_distance_m")
     return "it is too far" if far else ""

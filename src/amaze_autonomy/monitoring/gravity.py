@@ -9,7 +9,7 @@ Samples are summed in buckets of `BUCKET_NS`: adding one costs a few additions, 
 from __future__ import annotations
 
 from collections import deque
-from math import acos, atan2, cos, degrees, inf, isfinite, pi, sin, sqrt
+from math import acos, atan2, cos, degrees, inf, isfinite, nan, pi, sin, sqrt
 from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "STANDARD_GRAVITY_M_S2",
     "GravityWindow",
     "ImuStatistics",
+    "LastingTilt",
     "Matrix",
     "Vector",
     "angle_between",
@@ -27,6 +28,7 @@ __all__ = [
     "rotate",
     "rotation_from_rpy",
     "tilt_of",
+    "tilt_of_rpy",
     "up_of_quaternion",
 ]
 
@@ -40,6 +42,8 @@ PLAUSIBLE_M2_S4 = 1e12  # beyond it no sensor measures
 _UPSIDE_DOWN_RAD = 3 * pi / 4
 _GAP_NS = 1_000_000_000 // 2
 _SIDE = sin(pi / 8)  # of eight directions each covers 45 degrees
+_LASTS_NS = 3 * 1_000_000_000 // 10
+_LEAST_SAMPLES = 3
 
 
 def norm(vector: Vector) -> float:
@@ -76,6 +80,49 @@ def up_of_quaternion(x: float, y: float, z: float, w: float) -> Optional[Vector]
 def tilt_of(up: Vector) -> float:
     """Return the angle between the vehicle's z axis and up, 0..pi rad; up need not be a unit vector."""
     return atan2(_across(up), up[2])
+
+
+def tilt_of_rpy(roll_rad: float, pitch_rad: float) -> float:
+    """Return the same of two angles, whatever their signs; NaN when one of them is not finite."""
+    if not (isfinite(roll_rad) and isfinite(pitch_rad)):
+        return nan
+    return tilt_of(rotation_from_rpy((roll_rad, pitch_rad, 0.0))[2])
+
+
+class LastingTilt:
+    """The tilt that has lasted: the least of the last 0.3 s, and of three samples at least.
+
+    A tilt beyond its limit lands the vehicle. That is the safe side, but it ends a mission: neither one wrong sample
+    nor the peak of a gust may do it, and a vehicle that falls over stays tilted for longer. So it is known 0.3 s late,
+    and unknown where samples are missing.
+
+    Args:
+        age_limit_ns: longest pause between two samples, and longest age of the last.
+    """
+
+    def __init__(self, age_limit_ns: int) -> None:
+        self._age_limit_ns = age_limit_ns
+        self._samples: Deque[Tuple[int, float]] = deque()
+
+    def add(self, t_ns: int, tilt_rad: float) -> None:
+        """Take a sample; NaN is none."""
+        if not isfinite(tilt_rad):
+            return
+        samples = self._samples
+        if samples and not 0 <= t_ns - samples[-1][0] <= self._age_limit_ns:
+            samples.clear()
+        samples.append((t_ns, tilt_rad))
+        while len(samples) > _LEAST_SAMPLES and samples[1][0] <= t_ns - _LASTS_NS:
+            samples.popleft()
+
+    def tilt_rad(self, t_ns: int) -> Optional[float]:
+        """Return it, 0..pi rad; None: unknown."""
+        samples = self._samples
+        if len(samples) < _LEAST_SAMPLES or t_ns - samples[-1][0] > self._age_limit_ns:
+            return None
+        if samples[-1][0] - samples[0][0] < _LASTS_NS:
+            return None
+        return min(tilt_rad for _, tilt_rad in samples)
 
 
 def _across(up: Vector) -> float:

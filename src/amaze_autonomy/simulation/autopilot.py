@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import random
-from math import sqrt
+from math import degrees, sqrt
 from typing import Dict, List, Optional, Tuple
 
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand, Request, RunCheck
 from amaze_autonomy.engine.events import AutopilotStatus, Event, VehicleLanded
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.battery import BatteryMonitor
+from amaze_autonomy.monitoring.gravity import LastingTilt
 
 from ..engine.events import CHECKS, Check, Verdict
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
@@ -44,6 +45,7 @@ class Autopilot(Peer):
         self._heard: Optional[AutopilotStatus] = None
         self._monitor = BatteryMonitor(site.settings.battery)
         self._battery_ns: Optional[int] = None
+        self._tilt = LastingTilt(round(_LINK_LIMIT_S * _S))
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Check, land or disarm."""
@@ -93,6 +95,8 @@ class Autopilot(Peer):
             fraction, voltage = round(power.fraction, 4), round(voltage, 3)
             self._battery_ns = t_ns
         self._monitor.add(t_ns, fraction, voltage)
+        self._tilt.add(t_ns, vehicle.tilt_rad)
+        tilt_rad = self._tilt.tilt_rad(t_ns)
         off = self.site.world_fault("estimate_off")
         up_m, away_m = (off.number("height_m"), off.number("position_m")) if off is not None else (0.0, 0.0)
         self._heard = AutopilotStatus(
@@ -109,6 +113,7 @@ class Autopilot(Peer):
             horizontal_speed_m_s=round(sqrt(vehicle.velocity_m_s[0] ** 2 + vehicle.velocity_m_s[1] ** 2), 3),
             battery_fraction=fraction,
             battery_voltage_v=voltage,
+            tilt_deg=None if tilt_rad is None else round(degrees(tilt_rad), 0),
         )
 
     def _landed(self) -> VehicleLanded:

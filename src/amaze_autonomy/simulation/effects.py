@@ -99,6 +99,14 @@ def _level(site: Site, _: Fault) -> None:
     site.vehicle.flags.tilt_rad = 0.0
 
 
+def _leans(site: Site, fault: Fault) -> None:
+    site.vehicle.flags.lean_rad = radians(fault.number("tilt_deg"))
+
+
+def _upright(site: Site, _: Fault) -> None:
+    site.vehicle.flags.lean_rad = 0.0
+
+
 def _raised(site: Site, fault: Fault) -> None:
     site.vehicle.flags.raised_m = fault.number("height_m")
 
@@ -140,6 +148,7 @@ _BEGIN: Mapping[str, _Effect] = {
     "gps_lost": _gps_lost,
     "not_ready": _not_ready,
     "tilted": _tilted,
+    "tilted_in_flight": _leans,
     "raised": _raised,
     "does_not_arm": _flag("does_not_arm", value=True),
     "does_not_lift_off": _flag("does_not_lift_off", value=True),
@@ -155,6 +164,7 @@ _END: Mapping[str, _Effect] = {
     "pilot_takes_over": _pilot_gives_back,
     "not_ready": _ready,
     "tilted": _level,
+    "tilted_in_flight": _upright,
     "raised": _lowered,
     "does_not_arm": _flag("does_not_arm", value=False),
     "does_not_lift_off": _flag("does_not_lift_off", value=False),

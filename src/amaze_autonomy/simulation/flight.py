@@ -171,6 +171,7 @@ class Flags:
     ignores: Tuple[str, ...] = ()
     does_not_disarm: bool = False
     tilt_rad: float = 0.0
+    lean_rad: float = 0.0
     raised_m: float = 0.0
     gps_lost: bool = False
     not_ready: Dict[str, str] = field(default_factory=dict)
@@ -220,7 +221,7 @@ class Flight:
         """Angle between the vehicle's z axis and the vertical: what it stands on, or the lean of its flight."""
         if not self.airborne:
             return self.flags.tilt_rad
-        return _CRUISE_LEAN_RAD * min(1.0, _across(self.velocity_m_s))
+        return max(self.flags.lean_rad, _CRUISE_LEAN_RAD * min(1.0, _across(self.velocity_m_s)))
 
     @property
     def pose(self) -> Pose:

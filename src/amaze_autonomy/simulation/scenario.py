@@ -216,6 +216,12 @@ _KINDS: Tuple[FaultKind, ...] = (
     ),
     FaultKind(
         Subject.WORLD,
+        "tilted_in_flight",
+        "the vehicle leans in the air, wherever it flies",
+        (Parameter("tilt_deg", None, "angle to the vertical", high=85.0),),
+    ),
+    FaultKind(
+        Subject.WORLD,
         "raised",
         "the vehicle stands on something that its range sensor looks past",
         (Parameter("height_m", None, "how high", high=10.0),),

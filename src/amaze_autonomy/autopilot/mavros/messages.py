@@ -6,8 +6,10 @@ PX4 only: the names of modes are turned back into PX4's numbers.
 
 from __future__ import annotations
 
-from math import atan2, isfinite, nan, pi
+from math import asin, atan2, isfinite, nan, pi
 from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple
+
+from amaze_autonomy.monitoring.gravity import up_of_quaternion
 
 from ..link.dialect import Message, mavlink
 from ..vehicle.modes import px4_number
@@ -166,10 +168,15 @@ def _pose(message: Any) -> Message:
 
 
 def _attitude(message: Any) -> Message:
-    """Return an ATTITUDE with the yaw alone: it turns from north to the east, mavros' from the east to the north."""
+    """Return an ATTITUDE of mavros' pose; unknown where its orientation is none (NaN, all zero).
+
+    Yaw turns from north to the east, mavros' from the east to the north; pitch is up, mavros' down (y is left).
+    """
     q = message.pose.orientation
+    up = up_of_quaternion(q.x, q.y, q.z, q.w)
+    roll, pitch = (nan, nan) if up is None else (atan2(up[1], up[2]), asin(max(-1.0, min(1.0, up[0]))))
     yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-    return mavlink.MAVLink_attitude_message(0, nan, nan, pi / 2 - yaw, nan, nan, nan)
+    return mavlink.MAVLink_attitude_message(0, roll, pitch, pi / 2 - yaw, nan, nan, nan)
 
 
 def _global(message: Any) -> Optional[Message]:

@@ -6,11 +6,12 @@ One table says which message goes where; `WANTED` are its names. What is older t
 from __future__ import annotations
 
 from collections import deque
-from math import inf
+from math import degrees, inf
 from typing import Any, Callable, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
+from amaze_autonomy.monitoring.gravity import LastingTilt, tilt_of_rpy
 
 from ..link.dialect import Message, mavlink
 from .battery import Battery
@@ -46,6 +47,7 @@ class VehicleState:
         self.system = SystemStatus(settings.limits.system_age_limit_ns)
         self.gps = Gps(GpsLimits(settings.gps.min_fix_type, settings.gps.age_limit_ns, settings.gps.frozen_limit_ns))
         self.position = Position(settings.limits.state_age_limit_ns)
+        self.tilt = LastingTilt(settings.limits.state_age_limit_ns)
         self.restarts = 0
         self.mode_changed = False
         self._heard_ns: Optional[int] = None
@@ -62,6 +64,7 @@ class VehicleState:
             "ESTIMATOR_STATUS": self.position.add_px4_flags,
             "EKF_STATUS_REPORT": self.position.add_ardupilot_flags,
             "HOME_POSITION": self.position.add_home,
+            "ATTITUDE": self._attitude,
             "STATUSTEXT": self.texts.add,
             "EVENT": self._event,
             "TIMESYNC": self.offset.add,
@@ -132,7 +135,7 @@ class VehicleState:
 
     def status(self, t_ns: int) -> AutopilotStatus:
         """Return all of it as the engine takes it."""
-        battery, place = self.battery.reading(t_ns), self.position.place(t_ns)
+        battery, place, tilt_rad = self.battery.reading(t_ns), self.position.place(t_ns), self.tilt.tilt_rad(t_ns)
         return AutopilotStatus(
             t_ns=t_ns,
             armed=self.armed(t_ns),
@@ -150,6 +153,7 @@ class VehicleState:
             battery_voltage_v=None if battery is None else battery.voltage_v,
             battery_age_s=None if battery is None else _seconds(t_ns - battery.t_ns),
             battery_critical=self.battery.critical(t_ns),
+            tilt_deg=None if tilt_rad is None else degrees(tilt_rad),
         )
 
     # --- takers ---------------------------------------------------------------------------------------------------
@@ -188,6 +192,9 @@ class VehicleState:
         self.system.add(t_ns, message)
         self.battery.add_system(t_ns, message)
 
+    def _attitude(self, t_ns: int, message: Any) -> None:
+        self.tilt.add(t_ns, tilt_of_rpy(message.roll, message.pitch))
+
     def _local(self, t_ns: int, message: Any) -> None:
         if self._boot_ms is not None and message.time_boot_ms + _RESTART_MS < self._boot_ms:
             self.restarts += 1
@@ -207,6 +214,7 @@ WANTED: Tuple[str, ...] = (
     "ESTIMATOR_STATUS",
     "EKF_STATUS_REPORT",
     "HOME_POSITION",
+    "ATTITUDE",
     "STATUSTEXT",
     "EVENT",
     "TIMESYNC",
