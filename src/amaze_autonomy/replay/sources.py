@@ -356,6 +356,7 @@ def _figures(topic: str, times: Any) -> TopicFigures:
 
 
 MAVLINK_KIND = "mavros_msgs/Mavlink"
+CNS_PACKAGES = ("watchdog_msgs/", "mission_sequencer/")
 _LOG = ".tlog"
 
 
@@ -373,11 +374,22 @@ def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
         return _of_other(path, memory)
     bag = Recording(path, memory)
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
-    if not topics:
-        return [bag]
-    from .telemetry import Telemetry  # noqa: PLC0415
+    made: List[Any] = _of_cns(bag)
+    if topics:
+        from .telemetry import Telemetry  # noqa: PLC0415
 
-    return [bag, Telemetry.of_bag(bag, topics)]
+        made.append(Telemetry.of_bag(bag, topics))
+    return [bag, *made]
+
+
+def _of_cns(bag: Any) -> List[Any]:
+    """Return what is made of what nodes of the CNS Flight Stack said in a recording."""
+    if not any(topic.kind.startswith(CNS_PACKAGES) for topic in bag.topics):
+        return []
+    from .recorded_cns import CnsStatuses  # noqa: PLC0415
+
+    made = CnsStatuses(bag)
+    return [made] if made.topics else []
 
 
 def _of_other(path: Path, memory: int) -> List[Any]:
@@ -386,7 +398,7 @@ def _of_other(path: Path, memory: int) -> List[Any]:
     recording = other_recording(path, memory)
     try:
         kinds = {topic.kind for topic in recording.topics}
-        return [recording, Uorb(recording)] if VEHICLE_KIND in kinds else [recording]
+        return [recording, *([Uorb(recording)] if VEHICLE_KIND in kinds else []), *_of_cns(recording)]
     except MessageError as error:
         recording.close()
         raise BagError(str(path), f"PX4's topics cannot be read: {error}", "name another recording") from error
@@ -431,6 +443,6 @@ def _named(path: Path) -> Optional[List[str]]:
             connections = list(index.connections.values())
     except BagError:
         return None
-    if any(connection.kind == MAVLINK_KIND for connection in connections):
+    if any(connection.kind.startswith((MAVLINK_KIND, *CNS_PACKAGES)) for connection in connections):
         return None
     return sorted({connection.topic for connection in connections})
