@@ -41,13 +41,14 @@ def write_ros2(folder, rows):
     return folder
 
 
-def write_mcap(path, rows, compression="zstd", *, ros1=False, finish=True):
+def write_mcap(path, rows, compression="zstd", *, ros1=False, finish=True, chunks=True):
     """Write an MCAP file by its own library, as ROS 2 or ROS 1 would."""
     store = STORE if ros1 else ROS2
     schema, encoding = ("ros1msg", "ros1") if ros1 else ("ros2msg", "cdr")
     schemas, channels = {}, {}
     with path.open("wb") as file:
-        writer = McapWriter(file, chunk_size=50_000, compression=CompressionType[compression.upper()])
+        kind = CompressionType[compression.upper()]
+        writer = McapWriter(file, chunk_size=50_000, compression=kind, use_chunking=chunks)
         writer.start("ros1" if ros1 else "ros2", "a test")
         for t_ns, topic, message in rows:
             kind = message.__msgtype__

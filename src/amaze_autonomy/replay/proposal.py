@@ -19,7 +19,7 @@ from ..bags.format import MEMORY
 from .beginning import ARMING_LEAD_NS
 from .errors import FieldError, NoMessagesError
 from .fields import getter, number, quaternion
-from .sources import CNS_PACKAGES, recordings_of
+from .sources import CNS_PACKAGES, problems_of, recordings_of
 
 __all__ = ["Proposal", "propose", "propose_of"]
 
@@ -57,12 +57,14 @@ class Proposal:
         found: what was found of the flight, one line each.
         scripted: what the recording does not tell, so that the script plays it.
         kinds: type of every topic.
+        problems: what of the recordings is missing.
     """
 
     text: str
     found: Tuple[str, ...]
     scripted: Tuple[str, ...]
     kinds: Tuple[Tuple[str, str], ...]
+    problems: Tuple[str, ...] = ()
 
 
 _LOG_DATA = "crazyflie_driver/GenericLogData"
@@ -184,6 +186,8 @@ class _Maker:
     def proposal(self) -> Proposal:
         components, readings, statuses = self._components(), self._readings(), self._statuses()
         self.found += self._cns()
+        problems = problems_of(self._bags)
+        self.found[:0] = problems
         lines = [f"about: {', '.join(path.name for path in self._paths)[:300]}, proposed by amaze-replay map", ""]
         lines += ["# What was found:"] + [f"#   {text}" for text in self.found or ["no flight: nothing tells of it"]]
         lines += ["# What no topic tells, so that the script plays it: " + (", ".join(self.scripted) or "nothing"), ""]
@@ -194,7 +198,7 @@ class _Maker:
             lines += [f"state_estimation: {{rate_hz: {self._estimate_hz:.3g}}}  # as recorded", ""]
         lines += self._landing() + self._script()
         kinds = tuple((topic.name, topic.kind) for topic in self._topics)
-        return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted), kinds)
+        return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted), kinds, problems)
 
     # --- components ---------------------------------------------------------------------------------------------------
 

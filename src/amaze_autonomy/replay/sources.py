@@ -26,7 +26,16 @@ from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
 from .statuses import sent_by, status_rows, taped_statuses
 from .topic_columns import Track
 
-__all__ = ["MAVLINK_KIND", "Damage", "Recordings", "Sample", "TopicFigures", "recordings_of", "topics_of"]
+__all__ = [
+    "MAVLINK_KIND",
+    "Damage",
+    "Recordings",
+    "Sample",
+    "TopicFigures",
+    "problems_of",
+    "recordings_of",
+    "topics_of",
+]
 
 
 _S = 1_000_000_000
@@ -130,6 +139,7 @@ class Recordings:
         for topic in self.muted:
             if topic not in known:
                 raise UnknownTopicError(topic, known)
+        self.problems = problems_of(self.bags)
         self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
         self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
         if not self.count:
@@ -340,6 +350,11 @@ class Recordings:
             self.damage[topic] = Damage(topic, reason, t_ns, t_ns)
         else:
             damage.count, damage.last_ns = damage.count + 1, t_ns
+
+
+def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
+    """Return what of opened recordings is missing, one line each: of a file that was not closed."""
+    return tuple(problem for problem in (getattr(bag, "problem", "") for bag in bags) if problem)
 
 
 def _figures(topic: str, times: Any) -> TopicFigures:

@@ -173,6 +173,7 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
             for each, count in zip(acting, part.touched)
             if count and not _is_looked_at(each, session)
         ]
+        broken += part.problems
         broken += [
             f"{each.topic}: {each.count} messages cannot be read ({each.reason})" for each in part.damage.values()
         ]
