@@ -27,7 +27,7 @@ from .index import ChunkHead
 from .mcap_files import MCAP, NONE, Channel, Part, Places, lacking, mcap_part, ros1_name, unzstd
 from .recording import Entry, Topic
 
-__all__ = ["Channel", "OtherRecording", "is_other", "other_recording"]
+__all__ = ["Channel", "OtherRecording", "content_files", "is_other", "other_recording"]
 
 _SQLITE, _ULOG = b"SQLite format 3\x00", b"ULog\x01\x12\x35"
 _METADATA = "metadata.yaml"
@@ -150,6 +150,17 @@ class OtherRecording:
 def is_other(path: Path) -> bool:
     """Return whether a file or folder is of a format that is read here."""
     return path.is_dir() or bool(_format(path))
+
+
+def content_files(path: Path) -> List[Path]:
+    """Return the files that hold the messages of a recording: itself, or those of a folder as its metadata lists them.
+
+    Without metadata they are in the order of their names.
+
+    Raises:
+        BagError: It is a folder without a recording, or lacks one of its files.
+    """
+    return _files_of(path)[0] if path.is_dir() else [path]
 
 
 def other_recording(path: Path, memory: int = MEMORY) -> OtherRecording:
