@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
@@ -23,6 +24,7 @@ from amaze_autonomy.bags.cli import main as amaze_bag
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.other_formats import other_recording
 from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.proposal import propose
 from amaze_autonomy.replay.session import Session
@@ -166,6 +168,21 @@ def test_a_gps_that_loses_its_fix_in_a_ulog_is_seen(tmp_path):
     ]
     assert 15.0 <= float(gps[1].split()[0]) <= 17.0
     assert 20.0 <= float(gps[2].split()[0]) <= 22.0
+
+
+def test_a_mission_of_px4_takes_off_and_lands_by_its_set_point_as_its_extended_sys_state_says(tmp_path):
+    mission = [(t_s, topic, (values[0], 3, values[2]) if topic == "vehicle_status" and t_s >= 7.6 else values)
+               for t_s, topic, values in ulog_rows()]  # fmt: skip
+    of_type = lambda t_s: 3 if t_s < 10.0 else 0 if t_s < 26.0 else 4  # noqa: E731 - TAKEOFF, POSITION, LAND
+    triplets = [(t_s, "position_setpoint_triplet", (0, True, of_type(t_s))) for t_s in np.arange(7.6, 32.0, 0.2)]
+    path = write_ulog(tmp_path / "mission.ulg", sorted([*mission, *triplets], key=lambda row: row[0]))
+    with recordings_of(path)[1] as made:
+        said = [(entry.t_ns, made.message(entry)) for entry in made.entries("/autopilot/status")]
+    landed = [((t_ns - START_NS) / S, VehicleLanded(each.landed).name) for t_ns, each in said if each.armed]
+    changes = [now for now, before in zip(landed, [(0, ""), *landed]) if now[1] != before[1]]
+    assert [(pytest.approx(t_s, abs=0.6), word) for t_s, word in changes] == [
+        (8.0, "ON_GROUND"), (9.0, "TAKING_OFF"), (10.0, "IN_AIR"), (26.0, "LANDING"), (30.0, "ON_GROUND"),
+    ]  # fmt: skip
 
 
 def test_what_is_made_of_px4s_topics_is_in_the_axes_of_ros(ulog):
