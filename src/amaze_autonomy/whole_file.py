@@ -56,14 +56,15 @@ def whole(path: Path) -> Iterator[IO[bytes]]:
         raise
 
 
-def sha256_of(path: Path) -> str:
-    """Return the checksum of a file."""
+def sha256_of(*paths: Path) -> str:
+    """Return the checksum of a file, or of several as if they were one."""
     from hashlib import sha256  # noqa: PLC0415  (slow to load, and seldom wanted)
 
     digest = sha256()
-    with path.open("rb") as file:
-        for piece in iter(lambda: file.read(_PIECE), b""):
-            digest.update(piece)
+    for path in paths:
+        with path.open("rb") as file:
+            for piece in iter(lambda: file.read(_PIECE), b""):
+                digest.update(piece)
     return digest.hexdigest()
 
 

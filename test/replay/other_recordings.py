@@ -41,13 +41,14 @@ def write_ros2(folder, rows):
     return folder
 
 
-def write_mcap(path, rows, compression="zstd", *, ros1=False, finish=True):
+def write_mcap(path, rows, compression="zstd", *, ros1=False, finish=True, chunks=True):
     """Write an MCAP file by its own library, as ROS 2 or ROS 1 would."""
     store = STORE if ros1 else ROS2
     schema, encoding = ("ros1msg", "ros1") if ros1 else ("ros2msg", "cdr")
     schemas, channels = {}, {}
     with path.open("wb") as file:
-        writer = McapWriter(file, chunk_size=50_000, compression=CompressionType[compression.upper()])
+        kind = CompressionType[compression.upper()]
+        writer = McapWriter(file, chunk_size=50_000, compression=kind, use_chunking=chunks)
         writer.start("ros1" if ros1 else "ros2", "a test")
         for t_ns, topic, message in rows:
             kind = message.__msgtype__
@@ -71,6 +72,8 @@ _BOOT_US = 20_000_000
 _FORMATS = {
     "vehicle_status": "uint64_t timestamp;uint8_t arming_state;uint8_t nav_state;bool failsafe",
     "vehicle_land_detected": "uint64_t timestamp;bool landed;bool ground_contact",
+    "position_setpoint": "uint64_t timestamp;bool valid;uint8_t type",
+    "position_setpoint_triplet": "uint64_t timestamp;position_setpoint current",
     "vehicle_local_position": (
         "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;"
         "bool xy_valid;bool z_valid;bool v_xy_valid;bool v_z_valid"
@@ -129,12 +132,13 @@ def write_ulog(path, rows, texts=()):
     """Write a ULog; `texts`: (seconds, level 0..7, text)."""
     numbers = {topic: number for number, topic in enumerate(dict.fromkeys(topic for _, topic, _ in rows))}
     parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", _BOOT_US), _record(b"B", bytes(40))]
-    parts += [_record(b"F", f"{topic}:{_FORMATS[topic]};".encode()) for topic in numbers]
+    formats = dict.fromkeys(name for topic in numbers for name in (*_inner(topic), topic))
+    parts += [_record(b"F", f"{name}:{_FORMATS[name]};".encode()) for name in formats]
     parts += [_record(b"A", struct.pack("<BH", 0, number) + topic.encode()) for topic, number in numbers.items()]
     told = [(t_s, _record(b"L", struct.pack("<BQ", ord("0") + level, _us(t_s)) + text.encode()))
             for t_s, level, text in texts]  # fmt: skip
     for t_s, topic, values in rows:
-        kinds = [each.split(" ")[0] for each in _FORMATS[topic].split(";")]
+        kinds = _kinds(topic)
         codes = "".join(
             _PACK[kind.split("[")[0]] * (int(kind[:-1].split("[")[1]) if "[" in kind else 1) for kind in kinds
         )
@@ -142,6 +146,16 @@ def write_ulog(path, rows, texts=()):
         told.append((t_s, _record(b"D", struct.pack("<H", numbers[topic]) + data)))
     path.write_bytes(b"".join(parts + [record for _, record in sorted(told, key=lambda each: each[0])]))
     return path
+
+
+def _kinds(topic):
+    """Return the types of the fields of a topic, those of a topic in it one after the other."""
+    own = [each.split(" ")[0] for each in _FORMATS[topic].split(";")]
+    return [kind for each in own for kind in (_kinds(each) if each in _FORMATS else [each])]
+
+
+def _inner(topic):
+    return [kind for kind in (each.split(" ")[0] for each in _FORMATS[topic].split(";")) if kind in _FORMATS]
 
 
 def _us(t_s):

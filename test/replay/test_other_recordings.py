@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import random
 import shutil
 import sqlite3
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
@@ -22,12 +24,14 @@ from amaze_autonomy.bags.cli import main as amaze_bag
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.other_formats import other_recording
 from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.proposal import propose
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.sources import Recordings, recordings_of, topics_of
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.replay.topic_map import load_map
+from amaze_autonomy.tester.command import main as amaze_replay
 
 FLIGHT_MAP = str(Path(__file__).parent / "flight.yaml")
 TEXTS = [(7.6, 6, "Armed by external command"), (26.0, 4, "Landing")]
@@ -166,6 +170,21 @@ def test_a_gps_that_loses_its_fix_in_a_ulog_is_seen(tmp_path):
     assert 20.0 <= float(gps[2].split()[0]) <= 22.0
 
 
+def test_a_mission_of_px4_takes_off_and_lands_by_its_set_point_as_its_extended_sys_state_says(tmp_path):
+    mission = [(t_s, topic, (values[0], 3, values[2]) if topic == "vehicle_status" and t_s >= 7.6 else values)
+               for t_s, topic, values in ulog_rows()]  # fmt: skip
+    of_type = lambda t_s: 3 if t_s < 10.0 else 0 if t_s < 26.0 else 4  # noqa: E731 - TAKEOFF, POSITION, LAND
+    triplets = [(t_s, "position_setpoint_triplet", (0, True, of_type(t_s))) for t_s in np.arange(7.6, 32.0, 0.2)]
+    path = write_ulog(tmp_path / "mission.ulg", sorted([*mission, *triplets], key=lambda row: row[0]))
+    with recordings_of(path)[1] as made:
+        said = [(entry.t_ns, made.message(entry)) for entry in made.entries("/autopilot/status")]
+    landed = [((t_ns - START_NS) / S, VehicleLanded(each.landed).name) for t_ns, each in said if each.armed]
+    changes = [now for now, before in zip(landed, [(0, ""), *landed]) if now[1] != before[1]]
+    assert [(pytest.approx(t_s, abs=0.6), word) for t_s, word in changes] == [
+        (8.0, "ON_GROUND"), (9.0, "TAKING_OFF"), (10.0, "IN_AIR"), (26.0, "LANDING"), (30.0, "ON_GROUND"),
+    ]  # fmt: skip
+
+
 def test_what_is_made_of_px4s_topics_is_in_the_axes_of_ros(ulog):
     recording, made = recordings_of(ulog)
     with recording:
@@ -203,9 +222,70 @@ def wrong_with(path):
     return str(caught.value).replace(str(path), "X")
 
 
-def test_an_mcap_file_that_was_not_closed_says_what_mends_it(tmp_path):
+def contents(path):
+    """Return all messages of a recording, as in the file, with the topics."""
+    with other_recording(path) as recording:
+        entries = [entry for topic in recording.topics for entry in recording.entries(topic.name)]
+        entries.sort(key=lambda entry: (entry.chunk, entry.offset))
+        said = [(entry.t_ns, recording.channels[entry.connection].topic, recording.raw(entry)) for entry in entries]
+        return said, recording.problem
+
+
+PACKINGS = {"zstd": {}, "lz4": {"compression": "lz4"}, "none": {"compression": "none"}, "no_chunks": {"chunks": False}}
+
+
+@pytest.mark.parametrize("packing", PACKINGS)
+def test_an_mcap_file_that_was_cut_is_read_to_its_last_whole_message_and_that_is_said(tmp_path, packing, capsys):
+    whole = write_mcap(tmp_path / "whole.mcap", flight_rows(12.0), **PACKINGS[packing])
+    messages, problem = contents(whole)
+    assert (len(messages), problem) == (12 * 102, "")
+    data, cut, places = whole.read_bytes(), tmp_path / "cut.mcap", random.Random(11)
+    starts = [each.chunk_start_offset for each in make_reader(whole.open("rb")).get_summary().chunk_indexes]
+    for size in sorted(places.randrange(60, len(data) - 1) for _ in range(20)):
+        cut.write_bytes(data[:size])
+        read, problem = contents(cut)
+        assert read == messages[: len(read)]
+        if packing == "none":  # every byte of it counts
+            assert len(messages) - len(read) <= 1 + (len(data) - size) / 60
+        chunks = sum(start < size for start in starts) - 1
+        assert len(read) >= min(len(messages), 150 * chunks), size
+        assert problem.startswith("cut.mcap: was not closed"), size
+        assert f": {len(read)} messages are read, what came after them is missing; `amaze-replay export" in problem
+        for command, statuses in (
+            (["run", "--map", FLIGHT_MAP], (2, 3)),
+            (["map"], (2, 3)),
+            (["export", "-o", str(tmp_path / "new.mcap")], (2, 3)),
+        ):
+            status = amaze_replay([*command[:1], str(cut), *command[1:]])
+            out, err = capsys.readouterr()
+            assert status in statuses
+            assert "Traceback" not in err
+            assert ("was not closed" in out) if status == 3 else err.count("\n") == 1
+        if status == 3:
+            again, problem = contents(tmp_path / "new.mcap")
+            assert (sorted(again), problem) == (sorted(read), "")
+        assert amaze_bag(["info", str(cut)]) == 0
+        assert "was not closed" in capsys.readouterr().out
+
+
+def test_verbs_that_need_a_bag_say_what_writes_a_whole_mcap_file(tmp_path, capsys):
     path = write_mcap(tmp_path / "open.mcap", flight_rows(2.0), finish=False)
-    assert wrong_with(path) == "X: is damaged, or was not closed; `mcap recover` makes a whole one of it"
+    for verb in (["recover"], ["filter", "-o", "x.bag"], ["cut", "-o", "x.bag"], ["doctor"], ["verify"]):
+        assert amaze_bag([verb[0], str(path), *verb[1:]]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.endswith(
+            "is no bag but an MCAP file; amaze-bag info and amaze-replay read it, amaze-replay export writes a whole "
+            "one; name a ROS 1 bag of version 2.0"
+        )
+
+
+def test_a_damaged_chunk_of_a_file_that_was_not_closed_is_named(tmp_path):
+    path = write_mcap(tmp_path / "open.mcap", flight_rows(12.0), "none", finish=False)
+    data = bytearray(path.read_bytes())
+    data[60_000] ^= 0x10
+    path.write_bytes(data)
+    assert "; chunk at byte 53964 cannot be read" in contents(path)[1]
+    assert "it is not what its checksum says" in contents(path)[1]
 
 
 def test_a_folder_says_what_it_lacks(packings, tmp_path):

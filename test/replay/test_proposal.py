@@ -5,16 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from cns_definitions import MESSAGES
 from replay_bags import START_NS, STORE, S, battery, flight_rows, header, height_m, imu, magnetic, make, write_bag
 from replay_runs import CONFIG, moves, recording, replay, texts
 from rosbags.typesys import get_types_from_msg
 
+from amaze_autonomy.cns.tables import TOPICS
 from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.engine.events import Landed, MissionPhase
 from amaze_autonomy.replay.errors import NoMessagesError
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.proposal import propose
 from amaze_autonomy.replay.session import Session
-from amaze_autonomy.replay.sources import Recordings, topics_of
+from amaze_autonomy.replay.sources import Recordings, recordings_of, topics_of
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.replay.topic_map import load_map
 from amaze_autonomy.tester.command import main
@@ -252,6 +255,137 @@ def test_a_recording_without_a_vehicle_is_said_to_be_that(tmp_path, capsys):
     assert "# What was found:\n#   no flight: nothing tells of it\n" in out.read_text()
     assert main(["run", str(bag), "--map", str(out)]) == 2
     assert "x.bag: the map names none of its topics; there are /turtle" in capsys.readouterr().err
+
+
+# --- the CNS Flight Stack ---------------------------------------------------------------------------------------------
+
+
+def cns(kind, **fields):
+    """Return a message of the CNS Flight Stack, by the definitions of CNS.md."""
+    for name, text in MESSAGES.items():
+        package, short = name.split("/")
+        if f"{package}/msg/{short}" not in STORE.types:
+            STORE.register(get_types_from_msg(text, f"{package}/msg/{short}"))
+    package, short = kind.split("/")
+    return make(f"{package}/msg/{short}", **fields)
+
+
+def entity(name, status, info=""):
+    return cns("watchdog_msgs/Status", entity=name, type=1, status=status, name=f"/{name}", info=info)
+
+
+def cns_rows(silent_s=99.0, mission=1):
+    """Return what its nodes say of the flight of `mavros_rows`: the sequencer's answers, events, and a slow heartbeat.
+
+    The heartbeat comes at 0.5 Hz until `silent_s`; at 20 s the entity `Event-Camera 1` has an error.
+    """
+    rows = []
+
+    def say(t_s, topic, message):
+        rows.append((START_NS + round(t_s * S), topic, message))
+
+    def answer(t_s, request, response, completed):
+        at = START_NS + round(t_s * S)
+        asked = cns("mission_sequencer/MissionRequest", header=header(at), id=mission, request=request)
+        say(t_s - 0.01, "/autonomy/request", asked)
+        fields = {"request": asked, "response": response, "completed": completed}
+        say(t_s, "/autonomy/response", cns("mission_sequencer/MissionResponse", header=header(at), **fields))
+
+    for second in range(0, 36, 2):
+        if second < silent_s:
+            status = entity("", 1 if second < 20 else 8)
+            at = header(START_NS + second * S)
+            say(second, "/watchdog/status", cns("watchdog_msgs/StatusStamped", header=at, status=status))
+    for t_s, status in ((0.1, 1), (20.0, 8)):
+        each = [entity("Event-Camera 1", status, "no messages")]
+        data = cns("watchdog_msgs/StatusChangesArray", changes=each, current=each)
+        at = header(START_NS + round(t_s * S))
+        say(t_s, "/watchdog/log", cns("watchdog_msgs/StatusChangesArrayStamped", header=at, data=data))
+    for t_s, name in ((8.5, "is_takeoff"), (30.2, "is_landed")):
+        say(t_s, f"/toland_detector/{name}", make("std_msgs/msg/Bool", data=True))
+    answer(7.0, 1, response=True, completed=False)  # ARM
+    answer(8.0, 1, response=False, completed=True)
+    answer(8.1, 2, response=True, completed=False)  # TAKEOFF
+    answer(10.5, 2, response=False, completed=True)
+    answer(25.5, 0, response=False, completed=True)  # the last waypoint
+    answer(25.6, 5, response=True, completed=False)  # LAND
+    answer(30.5, 5, response=False, completed=True)
+    answer(31.9, 8, response=False, completed=True)  # DISARM
+    return rows
+
+
+def cns_flight(tmp_path, **more):
+    rows = sorted([*mavros_rows(), *cns_rows(**more)], key=lambda row: row[0])
+    return write_bag(tmp_path / "cns.bag", rows)
+
+
+def statuses(path, topic):
+    """Return when a status that was made says something else, and what."""
+    (made,) = [bag for bag in recordings_of(path) if f"/cns/{topic}" in {each.name for each in bag.topics}]
+    return [((entry.t_ns - START_NS) / S, made.message(entry)) for entry in made.entries(f"/cns/{topic}")]
+
+
+def changes_of(values):
+    return [each for each, before in zip(values, [(None, None), *values]) if each[1] != before[1]]
+
+
+def test_a_flight_of_the_cns_flight_stack_gives_statuses_of_ours_by_the_proposed_map(tmp_path):
+    bag = cns_flight(tmp_path)
+    proposal, path = proposed(tmp_path, bag)
+    assert load_map(path).statuses == {
+        "landing_detection": "/cns/landing_detection",
+        "mission_planner": "/cns/mission_planner",
+        "watchdog_action": "/cns/watchdog_action",
+        "watchdog_info": "/cns/watchdog_info",
+    }
+    assert proposal.scripted == ("data recorder",)
+    assert [text for text in proposal.found if text.startswith("CNS")] == [
+        "CNS /autonomy/request: not mapped: each answer says what was asked",
+        "CNS /autonomy/response: answers of its sequencer: mission_planner",
+        "CNS /toland_detector/is_landed: its landing detector: landing_detection",
+        "CNS /toland_detector/is_takeoff: its landing detector: landing_detection",
+        "CNS /watchdog/log: entities of its watchdog: watchdog_info and watchdog_action; an error counts as severity "
+        "high",
+        "CNS /watchdog/status: heartbeat of its watchdog: watchdog_action",
+        "CNS missions that were asked for: 1 (run --mission)",
+        "CNS state check, start and stop of the recorder: not mapped, they are services, of which no topic tells",
+    ]
+    outcome = _replayed(bag, path)
+    assert states(outcome)[:6] == NOMINAL[:6]
+    held = next(d for d in outcome.decisions if d.after == "HOLD")
+    assert 20.0 <= (held.t_ns - START_NS) / S < 20.3
+    assert {value.name: value.value for value in held.values}["failure"] == "event_camera_1"
+
+
+def test_phases_are_those_of_the_sequencers_answers(tmp_path):
+    said = statuses(cns_flight(tmp_path), "mission_planner")
+    phases = changes_of([(t_s, MissionPhase(message.phase).name) for t_s, message in said])
+    assert phases == [
+        (0.0, "LOADED"), (7.0, "TAKING_OFF"), (10.5, "FLYING"), (25.6, "LANDING"), (31.9, "LANDED"),
+    ]  # fmt: skip
+    assert {message.mission_id for _, message in said} == {"1"}
+
+
+def test_the_landing_detectors_events_are_a_level(tmp_path):
+    said = [(t_s, Landed(message.landed).name) for t_s, message in statuses(cns_flight(tmp_path), "landing_detection")]
+    assert changes_of(said) == [(0.0, "ON_GROUND"), (8.5, "AIRBORNE"), (30.2, "ON_GROUND")]
+
+
+def test_a_heartbeat_of_half_a_hertz_is_enough_for_ours_until_it_is_silent(tmp_path):
+    said = statuses(cns_flight(tmp_path, silent_s=13.0), "watchdog_action")
+    assert max(after - before for (before, _), (after, _) in zip(said, said[1:])) == pytest.approx(0.2)
+    assert said[-1][0] == pytest.approx(12.2 + 5.0)
+
+
+def test_a_type_of_another_definition_is_left_out_by_name(tmp_path):
+    rows = [row for row in cns_rows() if row[1] == "/watchdog/status"]
+    bag = write_bag(tmp_path / "x.bag", [*mavros_rows(), *rows])
+    good = TOPICS["heartbeat"].md5.encode()
+    assert bag.read_bytes().count(good) == 2
+    bag.write_bytes(bag.read_bytes().replace(good, b"0" * 32))
+    proposal, path = proposed(tmp_path, bag)
+    assert "CNS /watchdog/status: not mapped: its definition is another one than is known" in proposal.found
+    assert load_map(path).statuses == {}
 
 
 def test_a_bag_without_messages_is_one_clear_error():

@@ -77,7 +77,7 @@ _FOREIGN: Tuple[Tuple[bytes, str], ...] = (
     (b"\xa3\x95", "a DataFlash log of ArduPilot; of the same flight, a telemetry log (.tlog) or a bag can be read"),
     (
         b"\x89MCAP0\r\n",
-        "an MCAP file; amaze-bag info and amaze-replay read it",
+        "an MCAP file; amaze-bag info and amaze-replay read it, amaze-replay export writes a whole one",
     ),
     (
         b"SQLite format 3\x00",

@@ -38,8 +38,9 @@ def info_result(path: Path, memory: int = MEMORY) -> Dict[str, Any]:
         with other_recording(path, memory) as recording:
             t_ns, channel = recording.times()
             about = _about(recording.channels, t_ns, channel, recording.heads)
-            size, version = recording.bytes, recording.version
-        return {"file": str(path), "bytes": size, "closed": True, "problem": "", **about, "version": version}
+            size, version, problem = recording.bytes, recording.version, recording.problem
+        closed = {"closed": not problem, "problem": problem}
+        return {"file": str(path), "bytes": size, **closed, **about, "version": version}
     try:
         with Index(path) as index:
             messages = index.messages()

@@ -12,48 +12,25 @@ from __future__ import annotations
 import re
 import sqlite3
 import struct
-import zlib
-from collections import OrderedDict
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 from urllib.parse import quote
 
 import numpy as np
 
-from .errors import BagError, MessageError, RecordError
-from .format import MEMORY, check_memory, decompressed
+from .errors import BagError, MessageError
+from .format import MEMORY
 from .index import ChunkHead
+from .mcap_files import MCAP, NONE, Channel, Part, Places, lacking, mcap_part, ros1_name, unzstd
 from .recording import Entry, Topic
 
-__all__ = ["Channel", "OtherRecording", "is_other", "other_recording"]
+__all__ = ["Channel", "OtherRecording", "content_files", "is_other", "other_recording"]
 
-_MCAP, _SQLITE, _ULOG = b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"ULog\x01\x12\x35"
+_SQLITE, _ULOG = b"SQLite format 3\x00", b"ULog\x01\x12\x35"
 _METADATA = "metadata.yaml"
-_Places = Tuple[Any, Any, Any]
-_NONE: Any = np.zeros(0, np.int64)
-
-
-class Channel(NamedTuple):
-    """What `Connection` is in a bag.
-
-    Args:
-        topic: its name.
-        kind: type as ROS 1 names it, e.g. sensor_msgs/Imu.
-        md5: of its definition; empty where the format has none.
-        encoding: of its messages: cdr, ros1, ulog, or one that is not read.
-        schema: how its definition is written: ros2msg, ros2idl, ros1msg, or empty.
-        definition: of its type; empty: not in the file.
-    """
-
-    topic: str
-    kind: str
-    md5: str = ""
-    encoding: str = ""
-    schema: str = ""
-    definition: str = ""
 
 
 class OtherRecording:
@@ -67,6 +44,7 @@ class OtherRecording:
         raw: returns a message by channel, position and offset; raises `MessageError`.
         heads: of its chunks.
         close: closes its files.
+        problem: what of it is missing, and what to do; empty: nothing.
     """
 
     def __init__(
@@ -74,13 +52,14 @@ class OtherRecording:
         path: Path,
         version: str,
         channels: Mapping[int, Channel],
-        places: Mapping[int, _Places],
+        places: Mapping[int, Places],
         raw: Callable[[int, int, int], Any],
         heads: Sequence[ChunkHead] = (),
         close: Callable[[], None] = lambda: None,
+        problem: str = "",
     ) -> None:
         self.path, self.version, self.channels, self.heads = path, version, channels, tuple(heads)
-        self._places, self._raw, self._close = places, raw, close
+        self._places, self._raw, self._close, self.problem = places, raw, close, problem
         self._decoders: Dict[int, Callable[[Any], Any]] = {}
         self._entries: Dict[str, List[Entry]] = {}
         self.topics: Tuple[Topic, ...] = tuple(self._topics())
@@ -115,7 +94,7 @@ class OtherRecording:
         """Return time and channel of every message."""
         numbers = [np.full(len(places[0]), number) for number, places in self._places.items()]
         times = [places[0] for places in self._places.values()]
-        return np.concatenate([_NONE, *times]), np.concatenate([_NONE, *numbers])
+        return np.concatenate([NONE, *times]), np.concatenate([NONE, *numbers])
 
     def entries(self, topic: str) -> List[Entry]:
         """Return all messages of a topic in their order."""
@@ -123,7 +102,7 @@ class OtherRecording:
             found: List[Entry] = []
             for number, channel in self.channels.items():
                 if channel.topic == topic:
-                    columns = (column.tolist() for column in self._places.get(number, (_NONE,) * 3))
+                    columns = (column.tolist() for column in self._places.get(number, (NONE,) * 3))
                     found += [Entry(t_ns, 0, chunk, offset, number) for t_ns, chunk, offset in zip(*columns)]
             self._entries[topic] = sorted(found)
         return self._entries[topic]
@@ -163,7 +142,7 @@ class OtherRecording:
         kinds = {channel.topic: channel.kind for channel in self.channels.values()}
         for name in sorted(kinds):
             own = [number for number, channel in self.channels.items() if channel.topic == name]
-            times = np.concatenate([_NONE, *(self._places[number][0] for number in own if number in self._places)])
+            times = np.concatenate([NONE, *(self._places[number][0] for number in own if number in self._places)])
             first, last = (int(times.min()), int(times.max())) if len(times) else (0, 0)
             yield Topic(name, kinds[name], len(times), first, last)
 
@@ -171,6 +150,17 @@ class OtherRecording:
 def is_other(path: Path) -> bool:
     """Return whether a file or folder is of a format that is read here."""
     return path.is_dir() or bool(_format(path))
+
+
+def content_files(path: Path) -> List[Path]:
+    """Return the files that hold the messages of a recording: itself, or those of a folder as its metadata lists them.
+
+    Without metadata they are in the order of their names.
+
+    Raises:
+        BagError: It is a folder without a recording, or lacks one of its files.
+    """
+    return _files_of(path)[0] if path.is_dir() else [path]
 
 
 def other_recording(path: Path, memory: int = MEMORY) -> OtherRecording:
@@ -195,25 +185,10 @@ def _format(path: Path) -> bytes:
             begin = file.read(16)
     except OSError:
         return b""
-    return next((magic for magic in (_MCAP, _SQLITE, _ULOG) if begin.startswith(magic)), b"")
-
-
-def _lacking(path: Path, what: str, extra: str) -> BagError:
-    return BagError(str(path), f"is {what}, for which a library lacks", f"pip install 'amaze_autonomy[{extra}]'")
+    return next((magic for magic in (MCAP, _SQLITE, _ULOG) if begin.startswith(magic)), b"")
 
 
 # --- ROS 2 bags and MCAP ----------------------------------------------------------------------------------------------
-
-
-class _Part(NamedTuple):
-    """One file of a recording: as `OtherRecording`, its channels by their own numbers."""
-
-    version: str
-    channels: Mapping[int, Channel]
-    places: Mapping[int, _Places]
-    raw: Callable[[int, int], bytes]
-    heads: Sequence[ChunkHead]
-    close: Callable[[], None]
 
 
 def _files_of(folder: Path) -> Tuple[List[Path], str]:
@@ -222,7 +197,7 @@ def _files_of(folder: Path) -> Tuple[List[Path], str]:
 
     place = folder / _METADATA
     if not place.is_file():
-        files = sorted(each for each in folder.iterdir() if each.is_file() and _format(each) in (_MCAP, _SQLITE))
+        files = sorted(each for each in folder.iterdir() if each.is_file() and _format(each) in (MCAP, _SQLITE))
         if not files:
             raise BagError(str(folder), "is a folder without a recording", "name a bag, or the folder of a ROS 2 bag")
         return files, ""
@@ -244,39 +219,43 @@ def _files_of(folder: Path) -> Tuple[List[Path], str]:
 
 def _joined(path: Path, files: Sequence[Path], compressed: str, memory: int) -> OtherRecording:
     """Return several files as one recording; `compressed`: how each message is."""
-    parts: List[_Part] = []
+    parts: List[Part] = []
     try:
-        parts.extend({_MCAP: _mcap, _SQLITE: _sqlite}.get(_format(file), _unreadable)(file, memory) for file in files)
+        parts.extend(
+            {MCAP: mcap_part, _SQLITE: _sqlite}.get(_format(file), _unreadable)(file, memory) for file in files
+        )
     except BaseException:
         for part in parts:
             part.close()
         raise
     channels: Dict[int, Channel] = {}
-    places: Dict[int, _Places] = {}
+    places: Dict[int, Places] = {}
     raws: Dict[int, Callable[[int, int], bytes]] = {}
     for part in parts:
         for own, channel in part.channels.items():
             number = len(channels)
             channels[number], raws[number] = channel, part.raw
-            places[number] = part.places.get(own, (_NONE,) * 3)
+            places[number] = part.places.get(own, (NONE,) * 3)
 
     def raw(number: int, chunk: int, offset: int) -> bytes:
         data = raws[number](chunk, offset)
-        return _unzstd(data, memory) if compressed else data
+        return unzstd(data, memory) if compressed else data
 
     def close() -> None:
         for part in parts:
             part.close()
 
     version = " and ".join(dict.fromkeys(part.version for part in parts)) + (", folder" if path.is_dir() else "")
-    return OtherRecording(path, version, channels, places, raw, [head for part in parts for head in part.heads], close)
+    heads = [head for part in parts for head in part.heads]
+    problem = "; ".join(part.problem for part in parts if part.problem)
+    return OtherRecording(path, version, channels, places, raw, heads, close, problem)
 
 
-def _unreadable(path: Path, _: int) -> _Part:
+def _unreadable(path: Path, _: int) -> Part:
     raise BagError(str(path), "is neither MCAP nor SQLite", "name a ROS 2 bag")
 
 
-def _sqlite(path: Path, _: int) -> _Part:
+def _sqlite(path: Path, _: int) -> Part:
     """Open an SQLite file of a ROS 2 bag; one that a recorder did not close is read as far as it goes."""
     open_log = path.with_name(f"{path.name}-wal")
     how = "mode=ro" if open_log.is_file() and open_log.stat().st_size else "mode=ro&immutable=1"
@@ -292,10 +271,10 @@ def _sqlite(path: Path, _: int) -> _Part:
     except sqlite3.Error as error:
         raise BagError(str(path), f"is no readable SQLite file of a ROS 2 bag ({error})", "name another") from error
     channels = {
-        number: Channel(name, _ros1_name(kind), "", encoding, *definitions.get(kind, ("", "")))
+        number: Channel(name, ros1_name(kind), "", encoding, *definitions.get(kind, ("", "")))
         for number, name, kind, encoding in topics
     }
-    places: Dict[int, _Places] = {
+    places: Dict[int, Places] = {
         number: (own[:, 1], np.zeros(len(own), np.int64), own[:, 2])
         for number in channels
         for own in (rows[rows[:, 0] == number],)
@@ -308,128 +287,7 @@ def _sqlite(path: Path, _: int) -> _Part:
             raise MessageError(f"row {row} is damaged: {error}") from error
         return data
 
-    return _Part("ROS 2 (SQLite)", channels, places, raw, (), base.close)
-
-
-_CACHED = 8
-
-
-def _mcap(path: Path, memory: int) -> _Part:
-    """Open an MCAP file by its index."""
-    try:
-        from mcap.exceptions import McapError  # noqa: PLC0415  (an extra)
-        from mcap.reader import SeekingReader  # noqa: PLC0415
-    except ImportError as error:
-        raise _lacking(path, "an MCAP file", "mcap") from error
-    file = path.open("rb")
-    damaged = BagError(str(path), "is damaged, or was not closed", "`mcap recover` makes a whole one of it")
-    try:
-        reader: Any = SeekingReader(file, record_size_limit=memory)
-        profile, summary = reader.get_header().profile, reader.get_summary()
-        if summary is None or (summary.statistics and summary.statistics.message_count and not summary.chunk_indexes):
-            file.close()
-            raise BagError(str(path), "is an MCAP file without an index", "`mcap recover` makes one with it")
-        chunks = sorted(summary.chunk_indexes, key=lambda each: each.chunk_start_offset)
-        parts: Dict[int, List[Tuple[Any, int]]] = {}
-        for number, chunk in enumerate(chunks):
-            for channel, found in _message_indexes(file, chunk):
-                parts.setdefault(channel, []).append((found, number))
-    except (McapError, OSError, struct.error, ValueError, EOFError) as error:
-        file.close()
-        if isinstance(error, BagError):
-            raise
-        raise damaged from error
-    channels: Dict[int, Channel] = {}
-    for number, each in summary.channels.items():
-        schema = summary.schemas.get(each.schema_id)
-        name, encoding, data = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
-        text = data.decode("utf-8", "replace") if encoding in ("ros1msg", "ros2msg", "ros2idl") else ""
-        md5 = each.metadata.get("md5sum", "")
-        channels[number] = Channel(each.topic, _ros1_name(name), md5, each.message_encoding, encoding, text)
-    places: Dict[int, _Places] = {}
-    for number, own in parts.items():
-        times = np.concatenate([found[:, 0] for found, _ in own]).astype(np.int64)
-        offsets = np.concatenate([found[:, 1] for found, _ in own]).astype(np.int64)
-        of_chunk = np.concatenate([np.full(len(found), chunk) for found, chunk in own])
-        places[number] = (times, of_chunk, offsets)
-    heads = [
-        ChunkHead(chunk.compression or "none", chunk.chunk_start_offset, chunk.compressed_size, chunk.uncompressed_size)
-        for chunk in chunks
-    ]
-    unpacked = _McapChunks(file, chunks, memory)
-    version = f"MCAP{f' of {profile}' if profile else ''}"
-    return _Part(version, channels, places, unpacked.message, heads, file.close)
-
-
-def _message_indexes(file: Any, chunk: Any) -> Iterator[Tuple[int, Any]]:
-    """Yield the channels of a chunk, each with the times and offsets of its messages."""
-    file.seek(chunk.chunk_start_offset + chunk.chunk_length)
-    data = file.read(chunk.message_index_length)
-    place = 0
-    while place + 15 <= len(data):
-        op, length, channel, size = struct.unpack_from("<BQHL", data, place)
-        if op == 7 and size:  # noqa: PLR2004  (a message index)
-            yield channel, np.frombuffer(data, "<u8", size // 8, place + 15).reshape(-1, 2)
-        place += 9 + length
-
-
-class _McapChunks:
-    """Messages out of the chunks of an MCAP file, the last few kept."""
-
-    def __init__(self, file: Any, chunks: Sequence[Any], memory: int) -> None:
-        self._file, self._chunks, self._memory = file, chunks, memory
-        self._kept: OrderedDict[int, Any] = OrderedDict()
-
-    def message(self, number: int, offset: int) -> bytes:
-        """Return the data of the message at an offset of a chunk.
-
-        Raises:
-            MessageError: It is damaged.
-        """
-        if number not in self._kept:
-            try:
-                self._kept[number] = self._unpacked(self._chunks[number])
-            except Exception as error:  # the decompressors raise what they like
-                at = self._chunks[number].chunk_start_offset
-                raise MessageError(f"chunk at byte {at} is damaged: {error or type(error).__name__}") from error
-            while len(self._kept) > _CACHED:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(number)
-        data = self._kept[number]
-        op, length = struct.unpack_from("<BQ", data, offset)
-        if op != 5 or offset + 9 + length > len(data):  # noqa: PLR2004  (a message)
-            raise MessageError(f"there is no whole message at {offset} of chunk {number}")
-        return bytes(data[offset + 9 + 22 : offset + 9 + length])
-
-    def _unpacked(self, chunk: Any) -> Any:
-        self._file.seek(chunk.chunk_start_offset)
-        record = self._file.read(chunk.chunk_length)
-        size, crc, name = struct.unpack_from("<QLL", record, 25)
-        compression = record[41 : 41 + name].decode("ascii")
-        stored = memoryview(record)[41 + name + 8 :]
-        if compression == "zstd":
-            check_memory(size, self._memory)
-            data: Any = _unzstd(bytes(stored), size)
-        else:
-            data = decompressed(compression or "none", stored, size, self._memory)
-        if len(data) != size or (crc and zlib.crc32(data) != crc):
-            raise RecordError("it is not what its checksum says")
-        return data
-
-
-def _unzstd(data: bytes, size: int) -> bytes:
-    """Decompress, at most to a size."""
-    import zstandard  # noqa: PLC0415  (comes with mcap)
-
-    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-        plain: bytes = reader.read(size + 1)
-    if len(plain) > size:
-        raise RecordError(f"it has more than {size} bytes")
-    return plain
-
-
-def _ros1_name(kind: str) -> str:
-    return kind.replace("/msg/", "/")
+    return Part("ROS 2 (SQLite)", channels, places, raw, (), base.close)
 
 
 _KNOWN = {  # to some writers
@@ -474,7 +332,7 @@ def _ulog(path: Path) -> OtherRecording:
     try:
         from pyulog.core import ULog, ULogException  # noqa: PLC0415  (an extra)
     except ImportError as error:
-        raise _lacking(path, "a ULog of PX4", "ulog") from error
+        raise lacking(path, "a ULog of PX4", "ulog") from error
     try:
         with redirect_stdout(StringIO()):  # it prints what it thinks of the file
             log: Any = ULog(str(path))
@@ -484,7 +342,7 @@ def _ulog(path: Path) -> OtherRecording:
         raise BagError(str(path), "is a damaged ULog: nothing in it can be read", "name another")
     offset_ns = _day_ns(log)
     channels: Dict[int, Channel] = {}
-    places: Dict[int, _Places] = {}
+    places: Dict[int, Places] = {}
     for number, data in enumerate(log.data_list):
         times = data.data["timestamp"].astype(np.int64) * 1000 + offset_ns
         order = np.argsort(times, kind="stable")

@@ -445,6 +445,11 @@ class Recording:
         self._bag.close()
 
     @property
+    def links(self) -> Tuple[Link, ...]:
+        """Its connections."""
+        return tuple(self._links.values())
+
+    @property
     def tapes(self) -> Optional[Tapes]:
         """Tapes of the bag; None where none are wanted."""
         return self._tapes

@@ -129,6 +129,13 @@ class Sequencer(Peer):
         if self._phase is _P.TAKING_OFF and self._asked is Request.TAKEOFF:
             self._fail("started again during the takeoff, whose end its sequencer says once")
 
+    def adopt(self, session_id: str, mission_id: int, phase: MissionPhase) -> None:
+        """Begin with a mission that another engine flies, of which only the answers are heard: in a recording."""
+        self._loaded = LoadMission(
+            id=0, limit_ns=1, session_id=session_id, mission_id=str(mission_id), file_index=0, repetition=0
+        )
+        self._id, self._phase, self._message = mission_id, phase, ""
+
     def turn(self, t_ns: int, heading_rad: float) -> None:
         """Take the vehicle's heading, counter-clockwise from east."""
         self._heading = (t_ns, heading_rad)

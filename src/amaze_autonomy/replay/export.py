@@ -29,7 +29,7 @@ from amaze_autonomy.bags.other_formats import OtherRecording
 from amaze_autonomy.whole_file import whole, write_whole
 
 from .errors import ReplayError
-from .sources import recordings_of
+from .sources import problems_of, recordings_of
 
 __all__ = ["Exported", "export"]
 
@@ -45,12 +45,14 @@ class Exported(NamedTuple):
         messages: in them.
         unread: messages that could not be read, by topic; they are missing.
         left_out: fields and topics that a table or a track cannot have, one line each.
+        problems: what of the recordings is missing, one line each.
     """
 
     files: Tuple[Path, ...]
     messages: int
     unread: Dict[str, int]
     left_out: Tuple[str, ...]
+    problems: Tuple[str, ...] = ()
 
 
 def export(paths: Sequence[Path], output: Path, topics: Sequence[str] = (), memory: int = MEMORY) -> Exported:
@@ -71,7 +73,7 @@ def export(paths: Sequence[Path], output: Path, topics: Sequence[str] = (), memo
     try:
         flight = _Flight(recordings, topics)
         write = {".mcap": _write_mcap, ".kml": _write_kml}.get(output.suffix.lower(), _write_tables)
-        return write(flight, output)
+        return write(flight, output)._replace(problems=problems_of(recordings))
     finally:
         for recording in recordings:
             recording.close()

@@ -19,7 +19,7 @@ from ..bags.format import MEMORY
 from .beginning import ARMING_LEAD_NS
 from .errors import FieldError, NoMessagesError
 from .fields import getter, number, quaternion
-from .sources import recordings_of
+from .sources import CNS_PACKAGES, problems_of, recordings_of
 
 __all__ = ["Proposal", "propose", "propose_of"]
 
@@ -58,12 +58,14 @@ class Proposal:
         found: what was found of the flight, one line each.
         scripted: what the recording does not tell, so that the script plays it.
         kinds: type of every topic.
+        problems: what of the recordings is missing.
     """
 
     text: str
     found: Tuple[str, ...]
     scripted: Tuple[str, ...]
     kinds: Tuple[Tuple[str, str], ...]
+    problems: Tuple[str, ...] = ()
 
 
 _LOG_DATA = "crazyflie_driver/GenericLogData"
@@ -190,6 +192,9 @@ class _Maker:
 
     def proposal(self) -> Proposal:
         components, readings, statuses = self._components(), self._readings(), self._statuses()
+        self.found += self._cns()
+        problems = problems_of(self._bags)
+        self.found[:0] = problems
         lines = [f"about: {', '.join(path.name for path in self._paths)[:300]}, proposed by amaze-replay map", ""]
         lines += ["# What was found:"] + [f"#   {text}" for text in self.found or ["no flight: nothing tells of it"]]
         lines += ["# What no topic tells, so that the script plays it: " + (", ".join(self.scripted) or "nothing"), ""]
@@ -200,7 +205,7 @@ class _Maker:
             lines += [f"state_estimation: {{rate_hz: {self._estimate_hz:.3g}}}  # as recorded", ""]
         lines += self._landing() + self._script()
         kinds = tuple((topic.name, topic.kind) for topic in self._topics)
-        return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted), kinds)
+        return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted), kinds, problems)
 
     # --- components ---------------------------------------------------------------------------------------------------
 
@@ -424,6 +429,14 @@ class _Maker:
             if next((value for t, value in reversed(armed) if t <= t_ns), False):
                 counts[str(mode)] = counts.get(str(mode), 0) + 1
         return max(sorted(counts), key=lambda name: counts[name], default="")
+
+    def _cns(self) -> List[str]:
+        """Return what is made of the topics of the CNS Flight Stack, where it has flown."""
+        if not any(topic.kind.startswith(CNS_PACKAGES) for topic in self._topics):
+            return []
+        from .recorded_cns import said_of_cns  # noqa: PLC0415  (loads MAVLink)
+
+        return said_of_cns([bag for bag in self._bags if hasattr(bag, "links") or hasattr(bag, "channels")])
 
     def _statuses(self) -> List[str]:
         found = {_STATUSES[t.kind]: t.name for t in self._topics if t.kind in _STATUSES}

@@ -107,7 +107,7 @@ def row_words(row: Any) -> str:
 
 
 def _damage_lines(recordings: Recordings, outcome: Outcome) -> List[str]:
-    return [
+    return [f"DAMAGED: {problem}" for problem in recordings.problems] + [
         f"DAMAGED: {each.count} messages of {each.topic} from {(each.first_ns - outcome.start_ns) / _S:+.3f} s to "
         f"{(each.last_ns - outcome.start_ns) / _S:+.3f} s could not be read ({each.reason}); they count as arrived, "
         "what they said is unknown"
@@ -139,6 +139,7 @@ def replay_result(plan: Plan, recordings: Recordings, outcome: Outcome) -> Dict[
         "counterfactual_from_s": _seconds(outcome.counterfactual_ns, outcome),
         "missed_command": missed,
         "topics": [_topic(figures, outcome) for figures in recordings.figures()],
+        "problems": list(recordings.problems),
         "damage": [_damage(each, outcome) for each in recordings.damage.values()],
         "checks": [
             {"check": name.value, "source": source.words, "rows": [to_plain(row) for row in rows]}

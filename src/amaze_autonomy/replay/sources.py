@@ -26,7 +26,16 @@ from .errors import NoMessagesError, TimeJumpError, UnknownTopicError
 from .statuses import sent_by, status_rows, taped_statuses
 from .topic_columns import Track
 
-__all__ = ["MAVLINK_KIND", "Damage", "Recordings", "Sample", "TopicFigures", "recordings_of", "topics_of"]
+__all__ = [
+    "MAVLINK_KIND",
+    "Damage",
+    "Recordings",
+    "Sample",
+    "TopicFigures",
+    "problems_of",
+    "recordings_of",
+    "topics_of",
+]
 
 
 _S = 1_000_000_000
@@ -130,6 +139,7 @@ class Recordings:
         for topic in self.muted:
             if topic not in known:
                 raise UnknownTopicError(topic, known)
+        self.problems = problems_of(self.bags)
         self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
         self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
         if not self.count:
@@ -342,6 +352,11 @@ class Recordings:
             damage.count, damage.last_ns = damage.count + 1, t_ns
 
 
+def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
+    """Return what of opened recordings is missing, one line each: of a file that was not closed."""
+    return tuple(problem for problem in (getattr(bag, "problem", "") for bag in bags) if problem)
+
+
 def _figures(topic: str, times: Any) -> TopicFigures:
     if len(times) < 2 or times[-1] == times[0]:  # noqa: PLR2004
         return TopicFigures(topic, len(times))
@@ -356,6 +371,7 @@ def _figures(topic: str, times: Any) -> TopicFigures:
 
 
 MAVLINK_KIND = "mavros_msgs/Mavlink"
+CNS_PACKAGES = ("watchdog_msgs/", "mission_sequencer/")
 _LOG = ".tlog"
 
 
@@ -373,11 +389,22 @@ def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
         return _of_other(path, memory)
     bag = Recording(path, memory)
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
-    if not topics:
-        return [bag]
-    from .telemetry import Telemetry  # noqa: PLC0415
+    made: List[Any] = _of_cns(bag)
+    if topics:
+        from .telemetry import Telemetry  # noqa: PLC0415
 
-    return [bag, Telemetry.of_bag(bag, topics)]
+        made.append(Telemetry.of_bag(bag, topics))
+    return [bag, *made]
+
+
+def _of_cns(bag: Any) -> List[Any]:
+    """Return what is made of what nodes of the CNS Flight Stack said in a recording."""
+    if not any(topic.kind.startswith(CNS_PACKAGES) for topic in bag.topics):
+        return []
+    from .recorded_cns import CnsStatuses  # noqa: PLC0415
+
+    made = CnsStatuses(bag)
+    return [made] if made.topics else []
 
 
 def _of_other(path: Path, memory: int) -> List[Any]:
@@ -386,7 +413,7 @@ def _of_other(path: Path, memory: int) -> List[Any]:
     recording = other_recording(path, memory)
     try:
         kinds = {topic.kind for topic in recording.topics}
-        return [recording, Uorb(recording)] if VEHICLE_KIND in kinds else [recording]
+        return [recording, *([Uorb(recording)] if VEHICLE_KIND in kinds else []), *_of_cns(recording)]
     except MessageError as error:
         recording.close()
         raise BagError(str(path), f"PX4's topics cannot be read: {error}", "name another recording") from error
@@ -431,6 +458,6 @@ def _named(path: Path) -> Optional[List[str]]:
             connections = list(index.connections.values())
     except BagError:
         return None
-    if any(connection.kind == MAVLINK_KIND for connection in connections):
+    if any(connection.kind.startswith((MAVLINK_KIND, *CNS_PACKAGES)) for connection in connections):
         return None
     return sorted({connection.topic for connection in connections})

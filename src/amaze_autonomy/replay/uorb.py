@@ -51,6 +51,9 @@ _NAV_STATES: Mapping[int, str] = {
     22: "AUTO.VTOL_TAKEOFF",
 }
 _TAKES_OFF, _LANDS = (17, 22), (12, 18, 20)
+_SETPOINTS: Mapping[int, int] = {3: mavlink.MAV_LANDED_STATE_TAKEOFF, 4: mavlink.MAV_LANDED_STATE_LANDING}
+"""What a set-point of position_setpoint_triplet means by its type, in a mode that PX4 flies by itself."""
+
 _UNKNOWN_MV = 65535
 _FLAGS: Tuple[Tuple[str, int], ...] = (
     ("xy_valid", mavlink.ESTIMATOR_POS_HORIZ_REL),
@@ -114,6 +117,7 @@ class Uorb(Made):
         takers: Mapping[str, Callable[[Any], Any]] = {
             "VehicleStatus": self._state.take_status,
             "VehicleLandDetected": self._state.take_landed,
+            "PositionSetpointTriplet": self._state.take_setpoint,
             "VehicleLocalPosition": _local_position,
             "HomePosition": _home,
             "BatteryStatus": _battery,
@@ -140,6 +144,7 @@ class _Px4State:
     def __init__(self) -> None:
         self._status: Any = None
         self._landed: Optional[bool] = None
+        self._setpoint: Any = None
 
     @property
     def beats(self) -> bool:
@@ -155,6 +160,11 @@ class _Px4State:
         """Take a vehicle_land_detected."""
         self._landed = bool(message.landed)
         return [self._extended()] if self.beats else []
+
+    def take_setpoint(self, message: Any) -> List[Any]:
+        """Take a position_setpoint_triplet: a mission climbs and lands in one mode, what it does stands here."""
+        self._setpoint = message.current
+        return [self._extended()] if self.beats and self._landed is not None else []
 
     def beat(self) -> List[Any]:
         """Return the messages that say all of it."""
@@ -174,6 +184,9 @@ class _Px4State:
         landed = mavlink.MAV_LANDED_STATE_IN_AIR
         if self._landed:
             landed = mavlink.MAV_LANDED_STATE_ON_GROUND
+        elif self._setpoint is not None:
+            alone = _NAV_STATES.get(nav_state, "").startswith("AUTO.") and self._setpoint.valid
+            landed = _SETPOINTS.get(int(self._setpoint.type), landed) if alone else landed
         elif nav_state in _TAKES_OFF:
             landed = mavlink.MAV_LANDED_STATE_TAKEOFF
         elif nav_state in _LANDS:

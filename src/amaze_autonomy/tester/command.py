@@ -180,10 +180,11 @@ def _propose(options: argparse.Namespace) -> int:
     proposal = propose(options.bags, options.memory)
     if options.out is None:
         show_lines(proposal.text.splitlines())
-        return DONE
-    write_whole(options.out, proposal.text)
-    show_lines([*proposal.found, f"scripted: {', '.join(proposal.scripted) or 'nothing'}", f"written: {options.out}"])
-    return DONE
+    else:
+        write_whole(options.out, proposal.text)
+        scripted = f"scripted: {', '.join(proposal.scripted) or 'nothing'}"
+        show_lines([*proposal.found, scripted, f"written: {options.out}"])
+    return PARTIAL if proposal.problems else DONE
 
 
 def _export(options: argparse.Namespace) -> int:
@@ -192,8 +193,8 @@ def _export(options: argparse.Namespace) -> int:
     done = export(options.bags, options.output, options.topics, options.memory)
     unread = [f"{topic}: {count:,} messages cannot be read, they are missing" for topic, count in done.unread.items()]
     written = [f"written: {path}" for path in done.files]
-    show_lines([*done.left_out, *unread, *written, f"{done.messages:,} messages"])
-    return PARTIAL if unread else DONE
+    show_lines([*done.problems, *done.left_out, *unread, *written, f"{done.messages:,} messages"])
+    return PARTIAL if unread or done.problems else DONE
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -213,8 +214,8 @@ def _run(options: argparse.Namespace) -> int:
     )
     with Recordings(options.bags, plan.topics, options.mute, options.memory) as recordings:
         if options.flights:
-            show_lines(_each_flight(plan, recordings))
-            return PARTIAL if recordings.damage else DONE
+            show_lines([*recordings.problems, *_each_flight(plan, recordings)])
+            return PARTIAL if _is_partial(recordings) else DONE
         plan, part = _part(options, plan, recordings)
         with progress_bar("replaying") as progress:
             outcome = Session(plan, part, changes=changes).run(progress)
@@ -226,7 +227,11 @@ def _run(options: argparse.Namespace) -> int:
             show_timeline(outcome)
             show_lines(footer_lines(plan, part, outcome))
     _say_speed(outcome, time.monotonic() - began)
-    return PARTIAL if recordings.damage else VACUOUS if outcome.unread else DONE
+    return PARTIAL if _is_partial(recordings) else VACUOUS if outcome.unread else DONE
+
+
+def _is_partial(recordings: Recordings) -> bool:
+    return bool(recordings.damage or recordings.problems)
 
 
 def _part(options: argparse.Namespace, plan: Plan, recordings: Recordings) -> Tuple[Plan, Recordings]:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.bags.scan import scan
 from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.whole_file import sha256_of, write_whole
@@ -309,7 +310,7 @@ def _fetch_bags(case: Case, url: str) -> None:
 
 
 def _is_kept(path: Path, sha256: str) -> bool:
-    return path.is_file() and (not sha256 or sha256_of(path) == sha256)
+    return path.exists() and (not sha256 or sha256_of(*content_files(path)) == sha256)
 
 
 def _fetch(url: str, path: Path) -> None:

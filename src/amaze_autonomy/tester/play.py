@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
 
+from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
@@ -173,6 +174,7 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
             for each, count in zip(acting, part.touched)
             if count and not _is_looked_at(each, session)
         ]
+        broken += part.problems
         broken += [
             f"{each.topic}: {each.count} messages cannot be read ({each.reason})" for each in part.damage.values()
         ]
@@ -214,9 +216,9 @@ def _rows(own: Rules, other: Rules) -> Tuple[ComponentRule, ...]:
 
 def _check_bags(case: Case) -> None:
     for bag in case.bags:
-        if not bag.path.is_file():
+        if not bag.path.exists():
             raise DamagedInputError(f"{bag.path}: is not there; the scenario needs it{_hint(bag.path)}")
-        if bag.sha256 and sha256_of(bag.path) != bag.sha256:
+        if bag.sha256 and sha256_of(*content_files(bag.path)) != bag.sha256:
             raise DamagedInputError(f"{bag.path}: is another file than the scenario was written for (sha256 differs)")
 
 

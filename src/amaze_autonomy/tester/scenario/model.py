@@ -30,8 +30,8 @@ class Bag:
     """One bag of a flight.
 
     Args:
-        path: relative to the scenario file.
-        sha256: of its content; empty: not checked.
+        path: relative to the scenario file; of a file, or of the folder of a ROS 2 bag.
+        sha256: of its content (`bags.other_formats.content_files`, one after the other); empty: not checked.
     """
 
     path: Path
