@@ -107,13 +107,18 @@ class TestStateEstimation(unittest.TestCase):
     def test_at_rest_the_states_are_valid_and_gravity_points_down(self):
         self.assertEqual(sorted(self.checks), sorted(KINDS))
         for kind, check in self.checks.items():
-            answer = check()
+            expected = ["position deviation", "orientation deviation"] if kind == "pose" else []
+
+            def at_rest(check=check, expected=expected):  # on a busy computer the rate is another one for a moment
+                answer = check()
+                warned = [row.name for row in answer.checks if row.verdict == msg.Check.WARN]
+                return answer if warned == expected else None
+
+            answer = wait_for(at_rest, f"{kind} warns of {expected} alone")
             self.assertAlmostEqual(answer.gravity.z, -G, places=3)
             self.assertAlmostEqual(answer.tilt, 0.0, places=3)
             bad = [row.name for row in answer.checks if row.verdict not in (msg.Check.PASS, msg.Check.WARN)]
-            warned = [row.name for row in answer.checks if row.verdict == msg.Check.WARN]
             self.assertEqual(bad, [])
-            self.assertEqual(warned, ["position deviation", "orientation deviation"] if kind == "pose" else [])
 
     def test_a_tilted_vehicle_is_told_where_to(self):
         self.world.roll_rad, self.world.imu_roll_rad = -math.radians(14.0), -math.radians(14.0)
