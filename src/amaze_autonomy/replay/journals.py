@@ -42,12 +42,13 @@ def read_journals(path: Path, topic: str = "", memory: int = MEMORY) -> Tuple[Jo
             is_bag = file.read(len(_BAG_MAGIC)) == _BAG_MAGIC
     except OSError as error:
         raise ReplayError(f"{path}: cannot be read ({error.strerror}); name a journal or a bag") from error
-    if is_bag:
-        return _journals_of_bag(path, topic, memory)
     try:
-        return (read(path.read_bytes().decode("ascii")),)
+        return _journals_of_bag(path, topic, memory) if is_bag else (read(path.read_bytes().decode("ascii")),)
     except UnicodeDecodeError as error:
-        raise JournalError("no journal: it is not ASCII text", remedy="name a journal or a bag") from error
+        words, right = "no journal: it is not ASCII text", "name a journal or a bag"
+        raise JournalError(words, remedy=right, file=str(path)) from error
+    except JournalError as error:
+        raise JournalError(error.what, error.line_number, error.remedy, str(path)) from error
 
 
 def _journals_of_bag(path: Path, topic: str, memory: int) -> Tuple[Journal, ...]:

@@ -387,7 +387,13 @@ def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
         return [Telemetry.of_log(path)]
     if is_other(path):
         return _of_other(path, memory)
-    bag = Recording(path, memory)
+    try:
+        bag = Recording(path, memory)
+    except BagError as error:
+        if error.wrong in ("is no bag", "is empty"):  # whatever was meant: more than bags are read here
+            right = "name a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log"
+            raise BagError(str(path), error.wrong.replace("bag", "recording"), right) from error
+        raise
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
     made: List[Any] = _of_cns(bag)
     if topics:

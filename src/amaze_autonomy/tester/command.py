@@ -205,9 +205,10 @@ def _run(options: argparse.Namespace) -> int:
         need_plots()
     use_tapes(options)
     gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
+    recorded = topics_of(options.bags, options.memory)  # a wrong file is said before a missing map
     topic_map = _map(options.map, options.bags)
     configuration = load_configuration(options.config or config_folder(), options.set)
-    mission_id, recorded = options.mission or configuration.missions[0].id, topics_of(options.bags, options.memory)
+    mission_id = options.mission or configuration.missions[0].id
     plan = make_plan(configuration, topic_map, mission_id, recorded)
     changes = changes_of(
         options.set,
