@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
 
 from . import paths
+from .bags.cli import add_memory
 from .command_line import run_command, say_wrong
 
 __all__ = ["main"]
@@ -122,6 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     first.add_argument("recordings", nargs="*", type=Path, metavar="BAG", help="of one flight, or at rest")
     first.add_argument("--live", action="store_true", help="listen to every topic of the running graph instead")
     first.add_argument("--for", type=float, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    add_memory(first)
     words = "folder to write, new or empty (default: ./amaze_config)"
     first.add_argument("--output", type=Path, default=Path("amaze_config"), metavar="DIR", help=words)
     first.set_defaults(command=_propose_config)
@@ -254,7 +256,9 @@ def _propose_config(options: argparse.Namespace) -> int:
             except GraphError as error:
                 return say_wrong("propose-config", str(error), WRONG)
         else:
-            proposal = propose(options.recordings)
+            proposal = propose(options.recordings, options.memory)
+            for problem in proposal.problems:
+                say_wrong("propose-config", problem, WRONG)
         assumed = write_configuration(proposal, options.output)
     except (BagError, ReplayError) as error:
         return say_wrong("propose-config", str(error), WRONG)

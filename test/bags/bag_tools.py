@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import hashlib
 import os
 import re
@@ -12,7 +13,9 @@ from pathlib import Path
 from replay_bags import START_NS, make, write_bag
 from rosbags.rosbag1 import Reader
 
+from amaze_autonomy.bags.format import chunk_header, chunk_info, index_header
 from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.write import Output
 
 MS = 1_000_000
 COMPRESSIONS = ("none", "lz4", "bz2")
@@ -90,6 +93,27 @@ def unclosed(path, output, cut=None):
     raw = bytearray(re.sub(rb"index_pos=.{8}", b"index_pos=" + bytes(8), bytes(raw), count=1, flags=re.DOTALL))
     output.write_bytes(raw[: len(raw) - cut] if cut else raw)
     return output
+
+
+def bomb(path, unpacks, says, message=None):
+    """Write a bag of one bz2 chunk that says to have so many bytes, and unpacks to so many.
+
+    Args:
+        path: of the bag.
+        unpacks: bytes of zeros.
+        says: bytes, by the chunk's header.
+        message: of the one topic, /a, that its index names.
+    """
+    one = rows("/a", 1) if message is None else [(START_NS, "/a", message)]
+    source = bag(path.with_name("good.bag"), one)
+    data = bz2.compress(bytes(unpacks))
+    with Index(source) as index, Output(path) as out:
+        entries = index_header(0, 1) + struct.pack("<3L", START_NS // 10**9, 0, 0)
+        header = chunk_header("bz2", says, len(data))
+        out._infos.append(chunk_info(out.position, START_NS, START_NS, [(0, 1)]))
+        out.position += out._write([header, data, entries])
+        out.close(index.connections)
+    return path
 
 
 CALLS = ("pwrite", "ftruncate", "fsync", "rename", "replace", "unlink", "open")

@@ -70,8 +70,8 @@ def test_a_bag_without_messages_has_no_times(tmp_path):
 @pytest.mark.parametrize(
     "content,wrong",
     [
-        (b"", "seems to be empty"),
-        (b"\x7fELF and so on\n", "file magic is invalid; name a ROS 1 bag of version 2.0"),
+        (b"", "is empty; name a ROS 1 bag of version 2.0"),
+        (b"\x7fELF and so on\n", "is no bag; name a ROS 1 bag of version 2.0"),
         (b"#ROSBAG V1.2\n", "bag version 102 is not supported; convert it with `rosbag fix`"),
         (b"#ROSBAG V2.0\n", "could not be read"),
         (b"\xff\xfe\xfd\n", ""),

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import bz2
 import random
 import struct
 import tracemalloc
 from collections import Counter
 
 import pytest
-from bag_tools import COMPRESSIONS, bag, contents, digest, rows
-from replay_bags import START_NS
+from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, rows
 
 from amaze_autonomy.bags import merge_writer
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.format import chunk_header, chunk_info, index_header, record_at
+from amaze_autonomy.bags.format import record_at
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import MergeOptions, merge
 from amaze_autonomy.bags.recover import recover
@@ -213,19 +211,6 @@ def test_a_page_of_zeros_is_found_unless_the_data_is_to_be_trusted(tmp_path):
     assert done.scan.lost == 330 - len(there) > 0
     assert verify(done.path, [], readers="read").problems in ((), ("its messages are not in order of time",))
     assert scan(source, check_data=False).checked is False
-
-
-def bomb(path, unpacks, says):
-    """Write a bag of one bz2 chunk that says to have so many bytes, and unpacks to so many."""
-    source = bag(path.with_name("good.bag"), rows("/a", 1))
-    data = bz2.compress(bytes(unpacks))
-    with Index(source) as index, Output(path) as out:
-        entries = index_header(0, 1) + struct.pack("<3L", START_NS // 10**9, 0, 0)
-        header = chunk_header("bz2", says, len(data))
-        out._infos.append(chunk_info(out.position, START_NS, START_NS, [(0, 1)]))
-        out.position += out._write([header, data, entries])
-        out.close(index.connections)
-    return path
 
 
 @pytest.mark.parametrize("says", [60_000_000, 1000])

@@ -134,7 +134,8 @@ def test_exit_status_and_words_of_the_command(journal_file, capsys):
     journal_file.write_text("no journal\n")
     assert main(["journal", str(journal_file)]) == 2
     assert capsys.readouterr().err == (
-        "amaze-replay: line 1: not JSON: Expecting value: line 1 column 1 (char 0) (truncated or damaged)\n"
+        f"amaze-replay: {journal_file}: line 1: not JSON: Expecting value: line 1 column 1 (char 0) (truncated or "
+        "damaged)\n"
     )
 
 

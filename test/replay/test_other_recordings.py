@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import shutil
 import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
 from other_recordings import px4_rows, ulog_rows, write_mcap, write_ros2, write_ulog
@@ -327,6 +329,17 @@ def test_a_chunk_that_would_take_gigabytes_is_not_unpacked(packings):
     with other_recording(packings["zstd"], memory=40_000) as recording:
         error = error_of(recording, recording.entries("/imu")[0])
     assert error == "chunk at byte 35 is damaged: it takes 1 MB of memory, 0 may be taken (--memory 1 permits it)"
+
+
+def test_a_message_that_would_take_gigabytes_is_not_unpacked(packings, tmp_path):
+    folder = shutil.copytree(packings["ros2"], tmp_path / "ros2")
+    about = (folder / "metadata.yaml").read_text()
+    (folder / "metadata.yaml").write_text(re.sub("compression_mode: .*", "compression_mode: message", about))
+    with sqlite3.connect(next(folder.glob("*.db3"))) as base:
+        base.execute("UPDATE messages SET data = ?", (zstandard.compress(bytes(9_000_000)),))
+    with other_recording(folder, memory=1_000_000) as recording:
+        error = error_of(recording, recording.entries("/imu")[0])
+    assert error == "a message is damaged: it has more than 1000000 bytes"
 
 
 def test_messages_of_an_encoding_that_is_not_read_say_so(tmp_path):

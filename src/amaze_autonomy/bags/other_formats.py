@@ -239,7 +239,12 @@ def _joined(path: Path, files: Sequence[Path], compressed: str, memory: int) -> 
 
     def raw(number: int, chunk: int, offset: int) -> bytes:
         data = raws[number](chunk, offset)
-        return unzstd(data, memory) if compressed else data
+        if not compressed:
+            return data
+        try:
+            return unzstd(data, memory)
+        except Exception as error:  # the decompressor raises what it likes
+            raise MessageError(f"a message is damaged: {error or type(error).__name__}") from error
 
     def close() -> None:
         for part in parts:

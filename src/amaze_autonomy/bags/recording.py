@@ -282,7 +282,7 @@ def opened(path: Path, memory: int = MEMORY) -> Any:
     try:
         return Indexed(path, memory)
     except BagError as error:
-        if "is no bag but " in error.wrong:
+        if error.wrong.startswith(("is no bag", "is empty")):
             raise
         return Library(path, memory)
 

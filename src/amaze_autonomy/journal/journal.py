@@ -81,10 +81,11 @@ class JournalError(ValueError):
         what: what is wrong, in words.
         line_number: of the line, from 1; None when it is not about one line.
         remedy: what would be right, or what to do.
+        file: in which; empty: who reads it says so.
     """
 
-    def __init__(self, what: str, line_number: Optional[int] = None, remedy: str = "") -> None:
-        place = "" if line_number is None else f"line {line_number}: "
+    def __init__(self, what: str, line_number: Optional[int] = None, remedy: str = "", file: str = "") -> None:
+        place = (f"{file}: " if file else "") + ("" if line_number is None else f"line {line_number}: ")
         super().__init__(f"{place}{what}" + (f" ({remedy})" if remedy else ""))
         self.what, self.line_number, self.remedy = what, line_number, remedy
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags import Recording
+from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.commands import Decision, Level, Notify
@@ -134,7 +135,9 @@ _IMU_FIELDS = {
 # --- from a journal ---------------------------------------------------------------------------------------------------
 
 
-def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Optional[Rules] = None) -> FlightPage:
+def journal_page(
+    path: Path, journal: Journal, comparison: Comparison, rules: Optional[Rules] = None, memory: int = MEMORY
+) -> FlightPage:
     """Return the page of a journal, with the sensors of the bag that it lies in, or that lies beside it.
 
     Args:
@@ -142,12 +145,13 @@ def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Op
         journal: whole.
         comparison: of its decisions with those that are made now.
         rules: that it was decided by again; None: its own.
+        memory: bytes that a chunk of the bag may take, decompressed.
     """
     header = journal.lines[0].payload
     configuration = header.get("configuration", {}) if isinstance(header, dict) else {}
     decided = rules or rules_of(journal.lines[0])
     sensors = _sensors_of_configuration(configuration)
-    recordings, late_ns = _recording_of(path, sensors)
+    recordings, late_ns = _recording_of(path, sensors, memory)
     try:
         payloads = [_later(line.payload, late_ns) for line in journal.lines[1:]]
         times = [each.t_ns for each in payloads if isinstance(each, (Event, Decision))] or [0]
@@ -181,7 +185,7 @@ def journal_page(path: Path, journal: Journal, comparison: Comparison, rules: Op
             recordings.close()
 
 
-def _recording_of(path: Path, sensors: Sensors) -> Tuple[Optional[Recordings], int]:
+def _recording_of(path: Path, sensors: Sensors, memory: int) -> Tuple[Optional[Recordings], int]:
     """Return the bag of a journal, open, and how much later its clock is than the journal's; None: there is no bag.
 
     It is the one that the journal was read from, or the one that the collector has put beside it, named as its folder.
@@ -189,11 +193,11 @@ def _recording_of(path: Path, sensors: Sensors) -> Tuple[Optional[Recordings], i
     bag = path if _is_bag(path) else path.resolve().parent / f"{path.resolve().parent.name}.bag"
     if not bag.is_file():
         return None, 0
-    with Recording(bag) as recording:
+    with Recording(bag, memory) as recording:
         topic = next((each.name for each in recording.topics if each.kind == JOURNAL_KIND), None)
     if topic is None:
         return None, 0
-    recordings = Recordings([bag], [topic, *sensors.topics])
+    recordings = Recordings([bag], [topic, *sensors.topics], memory=memory)
     log = read_log(tuple(each for each in recordings.bags if isinstance(each, Recording)), topic)
     return recordings, 0 if log is None else log.offset_ns
 

@@ -45,7 +45,7 @@ class Exported(NamedTuple):
         messages: in them.
         unread: messages that could not be read, by topic; they are missing.
         left_out: fields and topics that a table or a track cannot have, one line each.
-        problems: what of the recordings is missing, one line each.
+        problems: what of the recordings is missing, and why messages cannot be read, one line each.
     """
 
     files: Tuple[Path, ...]
@@ -73,7 +73,7 @@ def export(paths: Sequence[Path], output: Path, topics: Sequence[str] = (), memo
     try:
         flight = _Flight(recordings, topics)
         write = {".mcap": _write_mcap, ".kml": _write_kml}.get(output.suffix.lower(), _write_tables)
-        return write(flight, output)._replace(problems=problems_of(recordings))
+        return write(flight, output)._replace(problems=(*problems_of(recordings), *flight.reasons.values()))
     finally:
         for recording in recordings:
             recording.close()
@@ -84,6 +84,7 @@ class _Flight:
 
     def __init__(self, recordings: Sequence[Any], patterns: Sequence[str]) -> None:
         self.unread: Dict[str, int] = {}
+        self.reasons: Dict[str, str] = {}
         self.topics: List[Tuple[Any, Any]] = [
             (recording, topic)
             for recording in recordings
@@ -99,8 +100,13 @@ class _Flight:
         for entry in recording.entries(topic.name):
             try:
                 yield entry, recording.message(entry)
-            except MessageError:
-                self.unread[topic.name] = self.unread.get(topic.name, 0) + 1
+            except MessageError as error:
+                self.leave_out(topic, error)
+
+    def leave_out(self, topic: Any, error: MessageError) -> None:
+        """Note that a message cannot be read; of the first of its topic also why."""
+        self.unread[topic.name] = self.unread.get(topic.name, 0) + 1
+        self.reasons.setdefault(topic.name, f"{topic.name}: {error}")
 
     def in_order(self) -> Iterator[Tuple[Entry, int]]:
         """Yield all messages in order of time, each with the number of its topic."""
@@ -130,8 +136,8 @@ def _write_mcap(flight: _Flight, output: Path) -> Exported:
             recording, topic = flight.topics[number]
             try:
                 data = channels.data(recording, entry)
-            except MessageError:
-                flight.unread[topic.name] = flight.unread.get(topic.name, 0) + 1
+            except MessageError as error:
+                flight.leave_out(topic, error)
                 continue
             count += 1
             writer.add_message(channels.of(recording, topic, entry), entry.t_ns, data, entry.t_ns, count)

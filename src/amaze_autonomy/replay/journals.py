@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple, TypeVar
 
 from amaze_autonomy.bags import BagError, Recording
+from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionRejected, MissionSelected, Shutdown, UserRequest
 from amaze_autonomy.engine.state import evolve
@@ -23,12 +24,13 @@ JOURNAL_KIND = "amaze_autonomy/JournalEntry"
 _BAG_MAGIC = b"#ROSBAG"
 
 
-def read_journals(path: Path, topic: str = "") -> Tuple[Journal, ...]:
+def read_journals(path: Path, topic: str = "", memory: int = MEMORY) -> Tuple[Journal, ...]:
     """Return the journals of a file or a bag; a bag has several when the engine was started anew without resuming.
 
     Args:
         path: of a journal or a bag.
         topic: of the journal in a bag; empty: the only one there is.
+        memory: bytes that a chunk of a bag may take, decompressed.
 
     Raises:
         BagError: The bag cannot be read.
@@ -40,16 +42,17 @@ def read_journals(path: Path, topic: str = "") -> Tuple[Journal, ...]:
             is_bag = file.read(len(_BAG_MAGIC)) == _BAG_MAGIC
     except OSError as error:
         raise ReplayError(f"{path}: cannot be read ({error.strerror}); name a journal or a bag") from error
-    if is_bag:
-        return _journals_of_bag(path, topic)
     try:
-        return (read(path.read_bytes().decode("ascii")),)
+        return _journals_of_bag(path, topic, memory) if is_bag else (read(path.read_bytes().decode("ascii")),)
     except UnicodeDecodeError as error:
-        raise JournalError("no journal: it is not ASCII text", remedy="name a journal or a bag") from error
+        words, right = "no journal: it is not ASCII text", "name a journal or a bag"
+        raise JournalError(words, remedy=right, file=str(path)) from error
+    except JournalError as error:
+        raise JournalError(error.what, error.line_number, error.remedy, str(path)) from error
 
 
-def _journals_of_bag(path: Path, topic: str) -> Tuple[Journal, ...]:
-    with Recording(path) as recording:
+def _journals_of_bag(path: Path, topic: str, memory: int) -> Tuple[Journal, ...]:
+    with Recording(path, memory) as recording:
         runs = _runs((recording,), topic or _journal_topic(recording))
     if not runs:
         raise JournalGapError(f"{path}: the journal's topic has no messages; take the journal from disk")

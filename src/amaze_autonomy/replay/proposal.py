@@ -15,6 +15,7 @@ import numpy as np
 
 from amaze_autonomy.interface import STATUSES
 
+from ..bags.errors import MessageError
 from ..bags.format import MEMORY
 from .beginning import ARMING_LEAD_NS
 from .errors import FieldError, NoMessagesError
@@ -37,6 +38,7 @@ class _Topic:
     kind: str
     times_ns: Any
     first: Any  # the first message; None: it cannot be read
+    wrong: str = ""  # why
 
     @property
     def period_s(self) -> Optional[float]:
@@ -160,8 +162,16 @@ def _topics(bags: Iterable[Any]) -> Tuple[_Topic, ...]:
             if not len(entries) or topic.name in found:
                 continue
             times: Any = np.array([entry[0] for entry in entries], np.int64)
-            found[topic.name] = _Topic(topic.name, topic.kind, times, _read(bag, entries[0]))
+            found[topic.name] = _Topic(topic.name, topic.kind, times, *_first(bag, entries[0]))
     return tuple(found[name] for name in sorted(found))
+
+
+def _first(bag: Any, entry: Any) -> Tuple[Any, str]:
+    """Return a message, and why it cannot be read."""
+    try:
+        return bag.message(entry), ""
+    except MessageError as error:
+        return None, str(error)
 
 
 def _read(bag: Any, entry: Any) -> Any:
@@ -193,8 +203,11 @@ class _Maker:
     def proposal(self) -> Proposal:
         components, readings, statuses = self._components(), self._readings(), self._statuses()
         self.found += self._cns()
-        problems = problems_of(self._bags)
+        unread = {each.name: f"{each.name}: cannot be read ({each.wrong})" for each in self._topics if each.wrong}
+        damaged = [words for words in unread.values() if "damaged" in words]  # else its encoding is not read
+        problems = (*problems_of(self._bags), *damaged)
         self.found[:0] = problems
+        self.found += [words for words in unread.values() if words not in damaged]
         lines = [f"about: {', '.join(path.name for path in self._paths)[:300]}, proposed by amaze-replay map", ""]
         lines += ["# What was found:"] + [f"#   {text}" for text in self.found or ["no flight: nothing tells of it"]]
         lines += ["# What no topic tells, so that the script plays it: " + (", ".join(self.scripted) or "nothing"), ""]

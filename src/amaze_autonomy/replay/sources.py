@@ -387,7 +387,13 @@ def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
         return [Telemetry.of_log(path)]
     if is_other(path):
         return _of_other(path, memory)
-    bag = Recording(path, memory)
+    try:
+        bag = Recording(path, memory)
+    except BagError as error:
+        if error.wrong in ("is no bag", "is empty"):  # whatever was meant: more than bags are read here
+            right = "name a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log"
+            raise BagError(str(path), error.wrong.replace("bag", "recording"), right) from error
+        raise
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
     made: List[Any] = _of_cns(bag)
     if topics:
@@ -427,34 +433,34 @@ def _is_log(path: Path) -> bool:
         return is_log(file.read(16))
 
 
-def topics_of(paths: Iterable[Path]) -> Tuple[str, ...]:
-    """Return every topic of some files, each once.
+def topics_of(paths: Iterable[Path], memory: int = MEMORY) -> Tuple[str, ...]:
+    """Return every topic of some files, each once; `memory`: bytes that a chunk may take, decompressed.
 
     Raises:
         BagError: One cannot be read.
     """
-    return tuple(dict.fromkeys(name for path in paths for name in _topics(path)))
+    return tuple(dict.fromkeys(name for path in paths for name in _topics(path, memory)))
 
 
-def _topics(path: Path) -> Iterable[str]:
+def _topics(path: Path, memory: int) -> Iterable[str]:
     if _is_log(path):
         from .telemetry import topics_of_log  # noqa: PLC0415
 
         return topics_of_log(path)
-    named = _named(path)
+    named = _named(path, memory)
     if named is not None:
         return named
     names: List[str] = []
-    for recording in recordings_of(path):
+    for recording in recordings_of(path, memory):
         names += [topic.name for topic in recording.topics]
         recording.close()
     return names
 
 
-def _named(path: Path) -> Optional[List[str]]:
+def _named(path: Path, memory: int) -> Optional[List[str]]:
     """Return the topics that a bag names, without a look at its messages; None when they must be looked at."""
     try:
-        with Index(path) as index:
+        with Index(path, memory) as index:
             connections = list(index.connections.values())
     except BagError:
         return None

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
+from amaze_autonomy.bags.cli import add_memory
 from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.paths import config_folder
@@ -37,6 +38,7 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("paths", nargs="+", type=Path, metavar="DIR|FILE", help=words)
     parser.add_argument("--tag", action="append", default=[], help="only scenarios with this tag; repeatable")
     parser.add_argument("--variant", help="only this combination of a matrix")
+    add_memory(parser)
 
 
 def add_configuration(parser: argparse.ArgumentParser) -> None:
@@ -117,4 +119,4 @@ def is_full(options: argparse.Namespace) -> bool:
 def options_of(options: argparse.Namespace, **more: Any) -> Options:
     """Return what is asked of the run."""
     folder = str(options.config) if options.config is not None else ""
-    return Options(configuration=folder, overrides=tuple(options.set), **more)
+    return Options(configuration=folder, overrides=tuple(options.set), memory=options.memory, **more)

@@ -7,10 +7,10 @@ import json
 import os
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, List, Mapping, Sequence, Tuple
 
+from amaze_autonomy.bags.cli import add_memory
 from amaze_autonomy.whole_file import write_whole
 
 from ..pages.document import need_plots
@@ -33,7 +33,17 @@ from .choice import (
 from .coverage import Coverage, coverage_lines, coverage_of
 from .mutation import hunts_of, mutation_lines, mutation_passed, run_hunts
 from .report_pages import write_page, write_sweep_page
-from .result import NOT_COMPARED, Result, as_json, as_junit, as_markdown, exit_status, result_lines, summary_line
+from .result import (
+    NOT_COMPARED,
+    Result,
+    Verdict,
+    as_json,
+    as_junit,
+    as_markdown,
+    exit_status,
+    result_lines,
+    summary_line,
+)
 from .run import case_of, run_tasks
 from .scenario import Case, load_cases
 from .shrink import MOST_LINES, shrink
@@ -118,7 +128,7 @@ def _add_accept(commands: _Parsers) -> None:
 
 
 def _accept(options: argparse.Namespace) -> int:
-    tasks = [replace(task, options=Options()) for task in chosen(options, Options())]
+    tasks = chosen(options, Options(memory=options.memory))
     lines: List[str] = []
     done = accept(tasks, options.reason, lambda line: show_lines([line]), prune=options.prune, full=is_full(options))
     lines.append(
@@ -158,8 +168,11 @@ def _add(parser: argparse.ArgumentParser) -> None:
 
 def _covered(options: argparse.Namespace) -> Tuple[Tuple[Task, ...], Tuple[Result, ...], Coverage, Mapping[str, str]]:
     waivers = waivers_of(options)
-    tasks = chosen(options, Options(goldens=False))
+    tasks = chosen(options, Options(goldens=False, memory=options.memory))
     results = run_tasks(tasks, _jobs(options))
+    for each in results:
+        if each.verdict in (Verdict.ERROR, Verdict.INCONCLUSIVE):  # its rows may lack for that reason
+            sys.stderr.write(f"{each.verdict.value}: {each.id}: {each.headline}\n")
     return tasks, results, coverage_of(results, waivers), waivers
 
 
@@ -285,11 +298,12 @@ def _add_agree(commands: Any) -> None:
     parser.add_argument("other", type=Path, metavar="FILE", help="journal of the other one, on the same clock")
     words = "how far apart the times of a decision may be (default: 0.3)"
     parser.add_argument("--tolerance", type=finite, default=0.3, metavar="S", help=words)
+    add_memory(parser)
     parser.set_defaults(command=_agree)
 
 
 def _agree(options: argparse.Namespace) -> int:
-    one, other = (read_journals(path)[-1] for path in (options.one, options.other))
+    one, other = (read_journals(path, memory=options.memory)[-1] for path in (options.one, options.other))
     result = agree(one, other, options.tolerance)
     show_lines(agreement_lines(result))
     return 0 if result.agreed else 1
@@ -298,7 +312,9 @@ def _agree(options: argparse.Namespace) -> int:
 def _add_file(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="scenario")
     parser.add_argument("--variant", help="combination of its matrix; default: the first")
+    add_memory(parser)
 
 
 def _case(options: argparse.Namespace) -> Case:
-    return load_cases(options.file)[0] if options.variant is None else case_of(Task(str(options.file), options.variant))
+    variant = load_cases(options.file)[0].variant if options.variant is None else options.variant
+    return case_of(Task(str(options.file), variant, Options(memory=options.memory)))

@@ -139,6 +139,7 @@ def _add_journal(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     journal.add_argument("file", type=Path, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
     journal.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
     _add_configuration(journal, "decide with its rules; default: those in the journal's header")
+    add_memory(journal)
     journal.add_argument("--json", action="store_true", help="print the result as JSON")
     _add_page(journal)
     journal.set_defaults(command=_journal)
@@ -149,6 +150,7 @@ def _add_laws(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     laws.add_argument("file", type=Path, metavar="FILE", help="journal.jsonl, or a bag with the topic ~journal")
     laws.add_argument("--topic", default="", help="of the journal in a bag; default: the only one there is")
     _add_configuration(laws, "decide with its rules; default: those in the journal's header")
+    add_memory(laws)
     laws.add_argument("--json", action="store_true", help="print the result as JSON")
     laws.set_defaults(command=_laws)
 
@@ -203,9 +205,10 @@ def _run(options: argparse.Namespace) -> int:
         need_plots()
     use_tapes(options)
     gc.disable()  # a recording is very many values without cycles: looking for those takes a tenth of the time
+    recorded = topics_of(options.bags, options.memory)  # a wrong file is said before a missing map
     topic_map = _map(options.map, options.bags)
     configuration = load_configuration(options.config or config_folder(), options.set)
-    mission_id, recorded = options.mission or configuration.missions[0].id, topics_of(options.bags)
+    mission_id = options.mission or configuration.missions[0].id
     plan = make_plan(configuration, topic_map, mission_id, recorded)
     changes = changes_of(
         options.set,
@@ -325,7 +328,7 @@ def _journal(options: argparse.Namespace) -> int:
     if options.html is not None:
         need_plots()
     rules = _given_rules(options)
-    journals = read_journals(options.file, options.topic)
+    journals = read_journals(options.file, options.topic, options.memory)
     comparisons: List[Comparison] = []
     for journal in journals:
         total = len(journal.lines)
@@ -339,7 +342,7 @@ def _journal(options: argparse.Namespace) -> int:
     if options.html is not None:
         from ..pages.flight import journal_page  # noqa: PLC0415
 
-        journal_page(options.file, journals[-1], comparisons[-1], rules).write(options.html)
+        journal_page(options.file, journals[-1], comparisons[-1], rules, options.memory).write(options.html)
     if any(each.differences for each in comparisons):
         return DIFFERENT
     return PARTIAL if any(each.truncated for each in comparisons) else DONE
@@ -348,7 +351,7 @@ def _journal(options: argparse.Namespace) -> int:
 def _laws(options: argparse.Namespace) -> int:
     rules = _given_rules(options)
     found: List[Lawful] = []
-    for journal in read_journals(options.file, options.topic):
+    for journal in read_journals(options.file, options.topic, options.memory):
         total = len(journal.lines)
         with progress_bar("checking the laws") as progress:
             found.append(check_laws(journal, rules, lambda done, of=total: progress(done, of)))  # type: ignore[misc]

@@ -13,10 +13,12 @@ import uuid
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.bags.scan import scan
 from amaze_autonomy.config.errors import ConfigError
@@ -57,18 +59,18 @@ def bags_of(tasks: Sequence[Task]) -> Tuple[Path, ...]:
     return tuple(path for path in found if path.is_file())
 
 
-def examined(bags: Sequence[Path], jobs: int = 1) -> Tuple[str, ...]:
+def examined(bags: Sequence[Path], jobs: int = 1, memory: int = MEMORY) -> Tuple[str, ...]:
     """Look for damage in bags, as `amaze-bag doctor` does; return a line for each thing that is wrong."""
     if jobs <= 1 or len(bags) <= 1:
-        return tuple(line for bag in bags for line in _examined(bag))
+        return tuple(line for bag in bags for line in _examined(bag, memory))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(bags)), mp_context=context) as pool:
-        return tuple(line for lines in pool.map(_examined, bags) for line in lines)
+        return tuple(line for lines in pool.map(partial(_examined, memory=memory), bags) for line in lines)
 
 
-def _examined(bag: Path) -> List[str]:
+def _examined(bag: Path, memory: int) -> List[str]:
     try:
-        found = scan(bag, check_data=True)
+        found = scan(bag, check_data=True, memory=memory)
     except BagError as error:
         return [str(error)]
     return [f"{bag}: {damage}" for damage in found.damages]
@@ -132,7 +134,7 @@ def _corpus(options: argparse.Namespace) -> int:
         if options.data and not options.dask:
             tasks = _fetched(tasks, options.data)
         if not (options.no_doctor or options.dask):  # the bags need not be on this machine
-            show_lines([f"damaged: {line}" for line in examined(bags_of(tasks), jobs)])
+            show_lines([f"damaged: {line}" for line in examined(bags_of(tasks), jobs, options.memory)])
         began = time.perf_counter()
         results, workers = _run(tasks, options, jobs)
     wall_s = time.perf_counter() - began

@@ -77,7 +77,7 @@ def run_hunt(hunt: Hunt) -> Survival:
         ReplayError: there is no such mutant.
     """
     for number, (task, digest) in enumerate(zip(hunt.tasks, hunt.digests), 1):
-        case = case_of(replace(task, options=Options()))
+        case = case_of(replace(task, options=Options(memory=task.options.memory)))
         rules = configuration_of(case, Options()).rules
         mutant = mutant_of(hunt.mutant, rules)
         if mutant is None:

@@ -147,7 +147,7 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     topic_map, missions = _map(case), missions_of(case, configuration)
     _check_bags(case)
     paths = [bag.path for bag in case.bags]
-    recorded = topics_of(paths)
+    recorded = topics_of(paths, case.memory)
     plan = make_plan(configuration, topic_map, missions[0].id, recorded)
     changes = changes_of(
         overrides_of(case, options) if rules is None else (),
@@ -156,7 +156,7 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     )
     if rules is not None:
         plan = replace(plan, rules=replace(rules, components=_rows(plan.rules, rules)))
-    with Recordings(paths, plan.topics) as recordings:
+    with Recordings(paths, plan.topics, memory=case.memory) as recordings:
         part = FaultedRecordings(recordings, case.from_ns, case.to_ns)
         if not part.samples:
             place = place_of(case.path, ("from_s",), ("to_s",), ("bags",))
@@ -410,7 +410,7 @@ def _marks_of_a_simulation(history: Tuple[Tuple[int, str], ...]) -> Tuple[Mark, 
 
 def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     """Decide a journal again, by its own rules unless the scenario or the run names a configuration."""
-    (journal, *more) = read_journals(case.journal) if case.journal is not None else ()
+    (journal, *more) = read_journals(case.journal, memory=case.memory) if case.journal is not None else ()
     if more:
         raise ReplayError(f"{case.journal}: holds several journals; take one of them")
     named = options.configuration or options.overrides or case.configuration is not None or case.overrides

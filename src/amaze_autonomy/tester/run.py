@@ -79,7 +79,7 @@ def case_of(task: Task) -> Case:
     cases = load_cases(Path(task.path))
     for case in cases:
         if case.variant == task.variant:
-            return case
+            return replace(case, memory=task.options.memory)
     known = ", ".join(case.variant or "the only one" for case in cases)
     raise ReplayError(f"{task.path}: there is no variant {task.variant!r}; there is {known}")
 

@@ -59,7 +59,10 @@ def shrink(case: Case, rule: str = "", told: Optional[Callable[[int], None]] = N
         ReplayError: it does not differ, or not by a decision that is made.
     """
     played = play(case, Options())
-    wanted = _wanted(case, played.trace.decisions, rule)
+    try:
+        wanted = _wanted(case, played.trace.decisions, rule)
+    except ReplayError as error:
+        raise ReplayError("; ".join([str(error), *played.broken])) from error
     payloads = [decode(line, number).payload for number, line in enumerate(played.lines, 1)]
     events: List[Event] = []
     for payload in payloads:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from ..journal.trace import Trace
-from ..replay.errors import ReplayError
+from ..replay.errors import DamagedInputError, ReplayError
 from .play import play
 from .scenario import Case
 from .task import Options
@@ -90,7 +90,7 @@ def sweep(
         told: called with each run.
 
     Raises:
-        ReplayError: there is no such fault, or the grid is not one.
+        ReplayError: there is no such fault, the grid is not one, or the recording is damaged.
     """
     if not 1 <= number <= len(case.faults):
         raise ReplayError(f"{case.path}: there is no fault {number}; it has {len(case.faults)}")
@@ -119,8 +119,10 @@ class _Runner:
 
     def outcome(self, t_s: float) -> str:
         if t_s not in self._known:
-            trace = play(self._at(t_s), Options()).trace
-            self._known[t_s] = self._flight(t_s, trace)
+            played = play(self._at(t_s), Options())
+            if played.broken:
+                raise DamagedInputError(f"{self._case.path}: {played.broken[0]}")
+            self._known[t_s] = self._flight(t_s, played.trace)
             if self._told is not None:
                 self._told(t_s, self._known[t_s].outcome)
         return self._known[t_s].outcome

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Iterable, List, Tuple
 
+from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.config.errors import ConfigError
 
 from .scenario import find_files, load_cases
@@ -22,12 +23,14 @@ class Options:
         overrides: "file.key=value" on top of each scenario's own.
         goldens: compare with the goldens; False: judge expectations alone.
         story: return the whole journal of each run.
+        memory: bytes that a chunk of a bag may take, decompressed.
     """
 
     configuration: str = ""
     overrides: Tuple[str, ...] = ()
     goldens: bool = True
     story: bool = False
+    memory: int = MEMORY
 
 
 @dataclass(frozen=True)

@@ -137,6 +137,8 @@ def what_if_lines(forks: Sequence[Fork]) -> List[str]:
             lines += [f"    {line}" for line in fork.difference]
         elif fork.difference:
             lines.append(f"DECIDES OTHERWISE  {fork.one.id}: {fork.difference[0]}")
+        elif fork.one.verdict is Verdict.INCONCLUSIVE:
+            lines.append(f"DAMAGED      {fork.one.id}: {fork.one.headline}")
     lines += [f"NOT LOOKED AT  {fork.one.id}: {key}: {reason}" for fork in forks for key, reason in fork.unread]
     ends = sum(fork.ends is not None for fork in forks)
     others = sum(bool(fork.difference) for fork in forks) - ends

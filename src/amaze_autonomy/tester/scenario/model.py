@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Mapping, Optional, Tuple
 
+from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.simulation import Fault, Request
 
 from ..expect.model import Expectation
@@ -107,6 +108,7 @@ class Case:
         expectations: what must come of it.
         tags: to choose by.
         requirements: ids of what it proves.
+        memory: bytes that a chunk of a bag may take, decompressed; of the run, not of the file.
     """
 
     path: Path
@@ -131,6 +133,7 @@ class Case:
     expectations: Tuple[Expectation, ...] = ()
     tags: Tuple[str, ...] = ()
     requirements: Tuple[str, ...] = ()
+    memory: int = MEMORY
 
     @property
     def source(self) -> str:

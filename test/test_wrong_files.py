@@ -1,0 +1,97 @@
+"""Every command that reads files says in one line what is wrong with one, and where, and ends with its own status."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from amaze_autonomy import cli
+from amaze_autonomy.bags import cli as bags_cli
+from amaze_autonomy.tester import command
+
+PROGRAMS = {
+    "amaze-bag": (bags_cli.main, bags_cli._parser()),
+    "amaze-replay": (command.main, command._parser(scenarios=True)),
+    "amaze-autonomy": (cli.main, cli._parser()),
+}
+BAGS, SCENARIO = (".bag", ".mcap"), (".scenario.yaml",)
+RECORDINGS, JOURNALS = (*BAGS, ".tlog", ".ulg"), (".jsonl", ".bag")
+COMMANDS = {
+    **{f"amaze-bag {verb}": ("{}", BAGS, 1) for verb in ("info", "doctor", "verify")},
+    **{f"amaze-bag {verb}": ("{} -o new.bag", BAGS, 1) for verb in ("recover", "merge", "filter", "cut")},
+    "amaze-replay run": ("{}", RECORDINGS, 2),
+    "amaze-replay run --html": ("{} --map mavros --html new.html", RECORDINGS, 2),
+    "amaze-replay run --map": ("{} --map {}", (".yaml",), 2),
+    "amaze-replay map": ("{}", RECORDINGS, 2),
+    "amaze-replay export": ("{} -o new.mcap", RECORDINGS, 2),
+    "amaze-replay journal": ("{}", JOURNALS, 2),
+    "amaze-replay journal --html": ("{} --html new.html", JOURNALS, 2),
+    "amaze-replay laws": ("{}", JOURNALS, 2),
+    "amaze-replay agree": ("{} {}", JOURNALS, 2),
+    # A mistake in a scenario is the result ERROR of that test (1); where there is none at all, it is wrong use (2).
+    **{f"amaze-replay {verb}": ("{}", SCENARIO, (1, 2)) for verb in ("test", "coverage")},
+    "amaze-replay test --html": ("{} --html new.html", SCENARIO, (1, 2)),
+    "amaze-replay corpus": ("{} -j 1", SCENARIO, (1, 2)),
+    "amaze-replay accept": ("{} --reason because_it_is_right", SCENARIO, (1, 2)),
+    "amaze-replay mutate": ("{} --only nothing", SCENARIO, (0, 1, 2)),
+    "amaze-replay what-if": ("{} --against autonomy.require_go=true", SCENARIO, (1, 2)),
+    "amaze-replay sweep": ("{} --to 2", SCENARIO, 2),
+    "amaze-replay sweep --html": ("{} --to 2 --html new.html", SCENARIO, 2),
+    "amaze-replay shrink": ("{}", SCENARIO, 2),
+    "amaze-autonomy propose-config": ("{} --output new", RECORDINGS, 1),
+    "amaze-autonomy check-config": ("{}", (".yaml",), 1),
+    "amaze-autonomy missions": ("{}", (".yaml",), 1),
+    "amaze-autonomy doctor": ("{}", (".yaml",), 1),
+    "amaze-autonomy import-cns": ("{} --output new", (".yaml",), 1),
+}
+"""By program and command, with what is special: arguments, endings, exit status."""
+
+NO_FILES = {"amaze-replay maps", "amaze-autonomy docs", "amaze-autonomy simulate", "amaze-autonomy vehicle"}
+WRONG = ("nothing{}", "folder", "/etc/hosts", "empty{}", "words{}")
+
+
+def test_each_command_that_reads_files_is_tested_here():
+    names = set()
+    for program, (_, parser) in PROGRAMS.items():
+        (table,) = [each for each in parser._actions if isinstance(each, argparse._SubParsersAction)]
+        names |= {f"{program} {name}" for name in table.choices}
+    assert {" ".join(name.split()[:2]) for name in COMMANDS} == names - NO_FILES
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:1")  # nobody is there
+    Path("folder").mkdir()
+
+
+CASES = dict.fromkeys(
+    (name, wrong.format(ending)) for name, (_, endings, _) in COMMANDS.items() for ending in endings for wrong in WRONG
+)
+
+
+@pytest.mark.parametrize("name, file", CASES)
+def test_a_wrong_file_is_one_line(capsys, name, file):
+    program, verb, *_ = name.split()
+    arguments, _, statuses = COMMANDS[name]
+    if file.startswith(("empty", "words")):
+        Path(file).write_text("" if file.startswith("empty") else "these are only words\nand more\n")
+    status = PROGRAMS[program][0]([verb, *arguments.replace("{}", file).split()])
+    out, err = capsys.readouterr()
+    assert status in (statuses if isinstance(statuses, tuple) else (statuses,)), err
+    assert any(f"{file}{end}" in err + out for end in (": ", ":1: ", "/")), err + out
+    assert "Traceback" not in err
+    assert program == "amaze-replay" or len(err.splitlines()) == 1, err  # tables of results come with the others
+
+
+def test_a_configuration_is_not_compared_with_a_graph_that_is_not_there(capsys):
+    assert cli.main(["doctor", "--for", "0.1"]) == 3
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == "doctor: no ROS master answers at http://localhost:1: start it, or set ROS_MASTER_URI"
+
+
+def test_a_first_configuration_needs_something_to_look_at(capsys):
+    assert cli.main(["propose-config"]) == 2
+    assert capsys.readouterr().err == "propose-config: name recordings, or say --live\n"
