@@ -269,21 +269,22 @@ def test_a_telemetry_log_has_texts_modes_and_a_track():
         "AUTO.LAND",
         "AUTO.MISSION",
     ]
-    texts = [each for each in content["events"] if each["kind"] == "text"]
-    assert any("Takeoff detected" in each["text"] for each in texts)
+    assert any("Takeoff detected" in each["text"] for each in content["events"])
     assert content["track"]["labels"][:2] == ["AUTO.LOITER", "AUTO.MISSION"]
     assert 20.0 < max(series(content, "Tilt", "attitude of the autopilot").values()) < 45.0
 
 
-def test_a_text_that_the_map_reads_stands_there_once(tmp_path):
-    path = recording("px4_battery_drain.tlog")
-    texts = "  texts: {topic: /mavlink/STATUSTEXT, text: text, severity: severity}\n\nstatuses:"
-    text = (
-        Path(sys.modules["amaze_autonomy.replay.topic_map"].__file__).parent / "maps/px4_telemetry.yaml"
-    ).read_text()
-    (tmp_path / "map.yaml").write_text(text.replace("\nstatuses:", texts))
-    said = [each for each in replayed(path, str(tmp_path / "map.yaml"))["events"] if "Takeoff detected" in each["text"]]
-    assert [(each["kind"], each["text"]) for each in said] == [("note", "the autopilot says: Takeoff detected")]
+@pytest.mark.parametrize(
+    "read, said",
+    [(True, ("note", "the autopilot says: Takeoff detected")), (False, ("text", "autopilot: Takeoff detected"))],
+)
+def test_a_text_stands_there_once_whether_the_map_reads_it_or_not(tmp_path, read, said):
+    folder = Path(sys.modules["amaze_autonomy.replay.topic_map"].__file__).parent / "maps"
+    lines = (folder / "px4_telemetry.yaml").read_text().splitlines(keepends=True)
+    (tmp_path / "map.yaml").write_text("".join(line for line in lines if read or "STATUSTEXT" not in line))
+    content = replayed(recording("px4_battery_drain.tlog"), str(tmp_path / "map.yaml"))
+    events = [(each["kind"], each["text"].strip()) for each in content["events"]]
+    assert [each for each in events if "Takeoff detected" in each[1]] == [said]
 
 
 def test_a_real_bag_has_its_shock_and_its_gaps():

@@ -120,6 +120,7 @@ DEFECTS = {
 }
 
 
+_SEEDS = 5
 _PLACES = {"a takeoff": "loaded", "a hold": "holding"}
 """Where a defect shows that any place would show as well, after many more steps."""
 
@@ -130,8 +131,8 @@ def test_a_defect_is_found(words, monkeypatch):
     monkeypatch.setattr(proof_peers, "_KEPT", {})
     DEFECTS[words](monkeypatch)
     place = next((place for begin, place in _PLACES.items() if words.startswith(begin)), "")
-    found = induction(40_000, 1, place=place)
-    assert found.broken, f"not found in {found.steps} steps"
+    found = (induction(40_000, seed, place=place) for seed in range(1, _SEEDS + 1))  # most by the first
+    assert any(each.broken for each in found), f"not found in {_SEEDS} times 40,000 steps"
 
 
 @pytest.mark.parametrize("number", range(len(SENTENCES)), ids=[words for words, _ in SENTENCES])
