@@ -40,6 +40,9 @@ class HandClock(Clock):
     def stalled_s(self):
         return self.stands_s
 
+    def wall_wait_s(self, until_ns):
+        return max(0.0, (until_ns - self.ns) / S)
+
 
 class Desk:
     """An inbox with publishers at real sockets."""
