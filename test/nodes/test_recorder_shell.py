@@ -244,7 +244,8 @@ def test_a_page_that_cannot_be_made_is_a_word_and_touches_nothing(session):
     made(FlightPages(lambda words, there: said.append((words, there))), session, said)
     ((words, there),) = said
     assert not there
-    assert words.startswith(f"no {session / 'flight.html'}: amaze-replay: line 1: ")
+    journal = session / "journal.jsonl"
+    assert words.startswith(f"no {session / 'flight.html'}: amaze-replay: {journal}: line 1: ")
     assert {path.name: path.read_bytes() for path in session.iterdir()} == before
 
 
