@@ -28,5 +28,26 @@ class MessageError(ValueError):
     """One message cannot be read: its chunk is damaged, or its bytes are not what its definition says."""
 
 
+class UndecodableError(MessageError):
+    """A message is whole, but in an encoding, or of a type, that nobody here decodes."""
+
+
 class RecordError(ValueError):
     """Bytes are no record, or not the one that they should be."""
+
+
+class NotABagError(RecordError):
+    """A file does not begin as a bag does.
+
+    Args:
+        other: what it is, and what can be done with it; empty: nobody knows.
+        empty: there is nothing in it.
+    """
+
+    def __init__(self, other: str = "", *, empty: bool = False) -> None:
+        super().__init__("is empty" if empty else f"is no bag but {other}" if other else "is no bag")
+        self.other, self.empty = other, empty
+
+
+class OtherBagError(RecordError):
+    """A file is a bag that is not read: encrypted, of another version, or converted as if it were text."""

@@ -14,7 +14,7 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 from amaze_autonomy.units import SECOND
 
-from .errors import BagError, RecordError
+from .errors import BagError, NotABagError, OtherBagError, RecordError
 from .format import (
     BAG,
     CHUNK,
@@ -331,18 +331,17 @@ def read_head(path: Path) -> Tuple[int, int, Record]:
 
 def _bag_record(begin: bytes) -> Record:
     if begin.startswith(MAGIC[:-1] + b"\r\n"):
-        raise RecordError("its line endings were converted (git does that unless .gitattributes says `*.bag -text`)")
+        raise OtherBagError("its line endings were converted (git does that unless .gitattributes says `*.bag -text`)")
     if begin.startswith(b"#ROS") and not begin.startswith(MAGIC):
         line = begin.split(b"\n", 1)[0][:40].decode("ascii", "replace")
-        raise RecordError(f"its version is not 2.0 ({line}); older ones are converted with `rosbag fix`")
+        raise OtherBagError(f"its version is not 2.0 ({line}); older ones are converted with `rosbag fix`")
     if not begin.startswith(MAGIC):
-        other = foreign(begin)
-        raise RecordError(f"is no bag but {other}" if other else "is no bag" if begin else "is empty")
+        raise NotABagError(foreign(begin), empty=not begin)
     record = record_at(begin, len(MAGIC), len(begin))
     if record.op != BAG:
         raise RecordError("has no header of a bag")
     if record.fields.get(b"encryptor"):
-        raise RecordError("is encrypted; decrypt it with `rosbag decompress` and its key")
+        raise OtherBagError("is encrypted; decrypt it with `rosbag decompress` and its key")
     return record
 
 

@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from .errors import BagError, MessageError
+from .errors import BagError, MessageError, UndecodableError
 from .format import MEMORY
 from .index import ChunkHead
 from .mcap_files import MCAP, NONE, Channel, Part, Places, lacking, mcap_part, ros1_name, unzstd
@@ -132,7 +132,7 @@ class OtherRecording:
         except MessageError:
             raise
         except Exception as error:  # the library raises whatever its generated code meets
-            raise MessageError(f"{channel.kind} cannot be decoded: {error or type(error).__name__}") from error
+            raise UndecodableError(f"{channel.kind} cannot be decoded: {error or type(error).__name__}") from error
 
     def columns(self, wanted: Mapping[str, Any]) -> Dict[str, Any]:  # noqa: ARG002 - the face of a bag
         """Return nothing: every message is read by itself."""
@@ -307,12 +307,12 @@ def _decoder(channel: Channel) -> Callable[[Any], Any]:
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore  # noqa: PLC0415  (slow)
 
     if channel.encoding not in ("cdr", "ros1"):
-        raise MessageError(f"messages in {channel.encoding or 'no encoding'} are not read")
+        raise UndecodableError(f"messages in {channel.encoding or 'no encoding'} are not read")
     kind = channel.kind.replace("/", "/msg/")
     store: Any = get_typestore(Stores.EMPTY if channel.definition else Stores.ROS2_HUMBLE)
     if not channel.definition:
         if kind not in store.types:
-            raise MessageError(f"its type {channel.kind} is not defined in the file, and not one of ROS 2's own")
+            raise UndecodableError(f"its type {channel.kind} is not defined in the file, and not one of ROS 2's own")
     else:
         idl = channel.schema == "ros2idl"
         types = get_types_from_idl(channel.definition) if idl else get_types_from_msg(channel.definition, kind)

@@ -21,7 +21,7 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, O
 import numpy as np
 
 from .columns import WHOLE, Wanted, read_columns, wanted_of
-from .errors import BagError, MessageError
+from .errors import BagError, MessageError, NotABagError, UndecodableError
 from .format import MEMORY, decompressed, fields_of, record_at
 from .index import Index, Messages, chunk_head
 from .tapes import Tapes, tapes_of
@@ -282,7 +282,7 @@ def opened(path: Path, memory: int = MEMORY) -> Any:
     try:
         return Indexed(path, memory)
     except BagError as error:
-        if error.wrong.startswith(("is no bag", "is empty")):
+        if isinstance(error.__cause__, NotABagError):
             raise
         return Library(path, memory)
 
@@ -502,7 +502,7 @@ class Recording:
             return decode(raw)
         except Exception as error:  # the library raises whatever its generated code meets
             kind = self._links[entry.connection].kind
-            raise MessageError(f"{kind} cannot be decoded: {error or type(error).__name__}") from error
+            raise UndecodableError(f"{kind} cannot be decoded: {error or type(error).__name__}") from error
 
     def raw(self, entry: Entry) -> bytes:
         """Return one message as it was recorded.

@@ -17,7 +17,7 @@ import struct
 from pathlib import Path
 from typing import Any, Callable, Dict, FrozenSet, List, NamedTuple, Optional, Set, Tuple
 
-from .errors import BagError, RecordError
+from .errors import BagError, OtherBagError, RecordError
 from .format import (
     CHUNK,
     CHUNK_INFO,
@@ -247,9 +247,7 @@ class _Scanner:
 
     def _opened_without_header(self, path: Path, error: BagError) -> int:
         """Open a file of which only the beginning is damaged."""
-        if not isinstance(error.__cause__, RecordError) or any(
-            word in error.wrong for word in ("encrypted", "version", "line endings")
-        ):
+        if not isinstance(error.__cause__, RecordError) or isinstance(error.__cause__, OtherBagError):
             raise error
         reader = self._reader
         reader.file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -15,7 +15,7 @@ import numpy as np
 
 from amaze_autonomy.interface import STATUSES
 
-from ..bags.errors import MessageError
+from ..bags.errors import MessageError, UndecodableError
 from ..bags.format import MEMORY
 from .beginning import ARMING_LEAD_NS
 from .errors import FieldError, NoMessagesError
@@ -39,6 +39,7 @@ class _Topic:
     times_ns: Any
     first: Any  # the first message; None: it cannot be read
     wrong: str = ""  # why
+    damaged: bool = False  # not only in an encoding that is not read
 
     @property
     def period_s(self) -> Optional[float]:
@@ -166,12 +167,12 @@ def _topics(bags: Iterable[Any]) -> Tuple[_Topic, ...]:
     return tuple(found[name] for name in sorted(found))
 
 
-def _first(bag: Any, entry: Any) -> Tuple[Any, str]:
-    """Return a message, and why it cannot be read."""
+def _first(bag: Any, entry: Any) -> Tuple[Any, str, bool]:
+    """Return a message, why it cannot be read, and whether it is damaged."""
     try:
-        return bag.message(entry), ""
+        return bag.message(entry), "", False
     except MessageError as error:
-        return None, str(error)
+        return None, str(error), not isinstance(error, UndecodableError)
 
 
 def _read(bag: Any, entry: Any) -> Any:
@@ -203,11 +204,10 @@ class _Maker:
     def proposal(self) -> Proposal:
         components, readings, statuses = self._components(), self._readings(), self._statuses()
         self.found += self._cns()
-        unread = {each.name: f"{each.name}: cannot be read ({each.wrong})" for each in self._topics if each.wrong}
-        damaged = [words for words in unread.values() if "damaged" in words]  # else its encoding is not read
-        problems = (*problems_of(self._bags), *damaged)
+        unread = [(f"{each.name}: cannot be read ({each.wrong})", each.damaged) for each in self._topics if each.wrong]
+        problems = (*problems_of(self._bags), *(words for words, damaged in unread if damaged))
         self.found[:0] = problems
-        self.found += [words for words in unread.values() if words not in damaged]
+        self.found += [words for words, damaged in unread if not damaged]
         lines = [f"about: {', '.join(path.name for path in self._paths)[:300]}, proposed by amaze-replay map", ""]
         lines += ["# What was found:"] + [f"#   {text}" for text in self.found or ["no flight: nothing tells of it"]]
         lines += ["# What no topic tells, so that the script plays it: " + (", ".join(self.scripted) or "nothing"), ""]

@@ -11,7 +11,6 @@ A status that the recording has of a node of ours is not made.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any, Dict, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
 
@@ -89,7 +88,7 @@ def said_of_cns(bags: Sequence[Any]) -> List[str]:
         lines += [f"CNS {topic}: not mapped: its definition is another one than is known" for topic in others]
         lines += [f"CNS {topic.name}: {_OTHERS[topic.kind]}" for topic in bag.topics if topic.kind in _OTHERS]
         if "response" in found:
-            missions = sorted({int(each.request.id) for _, each in _messages(bag, found["response"])})
+            missions = sorted({int(each.request.id) for _, each in _messages(bag, found["response"], [])})
             lines.append(f"CNS missions that were asked for: {', '.join(map(str, missions))} (run --mission)")
         if "log" in found and "heartbeat" not in found:
             lines.append("CNS watchdog: not mapped: without its heartbeat nothing tells that it lives")
@@ -107,7 +106,10 @@ class CnsStatuses(Made):
         super().__init__(source.path)
         self._source = source
         found, _ = _known_topics(source)
-        self._heard = {key: _messages(source, topic) for key, topic in found.items()}
+        unread: List[str] = []
+        self._heard = {key: _messages(source, topic, unread) for key, topic in found.items()}
+        #: what is missing, for `sources.problems_of`
+        self.problem = "; ".join(unread)
         own = {topic.kind for topic in source.topics}
         for events in (self._watchdog(), self._landings(), self._phases()):
             for event in events:
@@ -193,10 +195,15 @@ def _arms(answer: Any) -> bool:
     return accepted and answer.request.request == Request.ARM
 
 
-def _messages(bag: Any, topic: str) -> List[Tuple[int, Any]]:
-    """Return the messages of a topic with their times, those that can be read."""
+def _messages(bag: Any, topic: str, unread: List[str]) -> List[Tuple[int, Any]]:
+    """Return the messages of a topic with their times; a line on those that cannot be read is added to `unread`."""
     found: List[Tuple[int, Any]] = []
+    wrong: List[str] = []
     for entry in bag.entries(topic):
-        with suppress(MessageError):
+        try:
             found.append((entry.t_ns, bag.message(entry)))
+        except MessageError as error:
+            wrong.append(str(error))
+    if wrong:
+        unread.append(f"{topic}: {len(wrong)} messages cannot be read ({wrong[0]})")
     return found

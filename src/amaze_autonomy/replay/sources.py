@@ -15,7 +15,7 @@ from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, O
 import numpy as np
 
 from amaze_autonomy.bags import BagError, Entry, Recording
-from amaze_autonomy.bags.errors import MessageError
+from amaze_autonomy.bags.errors import MessageError, NotABagError
 from amaze_autonomy.bags.format import MEMORY, is_log
 from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.other_formats import is_other, other_recording
@@ -390,10 +390,11 @@ def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
     try:
         bag = Recording(path, memory)
     except BagError as error:
-        if error.wrong in ("is no bag", "is empty"):  # whatever was meant: more than bags are read here
-            right = "name a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log"
-            raise BagError(str(path), error.wrong.replace("bag", "recording"), right) from error
-        raise
+        cause = error.__cause__
+        if not isinstance(cause, NotABagError) or cause.other:
+            raise
+        right = "name a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log"  # more than bags are read here
+        raise BagError(str(path), "is empty" if cause.empty else "is no recording", right) from error
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
     made: List[Any] = _of_cns(bag)
     if topics:
