@@ -25,9 +25,7 @@ FOUND = Figures(
 
 
 @pytest.fixture(autouse=True)
-def desk(monkeypatch, tmp_path):
-    for name in ("CI", "CONTINUOUS_INTEGRATION", "GITHUB_ACTIONS", "GITLAB_CI", "JENKINS_URL", "BUILD_NUMBER"):
-        monkeypatch.delenv(name, raising=False)
+def own_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(proof_figures, "KEPT", tmp_path / "kept.json")
 
 

@@ -41,8 +41,6 @@ def test_a_broken_law_becomes_a_scenario_that_breaks_it_again(tmp_path, monkeypa
     check_journal(path.read_text())
     assert main(["journal", str(path)]) != 0, "the engine that is mended decides otherwise"
     assert "imu" in capsys.readouterr().out
-    for name in ("CI", "CONTINUOUS_INTEGRATION", "GITHUB_ACTIONS", "GITLAB_CI", "JENKINS_URL", "BUILD_NUMBER"):
-        monkeypatch.delenv(name, raising=False)
     assert main(["test", str(scenario)]) == 1, "nobody has accepted what the mended engine decides"
     assert main(["accept", "--reason", "the engine lands again", str(scenario)]) == 0
     assert main(["test", str(scenario)]) == 0

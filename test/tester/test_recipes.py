@@ -50,8 +50,7 @@ def golden(tmp_path_factory, recording):
     folder = tmp_path_factory.mktemp("accepted")
     (folder / "demo.scenario.yaml").write_text(SCENARIO % "MISSION")
     program = str(Path(sys.executable).parent / "amaze-replay")
-    not_ci = {name: value for name, value in os.environ.items() if name not in ("CI", "GITHUB_ACTIONS", "GITLAB_CI")}
-    environment = {**not_ci, "AMAZE_DATA": str(recording.parent)}
+    environment = {**os.environ, "AMAZE_DATA": str(recording.parent)}
     command = [program, "accept", str(folder), "--reason", "the demo, seen and right"]
     subprocess.run(command, env=environment, check=True, capture_output=True)
     (golden,) = folder.rglob("*.golden.jsonl")

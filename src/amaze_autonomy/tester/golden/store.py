@@ -147,7 +147,8 @@ def decisions_of(lines: Sequence[str]) -> Tuple[Decision, ...]:
 
 
 _LEAST = 10
-_CI = ("CI", "CONTINUOUS_INTEGRATION", "GITHUB_ACTIONS", "GITLAB_CI", "JENKINS_URL", "BUILD_NUMBER")
+#: any of them in the environment: it runs in CI
+CI_VARIABLES = ("CI", "CONTINUOUS_INTEGRATION", "GITHUB_ACTIONS", "GITLAB_CI", "JENKINS_URL", "BUILD_NUMBER")
 
 
 def check_reason(reason: str, what: str, environment: Optional[Mapping[str, str]] = None) -> None:
@@ -162,7 +163,7 @@ def check_reason(reason: str, what: str, environment: Optional[Mapping[str, str]
         GoldenError: Nobody says why, or this is no desk.
     """
     given = os.environ if environment is None else environment
-    found = next((name for name in _CI if given.get(name)), None)
+    found = next((name for name in CI_VARIABLES if given.get(name)), None)
     if found is not None:
         raise GoldenError(f"{what} are not accepted in CI ({found} is set); accept them at a desk and commit them")
     if len(reason.strip()) < _LEAST:
