@@ -74,11 +74,11 @@ examples:
 examples:
   amaze-bag filter flight.bag -o small.bag --without '/camera/*'
   amaze-bag filter flight.bag -o imu.bag --types sensor_msgs/Imu --verify
-  amaze-bag filter flight.bag -o landing.bag --topics '/mavros/*' /tf_static --from 310 --latched
+  amaze-bag filter flight.bag -o landing.bag --topics '/px4/*' /odometry --from 12 --latched
 """,
     "cut": """\
 examples:
-  amaze-bag cut flight.bag -o landing.bag --from 310 --to 342.5          seconds from the first message
+  amaze-bag cut flight.bag -o part.bag --from 12 --to 20.5                seconds from the first message
   amaze-bag cut flight.bag -o noon.bag --from 2026-11-22T12:00:00Z --latched
 """,
     "verify": """\

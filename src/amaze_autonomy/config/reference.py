@@ -59,7 +59,7 @@ def _inner(path: str, key: Key) -> Iterator[str]:
     kind: Any = key.kind
     if isinstance(kind, Named):
         path, kind = f"{path}.<name>", kind.kind
-    yield from (f"#### `{path}`", "", _sentence(key.meaning, key.reason), "")
+    yield from (f"### `{path}`", "", _sentence(key.meaning, key.reason), "")
     yield from _group(f"{path}.", kind)
 
 
