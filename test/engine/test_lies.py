@@ -225,9 +225,10 @@ def test_sinking_near_the_ground_is_a_landing_whatever_the_planner_says(claims):
     assert story.motions == []
 
 
-def test_sinking_high_up_is_none():
+@pytest.mark.parametrize("height_m", [12.0, 2.5], ids=["a leg", "the overshoot of a takeoff"])
+def test_sinking_high_up_is_none(height_m):
     story = at("MISSION flying")
-    story.say(vertical_speed_m_s=-0.5, height_m=12.0).after(1.3).look()
+    story.say(vertical_speed_m_s=-0.5, height_m=height_m).after(1.3).look()
     story.fail("lrf", 8)
     assert story.motions == ["HOLD"]
 

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Optional
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -15,9 +16,12 @@ from amaze_autonomy.simulation.autopilots import AUTOPILOTS
 ROOT = Path(__file__).parents[2]
 
 
-def run(*arguments: str, folder: Path) -> subprocess.CompletedProcess:
+def run(*arguments: str, folder: Path, programs: Optional[Path] = None) -> subprocess.CompletedProcess:
     command = [str(ROOT / "run"), *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=600)
+    environment = {**os.environ, **({"PATH": f"{programs}:{os.environ['PATH']}"} if programs else {})}
+    return subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, timeout=600, env=environment
+    )
 
 
 def test_without_a_job_it_lists_them_all(tmp_path):
@@ -138,11 +142,16 @@ def test_a_demo_whose_simulated_world_does_not_start_ends_at_once_and_is_no_succ
     (tmp_path / "bad.yaml").write_text("description: a scenario with a word too much\nfalts: []\n")
 
     few = ("monitors:=simulated", "flight:=simulated", "record:=false", "console:=false")  # nodes
-    result = run("demo", "faults:=bad.yaml", *few, "output:=out", folder=tmp_path)
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    (programs / "sleep").write_text('#!/bin/sh\necho "$@" >>"${0%/*}/slept"\nexec /bin/sleep "$@"\n')
+    (programs / "sleep").chmod(0o755)
+    result = run("demo", "faults:=bad.yaml", *few, "output:=out", folder=tmp_path, programs=programs)
 
     assert result.returncode == 2
     assert f"simulation: {tmp_path}/bad.yaml:2: falts: is an unknown key; did you mean faults?" in result.stderr
     assert result.stderr.splitlines()[-1] == "run: it ended before a mission was begun"
+    assert not (programs / "slept").exists(), "it waited for the page of a recording that there is not"
 
 
 @pytest.mark.builds
