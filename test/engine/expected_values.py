@@ -138,7 +138,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "checks_repeated": ("check watchdog: 'failed'",),
     "checks_asked_again": ("checks: 'too old'",),
     "checks_too_old": ("checks: 'too old'", "preflight_fix_limit: 'passed'", "later by: 2.0 of 0.0 s"),
-    "ready_taken_back": ("component: 'gps'", "code: 2 of 1", "reason: 'gps at code 2'"),
+    "ready_revoked": ("component: 'gps'", "code: 2 of 1", "reason: 'gps at code 2'"),
     "go": ("user: 'go'",),
     "go_not_required": ("require_go: False",),
     "ready_too_old": ("ready_limit: 'passed'", "later by: 0.0 of 0.0 s"),
@@ -148,7 +148,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
     "planner_refused": ("planner: 'no'",),
     "check_failed_before_takeoff": ("check on_ground: 'failed'",),
     "takeoff": ("oldest check: 0.38 of 10.0 s", "planner phase: 'LOADED'"),
-    "unfit_for_takeoff": (
+    "not_ready_to_take_off": (
         "planner phase: 'LOADED'",
         "load_limit: 'passed'",
         "later by: 0.0 of 0.0 s",

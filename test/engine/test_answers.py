@@ -11,7 +11,7 @@ from expected_answers import COMMANDS, EXPECTED, SELECTION
 from amaze_autonomy.engine import commands, decide
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import Answer, Level
-from amaze_autonomy.engine.context import Turn
+from amaze_autonomy.engine.context import Context
 from amaze_autonomy.engine.state import State, evolve
 
 WORDS = {"D": "DONE", "R": "REFUSED", "A": "ALREADY"}
@@ -150,8 +150,8 @@ def test_two_requests_at_the_same_time_are_both_answered():
 def test_commands_that_would_be_done_are_those_that_are():
     for place, row in EXPECTED.items():
         story: Story = at(place)
-        turn = Turn(story.state, ev.Tick(t_ns=story.now), story.rules)
-        offered = [command.value for command in decide.available(turn)]
+        context = Context(story.state, ev.Tick(t_ns=story.now), story.rules)
+        offered = [command.value for command in decide.available(context)]
         assert offered == [c for c, letter in zip(COMMANDS, row.letters) if letter == "D"], place
 
 

@@ -248,7 +248,7 @@ DEFECTS = (
     ),
     Defect(
         "a vehicle's status is true for ever",
-        attribute(context.Turn, "vehicle", vehicle_of_any_age),
+        attribute(context.Context, "vehicle", vehicle_of_any_age),
         lambda: test_landing.test_never_disarmed_while_airborne_or_unknown({"link_age_s": None}),
     ),
     Defect(
@@ -308,12 +308,12 @@ DEFECTS = (
     ),
     Defect(
         "unknown is landed",
-        attribute(context.Turn, "down", down_unless_armed),
+        attribute(context.Context, "down", down_unless_armed),
         lambda: test_messages_in.test_unknown_is_not_landed({"armed": None}),
     ),
     Defect(
         "unknown is on the ground",
-        attribute(context.Turn, "on_ground", ground_unless_flying),
+        attribute(context.Context, "on_ground", ground_unless_flying),
         lambda: test_landing.test_never_disarmed_while_airborne_or_unknown({"landed": VehicleLanded.UNKNOWN}),
     ),
     Defect(
@@ -340,7 +340,7 @@ DEFECTS = (
     ),
     Defect(
         "what the user is refused is done",
-        attribute(context.Turn, "consume", the_users_refused_request_is_carried_out),
+        attribute(context.Context, "consume", the_users_refused_request_is_carried_out),
         test_double_failures.test_a_component_fails_in_the_moment_of_the_users_hold,
     ),
     Defect(

@@ -166,7 +166,7 @@ def test_heartbeat_lost_before_takeoff_takes_ready_back(place):
     story.silent.append("watchdog")
     story.check_says["watchdog"] = {"ok": False}
     story.after(0.9).expect("OUTREACH")
-    assert story.rules_fired[:2] == ["ready_taken_back", "checks_failed"]
+    assert story.rules_fired[:2] == ["ready_revoked", "checks_failed"]
     assert story.motions == []
 
 
@@ -200,7 +200,7 @@ def test_the_heartbeat_counts_from_the_accepted_start():
     story.after(20.0).expect("MISSION_INPUT")
     story.select().after(0.5).expect("START_RECORDING")
     story.after(0.2)
-    assert "ready_taken_back" in story.rules_fired
+    assert "ready_revoked" in story.rules_fired
 
 
 def test_a_loop_counter_that_stands_still_is_no_heartbeat():

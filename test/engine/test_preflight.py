@@ -368,7 +368,7 @@ def test_checks_one_nanosecond_older_do_not():
 def test_a_component_that_fails_between_ready_and_takeoff_takes_it_back_and_may_return(place, code):
     story = at(place)
     story.fail("lrf", code).expect("PREFLIGHT")
-    assert story.told[0] == "ready_taken_back"
+    assert story.told[0] == "ready_revoked"
     story.disobeyed.clear()
     story.back("lrf").after(0.5)
     assert story.place[0] in ("READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF")
@@ -378,7 +378,7 @@ def test_checks_that_pass_while_the_heartbeat_is_lost_wait_for_it():
     story = at("READY")
     story.silent.append("watchdog")
     story.after(3.0).expect("PREFLIGHT")
-    assert story.rules_fired.count("ready_taken_back") == 1
+    assert story.rules_fired.count("ready_revoked") == 1
     story.silent.remove("watchdog")
     story.after(0.5)
     assert story.place[0] in ("READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF")
@@ -413,7 +413,7 @@ def test_a_go_that_never_comes_ends_with_a_person():
     at("READY").after(400.0).expect("OUTREACH")
 
 
-def test_a_running_recording_is_kept_when_ready_is_taken_back():
+def test_a_running_recording_is_kept_when_ready_is_revoked():
     story = at("LOAD_MISSION")
     story.disobeyed.clear()
     story.fail("lrf", 8).back("lrf").until("TAKEOFF")

@@ -494,7 +494,7 @@ ROWS = (
     ),
     Row("checks_asked_again", "MISSION_INPUT", watchdog_answers_late(11.0), "PREFLIGHT", CHECKS),
     Row("checks_too_old", "MISSION_INPUT", watchdog_answers_late(11.0, 15.0, 16.0), "OUTREACH", (), "checks_failed"),
-    Row("ready_taken_back", "START_RECORDING", fails("gps", 2), "PREFLIGHT", CHECKS, "ready_taken_back"),
+    Row("ready_revoked", "START_RECORDING", fails("gps", 2), "PREFLIGHT", CHECKS, "ready_revoked"),
     Row("go", "READY", user("go"), "START_RECORDING", ("StartRecording",), "start_recording"),
     Row(
         "go_not_required",
@@ -526,7 +526,7 @@ ROWS = (
     ),
     Row("takeoff", "LOAD_MISSION", loaded_again, "TAKEOFF arming", ("TAKEOFF",), "takeoff"),
     Row(
-        "unfit_for_takeoff",
+        "not_ready_to_take_off",
         "LOAD_MISSION",
         lambda story: (story.say(battery_fraction=0.1), loaded_again(story), story.after(10.0)),
         "OUTREACH",

@@ -277,7 +277,7 @@ WAITS = (
         "READY",
         lambda s: s.state.peers.autopilot_ns,
         1.0,
-        "ready_taken_back",
+        "ready_revoked",
         "PREFLIGHT",
         armed_once_and_silent,
         lost=True,

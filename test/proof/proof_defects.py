@@ -271,7 +271,7 @@ DEFECTS: Tuple[Defect, ...] = (
         ("silence",),
     ),
     Defect("`pilot_took_over` is left out", without("pilot_took_over"), ("pilot",)),
-    Defect("`ready_taken_back` is left out", without("ready_taken_back"), ("ready",)),
+    Defect("`ready_revoked` is left out", without("ready_revoked"), ("ready",)),
     Defect("`land_repeat` is left out", without("land_repeat"), (_LAND,)),
     Defect("`land_alarm` is left out", without("land_alarm"), (_LAND,)),
     Defect("`landing_not_shown` is left out", without("landing_not_shown"), (_LAND,)),
@@ -306,7 +306,7 @@ DEFECTS: Tuple[Defect, ...] = (
     Defect("checks are not asked again before takeoff", attribute(effects, "run_checks", lambda _: None), ("checks",)),
     Defect(
         "a takeoff needs no word of the vehicle",
-        attribute(context.Turn, "down", lambda self: self.state.peers.autopilot is not None and not self.armed()),
+        attribute(context.Context, "down", lambda self: self.state.peers.autopilot is not None and not self.armed()),
         ("unfit",),
     ),
     Defect("TAKEOFF is repeated when nobody answers", _again, (_TAKEOFF,)),

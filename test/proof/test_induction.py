@@ -115,7 +115,7 @@ DEFECTS = {
     "`land` is left out": without("land"),
     "`pilot_took_over` is left out": without("pilot_took_over"),
     "`land_repeat` is left out": without("land_repeat"),
-    "`ready_taken_back` is left out": without("ready_taken_back"),
+    "`ready_revoked` is left out": without("ready_revoked"),
     "a hold goes on although something is waited for": row("resume", guard=lambda _: Seen()),
 }
 

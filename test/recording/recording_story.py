@@ -10,11 +10,11 @@ from amaze_autonomy.recording import (
     Collector,
     CollectorSetup,
     GroupSetup,
-    GroupSight,
+    GroupStatus,
     PlatformRecorder,
     PlatformSetup,
     PlatformStatus,
-    Sight,
+    ProcessStatus,
     Status,
 )
 from amaze_autonomy.recording.status import Ask, Recover, Signal, Space, StartChild
@@ -51,16 +51,19 @@ class Platform:
         self.now_ns += self.step_ns
         for name, runs in self.running.items():
             self.sizes[name] += self.grows[name] if runs else 0
-        groups, space = {name: self.sight(name) for name in self.running}, Space(self.free, self.free / (256 * GB))
-        sight = Sight(groups, space, self.now_ns + EPOCH_NS)
-        for command in self.machine.step(self.now_ns, sight):
+        groups, space = (
+            {name: self.processes(name) for name in self.running},
+            Space(self.free, self.free / (256 * GB)),
+        )
+        processes = ProcessStatus(groups, space, self.now_ns + EPOCH_NS)
+        for command in self.machine.step(self.now_ns, processes):
             self.commands.append(command)
             self.carry_out(command)
         if self.machine.phase is not self.phases[-1]:
             self.phases.append(self.machine.phase)
 
-    def sight(self, name):
-        return GroupSight(
+    def processes(self, name):
+        return GroupStatus(
             running=self.running[name],
             ending=self.endings[name],
             size=self.sizes[name],

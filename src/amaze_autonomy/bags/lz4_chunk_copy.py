@@ -44,7 +44,7 @@ __all__ = [
     "LARGE",
     "ROOM",
     "STRIPE",
-    "Carriers",
+    "ChunkCopies",
     "Message",
     "Wrapped",
     "block_beginning",
@@ -343,7 +343,7 @@ _SMALL = 1024  # bytes per message, on average, of which there may be many besid
 _BROKEN = (RecordError, struct.error, ValueError, IndexError)
 
 
-class _Carrier(NamedTuple):
+class _ChunkCopy(NamedTuple):
     """One such chunk: its number and header, and times, connections and offsets of its messages, the large one last."""
 
     number: int
@@ -362,7 +362,7 @@ class _Carrier(NamedTuple):
         return Message(int(self.t_ns[-1]), int(self.connection[-1]), self.before)
 
 
-class Carriers:
+class ChunkCopies:
     """Loads such chunks of an input; their messages get other connections and times at once.
 
     Args:
@@ -376,7 +376,7 @@ class Carriers:
     def __init__(self, index: Index, number: int, target: Any, shift_ns: int, unseen: Any) -> None:
         self._index, self._number, self._target, self._shift_ns = index, number, target, shift_ns
         self._unseen = unseen
-        self._found: Dict[int, Optional[_Carrier]] = {}
+        self._found: Dict[int, Optional[_ChunkCopy]] = {}
 
     def maybe(self, number: int) -> bool:
         """Return whether a chunk could be one, by what is known of it without reading its index."""
@@ -391,43 +391,43 @@ class Carriers:
             self._found[number] = self._looked_at(number) if self.maybe(number) else None
         return self._found[number] is not None
 
-    def _looked_at(self, number: int) -> Optional[_Carrier]:
+    def _looked_at(self, number: int) -> Optional[_ChunkCopy]:
         try:
             columns = self._index.entries(number)
         except BagError:
             return None  # to be said by those who decompress it
         order = np.argsort(columns[2], kind="stable")
-        carrier = _Carrier(number, self._index.head(number), *(column[order] for column in columns))
-        size, before = carrier.head.size, carrier.before
-        fits = size - before >= LARGE and before * HIDDEN <= size and self._unseen[carrier.connection[-1]]
-        return carrier if fits else None
+        chunk_copy = _ChunkCopy(number, self._index.head(number), *(column[order] for column in columns))
+        size, before = chunk_copy.head.size, chunk_copy.before
+        fits = size - before >= LARGE and before * HIDDEN <= size and self._unseen[chunk_copy.connection[-1]]
+        return chunk_copy if fits else None
 
     def load(self, numbers: List[int], pool: Pool) -> Optional[Block]:
         """Return the messages of such chunks; None when one of them has to be decompressed after all."""
-        carriers = [carrier for carrier in (self._found.pop(number) for number in numbers) if carrier]
-        sizes = [carrier.before + ROOM + carrier.head.stored for carrier in carriers]
+        chunk_copies = [chunk_copy for chunk_copy in (self._found.pop(number) for number in numbers) if chunk_copy]
+        sizes = [chunk_copy.before + ROOM + chunk_copy.head.stored for chunk_copy in chunk_copies]
         places = np.cumsum([0, *sizes]).tolist()
         buffer = pool.get(places[-1])
-        jobs = [pool.workers.submit(self._wrap, *job, buffer) for job in zip(carriers, places)]
+        jobs = [pool.workers.submit(self._wrap, *job, buffer) for job in zip(chunk_copies, places)]
         frames = [job.result() for job in jobs]
         try:
-            small = self._small(buffer, carriers, places)
+            small = self._small(buffer, chunk_copies, places)
         except _BROKEN:
             small = None
         if small is None or None in frames:
             pool.put(buffer)
             return None
         ends = [place + size for place, size in zip(places, sizes)]
-        return self._together(buffer, small, carriers, [frame for frame in frames if frame], ends)
+        return self._together(buffer, small, chunk_copies, [frame for frame in frames if frame], ends)
 
-    def _wrap(self, carrier: _Carrier, place: int, buffer: bytearray) -> Optional[Wrapped]:
-        head, start = carrier.head, place + carrier.before + ROOM
+    def _wrap(self, chunk_copy: _ChunkCopy, place: int, buffer: bytearray) -> Optional[Wrapped]:
+        head, start = chunk_copy.head, place + chunk_copy.before + ROOM
         end = start + head.stored
         if os.preadv(self._index.file, [memoryview(buffer)[start:end]], head.data) != head.stored:
             return None
-        large = carrier.large()
+        large = chunk_copy.large()
         target = self._new(large)
-        alone = len(carrier.t_ns) == 1 and target[:2] == large[:2]
+        alone = len(chunk_copy.t_ns) == 1 and target[:2] == large[:2]
         frame = wrapped(buffer, start, end, head.size, large, None if alone else target)
         if frame is not None:
             buffer[place : place + len(frame.hidden)] = frame.hidden
@@ -436,21 +436,21 @@ class Carriers:
     def _new(self, message: Message) -> Message:
         return Message(message.t_ns + self._shift_ns, int(self._target[message.connection]), 0)
 
-    def _small(self, buffer: bytearray, carriers: List[_Carrier], places: List[int]) -> Table:
+    def _small(self, buffer: bytearray, chunk_copies: List[_ChunkCopy], places: List[int]) -> Table:
         """Return what stands before the large messages."""
-        spans = [Span(place, place + carrier.before) for carrier, place in zip(carriers, places)]
+        spans = [Span(place, place + chunk_copy.before) for chunk_copy, place in zip(chunk_copies, places)]
         columns = (
-            np.concatenate([carrier.t_ns[:-1] for carrier in carriers]),
-            np.concatenate([carrier.connection[:-1] for carrier in carriers]),
-            np.concatenate([carrier.offset[:-1] + place for carrier, place in zip(carriers, places)]),
+            np.concatenate([chunk_copy.t_ns[:-1] for chunk_copy in chunk_copies]),
+            np.concatenate([chunk_copy.connection[:-1] for chunk_copy in chunk_copies]),
+            np.concatenate([chunk_copy.offset[:-1] + place for chunk_copy, place in zip(chunk_copies, places)]),
         )
         table = tabulate(buffer, spans, *columns)
         return relabel(buffer, table, self._target[table.connection], self._shift_ns)
 
     def _together(
-        self, buffer: bytearray, small: Table, carriers: List[_Carrier], frames: List[Wrapped], ends: List[int]
+        self, buffer: bytearray, small: Table, chunk_copies: List[_ChunkCopy], frames: List[Wrapped], ends: List[int]
     ) -> Block:
-        large = [self._new(carrier.large()) for carrier in carriers]
+        large = [self._new(chunk_copy.large()) for chunk_copy in chunk_copies]
         start = [frame.start for frame in frames]
         rows = [message.t_ns for message in large], [message.connection for message in large], start, start, ends
         columns: List[Any] = [np.append(few, np.array(more, np.int64)) for few, more in zip(small, rows)]

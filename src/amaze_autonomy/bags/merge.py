@@ -29,7 +29,7 @@ from .write import Output
 
 if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from .filter import Selection
-    from .lz4_chunk_copy import Carriers
+    from .lz4_chunk_copy import ChunkCopies
 
 __all__ = ["Group", "MergeOptions", "Merged", "Source", "Unified", "merge", "unify"]
 
@@ -141,7 +141,7 @@ class Source:
         shift_ns: added to record times.
         verbatim: chunks that are copied as they are.
         unseen: for each connection here, whether the bytes of its messages need not be seen.
-        carriers: loads chunks that are to stay compressed; None when none is.
+        chunk_copies: loads chunks that are to stay compressed; None when none is.
         selection: of its messages; None: all.
     """
 
@@ -153,11 +153,11 @@ class Source:
         shift_ns: int,
         verbatim: Set[int],
         unseen: Any,
-        carriers: Optional[Carriers] = None,
+        chunk_copies: Optional[ChunkCopies] = None,
         selection: Optional[Selection] = None,
     ) -> None:
         self.index, self.number = index, number
-        self._loader, self._carriers = Loader(index, number, unseen), carriers
+        self._loader, self._chunk_copies = Loader(index, number, unseen), chunk_copies
         self._target, self._shift_ns, self._verbatim = target, shift_ns, verbatim
         chunks, self._selection = index.chunks, selection
         self._order = [
@@ -192,10 +192,10 @@ class Source:
     def _keeps(self) -> bool:
         """Return whether large messages stay compressed here, by the first of them."""
         some = list(islice(filter(self._is_maybe, self._order), _SAMPLE))
-        return self._carriers is not None and all(map(self._carriers.has, some))
+        return self._chunk_copies is not None and all(map(self._chunk_copies.has, some))
 
     def _is_maybe(self, number: int) -> bool:
-        return self._carriers is not None and self._carriers.maybe(number)
+        return self._chunk_copies is not None and self._chunk_copies.maybe(number)
 
     def size_of(self, number: int) -> int:
         """Return about how many bytes a chunk brings into memory."""
@@ -230,11 +230,11 @@ class Source:
     def _kind(self, number: int) -> str:
         if self.index.head(number).compression == "none":
             return "plain"
-        return "carrier" if self._carriers and self._carriers.has(number) else "compressed"
+        return "chunk_copy" if self._chunk_copies and self._chunk_copies.has(number) else "compressed"
 
     def _loaded(self, kind: str, numbers: List[int], pool: Pool) -> List[Block]:
-        if self._carriers and kind == "carrier":
-            block = self._carriers.load(numbers, pool)
+        if self._chunk_copies and kind == "chunk_copy":
+            block = self._chunk_copies.load(numbers, pool)
             if block is not None:
                 return [block]
         load = self._loader.plain if kind == "plain" else self._loader.compressed
@@ -386,12 +386,12 @@ def _sources(indexes: Sequence[Index], offsets: Sequence[int], unified: Unified,
         }
         unwatched: Any = np.isin(target, watched, invert=True)
         unseen = unwatched & (options.compression in ("auto", "none"))
-        carriers = None
+        chunk_copies = None
         if options.compression in ("auto", "lz4") and _has_lz4(index):
-            from .lz4_chunk_copy import Carriers  # noqa: PLC0415  (a circle, and seldom wanted)
+            from .lz4_chunk_copy import ChunkCopies  # noqa: PLC0415  (a circle, and seldom wanted)
 
-            carriers = Carriers(index, number, target, offset, unwatched)
-        sources.append(Source(index, number, target, offset, verbatim, unseen, carriers, options.selection))
+            chunk_copies = ChunkCopies(index, number, target, offset, unwatched)
+        sources.append(Source(index, number, target, offset, verbatim, unseen, chunk_copies, options.selection))
     return sources
 
 

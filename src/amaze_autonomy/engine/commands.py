@@ -248,7 +248,7 @@ MESSAGES: Mapping[str, Message] = {
     "ready": Message(_I, "Ready."),
     "ready_wait_go": Message(_I, "Ready. Waiting for the operator's go.", "Press G to take off, U to cancel."),
     "ready_old": Message(_W, "Ready has expired after {limit_s:.0f} s: repeating the checks."),
-    "ready_taken_back": Message(_W, "No longer ready: {reason}", "The checks are repeated."),
+    "ready_revoked": Message(_W, "No longer ready: {reason}", "The checks are repeated."),
     "check_failed": Message(_W, "A check failed before takeoff: {reason}", "The checks are repeated."),
     "checks_failed": Message(
         _E, "Pre-flight checks failed: {reason}", "Follow the advice in the table, then retry, or give up."

@@ -1,6 +1,6 @@
-"""One turn of the engine: the state in the making, the event, the rules, and the commands collected so far.
+"""One call of the engine: the state in the making, the event, the rules, and the commands collected so far.
 
-A `Turn` lives inside one call of `decide` and is never seen outside the engine. Guards read it, effects change it.
+A `Context` lives inside one call of `decide` and is never seen outside the engine. Guards read it, effects change it.
 Before it the table of flight modes.
 """
 
@@ -24,7 +24,7 @@ from .events import (
 from .rules import Limits, Rules
 from .state import Asked, EngineState, evolve
 
-__all__ = ["DIRECT_MODES", "HOLDING_MODES", "LANDING_MODES", "MODES", "Turn", "ours"]
+__all__ = ["DIRECT_MODES", "HOLDING_MODES", "LANDING_MODES", "MODES", "Context", "ours"]
 
 # --- modes ------------------------------------------------------------------------------------------------------------
 # Which flight modes of the PX4 are the answer to which command of ours (rule 4 of DESIGN.md: never fight the pilot).
@@ -70,13 +70,13 @@ def ours(
     return any(mode in MODES[action] for action in commanded) or (confirmed is not None and mode in MODES[confirmed])
 
 
-# --- turn -------------------------------------------------------------------------------------------------------------
+# --- context ----------------------------------------------------------------------------------------------------------
 
 
 _NS = 1_000_000_000
 
 
-class Turn:
+class Context:
     """What guards and effects work on."""
 
     __slots__ = ("commands", "event", "limits", "now", "rules", "selected", "signal", "state", "user")

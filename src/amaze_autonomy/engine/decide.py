@@ -21,7 +21,7 @@ from .commands import (
     Seen,
     Value,
 )
-from .context import Turn
+from .context import Context
 from .effects import ENTER, begin_session
 from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserCommand, UserRequest
 from .failsafe import waiting
@@ -60,24 +60,24 @@ class Case:
     when: str = "always"
 
 
-def _component_waited(turn: Turn) -> bool:
-    return any(failure.kind is FailureKind.COMPONENT for failure in waiting(turn.state))
+def _component_waited(context: Context) -> bool:
+    return any(failure.kind is FailureKind.COMPONENT for failure in waiting(context.state))
 
 
-CONDITIONS: Mapping[str, Callable[[Turn], bool]] = {
+CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     "always": lambda _: True,
-    "airborne": lambda turn: (
-        turn.state.flight.active and turn.state.step in (Step.CLIMBING, Step.FLYING) and not turn.on_ground()
+    "airborne": lambda context: (
+        context.state.flight.active and context.state.step in (Step.CLIMBING, Step.FLYING) and not context.on_ground()
     ),
-    "in flight": lambda turn: turn.state.flight.active,
-    "between files": lambda turn: turn.state.step is Step.TOUCHDOWN,
-    "being cancelled": lambda turn: turn.state.step is Step.CANCELLING,
+    "in flight": lambda context: context.state.flight.active,
+    "between files": lambda context: context.state.step is Step.TOUCHDOWN,
+    "being cancelled": lambda context: context.state.step is Step.CANCELLING,
     "a component is waited for": _component_waited,
-    "the user holds": lambda turn: turn.state.flight.user_hold_ns is not None,
-    "resuming": lambda turn: turn.state.step is Step.RESUMING,
-    "landing": lambda turn: turn.lands(),
-    "the pilot was alarmed and the vehicle is silent": lambda turn: nobody_knows(turn) is not None,
-    "last heard on the ground and disarmed": lambda turn: turn.last_heard_down(),
+    "the user holds": lambda context: context.state.flight.user_hold_ns is not None,
+    "resuming": lambda context: context.state.step is Step.RESUMING,
+    "landing": lambda context: context.lands(),
+    "the pilot was alarmed and the vehicle is silent": lambda context: nobody_knows(context) is not None,
+    "last heard on the ground and disarmed": lambda context: context.last_heard_down(),
 }
 
 _DONE, _NO, _SO = AnswerKind.DONE, AnswerKind.REFUSED, AnswerKind.ALREADY
@@ -203,17 +203,17 @@ IN_DOUBT = Case(_NO, "Somebody else seems to have control of the vehicle: ask ag
 """The answer to everything for the moment in which that is not clear."""
 
 
-def answer_to(turn: Turn, command: UserCommand) -> Case:
+def answer_to(context: Context, command: UserCommand) -> Case:
     """Return the answer to a command in the engine's present state."""
-    for case in ANSWERS[command].get(turn.state.state, ()):
-        if CONDITIONS[case.when](turn):
+    for case in ANSWERS[command].get(context.state.state, ()):
+        if CONDITIONS[case.when](context):
             return case
     return Case(_NO, OTHERWISE[command])
 
 
-def available(turn: Turn) -> Tuple[UserCommand, ...]:
+def available(context: Context) -> Tuple[UserCommand, ...]:
     """Return the commands that would be done now."""
-    return tuple(command for command in UserCommand if answer_to(turn, command).answer is _DONE)
+    return tuple(command for command in UserCommand if answer_to(context, command).answer is _DONE)
 
 
 # --- decide -----------------------------------------------------------------------------------------------------------
@@ -237,23 +237,23 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
         What it knows now, and the commands in the order in which they are to be carried out: landing first, then other
         requests, then the answer and the messages to the user, and the decisions to be written down last.
     """
-    turn = Turn(state, event, rules)
-    turn.now = max(event.t_ns, state.t_ns)
-    update(turn)
+    context = Context(state, event, rules)
+    context.now = max(event.t_ns, state.t_ns)
+    update(context)
     decisions: List[Decision] = []
-    _answer(turn)
-    _update_failures(turn, decisions)
+    _answer(context)
+    _update_failures(context, decisions)
     for _ in range(MAX_ROWS):
-        row, seen = _first(turn)
+        row, seen = _first(context)
         if row is None:
             break
-        _fire(turn, row, seen, decisions)
-        _update_failures(turn, decisions)
-    if turn.state.signal and not turn.suspected():
-        turn.set(signal="")
-    if not turn.commands and not decisions:
-        return turn.state, ()
-    return turn.state, (*sorted(turn.commands, key=_rank), *decisions)
+        _fire(context, row, seen, decisions)
+        _update_failures(context, decisions)
+    if context.state.signal and not context.suspected():
+        context.set(signal="")
+    if not context.commands and not decisions:
+        return context.state, ()
+    return context.state, (*sorted(context.commands, key=_rank), *decisions)
 
 
 def _rank(command: Command) -> int:
@@ -268,94 +268,95 @@ def _rank(command: Command) -> int:
     return 5 if isinstance(command, Answer) else 6
 
 
-def _answer(turn: Turn) -> None:
+def _answer(context: Context) -> None:
     """Answer the user; a request that is not done is not carried out either."""
-    event = turn.event
+    event = context.event
     if isinstance(event, MissionRejected):
-        turn.notify("mission_invalid", mission_id=event.mission_id, error=event.error)
-        turn.commands.append(Answer(request_id=event.request_id, answer=AnswerKind.REFUSED, message=event.error))
+        context.notify("mission_invalid", mission_id=event.mission_id, error=event.error)
+        context.commands.append(Answer(request_id=event.request_id, answer=AnswerKind.REFUSED, message=event.error))
         return
     if not isinstance(event, (UserRequest, MissionSelected)):
         return
-    case = answer_to(turn, event.command) if isinstance(event, UserRequest) else SELECT[turn.state.state]
-    case = IN_DOUBT if turn.suspected() else case
+    case = answer_to(context, event.command) if isinstance(event, UserRequest) else SELECT[context.state.state]
+    case = IN_DOUBT if context.suspected() else case
     if case.answer is not AnswerKind.DONE:
-        turn.consume()
-    turn.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
+        context.consume()
+    context.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
 
 
 _SAID_HERE = {"failure_wait": State.HOLD, "failure_land": State.LAND, "failure_pilot": State.PILOT}
 """A failure that leads to another state is said by the transition; in that state it is said by itself."""
 
 
-def _update_failures(turn: Turn, decisions: List[Decision]) -> None:
+def _update_failures(context: Context, decisions: List[Decision]) -> None:
     """Bring what is wrong up to date, and write down what changed in flight."""
-    for change in failsafe.update(turn):
-        failure, first = change.failure, len(turn.commands)
+    for change in failsafe.update(context):
+        failure, first = change.failure, len(context.commands)
         waits = change.rule == "failure_wait"
         own = waits and failure.kind is FailureKind.USER  # said by the transition
-        landed_for = change.rule == "failure_continue" and bool(failsafe.worst(turn.state))
-        landing = landed_for or (waits and turn.lands())
-        if landing or (not own and _SAID_HERE.get(change.rule, turn.state.state) is turn.state.state):
+        landed_for = change.rule == "failure_continue" and bool(failsafe.worst(context.state))
+        landing = landed_for or (waits and context.lands())
+        if landing or (not own and _SAID_HERE.get(change.rule, context.state.state) is context.state.state):
             key = "failure_while_landing" if landing else change.rule
-            turn.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
-        place = (turn.state.state, turn.state.step)
-        _write_down(turn, decisions, change.rule, place, failsafe.values_of(failure, turn), first)
+            context.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
+        place = (context.state.state, context.state.step)
+        _write_down(context, decisions, change.rule, place, failsafe.values_of(failure, context), first)
 
 
-def _first(turn: Turn) -> Tuple[Optional[Transition], Seen]:
-    doubt, quiet = turn.suspected(), not turn.asked()
-    for row in ROWS_AT[turn.state.state, turn.state.step]:
+def _first(context: Context) -> Tuple[Optional[Transition], Seen]:
+    doubt, quiet = context.suspected(), not context.asked()
+    for row in ROWS_AT[context.state.state, context.state.step]:
         if (doubt and not row.in_doubt) or (quiet and row.on_request):
             continue
-        seen = row.guard(turn)
+        seen = row.guard(context)
         if seen is not None:
             return row, seen
     return None, Seen()
 
 
-def _fire(turn: Turn, row: Transition, seen: Seen, decisions: List[Decision]) -> None:
+def _fire(context: Context, row: Transition, seen: Seen, decisions: List[Decision]) -> None:
     """Carry out one row: its own fields and action, the step into the new state, the effects of entering it."""
-    before, first = (turn.state.state, turn.state.step), len(turn.commands)
-    if turn.state.step is not Step.CANCELLING:  # a cancelled takeoff keeps its cause
-        turn.set(cause=seen.reason or row.words)
+    before, first = (context.state.state, context.state.step), len(context.commands)
+    if context.state.step is not Step.CANCELLING:  # a cancelled takeoff keeps its cause
+        context.set(cause=seen.reason or row.words)
     for path, value in row.sets.items():
-        turn.state = put(turn.state, path, value)
+        context.state = put(context.state, path, value)
     if row.act is not None:
-        row.act(turn)
+        row.act(context)
     if row.target is not None:
-        _enter(turn, before, row.target)
+        _enter(context, before, row.target)
     if row.message:
-        turn.notify(row.message, **_words(turn))
+        context.notify(row.message, **_words(context))
     if row.target is not None or row.act is not None:
-        turn.consume()
-    _write_down(turn, decisions, row.rule, before, seen.values, first)
+        context.consume()
+    _write_down(context, decisions, row.rule, before, seen.values, first)
 
 
-def _enter(turn: Turn, before: Place, target: Place) -> None:
+def _enter(context: Context, before: Place, target: Place) -> None:
     state, step = target
     if state is State.PREFLIGHT and before[0] is State.MISSION_INPUT:
-        begin_session(turn)
+        begin_session(context)
     if state is State.HOLD and before[0] is not State.HOLD:
-        turn.put("flight", interrupted=before[0])
-    entered = turn.now if state is not before[0] else turn.state.entered_ns
-    turn.set(state=state, step=step, entered_ns=entered, step_ns=turn.now)
+        context.put("flight", interrupted=before[0])
+    entered = context.now if state is not before[0] else context.state.entered_ns
+    context.set(state=state, step=step, entered_ns=entered, step_ns=context.now)
     effect = ENTER.get(target)
     if effect is not None:
-        effect(turn)
+        effect(context)
 
 
-def _words(turn: Turn) -> Dict[str, object]:
+def _words(context: Context) -> Dict[str, object]:
     """Return what the texts of messages may name."""
-    state = turn.state
+    state = context.state
     return {
         "reason": f"{state.cause}." if state.cause else "",
         "mission_id": state.session.mission.id if state.session.mission is not None else "",
         "state": state.state.value,
         "result": state.session.result.value + (f" (landed for: {state.landing.cause})" if _landed_for(state) else ""),
         "location": _location(state),
-        "limit_s": (turn.limits.ready_limit_ns if state.state is State.PREFLIGHT else turn.limits.land_limit_ns) / _NS,
-        "signal": turn.signal,
+        "limit_s": (context.limits.ready_limit_ns if state.state is State.PREFLIGHT else context.limits.land_limit_ns)
+        / _NS,
+        "signal": context.signal,
     }
 
 
@@ -374,19 +375,19 @@ def _location(state: EngineState) -> str:
 
 
 def _write_down(
-    turn: Turn, decisions: List[Decision], rule: str, before: Place, values: Tuple[Value, ...], first: int
+    context: Context, decisions: List[Decision], rule: str, before: Place, values: Tuple[Value, ...], first: int
 ) -> None:
-    commands = tuple(_short(c) for c in sorted(turn.commands[first:], key=_rank) if isinstance(c, Request))
-    number = turn.state.decisions
-    turn.set(decisions=number + 1)
+    commands = tuple(_short(c) for c in sorted(context.commands[first:], key=_rank) if isinstance(c, Request))
+    number = context.state.decisions
+    context.set(decisions=number + 1)
     decisions.append(
         Decision(
-            t_ns=turn.now,
+            t_ns=context.now,
             sequence=number,
-            event=type(turn.event).__name__,
+            event=type(context.event).__name__,
             before=before[0].value,
-            after=turn.state.state.value,
-            step=turn.state.step.value,
+            after=context.state.state.value,
+            step=context.state.step.value,
             rule=rule,
             values=values,
             commands=commands,

@@ -14,7 +14,7 @@ from .commands import (
     StartRecording,
     StopRecording,
 )
-from .context import Turn
+from .context import Context
 from .events import CHECKS, CheckName, Landed, RecordingPhase
 from .failsafe import flown_without
 from .flight_guards import mission_flown
@@ -36,297 +36,299 @@ from .timers import check_limit_ns, passed
 
 __all__ = ["ENTER", "Effect"]
 
-Effect = Callable[[Turn], None]
+Effect = Callable[[Context], None]
 
 
 # --- before takeoff ---------------------------------------------------------------------------------------------------
 
 
-def queue_missions(turn: Turn) -> None:
+def queue_missions(context: Context) -> None:
     """Put the selected missions into the queue."""
-    turn.set(queue=turn.selected)
+    context.set(queue=context.selected)
 
 
-def begin_session(turn: Turn) -> None:
+def begin_session(context: Context) -> None:
     """Start a new session with the mission at the head of the queue: nothing of the last one remains."""
-    state, flight, number = turn.state, turn.state.flight, turn.state.sessions + 1
-    turn.set(
+    state, flight, number = context.state, context.state.flight, context.state.sessions + 1
+    context.set(
         sessions=number,
         queue=state.queue[1:],
         session=Session(id=f"{state.label}-{number:03d}", mission=state.queue[0]),
         preflight=Preflight(),
         recording=Recording(),
     )
-    turn.put("peers", planner=None, planner_ns=None, recorder=None, recorder_ns=None)
+    context.put("peers", planner=None, planner_ns=None, recorder=None, recorder_ns=None)
     calls_off = () if flight.was_airborne else flight.commanded  # a takeoff called off may still arm
-    turn.put("flight", was_armed=False, was_airborne=False, commanded=calls_off)
+    context.put("flight", was_armed=False, was_airborne=False, commanded=calls_off)
 
 
-def forget_mission(turn: Turn) -> None:
+def forget_mission(context: Context) -> None:
     """Be ready for the next selection."""
-    turn.set(session=Session(), preflight=Preflight(), failures=())
+    context.set(session=Session(), preflight=Preflight(), failures=())
 
 
-def preflight(turn: Turn) -> None:
+def preflight(context: Context) -> None:
     """Ask for all checks, and start the time in which the watchdog may fix what fails."""
-    state, limits = turn.state, turn.limits
+    state, limits = context.state, context.limits
     startup = limits.watchdog_startup_time_ns if state.peers.watchdog_started_ns is None else 0
-    turn.put(
+    context.put(
         "preflight",
         rounds=state.preflight.rounds + 1,
-        fix_deadline_ns=turn.now + startup + limits.preflight_fix_limit_ns,
+        fix_deadline_ns=context.now + startup + limits.preflight_fix_limit_ns,
     )
-    turn.put("session", outreach=OutreachKind.NONE)
-    run_checks(turn)
+    context.put("session", outreach=OutreachKind.NONE)
+    run_checks(context)
 
 
-def run_checks(turn: Turn) -> None:
+def run_checks(context: Context) -> None:
     """Ask for all checks, in their order. Rows of the last answers stay in the table until the new ones come."""
-    before = {record.check: record for record in turn.state.preflight.checks}
+    before = {record.check: record for record in context.state.preflight.checks}
     records = []
     for check in CheckName:
-        request = _request(turn, check)
-        turn.send(request)
+        request = _request(context, check)
+        context.send(request)
         old = before.get(check, CheckRecord(check=check))
         records.append(
-            evolve(old, command_id=request.id, asked_ns=turn.now, replied_ns=None, outcome=None, ok=False, message="")
+            evolve(
+                old, command_id=request.id, asked_ns=context.now, replied_ns=None, outcome=None, ok=False, message=""
+            )
         )
-    turn.put("preflight", checks=tuple(records))
+    context.put("preflight", checks=tuple(records))
 
 
-def _request(turn: Turn, check: CheckName) -> RunCheck:
-    mission, started = turn.state.session.mission, turn.state.peers.watchdog_started_ns is not None
+def _request(context: Context, check: CheckName) -> RunCheck:
+    mission, started = context.state.session.mission, context.state.peers.watchdog_started_ns is not None
     known: Mapping[str, Any] = {
         "required": mission.required if mission is not None else (),
-        "startup_time_ns": 0 if started else turn.limits.watchdog_startup_time_ns,
+        "startup_time_ns": 0 if started else context.limits.watchdog_startup_time_ns,
         "required_fraction": mission.battery_needed_fraction if mission is not None else None,
     }
     return RunCheck(
-        id=turn.take_id(),
-        limit_ns=check_limit_ns(turn.state, turn.rules, check),
+        id=context.take_id(),
+        limit_ns=check_limit_ns(context.state, context.rules, check),
         check=check,
         mission_id=mission.id if mission is not None else "",
         **{name: value for name, value in known.items() if name in CHECKS[check].asks},
     )
 
 
-def forgive(turn: Turn) -> None:
+def forgive(context: Context) -> None:
     """The user retries: rounds are counted afresh."""
-    turn.put("preflight", rounds=0)
+    context.put("preflight", rounds=0)
 
 
-def ready(turn: Turn) -> None:
+def ready(context: Context) -> None:
     """Say so."""
-    turn.notify("ready_wait_go" if turn.rules.require_go else "ready")
+    context.notify("ready_wait_go" if context.rules.require_go else "ready")
 
 
-def start_recording(turn: Turn) -> None:
+def start_recording(context: Context) -> None:
     """Ask the recorder to start, unless it proves that it records this session already."""
-    recording, mission = turn.state.recording, turn.state.session.mission
-    if recording.asked and records(turn):
-        turn.put("recording", request=evolve(recording.request, outcome=None))
+    recording, mission = context.state.recording, context.state.session.mission
+    if recording.asked and records(context):
+        context.put("recording", request=evolve(recording.request, outcome=None))
         return
     request = StartRecording(
-        id=turn.take_id(),
-        limit_ns=turn.limits.command_reply_limit_ns,
-        session_id=turn.state.session.id,
+        id=context.take_id(),
+        limit_ns=context.limits.command_reply_limit_ns,
+        session_id=context.state.session.id,
         mission_id=mission.id if mission is not None else "",
     )
-    turn.set(recording=Recording(asked=True, request=turn.send(request), location=recording.location))
+    context.set(recording=Recording(asked=True, request=context.send(request), location=recording.location))
 
 
-def load_mission(turn: Turn) -> None:
+def load_mission(context: Context) -> None:
     """Send the mission to the planner, and ask for all checks again."""
-    session = turn.state.session
+    session = context.state.session
     request = LoadMission(
-        id=turn.take_id(),
-        limit_ns=turn.limits.load_limit_ns,
+        id=context.take_id(),
+        limit_ns=context.limits.load_limit_ns,
         session_id=session.id,
         mission_id=session.mission.id if session.mission is not None else "",
         file_index=session.file_index,
         repetition=session.repetition,
     )
-    turn.put("preflight", load=turn.send(request))
-    run_checks(turn)
+    context.put("preflight", load=context.send(request))
+    run_checks(context)
 
 
-def next_leg(turn: Turn) -> None:
+def next_leg(context: Context) -> None:
     """Go on to the next waypoint file, or the next repetition, on the ground."""
-    session = turn.state.session
+    session = context.state.session
     last_file = session.mission is None or session.file_index + 1 >= session.mission.files
-    turn.put(
+    context.put(
         "session",
         file_index=0 if last_file else session.file_index + 1,
         repetition=session.repetition + 1 if last_file else session.repetition,
     )
-    turn.put("flight", active=False)
-    load_mission(turn)
+    context.put("flight", active=False)
+    load_mission(context)
 
 
 # --- motion -----------------------------------------------------------------------------------------------------------
 
 
-def _motion(turn: Turn, action: MissionAction) -> None:
-    limit_ns, session_id = turn.limits.command_reply_limit_ns, turn.state.session.id
-    asked = turn.send(MissionCommand(id=turn.take_id(), limit_ns=limit_ns, session_id=session_id, action=action))
-    commanded = turn.state.flight.commanded
+def _motion(context: Context, action: MissionAction) -> None:
+    limit_ns, session_id = context.limits.command_reply_limit_ns, context.state.session.id
+    asked = context.send(MissionCommand(id=context.take_id(), limit_ns=limit_ns, session_id=session_id, action=action))
+    commanded = context.state.flight.commanded
     commanded = commanded if commanded[-1:] == (action,) else (*commanded, action)
-    turn.put("flight", motion=asked, mode_shown=False, commanded=commanded)
+    context.put("flight", motion=asked, mode_shown=False, commanded=commanded)
 
 
-def _mode(turn: Turn) -> str:
-    return turn.state.peers.autopilot.mode if turn.state.peers.autopilot is not None else ""
+def _mode(context: Context) -> str:
+    return context.state.peers.autopilot.mode if context.state.peers.autopilot is not None else ""
 
 
-def take_off(turn: Turn) -> None:
+def take_off(context: Context) -> None:
     """Command the takeoff: from here on it is a flight."""
-    without = flown_without(turn)
-    flight = Flight(active=True, started_ns=turn.now, flown_without=without, mode_before=_mode(turn))
-    turn.set(flight=flight, landing=Landing())
-    _motion(turn, MissionAction.TAKEOFF)
+    without = flown_without(context)
+    flight = Flight(active=True, started_ns=context.now, flown_without=without, mode_before=_mode(context))
+    context.set(flight=flight, landing=Landing())
+    _motion(context, MissionAction.TAKEOFF)
 
 
-def cancel_takeoff(turn: Turn) -> None:
+def cancel_takeoff(context: Context) -> None:
     """Command ABORT: before lift-off it cancels and disarms."""
-    _motion(turn, MissionAction.ABORT)
+    _motion(context, MissionAction.ABORT)
 
 
-def hold(turn: Turn) -> None:
+def hold(context: Context) -> None:
     """Command a hold."""
-    turn.put("flight", hold_repeated=False)
-    _motion(turn, MissionAction.HOLD)
+    context.put("flight", hold_repeated=False)
+    _motion(context, MissionAction.HOLD)
 
 
-def hold_again(turn: Turn) -> None:
+def hold_again(context: Context) -> None:
     """Command the hold once more: nothing shows it."""
-    turn.put("flight", hold_repeated=True)
-    _motion(turn, MissionAction.HOLD)
+    context.put("flight", hold_repeated=True)
+    _motion(context, MissionAction.HOLD)
 
 
-def resume(turn: Turn) -> None:
+def resume(context: Context) -> None:
     """Command to go on."""
-    _motion(turn, MissionAction.RESUME)
+    _motion(context, MissionAction.RESUME)
 
 
-def ask_hold(turn: Turn) -> None:
+def ask_hold(context: Context) -> None:
     """The user asks for a hold."""
-    turn.put("flight", user_hold_ns=turn.now)
+    context.put("flight", user_hold_ns=context.now)
 
 
-def end_hold(turn: Turn) -> None:
+def end_hold(context: Context) -> None:
     """The user asks to go on."""
-    turn.put("flight", user_hold_ns=None)
+    context.put("flight", user_hold_ns=None)
 
 
-def land(turn: Turn) -> None:
+def land(context: Context) -> None:
     """Command the landing; by the second route too when both are due."""
-    state = turn.state
+    state = context.state
     if state.landing.since_ns is None:
-        turn.put("landing", since_ns=turn.now, cause=state.cause)
-        turn.put("flight", user_hold_ns=None)
-        if mission_flown(turn) is not None:
-            turn.put("session", result=Result.COMPLETE)  # its last waypoint was flown, whoever ends the landing
-    late = passed("land_second_route_after", turn.state, turn.rules, turn.now)
-    overdue = passed("land_limit", turn.state, turn.rules, turn.now)
-    if not any(isinstance(c, MissionCommand) and c.action is MissionAction.LAND for c in turn.commands):
-        _motion(turn, MissionAction.LAND)
-    if turn.state.landing.both_routes or late or overdue:
-        _second_route(turn)
-    turn.put("landing", sent_ns=turn.now)
+        context.put("landing", since_ns=context.now, cause=state.cause)
+        context.put("flight", user_hold_ns=None)
+        if mission_flown(context) is not None:
+            context.put("session", result=Result.COMPLETE)  # its last waypoint was flown, whoever ends the landing
+    late = passed("land_second_route_after", context.state, context.rules, context.now)
+    overdue = passed("land_limit", context.state, context.rules, context.now)
+    if not any(isinstance(c, MissionCommand) and c.action is MissionAction.LAND for c in context.commands):
+        _motion(context, MissionAction.LAND)
+    if context.state.landing.both_routes or late or overdue:
+        _second_route(context)
+    context.put("landing", sent_ns=context.now)
 
 
-def _second_route(turn: Turn) -> None:
-    if any(isinstance(command, AutopilotLand) for command in turn.commands):
+def _second_route(context: Context) -> None:
+    if any(isinstance(command, AutopilotLand) for command in context.commands):
         return
-    turn.send(AutopilotLand(id=turn.take_id(), limit_ns=turn.limits.command_reply_limit_ns))
-    if turn.state.landing.second_route_ns is None:
-        turn.put("landing", second_route_ns=turn.now)
+    context.send(AutopilotLand(id=context.take_id(), limit_ns=context.limits.command_reply_limit_ns))
+    if context.state.landing.second_route_ns is None:
+        context.put("landing", second_route_ns=context.now)
 
 
-def land_both(turn: Turn) -> None:
+def land_both(context: Context) -> None:
     """Command the landing by both routes from now on."""
-    turn.put("landing", both_routes=True)
-    land(turn)
+    context.put("landing", both_routes=True)
+    land(context)
 
 
-def adopt_flight(turn: Turn) -> None:
+def adopt_flight(context: Context) -> None:
     """A flight that is not ours, or seemed over, is landed: it counts as a flight from here on."""
-    adopt_late_arming(turn)
-    turn.put("session", flown=True)
+    adopt_late_arming(context)
+    context.put("session", flown=True)
 
 
-def adopt_late_arming(turn: Turn) -> None:
+def adopt_late_arming(context: Context) -> None:
     """A takeoff that was called off arms all the same: it is landed as a flight; flown it is once it lifts off."""
-    turn.put(
+    context.put(
         "flight",
         active=True,
-        started_ns=turn.now,
+        started_ns=context.now,
         was_armed=True,
         commanded=(),
         confirmed=None,
-        mode_before=_mode(turn),
+        mode_before=_mode(context),
         takeover_noted=False,
     )
-    turn.set(landing=Landing(both_routes=True))
+    context.set(landing=Landing(both_routes=True))
 
 
-def alarm(turn: Turn) -> None:
+def alarm(context: Context) -> None:
     """Remember that the pilot was alarmed."""
-    turn.put("landing", alarmed=True)
+    context.put("landing", alarmed=True)
 
 
-def disarm(turn: Turn) -> None:
+def disarm(context: Context) -> None:
     """Disarm on the ground."""
-    turn.send(AutopilotDisarm(id=turn.take_id(), limit_ns=turn.limits.command_reply_limit_ns))
-    turn.put("landing", disarm_sent_ns=turn.now)
+    context.send(AutopilotDisarm(id=context.take_id(), limit_ns=context.limits.command_reply_limit_ns))
+    context.put("landing", disarm_sent_ns=context.now)
 
 
-def pilot(turn: Turn) -> None:
+def pilot(context: Context) -> None:
     """Stop commanding."""
-    turn.put("flight", commanded=(), confirmed=None, user_hold_ns=None, takeover_noted=False)
+    context.put("flight", commanded=(), confirmed=None, user_hold_ns=None, takeover_noted=False)
 
 
 # --- data -------------------------------------------------------------------------------------------------------------
 
 
-def clean_up(turn: Turn) -> None:
+def clean_up(context: Context) -> None:
     """Stop the recording; say so when the landing detection does not confirm the landing."""
-    state = turn.state
+    state = context.state
     flown = state.flight.was_airborne
-    turn.put("flight", active=False, user_hold_ns=None)
-    turn.put("landing", since_ns=None)
-    turn.put("session", outreach=OutreachKind.NONE)
-    detection = turn.detection()
+    context.put("flight", active=False, user_hold_ns=None)
+    context.put("landing", since_ns=None)
+    context.put("session", outreach=OutreachKind.NONE)
+    detection = context.detection()
     if flown and detection is not Landed.ON_GROUND:
         reason = f"it says {detection.name}" + (
             f", {state.peers.landing.reason}" if state.peers.landing and state.peers.landing.reason else ""
         )
-        turn.notify("landing_unconfirmed", reason=reason)
+        context.notify("landing_unconfirmed", reason=reason)
     if not state.recording.asked:
         return
-    limit_ns = turn.limits.command_reply_limit_ns
-    request = turn.send(StopRecording(id=turn.take_id(), limit_ns=limit_ns, session_id=state.session.id))
+    limit_ns = context.limits.command_reply_limit_ns
+    request = context.send(StopRecording(id=context.take_id(), limit_ns=limit_ns, session_id=state.session.id))
     failed = state.peers.recorder is not None and state.peers.recorder.phase is RecordingPhase.FAILED
-    turn.put("recording", request=request, progressed=not failed)
+    context.put("recording", request=request, progressed=not failed)
 
 
-def end_mission(turn: Turn) -> None:
+def end_mission(context: Context) -> None:
     """Say whether it was flown at all; drop the missions that were still to come, unless this one is complete."""
-    if turn.state.session.result in (Result.NOT_FLOWN, Result.LANDED_EARLY):
-        turn.put("session", result=Result.LANDED_EARLY if turn.state.session.flown else Result.NOT_FLOWN)
-    state = turn.state
-    turn.put("recording", over=True)
-    turn.put("flight", active=False)
+    if context.state.session.result in (Result.NOT_FLOWN, Result.LANDED_EARLY):
+        context.put("session", result=Result.LANDED_EARLY if context.state.session.flown else Result.NOT_FLOWN)
+    state = context.state
+    context.put("recording", over=True)
+    context.put("flight", active=False)
     if state.session.result is not Result.COMPLETE:
-        drop_queue(turn)
+        drop_queue(context)
 
 
-def drop_queue(turn: Turn) -> None:
+def drop_queue(context: Context) -> None:
     """Drop the missions that were still to come, and say so."""
-    state = turn.state
+    state = context.state
     if state.queue:
-        turn.notify("queue_dropped", missions=", ".join(mission.id for mission in state.queue))
-        turn.set(queue=())
+        context.notify("queue_dropped", missions=", ".join(mission.id for mission in state.queue))
+        context.set(queue=())
 
 
 Place = Tuple[State, Step]

@@ -19,7 +19,7 @@ from operator import attrgetter
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .commands import Seen, Value, because
-from .context import Turn
+from .context import Context
 from .events import ComponentStatus, Mission, MissionPhase, RecordingPhase, RecordingStatus
 from .rules import SEVERITIES, Action, Code, Restart, Rules, Severity, action_of, row_of_code
 from .state import EngineState, Failure, FailureKind, State, Step, evolve
@@ -95,15 +95,15 @@ class Silent:
         end: int = begin + limit(state, rules)
         return end if self.ends_flight else end + 1
 
-    def holds(self, turn: Turn) -> Optional[Seen]:
+    def holds(self, context: Context) -> Optional[Seen]:
         """Return its age and the limit when it has been silent for too long."""
-        end = self.end_ns(turn.state, turn.rules)
-        if end is None or turn.now < end:
+        end = self.end_ns(context.state, context.rules)
+        if end is None or context.now < end:
             return None
         read_heard, _, limit = self._read
-        heard = read_heard(turn.state.peers)
-        age = turn.now - (heard if heard is not None else turn.state.flight.started_ns or 0)
-        return Seen((Value(self.words, round(age / _NS, 3), limit(turn.state, turn.rules) / _NS, "s"),))
+        heard = read_heard(context.state.peers)
+        age = context.now - (heard if heard is not None else context.state.flight.started_ns or 0)
+        return Seen((Value(self.words, round(age / _NS, 3), limit(context.state, context.rules) / _NS, "s"),))
 
 
 @dataclass(frozen=True)
@@ -130,14 +130,14 @@ class Bound(abc.ABC):
         scale = _NS if self.limit.endswith("_ns") else 1.0
         object.__setattr__(self, "_read", (of_vehicle, holder, attrgetter(name), _limit_of(self.limit), scale))
 
-    def holds(self, turn: Turn) -> Optional[Seen]:
+    def holds(self, context: Context) -> Optional[Seen]:
         """Return value and limit when the one is beyond the other."""
         of_vehicle, read_holder, read, read_limit, scale = self._read
-        holder = turn.vehicle() if of_vehicle else read_holder(turn.state.peers)
+        holder = context.vehicle() if of_vehicle else read_holder(context.state.peers)
         value = None if holder is None else read(holder)
         if value is None:
             return None
-        limit = read_limit(turn.state, turn.rules)
+        limit = read_limit(context.state, context.rules)
         limit = limit / scale if scale != 1.0 else limit
         if not self.beyond(value, limit):
             return None
@@ -172,7 +172,7 @@ class Below(Bound):
 class Says:
     """A status says so itself: `holds` returns what it looked at, else None."""
 
-    holds: Callable[[Turn], Optional[Seen]]
+    holds: Callable[[Context], Optional[Seen]]
 
 
 @dataclass(frozen=True)
@@ -200,18 +200,18 @@ class FailsafeCondition:
     peer: str = ""
     only: str = ""
     on_ground: bool = False
-    holds: Callable[[Turn], Optional[Seen]] = dataclasses.field(init=False, compare=False, repr=False)
+    holds: Callable[[Context], Optional[Seen]] = dataclasses.field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         alone = len(self.when) == 1 and not self.only  # most rows are, and this is asked at every event
         object.__setattr__(self, "holds", self.when[0].holds if alone else self._any_holds)
 
-    def _any_holds(self, turn: Turn) -> Optional[Seen]:
+    def _any_holds(self, context: Context) -> Optional[Seen]:
         """Return what was looked at when it holds, else None."""
-        if self.only and not attrgetter(self.only)(turn.state):
+        if self.only and not attrgetter(self.only)(context.state):
             return None
         for condition in self.when:
-            seen = condition.holds(turn)
+            seen = condition.holds(context)
             if seen is not None:
                 return seen
         return None
@@ -226,26 +226,26 @@ def proves_recording(event: RecordingStatus) -> bool:
     return recording and bool(event.platforms) and all(platform.growing for platform in event.platforms)
 
 
-def _planner_failed(turn: Turn) -> Optional[Seen]:
-    planner = turn.state.peers.planner
+def _planner_failed(context: Context) -> Optional[Seen]:
+    planner = context.state.peers.planner
     if planner is None or planner.phase is not MissionPhase.FAILED:
         return None
     return Seen((Value("planner phase", "FAILED"), Value("planner says", planner.message)))
 
 
-def _link_unknown(turn: Turn) -> Optional[Seen]:
-    status, limit_s = turn.state.peers.autopilot, turn.limits.autopilot_link_limit_ns / _NS
+def _link_unknown(context: Context) -> Optional[Seen]:
+    status, limit_s = context.state.peers.autopilot, context.limits.autopilot_link_limit_ns / _NS
     return Seen((Value(_LINK, None, limit_s, "s"),)) if status is not None and status.link_age_s is None else None
 
 
-def _battery_flag(turn: Turn) -> Optional[Seen]:
+def _battery_flag(context: Context) -> Optional[Seen]:
     """Take the autopilot's word: ArduPilot's level ignores the voltage."""
-    critical = turn.state.peers.autopilot is not None and turn.state.peers.autopilot.battery_critical
+    critical = context.state.peers.autopilot is not None and context.state.peers.autopilot.battery_critical
     return because("reason", "the autopilot says that the battery is critical") if critical else None
 
 
-def _does_not_record(turn: Turn) -> Optional[Seen]:
-    recorder = turn.state.peers.recorder
+def _does_not_record(context: Context) -> Optional[Seen]:
+    recorder = context.state.peers.recorder
     if recorder is None or proves_recording(recorder):
         return None
     still = ", ".join(p.platform for p in recorder.platforms if not p.growing)
@@ -317,31 +317,31 @@ def wait_limit_ns(name: str, rules: Rules) -> int:
     return rules.limits.unlisted_wait_limit_ns
 
 
-def update(turn: Turn) -> Tuple[Change, ...]:
+def update(context: Context) -> Tuple[Change, ...]:
     """Bring `state.failures`, the budgets and what is flown without up to date; return what changed in flight."""
-    state = turn.state
+    state = context.state
     old, without = state.failures, state.flight.flown_without
     bad = [status for status in state.peers.components if status.code > Code.NOMINAL]
-    lost = _lost(turn, old) if state.flight.active else []
+    lost = _lost(context, old) if state.flight.active else []
     if not (bad or lost or old or state.flight.user_hold_ns is not None):
         return ()
-    ledger = _Ledger(turn, old)
+    ledger = _Ledger(context, old)
     new = [ledger.component(status) for status in bad] + lost
     if state.flight.active:
-        new += _user_hold(turn)
+        new += _user_hold(context)
     ledger.close(new)
     if not new and not old:
         return ()
-    turn.set(failures=tuple(new))
-    turn.put("flight", spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without)))
-    return _changes(old, turn.state, without) if turn.state.flight.active else ()
+    context.set(failures=tuple(new))
+    context.put("flight", spent=tuple(sorted(ledger.spent.items())), flown_without=tuple(sorted(ledger.without)))
+    return _changes(old, context.state, without) if context.state.flight.active else ()
 
 
-def flown_without(turn: Turn) -> Tuple[str, ...]:
+def flown_without(context: Context) -> Tuple[str, ...]:
     """Return what a takeoff now flies without: it failed, is not required, and would not be landed for."""
     names = []
-    for status in turn.state.peers.components:
-        severity = severity_of(status.name, status.code, turn.state, turn.rules)
+    for status in context.state.peers.components:
+        severity = severity_of(status.name, status.code, context.state, context.rules)
         waits = action_of(severity, status.code) is Action.WAIT
         if waits and SEVERITIES[severity].fallback is Action.CONTINUE:
             names.append(status.name)
@@ -362,17 +362,17 @@ _FLOOR: Mapping[State, Action] = {State.LAND: Action.LAND, State.PILOT: Action.P
 class _Ledger:
     """The budgets of one update."""
 
-    def __init__(self, turn: Turn, old: Tuple[Failure, ...]) -> None:
-        self.turn = turn
+    def __init__(self, context: Context, old: Tuple[Failure, ...]) -> None:
+        self.context = context
         self.old: Dict[str, Failure] = {failure.name: failure for failure in old}
-        self.spent: Dict[str, int] = dict(turn.state.flight.spent)
-        self.without: List[str] = list(turn.state.flight.flown_without)
-        self.can_wait = _can_wait(turn.state)
+        self.spent: Dict[str, int] = dict(context.state.flight.spent)
+        self.without: List[str] = list(context.state.flight.flown_without)
+        self.can_wait = _can_wait(context.state)
 
     def component(self, status: ComponentStatus) -> Failure:
         """Return the failure that a component's status means."""
-        turn, name = self.turn, status.name
-        severity = severity_of(name, status.code, turn.state, turn.rules)
+        context, name = self.context, status.name
+        severity = severity_of(name, status.code, context.state, context.rules)
         action = action_of(severity, status.code) or Action.CONTINUE
         before = self.old.get(name)
         failure = Failure(
@@ -380,12 +380,12 @@ class _Ledger:
             kind=FailureKind.COMPONENT,
             code=int(status.code),
             action=action,
-            since_ns=before.since_ns if before is not None else turn.now,
+            since_ns=before.since_ns if before is not None else context.now,
             reason=status.reason,
         )
         if action is Action.WAIT:
             return self._wait(failure, severity, status.restart)
-        in_hands = action is Action.LAND and self.turn.state.state is State.PILOT
+        in_hands = action is Action.LAND and self.context.state.state is State.PILOT
         return evolve(failure, action=Action.PILOT) if in_hands else failure
 
     def _wait(self, failure: Failure, severity: Severity, restart: Restart) -> Failure:
@@ -393,9 +393,9 @@ class _Ledger:
         if failure.name in self.without:
             return evolve(failure, action=fallback)
         if not self.can_wait:
-            return evolve(failure, action=_FLOOR.get(self.turn.state.state, Action.WAIT), fallback=None)
+            return evolve(failure, action=_FLOOR.get(self.context.state.state, Action.WAIT), fallback=None)
         deadline = self._deadline(failure.name)
-        if restart is not Restart.GIVEN_UP and self.turn.now < deadline:
+        if restart is not Restart.GIVEN_UP and self.context.now < deadline:
             return evolve(failure, fallback=fallback, deadline_ns=deadline)
         if fallback is Action.CONTINUE:
             self.without.append(failure.name)
@@ -405,7 +405,7 @@ class _Ledger:
         before = self.old.get(name)
         if before is not None and before.deadline_ns is not None:
             return before.deadline_ns
-        return self.turn.now + max(0, wait_limit_ns(name, self.turn.rules) - self.spent.get(name, 0))
+        return self.context.now + max(0, wait_limit_ns(name, self.context.rules) - self.spent.get(name, 0))
 
     def close(self, new: List[Failure]) -> None:
         """Write down what each wait that is over has spent of its budget."""
@@ -413,30 +413,30 @@ class _Ledger:
         for name, failure in self.old.items():
             if failure.deadline_ns is None or name in still or failure.kind is not FailureKind.COMPONENT:
                 continue
-            limit = wait_limit_ns(name, self.turn.rules)
-            self.spent[name] = min(limit, max(0, limit - (failure.deadline_ns - self.turn.now)))
+            limit = wait_limit_ns(name, self.context.rules)
+            self.spent[name] = min(limit, max(0, limit - (failure.deadline_ns - self.context.now)))
 
 
-def _lost(turn: Turn, old: Tuple[Failure, ...]) -> List[Failure]:
+def _lost(context: Context, old: Tuple[Failure, ...]) -> List[Failure]:
     found, known = [], {failure.name: failure for failure in old}
     for row in FAILSAFE_CONDITIONS:
-        seen = row.holds(turn)
+        seen = row.holds(context)
         if seen is None:
             continue
         before = known.get(row.name)
-        reason = clocks_words(turn, row.peer) or f"{row.words} ({_words(seen.values)})"
-        since = before.since_ns if before is not None else turn.now
-        action = Action.PILOT if row.action is Action.LAND and turn.state.state is State.PILOT else row.action
+        reason = clocks_words(context, row.peer) or f"{row.words} ({_words(seen.values)})"
+        since = before.since_ns if before is not None else context.now
+        action = Action.PILOT if row.action is Action.LAND and context.state.state is State.PILOT else row.action
         found.append(Failure(row.name, FailureKind.LOSS, 0, action, since_ns=since, reason=reason))
     return found
 
 
-def clocks_words(turn: Turn, peer: str) -> str:
+def clocks_words(context: Context, peer: str) -> str:
     """Return that a peer's clock is another one, where that is why its statuses are not believed; else nothing."""
-    for apart in turn.state.peers.clocks_apart:
+    for apart in context.state.peers.clocks_apart:
         if apart.peer == peer:
             far, side = abs(apart.age_ns) / _NS, "in the future" if apart.age_ns < 0 else "old"
-            limits = turn.limits
+            limits = context.limits
             limit = (limits.clock_tolerance_ns if apart.age_ns < 0 else limits.status_max_age_ns) / _NS
             return (
                 f"stamps of the {peer} are {far:.3f} s {side} (limit {limit:g} s): old statuses, or clocks that differ"
@@ -451,15 +451,15 @@ def _words(values: Tuple[Value, ...]) -> str:
     )
 
 
-def _user_hold(turn: Turn) -> List[Failure]:
-    since = turn.state.flight.user_hold_ns
+def _user_hold(context: Context) -> List[Failure]:
+    since = context.state.flight.user_hold_ns
     if since is None:
         return []
-    deadline = since + turn.limits.user_hold_limit_ns
+    deadline = since + context.limits.user_hold_limit_ns
     hold = Failure(
         USER_HOLD, FailureKind.USER, 0, Action.WAIT, Action.LAND, since, deadline, "the user asked for a hold"
     )
-    return [hold if turn.now < deadline else evolve(hold, action=Action.LAND, fallback=None, deadline_ns=None)]
+    return [hold if context.now < deadline else evolve(hold, action=Action.LAND, fallback=None, deadline_ns=None)]
 
 
 def _changes(old: Tuple[Failure, ...], state: EngineState, without: Tuple[str, ...]) -> Tuple[Change, ...]:
@@ -488,13 +488,13 @@ def wait_end(failure: Failure, state: EngineState) -> Optional[Tuple[int, str]]:
     return failure.deadline_ns, "wait limit"
 
 
-def values_of(failure: Failure, turn: Turn) -> Tuple[Value, ...]:
+def values_of(failure: Failure, context: Context) -> Tuple[Value, ...]:
     """Return what a decision about a failure looked at."""
     values = [Value("failure", failure.name), Value("code", failure.code), Value("verb", failure.action.name.lower())]
-    end = wait_end(failure, turn.state)
+    end = wait_end(failure, context.state)
     if end is not None:
         words = "waits at most" if end[1] == "wait limit" else "waits at most (restart limit)"
-        values.append(Value(words, round((end[0] - turn.now) / _NS, 3), None, "s"))
+        values.append(Value(words, round((end[0] - context.now) / _NS, 3), None, "s"))
     if failure.reason:
         values.append(Value("reason", failure.reason))
     return tuple(values)

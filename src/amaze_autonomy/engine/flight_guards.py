@@ -6,7 +6,7 @@ from typing import Optional
 
 from . import failsafe
 from .commands import Seen, Value, because
-from .context import LANDING_MODES, Turn, ours
+from .context import LANDING_MODES, Context, ours
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
@@ -18,88 +18,94 @@ _BOTH_ROUTES = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.both_rou
 _ALARM = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.alarm)
 
 
-def started_armed(turn: Turn) -> Optional[Seen]:
+def started_armed(context: Context) -> Optional[Seen]:
     """The engine was started, with no flight of its own to resume, while the vehicle is armed."""
-    fresh_start = turn.state.sessions == 0 and turn.state.armed_at_start is True and turn.armed()
-    return holds_if(fresh_start and not turn.state.flight.active, Value("armed at start", True))
+    fresh_start = context.state.sessions == 0 and context.state.armed_at_start is True and context.armed()
+    return holds_if(fresh_start and not context.state.flight.active, Value("armed at start", True))
 
 
-def motion_refused(turn: Turn) -> Optional[Seen]:
+def motion_refused(context: Context) -> Optional[Seen]:
     """The planner refused the last command, or is not there."""
-    refused = turn.state.flight.motion.outcome in _REFUSED
-    return because("planner", turn.state.flight.motion.message or "refused") if refused else None
+    refused = context.state.flight.motion.outcome in _REFUSED
+    return because("planner", context.state.flight.motion.message or "refused") if refused else None
 
 
-def down(turn: Turn) -> Optional[Seen]:
+def down(context: Context) -> Optional[Seen]:
     """The vehicle says, freshly, disarmed and ON_GROUND."""
-    return holds_if(turn.down(), Value("armed", False), Value("landed", "ON_GROUND"))
+    return holds_if(context.down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
-def stays_down(turn: Turn) -> Optional[Seen]:
+def stays_down(context: Context) -> Optional[Seen]:
     """Several statuses agree on disarmed and ON_GROUND."""
-    return holds_if(turn.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
+    return holds_if(context.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
-def on_the_ground(turn: Turn) -> Optional[Seen]:
+def on_the_ground(context: Context) -> Optional[Seen]:
     """The vehicle says, freshly, ON_GROUND."""
-    return holds_if(turn.on_ground(), Value("landed", "ON_GROUND"))
+    return holds_if(context.on_ground(), Value("landed", "ON_GROUND"))
 
 
-def stands(turn: Turn) -> Optional[Seen]:
+def stands(context: Context) -> Optional[Seen]:
     """The vehicle has said ON_GROUND for longer than one wrong status lasts."""
-    return holds_if(turn.stands(), Value("landed", "ON_GROUND"))
+    return holds_if(context.stands(), Value("landed", "ON_GROUND"))
 
 
-def armed(turn: Turn) -> Optional[Seen]:
+def armed(context: Context) -> Optional[Seen]:
     """The vehicle says, freshly, that it is armed."""
-    return holds_if(turn.armed(), Value("armed", True))
+    return holds_if(context.armed(), Value("armed", True))
 
 
-def airborne(turn: Turn) -> Optional[Seen]:
+def airborne(context: Context) -> Optional[Seen]:
     """The vehicle says, freshly, that it has left the ground."""
     return holds_if(
-        turn.airborne(), Value("landed", turn.state.peers.autopilot.landed.name if turn.state.peers.autopilot else "")
+        context.airborne(),
+        Value("landed", context.state.peers.autopilot.landed.name if context.state.peers.autopilot else ""),
     )
 
 
-def at_takeoff_height(turn: Turn) -> Optional[Seen]:
+def at_takeoff_height(context: Context) -> Optional[Seen]:
     """The vehicle is at takeoff height."""
-    status, limit = turn.vehicle(), turn.limits.takeoff_height_m
+    status, limit = context.vehicle(), context.limits.takeoff_height_m
     reached = status is not None and status.height_m is not None and status.height_m >= limit
     return holds_if(reached, Value("height", status.height_m if status else None, limit, "m"))
 
 
-def taken_over(turn: Turn) -> Optional[Seen]:
+def taken_over(context: Context) -> Optional[Seen]:
     """Several statuses agree: the pilot or a failsafe has control, or the mode is none of ours (rule 4)."""
-    return _taken(turn) if turn.taken() else None
+    return _taken(context) if context.taken() else None
 
 
-def takeover_begins(turn: Turn) -> Optional[Seen]:
+def takeover_begins(context: Context) -> Optional[Seen]:
     """A status says that somebody else has control, which is not confirmed yet."""
-    return _taken(turn) if turn.suspected() and not turn.state.flight.takeover_noted else None
+    return _taken(context) if context.suspected() and not context.state.flight.takeover_noted else None
 
 
-def takeover_denied(turn: Turn) -> Optional[Seen]:
+def takeover_denied(context: Context) -> Optional[Seen]:
     """Somebody else seemed to have control, and the vehicle answers to us."""
-    return holds_if(turn.state.flight.takeover_noted and turn.state.vehicle.takeover is None)
+    return holds_if(context.state.flight.takeover_noted and context.state.vehicle.takeover is None)
 
 
-def _taken(turn: Turn) -> Seen:
-    status = turn.state.peers.autopilot
-    return because("reason", turn.state.vehicle.takeover_reason, Value("flight mode", status.mode if status else ""))
+def _taken(context: Context) -> Seen:
+    status = context.state.peers.autopilot
+    return because("reason", context.state.vehicle.takeover_reason, Value("flight mode", status.mode if status else ""))
 
 
-def armed_by_others(turn: Turn) -> Optional[Seen]:
+def armed_by_others(context: Context) -> Optional[Seen]:
     """The vehicle is armed, and it was not us; several statuses agree."""
-    if turn.state.flight.active or not (turn.taken() and turn.armed()):
+    if context.state.flight.active or not (context.taken() and context.armed()):
         return None
     return because("reason", "it was armed, and not by us")
 
 
-def still_flies(turn: Turn) -> Optional[Seen]:
+def still_flies(context: Context) -> Optional[Seen]:
     """Its flight seemed over, and it says that it is in the air, armed: it never landed, for nobody arms it there."""
-    state, status = turn.state, turn.vehicle()
-    if state.flight.active or not state.flight.was_airborne or status is None or not (turn.armed() and turn.airborne()):
+    state, status = context.state, context.vehicle()
+    if (
+        state.flight.active
+        or not state.flight.was_airborne
+        or status is None
+        or not (context.armed() and context.airborne())
+    ):
         return None
     sure = state.vehicle.aloft is not None and state.vehicle.aloft.statuses > 1
     mine = ours(status.mode, state.flight.commanded, state.flight.confirmed, lands=True) and not status.pilot_in_control
@@ -107,150 +113,150 @@ def still_flies(turn: Turn) -> Optional[Seen]:
     return because("reason", "it is still in the air", landed) if sure and mine else None
 
 
-def armed_late(turn: Turn) -> Optional[Seen]:
+def armed_late(context: Context) -> Optional[Seen]:
     """It is armed in a mode of ours, after a takeoff of ours was called off: our ARM took effect late."""
-    armed, agreed = turn.may_arm_late() and turn.armed(), turn.state.vehicle.motors
-    mine = armed and turn.state.vehicle.takeover is None and agreed is not None and agreed.statuses > 1
+    armed, agreed = context.may_arm_late() and context.armed(), context.state.vehicle.motors
+    mine = armed and context.state.vehicle.takeover is None and agreed is not None and agreed.statuses > 1
     return because("reason", "it was armed by us, after its takeoff was called off") if mine else None
 
 
-def lands(turn: Turn) -> Optional[Seen]:
+def lands(context: Context) -> Optional[Seen]:
     """It is landing, whoever lands it."""
-    return because("reason", "it is landing") if turn.lands() else None
+    return because("reason", "it is landing") if context.lands() else None
 
 
-def hold_shown(turn: Turn) -> Optional[Seen]:
+def hold_shown(context: Context) -> Optional[Seen]:
     """Flight mode or standing still shows that it holds."""
-    status = turn.vehicle()
+    status = context.vehicle()
     mode, speed = (status.mode, status.horizontal_speed_m_s) if status is not None else ("", None)
-    shown = (Value("flight mode", mode), Value("speed over ground", speed, turn.limits.hold_speed_m_s, "m/s"))
-    return holds_if(turn.holds(), *shown)
+    shown = (Value("flight mode", mode), Value("speed over ground", speed, context.limits.hold_speed_m_s, "m/s"))
+    return holds_if(context.holds(), *shown)
 
 
-def moves_on(turn: Turn) -> Optional[Seen]:
+def moves_on(context: Context) -> Optional[Seen]:
     """It has flown on for longer than a gust lasts, in a mode that does not hold."""
-    status = turn.vehicle()
-    on = status is not None and passed("moving", turn.state, turn.rules, turn.now)
+    status = context.vehicle()
+    on = status is not None and passed("moving", context.state, context.rules, context.now)
     speed = status.horizontal_speed_m_s if status is not None else None
-    return holds_if(on, Value("speed over ground", speed, turn.limits.hold_speed_m_s, "m/s"))
+    return holds_if(on, Value("speed over ground", speed, context.limits.hold_speed_m_s, "m/s"))
 
 
-def hold_not_repeated(turn: Turn) -> Optional[Seen]:
+def hold_not_repeated(context: Context) -> Optional[Seen]:
     """The hold was asked for once."""
-    return holds_if(not turn.state.flight.hold_repeated)
+    return holds_if(not context.state.flight.hold_repeated)
 
 
-def nobody_knows(turn: Turn) -> Optional[Seen]:
+def nobody_knows(context: Context) -> Optional[Seen]:
     """The pilot was alarmed, and the vehicle is not heard any more."""
-    status = turn.state.peers.autopilot
-    silent = turn.state.landing.alarmed and turn.vehicle() is None
+    status = context.state.peers.autopilot
+    silent = context.state.landing.alarmed and context.vehicle() is None
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 
 
-def mission_flown(turn: Turn) -> Optional[Seen]:
+def mission_flown(context: Context) -> Optional[Seen]:
     """The planner lands after the last waypoint of the last file: the mission is flown."""
-    planner = turn.state.peers.planner
+    planner = context.state.peers.planner
     ends = planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
     if planner is None or not ends or not 0 < planner.waypoints <= planner.waypoint:
         return None
-    return last_leg(turn)
+    return last_leg(context)
 
 
-def takeoff_failed(turn: Turn) -> Optional[Seen]:
+def takeoff_failed(context: Context) -> Optional[Seen]:
     """The planner says that the takeoff failed, and the vehicle has stayed disarmed on the ground."""
-    planner, state = turn.state.peers.planner, turn.state
+    planner, state = context.state.peers.planner, context.state
     failed = planner is not None and planner.phase is MissionPhase.FAILED and planner.t_ns > state.flight.motion.sent_ns
-    ready = failed and not state.flight.was_armed and turn.stays_down()
+    ready = failed and not state.flight.was_armed and context.stays_down()
     said = planner.message if planner is not None and planner.message else "failed"
     return because("planner", said) if ready else None
 
 
-def in_flight(turn: Turn) -> Optional[Seen]:
+def in_flight(context: Context) -> Optional[Seen]:
     """From the TAKEOFF command until the vehicle says, freshly, both disarmed and ON_GROUND."""
-    return holds_if(turn.state.flight.active, Value("in flight", True))
+    return holds_if(context.state.flight.active, Value("in flight", True))
 
 
-def _failed(turn: Turn, failure: Failure) -> Seen:
+def _failed(context: Context, failure: Failure) -> Seen:
     component = failure.kind is FailureKind.COMPONENT
     reason = ": ".join(filter(None, (failure.name, failure.reason))) if component else failure.reason
-    return Seen(failsafe.values_of(failure, turn), reason)
+    return Seen(failsafe.values_of(failure, context), reason)
 
 
-def must_land(turn: Turn) -> Optional[Seen]:
+def must_land(context: Context) -> Optional[Seen]:
     """Something means to land."""
-    worst = failsafe.worst(turn.state) if turn.state.flight.active else ()
-    return _failed(turn, worst[0]) if worst else None
+    worst = failsafe.worst(context.state) if context.state.flight.active else ()
+    return _failed(context, worst[0]) if worst else None
 
 
-def must_land_both(turn: Turn) -> Optional[Seen]:
+def must_land_both(context: Context) -> Optional[Seen]:
     """Something means to land, and by both routes at once."""
-    lost = [f for f in turn.state.failures if f.name in _BOTH_ROUTES] if turn.state.flight.active else []
-    return _failed(turn, lost[0]) if lost else None
+    lost = [f for f in context.state.failures if f.name in _BOTH_ROUTES] if context.state.flight.active else []
+    return _failed(context, lost[0]) if lost else None
 
 
-def must_alarm(turn: Turn) -> Optional[Seen]:
+def must_alarm(context: Context) -> Optional[Seen]:
     """Something is lost that the pilot must know at once."""
-    lost = [f for f in turn.state.failures if f.name in _ALARM] if turn.state.flight.active else []
-    return _failed(turn, lost[0]) if lost and not turn.state.landing.alarmed else None
+    lost = [f for f in context.state.failures if f.name in _ALARM] if context.state.flight.active else []
+    return _failed(context, lost[0]) if lost and not context.state.landing.alarmed else None
 
 
-def must_wait(turn: Turn) -> Optional[Seen]:
+def must_wait(context: Context) -> Optional[Seen]:
     """Something is waited for."""
-    held = failsafe.waiting(turn.state) if turn.state.flight.active else ()
+    held = failsafe.waiting(context.state) if context.state.flight.active else ()
     if not held:
         return None
-    values = tuple(value for failure in held for value in failsafe.values_of(failure, turn))
-    return Seen(values, _failed(turn, held[-1]).reason)
+    values = tuple(value for failure in held for value in failsafe.values_of(failure, context))
+    return Seen(values, _failed(context, held[-1]).reason)
 
 
-def nothing_waited_for(turn: Turn) -> Optional[Seen]:
+def nothing_waited_for(context: Context) -> Optional[Seen]:
     """All that was waited for is back, dropped, or resumed; on the ground there is nothing to go on with."""
-    return holds_if(turn.state.flight.active and must_wait(turn) is None)
+    return holds_if(context.state.flight.active and must_wait(context) is None)
 
 
-def vehicle_known(turn: Turn) -> Optional[Seen]:
+def vehicle_known(context: Context) -> Optional[Seen]:
     """The vehicle is heard freshly; after a restart of the engine nothing is known of it at first."""
-    return holds_if(turn.vehicle() is not None)
+    return holds_if(context.vehicle() is not None)
 
 
 def interrupted(state: State) -> Guard:
     """Hold when the hold interrupted this state."""
-    return lambda turn: holds_if(turn.state.flight.interrupted is state)
+    return lambda context: holds_if(context.state.flight.interrupted is state)
 
 
 def planner_in(*phases: MissionPhase) -> Guard:
     """Hold when the planner says, since the last command, one of these phases."""
 
-    def guard(turn: Turn) -> Optional[Seen]:
-        planner = turn.state.peers.planner
-        if planner is None or planner.phase not in phases or not planner.t_ns > turn.state.flight.motion.sent_ns:
+    def guard(context: Context) -> Optional[Seen]:
+        planner = context.state.peers.planner
+        if planner is None or planner.phase not in phases or not planner.t_ns > context.state.flight.motion.sent_ns:
             return None
         return Seen((Value("planner phase", planner.phase.name),))
 
     return guard
 
 
-def touched_down(turn: Turn) -> Optional[Seen]:
-    """Disarmed and ON_GROUND after a flight that is over (`Turn.stays_down`)."""
-    state = turn.state
-    if state.flight.active or not state.flight.was_armed or turn.flies_again():
+def touched_down(context: Context) -> Optional[Seen]:
+    """Disarmed and ON_GROUND after a flight that is over (`Context.stays_down`)."""
+    state = context.state
+    if state.flight.active or not state.flight.was_armed or context.flies_again():
         return None
-    detection = Value("landing detection", turn.detection().name)
+    detection = Value("landing detection", context.detection().name)
     return Seen((Value("armed", False), Value("landed", "ON_GROUND"), detection))
 
 
-def file_done(turn: Turn) -> Optional[Seen]:
+def file_done(context: Context) -> Optional[Seen]:
     """Touched down, and the planner says that the file's sequence has ended."""
-    planner, down = turn.state.peers.planner, touched_down(turn)
+    planner, down = context.state.peers.planner, touched_down(context)
     if down is None or planner is None or planner.phase is not MissionPhase.LANDED:
         return None
     last = planner.waypoint >= planner.waypoints
     return holds_if(last, *down.values, Value("waypoint", planner.waypoint, planner.waypoints))
 
 
-def last_leg(turn: Turn) -> Optional[Seen]:
+def last_leg(context: Context) -> Optional[Seen]:
     """No waypoint file and no repetition is left."""
-    state = turn.state
+    state = context.state
     mission = state.session.mission
     if mission is None:
         return Seen()
@@ -262,62 +268,64 @@ def last_leg(turn: Turn) -> Optional[Seen]:
     )
 
 
-def cancelled_on_ground(turn: Turn) -> Optional[Seen]:
+def cancelled_on_ground(context: Context) -> Optional[Seen]:
     """Disarmed and ON_GROUND without ever having been armed, and the landing was accepted or its limit has passed."""
-    state = turn.state
-    if state.flight.was_armed or not turn.stays_down():
+    state = context.state
+    if state.flight.was_armed or not context.stays_down():
         return None
-    settled = state.flight.motion.outcome is Outcome.ACCEPTED or passed("never_armed", state, turn.rules, turn.now)
+    settled = state.flight.motion.outcome is Outcome.ACCEPTED or passed(
+        "never_armed", state, context.rules, context.now
+    )
     return holds_if(settled, Value("armed", False), Value("landed", "ON_GROUND"), Value("was armed", False))
 
 
-def landing_shown(turn: Turn) -> Optional[Seen]:
+def landing_shown(context: Context) -> Optional[Seen]:
     """The vehicle shows that it lands: on the ground, or, up to the limit, landing mode or sustained descent.
 
     Before lift-off ON_GROUND shows nothing while it is armed: the takeoff may still be on its way.
     """
-    status = turn.vehicle()
-    before_lift_off = status is not None and status.armed is not False and not turn.state.flight.was_airborne
-    overdue = passed("land_limit", turn.state, turn.rules, turn.now)
+    status = context.vehicle()
+    before_lift_off = status is not None and status.armed is not False and not context.state.flight.was_airborne
+    overdue = passed("land_limit", context.state, context.rules, context.now)
     if status is None or (overdue and status.landed is not VehicleLanded.ON_GROUND):
         return None
     if status.mode in LANDING_MODES:
         return Seen((Value("flight mode", status.mode),))
     if status.landed is VehicleLanded.LANDING or (status.landed is VehicleLanded.ON_GROUND and not before_lift_off):
         return Seen((Value("landed", status.landed.name),))
-    sustained = passed("descent_time", turn.state, turn.rules, turn.now)
+    sustained = passed("descent_time", context.state, context.rules, context.now)
     return holds_if(
-        sustained, Value("vertical speed", status.vertical_speed_m_s, -turn.limits.descent_speed_m_s, "m/s")
+        sustained, Value("vertical speed", status.vertical_speed_m_s, -context.limits.descent_speed_m_s, "m/s")
     )
 
 
-def ground_armed(turn: Turn) -> Optional[Seen]:
+def ground_armed(context: Context) -> Optional[Seen]:
     """On the ground for a while, still armed, and nothing says that it flies."""
-    if not turn.on_ground() or not turn.armed() or turn.seems_to_fly():
+    if not context.on_ground() or not context.armed() or context.seems_to_fly():
         return None
     return holds_if(
-        passed("ground_disarm_after", turn.state, turn.rules, turn.now),
+        passed("ground_disarm_after", context.state, context.rules, context.now),
         Value("landed", "ON_GROUND"),
         Value("armed", True),
     )
 
 
-def cancelled(turn: Turn) -> Optional[Seen]:
+def cancelled(context: Context) -> Optional[Seen]:
     """Disarmed and ON_GROUND, and it was armed before or the planner has accepted the ABORT."""
-    settled = turn.state.flight.was_armed or turn.state.flight.motion.outcome is Outcome.ACCEPTED
-    return holds_if(settled and turn.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
+    settled = context.state.flight.was_armed or context.state.flight.motion.outcome is Outcome.ACCEPTED
+    return holds_if(settled and context.stays_down(), Value("armed", False), Value("landed", "ON_GROUND"))
 
 
-def not_alarmed(turn: Turn) -> Optional[Seen]:
+def not_alarmed(context: Context) -> Optional[Seen]:
     """The pilot was not alarmed yet."""
-    return holds_if(not turn.state.landing.alarmed)
+    return holds_if(not context.state.landing.alarmed)
 
 
-def not_overdue_alarmed(turn: Turn) -> Optional[Seen]:
+def not_overdue_alarmed(context: Context) -> Optional[Seen]:
     """The pilot was not yet alarmed about the limit of the landing."""
-    return holds_if(not turn.state.landing.overdue_alarmed)
+    return holds_if(not context.state.landing.overdue_alarmed)
 
 
-def one_route_only(turn: Turn) -> Optional[Seen]:
+def one_route_only(context: Context) -> Optional[Seen]:
     """The landing was commanded by the planner's route alone."""
-    return holds_if(turn.state.landing.second_route_ns is None)
+    return holds_if(context.state.landing.second_route_ns is None)

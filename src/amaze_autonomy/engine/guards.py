@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Callable, Optional, Set, Tuple
 
 from .commands import Seen, Value, Values, because
-from .context import Turn
+from .context import Context
 from .events import CHECKS, CheckName, MissionPhase, Outcome, RecordingPhase, UserCommand
 from .failsafe import FAILSAFE_CONDITIONS, clocks_words, proves_recording, severity_of
 from .rules import SEVERITIES, Action, action_of
@@ -18,7 +18,7 @@ from .state import CheckRecord, ClockApart, OutreachKind, Result, evolve
 from .timers import passed, time_of
 from .update import lacking
 
-Guard = Callable[[Turn], Optional[Seen]]
+Guard = Callable[[Context], Optional[Seen]]
 _NS = 1e9
 _ON_REQUEST: Set[Guard] = set()
 
@@ -29,42 +29,42 @@ def holds_if(condition: object, *values: Value, reason: str = "") -> Optional[Se
 
 
 def on_request(guard: Guard) -> Guard:
-    """Mark a guard that holds only while `Turn.asked`."""
+    """Mark a guard that holds only while `Context.asked`."""
     _ON_REQUEST.add(guard)
     return guard
 
 
 def needs_request(guard: Guard) -> bool:
-    """Return True when a guard holds only while `Turn.asked`."""
+    """Return True when a guard holds only while `Context.asked`."""
     return guard in _ON_REQUEST
 
 
 def user(command: UserCommand) -> Guard:
     """Hold when the user asks for it and the table of answers allows it."""
-    return on_request(lambda turn: holds_if(turn.user is command, Value("user", command.value)))
+    return on_request(lambda context: holds_if(context.user is command, Value("user", command.value)))
 
 
 @on_request
-def user_gives_up(turn: Turn) -> Optional[Seen]:
+def user_gives_up(context: Context) -> Optional[Seen]:
     """The user gives up or aborts before takeoff."""
-    asked = turn.user in (UserCommand.GIVE_UP, UserCommand.ABORT)
-    return holds_if(asked, Value("user", turn.user.value if turn.user else ""))
+    asked = context.user in (UserCommand.GIVE_UP, UserCommand.ABORT)
+    return holds_if(asked, Value("user", context.user.value if context.user else ""))
 
 
 @on_request
-def user_ends(turn: Turn) -> Optional[Seen]:
+def user_ends(context: Context) -> Optional[Seen]:
     """The user lands, aborts or gives up between two files."""
-    asked = turn.user in (UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
-    return holds_if(asked, Value("user", turn.user.value if turn.user else ""))
+    asked = context.user in (UserCommand.GIVE_UP, UserCommand.ABORT, UserCommand.LAND)
+    return holds_if(asked, Value("user", context.user.value if context.user else ""))
 
 
 def timer(name: str) -> Guard:
     """Hold when a timer has ended."""
 
-    def guard(turn: Turn) -> Optional[Seen]:
-        if not passed(name, turn.state, turn.rules, turn.now):
+    def guard(context: Context) -> Optional[Seen]:
+        if not passed(name, context.state, context.rules, context.now):
             return None
-        late = turn.now - (time_of(name, turn.state, turn.rules) or turn.now)
+        late = context.now - (time_of(name, context.state, context.rules) or context.now)
         return Seen((Value(name, "passed"), Value("later by", round(late / _NS, 6), 0.0, "s")))
 
     return guard
@@ -73,11 +73,11 @@ def timer(name: str) -> Guard:
 def both(*guards: Guard) -> Guard:
     """Hold when all of them hold."""
 
-    def guard(turn: Turn) -> Optional[Seen]:
+    def guard(context: Context) -> Optional[Seen]:
         values: Values = ()
         reasons = []
         for part in guards:
-            seen = part(turn)
+            seen = part(context)
             if seen is None:
                 return None
             values += seen.values
@@ -89,37 +89,37 @@ def both(*guards: Guard) -> Guard:
 
 def negated(inner: Guard) -> Guard:
     """Hold when the other one does not."""
-    return lambda turn: Seen() if inner(turn) is None else None
+    return lambda context: Seen() if inner(context) is None else None
 
 
 @on_request
-def mission_selected(turn: Turn) -> Optional[Seen]:
+def mission_selected(context: Context) -> Optional[Seen]:
     """The user has selected a valid mission."""
-    return holds_if(turn.selected, Value("missions", ", ".join(mission.id for mission in turn.selected)))
+    return holds_if(context.selected, Value("missions", ", ".join(mission.id for mission in context.selected)))
 
 
-def next_in_queue(turn: Turn) -> Optional[Seen]:
+def next_in_queue(context: Context) -> Optional[Seen]:
     """A further mission was selected, and the last one is complete."""
     return holds_if(
-        turn.state.queue and turn.state.session.result is Result.COMPLETE and not turn.state.shutting_down,
-        Value("missions to come", len(turn.state.queue)),
+        context.state.queue and context.state.session.result is Result.COMPLETE and not context.state.shutting_down,
+        Value("missions to come", len(context.state.queue)),
     )
 
 
-def mission_waits(turn: Turn) -> Optional[Seen]:
+def mission_waits(context: Context) -> Optional[Seen]:
     """A mission stands at the head of the queue."""
-    return holds_if(turn.state.queue, Value("mission", turn.state.queue[0].id if turn.state.queue else ""))
+    return holds_if(context.state.queue, Value("mission", context.state.queue[0].id if context.state.queue else ""))
 
 
 @on_request
-def shutdown(turn: Turn) -> Optional[Seen]:
+def shutdown(context: Context) -> Optional[Seen]:
     """The process was told to end."""
-    return holds_if(turn.signal, Value("signal", turn.signal))
+    return holds_if(context.signal, Value("signal", context.signal))
 
 
 def outreach_for(kind: OutreachKind) -> Guard:
     """Hold when external action is required for this."""
-    return lambda turn: holds_if(turn.state.session.outreach is kind)
+    return lambda context: holds_if(context.state.session.outreach is kind)
 
 
 # --- data guards ------------------------------------------------------------------------------------------------------
@@ -129,25 +129,29 @@ def outreach_for(kind: OutreachKind) -> Guard:
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
 
 
-def records(turn: Turn) -> bool:
+def records(context: Context) -> bool:
     """Return True when the recorder says, freshly, that files grow on every platform."""
-    recorder, heard_ns = turn.state.peers.recorder, turn.state.peers.recorder_ns
-    if recorder is None or heard_ns is None or turn.now - heard_ns > turn.limits.recorder_status_limit_ns:
+    recorder, heard_ns = context.state.peers.recorder, context.state.peers.recorder_ns
+    if recorder is None or heard_ns is None or context.now - heard_ns > context.limits.recorder_status_limit_ns:
         return False
     return proves_recording(recorder)
 
 
-def recording_proven(turn: Turn) -> Optional[Seen]:
+def recording_proven(context: Context) -> Optional[Seen]:
     """Files grow on every platform, and the lead time has passed."""
-    recorder = turn.state.peers.recorder
-    if recorder is None or not records(turn) or not passed("recording_lead", turn.state, turn.rules, turn.now):
+    recorder = context.state.peers.recorder
+    if (
+        recorder is None
+        or not records(context)
+        or not passed("recording_lead", context.state, context.rules, context.now)
+    ):
         return None
     return Seen((Value("platforms that record", len(recorder.platforms)),))
 
 
-def recording_refused(turn: Turn) -> Optional[Seen]:
+def recording_refused(context: Context) -> Optional[Seen]:
     """The recorder refused to start, or says that it failed."""
-    state = turn.state
+    state = context.state
     if state.recording.request.outcome in _REFUSED:
         return because("recorder", state.recording.request.message or "refused")
     failed = (
@@ -162,87 +166,87 @@ def recording_refused(turn: Turn) -> Optional[Seen]:
     )
 
 
-def nothing_recorded(turn: Turn) -> Optional[Seen]:
+def nothing_recorded(context: Context) -> Optional[Seen]:
     """No recording was ever asked for in this session."""
-    return holds_if(not turn.state.recording.asked, Value("recording", "never started"))
+    return holds_if(not context.state.recording.asked, Value("recording", "never started"))
 
 
-def something_recorded(turn: Turn) -> Optional[Seen]:
+def something_recorded(context: Context) -> Optional[Seen]:
     """A recording was asked for in this session."""
-    return holds_if(turn.state.recording.asked, Value("recording", "started"))
+    return holds_if(context.state.recording.asked, Value("recording", "started"))
 
 
-def data_complete(turn: Turn) -> Optional[Seen]:
+def data_complete(context: Context) -> Optional[Seen]:
     """The recorder says, since it was asked to stop, that everything is written, transferred, merged and verified."""
-    recorder, heard_ns = turn.state.peers.recorder, turn.state.peers.recorder_ns
+    recorder, heard_ns = context.state.peers.recorder, context.state.peers.recorder_ns
     complete = (
         recorder is not None
         and recorder.phase is RecordingPhase.COMPLETE
         and heard_ns is not None
-        and heard_ns > turn.state.entered_ns
+        and heard_ns > context.state.entered_ns
     )
-    return holds_if(complete, Value("recording", "COMPLETE"), Value("location", turn.state.recording.location))
+    return holds_if(complete, Value("recording", "COMPLETE"), Value("location", context.state.recording.location))
 
 
-def data_lost(turn: Turn) -> Optional[Seen]:
+def data_lost(context: Context) -> Optional[Seen]:
     """What was recorded is merged and verified, but the recorder names what of the flight is not in it."""
-    recorder, complete = turn.state.peers.recorder, data_complete(turn)
+    recorder, complete = context.state.peers.recorder, data_complete(context)
     if complete is None or recorder is None or not recorder.lost:
         return None
     return Seen((*complete.values, Value("lost", recorder.lost)))
 
 
-def data_incomplete(turn: Turn) -> Optional[Seen]:
+def data_incomplete(context: Context) -> Optional[Seen]:
     """The recorder refused to stop, failed since it was asked, or is silent."""
-    state = turn.state
+    state = context.state
     if state.recording.request.outcome in _REFUSED:
         return because("recorder", state.recording.request.message or "refused to stop")
-    if passed("recorder_silent", state, turn.rules, turn.now):
-        return because("recorder", f"silent for {turn.limits.recorder_status_limit_ns / _NS:g} s")
+    if passed("recorder_silent", state, context.rules, context.now):
+        return because("recorder", f"silent for {context.limits.recorder_status_limit_ns / _NS:g} s")
     if state.peers.recorder is None or state.peers.recorder.phase is not RecordingPhase.FAILED:
         return None
     since = (
         state.peers.recorder_ns is not None
-        and state.peers.recorder_ns - state.entered_ns >= turn.limits.recorder_status_limit_ns
+        and state.peers.recorder_ns - state.entered_ns >= context.limits.recorder_status_limit_ns
     )
     failed = state.recording.progressed or since
     return because("recorder", state.peers.recorder.message or "FAILED") if failed else None
 
 
-# --- fitness ----------------------------------------------------------------------------------------------------------
+# --- ready to take off ------------------------------------------------------------------------------------------------
 # Is anything known on the ground that would end a flight as soon as it began? Then there is no takeoff.
 
 
-def unfit(turn: Turn) -> Optional[Seen]:
+def not_ready_to_take_off(context: Context) -> Optional[Seen]:
     """Something is known that would end the flight as soon as it began, or forbids to begin it."""
-    if turn.state.shutting_down:
+    if context.state.shutting_down:
         return because("reason", "the process was told to end")
-    if not turn.down():
+    if not context.down():
         return because("reason", "the vehicle does not say, freshly, that it is disarmed and on the ground")
-    if recording_proven(turn) is None:
+    if recording_proven(context) is None:
         return because("reason", "the recorder is silent, does not record, or not for long enough yet")
-    if turn.state.peers.heartbeat_ns is None:
+    if context.state.peers.heartbeat_ns is None:
         return because("reason", "the watchdog was started and has never beaten")
-    if turn.state.peers.battery_ns is None:
+    if context.state.peers.battery_ns is None:
         return because("reason", "the battery level was never known")
-    return _component(turn) or _loss(turn)
+    return _component(context) or _loss(context)
 
 
-def _component(turn: Turn) -> Optional[Seen]:
+def _component(context: Context) -> Optional[Seen]:
     """Return the first component, required or not, that would be landed for, at once or after a wait."""
-    for status in turn.state.peers.components:
-        severity = severity_of(status.name, status.code, turn.state, turn.rules)
+    for status in context.state.peers.components:
+        severity = severity_of(status.name, status.code, context.state, context.rules)
         action = action_of(severity, status.code)
         if action is Action.LAND or (action is Action.WAIT and SEVERITIES[severity].fallback is not Action.CONTINUE):
             return because("reason", f"{status.name} {status.reason}".strip(), Value("code", int(status.code)))
     return None
 
 
-def _loss(turn: Turn) -> Optional[Seen]:
+def _loss(context: Context) -> Optional[Seen]:
     """Return the first failsafe condition that would be landed for, as if the flight had just begun."""
-    begun = evolve(turn.state, flight=evolve(turn.state.flight, active=True, started_ns=turn.now))
-    flight = Turn(begun, turn.event, turn.rules)
-    flight.now = turn.now
+    begun = evolve(context.state, flight=evolve(context.state.flight, active=True, started_ns=context.now))
+    flight = Context(begun, context.event, context.rules)
+    flight.now = context.now
     for row in FAILSAFE_CONDITIONS:
         seen = row.holds(flight) if row.action is Action.LAND else None
         if seen is not None:
@@ -251,119 +255,119 @@ def _loss(turn: Turn) -> Optional[Seen]:
 
 
 # --- preflight guards -------------------------------------------------------------------------------------------------
-# The conditions before a takeoff: checks, the watchdog's fixes, Ready taken back, the planner's confirmation.
+# The conditions before a takeoff: checks, the watchdog's fixes, Ready revoked, the planner's confirmation.
 
 
-def all_checks_passed(turn: Turn) -> Optional[Seen]:
+def all_checks_passed(context: Context) -> Optional[Seen]:
     """Every check has answered and passed, and no answer is too old."""
-    records = turn.state.preflight.checks
-    if _clocks_apart(turn):
+    records = context.state.preflight.checks
+    if _clocks_apart(context):
         return None
     if len(records) < len(CheckName) or not all(record.ok for record in records):
         return None
-    ages = [turn.now - record.replied_ns for record in records if record.replied_ns is not None]
-    oldest, limit = max(ages), turn.limits.check_max_age_ns
+    ages = [context.now - record.replied_ns for record in records if record.replied_ns is not None]
+    oldest, limit = max(ages), context.limits.check_max_age_ns
     return holds_if(
         len(ages) == len(CheckName) and oldest <= limit, Value("oldest check", oldest / _NS, limit / _NS, "s")
     )
 
 
-def _failed(turn: Turn) -> Optional[Seen]:
-    failed = [(r.check.value, r.message or "failed") for r in turn.state.preflight.checks if r.outcome and not r.ok]
-    clocks = [("clocks", clocks_words(turn, apart.peer)) for apart in _clocks_apart(turn)]
+def _failed(context: Context) -> Optional[Seen]:
+    failed = [(r.check.value, r.message or "failed") for r in context.state.preflight.checks if r.outcome and not r.ok]
+    clocks = [("clocks", clocks_words(context, apart.peer)) for apart in _clocks_apart(context)]
     found = (*failed, *clocks)
     values = tuple(Value(f"check {name}", why) for name, why in found)
     return holds_if(found, *values, reason="; ".join(f"{name}: {why}" for name, why in found))
 
 
-def _clocks_apart(turn: Turn) -> Tuple[ClockApart, ...]:
+def _clocks_apart(context: Context) -> Tuple[ClockApart, ...]:
     """Return the peers whose stamps have been too far from the present for longer than a status lasts."""
-    limit_ns = turn.limits.status_max_age_ns
-    return tuple(apart for apart in turn.state.peers.clocks_apart if turn.now - apart.since_ns >= limit_ns)
+    limit_ns = context.limits.status_max_age_ns
+    return tuple(apart for apart in context.state.peers.clocks_apart if context.now - apart.since_ns >= limit_ns)
 
 
-def all_answered(turn: Turn) -> bool:
+def all_answered(context: Context) -> bool:
     """Return True when no check is open."""
-    return bool(turn.state.preflight.checks) and all(
-        record.outcome is not None for record in turn.state.preflight.checks
+    return bool(context.state.preflight.checks) and all(
+        record.outcome is not None for record in context.state.preflight.checks
     )
 
 
-def all_answered_values(turn: Turn) -> Optional[Seen]:
+def all_answered_values(context: Context) -> Optional[Seen]:
     """No check is open."""
-    return holds_if(all_answered(turn))
+    return holds_if(all_answered(context))
 
 
-def answers_too_old(turn: Turn) -> Optional[Seen]:
+def answers_too_old(context: Context) -> Optional[Seen]:
     """All have answered and passed, but the first answers are too old by now."""
-    fresh = all_checks_passed(turn) is not None
-    passed_once = all_answered(turn) and all(record.ok for record in turn.state.preflight.checks)
+    fresh = all_checks_passed(context) is not None
+    passed_once = all_answered(context) and all(record.ok for record in context.state.preflight.checks)
     return holds_if(passed_once and not fresh, Value("checks", "too old"))
 
 
-def check_failed(turn: Turn) -> Optional[Seen]:
+def check_failed(context: Context) -> Optional[Seen]:
     """One of the checks has answered that it failed."""
-    return _failed(turn)
+    return _failed(context)
 
 
-def _comes(turn: Turn, record: CheckRecord) -> bool:
+def _comes(context: Context, record: CheckRecord) -> bool:
     """Return True when a check that failed can pass soon: it is being fixed, or what it waits for comes by itself."""
     if CHECKS[record.check].watches and (record.fixable or record.being_fixed):
         return True
     if record.outcome is Outcome.UNAVAILABLE:  # its node may still be starting, like this one
-        return turn.now - (turn.state.started_ns or 0) < turn.limits.watchdog_startup_time_ns
+        return context.now - (context.state.started_ns or 0) < context.limits.watchdog_startup_time_ns
     bad = [row for row in record.rows if not row.passed]
     return bool(bad) and all(row.heals for row in bad)
 
 
-def _being_fixed(turn: Turn) -> bool:
+def _being_fixed(context: Context) -> bool:
     """Return True when all that failed can pass soon; clocks are set by their daemons."""
-    bad = [record for record in turn.state.preflight.checks if not record.ok]
-    return (bool(bad) or bool(_clocks_apart(turn))) and all(_comes(turn, record) for record in bad)
+    bad = [record for record in context.state.preflight.checks if not record.ok]
+    return (bool(bad) or bool(_clocks_apart(context))) and all(_comes(context, record) for record in bad)
 
 
-def checks_failed(turn: Turn) -> Optional[Seen]:
+def checks_failed(context: Context) -> Optional[Seen]:
     """All checks have answered, one has failed, and it neither is fixed nor comes by itself, or not in time."""
-    if not all_answered(turn) or not _failed(turn):
+    if not all_answered(context) or not _failed(context):
         return None
-    if _being_fixed(turn) and not passed("preflight_fix_limit", turn.state, turn.rules, turn.now):
+    if _being_fixed(context) and not passed("preflight_fix_limit", context.state, context.rules, context.now):
         return None
-    return _failed(turn)
+    return _failed(context)
 
 
-def fix_in_progress(turn: Turn) -> Optional[Seen]:
+def fix_in_progress(context: Context) -> Optional[Seen]:
     """What failed is being fixed or comes by itself, and it is time to ask again."""
-    if not all_answered(turn) or not _failed(turn) or not _being_fixed(turn):
+    if not all_answered(context) or not _failed(context) or not _being_fixed(context):
         return None
-    return _failed(turn) if passed("preflight_fix_poll", turn.state, turn.rules, turn.now) else None
+    return _failed(context) if passed("preflight_fix_poll", context.state, context.rules, context.now) else None
 
 
-def too_many_rounds(turn: Turn) -> Optional[Seen]:
-    """The checks were passed and taken back too often without a word of the user."""
-    rounds, limit = turn.state.preflight.rounds, turn.limits.preflight_rounds_limit
+def too_many_rounds(context: Context) -> Optional[Seen]:
+    """The checks were passed and revoked too often without a word of the user."""
+    rounds, limit = context.state.preflight.rounds, context.limits.preflight_rounds_limit
     return holds_if(rounds > limit, Value("rounds of checks", rounds, limit))
 
 
-def taken_back(turn: Turn) -> Optional[Seen]:
+def revoked(context: Context) -> Optional[Seen]:
     """A required component is not at code 1 (nor tolerated at code 2), or the watchdog is silent."""
-    status = lacking(turn.state.session.mission, turn.state.peers.components)
+    status = lacking(context.state.session.mission, context.state.peers.components)
     if status is not None:
         values = (Value("component", status.name), Value("code", int(status.code), 1), Value("reason", status.reason))
         return Seen(values, status.reason)
-    if not passed("watchdog_heartbeat_limit", turn.state, turn.rules, turn.now):
+    if not passed("watchdog_heartbeat_limit", context.state, context.rules, context.now):
         return None
-    limit = Value("limit", turn.limits.watchdog_heartbeat_limit_ns / _NS, None, "s")
+    limit = Value("limit", context.limits.watchdog_heartbeat_limit_ns / _NS, None, "s")
     return because("reason", "the watchdog's heartbeat is lost", limit)
 
 
-def go_not_required(turn: Turn) -> Optional[Seen]:
+def go_not_required(context: Context) -> Optional[Seen]:
     """The configuration does not ask for the operator's go."""
-    return holds_if(not turn.rules.require_go, Value("require_go", False))
+    return holds_if(not context.rules.require_go, Value("require_go", False))
 
 
-def planner_confirmed(turn: Turn) -> Optional[Seen]:
+def planner_confirmed(context: Context) -> Optional[Seen]:
     """The planner has accepted this file of this mission, and says so in its status."""
-    state, planner = turn.state, turn.state.peers.planner
+    state, planner = context.state, context.state.peers.planner
     if planner is None or state.session.mission is None or state.preflight.load.outcome is not Outcome.ACCEPTED:
         return None
     same = (planner.mission_id, planner.file_index, planner.repetition) == (
@@ -374,23 +378,23 @@ def planner_confirmed(turn: Turn) -> Optional[Seen]:
     return holds_if(same and planner.phase is MissionPhase.LOADED, Value("planner phase", "LOADED"))
 
 
-def planner_refused(turn: Turn) -> Optional[Seen]:
+def planner_refused(context: Context) -> Optional[Seen]:
     """The planner did not accept the mission."""
-    refused = turn.state.preflight.load.outcome in _REFUSED
-    return because("planner", turn.state.preflight.load.message or "refused") if refused else None
+    refused = context.state.preflight.load.outcome in _REFUSED
+    return because("planner", context.state.preflight.load.message or "refused") if refused else None
 
 
-def next_takeoff_failed(turn: Turn) -> Optional[Seen]:
+def next_takeoff_failed(context: Context) -> Optional[Seen]:
     """On the ground between two files: whatever forbids a takeoff forbids the next one."""
     for guard in (
         check_failed,
-        taken_back,
+        revoked,
         planner_refused,
-        both(planner_confirmed, timer("load_limit"), unfit),
+        both(planner_confirmed, timer("load_limit"), not_ready_to_take_off),
         timer("load_limit"),
         both(all_answered_values, timer("check_max_age")),
     ):
-        seen = guard(turn)
+        seen = guard(context)
         if seen is not None:
             return seen
     return None

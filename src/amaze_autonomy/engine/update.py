@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
-from .context import DIRECT_MODES, HOLDING_MODES, MODES, Turn, ours
+from .context import DIRECT_MODES, HOLDING_MODES, MODES, Context, ours
 from .events import (
     CHECKS,
     AutopilotStatus,
@@ -41,28 +41,30 @@ _WATCHDOGS = 4  # whose loop counters are remembered
 _AFTER_FLIGHT = (State.DATA_CLEANUP, State.OUTREACH)
 
 
-def update(turn: Turn) -> None:
+def update(context: Context) -> None:
     """Put what the event says into the state."""
-    turn.set(t_ns=turn.now)
-    _expire_checks(turn)
-    take = _UPDATES.get(type(turn.event))
+    context.set(t_ns=context.now)
+    _expire_checks(context)
+    take = _UPDATES.get(type(context.event))
     if take is not None:
-        take(turn, turn.event)
+        take(context, context.event)
 
 
-def _expire_checks(turn: Turn) -> None:
+def _expire_checks(context: Context) -> None:
     """Close the checks that were not answered in time; a late answer is taken if it comes before anything else."""
-    state, event = turn.state, turn.event
+    state, event = context.state, context.event
     answered = event.command_id if isinstance(event, CheckReply) else None
     late = [
         record
         for record in state.preflight.checks
         if record.outcome is None
         and record.command_id != answered
-        and turn.now >= record.asked_ns + check_limit_ns(state, turn.rules, record.check)
+        and context.now >= record.asked_ns + check_limit_ns(state, context.rules, record.check)
     ]
     if late:
-        turn.put("preflight", checks=tuple(_timed_out(r, turn.now) if r in late else r for r in state.preflight.checks))
+        context.put(
+            "preflight", checks=tuple(_timed_out(r, context.now) if r in late else r for r in state.preflight.checks)
+        )
 
 
 def _timed_out(record: CheckRecord, now_ns: int) -> CheckRecord:
@@ -79,14 +81,14 @@ def _timed_out(record: CheckRecord, now_ns: int) -> CheckRecord:
     )
 
 
-def _credible(turn: Turn, peer: str, age_ns: int) -> bool:
+def _credible(context: Context, peer: str, age_ns: int) -> bool:
     """Return whether a status is of the present; remember whose stamps are not: their clock is another one."""
-    credible = turn.limits.is_present(age_ns)
-    apart = turn.state.peers.clocks_apart
+    credible = context.limits.is_present(age_ns)
+    apart = context.state.peers.clocks_apart
     if not credible or apart:
-        since_ns = next((each.since_ns for each in apart if each.peer == peer), turn.now)
+        since_ns = next((each.since_ns for each in apart if each.peer == peer), context.now)
         others = tuple(each for each in apart if each.peer != peer)
-        turn.put("peers", clocks_apart=others if credible else (*others, ClockApart(peer, age_ns, since_ns)))
+        context.put("peers", clocks_apart=others if credible else (*others, ClockApart(peer, age_ns, since_ns)))
     return credible
 
 
@@ -97,48 +99,49 @@ def _follow(old: Optional[Agreement], now_ns: int, *, says: bool) -> Optional[Ag
     return Agreement(now_ns, now_ns) if old is None else Agreement(old.since_ns, now_ns, 2)
 
 
-def _engine_started(turn: Turn, event: EngineStarted) -> None:
-    state = turn.state
-    turn.set(label=event.label, started_ns=turn.now, armed_at_start=None, shutting_down=False)
+def _engine_started(context: Context, event: EngineStarted) -> None:
+    state = context.state
+    context.set(label=event.label, started_ns=context.now, armed_at_start=None, shutting_down=False)
     if not event.resumed:
         return
-    turn.set(vehicle=Vehicle(), peers=state.peers.after_restart(turn.now))
-    turn.put("recording", since_ns=None)
+    context.set(vehicle=Vehicle(), peers=state.peers.after_restart(context.now))
+    context.put("recording", since_ns=None)
     if state.flight.active or state.state is not State.MISSION_INPUT:
-        turn.notify("resumed", state=state.state.value)
+        context.notify("resumed", state=state.state.value)
 
 
-def _shutdown(turn: Turn, event: Shutdown) -> None:
-    turn.set(shutting_down=True, signal=event.signal)
+def _shutdown(context: Context, event: Shutdown) -> None:
+    context.set(shutting_down=True, signal=event.signal)
 
 
-def _clock_status(turn: Turn, event: ClockStatus) -> None:
+def _clock_status(context: Context, event: ClockStatus) -> None:
     stands, stood = (
-        each * _NS > turn.limits.clock_stall_limit_ns for each in (event.stalled_s, turn.state.peers.clock_stalled_s)
+        each * _NS > context.limits.clock_stall_limit_ns
+        for each in (event.stalled_s, context.state.peers.clock_stalled_s)
     )
-    turn.put("peers", clock_stalled_s=event.stalled_s)
-    if stands != stood and not turn.state.flight.active:
-        turn.notify("clock_stands" if stands else "clock_runs", stalled_s=event.stalled_s)
+    context.put("peers", clock_stalled_s=event.stalled_s)
+    if stands != stood and not context.state.flight.active:
+        context.notify("clock_stands" if stands else "clock_runs", stalled_s=event.stalled_s)
 
 
-def _watchdog_action(turn: Turn, event: WatchdogAction) -> None:
-    if not _credible(turn, "watchdog", event.age_ns):
+def _watchdog_action(context: Context, event: WatchdogAction) -> None:
+    if not _credible(context, "watchdog", event.age_ns):
         return
-    _heartbeat(turn, event)
+    _heartbeat(context, event)
     listed = _worst_by_name(_listed(event))
-    kept = [s for s in turn.state.peers.components if s.name not in listed and s.code < Code.INCONVENIENT]
-    turn.put("peers", action=event, components=tuple(sorted([*kept, *listed.values()], key=_by_name)))
+    kept = [s for s in context.state.peers.components if s.name not in listed and s.code < Code.INCONVENIENT]
+    context.put("peers", action=event, components=tuple(sorted([*kept, *listed.values()], key=_by_name)))
 
 
-def _heartbeat(turn: Turn, event: WatchdogAction) -> None:
+def _heartbeat(context: Context, event: WatchdogAction) -> None:
     """Take a loop counter that has grown for a heartbeat: each publisher's own, so that two do not keep one alive."""
-    known = dict(turn.state.peers.loop_counters)
+    known = dict(context.state.peers.loop_counters)
     before = known.pop(event.publisher, None)
     if before is None or event.loop_counter != before:
         others = tuple(known.items())[1 - _WATCHDOGS :]
-        turn.put("peers", loop_counters=(*others, (event.publisher, event.loop_counter)))
+        context.put("peers", loop_counters=(*others, (event.publisher, event.loop_counter)))
     if event.loop_counter > before if before is not None else not known:
-        turn.put("peers", heartbeat_ns=turn.now)
+        context.put("peers", heartbeat_ns=context.now)
 
 
 def _listed(event: WatchdogAction) -> Tuple[ComponentStatus, ...]:
@@ -150,15 +153,15 @@ def _listed(event: WatchdogAction) -> Tuple[ComponentStatus, ...]:
     return (*others, ComponentStatus(name=name, code=event.code, reason="the watchdog says so"))
 
 
-def _watchdog_info(turn: Turn, event: WatchdogInfo) -> None:
+def _watchdog_info(context: Context, event: WatchdogInfo) -> None:
     """Take what is below 4 from the info stream; what is at 4 or above is the action stream's to say."""
-    if not _credible(turn, "watchdog", event.age_ns):
+    if not _credible(context, "watchdog", event.age_ns):
         return
-    acted = {s.name: s for s in turn.state.peers.components if s.code >= Code.INCONVENIENT}
+    acted = {s.name: s for s in context.state.peers.components if s.code >= Code.INCONVENIENT}
     informed = _worst_by_name(
         s for s in event.components if s.code < Code.INCONVENIENT and s.name not in acted
     ).values()
-    turn.put("peers", components=tuple(sorted([*acted.values(), *informed], key=_by_name)))
+    context.put("peers", components=tuple(sorted([*acted.values(), *informed], key=_by_name)))
 
 
 def _worst_by_name(statuses: Iterable[ComponentStatus]) -> Dict[str, ComponentStatus]:
@@ -174,21 +177,21 @@ def _by_name(status: ComponentStatus) -> str:
     return status.name
 
 
-def _check_reply(turn: Turn, event: CheckReply) -> None:
-    records = turn.state.preflight.checks
+def _check_reply(context: Context, event: CheckReply) -> None:
+    records = context.state.preflight.checks
     current = [r for r in records if r.check is event.check and r.command_id == event.command_id and r.outcome is None]
     if not current:
         return
-    answered = answer_of(current[0], event, turn.now)
+    answered = answer_of(current[0], event, context.now)
     watches = CHECKS[event.check].watches
-    lacks = lacking(turn.state.session.mission, event.components) if watches else None
+    lacks = lacking(context.state.session.mission, event.components) if watches else None
     if answered.ok and lacks is not None:
         answered = evolve(
             answered, ok=False, message=f"{lacks.name} is at code {int(lacks.code)}, although it says ready"
         )
-    turn.put("preflight", checks=tuple(answered if r is current[0] else r for r in records))
-    if watches and event.outcome is Outcome.ACCEPTED and turn.state.peers.watchdog_started_ns is None:
-        turn.put("peers", watchdog_started_ns=turn.now)
+    context.put("preflight", checks=tuple(answered if r is current[0] else r for r in records))
+    if watches and event.outcome is Outcome.ACCEPTED and context.state.peers.watchdog_started_ns is None:
+        context.put("peers", watchdog_started_ns=context.now)
 
 
 def answer_of(record: CheckRecord, event: CheckReply, now_ns: int) -> CheckRecord:
@@ -222,61 +225,67 @@ def lacking(mission: Optional[Mission], components: Tuple[ComponentStatus, ...])
     return None
 
 
-def _reply(turn: Turn, event: Reply) -> None:
+def _reply(context: Context, event: Reply) -> None:
     """Take the answer to the last request of a kind; the id says which."""
     for part, name in (("flight", "motion"), ("preflight", "load"), ("recording", "request")):
-        asked: Asked = getattr(getattr(turn.state, part), name)
+        asked: Asked = getattr(getattr(context.state, part), name)
         if asked.id == event.command_id:
-            turn.put(part, **{name: evolve(asked, outcome=event.outcome, message=event.message)})
+            context.put(part, **{name: evolve(asked, outcome=event.outcome, message=event.message)})
             return
 
 
-def _mission_status(turn: Turn, event: MissionStatus) -> None:
-    if event.session_id == turn.state.session.id and event.session_id and _credible(turn, "planner", event.age_ns):
-        turn.put("peers", planner=event, planner_ns=turn.now)
-        if turn.state.vehicle.takeover is not None and turn.state.peers.autopilot is not None:
-            _control(turn, turn.state.peers.autopilot, again=True)  # a landing mode is the planner's when it says so
+def _mission_status(context: Context, event: MissionStatus) -> None:
+    if (
+        event.session_id == context.state.session.id
+        and event.session_id
+        and _credible(context, "planner", event.age_ns)
+    ):
+        context.put("peers", planner=event, planner_ns=context.now)
+        if context.state.vehicle.takeover is not None and context.state.peers.autopilot is not None:
+            _control(
+                context, context.state.peers.autopilot, again=True
+            )  # a landing mode is the planner's when it says so
 
 
-def _recording_status(turn: Turn, event: RecordingStatus) -> None:
-    if event.session_id != turn.state.session.id or not event.session_id:
+def _recording_status(context: Context, event: RecordingStatus) -> None:
+    if event.session_id != context.state.session.id or not event.session_id:
         return
-    if not _credible(turn, "recorder", event.age_ns):
+    if not _credible(context, "recorder", event.age_ns):
         return
-    recording = turn.state.recording
-    turn.put("peers", recorder=event, recorder_ns=turn.now)
-    turn.put(
+    recording = context.state.recording
+    context.put("peers", recorder=event, recorder_ns=context.now)
+    context.put(
         "recording",
-        since_ns=_since(recording.since_ns, turn.now, says=proves_recording(event)),
+        since_ns=_since(recording.since_ns, context.now, says=proves_recording(event)),
         location=event.location or recording.location,
         progressed=recording.progressed or event.phase is not RecordingPhase.FAILED,
     )
 
 
-def _autopilot_status(turn: Turn, event: AutopilotStatus) -> None:
-    if not _credible(turn, "autopilot", event.age_ns):
+def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
+    if not _credible(context, "autopilot", event.age_ns):
         return
-    peers, vehicle, now = turn.state.peers, turn.state.vehicle, turn.now
+    peers, vehicle, now = context.state.peers, context.state.vehicle, context.now
     speed = event.vertical_speed_m_s
-    descending = speed is not None and speed <= -turn.limits.descent_speed_m_s
+    descending = speed is not None and speed <= -context.limits.descent_speed_m_s
     known = None not in (event.height_m, event.position_x_m, event.position_y_m)
-    turn.put(
+    context.put(
         "peers",
         autopilot=event,
         autopilot_ns=now,
         battery_ns=_battery_known_ns(event, now, peers.battery_ns),
         position_ns=now if known else peers.position_ns,
     )
-    turn.put(
+    context.put(
         "vehicle",
         descending_ns=_since(vehicle.descending_ns, now, says=descending),
-        moving_ns=_since(vehicle.moving_ns, now, says=_moves(turn, event)),
+        moving_ns=_since(vehicle.moving_ns, now, says=_moves(context, event)),
     )
-    if turn.state.armed_at_start is None and turn.state.started_ns is not None:
-        turn.set(armed_at_start=event.armed)
-    _flight(turn)
-    _command_shown(turn, event)
-    _control(turn, event)
+    if context.state.armed_at_start is None and context.state.started_ns is not None:
+        context.set(armed_at_start=event.armed)
+    _flight(context)
+    _command_shown(context, event)
+    _control(context, event)
 
 
 def _since(since_ns: Optional[int], now_ns: int, *, says: bool) -> Optional[int]:
@@ -291,36 +300,36 @@ def _battery_known_ns(event: AutopilotStatus, now_ns: int, before_ns: Optional[i
     return max(0, now_ns - int(event.battery_age_s * _NS))
 
 
-def _control(turn: Turn, event: AutopilotStatus, *, again: bool = False) -> None:
+def _control(context: Context, event: AutopilotStatus, *, again: bool = False) -> None:
     """Note who has control by a status, or by the same one again in another light."""
-    reason, before = _taken_by(turn, event), turn.state.vehicle.takeover
+    reason, before = _taken_by(context, event), context.state.vehicle.takeover
     if again and reason:
         return
-    agreed = _follow(before, turn.now, says=bool(reason))
+    agreed = _follow(before, context.now, says=bool(reason))
     if agreed is not before:
-        turn.put("vehicle", takeover=agreed, takeover_reason=reason)
+        context.put("vehicle", takeover=agreed, takeover_reason=reason)
 
 
-def _moves(turn: Turn, event: AutopilotStatus) -> bool:
+def _moves(context: Context, event: AutopilotStatus) -> bool:
     """Return True when neither the flight mode nor the speed over ground shows a hold; unknown speed shows nothing."""
     speed = event.horizontal_speed_m_s
-    return event.mode not in HOLDING_MODES and speed is not None and speed > turn.limits.hold_speed_m_s
+    return event.mode not in HOLDING_MODES and speed is not None and speed > context.limits.hold_speed_m_s
 
 
-def _command_shown(turn: Turn, event: AutopilotStatus) -> None:
+def _command_shown(context: Context, event: AutopilotStatus) -> None:
     """Take a mode that answers the last command in two statuses for its confirmation: what was before is over."""
-    state = turn.state
+    state = context.state
     answers = bool(state.flight.commanded) and state.flight.active and event.armed is not False
     shown = answers and event.mode in MODES[state.flight.commanded[-1]]
     if shown and state.flight.mode_shown:
-        turn.put("flight", confirmed=state.flight.commanded[-1], commanded=state.flight.commanded[-1:])
+        context.put("flight", confirmed=state.flight.commanded[-1], commanded=state.flight.commanded[-1:])
     if shown != state.flight.mode_shown:
-        turn.put("flight", mode_shown=shown)
+        context.put("flight", mode_shown=shown)
 
 
-def _taken_by(turn: Turn, event: AutopilotStatus) -> str:
+def _taken_by(context: Context, event: AutopilotStatus) -> str:
     """Return why somebody else than us has control of the vehicle (rule 4); empty when nobody has."""
-    state = turn.state
+    state = context.state
     if event.armed is False:
         return ""
     if event.pilot_in_control:
@@ -331,86 +340,86 @@ def _taken_by(turn: Turn, event: AutopilotStatus) -> str:
         return "a failsafe of the autopilot is active"
     if not state.flight.active:
         if (
-            turn.airborne()
+            context.airborne()
             and state.flight.was_airborne
             and state.state in _AFTER_FLIGHT
-            and _is_ours(turn, event, lands=True)
+            and _is_ours(context, event, lands=True)
         ):
             return ""  # it never landed: see the row still_flying
-        if turn.may_arm_late() and _is_ours(turn, event, lands=False):
+        if context.may_arm_late() and _is_ours(context, event, lands=False):
             return ""  # see the row armed_late
         at_start = state.sessions == 0 and state.armed_at_start is not False
         return "it was armed, and not by us" if event.armed and not at_start else ""
-    if _is_ours(turn, event, lands=_planner_lands(turn)):
+    if _is_ours(context, event, lands=_planner_lands(context)):
         return ""
     unchanged = state.flight.confirmed is None and event.mode == state.flight.mode_before  # nothing has answered yet
     return "" if unchanged else f"flight mode {event.mode} was not commanded"
 
 
-def _is_ours(turn: Turn, event: AutopilotStatus, *, lands: bool) -> bool:
-    return ours(event.mode, turn.state.flight.commanded, turn.state.flight.confirmed, lands=lands)
+def _is_ours(context: Context, event: AutopilotStatus, *, lands: bool) -> bool:
+    return ours(event.mode, context.state.flight.commanded, context.state.flight.confirmed, lands=lands)
 
 
-def _planner_lands(turn: Turn) -> bool:
+def _planner_lands(context: Context) -> bool:
     """Return True when the planner lands by itself; right after a restart of ours it was not heard yet."""
-    planner = turn.state.peers.planner
+    planner = context.state.peers.planner
     return planner is None or planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED)
 
 
-def _flight(turn: Turn) -> None:
+def _flight(context: Context) -> None:
     """Follow the flight: armed, airborne, down; each is believed from statuses that agree. Unknown changes nothing."""
-    state = turn.state
-    turn.put(
+    state = context.state
+    context.put(
         "vehicle",
-        down=_follow(state.vehicle.down, turn.now, says=turn.down()),
-        aloft=_follow(state.vehicle.aloft, turn.now, says=turn.airborne()),
-        motors=_follow(state.vehicle.motors, turn.now, says=turn.armed()),
+        down=_follow(state.vehicle.down, context.now, says=context.down()),
+        aloft=_follow(state.vehicle.aloft, context.now, says=context.airborne()),
+        motors=_follow(state.vehicle.motors, context.now, says=context.armed()),
     )
-    if turn.down():
+    if context.down():
         if state.flight.grounded_ns is None:
-            turn.put("flight", grounded_ns=turn.now)
+            context.put("flight", grounded_ns=context.now)
         arming = (state.state, state.step) == (State.TAKEOFF, Step.ARMING)
-        if state.flight.active and state.flight.was_armed and not arming and turn.stays_down():
-            turn.put("flight", active=False)
+        if state.flight.active and state.flight.was_armed and not arming and context.stays_down():
+            context.put("flight", active=False)
         return
-    goes_on = not state.flight.active and turn.vehicle() is not None and _goes_on(turn)
-    flies = turn.flies_again() and turn.airborne()  # unknown says nothing of a flight that is over
+    goes_on = not state.flight.active and context.vehicle() is not None and _goes_on(context)
+    flies = context.flies_again() and context.airborne()  # unknown says nothing of a flight that is over
     over = not (state.flight.active or goes_on or flies)
-    if turn.on_ground():
+    if context.on_ground():
         if state.flight.grounded_ns is None:
-            turn.put("flight", grounded_ns=turn.now)
+            context.put("flight", grounded_ns=context.now)
     elif state.landing.disarm_sent_ns is not None or (state.flight.grounded_ns is not None and not over):
-        turn.put("flight", grounded_ns=state.flight.grounded_ns if over else None)
-        turn.put("landing", disarm_sent_ns=None)
+        context.put("flight", grounded_ns=state.flight.grounded_ns if over else None)
+        context.put("landing", disarm_sent_ns=None)
     if goes_on:  # it had said that it was down, and does not any more: then its flight is not over
-        turn.put("flight", active=True)
-    if turn.state.flight.active:
-        _remember_flight(turn)
+        context.put("flight", active=True)
+    if context.state.flight.active:
+        _remember_flight(context)
 
 
-def _remember_flight(turn: Turn) -> None:
+def _remember_flight(context: Context) -> None:
     """Remember that it was armed, and that it flew, for the rest of the flight."""
-    state = turn.state
+    state = context.state
     armed, airborne = (each is not None and each.statuses > 1 for each in (state.vehicle.motors, state.vehicle.aloft))
     if airborne and not (state.flight.was_airborne and state.flight.was_armed and state.session.flown):
-        turn.put("flight", was_airborne=True, was_armed=True)
-        turn.put("session", flown=True)
+        context.put("flight", was_airborne=True, was_armed=True)
+        context.put("session", flown=True)
     elif armed and not state.flight.was_armed:
-        turn.put("flight", was_armed=True)
+        context.put("flight", was_armed=True)
 
 
-def _goes_on(turn: Turn) -> bool:
+def _goes_on(context: Context) -> bool:
     """Return True where a flight that seemed over goes on as ours: nobody arms a vehicle in the air."""
-    state = turn.state
+    state = context.state
     if state.state is State.LAND:
         return state.flight.was_armed
     flies = state.state in (State.TAKEOFF, State.HOLD) or (state.state, state.step) == (State.MISSION, Step.FLYING)
-    return flies and state.flight.was_armed and turn.airborne() and turn.flies_again()
+    return flies and state.flight.was_armed and context.airborne() and context.flies_again()
 
 
-def _landed_status(turn: Turn, event: LandedStatus) -> None:
-    if _credible(turn, "landing detection", event.age_ns):
-        turn.put("peers", landing=event, landing_ns=turn.now)
+def _landed_status(context: Context, event: LandedStatus) -> None:
+    if _credible(context, "landing detection", event.age_ns):
+        context.put("peers", landing=event, landing_ns=context.now)
 
 
 _UPDATES: Dict[Type[Event], Callable[..., None]] = {

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Deque, Dict, Iterable, List, Optional, Tuple
 
 from ..engine.commands import AnswerKind, Command, Level, Notify
-from ..engine.context import Turn
+from ..engine.context import Context
 from ..engine.decide import answer_to
 from ..engine.events import Check, Tick, UserCommand, Verdict
 from ..engine.failsafe import wait_end, waiting
@@ -194,8 +194,8 @@ def report(state: EngineState, rules: Rules) -> Report:
 
 
 def _answers(state: EngineState, rules: Rules) -> Tuple[CommandAnswer, ...]:
-    turn = Turn(state, Tick(t_ns=state.t_ns), rules)
-    cases = {command: answer_to(turn, command) for command in UserCommand}
+    context = Context(state, Tick(t_ns=state.t_ns), rules)
+    cases = {command: answer_to(context, command) for command in UserCommand}
     return tuple(CommandAnswer(command, case.answer, case.text) for command, case in cases.items())
 
 

@@ -100,8 +100,8 @@ def ready_needs_every_check(m: Moment) -> Verdict:
     return True if len(m.saw.checks) == CHECKS else "not every check was asked"
 
 
-@law("5 READY, LOAD_MISSION", "Ready is taken back when a required component is not at code 1, or tolerated at 2.")
-def ready_is_taken_back(m: Moment) -> Verdict:
+@law("5 READY, LOAD_MISSION", "Ready is revoked when a required component is not at code 1, or tolerated at 2.")
+def ready_is_revoked(m: Moment) -> Verdict:
     if m.before.state not in (State.READY, State.START_RECORDING, State.LOAD_MISSION):
         return None
     if m.in_doubt:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from .collector import Collector, CollectorSetup
 from .errors import RecordingError
 from .platform_recorder import GroupSetup, PlatformRecorder, PlatformSetup
-from .status import Answer, Command, GroupSight, PlatformStatus, Sight, Status
+from .status import Answer, Command, GroupStatus, PlatformStatus, ProcessStatus, Status
 
 __all__ = [
     "Answer",
@@ -18,11 +18,11 @@ __all__ = [
     "CollectorSetup",
     "Command",
     "GroupSetup",
-    "GroupSight",
+    "GroupStatus",
     "PlatformRecorder",
     "PlatformSetup",
     "PlatformStatus",
+    "ProcessStatus",
     "RecordingError",
-    "Sight",
     "Status",
 ]

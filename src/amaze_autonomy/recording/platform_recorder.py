@@ -22,7 +22,18 @@ from typing import Any, Callable, Deque, Dict, List, Mapping, Optional, Tuple
 from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
 
-from .status import WRITING, Answer, Command, GroupSight, PlatformStatus, Recover, Sight, Signal, StartChild, Status
+from .status import (
+    WRITING,
+    Answer,
+    Command,
+    GroupStatus,
+    PlatformStatus,
+    ProcessStatus,
+    Recover,
+    Signal,
+    StartChild,
+    Status,
+)
 from .storage import time_left_s
 
 __all__ = ["Gap", "Group", "GroupSetup", "Growth", "PlatformRecorder", "PlatformSetup"]
@@ -91,7 +102,7 @@ class Group:
         self.dropped = 0
         self.gaps: List[Gap] = []
         self.shift_ns: Optional[int] = None  # from this machine's time to what messages are stamped with
-        self._sight = GroupSight(running=False)
+        self._processes = GroupStatus(running=False)
         self._asked_ns: Optional[int] = None
         self._ended_ns: Optional[int] = None
         self._born_size: Optional[int] = None
@@ -128,7 +139,7 @@ class Group:
 
     def stop_for_removal(self, t_ns: int) -> bool:
         """Return whether its recorder is to be ended because its files were removed: all that they held is a gap."""
-        if not self.running or not self._sight.removed or self._told:
+        if not self.running or not self._processes.removed or self._told:
             return False
         self._told = True
         if self._gap_ns is None:
@@ -144,27 +155,27 @@ class Group:
             return True
         return t_ns - self._asked_ns >= (_AGAIN_NS if self._ended_ns is not None else _START_NS)
 
-    def see(self, t_ns: int, sight: GroupSight, *, writing: bool) -> None:
+    def see(self, t_ns: int, processes: GroupStatus, *, writing: bool) -> None:
         """Take what is seen of it; `writing`: it shall record."""
-        before, self._sight = self._sight, sight
-        if sight.size > before.size:
-            self._grew_ns = t_ns if not self._taken_over or sight.idle_ns is None else t_ns - sight.idle_ns
+        before, self._processes = self._processes, processes
+        if processes.size > before.size:
+            self._grew_ns = t_ns if not self._taken_over or processes.idle_ns is None else t_ns - processes.idle_ns
             self._taken_over = False
-        if self.running and not sight.running:
+        if self.running and not processes.running:
             self._died(t_ns, writing=writing)
-        elif writing and sight.full and not before.full and self._gap_ns is None:
-            self._full_size = sight.size
+        elif writing and processes.full and not before.full and self._gap_ns is None:
+            self._full_size = processes.size
             self._open_gap(t_ns, _FULL, self.number)
             self.gaps[-1]["inside"] = True
-        if sight.running and self._born_size is None:
-            self._came(t_ns, sight.size)
-        self.running = sight.running
-        self.dropped = max(self.dropped, sight.dropped)
-        self._see_writing(t_ns, sight)
+        if processes.running and self._born_size is None:
+            self._came(t_ns, processes.size)
+        self.running = processes.running
+        self.dropped = max(self.dropped, processes.dropped)
+        self._see_writing(t_ns, processes)
 
-    def _see_writing(self, t_ns: int, sight: GroupSight) -> None:
-        if self._born_size is not None and sight.size - self._born_size > _HEAD_BYTES:
-            if not self.writes or (self._full_size and sight.size - self._full_size > _FLUSH_BYTES):
+    def _see_writing(self, t_ns: int, processes: GroupStatus) -> None:
+        if self._born_size is not None and processes.size - self._born_size > _HEAD_BYTES:
+            if not self.writes or (self._full_size and processes.size - self._full_size > _FLUSH_BYTES):
                 self._close_gap(t_ns)
             self.writes = True
 
@@ -176,7 +187,7 @@ class Group:
     def _died(self, t_ns: int, *, writing: bool) -> None:
         self._ended_ns, self._born_size, self.writes = t_ns, None, False
         if writing and self._gap_ns is None:
-            self._open_gap(t_ns, self._sight.ending or "it ended", self.number + 1)
+            self._open_gap(t_ns, self._processes.ending or "it ended", self.number + 1)
         self._told = False
 
     def _open_gap(self, t_ns: int, ending: str, number: int) -> None:
@@ -195,7 +206,7 @@ class Group:
     @property
     def proven(self) -> bool:
         """Return whether it records, or would if anybody published what it is subscribed to."""
-        return self.running and self._sight.missing == () and (self.writes or self._sight.silent)
+        return self.running and self._processes.missing == () and (self.writes or self._processes.silent)
 
     def troubles(self, *, writing: bool) -> List[str]:
         """Return what is wrong with it, one line each."""
@@ -211,15 +222,18 @@ class Group:
 
     def _trouble(self) -> str:
         """Return why it does not record now; an empty text when it does."""
-        sight = self._sight
+        processes = self._processes
         rows: Tuple[Tuple[bool, str], ...] = (
-            (not self.running and self._ended_ns is not None, f"its recorder ended ({sight.ending or 'it ended'})"),
+            (
+                not self.running and self._ended_ns is not None,
+                f"its recorder ended ({processes.ending or 'it ended'})",
+            ),
             (not self.running, "its recorder has not started yet"),
-            (sight.removed, "its files were removed: it begins a new one"),
+            (processes.removed, "its files were removed: it begins a new one"),
             (bool(self._full_size), "its recorder stopped to write: the storage is full"),
-            (bool(sight.missing), f"not subscribed to {', '.join(sight.missing or ())}"),
-            (sight.missing is None, "the master does not say what is subscribed"),
-            (sight.silent, "nobody publishes its topics"),
+            (bool(processes.missing), f"not subscribed to {', '.join(processes.missing or ())}"),
+            (processes.missing is None, "the master does not say what is subscribed"),
+            (processes.silent, "nobody publishes its topics"),
             (not self.writes, "nothing is written yet"),
         )
         return next((f"{self.name}: {words}" for wrong, words in rows if wrong), "")
@@ -282,7 +296,9 @@ class PlatformSetup:
 
 
 class PlatformRecorder:
-    """The machine. Requests are answered at once; `step` is called after each sight, and returns what is to be done.
+    """The machine. Requests are answered at once; `step` is called after each look at the processes.
+
+    `step` returns what is to be done.
 
     Args:
         setup: of the platform.
@@ -296,7 +312,7 @@ class PlatformRecorder:
         self._since_ns = 0
         self._next: Optional[Tuple[str, str]] = None
         self._growth = Growth()
-        self._sight = Sight()
+        self._processes = ProcessStatus()
         self._recovering = self._full = False
         self._progress: Optional[float] = None
         self._message = ""
@@ -380,13 +396,13 @@ class PlatformRecorder:
             self._next = None
             self._begin(t_ns, session_id, mission_id)
 
-    def step(self, t_ns: int, sight: Sight) -> Tuple[Command, ...]:
+    def step(self, t_ns: int, processes: ProcessStatus) -> Tuple[Command, ...]:
         """Go on with what is seen now; return what is to be done."""
-        self._sight = sight
-        self._growth.add(t_ns, sum(each.size for each in sight.groups.values()))
+        self._processes = processes
+        self._growth.add(t_ns, sum(each.size for each in processes.groups.values()))
         for name, group in self.groups.items():
-            group.shift_ns = None if sight.stamp_ns is None else sight.stamp_ns - t_ns
-            group.see(t_ns, sight.groups.get(name, GroupSight(running=False)), writing=self.phase in WRITING)
+            group.shift_ns = None if processes.stamp_ns is None else processes.stamp_ns - t_ns
+            group.see(t_ns, processes.groups.get(name, GroupStatus(running=False)), writing=self.phase in WRITING)
         turn = _TURNS.get(self.phase)
         return tuple(turn(self, t_ns)) if turn is not None else ()
 
@@ -406,7 +422,7 @@ class PlatformRecorder:
 
     def _look_at_space(self) -> None:
         """See whether the storage is full; it is not any more when twice the reserve is free."""
-        space, reserve = self._sight.space, self.setup.reserve_bytes
+        space, reserve = self._processes.space, self.setup.reserve_bytes
         if space is not None:
             self._full = space.free_bytes <= (2 * reserve if self._full else reserve)
 
@@ -444,7 +460,7 @@ class PlatformRecorder:
 
     def status(self, t_ns: int) -> Status:
         """Return the status of this platform."""
-        space = self._sight.space
+        space = self._processes.space
         part = PlatformStatus(
             platform=self.setup.name,
             growing=self.grows(t_ns),
@@ -492,9 +508,11 @@ class PlatformRecorder:
         return found
 
     def _space_troubles(self) -> List[str]:
-        left_s = time_left_s(self._sight.space, self._growth.rate, self.setup.reserve_bytes)
-        if self._full and self._sight.space is not None:
-            return [f"the storage is full ({self._sight.space.free_bytes / MB:.0f} MB are free): recording has stopped"]
+        left_s = time_left_s(self._processes.space, self._growth.rate, self.setup.reserve_bytes)
+        if self._full and self._processes.space is not None:
+            return [
+                f"the storage is full ({self._processes.space.free_bytes / MB:.0f} MB are free): recording has stopped"
+            ]
         if left_s is not None and left_s < _SHORT_LEFT_S:
             return [f"the storage is full in {left_s:.0f} s"]
         return []

@@ -17,11 +17,11 @@ __all__ = [
     "Collect",
     "Command",
     "CopyJournal",
-    "GroupSight",
+    "GroupStatus",
     "MeasureClock",
     "PlatformStatus",
+    "ProcessStatus",
     "Recover",
-    "Sight",
     "Signal",
     "Space",
     "StartChild",
@@ -102,7 +102,7 @@ class Space:
 
 
 @dataclass(frozen=True)
-class GroupSight:
+class GroupStatus:
     """One group as it is now.
 
     Args:
@@ -129,7 +129,7 @@ class GroupSight:
 
 
 @dataclass(frozen=True)
-class Sight:
+class ProcessStatus:
     """Everything as it is now.
 
     Args:
@@ -138,7 +138,7 @@ class Sight:
         stamp_ns: what a message that is recorded now is stamped with; None: unknown.
     """
 
-    groups: Mapping[str, GroupSight] = field(default_factory=dict)
+    groups: Mapping[str, GroupStatus] = field(default_factory=dict)
     space: Optional[Space] = None
     stamp_ns: Optional[int] = None
 

@@ -23,7 +23,7 @@ from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from ..autopilot.vehicle.modes import ARDUPILOT_NAMES
 from .fields import Getter, getter, number, orientation, quaternion, vector
-from .monitor_columns import Footing, Pace
+from .monitor_columns import LandingColumns, RateColumns
 from .topic_columns import Track
 from .topic_map import Reading
 
@@ -266,7 +266,7 @@ class RangeFeed(Feed):
         self.tilt: Optional[TiltFeed] = None
         self._first_m: Optional[float] = None
         self._below: Callable[[int], float] = lambda _: 0.0
-        self._footing: Optional[Footing] = None
+        self._landing_columns: Optional[LandingColumns] = None
 
     def ride(self, track: Track, rank: int) -> None:
         """Take all readings of a track, with the limits that count."""
@@ -285,10 +285,10 @@ class RangeFeed(Feed):
             super().take_many(place, place + 1)
 
     def _take_level(self, begin: int, end: int) -> None:
-        if self._footing is None:
-            self._footing = Footing(self._detector, self.track)
+        if self._landing_columns is None:
+            self._landing_columns = LandingColumns(self._detector, self.track)
         while begin < end:
-            taken = self._footing.skipped(begin, end)
+            taken = self._landing_columns.skipped(begin, end)
             if taken == begin:
                 taken += 1
                 super().take_many(begin, taken)
@@ -432,7 +432,7 @@ class EstimateFeed(Feed):
         super().__init__(reading.topic, round(_S / monitor.spec.rate_hz), paths=_ESTIMATE[monitor.spec.source])
         self._monitor = monitor
         self._read = estimate_reader(monitor.spec.source)
-        self._pace: Optional[Pace] = None
+        self._rate_columns: Optional[RateColumns] = None
         self._first: Vector = (0.0, 0.0, 0.0)
         self._below: Callable[[int], float] = lambda _: 0.0
 
@@ -440,19 +440,19 @@ class EstimateFeed(Feed):
         """Take all estimates of a track."""
         super().ride(track, rank)
         if self._monitor.rate is not None:
-            self._pace = Pace(self._monitor.rate, track, self._monitor.rate.add)
+            self._rate_columns = RateColumns(self._monitor.rate, track, self._monitor.rate.add)
 
     def take_many(self, begin: int, end: int) -> None:
         """Take estimates of the track: the last one, and where the others were."""
-        if self._pace is not None:
-            self._pace.take(begin, end)
+        if self._rate_columns is not None:
+            self._rate_columns.take(begin, end)
         for place, t_ns in enumerate(self.track.listed[begin : end - 1], begin):
             self._monitor.trace(t_ns, partial(self._position, place))
         self._monitor.keep_estimate(self.track.listed[end - 1], *self._estimate(self.track.rows(end - 1, end)[0]))
 
     def changes_ns(self) -> int:
         """Return when the rate's verdict can change by an estimate, or by none, of the track."""
-        return FOREVER_NS if self._pace is None else self._pace.changes_ns(self.taken)
+        return FOREVER_NS if self._rate_columns is None else self._rate_columns.changes_ns(self.taken)
 
     def take(self, t_ns: int, message: Any) -> None:
         """Take an estimate; a header stamp of 0 says nothing about its age."""
@@ -506,26 +506,26 @@ class ComponentFeed(Feed):
         super().__init__(topic, period_ns, decodes=False)
         self._watchdog, self._name = watchdog, name
         self.count = watchdog.counter(name, topic)
-        self._pace: Optional[Pace] = None
+        self._rate_columns: Optional[RateColumns] = None
 
     def ride(self, track: Track, rank: int) -> None:
         """Count all messages of a track."""
         super().ride(track, rank)
-        self._pace = Pace(self._watchdog.rate(self._name, self.topic), track, self.count)
+        self._rate_columns = RateColumns(self._watchdog.rate(self._name, self.topic), track, self.count)
 
     def take_many(self, begin: int, end: int) -> None:
         """Count some."""
-        if self._pace is not None:
-            self._pace.take(begin, end)
+        if self._rate_columns is not None:
+            self._rate_columns.take(begin, end)
 
     @property
     def steady(self) -> bool:
         """True while the topic comes as intended."""
-        return self._pace is not None and self._pace.steady
+        return self._rate_columns is not None and self._rate_columns.steady
 
     def changes_ns(self) -> int:
         """Return when the verdict can change by a message, or by none, of the track."""
-        return FOREVER_NS if self._pace is None else self._pace.changes_ns(self.taken)
+        return FOREVER_NS if self._rate_columns is None else self._rate_columns.changes_ns(self.taken)
 
     def take(self, t_ns: int, message: Any) -> None:  # noqa: ARG002
         """Count it."""

@@ -20,7 +20,7 @@ from amaze_autonomy.monitoring.specs import LandingSpec, StateEstimationSpec
 
 from .topic_columns import Track
 
-__all__ = ["Footing", "Pace", "unsure_looks"]
+__all__ = ["LandingColumns", "RateColumns", "unsure_looks"]
 
 _S = 1_000_000_000
 _EXACT = 9_000_000  # so many messages times 1e9 are exact as a float
@@ -34,7 +34,7 @@ _EXACT = 9_000_000  # so many messages times 1e9 are exact as a float
 # left as it would be had it taken them one after the other.
 
 
-class Pace:
+class RateColumns:
     """A track on its way into a rate monitor.
 
     Args:
@@ -122,7 +122,7 @@ def _crossings(monitor: RateMonitor, times: Any) -> Tuple[Any, ...]:
 # needed.
 
 
-class Footing:
+class LandingColumns:
     """What the readings of a track mean for a detector that knows no tilt.
 
     Args:

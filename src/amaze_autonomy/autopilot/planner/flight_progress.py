@@ -17,7 +17,7 @@ from .loading import Loading, LoadRequest, Origin
 from .mission_items import waypoint_index
 from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 
-__all__ = ["IN_FLIGHT", "FlightRecord", "Here", "Outlook", "remaining"]
+__all__ = ["IN_FLIGHT", "FlightProgress", "FlightRecord", "Here", "remaining"]
 
 _COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
 _COUNT_BEATS = 3  # that must be heard meanwhile: a silent vehicle may still tell
@@ -147,7 +147,7 @@ class FlightRecord:
         return f"the autopilot flies by itself (mode {watch.mode})" if watch.armed and is_foreign(watch.mode) else ""
 
 
-# --- outlook ----------------------------------------------------------------------------------------------------------
+# --- progress ---------------------------------------------------------------------------------------------------------
 # What is to be known of a flight, level-based: phase, waypoint of how many, distance and time that are left. Pure.
 
 
@@ -155,7 +155,7 @@ IN_FLIGHT = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
 _SILENT = "the vehicle is silent"
 
 
-class Outlook(NamedTuple):
+class FlightProgress(NamedTuple):
     """All that it is read from.
 
     Args:

@@ -21,7 +21,7 @@ from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, Planne
 from ..link.dialect import Message
 from ..vehicle.modes import LANDING_MODES, is_foreign
 from ..vehicle.rates import Rates
-from .flight_progress import IN_FLIGHT, FlightRecord, Outlook
+from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
 from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
@@ -468,7 +468,7 @@ class Sequencer:
 
     def status(self, t_ns: int) -> MissionStatus:
         """Return what is to be known of it, level-based."""
-        outlook = Outlook(
+        progress = FlightProgress(
             watch=self.watch,
             age_limit_ns=self._spec.vehicle_age_limit_ns,
             model=self._settings.model,
@@ -478,7 +478,7 @@ class Sequencer:
             phase=self._phase,
             message=self._message,
         )
-        return outlook.status(t_ns, self._loaded)
+        return progress.status(t_ns, self._loaded)
 
 
 # --- admission --------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from amaze_autonomy.engine.events import Event, MissionRejected, MissionSelected
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State
 
-from ...engine.context import Turn
+from ...engine.context import Context
 from ...engine.decide import available
 from ...engine.events import Mission
 from ...ros.interface import number
@@ -163,7 +163,7 @@ class Unattended:
         if command is None or state.flight.active:
             self._again_ns = 0
             return None
-        if state.t_ns < self._again_ns or command not in available(Turn(state, Tick(t_ns=state.t_ns), self._rules)):
+        if state.t_ns < self._again_ns or command not in available(Context(state, Tick(t_ns=state.t_ns), self._rules)):
             return None
         self._again_ns = state.t_ns + _AGAIN_NS
         return command

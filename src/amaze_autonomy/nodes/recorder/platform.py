@@ -114,9 +114,9 @@ class RecorderPlatform:
         """See and decide; return what is to be done. The files are looked at without holding the lock."""
         with self._share.lock:
             self._enter()
-        sight = self._children.look(Subscriptions(*self._master.seen()), self._share.stamp_ns())
+        processes = self._children.look(Subscriptions(*self._master.seen()), self._share.stamp_ns())
         with self._share.lock:
-            commands = list(self.machine.step(self._share.now_ns(), sight))
+            commands = list(self.machine.step(self._share.now_ns(), processes))
             self._enter()
         return commands
 

@@ -33,7 +33,7 @@ from amaze_autonomy.recording.programs import (
     read_line,
     transfer_command,
 )
-from amaze_autonomy.recording.status import GroupSight, Sight
+from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
 from amaze_autonomy.recording.storage import PARTS, read_json, space_of
 from amaze_autonomy.whole_file import sync_folder
 
@@ -178,22 +178,22 @@ class RecorderChildren:
         process = self._processes.get(name)
         return process is not None and process.alive
 
-    def look(self, subscriptions: Subscriptions, stamp_ns: Optional[int] = None) -> Sight:
+    def look(self, subscriptions: Subscriptions, stamp_ns: Optional[int] = None) -> ProcessStatus:
         """Return everything as it is now; `stamp_ns` is what a message that is recorded now is stamped with."""
         folder = self._folder
         if folder is None:
-            return Sight()
+            return ProcessStatus()
         files = _files(folder)
         groups = {name: self._see(name, files, subscriptions) for name in self._groups}
-        return Sight(groups, space_of(folder), stamp_ns)
+        return ProcessStatus(groups, space_of(folder), stamp_ns)
 
-    def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupSight:
+    def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupStatus:
         mine = [files[each] for each in files_of(name, list(files))]
         self._written[name] = bool(mine) or (self._written.get(name, False) and name in self._processes)
         running = self._is_running(name)
         log, topics = self._logs[name].read(), self._topics[name]
         ending = "" if running else "; ".join(each for each in (self._endings.get(name, ""), log.error) if each)
-        return GroupSight(
+        return GroupStatus(
             running=running,
             ending=ending,
             size=sum(each.st_size for each in mine),

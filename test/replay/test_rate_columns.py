@@ -13,7 +13,7 @@ from replay_bags import S
 from amaze_autonomy.monitoring.condition import FOREVER_NS, Level
 from amaze_autonomy.monitoring.rate import RateMonitor
 from amaze_autonomy.monitoring.specs import TopicSpec
-from amaze_autonomy.replay.monitor_columns import Pace
+from amaze_autonomy.replay.monitor_columns import RateColumns
 from amaze_autonomy.replay.topic_columns import Track
 
 RATES = (0.5, 5.0, 30.0, 200.0)
@@ -51,13 +51,13 @@ def made(rate_hz, begin_ns):
 def test_a_monitor_is_left_as_by_one_message_after_the_other(rate_hz, told, random):
     times = times_of(rate_hz, told, random)
     alone, together = made(rate_hz, times[0]), made(rate_hz, times[0])
-    pace = Pace(together, Track(np.array(times)), together.add)
+    columns = RateColumns(together, Track(np.array(times)), together.add)
     taken = 0
     for asked_ns in sorted(random.randint(times[0] - S, times[-1] + 9 * S) for _ in range(20)):
         end = bisect_right(times, asked_ns)
         for t_ns in times[taken:end]:
             alone.add(t_ns)
-        pace.take(taken, end)
+        columns.take(taken, end)
         taken = end
         assert vars(alone) == vars(together)
         assert alone.evaluate(asked_ns) == together.evaluate(asked_ns)
@@ -69,32 +69,32 @@ def test_a_monitor_is_left_as_by_one_message_after_the_other(rate_hz, told, rand
 def test_a_verdict_that_is_good_stands_until_it_is_said_to_change(rate_hz, told, random):
     times = times_of(rate_hz, told, random)
     monitor = made(rate_hz, times[0])
-    pace = Pace(monitor, Track(np.array(times)), monitor.add)
+    columns = RateColumns(monitor, Track(np.array(times)), monitor.add)
     stands_ns = 0
     for taken, t_ns in enumerate(times, 1):
         if t_ns < stands_ns:
             assert monitor.evaluate(t_ns).level is Level.GOOD
-        pace.take(taken - 1, taken)
+        columns.take(taken - 1, taken)
         if t_ns < stands_ns:
             assert monitor.evaluate(t_ns).level is Level.GOOD
-        if pace.steady:
-            stands_ns = pace.changes_ns(taken)
+        if columns.steady:
+            stands_ns = columns.changes_ns(taken)
             assert stands_ns > t_ns
-    assert pace.changes_ns(len(times)) in (FOREVER_NS, times[-1] + monitor.silence_ns + 1)
+    assert columns.changes_ns(len(times)) in (FOREVER_NS, times[-1] + monitor.silence_ns + 1)
 
 
 def test_a_topic_that_comes_as_intended_is_taken_at_once():
     times = [1000 * S + n * S // 200 for n in range(20_000)]
     monitor, added = made(200.0, times[0]), []
-    pace = Pace(monitor, Track(np.array(times)), lambda t_ns: added.append(t_ns) or monitor.add(t_ns))
-    pace.take(0, 20_000)
+    columns = RateColumns(monitor, Track(np.array(times)), lambda t_ns: added.append(t_ns) or monitor.add(t_ns))
+    columns.take(0, 20_000)
     assert monitor.total == 20_000
     assert len(added) < 300, "only until its rate is known"
-    assert pace.changes_ns(20_000) == times[-1] + monitor.silence_ns + 1
+    assert columns.changes_ns(20_000) == times[-1] + monitor.silence_ns + 1
 
 
 def test_without_messages_nothing_changes():
     monitor = made(5.0, 0)
-    pace = Pace(monitor, Track(np.zeros(0, np.int64)), monitor.add)
-    pace.take(0, 0)
-    assert pace.changes_ns(0) == FOREVER_NS
+    columns = RateColumns(monitor, Track(np.zeros(0, np.int64)), monitor.add)
+    columns.take(0, 0)
+    assert columns.changes_ns(0) == FOREVER_NS
