@@ -70,7 +70,7 @@ def test_the_first_state_is_told_whole():
 def test_a_failure_that_turns_into_a_landing_and_others_that_clear():
     hold = SCENES["hold"]
     land = replace(
-        hold, snapshot=replace(hold.snapshot, state="LAND", failures=(replace(LRF, verb="land", then=""), CAMERA))
+        hold, snapshot=replace(hold.snapshot, state="LAND", failures=(replace(LRF, action="land", fallback=""), CAMERA))
     )
     assert lines(hold, land) == [
         "STATE     LAND (holding), IN FLIGHT, mission 1 Short square, less than a minute, 8 s left",

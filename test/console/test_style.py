@@ -58,7 +58,7 @@ def test_incomplete_data_is_bad_however_the_mission_ended():
 
 
 @pytest.mark.parametrize(
-    "code, verb, tone",
+    "code, action, tone",
     [
         (2, "continue", Tone.INFO),
         (4, "continue", Tone.WARN),
@@ -71,8 +71,8 @@ def test_incomplete_data_is_bad_however_the_mission_ended():
         (0, "pilot", Tone.PILOT),
     ],
 )
-def test_tones_of_failures(code, verb, tone):
-    assert tone_of_code(code, verb) is tone
+def test_tones_of_failures(code, action, tone):
+    assert tone_of_code(code, action) is tone
 
 
 def test_tones_of_levels_checks_and_answers():

@@ -23,7 +23,7 @@ from amaze_autonomy.engine.events import Check
 from amaze_autonomy.engine.events import Verdict as CheckVerdict
 
 FAILURE = SimpleNamespace(
-    name="lrf", code=8, verb="wait", then="land", time_left=12.5, limit="restart limit", cause="", reason="silent"
+    name="lrf", code=8, action="wait", fallback="land", time_left=12.5, limit="restart limit", cause="", reason="silent"
 )
 
 
@@ -121,7 +121,7 @@ def test_every_text_is_cleaned():
             advice=evil,
             user_commands=[evil],
             checks=[SimpleNamespace(name=evil, unit=evil, advice=evil)],
-            failures=[SimpleNamespace(name=evil, verb=evil, then=evil, reason=evil)],
+            failures=[SimpleNamespace(name=evil, action=evil, fallback=evil, reason=evil)],
             data_location=evil,
             result=evil,
             mission_id=evil,

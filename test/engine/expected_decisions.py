@@ -83,7 +83,7 @@ VERBS: Dict[Tuple[str, int], Optional[str]] = {
     ("highest", 8): "land",
     ("highest", 16): "land",
 }
-"""(severity, code) -> verb: 1 clears; 2 is always continue; 4 and 8 take the row's action; 16 is always land."""
+"""(severity, code) -> action: 1 clears; 2 is always continue; 4 and 8 take the row's action; 16 is always land."""
 
 
 class Reaction(NamedTuple):

@@ -154,6 +154,23 @@ def test_the_header_carries_the_rules_to_decide_with():
     assert journal.rules_of(line) == rules
 
 
+def test_a_decision_of_before_has_the_names_of_today():
+    values = (Value("action", "wait"),)
+    decision = Decision(
+        t_ns=1,
+        sequence=1,
+        event="WatchdogAction",
+        before="READY",
+        after="PREFLIGHT",
+        step="asking",
+        rule="ready_revoked",
+        values=values,
+    )
+    written = journal.encode_decision(decision).replace("ready_revoked", "ready_taken_back").replace("action", "verb")
+    assert '"verb"' in written
+    assert journal.decode(written).payload == decision
+
+
 def test_fields_that_an_older_journal_lacks_take_their_defaults():
     line = '{"event":"UserRequest","kind":"event","command":"GO","t_ns":5}'
     assert journal.decode(line).payload == events.UserRequest(t_ns=5, command=events.UserCommand.GO)

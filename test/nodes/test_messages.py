@@ -189,4 +189,4 @@ def test_the_report_becomes_a_message():
     assert isnan(message.time_left)
     assert isnan(message.recording_progress)
     [shown] = message.failures
-    assert (shown.name, shown.code, shown.verb, shown.then, shown.time_left) == ("lrf", 8, "wait", "land", 2.0)
+    assert (shown.name, shown.code, shown.action, shown.fallback, shown.time_left) == ("lrf", 8, "wait", "land", 2.0)

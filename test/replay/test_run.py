@@ -71,7 +71,7 @@ def test_a_sensor_that_falls_silent_in_flight_is_decided_by_the_table(tmp_path, 
     assert "+20.300 bag watchdog: imu code 1 -> 16 no message on /imu for longer than 0.3 s" in lines
     decided = [text for text in texts(outcome, LineKind.DECISION) if "MISSION -> LAND" in text]
     assert decided == [
-        "+20.300 bag MISSION -> LAND/commanding by land (failure imu; code 16; verb land; reason no message on /imu "
+        "+20.300 bag MISSION -> LAND/commanding by land (failure imu; code 16; action land; reason no message on /imu "
         "for longer than 0.3 s) => MissionCommand(LAND)#14"
     ]
 

@@ -25,11 +25,11 @@ def test_a_decision_is_one_line_with_states_rule_values_and_commands():
         after="LAND",
         step="commanding",
         rule="land",
-        values=(Value("age", 0.6123456789, 0.6, "s"), Value("verb", "land"), Value("wait ends", 7 * S, None, "ns")),
+        values=(Value("age", 0.6123456789, 0.6, "s"), Value("action", "land"), Value("wait ends", 7 * S, None, "ns")),
         commands=("MissionCommand(LAND)#12",),
     )
     assert decision_text(decision, 2 * S) == (
-        "MISSION -> LAND/commanding  by land (age 0.612346 s, limit 0.6 s; verb land; wait ends at +5.000 s)"
+        "MISSION -> LAND/commanding  by land (age 0.612346 s, limit 0.6 s; action land; wait ends at +5.000 s)"
         "  => MissionCommand(LAND)#12"
     )
 

@@ -161,7 +161,7 @@ def switch_of_the_transmitter_lands(stack: Stack) -> None:
 
 def _flies_on_without(stack: Stack) -> bool:
     return any(
-        failure.name == "realsense_camera" and failure.verb == "continue" and failure.code == Code.INCONVENIENT
+        failure.name == "realsense_camera" and failure.action == "continue" and failure.code == Code.INCONVENIENT
         for message in stack.states
         for failure in message.failures
     )
@@ -170,7 +170,7 @@ def _flies_on_without(stack: Stack) -> bool:
 def _failures_after(stack: Stack) -> int:
     """How often the component failed again after it was flown on without."""
     codes = [
-        any(failure.name == "realsense_camera" and failure.verb == "continue" for failure in message.failures)
+        any(failure.name == "realsense_camera" and failure.action == "continue" for failure in message.failures)
         for message in stack.states
         if message.in_flight
     ]

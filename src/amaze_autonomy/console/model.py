@@ -59,8 +59,8 @@ class PendingFailure:
 
     name: str
     code: int = 0
-    verb: str = ""
-    then: str = ""
+    action: str = ""
+    fallback: str = ""
     time_left_s: Optional[float] = None
     limit: str = ""
     cause: str = ""
@@ -158,7 +158,7 @@ class Snapshot:
 
 def _urgency(failure: PendingFailure) -> Tuple[int, float, str]:
     order = ("pilot", "land", "wait", "continue")
-    rank = order.index(failure.verb) if failure.verb in order else 0
+    rank = order.index(failure.action) if failure.action in order else 0
     left = failure.time_left_s
     return rank, float("inf") if left is None else floor(left), failure.name
 

@@ -92,13 +92,13 @@ def _failures(old: Tuple[PendingFailure, ...], new: Tuple[PendingFailure, ...]) 
     known: Dict[str, PendingFailure] = {each.name: each for each in old}
     for failure in new:
         last = known.pop(failure.name, None)
-        if last is None or (last.code, last.verb, last.then) != (failure.code, failure.verb, failure.then):
+        if last is None or (last.code, last.action, last.fallback) != (failure.code, failure.action, failure.fallback):
             limit = f" ({failure.limit})" if failure.limit else ""
             left = "" if failure.time_left_s is None else f", {seconds(failure.time_left_s)} left{limit}"
-            then = f", then {failure.then}" if failure.then else ""
+            then = f", then {failure.fallback}" if failure.fallback else ""
             code = f" code {failure.code}" if failure.code else ""
             cause = f" [{failure.cause}]" if failure.cause else ""
-            yield f"FAULT     {failure.name}{code}: {failure.verb}{then}{left}: {failure.reason}{cause}"
+            yield f"FAULT     {failure.name}{code}: {failure.action}{then}{left}: {failure.reason}{cause}"
     for name in known:
         yield f"CLEARED   {name}"
 

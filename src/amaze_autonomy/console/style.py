@@ -110,13 +110,13 @@ def tone_of_level(level: int) -> Tone:
     return Tone.INFO if level <= 0 else Tone.WARN if level == 1 else Tone.BAD
 
 
-def tone_of_code(code: int, verb: str) -> Tone:
+def tone_of_code(code: int, action: str) -> Tone:
     """Return the tone of a failure: what is done about it first, then how severe it is."""
-    if verb == "pilot":
+    if action == "pilot":
         return Tone.PILOT
-    if verb == "land" or code >= Code.ABORT:
+    if action == "land" or code >= Code.ABORT:
         return Tone.BAD
-    return Tone.WARN if verb == "wait" or code >= Code.INCONVENIENT else Tone.INFO
+    return Tone.WARN if action == "wait" or code >= Code.INCONVENIENT else Tone.INFO
 
 
 @dataclass(frozen=True)

@@ -128,13 +128,13 @@ def _judgement_width(checks: Tuple[Check, ...]) -> int:
 
 def action_words(failure: PendingFailure, passed_s: float) -> str:
     """Return what is done about a fault, e.g. "waits 12 s (wait limit), then LAND"."""
-    if failure.verb == "wait":
-        then = f", then {failure.then.upper() or '?'}"
+    if failure.action == "wait":
+        then = f", then {failure.fallback.upper() or '?'}"
         if failure.time_left_s is None:
             return f"waits{then}"
         limit = f" ({failure.limit})" if failure.limit else ""
         return f"waits {seconds(failure.time_left_s - passed_s)}{limit}{then}"
-    return {"continue": "flies on without it", "land": "LAND", "pilot": "PILOT"}.get(failure.verb, failure.verb)
+    return {"continue": "flies on without it", "land": "LAND", "pilot": "PILOT"}.get(failure.action, failure.action)
 
 
 def failures_table(snapshot: Snapshot, passed_s: float, style: Style) -> Table:
@@ -150,7 +150,7 @@ def failures_table(snapshot: Snapshot, passed_s: float, style: Style) -> Table:
         worst, alone = group[0], len(group) == 1
         why = worst.reason if alone else f"{worst.cause}: {', '.join(each.name for each in group)}"
         table.add_row(
-            style.label(worst.name if alone else f"{len(group)} faults", tone_of_code(worst.code, worst.verb)),
+            style.label(worst.name if alone else f"{len(group)} faults", tone_of_code(worst.code, worst.action)),
             style.text(str(worst.code) if worst.code else "-"),
             style.text(action_words(worst, passed_s) if snapshot.in_flight else "-", Tone.STRONG),
             style.text(why),

@@ -92,8 +92,8 @@ def _failure(message: Any) -> PendingFailure:
     return PendingFailure(
         name=_text(message, "name", 60),
         code=_count(message, "code"),
-        verb=_text(message, "verb", 20),
-        then=_text(message, "then", 20),
+        action=_text(message, "action", 20),
+        fallback=_text(message, "fallback", 20),
         time_left_s=_number(message, "time_left"),
         limit=_text(message, "limit", 30),
         cause=_text(message, "cause", 120),

@@ -490,7 +490,7 @@ def wait_end(failure: Failure, state: EngineState) -> Optional[Tuple[int, str]]:
 
 def values_of(failure: Failure, context: Context) -> Tuple[Value, ...]:
     """Return what a decision about a failure looked at."""
-    values = [Value("failure", failure.name), Value("code", failure.code), Value("verb", failure.action.name.lower())]
+    values = [Value("failure", failure.name), Value("code", failure.code), Value("action", failure.action.name.lower())]
     end = wait_end(failure, context.state)
     if end is not None:
         words = "waits at most" if end[1] == "wait limit" else "waits at most (restart limit)"

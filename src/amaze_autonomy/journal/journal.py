@@ -50,6 +50,12 @@ __all__ = [
 ]
 
 VERSION = 1
+_RENAMED = {
+    "verb": "action",
+    "ready_taken_back": "ready_revoked",
+    "unfit_for_takeoff": "not_ready_to_take_off",
+}
+"""Rules and values of decisions, as older journals have them."""
 
 Payload = Union[Event, Decision, Dict[str, Any]]
 
@@ -203,7 +209,7 @@ def decode(line: str, line_number: int = 1) -> JournalLine:
         if kind == "event":
             return JournalLine(kind, from_plain(_event_class(data.pop("event", None)), data), line_number)
         if kind == "decision":
-            return JournalLine(kind, from_plain(Decision, data), line_number)
+            return JournalLine(kind, from_plain(Decision, _renamed(data)), line_number)
     except CodecError as error:
         raise JournalError(str(error), line_number, "written by another version, or damaged") from error
     if kind == "header":
@@ -287,6 +293,16 @@ def _no_duplicates(pairs: List[Tuple[str, Any]]) -> Dict[str, Any]:
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"{twice} stands there twice")
     return data
+
+
+def _renamed(decision: Dict[str, Any]) -> Dict[str, Any]:
+    """Give a decision that was written before a rule or a value was renamed the names of today."""
+    values = decision.get("values")
+    for part, key in ((decision, "rule"), *((value, "name") for value in (values if isinstance(values, list) else ()))):
+        name = part.get(key) if isinstance(part, dict) else None
+        if isinstance(name, str):
+            part[key] = _RENAMED.get(name, name)
+    return decision
 
 
 def _event_class(name: Any) -> type:

@@ -133,7 +133,7 @@ def the_heartbeat_is_relied_on(m: Moment) -> Verdict:
 
 
 def _waits(m: Moment) -> Optional[str]:
-    """Return a component whose verb is `wait` now and whose budget is not spent."""
+    """Return a component whose action is `wait` now and whose budget is not spent."""
     for name, code in m.saw.codes:
         spent = dict(m.saw.waited).get(name, 0)
         waits = code in (4, 8) and m.severity(name, code) in ("moderate", "high")

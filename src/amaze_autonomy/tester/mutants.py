@@ -1,4 +1,4 @@
-"""Mutants of the engine's tables: a row deleted, a verb, a severity or a flag swapped, a threshold off by a little.
+"""Mutants of the engine's tables: a row deleted, an action, a severity or a flag swapped, a threshold off by a little.
 
 Each is made by name, so that a name is all that is sent to another process. Tables are put back when the run has ended.
 """
@@ -57,10 +57,10 @@ class Mutant:
 
 _WORDS = {
     "row": "deleted row",
-    "loss": "swapped verb of loss",
+    "loss": "swapped action of loss",
     "routes": "swapped routes of loss",
     "alarm": "swapped alarm of loss",
-    "severity": "swapped verb of severity",
+    "severity": "swapped action of severity",
     "component": "swapped severity of",
     "wait": "longer wait for",
     "limit": "shifted limit",

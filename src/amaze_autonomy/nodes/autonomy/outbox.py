@@ -232,8 +232,8 @@ def _pending(fault: Fault, now_ns: int) -> msg.PendingFailure:
     return msg.PendingFailure(
         name=fault.name,
         code=fault.code,
-        verb=fault.action.name.lower(),
-        then="" if fault.fallback is None else fault.fallback.name.lower(),
+        action=fault.action.name.lower(),
+        fallback="" if fault.fallback is None else fault.fallback.name.lower(),
         time_left=_left_s(fault.end_ns, now_ns),
         limit=fault.limit,
         cause=fault.cause,

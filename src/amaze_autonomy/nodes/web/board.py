@@ -182,7 +182,7 @@ def _group(group: Tuple[PendingFailure, ...], snapshot: Snapshot) -> Dict[str, A
     worst = group[0]
     return {
         "cause": worst.cause,
-        "tone": tone_of_code(worst.code, worst.verb).value,
+        "tone": tone_of_code(worst.code, worst.action).value,
         "action": action_words(replace(worst, time_left_s=None), 0.0) if snapshot.in_flight else "no takeoff",
         "left_s": worst.time_left_s,
         "limit": worst.limit,
