@@ -236,6 +236,7 @@ def contents(path):
 PACKINGS = {"zstd": {}, "lz4": {"compression": "lz4"}, "none": {"compression": "none"}, "no_chunks": {"chunks": False}}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("packing", PACKINGS)
 def test_an_mcap_file_that_was_cut_is_read_to_its_last_whole_message_and_that_is_said(tmp_path, packing, capsys):
     whole = write_mcap(tmp_path / "whole.mcap", flight_rows(12.0), **PACKINGS[packing])

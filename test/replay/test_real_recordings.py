@@ -174,6 +174,7 @@ def test_the_compression_of_a_real_recording_does_not_matter(tmp_path, name):
         assert replay(rewrite(source, tmp_path / f"{compression}.bag", compression), name)[0].journal == whole
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_muting_any_required_topic_of_a_real_recording_changes_the_journal(name):
     source = recording(f"{name}.bag")
