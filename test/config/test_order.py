@@ -26,6 +26,16 @@ from amaze_autonomy.config import load_configuration
             "else a slow answer is too old when it comes",
         ),
         (
+            "checks: {max_ages_s: {battery: 2.0}}",
+            "checks.max_ages_s.battery: is 2; must be above checks.check_reply_limit_s (3): "
+            "else a slow answer is too old when it comes",
+        ),
+        (
+            "checks: {max_ages_s: {battery: 5.0}, reply_limits_s: {battery: 6.0}}",
+            "checks.reply_limits_s.battery: is 6; must be below checks.max_ages_s.battery (5): "
+            "else a slow answer is too old when it comes",
+        ),
+        (
             "recording: {recording_lead_s: 20.0}",
             "recording.recording_lead_s: is 20; must be below recording.recording_start_limit_s (15): "
             "else no recording starts in time",

@@ -190,7 +190,8 @@ def _takeoff(before: EngineState, after: EngineState, motions: List[str], story:
         assert record.ok, record
         assert record.outcome is Outcome.ACCEPTED
         assert all(row.passed for row in record.rows)
-        assert now - record.replied_ns <= limits.check_max_age_ns, "a stale check"
+        age_ns = dict(story.rules.max_ages_ns).get(record.check.value, limits.check_max_age_ns)
+        assert now - record.replied_ns <= age_ns, "a stale check"
     _fresh_peers(after, story)
     mission = after.session.mission
     assert (after.peers.planner.mission_id, after.peers.planner.phase) == (mission.id, MissionPhase.LOADED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from engine_beginnings import at
@@ -327,9 +328,9 @@ def test_loaded_without_accepted_confirms_nothing():
 # --- freshness --------------------------------------------------------------------------------------------------------
 
 
-def _waiting_to_load(max_age_s: float) -> Story:
+def _waiting_to_load(max_age_s: float, **own: Any) -> Story:
     limits = replace(SHIPPED.limits, check_max_age_ns=round(max_age_s * S), load_limit_ns=60 * S)
-    story = Story(Rules(components=COMPONENTS, limits=limits)).start().after(0.5).select()
+    story = Story(Rules(components=COMPONENTS, limits=limits, **own)).start().after(0.5).select()
     story.disobeyed.append("LoadMission")
     story.until("LOAD_MISSION").after(0.1)
     story.planner.session, story.planner.mission = story.state.session.id, "1"
@@ -358,6 +359,22 @@ def test_checks_one_nanosecond_older_do_not():
     story._decide(story.planner.status(story.now))
     assert story.motions == []
     story.expect("PREFLIGHT")
+
+
+@pytest.mark.parametrize("check", ORDER)
+def test_a_check_with_an_age_of_its_own_is_good_for_so_long_and_the_others_are_not(check):
+    longer = tuple((each, 5 * S) for each in ORDER if each != check)
+    for own, motions in ((longer, []), ((*longer, (check, 5 * S)), ["TAKEOFF"])):
+        story = _waiting_to_load(4.0, max_ages_ns=own)
+        (replied_ns,) = (r.replied_ns for r in story.state.preflight.checks if r.check.value == check)
+        story.after_ns(replied_ns + 4 * S - story.now - S // 10)
+        story.silent.append("planner")
+        story.now = replied_ns + 4 * S + 1
+        story.beat = story.now + 1
+        story._decide(story.vehicle.status(story.now))
+        _loaded(story)
+        story._decide(story.planner.status(story.now))
+        assert story.motions == motions
 
 
 # --- ready ------------------------------------------------------------------------------------------------------------

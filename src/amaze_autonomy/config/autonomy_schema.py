@@ -53,6 +53,14 @@ _REPLIES = Key(
     "a supervisor that looks at its estimate for 10 s is no reason to wait as long for a battery",
     {},
 )
+_AGES = Key(
+    "max_ages_s",
+    Named(f"checks {', '.join(_CHECKS)}", "|".join(_CHECKS), Number(above=0.0, maximum=60.0)),
+    "checks with an age of their own in the place of check_max_age_s",
+    "a battery changes slowly, a vehicle on the ground can be lifted",
+    {},
+)
+_OWN = {"check_reply_limit_ns": (_REPLIES,), "check_max_age_ns": (_AGES,)}
 
 
 def _limit_groups() -> Dict[str, Group]:
@@ -62,8 +70,7 @@ def _limit_groups() -> Dict[str, Group]:
         row: LimitRow = entry.metadata["row"]
         key = bind(Limits, entry.name, _kind(entry.name, row), row.words, row.reason)
         keys = found[row.group].keys if row.group in found else ()
-        more = (_REPLIES,) if entry.name == "check_reply_limit_ns" else ()
-        found[row.group] = Group(row.about, (*keys, key, *more))
+        found[row.group] = Group(row.about, (*keys, key, *_OWN.get(entry.name, ())))
     return found
 
 

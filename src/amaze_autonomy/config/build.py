@@ -43,9 +43,13 @@ def rules_of(autonomy: _Values, sensors: _Values) -> Rules:
     """
     limits = limits_of(autonomy)
     rows = tuple(_rule(name, values, limits) for name, values in sensors["components"].items())
-    own = autonomy["checks"]["reply_limits_s"]
-    reply_limits_ns = tuple((check, field_value("reply_limits_ns", own[check])) for check in sorted(own))
-    return Rules(rows, limits, autonomy["require_go"], reply_limits_ns)
+    own = (_by_check(autonomy, "reply_limits_ns"), _by_check(autonomy, "max_ages_ns"))
+    return Rules(rows, limits, autonomy["require_go"], *own)
+
+
+def _by_check(autonomy: _Values, name: str) -> Tuple[Tuple[str, int], ...]:
+    own = autonomy["checks"][key_name(name)]
+    return tuple((check, field_value(name, own[check])) for check in sorted(own))
 
 
 def _rule(name: str, values: _Values, limits: Limits) -> ComponentRule:

@@ -318,12 +318,18 @@ def _value(values: Mapping[str, Any], address: str) -> float:
 
 
 def _check_own_replies(values: Mapping[str, Any], places: Places) -> None:
-    """Check the limits that checks have for themselves, as the one of all."""
+    """Check the limits that checks have for themselves, as those of all."""
     order = next(each for each in ORDER if each.low == "checks.check_reply_limit_s")
-    for key, limit_s in _reply_limits(values):
-        if limit_s >= _value(values, order.high) and key != order.low:
-            right = f"must be below {order.high} ({_value(values, order.high):g}): {order.reason}"
-            refuse_at(tuple(key.split(".")), places, f"is {limit_s:g}", right)
+    replies, ages = values["checks"]["reply_limits_s"], values["checks"]["max_ages_s"]
+    for check in sorted({*replies, *ages}):
+        low = f"checks.reply_limits_s.{check}" if check in replies else order.low
+        high = f"checks.max_ages_s.{check}" if check in ages else order.high
+        reply_s, age_s = replies.get(check, _value(values, order.low)), ages.get(check, _value(values, order.high))
+        if reply_s >= age_s:
+            key, is_s, right = (low, reply_s, f"below {high} ({age_s:g})")
+            if check not in replies:
+                key, is_s, right = (high, age_s, f"above {low} ({reply_s:g})")
+            refuse_at(tuple(key.split(".")), places, f"is {is_s:g}", f"must be {right}: {order.reason}")
 
 
 def check_order(values: Mapping[str, Any], places: Places) -> None:

@@ -265,8 +265,12 @@ def all_checks_passed(context: Context) -> Optional[Seen]:
         return None
     if len(records) < len(CheckName) or not all(record.ok for record in records):
         return None
-    ages = [context.now - record.replied_ns for record in records if record.replied_ns is not None]
-    oldest, limit = max(ages), context.limits.check_max_age_ns
+    ages = [
+        (context.now - record.replied_ns, context.rules.max_age_ns(record.check.value))
+        for record in records
+        if record.replied_ns is not None
+    ]
+    oldest, limit = max(ages, key=lambda age: age[0] - age[1])
     return holds_if(
         len(ages) == len(CheckName) and oldest <= limit, Value("oldest check", oldest / _NS, limit / _NS, "s")
     )

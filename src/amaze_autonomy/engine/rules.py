@@ -283,16 +283,22 @@ class Rules:
         limits: every limit.
         require_go: READY waits for the operator's go.
         reply_limits_ns: checks with a limit of their own in the place of `check_reply_limit_ns`, by their names.
+        max_ages_ns: likewise in the place of `check_max_age_ns`.
     """
 
     components: Tuple[ComponentRule, ...] = ()
     limits: Limits = field(default_factory=Limits)
     require_go: bool = False
     reply_limits_ns: Tuple[Tuple[str, int], ...] = ()
+    max_ages_ns: Tuple[Tuple[str, int], ...] = ()
 
     def reply_limit_ns(self, check: str) -> int:
         """Return the time in which a check must be answered."""
         return dict(self.reply_limits_ns).get(check, self.limits.check_reply_limit_ns)
+
+    def max_age_ns(self, check: str) -> int:
+        """Return how old the answer to a check may be at the takeoff."""
+        return dict(self.max_ages_ns).get(check, self.limits.check_max_age_ns)
 
     def __post_init__(self) -> None:
         names = [rule.name for rule in self.components]

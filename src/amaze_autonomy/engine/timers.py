@@ -62,8 +62,9 @@ def _check_reply(state: EngineState, rules: Rules) -> Optional[int]:
 
 
 def _check_age(state: EngineState, rules: Rules) -> Optional[int]:
-    replied = [r.replied_ns for r in state.preflight.checks if r.replied_ns is not None]
-    return min(replied) + rules.limits.check_max_age_ns + 1 if replied else None
+    checks = state.preflight.checks
+    ends = [r.replied_ns + rules.max_age_ns(r.check.value) for r in checks if r.replied_ns is not None]
+    return min(ends) + 1 if ends else None
 
 
 def _check_poll(state: EngineState, rules: Rules) -> Optional[int]:

@@ -15,6 +15,12 @@ from .witness import CHECKS
 
 A = MissionAction
 
+
+def _max_age_ns(m: Moment, check: str) -> int:
+    own = [age_ns for name, age_ns in m.rules.max_ages_ns if name == check]
+    return own[0] if own else m.rules.limits.check_max_age_ns
+
+
 # --- takeoff ----------------------------------------------------------------------------------------------------------
 
 
@@ -27,7 +33,7 @@ def takeoff_needs_fresh_checks(m: Moment) -> Verdict:
     for name, asked in m.saw.checks:
         if not asked.ok or asked.answered_ns is None:
             return f"the {name} check has not passed"
-        if m.saw.now - asked.answered_ns > m.rules.limits.check_max_age_ns:
+        if m.saw.now - asked.answered_ns > _max_age_ns(m, name):
             return f"the {name} check is too old"
         if asked.id < m.saw.load.id:
             return f"the {name} check was not asked again"
@@ -95,7 +101,7 @@ def ready_needs_every_check(m: Moment) -> Verdict:
     for name, asked in m.saw.checks:
         if not asked.ok or asked.answered_ns is None:
             return f"the {name} check has not passed"
-        if m.saw.now - asked.answered_ns > m.rules.limits.check_max_age_ns:
+        if m.saw.now - asked.answered_ns > _max_age_ns(m, name):
             return f"the {name} check is too old"
     return True if len(m.saw.checks) == CHECKS else "not every check was asked"
 
