@@ -1,10 +1,11 @@
 """The nominal mission by MAVSDK, on the same autopilots and the same wire: what does a hold, a resume, a landing take?
 
-    ./run sitl-mavsdk [px4|ardupilot] [-n TIMES]
+    ./run sitl-mavsdk [px4|ardupilot] [-n TIMES] [--output FOLDER]
 
 MAVSDK (from PyPI) uploads the square of mission 1, arms, flies, is paused, goes on, and lands on its way. Measured is
 the time from each call to the mode that the vehicle shows, on the link of the second ground station; `./run sitl` takes
-it from the engine's decision, or from the code 16 that it decides on. Root only, as ./run sitl.
+it from the engine's decision, or from the code 16 that it decides on. FOLDER/mavsdk.json has all figures, for
+sitl_table.py. Root only, as ./run sitl.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ _PORT, _UP_M, _SIDE_M, _METRES_PER_DEGREE = 14540, 1.5, 4.0, 111_320.0
 _READY_S, _LIMIT_S, _FLYING_S, _HELD_S = 120.0, 120.0, 6.0, 4.0
 _MODES = {"start": "AUTO.MISSION", "hold": "AUTO.LOITER", "resume": "AUTO.MISSION", "land": "AUTO.LAND"}
 NOT_RUN = 77
+FIGURES = "mavsdk.json"
 
 
 def main() -> int:
@@ -40,6 +42,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("autopilots", nargs="*", metavar="px4|ardupilot", help="on which (default: both)")
     parser.add_argument("-n", "--times", type=int, default=3, help="how often (default: 3)")
+    parser.add_argument("--output", type=Path, help="where to write mavsdk.json (default: nowhere)")
     parser.add_argument("--inside", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.inside:
@@ -50,21 +53,26 @@ def main() -> int:
         print("NO AUTOPILOT IN SOFTWARE-IN-THE-LOOP HERE, OR NOT ROOT: NOTHING IS FLOWN")
         return NOT_RUN
     print(f"{'MAVSDK':<12}" + "".join(f"{name + ' to mode':>18}" for name in _MODES))
-    good = [_attempt(name, number) for name in chosen for number in range(options.times)]
-    return 0 if all(good) else 1
+    took = [(name, _attempt(name, number)) for name in chosen for number in range(options.times)]
+    if options.output:
+        options.output.mkdir(parents=True, exist_ok=True)
+        rows = [{"autopilot": name, "to_mode_s": times} for name, times in took]
+        (options.output / FIGURES).write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    return 0 if all(times for _, times in took) else 1
 
 
-def _attempt(name: str, number: int) -> bool:
+def _attempt(name: str, number: int) -> Dict[str, float]:
+    """Fly once; return what each call took, nothing when it failed."""
     folder = Path(tempfile.mkdtemp(prefix=f"amaze_mavsdk_{name}_{number}_"))
     command = ["unshare", "--net", sys.executable, __file__, name, "--inside", str(folder)]
     with (folder / "flight.txt").open("wb") as log:
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=log, check=False, timeout=600.0)
     if done.returncode:
         print(f"{name:<12} failed: see {folder}")
-        return False
-    took = json.loads(done.stdout.splitlines()[-1])
+        return {}
+    took: Dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     print(f"{name:<12}" + "".join(f"{took[each]:>16.3f} s" for each in _MODES), flush=True)
-    return True
+    return took
 
 
 def _fly(name: str, folder: Path) -> Dict[str, float]:

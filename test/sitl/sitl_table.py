@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
 from fly import SCENARIOS
+from mavsdk_flight import FIGURES
 from sitl_autopilots import KINDS
 from sitl_scenario import load
 
@@ -53,9 +54,28 @@ def main() -> int:
                 where += [f"- `{scenario}`, {name} ({flight['commit']}): {wrong}"] if wrong else []
             if flown[-1].get("own_behaviour"):
                 listed["What is the autopilot's own"].append(f"- `{scenario}`, {name}: {flown[-1]['own_behaviour']}")
+    print("\n" + "\n".join(_by_mavsdk([folder / FIGURES for folder in folders if (folder / FIGURES).exists()])))
     for title, lines in listed.items():
         print(f"\n## {title}\n\n" + "\n".join(lines or ["Nothing."]))
     return 0
+
+
+def _by_mavsdk(files: List[Path]) -> List[str]:
+    """Return a section with what the same orders take by MAVSDK."""
+    rows = [row for path in files for row in json.loads(path.read_text(encoding="utf-8"))]
+    lines = ["## The same orders by MAVSDK", ""]
+    if not rows:
+        return [*lines, "Not flown."]
+    lines += [
+        "From the call to the mode that the vehicle shows, in seconds: the nominal mission of `./run sitl-mavsdk`.",
+        "",
+    ]
+    names = list(next((row["to_mode_s"] for row in rows if row["to_mode_s"]), ()))
+    lines += ["| autopilot | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    for row in rows:
+        times = [f"{row['to_mode_s'][name]:.2f}" for name in names] if row["to_mode_s"] else ["**failed**"] * len(names)
+        lines.append(f"| {row['autopilot']} | " + " | ".join(times) + " |")
+    return lines
 
 
 def _cell(flown: List[Mapping[str, Any]], why_not: str) -> str:
