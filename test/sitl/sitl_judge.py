@@ -108,7 +108,7 @@ def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
         *_expected(scenario.expect[autopilot], result, states, wire, measured, journal),
         *_rules(journal, wire),
         *_replayed(folder / "run" / "journal.jsonl"),
-        *_log_replayed(folder, facts),
+        *_log_replayed(folder, facts, scenario.expect[autopilot].get("log_within_s", _SAME_S)),
     ]
     own = scenario.expect[autopilot].get("own_behaviour", "")
     return Verdict(tuple(wrong), measured, result, states, tuple(wire.armed_modes), own)
@@ -235,7 +235,7 @@ def _replayed(path: Path) -> List[str]:
     return wrong
 
 
-def _log_replayed(folder: Path, facts: Mapping[str, Any]) -> List[str]:
+def _log_replayed(folder: Path, facts: Mapping[str, Any], within_s: float) -> List[str]:
     """Replay the telemetry log of the autopilot node's link: armed, mode and landed state as heard, when heard."""
     live, log = folder / "run" / "journal.jsonl", folder / "node.tlog"
     nobody_listened = any(each.get("node") == "autopilot" or each["do"] == "kill_engine" for each in facts["done"])
@@ -248,7 +248,7 @@ def _log_replayed(folder: Path, facts: Mapping[str, Any]) -> List[str]:
         if not replayed.exists():
             return [f"its telemetry log cannot be replayed: {(done.stderr.strip().splitlines() or ['?'])[-1]}"]
         heard, again = _told(live, facts["unix_minus_monotonic_s"]), _told(replayed, 0.0)
-    return [each for name, changes in heard.items() for each in _compared(name, changes, again[name])]
+    return [each for name, changes in heard.items() for each in _compared(name, changes, again[name], within_s)]
 
 
 def _told(path: Path, offset_s: float) -> Dict[str, List[Tuple[float, str]]]:
@@ -266,7 +266,7 @@ def _told(path: Path, offset_s: float) -> Dict[str, List[Tuple[float, str]]]:
     return found
 
 
-def _compared(name: str, heard: List[Tuple[float, str]], again: List[Tuple[float, str]]) -> List[str]:
+def _compared(name: str, heard: List[Tuple[float, str]], again: List[Tuple[float, str]], within_s: float) -> List[str]:
     """Compare from the second value on: when the first was heard depends on when somebody began to listen."""
     mine, its = heard[1:], again[-(len(heard) - 1) :] if len(heard) > 1 else []
     if [value for _, value in mine] != [value for _, value in its]:
@@ -274,5 +274,5 @@ def _compared(name: str, heard: List[Tuple[float, str]], again: List[Tuple[float
         return [f"its telemetry log says of {name} {words}, the flight heard {' '.join(value for _, value in heard)}"]
     off_s = max((abs(one - other) for (one, _), (other, _) in zip(mine, its)), default=0.0)
     return (
-        [] if off_s <= _SAME_S else [f"its telemetry log has {name} {off_s:.3f} s earlier or later than it was heard"]
+        [] if off_s <= within_s else [f"its telemetry log has {name} {off_s:.3f} s earlier or later than it was heard"]
     )

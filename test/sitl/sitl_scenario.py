@@ -15,6 +15,7 @@ expect:
   states: [TAKEOFF, MISSION, DATA_CLEANUP, MISSION_ENDED]   # from the first takeoff on
   modes: [AUTO.MISSION, AUTO.LAND]        # that the vehicle shows while armed, in this order
   at_most: {code_16_to_mode_s: 1.0}       # what was measured, see sitl_judge.MEASURES
+  log_within_s: 0.1                       # how far its telemetry log, replayed, may be from what the flight heard
   texts: [...]                            # words that the journal must hold
   ardupilot: {modes: [...]}               # what is otherwise there
 ```
@@ -50,7 +51,7 @@ _OPTIONAL = {("lose", "for_s"), ("parameter", "px4"), ("parameter", "ardupilot")
 _TRIGGER = ("state", "step", "event", "mode", "order", "occurrence", "delay_s")
 EVENTS = ("armed", "airborne", "waypoint", "landed", "disarmed", "started")
 SKIPPED = ("MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION")  # by the judge
-_EXPECT = ("result", "states", "modes", "at_most", "at_least", "texts", "own_behaviour")
+_EXPECT = ("result", "states", "modes", "at_most", "at_least", "texts", "own_behaviour", "log_within_s")
 _KEYS = (
     *("description", "mission", "not_for", "overrides", "parameters", "when", "faults", "requests", "expect"),
     *("unattended", "station", "limit_s", "engine", "flights"),

@@ -139,4 +139,4 @@ def test_modes_are_those_shown_while_armed():
 def test_a_log_that_replays_otherwise_is_bad(again, wrong):
     heard = [(9.0, "False"), (10.0, "False"), (20.0, "True")]
 
-    assert _compared("armed", heard, again) == wrong
+    assert _compared("armed", heard, again, 0.1) == wrong
