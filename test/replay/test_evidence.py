@@ -61,9 +61,9 @@ def test_showing_it_too_late_is_not_getting_it():
 
 
 def test_a_descent_of_half_a_metre_is_a_landing():
-    before = Observed(9 * S, height_m=3.0)
-    assert followed(MissionAction.LAND, Observed(12 * S, height_m=2.4), before=before) is None
-    assert followed(MissionAction.LAND, Observed(12 * S, height_m=2.6), before=before) == 10
+    before = Observed(9 * S, height_m=2.0)
+    assert followed(MissionAction.LAND, Observed(12 * S, height_m=1.4), before=before) is None
+    assert followed(MissionAction.LAND, Observed(12 * S, height_m=1.6), before=before) == 10
 
 
 def test_of_several_commands_the_first_that_was_missed_counts():
