@@ -152,6 +152,7 @@ def test_a_block_runs_as_it_stands(block, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:1")  # nobody is there
     monkeypatch.setenv("COLUMNS", "120")
+    wrong = []
     for program, *words in block.commands:
         arguments = [re.sub(r"^~|\$HOME", str(tmp_path), word) for word in words]
         for word in arguments:
@@ -162,7 +163,9 @@ def test_a_block_runs_as_it_stands(block, tmp_path, monkeypatch, capsys):
         status = OFFLINE[program][0](arguments)
         out, err = capsys.readouterr()
         shown = " ".join((program, *arguments))
-        assert status == next((DIFFERENT[each] for each in DIFFERENT if shown.startswith(each)), 0), shown + out + err
+        if status != next((DIFFERENT[each] for each in DIFFERENT if shown.startswith(each)), 0):
+            wrong.append(f"{shown}: {status}\n{out}{err}")
+    assert not wrong, "\n".join(wrong)
 
 
 def provide(name, arguments):

@@ -24,6 +24,8 @@ plays every peer, every user, time and restarts against the very code that flies
 below at every single event. This is a proof within its bounds, which stand below with what they cut off; it is not a
 proof of the vehicle.
 
+<!-- not run: takes minutes -->
+
 ```
 ./run proof                           # the bounded proof and its self-test, as in CI; it names what has changed
 ./run proof accept --reason WHY       # these figures are right: the page is written anew
