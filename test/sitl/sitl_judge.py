@@ -108,7 +108,7 @@ def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
         *_expected(scenario.expect[autopilot], result, states, wire, measured, journal),
         *_rules(journal, wire),
         *_replayed(folder / "run" / "journal.jsonl"),
-        *_log_replayed(folder, facts, scenario.expect[autopilot].get("log_within_s", _SAME_S)),
+        *_log_replayed(folder, facts, scenario, scenario.expect[autopilot].get("log_within_s", _SAME_S)),
     ]
     own = scenario.expect[autopilot].get("own_behaviour", "")
     return Verdict(tuple(wrong), measured, result, states, tuple(wire.armed_modes), own)
@@ -235,10 +235,11 @@ def _replayed(path: Path) -> List[str]:
     return wrong
 
 
-def _log_replayed(folder: Path, facts: Mapping[str, Any], within_s: float) -> List[str]:
+def _log_replayed(folder: Path, facts: Mapping[str, Any], scenario: Scenario, within_s: float) -> List[str]:
     """Replay the telemetry log of the autopilot node's link: armed, mode and landed state as heard, when heard."""
     live, log = folder / "run" / "journal.jsonl", folder / "node.tlog"
     nobody_listened = any(each.get("node") == "autopilot" or each["do"] == "kill_engine" for each in facts["done"])
+    nobody_listened |= any(each.get("process") == "autopilot" for each in scenario.world.get("faults", ()))
     if not live.exists() or nobody_listened:
         return []
     with tempfile.TemporaryDirectory() as out:

@@ -27,8 +27,12 @@ What `./run sitl` flew ([simulation.md](simulation.md)), as `test/sitl/sitl_tabl
 v1.16.1 and ArduCopter 4.5.6 in software-in-the-loop, with roslaunch and all real nodes, two flights at a time on two
 cores. A flight is good when its states, result and modes are the expected ones, nobody of ours did what nobody may,
 its journal is decided again without a difference and breaks no law, and the telemetry log of its link says the same
-within 0.1 s. Then come its result, the time in the air, and what was measured on the wire, in seconds: from a code
-16, a hold or a resume to the mode that the vehicle shows, and from another's mode to PILOT.
+within 0.1 s (half a second where the autopilot itself starts anew). Then come its result, the time in the air, and what
+was measured on the wire, in seconds: from a code 16, a hold or a resume to the mode that the vehicle shows, and from
+another's mode to PILOT. In a link that is cut, the mode is shown when it is back.
+
+A flight that fails before its takeoff is flown once more, and both are listed: on two busy cores nodes that all start
+at once do not run for half a second, and the pre-flight check refuses.
 """
 _NOMINAL = "nominal"
 
