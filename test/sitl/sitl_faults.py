@@ -136,5 +136,5 @@ def _in_virtual_time(name: str) -> Tuple[List[str], str]:
         states = [row["after"] for row in rows if row["kind"] == "decision"]
     way = [state for state, _ in itertools.groupby(states) if state not in SKIPPED]
     last = done.stdout.strip().splitlines()[-1]
-    result = last.rpartition(": ")[2].split()[0] if last.startswith("mission ") else ""
+    result = last.rpartition(": ")[2].split()[0].rstrip(",") if last.startswith("mission ") else ""
     return way, result
