@@ -95,7 +95,7 @@ def judge(scenario: Scenario, autopilot: str, folder: Path) -> Verdict:
     """Judge a flight by what lies in its folder."""
     path = folder / "facts.json"
     if not path.exists():
-        return Verdict((f"it was not flown: see {folder / 'flight.txt'}",), {}, "?", (), ())
+        return Verdict(("it was not flown: see its flight.txt",), {}, "?", (), ())
     facts = json.loads(path.read_text(encoding="utf-8"))
     journal = read_journal(folder / "run" / "journal.jsonl", facts["unix_minus_monotonic_s"])
     wire = read_wire(folder, autopilot)
