@@ -122,22 +122,17 @@ def test_a_mission_keeps_its_own_severities():
     assert journal.decode(journal.encode_event(event)).payload == event
 
 
+DECISION = Decision(t_ns=1, sequence=0, event="Tick", before="READY", after="READY", step="", rule="none")
+
+
 def test_what_is_not_finite_is_unknown_or_said_in_words():
     check = Check("battery fraction", Verdict.UNKNOWN, value=nan, limit=inf)
     reply = events.CheckReply(
         t_ns=1, command_id=1, check=CheckName.BATTERY, outcome=events.Outcome.ACCEPTED, checks=(check,)
     )
     assert journal.decode(journal.encode_event(reply)).payload.checks[0].value is None
-    decision = Decision(
-        t_ns=1,
-        sequence=0,
-        event="Tick",
-        before="READY",
-        after="READY",
-        step="",
-        rule="none",
-        values=(Value("age", inf, nan, "s"), Value("code", Code.HOLD), Value("names", ("a", "b"))),
-    )
+    values = (Value("age", inf, nan, "s"), Value("code", Code.HOLD), Value("names", ("a", "b")))
+    decision = replace(DECISION, values=values)
     read = journal.decode(journal.encode_decision(decision)).payload
     assert read.values == (Value("age", "inf", "nan", "s"), Value("code", "HOLD"), Value("names", ("a", "b")))
 
@@ -155,17 +150,7 @@ def test_the_header_carries_the_rules_to_decide_with():
 
 
 def test_a_decision_of_before_has_the_names_of_today():
-    values = (Value("action", "wait"),)
-    decision = Decision(
-        t_ns=1,
-        sequence=1,
-        event="WatchdogAction",
-        before="READY",
-        after="PREFLIGHT",
-        step="asking",
-        rule="ready_revoked",
-        values=values,
-    )
+    decision = replace(DECISION, rule="ready_revoked", values=(Value("action", "wait"),))
     written = journal.encode_decision(decision).replace("ready_revoked", "ready_taken_back").replace("action", "verb")
     assert '"verb"' in written
     assert journal.decode(written).payload == decision

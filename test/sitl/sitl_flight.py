@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Collection, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
@@ -33,6 +33,12 @@ from amaze_autonomy.engine.events import VehicleLanded
 
 _READY_S, _SETTLE_S, _END_S = 120.0, 2.0, 45.0
 _SENSORS_S, _RATES_KNOWN_S = 150.0, 3.0
+_SENSORS = {
+    "lrf": ("/lrf/range", Range),
+    "odometry": ("/odometry", Odometry),
+    "mission_camera": ("/mission_camera/image_raw", Image),
+}
+"""What is waited for before the mission is chosen: by component, its topic and the topic's type."""
 _SLICE_S = 0.01
 _NODES = ("node", "planner")  # their links
 _LIBRARY = ROOT / "build" / "devel" / "lib" / "amaze_autonomy"
@@ -122,10 +128,10 @@ class Operator:
     def __init__(self) -> None:
         rospy.init_node("operator", anonymous=True, disable_signals=True)
 
-    def choose(self, missions: Tuple[str, ...], check: Callable[[], None]) -> None:
-        """Wait for the sensors and the engine, looking at whether they still start, then choose."""
+    def choose(self, missions: Tuple[str, ...], dead: Collection[str], check: Callable[[], None]) -> None:
+        """Wait for the engine and for the sensors that are not dead, as long as they still start; then choose."""
         missing: Dict[str, Any] = {}
-        for topic, kind in (("/lrf/range", Range), ("/odometry", Odometry), ("/mission_camera/image_raw", Image)):
+        for topic, kind in (_SENSORS[name] for name in _SENSORS if name not in dead):
             missing[topic] = rospy.Subscriber(topic, kind, lambda _, name=topic: missing.pop(name, None))
         deadline = time.monotonic() + _SENSORS_S
         while missing:
@@ -239,7 +245,8 @@ class Flight:
         if self._scenario.engine == "apart":
             self._start_engine()
         operator = Operator()
-        operator.choose(tuple(self._scenario.mission.split(",")), self._check)
+        dead = {fault.get("component") for fault in self._scenario.world.get("faults", ()) if "at_s" in fault}
+        operator.choose(tuple(self._scenario.mission.split(",")), dead, self._check)
         self._stack_is_up.set()
         self._operator = operator
         tail = Tail(self._folder / "run" / "journal.jsonl")

@@ -102,7 +102,7 @@ class Group:
         self.dropped = 0
         self.gaps: List[Gap] = []
         self.shift_ns: Optional[int] = None  # from this machine's time to what messages are stamped with
-        self._processes = GroupStatus(running=False)
+        self._seen = GroupStatus(running=False)
         self._asked_ns: Optional[int] = None
         self._ended_ns: Optional[int] = None
         self._born_size: Optional[int] = None
@@ -139,7 +139,7 @@ class Group:
 
     def stop_for_removal(self, t_ns: int) -> bool:
         """Return whether its recorder is to be ended because its files were removed: all that they held is a gap."""
-        if not self.running or not self._processes.removed or self._told:
+        if not self.running or not self._seen.removed or self._told:
             return False
         self._told = True
         if self._gap_ns is None:
@@ -155,27 +155,27 @@ class Group:
             return True
         return t_ns - self._asked_ns >= (_AGAIN_NS if self._ended_ns is not None else _START_NS)
 
-    def see(self, t_ns: int, processes: GroupStatus, *, writing: bool) -> None:
+    def see(self, t_ns: int, seen: GroupStatus, *, writing: bool) -> None:
         """Take what is seen of it; `writing`: it shall record."""
-        before, self._processes = self._processes, processes
-        if processes.size > before.size:
-            self._grew_ns = t_ns if not self._taken_over or processes.idle_ns is None else t_ns - processes.idle_ns
+        before, self._seen = self._seen, seen
+        if seen.size > before.size:
+            self._grew_ns = t_ns if not self._taken_over or seen.idle_ns is None else t_ns - seen.idle_ns
             self._taken_over = False
-        if self.running and not processes.running:
+        if self.running and not seen.running:
             self._died(t_ns, writing=writing)
-        elif writing and processes.full and not before.full and self._gap_ns is None:
-            self._full_size = processes.size
+        elif writing and seen.full and not before.full and self._gap_ns is None:
+            self._full_size = seen.size
             self._open_gap(t_ns, _FULL, self.number)
             self.gaps[-1]["inside"] = True
-        if processes.running and self._born_size is None:
-            self._came(t_ns, processes.size)
-        self.running = processes.running
-        self.dropped = max(self.dropped, processes.dropped)
-        self._see_writing(t_ns, processes)
+        if seen.running and self._born_size is None:
+            self._came(t_ns, seen.size)
+        self.running = seen.running
+        self.dropped = max(self.dropped, seen.dropped)
+        self._see_writing(t_ns, seen)
 
-    def _see_writing(self, t_ns: int, processes: GroupStatus) -> None:
-        if self._born_size is not None and processes.size - self._born_size > _HEAD_BYTES:
-            if not self.writes or (self._full_size and processes.size - self._full_size > _FLUSH_BYTES):
+    def _see_writing(self, t_ns: int, seen: GroupStatus) -> None:
+        if self._born_size is not None and seen.size - self._born_size > _HEAD_BYTES:
+            if not self.writes or (self._full_size and seen.size - self._full_size > _FLUSH_BYTES):
                 self._close_gap(t_ns)
             self.writes = True
 
@@ -187,7 +187,7 @@ class Group:
     def _died(self, t_ns: int, *, writing: bool) -> None:
         self._ended_ns, self._born_size, self.writes = t_ns, None, False
         if writing and self._gap_ns is None:
-            self._open_gap(t_ns, self._processes.ending or "it ended", self.number + 1)
+            self._open_gap(t_ns, self._seen.ending or "it ended", self.number + 1)
         self._told = False
 
     def _open_gap(self, t_ns: int, ending: str, number: int) -> None:
@@ -206,7 +206,7 @@ class Group:
     @property
     def proven(self) -> bool:
         """Return whether it records, or would if anybody published what it is subscribed to."""
-        return self.running and self._processes.missing == () and (self.writes or self._processes.silent)
+        return self.running and self._seen.missing == () and (self.writes or self._seen.silent)
 
     def troubles(self, *, writing: bool) -> List[str]:
         """Return what is wrong with it, one line each."""
@@ -222,18 +222,18 @@ class Group:
 
     def _trouble(self) -> str:
         """Return why it does not record now; an empty text when it does."""
-        processes = self._processes
+        seen = self._seen
         rows: Tuple[Tuple[bool, str], ...] = (
             (
                 not self.running and self._ended_ns is not None,
-                f"its recorder ended ({processes.ending or 'it ended'})",
+                f"its recorder ended ({seen.ending or 'it ended'})",
             ),
             (not self.running, "its recorder has not started yet"),
-            (processes.removed, "its files were removed: it begins a new one"),
+            (seen.removed, "its files were removed: it begins a new one"),
             (bool(self._full_size), "its recorder stopped to write: the storage is full"),
-            (bool(processes.missing), f"not subscribed to {', '.join(processes.missing or ())}"),
-            (processes.missing is None, "the master does not say what is subscribed"),
-            (processes.silent, "nobody publishes its topics"),
+            (bool(seen.missing), f"not subscribed to {', '.join(seen.missing or ())}"),
+            (seen.missing is None, "the master does not say what is subscribed"),
+            (seen.silent, "nobody publishes its topics"),
             (not self.writes, "nothing is written yet"),
         )
         return next((f"{self.name}: {words}" for wrong, words in rows if wrong), "")
