@@ -13,7 +13,8 @@ from typing import Any, Dict, List, Mapping
 from fly import SCENARIOS
 from mavsdk_flight import FIGURES
 from sitl_autopilots import KINDS
-from sitl_scenario import load
+from sitl_faults import FOLDER, shipped
+from sitl_scenario import ScenarioError, load
 
 _TIMES = {
     "code_16_to_mode_s": "16",
@@ -61,7 +62,19 @@ def main() -> int:
     print("\n" + "\n".join(_by_mavsdk([folder / FIGURES for folder in folders if (folder / FIGURES).exists()])))
     for title, lines in listed.items():
         print(f"\n## {title}\n\n" + "\n".join(lines or ["Nothing."]))
+    print("\n## What a real autopilot is not made to do\n\n" + "\n".join(_not_to_be_flown()))
     return 0
+
+
+def _not_to_be_flown() -> List[str]:
+    """Return a line for each scenario that ships and is flown in simulation alone."""
+    lines = []
+    for path in sorted(FOLDER.glob("*.yaml")):
+        try:
+            shipped(path.stem)
+        except ScenarioError as error:
+            lines.append(f"- `{error}".replace(": ", "`: ", 1))
+    return lines
 
 
 def _by_mavsdk(files: List[Path]) -> List[str]:
