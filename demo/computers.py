@@ -126,10 +126,21 @@ class Computer:
             raise Unavailable(f"{' '.join(command)}: {' '.join(done.stderr.split()) or f'status {done.returncode}'}")
         return done.stdout
 
-    def start(self, cleanup: Any, name: str, command: List[str], **more: Any) -> subprocess.Popen[Any]:
-        """Start what is sent the signal of this name at the end, or when this program dies."""
+    def start(
+        self, cleanup: Any, name: str, command: List[str], *, foreground: bool = False, **more: Any
+    ) -> subprocess.Popen[Any]:
+        """Start what is sent the signal of this name at the end, or when this program dies.
+
+        Args:
+            cleanup: an ExitStack; closing it ends the process.
+            name: of the signal.
+            command: its words.
+            foreground: whether it has this program's terminal, with its keys and its Ctrl-C.
+            more: for `subprocess.Popen`.
+        """
         words = until_parent_dies(name, *self.words(*command))
-        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, start_new_session=True, **more)
+        source = None if foreground else subprocess.DEVNULL
+        process = subprocess.Popen(words, stdin=source, start_new_session=not foreground, **more)
         cleanup.callback(end, process, getattr(signal, f"SIG{name}"))
         return process
 

@@ -145,7 +145,8 @@ def fly(cleanup: ExitStack, arguments: List[str]) -> int:
     if not any(each.startswith("web:=") for each in demo):
         demo = [*demo, "web:=true", f"web_port:={show_page(cleanup, near)}"]
     command = ["bash", str(ROOT / "run"), "demo", *demo, f"output:={output}"]
-    flight = near.start(cleanup, "TERM", [*command, "second_recorder:=false", "transfer:=rsync"], env=environment)
+    words = [*command, "second_recorder:=false", "transfer:=rsync"]
+    flight = near.start(cleanup, "TERM", words, foreground=True, env=environment)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # it lands the vehicle and ends its nodes
         signal.signal(number, lambda *_: flight.send_signal(signal.SIGTERM))
     status = flight.wait()

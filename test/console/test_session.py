@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
 
 import pytest
@@ -172,6 +173,25 @@ def test_once_ends_when_the_mission_is_given_up():
     console.shows("outreach")
     console.shows("mission-input")
     assert (console.session.status, console.session.last_words) == (3, "The mission was given up.")
+
+
+def test_once_goes_on_while_another_mission_is_queued():
+    console = Console(once=True)
+    console.shows("mission")
+    console.shows("mission-ended", queue=("2",))
+    assert console.session.status is None
+    console.shows("mission-ended", queue=())
+    assert console.session.status == 0
+
+
+def test_it_ends_with_the_process_that_it_was_given():
+    process = subprocess.Popen(["cat"], stdin=subprocess.PIPE)
+    console = Console(pid=process.pid)
+    console.shows("mission")
+    assert console.session.status is None
+    process.communicate()
+    console.session.turn()
+    assert (console.session.status, console.session.last_words) == (0, f"Process {process.pid} has ended.")
 
 
 def test_without_once_it_stays(console):

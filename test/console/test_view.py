@@ -78,6 +78,12 @@ def test_on_80_columns_and_24_lines_the_advice_is_on_the_screen(name):
     assert advice in " ".join(" ".join(draw(SCENES[name], 80, 24)).split())
 
 
+def test_the_address_of_the_page_is_on_the_screen():
+    lines = draw(replace(SCENES["hold"], page="http://127.0.0.1:8080/#a-token-of-22-letters-"), 80, 24)
+    assert lines[-2].split() == ["the", "same", "as", "a", "page:", "http://127.0.0.1:8080/#a-token-of-22-letters-"]
+    assert not any("as a page" in line for line in draw(SCENES["hold"], 80, 24))
+
+
 @pytest.mark.parametrize("name", ["outreach", "hold", "mission", "mission-ended"])
 def test_what_does_not_fit_is_there_when_one_scrolls(name):
     notes = tuple(replace(CHECK_NOTE, text=f"no. {number} of the messages", number=number) for number in range(1, 31))

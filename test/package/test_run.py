@@ -162,6 +162,7 @@ def test_a_demo_whose_engine_does_not_start_fails_and_says_so(tmp_path):
     result = run("demo", "config:=empty", "output:=out", folder=tmp_path)
 
     assert result.returncode == 1
+    assert "autonomy: " in result.stderr, "what roslaunch says is in a file; its end is shown when no mission was flown"
     assert result.stderr.splitlines()[-1] == (
         f"no {tmp_path}/out/result.json: the autonomy node ended before its mission did"
     )

@@ -39,7 +39,7 @@ examples:
   printf '1\\ny\\n' | rosrun amaze_autonomy console --plain --once
 
 exit status:
-  0    closed by the user, or --once and the mission is complete
+  0    closed by the user or with --pid, or --once and the mission is complete
   2    wrong usage, or ROS is not there
   3    --once: the mission has ended otherwise, or was given up
   4    --wait: no engine in time
@@ -77,7 +77,9 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         help="select it without asking (parameter ~mission); may be repeated",
     )
-    parser.add_argument("--once", action="store_true", help="end when the mission has ended")
+    parser.add_argument("--once", action="store_true", help="end when the mission has ended, the last one of several")
+    parser.add_argument("--pid", metavar="PID", type=int, help="end with this process, e.g. the launch file's")
+    parser.add_argument("--page", metavar="ADDRESS", default="", help="of the operator's page, to be shown")
     parser.add_argument(
         "--wait", metavar="S", type=float, help="wait so many seconds for the engine (default: for ever)"
     )
@@ -108,8 +110,8 @@ def _run(options: argparse.Namespace, make_link: MakeLink) -> int:
     mailbox = Mailbox(wake)
     link = make_link(mailbox.post, options.engine, full)
     wanted = tuple(name for each in options.mission for name in clean(each).replace(",", " ").split())
-    desk = Desk(engine=clean(options.engine or "/autonomy", 80), wanted=wanted)
-    session = Session(desk, link, mailbox, once=options.once, wait_s=options.wait)
+    desk = Desk(engine=clean(options.engine or "/autonomy", 80), wanted=wanted, page=clean(options.page))
+    session = Session(desk, link, mailbox, once=options.once, wait_s=options.wait, pid=options.pid)
     _end_on_signals(session, wake)
     link.start()
     try:

@@ -299,6 +299,7 @@ class Desk:
         next_id: of the next request.
         interactive: there is somebody who can type.
         scroll: lines of the middle of the screen that are above its top.
+        page: address of the operator's page; empty: not known.
     """
 
     engine: str = "/autonomy"
@@ -321,6 +322,7 @@ class Desk:
     next_id: int = 1
     interactive: bool = True
     scroll: int = 0
+    page: str = ""
 
     def age_s(self, now_s: float) -> float:
         """Return how long ago the last state came."""

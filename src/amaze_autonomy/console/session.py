@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import replace
 from typing import Callable, Optional
@@ -31,6 +32,16 @@ def _wall_clock() -> str:
     return time.strftime("%H:%M:%S")
 
 
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True  # somebody else's
+    return True
+
+
 class Session:
     """Applies what happens to the desk, in one thread.
 
@@ -38,8 +49,9 @@ class Session:
         desk: at the start.
         link: to the engine.
         mailbox: that the link fills.
-        once: end with the first mission that ends.
+        once: end when a mission has ended, and none is queued behind it.
         wait_s: how long to wait for the engine's first state; None: for ever.
+        pid: of the process with which it ends; None: with none.
         now: monotonic time in seconds.
         clock: wall time as it is shown.
     """
@@ -52,6 +64,7 @@ class Session:
         *,
         once: bool = False,
         wait_s: Optional[float] = None,
+        pid: Optional[int] = None,
         now: Callable[[], float] = time.monotonic,
         clock: Callable[[], str] = _wall_clock,
     ) -> None:
@@ -61,7 +74,7 @@ class Session:
         self.now = now
         self.clock = clock
         self._link, self._mailbox = link, mailbox
-        self._once, self._wait_s = once, wait_s
+        self._once, self._wait_s, self._pid = once, wait_s, pid
         self._begun = False
 
     def turn(self) -> None:
@@ -71,6 +84,8 @@ class Session:
         self._take(dialog.tick(self.desk, self.now()))
         if self.desk.snapshot is None and self._wait_s is not None and self.now() - self.desk.started_s > self._wait_s:
             self.end(NO_ENGINE, f"No engine on {self.desk.engine} within {self._wait_s:g} s.")
+        if self._pid is not None and not _runs(self._pid):
+            self.end(CLOSED, f"Process {self._pid} has ended.")
 
     def press(self, key: str) -> None:
         """Take in a key."""
@@ -127,7 +142,7 @@ class Session:
             return
         if not snapshot.takes_mission:
             self._begun = True
-        elif self._begun:
+        elif self._begun and not snapshot.queue:
             complete = snapshot.state == "MISSION_ENDED" and snapshot.result == "COMPLETE"
             complete = complete and snapshot.data_result != "INCOMPLETE"
             data = ", data INCOMPLETE" if snapshot.data_result == "INCOMPLETE" else ""

@@ -159,6 +159,8 @@ _SLOW_S = 1.0
 def footer(desk: Desk, now_s: float, width: int, style: Style) -> RenderableType:
     """Return the foot of the screen."""
     parts = _said(desk, now_s, style)
+    if desk.page:
+        parts.append(style.text(f"the same as a page: {desk.page}", Tone.QUIET))
     if desk.question is not None:
         yes = "Y or Enter = yes" if desk.question.enter_is_yes else "Y = yes"
         parts.append(style.text(f"{desk.question.text}  {yes}, any other key = no", Tone.WARN))
