@@ -366,6 +366,25 @@ def test_a_mission_is_clicked_through_over_a_bad_link_by_one_of_two_viewers_and_
         assert pilot.errors() == guest.errors() == []
 
 
+def test_several_missions_are_selected_one_after_the_other(field):
+    with opened(field.port) as page:
+        page.wait("missions", "Short square")
+        for number in (2, 2, 1, 2):  # the same one twice is a finger that trembles
+            page.press(f".mission:nth-child({number})")
+        assert page.text("asked") == "Fly missions 2, 1, one after the other?"
+        page.press("#no")
+        assert field.stack.received == []
+
+        def selected():
+            if not field.stack.received:
+                for selector in (".mission:nth-child(2)", ".mission:nth-child(1)", "#yes"):
+                    page.press(selector)
+            return field.stack.received
+
+        assert page.until(selected, "selection", pause_s=3.0) == ["mission 2, 1"]
+        page.wait("where", "then mission 1")
+
+
 def test_names_of_others_are_never_markup_and_without_plotly_all_but_the_plots_is_there(field, monkeypatch):
     monkeypatch.setattr(server, "plotly_file", lambda: None)
     evil = '<img src=x onerror="window.broken=1"><b>bold</b>'

@@ -259,9 +259,16 @@ function renderMissions(state) {
     button.disabled = Boolean(each.error) || !mayCommand;
     button.append(element("b", `${each.id}: ${each.words}`), element("span", each.duration));
     button.append(element("span", each.error ? `CANNOT BE FLOWN: ${each.error}` : `needs ${each.battery} of the battery`));
-    button.onclick = () => ask(each.question, { missions: [each.id] }, `mission ${each.id}`);
+    button.onclick = () => choose(each);
     return button;
   }));
+}
+
+function choose(mission) { // what is pressed while the question is open follows; a finger that presses twice means once
+  const before = question && question.what.missions ? question.what.missions : [];
+  const missions = before.includes(mission.id) ? before : [...before, mission.id], names = missions.join(", ");
+  if (missions.length > 1) ask(`Fly missions ${names}, one after the other?`, { missions }, `missions ${names}`);
+  else ask(`${mission.question} Another mission pressed now is flown after it.`, { missions }, `mission ${names}`);
 }
 
 function renderCommands(state) {
