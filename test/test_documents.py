@@ -17,11 +17,12 @@ from amaze_autonomy.documents import (
 )
 
 DOCS = Path(__file__).parents[1] / "docs"
+PAGES = [DOCS.parent / "README.md", *sorted(DOCS.glob("*.md"))]
 PAGE = "# Title\n\n<!-- generated:one -->\nold\n<!-- end -->\n\nmiddle\n\n<!-- generated:two -->\n<!-- end -->\n"
 PARTS = {"one": lambda: "1\n", "two": lambda: "2"}
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_no_page_differs_from_the_code(page):
     text = page.read_text(encoding="utf-8")
     assert filled(text, documents()) == text, "run: amaze-autonomy docs"
@@ -34,7 +35,7 @@ def test_autonomy_yaml_is_what_the_limits_of_the_engine_say():
 
 
 def test_every_part_is_shown_by_a_page():
-    assert not_shown(page.read_text(encoding="utf-8") for page in DOCS.glob("*.md")) == ()
+    assert not_shown(page.read_text(encoding="utf-8") for page in PAGES) == ()
 
 
 def test_a_page_is_filled_between_its_markers_alone():

@@ -1,4 +1,4 @@
-"""The parts of docs/ that are generated from the tables of the code, the markers around them; and autonomy.yaml.
+"""The parts of README.md and docs/ that are generated from the code's tables, the markers around them; autonomy.yaml.
 
     <!-- generated:severities -->
     (made by the function of that name, never by hand)
@@ -28,7 +28,7 @@ from .engine.rules import SEVERITIES, Rules
 from .engine.state import State, Step
 from .engine.timers import TIMERS
 from .engine.transitions import TRANSITIONS, Source, Transition, places_of
-from .interface import PEERS, SERVICES
+from .interface import PEERS, SERVICES, STATUSES
 from .replay.faults import RECORDED_KINDS, TOPIC
 from .replay.topic_map import SCHEMA, load_map, map_names
 from .simulation import Subject
@@ -86,13 +86,13 @@ def filled(page: str, parts: Mapping[str, Callable[[], str]]) -> str:
 
 
 def regenerated(folder: Path) -> Tuple[Tuple[Path, str, str], ...]:
-    """Return every page of a folder: its path, its text, and the text with the generated parts made anew.
+    """Return every page of a folder, and README.md beside it: path, text, and the text with its parts made anew.
 
     Raises:
         DocumentError: a page's markers are wrong.
     """
     parts, pages = documents(), []
-    for path in sorted(folder.glob("*.md")):
+    for path in [*sorted(folder.glob("*.md")), *folder.parent.glob("README.md")]:
         old = path.read_text(encoding="utf-8")
         try:
             pages.append((path, old, filled(old, parts)))
@@ -211,6 +211,29 @@ def state_diagram() -> str:
     lines = ["```mermaid", "stateDiagram-v2", "    [*] --> MISSION_INPUT"]
     lines += [f"    {a} --> {b}: {_label(names)}" for a, b, names in arrows]
     return "\n".join([*lines, "```"]) + "\n"
+
+
+def _architecture() -> str:
+    """Return who asks whom for what, and who says what to the engine, as Mermaid text."""
+    lines = [
+        "```mermaid",
+        "flowchart LR",
+        "    operator([operator]) <-- console, page --> autonomy[[autonomy: the engine]]",
+    ]
+    for peer in PEERS:
+        asked = [name.split("/", 1)[1] for name, service in SERVICES.items() if service.peer == peer]
+        said = [status.topic.split("/", 1)[1] for status in STATUSES if status.topic.split("/", 1)[0] == peer]
+        lines.append(f"    autonomy -- {', '.join(asked)} --> {peer}[{peer.replace('_', ' ')}]")
+        lines += [f"    {peer} -. {', '.join(said)} .-> autonomy"] if said else []
+    lines += [f"    {source} --> {peer}" for source, peers in _SOURCES.items() for peer in peers]
+    return "\n".join([*lines, "    data_recorder --> bags[(one recording)]", "```"]) + "\n"
+
+
+_SOURCES: Mapping[str, Tuple[str, ...]] = {
+    "sensors([sensors, drivers])": ("watchdog", "landing_detection", "state_estimation", "data_recorder"),
+    "vehicle([vehicle, MAVLink])": ("autopilot", "mission_planner"),
+}
+"""What the peers look at, in the picture of all."""
 
 
 def _arrows(row: Transition) -> Tuple[Tuple[str, str], ...]:
@@ -381,6 +404,7 @@ _PARTS: Mapping[str, Callable[[], str]] = {
     "losses": _loss_table,
     "transitions": _transition_table,
     "state-diagram": state_diagram,
+    "architecture": _architecture,
     "answers": _answer_table,
     "messages": _message_table,
     "timers": _timer_table,

@@ -1,21 +1,35 @@
 """Write the screens that the tests compare with, and the pictures of the documentation, from the scenes.
 
 Run it after a change that is meant to be seen, and look at what has changed: python3 test/console/write_screens.py
+The moving picture of a simulated flight is made where ROS and this package's messages are (build/devel/setup.bash).
 """
 
 from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Iterator, List
 
 from console_scenes import NOW_S, SCENES
 from rich.console import Console
 
-from amaze_autonomy.console.picture import svg
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.console.model import Desk, Note
+from amaze_autonomy.console.picture import moving_svg, svg
 from amaze_autonomy.console.style import ASCII, UNICODE, Style
 from amaze_autonomy.console.view import Screen
+from amaze_autonomy.console.wire import snapshot_of
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.journal import journal as codec
+from amaze_autonomy.journal.report import MessageLog, report
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.simulation import load_scenario
+from amaze_autonomy.simulation.run import run
 
 HERE = Path(__file__).parent
+S = 1_000_000_000
+FRAME_NS, FRAME_S, FRAME_HEIGHT = 2 * S, 0.5, 24  # four times as fast as it was flown
 PICTURES = {
     "mission-input": 22,
     "outreach": 28,
@@ -37,6 +51,37 @@ def screen(name: str, width: int, style: Style) -> str:
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
+def flight() -> Iterator[Screen]:
+    """Return the screens of a simulated flight: a camera dies, is waited for, comes back, and the mission is flown.
+
+    Raises:
+        ImportError: ROS, or the messages of this package, are not here.
+    """
+    from amaze_autonomy.nodes.autonomy.outbox import state_message  # noqa: PLC0415  (ROS)
+
+    configuration = load_configuration(config_folder())
+    scenario = load_scenario(config_folder() / "faults" / "realsense_camera_returns.yaml")
+    flown = run(configuration, (configuration.plan("1").mission,), scenario, seed=1)
+    state, messages, due_ns = EngineState(), MessageLog(), 0
+    journal = codec.read("\n".join(flown.lines) + "\n")
+    for event in (line.payload for line in journal.lines if line.kind == "event"):
+        while due_ns < event.t_ns and state.session.mission is not None:
+            message = state_message(report(state, configuration.rules), due_ns, due_ns)
+            yield Screen(_desk(message, messages, due_ns), due_ns / S, UNICODE, FRAME_HEIGHT)
+            due_ns += FRAME_NS
+        due_ns = max(due_ns, event.t_ns - FRAME_NS)
+        state, commands = decide(state, event, configuration.rules)
+        messages.take(event.t_ns, commands)
+
+
+def _desk(message: object, messages: MessageLog, now_ns: int) -> Desk:
+    notes: List[Note] = []
+    for each in messages.after(0):
+        seconds = each.t_ns // S
+        notes.append(Note(f"{seconds // 60:02}:{seconds % 60:02}", each.level - 1, each.text, each.advice, each.number))
+    return Desk(snapshot=snapshot_of(message), received_s=now_ns / S, notes=tuple(notes))
+
+
 def main() -> None:
     """Write all files."""
     (HERE / "screens").mkdir(exist_ok=True)
@@ -48,6 +93,13 @@ def main() -> None:
     for name, height in PICTURES.items():
         picture = svg(Screen(SCENES[name], NOW_S, UNICODE, height), 100, f"The console: {name}")
         (images / f"console-{name}.svg").write_text(picture, encoding="utf-8")
+    try:
+        frames = list(flight())
+    except ImportError as error:
+        print(f"the moving picture is left as it was: {error}")
+        return
+    picture = moving_svg(frames, 100, "A flight: a camera dies, is waited for, comes back", FRAME_S)
+    (images / "flight.svg").write_text(picture, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The screen as an SVG picture: what the terminal would show, cell by cell.
+"""The screen as an SVG picture, still or moving: what the terminal would show, cell by cell.
 
 Block characters are drawn as rectangles, so that the large letters have no seams whatever font the viewer has.
 """
@@ -6,7 +6,7 @@ Block characters are drawn as rectangles, so that the large letters have no seam
 from __future__ import annotations
 
 import io
-from typing import Iterator, List, Mapping, Optional, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 from xml.sax.saxutils import escape
 
 from rich.cells import cell_len
@@ -16,7 +16,7 @@ from rich.segment import Segment
 from rich.style import Style
 from rich.terminal_theme import DIMMED_MONOKAI
 
-__all__ = ["svg"]
+__all__ = ["moving_svg", "svg"]
 
 _CELL_W, _CELL_H, _MARGIN = 9, 19, 12
 _BACK, _FORE = "#101418", "#e8e8e8"
@@ -32,19 +32,51 @@ _BLOCKS: Mapping[str, Tuple[float, float, float, float]] = {
 
 def svg(what: RenderableType, width: int, title: str) -> str:
     """Return a picture of what rich draws in `width` columns; `title` is for those who cannot see it."""
+    rows = _rows(what, width)
+    return _picture(rows, width, len(rows), title)
+
+
+def moving_svg(frames: Sequence[RenderableType], width: int, title: str, frame_s: float) -> str:
+    """Return one picture that shows others one after the other, for ever; what does not change is in it once."""
+    drawn = [_rows(frame, width) for frame in frames]
+    height = max(map(len, drawn))
+    seen: Dict[str, List[int]] = {}  # of each row as it is drawn: the frames that have it
+    for number, rows in enumerate(drawn):
+        for row in filter(None, rows):
+            seen.setdefault(row, []).append(number)
+    body = [
+        row if len(numbers) == len(drawn) else _at_times(row, numbers, len(drawn), frame_s)
+        for row, numbers in seen.items()
+    ]
+    return _picture(body, width, height, title)
+
+
+def _at_times(row: str, numbers: List[int], count: int, frame_s: float) -> str:
+    """Return a row that is there in some of the frames."""
+    shown = ["visible" if number in numbers else "hidden" for number in range(count)]
+    changes = [number for number in range(count) if number == 0 or shown[number] != shown[number - 1]]
+    values, times = (";".join(each) for each in zip(*((shown[number], f"{number / count:.4g}") for number in changes)))
+    return (
+        f'<g visibility="{shown[0]}"><animate attributeName="visibility" values="{values}" keyTimes="{times}" '
+        f'calcMode="discrete" dur="{count * frame_s:g}s" repeatCount="indefinite"/>\n{row}\n</g>'
+    )
+
+
+def _rows(what: RenderableType, width: int) -> List[str]:
     console = Console(width=width, file=io.StringIO(), force_terminal=True, color_system="truecolor")
     lines = [list(Segment.simplify(line)) for line in console.render_lines(what, console.options.update(height=None))]
-    size = (width * _CELL_W + 2 * _MARGIN, len(lines) * _CELL_H + 2 * _MARGIN)
-    body: List[str] = []
-    for row, line in enumerate(lines):
-        body += _line(line, _MARGIN + row * _CELL_H)
+    return ["\n".join(_line(line, _MARGIN + row * _CELL_H)) for row, line in enumerate(lines)]
+
+
+def _picture(body: List[str], width: int, height: int, title: str) -> str:
+    size = (width * _CELL_W + 2 * _MARGIN, height * _CELL_H + 2 * _MARGIN)
     return "\n".join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]} {size[1]}" role="img" font-size="15" '
             'font-family="DejaVu Sans Mono, ui-monospace, Menlo, Consolas, monospace" xml:space="preserve">',
             f"<title>{escape(title)}</title>",
             f'<rect width="{size[0]}" height="{size[1]}" rx="8" fill="{_BACK}"/>',
-            *body,
+            *filter(None, body),
             "</svg>",
             "",
         ]
