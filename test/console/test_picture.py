@@ -8,9 +8,9 @@ from xml.etree import ElementTree as ET
 import pytest
 from console_scenes import NOW_S, SCENES
 from rich.text import Text
-from write_screens import PICTURES
+from write_screens import PICTURES, moving_picture
 
-from amaze_autonomy.console.picture import svg
+from amaze_autonomy.console.picture import moving_svg, svg
 from amaze_autonomy.console.style import UNICODE
 from amaze_autonomy.console.view import Screen
 
@@ -47,3 +47,25 @@ def test_every_scene_makes_a_picture_that_is_well_formed(name):
 def test_the_pictures_of_the_documentation_show_the_console_as_it_is(name, height):
     shown = (IMAGES / f"console-{name}.svg").read_text(encoding="utf-8")
     assert words(shown) == words(svg(Screen(SCENES[name], NOW_S, UNICODE, height), 100, f"The console: {name}"))
+
+
+def test_the_moving_picture_of_the_documentation_is_of_the_flight_as_it_would_be_today():
+    pytest.importorskip("rospy", reason="the state is published as a message of ROS")
+    shown = (IMAGES / "flight.svg").read_text(encoding="utf-8")
+    assert words(shown) == words(moving_picture()), "run: python3 test/console/write_screens.py"
+
+
+def test_a_moving_picture_has_what_stays_once_and_shows_the_rest_in_its_frames():
+    frames = [Text(f"stays\n{changes}") for changes in ("one", "two", "two", "one")]
+
+    root = ET.fromstring(moving_svg(frames, 10, "what moves", 0.5))
+
+    rows = {"".join(each.itertext()).strip(): each for each in root.iterfind(".//s:g", NAMES)}
+    animated = {text: row.find("s:animate", NAMES).attrib for text, row in rows.items()}
+    assert [each.text for each in root.iterfind(".//s:text", NAMES)] == ["stays", "one", "two"]
+    assert {text: each["values"] for text, each in animated.items()} == {
+        "one": "visible;hidden;visible",
+        "two": "hidden;visible;hidden",
+    }
+    assert {each["keyTimes"] for each in animated.values()} == {"0;0.25;0.75"}
+    assert {each["dur"] for each in animated.values()} == {"2s"}

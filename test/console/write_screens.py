@@ -51,12 +51,17 @@ def screen(name: str, width: int, style: Style) -> str:
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 
-def flight() -> Iterator[Screen]:
-    """Return the screens of a simulated flight: a camera dies, is waited for, comes back, and the mission is flown.
+def moving_picture() -> str:
+    """Return the moving picture of a simulated flight.
 
     Raises:
         ImportError: ROS, or the messages of this package, are not here.
     """
+    return moving_svg(list(_flight()), 100, "A flight: a camera dies, is waited for, comes back", FRAME_S)
+
+
+def _flight() -> Iterator[Screen]:
+    """Return the screens of a flight: a camera dies, is waited for, comes back, and the mission is flown."""
     from amaze_autonomy.nodes.autonomy.outbox import state_message  # noqa: PLC0415  (ROS)
 
     configuration = load_configuration(config_folder())
@@ -94,11 +99,10 @@ def main() -> None:
         picture = svg(Screen(SCENES[name], NOW_S, UNICODE, height), 100, f"The console: {name}")
         (images / f"console-{name}.svg").write_text(picture, encoding="utf-8")
     try:
-        frames = list(flight())
+        picture = moving_picture()
     except ImportError as error:
         print(f"the moving picture is left as it was: {error}")
         return
-    picture = moving_svg(frames, 100, "A flight: a camera dies, is waited for, comes back", FRAME_S)
     (images / "flight.svg").write_text(picture, encoding="utf-8")
 
 
