@@ -204,6 +204,11 @@ def test_a_waiver_that_is_not_needed_is_said(repository, tmp_path, monkeypatch):
     ]
 
 
+@pytest.mark.parametrize("path, before", sorted({(path, before) for path, before, _ in waivers()}))
+def test_what_is_waived_is_still_in_the_code(path, before):
+    assert before in [line.strip() for line in (ROOT / path).read_text(encoding="utf-8").splitlines()]
+
+
 def test_a_waiver_needs_a_reason(tmp_path):
     kept = tmp_path / "waivers.yaml"
     kept.write_text("waivers: [{path: a.py, before: x, after: y, reason: ' '}]\n", encoding="utf-8")
