@@ -23,7 +23,19 @@ from mutation_nets import CPU_LIMIT_S, PATHS, Look, Seen, look, observe, start
 
 __all__ = ["Campaign", "fingerprint"]
 
-COPIED = ("config", "docs", "launch", "msg", "package.xml", "pyproject.toml", "setup.py", "src", "srv", "test")
+COPIED = (
+    "README.md",
+    "config",
+    "docs",
+    "launch",
+    "msg",
+    "package.xml",
+    "pyproject.toml",
+    "setup.py",
+    "src",
+    "srv",
+    "test",
+)
 WALL_LIMIT_S = 10 * CPU_LIMIT_S
 """After which a look that sleeps, or waits, is over; a working one ends by the processor time that it has used."""
 FIRST = {EXPLORER: 1000, UNIT: 15, SCENARIOS: 6}
