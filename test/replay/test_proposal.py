@@ -396,7 +396,7 @@ def test_a_bag_without_messages_is_one_clear_error():
 REAL = {
     "ardrone_indoor_flight.bag": ["MISSION", "LAND"],
     "crazyflie_sine.bag": ["TAKEOFF"],
-    "px4_normal_mission.tlog": ["TAKEOFF", "MISSION"],
+    "px4_normal_mission.tlog": ["TAKEOFF", "MISSION", "MISSION_ENDED"],
     "px4_offboard.tlog": ["TAKEOFF", "MISSION", "PILOT"],
     "husky_outdoor_drive.bag": ["OUTREACH"],
     "handheld_roll_pitch_yaw.bag": ["READY", "OUTREACH"],

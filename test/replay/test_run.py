@@ -36,8 +36,11 @@ def test_a_good_flight_is_a_whole_mission(flight_bag, flight_map):
 def test_every_line_says_where_its_input_came_from(flight_bag, flight_map):
     outcome, _ = replay(flight_bag, flight_map)
     assert {line.source.words for line in outcome.timeline} == {"bag", "script", "bag+script"}
-    mixed = [line.text for line in outcome.timeline if line.source.words == "bag+script"]
-    assert all("planner phase" in text or "platforms that record" in text for text in mixed)
+    mixed = [line for line in outcome.timeline if line.source.words == "bag+script"]
+    told = [line.text for line in mixed if line.kind is LineKind.DECISION]
+    assert all(any(f"{name} " in text for name in ("phase", "platforms that record", "waypoint")) for text in told)
+    at = {line.t_ns for line in mixed if line.kind is LineKind.DECISION}
+    assert all(line.t_ns in at for line in mixed)  # what the user reads of a decision is of its sources
     assert texts(outcome, LineKind.MONITOR) == [
         "+0.000 bag landing detection: UNKNOWN 1 good ranges, 3 are needed",
         "+0.400 bag landing detection: ON_GROUND on the ground",
@@ -50,6 +53,16 @@ def test_every_line_says_where_its_input_came_from(flight_bag, flight_map):
         "+8.800 bag landing detection: AIRBORNE in the air",
         "+30.600 bag landing detection: ON_GROUND on the ground",
     ]
+
+
+def test_a_decision_that_looked_at_anything_scripted_is_marked(tmp_path, flight_map, range_map):
+    """The planner is scripted in both; the first map names all of the vehicle, the second its range alone."""
+    bag = write_bag(tmp_path / "x.bag", flight_rows())
+    for topic_map, recorded in ((flight_map, {"lifted_off", "at_takeoff_height"}), (range_map, set())):
+        lines = replay(bag, topic_map)[0].timeline
+        found = {line.text.partition("  by ")[2].split()[0]: line.scripted for line in lines if "  by " in line.text}
+        assert found["mission_complete"]
+        assert {rule for rule in ("lifted_off", "at_takeoff_height") if not found[rule]} == recorded
 
 
 def test_armed_landed_height_and_battery_are_those_of_the_bag(flight_bag, flight_map):

@@ -11,8 +11,9 @@ from replay_bags import START_NS, S
 from replay_demo import demo_bag, simulated
 from replay_runs import moves, replay, texts
 
-from amaze_autonomy.engine.events import Mission
+from amaze_autonomy.engine.events import AutopilotStatus, Landed, LandedStatus, Mission, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
+from amaze_autonomy.journal.journal import read
 from amaze_autonomy.replay.changed_keys import MISSION_FACTS, facts_of
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.simulation.scenario_file import parse_scenario
@@ -79,6 +80,36 @@ def test_a_recorded_watchdog_that_falls_silent_in_flight_is_silent_in_the_replay
     assert found.before == "MISSION"
     assert "watchdog_heartbeat" in str(found.values)
     assert 0.3 < (found.t_ns - START_NS) / S - silent_s < 0.7
+
+
+def without(tmp_path, *lines):
+    """Return the shipped map without the lines that hold some words."""
+    shipped = (Path(__file__).parents[2] / "src/amaze_autonomy/replay/maps/amaze_demo.yaml").read_text()
+    path = tmp_path / "less.yaml"
+    path.write_text("".join(each for each in shipped.splitlines(True) if not any(words in each for words in lines)))
+    return str(path)
+
+
+def test_a_landing_detection_that_nobody_recorded_says_what_the_recorded_autopilot_says(bag, tmp_path):
+    outcome, _ = replay(bag, without(tmp_path, "  range:", "landing_detection:", "mission_planner:", "journal:"))
+    said, known = [], None
+    for each in (line.payload for line in read("\n".join(outcome.journal) + "\n").lines):
+        if isinstance(each, AutopilotStatus):
+            known = each
+        elif isinstance(each, LandedStatus) and each.t_ns > START_NS + 3 * S:
+            said.append((known.landed is VehicleLanded.ON_GROUND, each.landed is Landed.ON_GROUND, each.reason))
+    assert {one for one, _, _ in said} == {True, False}
+    assert [each for each in said if each[0] is not each[1]] == []
+    assert {reason for _, _, reason in said} == {"the recorded vehicle says so"}
+
+
+def test_a_recorded_autopilot_that_flies_contradicts_an_engine_that_commanded_no_takeoff(bag, tmp_path):
+    outcome, _ = replay(bag, without(tmp_path, "journal:", "script:"), overrides=[f"{GPS}.severity=highest", FASTER])
+    assert ("PREFLIGHT", "OUTREACH", "checks_failed") in moves(outcome)
+    told = [text for text in texts(outcome) if "contradiction:" in text]
+    assert [text.partition("contradiction: ")[2] for text in told] == [
+        "the recorded vehicle flies, and nothing here has commanded a takeoff"
+    ]
 
 
 CAMERA = """

@@ -369,12 +369,13 @@ class Session:
         if not commands:
             return
         for command in commands:
-            self._carry_out(event.t_ns, command)
+            source |= self._carry_out(event.t_ns, command)
         for message in (command for command in commands if isinstance(command, Notify)):
             self._lines.append(Line(event.t_ns, source, LineKind.MESSAGE, f'"{message.text}"', _level(message.level)))
         self._ask_user()
 
-    def _carry_out(self, t_ns: int, command: Command) -> None:
+    def _carry_out(self, t_ns: int, command: Command) -> Source:
+        """Carry out a command; return what else than its event had a part in it."""
         if isinstance(command, Decision):
             self._decisions.append(command)
             self._journal.append(encode_decision(command))
@@ -383,10 +384,11 @@ class Session:
             source = self._source | self._world.scripted_part(t_ns, (value.name for value in command.values))
             text = decision_text(command, self._recordings.start_ns)
             self._lines.append(Line(t_ns, source, LineKind.DECISION, text, level))
-        else:
-            if isinstance(command, MissionCommand) and command.action is MissionAction.TAKEOFF:
-                self._world.flown = True
-            self._world.carry_out(t_ns, command)
+            return source
+        if isinstance(command, MissionCommand) and command.action is MissionAction.TAKEOFF:
+            self._world.flown = True
+        self._world.carry_out(t_ns, command)
+        return Source.NONE
 
     def _ask_user(self) -> None:
         if self._log is not None:

@@ -61,10 +61,22 @@ _LATENCY_NS = 1_000_000
 _TURN_NS = _S // 50
 _PERIOD_NS = _S // 5
 _WATCH_NS = _S // 10
-_TELLERS: Mapping[str, str] = {
-    "flight mode": "autopilot",
-    "planner phase": "mission_planner",
-    "platforms that record": "data_recorder",
+_PLANNER, _RECORDER = (("mission_planner",), ()), (("data_recorder",), ())
+# a value of a decision: the statuses and the readings of which one tells it, where it is not scripted
+_TELLERS: Mapping[str, Tuple[Tuple[str, ...], Tuple[str, ...]]] = {
+    "armed": (("autopilot",), ("armed",)),
+    "landed": (("autopilot",), ("landed", "range", "height")),
+    "height": (("autopilot",), ("height", "range")),
+    "flight mode": (("autopilot",), ("mode",)),
+    "landing detection": (("landing_detection", "autopilot"), ("range", "landed", "height")),
+    "speed over ground": (("autopilot",), ()),
+    "planner phase": _PLANNER,
+    "planner says": _PLANNER,
+    "waypoint": _PLANNER,
+    "platforms that record": _RECORDER,
+    "recorder phase": _RECORDER,
+    "files do not grow on": _RECORDER,
+    "location": _RECORDER,
 }
 _MOTION = frozenset(("armed", "landed", "height_m"))
 _LANDED = {VehicleLanded.UNKNOWN: Landed.UNKNOWN, VehicleLanded.ON_GROUND: Landed.ON_GROUND}
@@ -163,14 +175,16 @@ class World:
 
     def scripted_part(self, t_ns: int, names: Iterable[str]) -> Source:
         """Return SCRIPT when one of the values that a decision looked at is what the script says at a time."""
-        told = (_TELLERS[name] for name in names if name in _TELLERS)
-        mode = self._plan.topic_map.readings.get("mode")
-        known = (
-            self._origins.has(teller, t_ns)
-            or (teller == "autopilot" and mode and t_ns >= self._origins.begins_ns(mode.topic))
-            for teller in told
-        )
-        return Source.NONE if all(known) else Source.SCRIPT
+        readings = self._plan.topic_map.readings
+
+        def told(statuses: Tuple[str, ...], facts: Tuple[str, ...]) -> bool:
+            topics = (readings[fact].topic for fact in facts if fact in readings)
+            return any(self._origins.has(status, t_ns) for status in statuses) or any(
+                t_ns >= self._origins.begins_ns(topic) for topic in topics
+            )
+
+        known = all(told(*_TELLERS[name]) for name in names if name in _TELLERS)
+        return Source.NONE if known else Source.SCRIPT
 
     def _join(self, feed: Feed, rank: int) -> None:
         """Let what is played lead up to the first recorded message, where it is played until then."""
@@ -248,8 +262,9 @@ class World:
             self._notes.landed(event.landed, event.reason, t_ns, Source.BAG)
         elif isinstance(event, AutopilotStatus) and "mission_planner" not in self._plan.topic_map.statuses:
             self._planner.follow(vars(event), self._plan.rules.limits.takeoff_height_m)
-        if isinstance(event, AutopilotStatus) and event.armed is not None:
-            self.motors.append((t_ns, event.armed))
+        if isinstance(event, AutopilotStatus):
+            self._contradict(t_ns, vars(event))
+            self.motors += [] if event.armed is None else [(t_ns, event.armed)]
         self._tell(event, Source.BAG)
         self._observe(t_ns)
 
@@ -361,7 +376,8 @@ class World:
         if verdict is None:
             facts, source = self._vehicle_facts(t_ns)
             landed = _LANDED.get(facts["landed"], Landed.AIRBORNE)
-            status = LandedStatus(t_ns=t_ns, landed=landed, distance_m=facts["height_m"], reason="scripted")
+            reason = "scripted" if Source.SCRIPT in source else "the recorded vehicle says so"
+            status = LandedStatus(t_ns=t_ns, landed=landed, distance_m=facts["height_m"], reason=reason)
         else:
             source = self._origins.of((self._plan.topic_map.readings["range"].topic,), t_ns)
             told = {"landed": verdict.landed, "distance_m": verdict.distance_m, "reason": verdict.reason}
@@ -373,7 +389,7 @@ class World:
 
     def _vehicle_facts(self, t_ns: int) -> Tuple[Dict[str, Any], Source]:
         """Return the whole of what the vehicle says, and where it comes from."""
-        told = {} if t_ns < self._recordings.start_ns else self._monitors.facts(t_ns, flown=self.flown)
+        told = {} if t_ns < self._recordings.start_ns else self._recorded_facts(t_ns)
         if t_ns < self._origins.script_until_ns:  # what has not begun is played, what has begun is recorded
             told = {name: value for name, value in told.items() if value not in (None, VehicleLanded.UNKNOWN)}
         source = (Source.BAG if told else Source.NONE) | Source.SCRIPT
@@ -390,7 +406,14 @@ class World:
             facts["battery_fraction"] = next((feed.level_at(t_ns) for feed in batteries), facts["battery_fraction"])
         return facts, source
 
-    def _contradict(self, t_ns: int, told: Dict[str, Any]) -> None:
+    def _recorded_facts(self, t_ns: int) -> Dict[str, Any]:
+        """Return what the recording tells of the vehicle now: by its status, else by single readings."""
+        status = self._heard.get("autopilot")
+        if isinstance(status, AutopilotStatus):
+            return {name: getattr(status, name) for name in _MOTION}
+        return self._monitors.facts(t_ns, flown=self.flown)
+
+    def _contradict(self, t_ns: int, told: Mapping[str, Any]) -> None:
         """Say where the recording contradicts what the script, or the engine by it, takes for granted."""
         landed = told.get("landed")
         flies = landed in (VehicleLanded.IN_AIR, VehicleLanded.LANDING, VehicleLanded.TAKING_OFF)
