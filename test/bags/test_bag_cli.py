@@ -78,6 +78,15 @@ def test_info_of_a_bag_that_was_not_closed_is_that_of_its_chunks(capsys, tmp_pat
     assert "  was not closed, so it has no index: this is what is in its chunks\n" in run(capsys, "info", active)[1]
 
 
+def test_info_of_a_bag_with_a_damaged_index_is_that_of_its_chunks_and_ends_with_damage(capsys, tmp_path):
+    source = bag(tmp_path / "1.bag", rows("/a", 200))
+    source.write_bytes(source.read_bytes()[:-100])
+    status, out, err = run(capsys, "info", source)
+    assert (status, err) == (3, "")
+    assert out.splitlines()[1].startswith("  200 messages, ")
+    assert out.splitlines()[3].startswith("  the index is damaged (")
+
+
 @pytest.mark.parametrize("command", ["info", "doctor"])
 def test_what_looks_goes_on_after_a_bad_file(capsys, tmp_path, two, command):
     (tmp_path / "bad.bag").write_bytes(b"no bag at all")

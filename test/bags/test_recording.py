@@ -72,7 +72,8 @@ def test_a_bag_without_messages_has_no_times(tmp_path):
     [
         (b"", "is empty; name a ROS 1 bag of version 2.0"),
         (b"\x7fELF and so on\n", "is no bag; name a ROS 1 bag of version 2.0"),
-        (b"#ROSBAG V1.2\n", "bag version 102 is not supported; convert it with `rosbag fix`"),
+        (b"#ROSBAG V1.2\n", "its version is not 2.0 (#ROSBAG V1.2); older ones are converted with `rosbag fix`"),
+        (b"#ROSBAG V2.0\r\n" + bytes(50), "its line endings were converted (git does that unless .gitattributes says"),
         (b"#ROSBAG V2.0\n", "could not be read"),
         (b"\xff\xfe\xfd\n", ""),
     ],

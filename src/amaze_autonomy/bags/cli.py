@@ -265,7 +265,7 @@ def _info(options: argparse.Namespace) -> bool:
             lines += [*([""] if lines else []), *_info_lines(result)]
     _show(lines, results, as_json=options.json)
     _raise_last(errors)
-    return False
+    return any(result.get("damaged") for result in results)
 
 
 def _doctor(options: argparse.Namespace) -> bool:

@@ -1,6 +1,7 @@
 """What can be wrong with a bag.
 
 BagError           the bag as a whole cannot be read, or a new one not be made of it
+  NotClosedError   it was not closed, nothing else is wrong
 MessageError       one message cannot be read; the rest can
 RecordError        bytes are not what the format says they are; turned into one of the others, or into damage
 """
@@ -22,6 +23,10 @@ class BagError(ValueError):
     def __init__(self, path: str, wrong: str, remedy: str) -> None:
         super().__init__(f"{path}: {wrong}; {remedy}")
         self.path, self.wrong, self.remedy = path, wrong, remedy
+
+
+class NotClosedError(BagError):
+    """A bag was not closed: it has no index, and nothing else is wrong with it."""
 
 
 class MessageError(ValueError):

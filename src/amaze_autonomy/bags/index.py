@@ -14,7 +14,7 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
 
 from amaze_autonomy.units import SECOND
 
-from .errors import BagError, NotABagError, OtherBagError, RecordError
+from .errors import BagError, NotABagError, NotClosedError, OtherBagError, RecordError
 from .format import (
     BAG,
     CHUNK,
@@ -197,7 +197,7 @@ class Index:
     def _read(self, header: Record) -> None:
         self.position = header.number(b"index_pos")
         if self.position == 0:
-            raise BagError(str(self.path), "was not closed, so it has no index", _REMEDY)
+            raise NotClosedError(str(self.path), "was not closed, so it has no index", _REMEDY)
         if not header.end <= self.position <= self.size:
             raise RecordError(f"it should be at byte {self.position} of {self.size}")
         tail = os.pread(self.file, self.size - self.position, self.position)

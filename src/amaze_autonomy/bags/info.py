@@ -11,7 +11,7 @@ import numpy as np
 
 from amaze_autonomy.units import SECOND
 
-from .errors import BagError
+from .errors import BagError, NotClosedError
 from .format import MEMORY, record_at
 from .index import ChunkHead, Index, chunk_head, index_parts
 from .other_formats import is_other, other_recording
@@ -51,7 +51,8 @@ def info_result(path: Path, memory: int = MEMORY) -> Dict[str, Any]:
         found = scan(path, check_data=False, memory=memory)
         t_ns, connection, heads = _columns(found)
         about = _about(found.connections, t_ns, connection, heads)
-        return {"file": str(path), "bytes": found.size, "closed": False, "problem": error.wrong, **about}
+        wrong = {"closed": False, "problem": error.wrong, "damaged": not isinstance(error, NotClosedError)}
+        return {"file": str(path), "bytes": found.size, **wrong, **about}
 
 
 def _columns(found: Scan) -> Tuple[Any, Any, List[ChunkHead]]:

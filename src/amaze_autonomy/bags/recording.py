@@ -21,7 +21,7 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, O
 import numpy as np
 
 from .columns import WHOLE, Wanted, read_columns, wanted_of
-from .errors import BagError, MessageError, NotABagError, UndecodableError
+from .errors import BagError, MessageError, NotABagError, OtherBagError, UndecodableError
 from .format import MEMORY, decompressed, fields_of, record_at
 from .index import Index, Messages, chunk_head
 from .tapes import Tapes, tapes_of
@@ -282,7 +282,7 @@ def opened(path: Path, memory: int = MEMORY) -> Any:
     try:
         return Indexed(path, memory)
     except BagError as error:
-        if isinstance(error.__cause__, NotABagError):
+        if isinstance(error.__cause__, (NotABagError, OtherBagError)):
             raise
         return Library(path, memory)
 
