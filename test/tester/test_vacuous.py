@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 from replay_bags import flight_rows, write_bag
 
+from amaze_autonomy.paths import config_folder
 from amaze_autonomy.tester import Options, run_task, tasks_of
 from amaze_autonomy.tester.command import main
 from amaze_autonomy.tester.play import _meets
@@ -86,6 +88,35 @@ def test_what_if_names_the_keys_that_a_map_bypasses(capsys):
     ]
     assert main(["what-if", "x.scenario.yaml", "--against", "sensors.components.imu.severity=low"]) == 0
     assert "NOT LOOKED AT" not in capsys.readouterr().out
+
+
+def other_folder(change):
+    """Copy the shipped configuration into `other`, its sensors changed."""
+    shutil.copytree(config_folder(), "other")
+    sensors = Path("other/sensors.yaml")
+    sensors.write_text(change(sensors.read_text()))
+
+
+def test_what_if_follows_each_key_in_which_a_folder_differs(capsys):
+    other_folder(lambda text: text.replace("severity: low", "severity: highest", 1).replace("cells: 4", "cells: 6"))
+    assert main(["what-if", "x.scenario.yaml", "--against", "other"]) == 4
+    assert capsys.readouterr().out.splitlines() == [
+        "NOT LOOKED AT  x: sensors.battery.cells: a replay by the map flight does not read it",
+        "NOT LOOKED AT  x: sensors.components.gps.severity: the recording has no topic of gps",
+        "1 flights: 0 end otherwise, 0 decide otherwise and end alike, 1 did not look at every key",
+    ]
+    Path("x.scenario.yaml").write_text(SCENARIO + SEVERITY % "gps.severity: highest")
+    Path("other/sensors.yaml").write_text((config_folder() / "sensors.yaml").read_text())
+    assert main(["what-if", "x.scenario.yaml", "--against", "other"]) == 0  # the same configuration by another name
+
+
+def test_what_if_says_of_a_folder_with_other_components_that_its_keys_are_not_followed(capsys):
+    added = "  thermal: {group: other, severity: low, topics: {/thermal: {rate_hz: 9.0, age_limit_s: 1.0}}}\n"
+    other_folder(lambda text: text.replace("\ncomponents:\n", f"\ncomponents:\n{added}", 1))
+    assert main(["what-if", "x.scenario.yaml", "--against", "other"]) == 4
+    assert capsys.readouterr().out.splitlines()[0] == (
+        "NOT LOOKED AT  x: other: it has other components, missions or waypoint files, so its keys are not followed"
+    )
 
 
 def test_a_journal_is_decided_by_the_rules_alone(capsys):

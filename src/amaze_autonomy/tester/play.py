@@ -95,6 +95,35 @@ def overrides_of(case: Case, options: Options) -> Tuple[str, ...]:
     return (*(f"{key}={written(value)}" for key, value in case.overrides.items()), *options.overrides)
 
 
+def _followed(case: Case, options: Options) -> Tuple[Union[str, Path], Tuple[str, ...], Tuple[Unread, ...]]:
+    """Return a folder and the overrides on top of it that are followed, and what cannot be.
+
+    Another folder is followed as those overrides that make its configuration of the one before.
+    """
+    folder, given = _folder(case, options), overrides_of(case, options)
+    if options.before is None:
+        return folder, given, ()
+    before = options.before or case.configuration or config_folder()
+    other = load_configuration(folder, given)
+    keys = (*given, *_differences("", load_configuration(before, given).effective, other.effective))
+    try:
+        if load_configuration(before, keys).hash == other.hash:
+            return before, keys, ()
+    except ConfigError:  # what it lacks, or has besides, no key can say
+        pass
+    words = "it has other components, missions or waypoint files, so its keys are not followed"
+    return folder, given, (Unread(str(folder), words),)
+
+
+def _differences(address: str, one: Any, other: Any) -> Iterable[str]:
+    """Return overrides that make other values of some."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for name in sorted({*one, *other}):
+            yield from _differences(f"{address}.{name}" if address else name, one.get(name), other.get(name))
+    elif one != other:
+        yield f"{address}={written(other)}"
+
+
 def _placed(error: ConfigError, case: Case) -> ConfigError:
     """Return a mistake in an override of the scenario's own with its line in the scenario."""
     key = error.file[len(_OVERRIDE) :].partition("=")[0]
@@ -149,9 +178,10 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     paths = [bag.path for bag in case.bags]
     recorded = topics_of(paths, case.memory)
     plan = make_plan(configuration, topic_map, missions[0].id, recorded)
+    folder, given, blind = _followed(case, options) if rules is None else (_folder(case, options), (), ())
     changes = changes_of(
-        overrides_of(case, options) if rules is None else (),
-        lambda some: load_configuration(_folder(case, options), some),
+        given,
+        lambda some: load_configuration(folder, some),
         lambda each: make_plan(each, topic_map, missions[0].id, recorded),
     )
     if rules is not None:
@@ -178,7 +208,7 @@ def replay_case(case: Case, options: Options, rules: Optional[Rules]) -> Played:
         broken += [
             f"{each.topic}: {each.count} messages cannot be read ({each.reason})" for each in part.damage.values()
         ]
-    played = _played(outcome, acting, touched, broken)
+    played = _played(replace(outcome, unread=(*blind, *outcome.unread)), acting, touched, broken)
     return replace(played, vacuous=(*played.vacuous, *unseen))
 
 
@@ -425,7 +455,8 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
 
 
 def _unread_by_rules(case: Case, options: Options) -> Tuple[Unread, ...]:
-    return unread_by_rules(overrides_of(case, options), lambda some: load_configuration(_folder(case, options), some))
+    folder, given, blind = _followed(case, options)
+    return (*blind, *unread_by_rules(given, lambda some: load_configuration(folder, some)))
 
 
 def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Played:

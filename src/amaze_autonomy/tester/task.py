@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Iterable, List, Tuple
+from typing import Iterable, List, Optional, Tuple
 
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.config.errors import ConfigError
@@ -21,6 +21,7 @@ class Options:
     Args:
         configuration: folder to decide by instead of each scenario's own; empty: its own.
         overrides: "file.key=value" on top of each scenario's own.
+        before: folder whose differences from `configuration` are followed; empty: each scenario's own; None: none.
         goldens: compare with the goldens; False: judge expectations alone.
         story: return the whole journal of each run.
         memory: bytes that a chunk of a bag may take, decompressed.
@@ -28,6 +29,7 @@ class Options:
 
     configuration: str = ""
     overrides: Tuple[str, ...] = ()
+    before: Optional[str] = None
     goldens: bool = True
     story: bool = False
     memory: int = MEMORY

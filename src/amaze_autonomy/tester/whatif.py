@@ -59,10 +59,11 @@ def other_options(options: Options, against: str) -> Options:
         said = CONFIGURATION.read(read(path), (), {})
         folder = options.configuration if said["folder"] is None else str(path.parent / said["folder"])
         given = tuple(f"{key}={written(value)}" for key, value in (said["set"] or {}).items())
-        return replace(options, configuration=folder, overrides=(*options.overrides, *given))
+        given = (*options.overrides, *given)
+        return replace(options, configuration=folder, overrides=given, before=options.configuration)
     if "=" in against and not path.is_dir():
         return replace(options, overrides=(*options.overrides, against))
-    return replace(options, configuration=against)
+    return replace(options, configuration=against, before=options.configuration)
 
 
 def what_if(
