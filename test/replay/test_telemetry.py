@@ -13,14 +13,16 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.link.framing import read_tlog
+from amaze_autonomy.autopilot.link.framing import frame_at, read_tlog
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.proposal import propose
 from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.sources import Recordings, recordings_of, topics_of
 from amaze_autonomy.replay.telemetry import Telemetry
+from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.replay.topic_map import load_map
 
 DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -161,6 +163,67 @@ def test_a_log_that_is_cut_off_or_damaged_is_read_as_far_as_it_goes(tmp_path):
     cut = Telemetry.of_log(path)
     assert cut.count.good > 4000
     assert 100 <= cut.count.stray_bytes < 1000
+
+
+def slowed(log, path, period_s):
+    """Write a log of which each message comes once in a period, texts excepted."""
+    data, at, last, kept = log.read_bytes(), 0, {}, b""
+    while at < len(data):
+        found = frame_at(data, at + 8)
+        begin, at = at, at + 8 + found.length
+        if found.frame is None:
+            continue
+        t_s, said = int.from_bytes(data[begin : begin + 8], "big") / 1e6, found.frame
+        key = said.system, said.component, said.number
+        if said.number == mavlink.MAVLINK_MSG_ID_STATUSTEXT or t_s - last.get(key, 0.0) >= period_s:
+            last[key] = t_s
+            kept += data[begin:at]
+    path.write_bytes(kept)
+    return path
+
+
+def changes(log, name):
+    """Return what a field of a log's status says, one after the other."""
+    said = [getattr(log.message(entry), name) for entry in log.entries("/autopilot/status")]
+    return [one for one, before in zip(said, [None, *said]) if one != before]
+
+
+@pytest.mark.parametrize("period_s", [1.0, 2.5, 5.0])
+def test_slow_telemetry_is_no_silence(tmp_path, period_s):
+    """What is told counts until it is due again."""
+    whole = recording("px4_normal_mission.tlog")
+    slow = Telemetry.of_log(slowed(whole, tmp_path / "slow.tlog", period_s))
+    for name in ("landed", "armed", "mode"):
+        assert changes(slow, name) == changes(Telemetry.of_log(whole), name), name
+    assert changes(slow, "gps")[-1] == 1
+    assert changes(slow, "gps").count(2) <= 1  # a fix counts when it has lasted
+
+
+@pytest.mark.parametrize("period_s", [0.4, 2.5])
+def test_the_map_that_is_proposed_of_slow_telemetry_does_not_flap(tmp_path, period_s):
+    slow = slowed(recording("px4_normal_mission.tlog"), tmp_path / "slow.tlog", period_s)
+    (tmp_path / "slow.yaml").write_text(propose([slow]).text)
+    _, outcome = replayed(slow, str(tmp_path / "slow.yaml"))
+    said = [line.text for line in outcome.timeline if line.kind is LineKind.MONITOR]
+    assert sum("state check: IMU age" in text for text in said) == 1
+    assert sum("state check: gravity magnitude" in text for text in said) <= 1
+    assert any(text.startswith("watchdog: gps code") for text in said)
+    assert not any("code 1 -> " in text for text in said)
+
+
+def test_slow_telemetry_that_ends_is_silence(tmp_path):
+    path = slowed(recording("px4_normal_mission.tlog"), tmp_path / "slow.tlog", 2.5)
+    data, at = path.read_bytes(), 0
+    begin_us = int.from_bytes(data[:8], "big")
+    kept = b""
+    while at < len(data):  # 30 s of all, then texts alone
+        length = 8 + frame_at(data, at + 8).length
+        late = int.from_bytes(data[at : at + 8], "big") > begin_us + 30_000_000
+        number = frame_at(data, at + 8).frame.number
+        kept += b"" if late and number != mavlink.MAVLINK_MSG_ID_STATUSTEXT else data[at : at + length]
+        at += length
+    path.write_bytes(kept)
+    assert (changes(Telemetry.of_log(path), "landed")[-1], changes(Telemetry.of_log(path), "mode")[-1]) == (0, "")
 
 
 def test_components_of_the_vehicle_are_heard_for_what_the_autopilot_does_not_send(tmp_path):

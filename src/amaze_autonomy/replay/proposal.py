@@ -197,6 +197,7 @@ class _Maker:
         self._ground_m: Optional[float] = None
         self._level_s = -1e6  # when the autopilot first tells how full its battery is
         self._estimate_hz: Optional[float] = None
+        self._imu_s = 0.0  # between two of its messages
         self._mapped: List[_Topic] = []
         status = [topic for topic in topics if topic.kind == "amaze_autonomy/AutopilotStatus"]
         self._autopilot: Optional[_Topic] = status[0] if status else None
@@ -214,9 +215,7 @@ class _Maker:
         lines += ["components:" + ("" if components else " {}"), *components, ""]
         lines += ["readings:" + ("" if readings else " {}"), *readings, ""]
         lines += ["statuses:", *statuses, ""] if statuses else []
-        if self._estimate_hz is not None and self._estimate_hz < _ESTIMATE_HZ:
-            lines += [f"state_estimation: {{rate_hz: {self._estimate_hz:.3g}}}  # as recorded", ""]
-        lines += self._landing() + self._script()
+        lines += self._state_estimation() + self._landing() + self._script()
         kinds = tuple((topic.name, topic.kind) for topic in self._topics)
         return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted), kinds, problems)
 
@@ -270,6 +269,7 @@ class _Maker:
         topic = self._best(("sensor_msgs/Imu",), *_SENSORS[0][2:])
         if topic is None or topic.first is None:
             return []
+        self._imu_s = topic.period_s or 0.0
         v = topic.first.linear_acceleration
         size = sqrt(v.x * v.x + v.y * v.y + v.z * v.z)
         scale = next((s for s in (1.0, _G, _G / 1000) if 0.7 * _G < size * s < 1.3 * _G), 1.0)  # m/s^2, g, thousandths
@@ -456,6 +456,14 @@ class _Maker:
         return [f"  {name}: {topic}" for name, topic in found.items()]
 
     # --- the rest -----------------------------------------------------------------------------------------------------
+
+    def _state_estimation(self) -> List[str]:
+        """Return what of the check of the states a slow recording could not meet."""
+        slow = self._estimate_hz is not None and self._estimate_hz < _ESTIMATE_HZ
+        keys = [f"rate_hz: {self._estimate_hz:.3g}"] if slow else []
+        if self._imu_s > 0.1:  # noqa: PLR2004  (ten in the window of the shipped configuration)
+            keys += [f"window_s: {min(60.0, 15 * self._imu_s):.2f}", f"age_limit_s: {min(60.0, 4 * self._imu_s):.2f}"]
+        return [f"state_estimation: {{{', '.join(keys)}}}  # as recorded", ""] if keys else []
 
     def _landing(self) -> List[str]:
         topic, _, _ = self._ranging()

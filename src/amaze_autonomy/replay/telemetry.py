@@ -11,10 +11,12 @@ It has the face of a bag. Its topics are made of what the vehicle sent:
 from __future__ import annotations
 
 import abc
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
+
+import numpy as np
 
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
 from amaze_autonomy.config import AutopilotSettings
@@ -47,6 +49,20 @@ STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
 KINDS: Mapping[str, str] = {STATUS: "amaze_autonomy/AutopilotStatus", _IMU: "sensor_msgs/Imu"}
 _PERIOD_NS = _S // 5
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
+_SLOWEST_NS = 20 * _S
+# a limit of the link, and what it limits: telemetry that comes more slowly than twice in it is no silence
+_AGES: Tuple[Tuple[str, str, Tuple[str, ...]], ...] = (
+    ("limits", "link_age_limit_ns", ("HEARTBEAT",)),
+    ("limits", "mode_age_limit_ns", ("HEARTBEAT",)),
+    (
+        "limits",
+        "state_age_limit_ns",
+        ("EXTENDED_SYS_STATE", "LOCAL_POSITION_NED", "ESTIMATOR_STATUS", "EKF_STATUS_REPORT", "ATTITUDE"),
+    ),
+    ("limits", "system_age_limit_ns", ("SYS_STATUS",)),
+    ("gps", "age_limit_ns", ("GPS_RAW_INT",)),
+    ("gps", "frozen_limit_ns", ("GPS_RAW_INT",)),
+)
 _NOBODY = Identity(255, 1, vehicle=0)  # nobody's address: what was addressed to others is taken, too
 
 
@@ -177,7 +193,8 @@ class Telemetry(Made):
 
     def _read(self) -> None:
         """Sort the vehicle's frames by topic, and let the link's code listen to them."""
-        vehicle, teller = _vehicle(self._frames), Teller(self.tell)
+        vehicle = _vehicle(self._frames)
+        teller = Teller(self.tell, _settings(self._frames, vehicle))
         own = {frame.number for _, frame in self._frames if _sender(frame) == (vehicle, _AUTOPILOT)}
         for at, (t_ns, frame) in enumerate(self._frames):
             teller.until(t_ns)
@@ -193,6 +210,21 @@ class Telemetry(Made):
                 self.place(_IMU, t_ns, at)
             if name in WANTED:
                 teller.take(t_ns, decode(frame))
+
+
+def _settings(frames: Iterable[Tuple[int, Frame]], vehicle: Optional[int]) -> AutopilotSettings:
+    """Return the link's settings, whose limits leave a slow recording twice the time between two messages."""
+    times: Dict[str, List[int]] = {}
+    for t_ns, frame in frames:
+        if _sender(frame) == (vehicle, _AUTOPILOT):
+            times.setdefault(_name(frame.number), []).append(t_ns)
+    periods = {name: int(np.median(np.diff(those))) for name, those in times.items() if len(those) > 1}
+    settings = AutopilotSettings()
+    for group, limit, names in _AGES:
+        own = getattr(settings, group)
+        slow_ns = min(_SLOWEST_NS, 2 * max((periods.get(name, 0) for name in names), default=0))
+        settings = replace(settings, **{group: replace(own, **{limit: max(getattr(own, limit), slow_ns)})})
+    return settings
 
 
 def _sender(frame: Frame) -> Tuple[int, int]:
@@ -215,10 +247,14 @@ class Teller:
 
     It begins with the first heartbeat: that none came before says something of the recording, not of the vehicle. It
     goes on to the end, so that a vehicle that falls silent is seen to.
+
+    Args:
+        tell: a status, with its time.
+        settings: of the link; None: those that ship.
     """
 
-    def __init__(self, tell: Callable[[int, VehicleState], None]) -> None:
-        self._tell, self._vehicle = tell, VehicleState(AutopilotSettings())
+    def __init__(self, tell: Callable[[int, VehicleState], None], settings: Optional[AutopilotSettings] = None) -> None:
+        self._tell, self._vehicle = tell, VehicleState(settings or AutopilotSettings())
         self._due_ns: Optional[int] = None
         self._said: Any = None
 
