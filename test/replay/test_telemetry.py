@@ -205,6 +205,8 @@ def test_the_map_that_is_proposed_of_slow_telemetry_does_not_flap(tmp_path, peri
     (tmp_path / "slow.yaml").write_text(propose([slow]).text)
     _, outcome = replayed(slow, str(tmp_path / "slow.yaml"))
     said = [line.text for line in outcome.timeline if line.kind is LineKind.MONITOR]
+    advice = " ".join(row.advice for _, rows in outcome.checks.values() for row in rows)
+    assert "not observed for" not in advice
     assert sum("state check: IMU age" in text for text in said) == 1
     assert sum("state check: gravity magnitude" in text for text in said) <= 1
     assert any(text.startswith("watchdog: gps code") for text in said)

@@ -28,6 +28,7 @@ _S = 1_000_000_000
 _G = 9.80665
 _LATE_S, _ARMED_BEFORE_S = 3.0, 1.0
 _CHECKED_S, _COMMANDED_S = 3.2, 3.8  # from the selection to the checks before the takeoff, at the latest to its command
+_STILL_S = 1.8  # a little less than the shipped configuration looks whether the vehicle stands still
 _ESTIMATE_HZ = 25.0  # slower than this is too slow for the shipped configuration
 _NEAR_MM, _MOUNTED_M, _ALOFT_M, _RISE_M = 300.0, 0.6, 0.5, 0.3
 
@@ -463,6 +464,7 @@ class _Maker:
         keys = [f"rate_hz: {self._estimate_hz:.3g}"] if slow else []
         if self._imu_s > 0.1:  # noqa: PLR2004  (ten in the window of the shipped configuration)
             keys += [f"window_s: {min(60.0, 15 * self._imu_s):.2f}", f"age_limit_s: {min(60.0, 4 * self._imu_s):.2f}"]
+            keys += [f"min_samples: {max(3, min(10, int(_STILL_S / self._imu_s)))}"]
         return [f"state_estimation: {{{', '.join(keys)}}}  # as recorded", ""] if keys else []
 
     def _landing(self) -> List[str]:
