@@ -73,10 +73,12 @@ def finish(stack: Stack) -> None:
     stack.wait_state("MISSION", "HOLD", "LAND", "OUTREACH", "MISSION_ENDED", "MISSION_INPUT")
     if stack.state in ("MISSION", "HOLD"):
         assert stack.ask("land")[0] in (1, 3)
-    stack.wait_state("OUTREACH", "MISSION_ENDED", "MISSION_INPUT")
-    if stack.state == "OUTREACH":
-        stack.ask("give_up")
-        stack.wait_state("MISSION_ENDED", "MISSION_INPUT")
+
+    def ended() -> bool:  # killed before the recorder was asked: first the recording is missing, then its data
+        stack.retry("give_up")
+        return stack.state in ("MISSION_ENDED", "MISSION_INPUT")
+
+    stack.wait(ended, "MISSION_ENDED or MISSION_INPUT")
 
 
 def _add(mission: str, seed: int) -> None:

@@ -322,12 +322,12 @@ class Stack:
         answer = rospy.ServiceProxy(service, srv.UserCommand)(command)
         return answer.answer, answer.message
 
-    def retry(self) -> None:
-        """Ask again for what failed, once a second as a person does: more often starves the peers that it waits for."""
+    def retry(self, command: str = "retry") -> None:
+        """Ask again in OUTREACH, once a second as a person does: more often starves the peers that it waits for."""
         if self.state == "OUTREACH" and time.monotonic() >= self._again_s:
             self._again_s = time.monotonic() + 1.0
             with contextlib.suppress(rospy.ServiceException):  # it has ended meanwhile
-                self.ask("retry")
+                self.ask(command)
 
     def select(self, *missions: str) -> Tuple[bool, str]:
         service = f"/{self.name}/autonomy/select_mission"
