@@ -58,14 +58,13 @@ def test_every_line_is_translated_has_no_counterpart_or_is_assumed(folder, tmp_p
         "mission_1: mission 1, 1 files, flown once",
         f"trajectories/ahead.csv: trajectories/ahead.csv, {AHEAD}",
         "mission_2: mission 2, 2 files, flown 2 times",
+        "mission_2: its files are one flight",
     ]
     assert report.no_counterpart == [
         "sequencer.yaml: neither missions nor a file of the watchdog",
         "/uwb/ranges: severity: 2",
         "mission_1: optitrack is watched by no topic, node or driver",
         "px4_imu: a restart; sensors of the autopilot are never restarted",
-        "mission_2: sequence_multiple_in_flight: True (several files are flown with a touchdown in between)",
-        "mission_2: hover_after_mission_completion: True (a mission ends with a landing)",
     ]
     assert report.assumed == [
         "/mission_cam/image_raw: has failed after 0.5 s of silence",
@@ -79,6 +78,7 @@ def test_every_line_is_translated_has_no_counterpart_or_is_assumed(folder, tmp_p
         "uwb_tag_1: severity high, no mission has an action for it",
         "uwb_tag_1: a flight waits 15 s for it, then lands",
         "px4_gps: the autopilot's gps as well, by its name",
+        "mission_2: hovers at its end for 60 s, unless it is landed before, and lands",
         "recording.yaml: one computer records the 4 topics that are watched",
         "autonomy.yaml: limits that its nodes need (a heartbeat of 0.5 Hz, a supervisor that answers after 10 s)",
         "autopilot.yaml: the vehicle is reached through mavros",

@@ -180,3 +180,31 @@ def test_files_that_count_from_their_own_takeoffs_stay_within_the_distance_limit
         "up.csv:4: x,y: can be 108 m from the first takeoff, after the flights before it; "
         "must be below the distance limit 100, in metres"
     )
+
+
+def test_files_without_a_touchdown_are_one_flight_and_mistakes_keep_their_places(mistake, small_file, small):
+    (small / "on.csv").write_text("# frame: east_north\nx,y,z,yaw_rad,holdtime\n\n4,0,0.8,0,2\n")
+    text = small_file("missions.yaml").replace("[up.csv]", "[up.csv, on.csv]")
+    (small / "missions.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"on\.csv:4: z: is 0\.8; the first waypoint must be at the takeoff height"):
+        load_configuration(small)
+    (small / "missions.yaml").write_text(text + "    touchdown_between_files: false\n")
+    plan = load_configuration(small).plan("1")
+    (flight,) = plan.trajectories
+    assert (plan.mission.files, flight.file) == (1, "up.csv + on.csv")
+    assert [(each.x_m, each.z_m, each.hold_s) for each in flight.waypoints] == [(0.0, 2.0, 1.0), (4.0, 0.8, 2.0)]
+    assert mistake("on.csv", HEADER + "4,0,2,0,2\n4,60,2,0,2\n") == (
+        "on.csv:4: x,y,z: is 60 m from the waypoint before; must be at most 50 m away (bounds)"
+    )
+    assert mistake("on.csv", HEADER + "# far\n0,55,2,0,2\n").startswith("on.csv:4: x,y,z: is 55 m from the waypoint")
+
+
+def test_a_hover_at_the_end_counts_for_time_and_battery(small_file, small, mistake):
+    short = load_configuration(small).plan("1")
+    (small / "missions.yaml").write_text(small_file("missions.yaml") + "    hover_at_end_s: 200\n")
+    long = load_configuration(small).plan("1")
+    assert long.trajectories[0].waypoints[-1].hold_s == short.trajectories[0].waypoints[-1].hold_s + 200.0
+    assert long.mission.estimated_duration_s == pytest.approx(short.mission.estimated_duration_s + 200.0)
+    assert long.mission.battery_needed_fraction > short.mission.battery_needed_fraction
+    text = small_file("missions.yaml") + "    hover_at_end_s: 3000\n"
+    assert "its longest flight takes 30" in mistake("missions.yaml", text)

@@ -9,6 +9,7 @@ import pytest
 from expected_stories import REACTIONS_S, STORIES
 from simulation_tools import S, scenario
 
+from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.commands import (
     Answer,
     AnswerKind,
@@ -106,6 +107,17 @@ def test_a_mission_takes_as_long_as_its_estimate_says(configuration):
     (takeoff,) = [decision.t_ns for decision in result.decisions if decision.rule == "takeoff"]
     (complete,) = [decision.t_ns for decision in result.decisions if decision.rule == "mission_complete"]
     assert (complete - takeoff) / S == pytest.approx(plan.mission.estimated_duration_s, rel=0.05)
+
+
+def test_files_without_a_touchdown_are_flown_in_one_flight(config_folder):
+    touched, straight = (
+        load_configuration(config_folder, [f"missions.missions.2.touchdown_between_files={value}"])
+        for value in ("true", "false")
+    )
+    flights = [run(each, (each.plan("2").mission,)) for each in (touched, straight)]
+    assert [result.results for result in flights] == [(("2", Result.COMPLETE, DataResult.COMPLETE),)] * 2
+    assert [[name for _, name in motion(result)].count("TAKEOFF") for result in flights] == [3, 1]
+    assert straight.plan("2").mission.estimated_duration_s < touched.plan("2").mission.estimated_duration_s
 
 
 def test_there_is_a_story_for_every_shipped_scenario_and_no_other(config_folder):

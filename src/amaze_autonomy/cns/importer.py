@@ -24,15 +24,12 @@ _KINDS: Mapping[str, Tuple[str, ...]] = {
     "nodes": ("max_restart_attempts", "restart_timeout"),
     "drivers": ("check_script", "restart_script"),
 }
-_MISSION_KEYS = ("description", "filepaths", "instances", "entities_actions")
+_ONE_FLIGHT, _HOVER, _HOVER_S = "sequence_multiple_in_flight", "hover_after_mission_completion", 60.0
+_MISSION_KEYS = ("description", "filepaths", "instances", "entities_actions", _ONE_FLIGHT, _HOVER)
 _KNOWN = {
     "topics": ("entity_id", "rate", "margin", "node_name", "window_size"),
     "nodes": ("entity_id", "max_restart_attempts", "restart_timeout"),
     "drivers": ("entity_id", "check_script", "restart_script"),
-}
-_WHY_NOT = {
-    "sequence_multiple_in_flight": "several files are flown with a touchdown in between",
-    "hover_after_mission_completion": "a mission ends with a landing",
 }
 _WAIT_S, _AGE_PERIODS, _LEAST_AGE_S, _LEAST_WINDOW = 15.0, 5.0, 0.3, 4
 _HEADER = "# frame: start_heading\n# yaw_unit: deg\n"
@@ -150,7 +147,7 @@ def _sources(folder: Path, report: Report) -> Dict[str, Dict[str, Any]]:
         if not _parts(content):
             report.no_counterpart.append(f"{name}: neither missions nor a file of the watchdog")
         elif isinstance(content, dict) and "missions" in content:
-            report.no_counterpart += [_said(f"{name}: ", key, content[key]) for key in content if key != "missions"]
+            report.no_counterpart += [f"{name}: {key}: {content[key]}" for key in content if key != "missions"]
     return found
 
 
@@ -163,11 +160,6 @@ def _parts(content: Any) -> List[Tuple[str, Dict[str, Any]]]:
     rows = [row for row in content.values() if isinstance(row, dict)]
     kind = next((kind for kind, keys in _KINDS.items() if any(key in row for row in rows for key in keys)), None)
     return [(kind, content)] if kind is not None and len(rows) == len(content) else []
-
-
-def _said(before: str, key: object, value: object) -> str:
-    why = _WHY_NOT.get(str(key), "")
-    return f"{before}{key}: {value}" + (f" ({why})" if why else "")
 
 
 class _Files:
@@ -244,7 +236,13 @@ def _mission(
         given["severities"] = own
     times = "once" if instances == 1 else f"{instances} times"
     report.translated.append(f"{name}: mission {mission_id}, {len(given['files'])} files, flown {times}")
-    report.no_counterpart += [_said(f"{name}: ", key, row[key]) for key in row if key not in _MISSION_KEYS]
+    if row.get(_ONE_FLIGHT):
+        given["touchdown_between_files"] = False
+        report.translated.append(f"{name}: its files are one flight")
+    if row.get(_HOVER):
+        given["hover_at_end_s"] = _HOVER_S
+        report.assumed.append(f"{name}: hovers at its end for {_HOVER_S:g} s, unless it is landed before, and lands")
+    report.no_counterpart += [f"{name}: {key}: {row[key]}" for key in row if key not in _MISSION_KEYS]
     if not number or not 1 <= int(mission_id) <= 255:  # noqa: PLR2004 - a byte
         report.assumed.append(f"{name}: mission {mission_id} cannot be asked of its sequencer, whose ids are 1 to 255")
     return mission_id, given
@@ -270,7 +268,7 @@ class _Components:
             raise ImportFolderError(f"{name}: the entities {entity} and {other} would both be {component}; rename one")
         here = self.rows.setdefault(component, {"group": "other", "severity": ""})
         {"topics": self._topic, "nodes": self._node, "drivers": self._driver}[kind](component, here, name, row)
-        self._report.no_counterpart += [_said(f"{name}: ", key, row[key]) for key in row if key not in _KNOWN[kind]]
+        self._report.no_counterpart += [f"{name}: {key}: {row[key]}" for key in row if key not in _KNOWN[kind]]
 
     def _topic(self, component: str, here: Dict[str, Any], name: str, row: Mapping[str, Any]) -> None:
         rate, margin = _number(name, "rate", row), _number(name, "margin", row)

@@ -103,8 +103,8 @@ def state_estimation_of(sensors: _Values, places: Places) -> StateEstimationSpec
     return make(StateEstimationSpec, values, ("state_estimation",), places, source=EstimateSource(values["source"]))
 
 
-def mission_of(mission_id: str, values: _Values, needed_fraction: float, duration_s: float) -> Mission:
-    """Return a mission as the engine sees it."""
+def mission_of(mission_id: str, values: _Values, flights: int, needed_fraction: float, duration_s: float) -> Mission:
+    """Return a mission as the engine sees it; `flights` of a repetition."""
     limits = {field.name: None for field in fields(Mission) if field.name.startswith("max_")}
     for name in limits:
         value = values["limits"][key_name(name)]
@@ -112,7 +112,7 @@ def mission_of(mission_id: str, values: _Values, needed_fraction: float, duratio
     return Mission(
         id=mission_id,
         description=values["description"],
-        files=len(values["files"]),
+        files=flights,
         repetitions=values["repetitions"],
         battery_needed_fraction=needed_fraction,
         estimated_duration_s=duration_s,

@@ -102,6 +102,20 @@ _MISSION = Group(
             "CSV in metres, CSV in latitude and longitude, or .plan of QGroundControl; flown one after the other, with a touchdown in between",
         ),
         Key(
+            "touchdown_between_files",
+            Flag(),
+            "false: all its files are one flight, straight from the last waypoint of one to the first of the next",
+            "a long survey in parts; their waypoints count from the same takeoff",
+            True,
+        ),
+        Key(
+            "hover_at_end_s",
+            Number(minimum=0.0, maximum=3600.0),
+            "how long it hovers at its last waypoint, besides the hold there, before it lands by itself",
+            "for a last look; the operator's land ends it earlier",
+            0.0,
+        ),
+        Key(
             "frame",
             Choice(tuple(each.value for each in Frame)),
             "of files in metres that do not say it themselves: x east and y north of the first takeoff, or x ahead and y left of the heading at each file's takeoff; left out: every file says it",

@@ -27,6 +27,7 @@ from amaze_autonomy.missions import (
     battery_needed_fraction,
     check_files,
     estimate_rounds,
+    joined,
     localize,
     localize_fence,
     parse_file,
@@ -127,10 +128,14 @@ def plans_of(
         reach = (own["max_height_m"] or limits.max_height_m, own["max_distance_m"] or limits.max_distance_m)
         try:
             trajectories = trajectories_of(values, files, home, here, places)
+            if not values["touchdown_between_files"] and len(trajectories) > 1:
+                trajectories = (joined(trajectories),)
             fences = fences_of(values, files, home, here, places)
             check_files(trajectories, values["repetitions"], limits.takeoff_height_m, bounds, reach, fences)
         except WaypointError as error:
             raise _config_error(error, folder) from None
+        if values["hover_at_end_s"]:
+            trajectories = (*trajectories[:-1], trajectories[-1].hovering(values["hover_at_end_s"]))
         plan = _plan(mission_id, values, trajectories, home, model, limits, places)
         plans.append(replace(plan, fences=fences, land_switch=values["land_switch"]))
     return tuple(plans)
@@ -173,7 +178,7 @@ def _plan(
         at = (*here, "battery_needed_fraction")
         right = f"must be above the reserve, which it includes ({limits.battery_reserve_fraction:g})"
         raise ConfigError(place_of(at, places), dotted(at), f"is {needed:g}", right)
-    mission = mission_of(mission_id, values, round(needed, 6), round(whole.duration_s, 6))
+    mission = mission_of(mission_id, values, len(trajectories), round(needed, 6), round(whole.duration_s, 6))
     return MissionPlan(mission, trajectories, first, again, home, Controller(values["controller"]))
 
 

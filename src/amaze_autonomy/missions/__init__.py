@@ -19,7 +19,7 @@ from .plan import (
 )
 from .plan_file import SUFFIXES, parse_file
 from .routes import GLOBAL_COLUMNS, Area, Route, RoutePoint, localize, localize_fence
-from .waypoints import COLUMNS, Trajectory, Waypoint, parse_trajectory
+from .waypoints import COLUMNS, Trajectory, Waypoint, joined, parse_trajectory
 
 __all__ = [
     "COLUMNS",
@@ -53,6 +53,7 @@ __all__ = [
     "distance_m",
     "estimate_flight",
     "estimate_rounds",
+    "joined",
     "leg_s",
     "localize",
     "localize_fence",

@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass
 from typing import Sequence, Tuple, Union
 
-from .errors import WaypointError
 from .waypoints import Trajectory
 
 __all__ = ["Circle", "Fence", "Point", "Polygon", "check_fence", "polygon_problem"]
@@ -143,4 +142,4 @@ def check_fence(trajectory: Trajectory, start: Point, fences: Sequence[Fence]) -
             problem = fence.problem(one, other)
             if problem:
                 right = "must stay inside the fence, and out of excluded areas, also between two waypoints"
-                raise WaypointError(trajectory.file, waypoint.line, trajectory.names.place, problem, right)
+                raise trajectory.error(waypoint, "place", problem, right)

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import Tuple
 
-from .errors import WaypointError
 from .waypoints import Trajectory, Waypoint
 
 __all__ = ["Bounds", "FlightEstimate", "FlightModel", "check_trajectory", "distance_m", "estimate_flight", "leg_s"]
@@ -132,32 +131,34 @@ def check_trajectory(
         WaypointError: the first waypoint that cannot be.
     """
     if len(trajectory.waypoints) > bounds.max_waypoints:
-        line = trajectory.waypoints[bounds.max_waypoints].line
-        wrong = f"has {len(trajectory.waypoints)} waypoints"
-        raise WaypointError(trajectory.file, line, "", wrong, f"must have at most {bounds.max_waypoints} (bounds)")
+        wrong, right = (
+            f"has {len(trajectory.waypoints)} waypoints",
+            f"must have at most {bounds.max_waypoints} (bounds)",
+        )
+        raise trajectory.error(trajectory.waypoints[bounds.max_waypoints], "", wrong, right)
     for waypoint in trajectory.waypoints:
         _check_waypoint(trajectory, waypoint, bounds, limits)
     first = trajectory.waypoints[0]
     if first.z_m < takeoff_height_m:
         right = f"the first waypoint must be at the takeoff height ({takeoff_height_m:g} m) or above"
-        raise WaypointError(trajectory.file, first.line, trajectory.names.height, f"is {first.z_m:g}", right)
+        raise trajectory.error(first, "height", f"is {first.z_m:g}", right)
     _check_leg(trajectory, _start(trajectory, start, takeoff_height_m), first, bounds.max_first_leg_m, "the takeoff")
     for one, other in zip(trajectory.waypoints, trajectory.waypoints[1:]):
         _check_leg(trajectory, one, other, bounds.max_leg_m, "the waypoint before")
 
 
 def _check_waypoint(trajectory: Trajectory, waypoint: Waypoint, bounds: Bounds, limits: Tuple[float, float]) -> None:
-    (height, distance), file, names = limits, trajectory.file, trajectory.names
+    height, distance = limits
     way = math.sqrt(waypoint.x_m * waypoint.x_m + waypoint.y_m * waypoint.y_m)
     if not bounds.min_height_m <= waypoint.z_m < height:
         right = f"must be at least {bounds.min_height_m:g} and below the height limit {height:g}, in metres"
-        raise WaypointError(file, waypoint.line, names.height, f"is {waypoint.z_m:g}", right)
+        raise trajectory.error(waypoint, "height", f"is {waypoint.z_m:g}", right)
     if not way < distance:
         right = f"must be below the distance limit {distance:g}, in metres"
-        raise WaypointError(file, waypoint.line, names.place, f"is {way:.6g} m from the takeoff position", right)
+        raise trajectory.error(waypoint, "place", f"is {way:.6g} m from the takeoff position", right)
     if not 0.0 <= waypoint.hold_s <= bounds.max_hold_s:
         right = f"must be 0 to {bounds.max_hold_s:g}, in seconds"
-        raise WaypointError(file, waypoint.line, names.hold, f"is {waypoint.hold_s:g}", right)
+        raise trajectory.error(waypoint, "hold", f"is {waypoint.hold_s:g}", right)
 
 
 def _check_leg(trajectory: Trajectory, one: Waypoint, other: Waypoint, longest_m: float, what: str) -> None:
@@ -165,4 +166,4 @@ def _check_leg(trajectory: Trajectory, one: Waypoint, other: Waypoint, longest_m
     if not way <= longest_m:
         wrong = f"is {way:.6g} m from {what}"
         right = f"must be at most {longest_m:g} m away (bounds)"
-        raise WaypointError(trajectory.file, other.line, trajectory.names.whole, wrong, right)
+        raise trajectory.error(other, "whole", wrong, right)

@@ -10,7 +10,6 @@ from typing import Optional, Sequence, Tuple
 from amaze_autonomy.engine.events import Mission
 
 from .csv_table import Frame
-from .errors import WaypointError
 from .fence import Fence, check_fence
 from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, estimate_flight
 from .geodesy import Home
@@ -165,7 +164,7 @@ def _check_reach(trajectories: Tuple[Trajectory, ...], repetitions: int, limit_m
             if not way < limit_m:
                 wrong = f"can be {way:.6g} m from the first takeoff, after the flights before it"
                 right = f"must be below the distance limit {limit_m:g}, in metres"
-                raise WaypointError(trajectory.file, waypoint.line, trajectory.names.place, wrong, right)
+                raise trajectory.error(waypoint, "place", wrong, right)
         away += further
 
 

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Tuple
+from typing import NamedTuple, Sequence, Tuple
 
 from .csv_table import YAW_COLUMNS, Frame, Layout, Said, frame_of, lines_of, read_table, said_in, yaw_of, yaw_unit_of
+from .errors import WaypointError
 from .geodesy import Place
 
-__all__ = ["COLUMNS", "Names", "Trajectory", "Waypoint", "parse_trajectory"]
+__all__ = ["COLUMNS", "Names", "Trajectory", "Waypoint", "joined", "parse_trajectory"]
 
 COLUMNS = ("x", "y", "z", "yaw", "holdtime")
 _LAYOUT = Layout(
@@ -74,6 +75,7 @@ class Trajectory:
         names: of its other columns.
         places: of the waypoints on the earth, as the file says them; empty when the file is in local metres.
         frame: of the waypoints.
+        parts: the files that it is made of, when they are flown without a touchdown; empty: it is one file.
     """
 
     file: str
@@ -82,6 +84,17 @@ class Trajectory:
     names: Names = LOCAL_NAMES
     places: Tuple[Place, ...] = ()
     frame: Frame = Frame.EAST_NORTH
+    parts: Tuple[Trajectory, ...] = ()
+
+    def error(self, waypoint: Waypoint, column: str, wrong: str, right: str) -> WaypointError:
+        """Return what is wrong with a waypoint, at its place in its file; `column` is a field of `Names`, or empty."""
+        part = next((each for each in self.parts if any(waypoint is one for one in each.waypoints)), self)
+        return WaypointError(part.file, waypoint.line, getattr(part.names, column) if column else "", wrong, right)
+
+    def hovering(self, time_s: float) -> Trajectory:
+        """Return it with a longer hold at its last waypoint."""
+        *others, last = self.waypoints
+        return replace(self, waypoints=(*others, replace(last, hold_s=last.hold_s + time_s)))
 
     def from_start(self, heading_rad: float, x_m: float = 0.0, y_m: float = 0.0) -> Trajectory:
         """Return it in metres east and north, for a takeoff at x, y with a heading counter-clockwise from east."""
@@ -98,6 +111,18 @@ class Trajectory:
             for each in self.waypoints
         )
         return replace(self, waypoints=turned, frame=Frame.EAST_NORTH)
+
+
+def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
+    """Return several files of one frame as one, flown without a touchdown."""
+    on_earth = all(each.places for each in trajectories)
+    return replace(
+        trajectories[0],
+        file=" + ".join(each.file for each in trajectories),
+        waypoints=tuple(waypoint for each in trajectories for waypoint in each.waypoints),
+        places=tuple(place for each in trajectories for place in each.places) if on_earth else (),
+        parts=tuple(trajectories),
+    )
 
 
 def parse_trajectory(text: str, file: str, mission: Said = Said()) -> Trajectory:  # noqa: B008 - it cannot change
