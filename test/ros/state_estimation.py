@@ -13,6 +13,8 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from one_node import OneNode, wait_for
 from sensor_msgs.msg import Imu
+from std_msgs.msg import String
+from std_srvs.srv import Empty, EmptyResponse, SetBool, SetBoolResponse
 
 from amaze_autonomy import msg, srv
 
@@ -50,7 +52,7 @@ class World:
                 self.imu.publish(imu)
 
     def estimate(self, kind):
-        message = KINDS[kind]()
+        message = KINDS.get(kind, Odometry)()
         message.header.stamp = rospy.Time.now() - rospy.Duration(self.age_s)
         pose = message.pose if kind == "pose" else message.pose.pose
         pose.position.x = self.x
@@ -59,6 +61,37 @@ class World:
         if kind != "pose":
             message.pose.covariance = [0.0025 if row == column else 0.0 for row in range(6) for column in range(6)]
         return message
+
+
+class Estimator:
+    """One that is silent until it is told to begin; it refuses the first time."""
+
+    def __init__(self, world):
+        self.calls = []
+        self.world = world
+        self.world.estimates["odometry_when_told"] = self
+        self.publisher = rospy.Publisher("/told/data", Odometry, queue_size=5)
+        self.status = rospy.Publisher("/told/autopilot/status", msg.AutopilotStatus, queue_size=5)
+        self.state = rospy.Publisher("/told/autonomy/state_name", String, queue_size=5)
+        rospy.Service("/told/estimator/initialise", SetBool, self.begin)
+        rospy.Service("/told/second/initialise", Empty, self.second)
+
+    def begin(self, request):
+        self.calls.append(request.data)
+        return SetBoolResponse(success=len(self.calls) > 1, message="no GPS yet")
+
+    def second(self, _):
+        self.calls.append("in flight")
+        return EmptyResponse()
+
+    def publish(self, message):
+        if self.calls.count(True) > 1:
+            self.publisher.publish(message)
+
+    def fly(self, *states, armed=False):
+        self.status.publish(msg.AutopilotStatus(armed_known=True, armed=armed))
+        for state in states:
+            self.state.publish(String(data=state))
 
 
 class TestStateEstimation(unittest.TestCase):
@@ -72,6 +105,16 @@ class TestStateEstimation(unittest.TestCase):
                 "sensors.state_estimation.imu_topic=/imu",
             ]
             cls.nodes.append(OneNode("state_estimation", f"/{kind}", overrides))
+        overrides = [
+            "sensors.state_estimation.topic=/told/data",
+            "sensors.state_estimation.imu_topic=/imu",
+            "sensors.initialisation.service=/told/estimator/initialise",
+            "sensors.initialisation.type=set_bool",
+            "sensors.initialisation.in_flight_service=/told/second/initialise",
+            "sensors.initialisation.in_flight_type=empty",
+        ]
+        cls.estimator = Estimator(cls.world)
+        cls.nodes.append(OneNode("state_estimation", "/told", overrides, parameters={"startup_time": 0.0}))
         for kind in KINDS:
             rospy.wait_for_service(f"/{kind}/state_estimation/check", 20.0)
             cls.checks[kind] = rospy.ServiceProxy(f"/{kind}/state_estimation/check", srv.CheckState)
@@ -79,7 +122,7 @@ class TestStateEstimation(unittest.TestCase):
     @classmethod
     def tearDownClass(cls):
         cls.world.ended.set()
-        assert [node.end() for node in cls.nodes] == [0] * len(KINDS)
+        assert [node.end() for node in cls.nodes] == [0] * len(cls.nodes)
 
     def setUp(self):
         self.world.reset()
@@ -153,6 +196,28 @@ class TestStateEstimation(unittest.TestCase):
     def test_an_old_stamp_fails_though_messages_come(self):
         self.world.age_s = 2.0
         self.failed("estimate age")
+
+    def test_an_estimator_that_must_be_told_to_begin_is_told_on_the_ground_once_a_check_and_in_flight(self):
+        rospy.wait_for_service("/told/state_estimation/check", 20.0)
+        check = rospy.ServiceProxy("/told/state_estimation/check", srv.CheckState)
+        row = "estimator initialisation"
+
+        def said(words, **flown):
+            self.estimator.fly(**flown)
+            rows = {each.name: each for each in check().checks}
+            return row in rows and words in rows[row].advice and rows[row]
+
+        wait_for(lambda: said("the vehicle is armed", armed=True), "armed: refused")
+        self.assertEqual(self.estimator.calls, [])
+        refused = wait_for(lambda: said("/told/estimator/initialise: no GPS yet"), "its refusal")
+        self.assertEqual((refused.verdict, self.estimator.calls), (msg.Check.FAIL, [True]))
+        wait_for(lambda: (said(""), check().valid)[1], "valid")
+        self.assertEqual(self.estimator.calls, [True, True])
+        wait_for(
+            lambda: (self.estimator.fly("TAKEOFF", "MISSION", "HOLD", "MISSION"), self.estimator.calls[2:])[1],
+            "in flight",
+        )
+        self.assertEqual(self.estimator.calls[2], "in flight")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from dataclasses import fields
 from typing import Any, Mapping, Optional, Tuple
 
 from amaze_autonomy.engine.rules import Limits, Rules
+from amaze_autonomy.monitoring.initialisation import InitialisationSpec, InitialisationType
 from amaze_autonomy.monitoring.specs import (
     AutopilotSensor,
     ComponentSpec,
@@ -25,7 +26,16 @@ from .binding import field_value, key_name, make
 from .kinds import Places
 from .recording_schema import Platform, Recording, Storage, TopicGroup, Transfer
 
-__all__ = ["components_of", "landing_of", "limits_of", "mission_of", "recording_of", "rules_of", "state_estimation_of"]
+__all__ = [
+    "components_of",
+    "initialisation_of",
+    "landing_of",
+    "limits_of",
+    "mission_of",
+    "recording_of",
+    "rules_of",
+    "state_estimation_of",
+]
 
 _Values = Mapping[str, Any]
 
@@ -101,6 +111,13 @@ def state_estimation_of(sensors: _Values, places: Places) -> StateEstimationSpec
     """Return the specification of the check of the states."""
     values = sensors["state_estimation"]
     return make(StateEstimationSpec, values, ("state_estimation",), places, source=EstimateSource(values["source"]))
+
+
+def initialisation_of(sensors: _Values, places: Places) -> InitialisationSpec:
+    """Return how an estimator is told to begin."""
+    values = sensors["initialisation"]
+    types = {key: InitialisationType(values[key]) for key in ("type", "in_flight_type")}
+    return make(InitialisationSpec, values, ("initialisation",), places, **types)
 
 
 def mission_of(mission_id: str, values: _Values, flights: int, needed_fraction: float, duration_s: float) -> Mission:

@@ -14,7 +14,7 @@ from amaze_autonomy.monitoring.specs import BatterySpec
 from .autonomy_schema import AUTONOMY, Streams
 from .autopilot_schema import AUTOPILOT, autopilot_of
 from .binding import make
-from .build import components_of, landing_of, recording_of, rules_of, state_estimation_of
+from .build import components_of, initialisation_of, landing_of, recording_of, rules_of, state_estimation_of
 from .consistency import (
     check_autonomy_with_sensors,
     check_components,
@@ -140,6 +140,7 @@ def _configuration(
         components=components,
         landing=landing_of(sensors, places["sensors"]),
         state_estimation=state_estimation_of(sensors, places["sensors"]),
+        initialisation=initialisation_of(sensors, places["sensors"]),
         battery=make(BatterySpec, sensors["battery"], ("battery",), places["sensors"]),
         flight=make(FlightModel, missions["flight"], ("flight",), places["missions"]),
         bounds=make(Bounds, missions["bounds"], ("bounds",), places["missions"]),

@@ -8,6 +8,7 @@ from typing import Any, Mapping, Tuple
 
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.missions import Bounds, FlightModel, MissionPlan, PlannerSpec
+from amaze_autonomy.monitoring.initialisation import InitialisationSpec
 from amaze_autonomy.monitoring.specs import BatterySpec, ComponentSpec, LandingSpec, StateEstimationSpec
 
 from ..engine.events import Mission
@@ -29,6 +30,7 @@ class Configuration:
         components: for the watchdog, in the order of the file.
         landing: for the landing detection.
         state_estimation: for the check of the states.
+        initialisation: of an estimator that must be told to begin.
         battery: for the check before takeoff.
         flight: how the vehicle flies, for estimates and for the simulated vehicle.
         bounds: of waypoint files.
@@ -46,6 +48,7 @@ class Configuration:
     components: Tuple[ComponentSpec, ...]
     landing: LandingSpec
     state_estimation: StateEstimationSpec
+    initialisation: InitialisationSpec
     battery: BatterySpec
     flight: FlightModel
     bounds: Bounds

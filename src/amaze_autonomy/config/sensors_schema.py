@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Tuple
 
+from amaze_autonomy.monitoring.initialisation import InitialisationSpec, InitialisationType
 from amaze_autonomy.monitoring.specs import (
     GROUPS,
     AutopilotSensor,
@@ -220,8 +221,17 @@ _BATTERY_ROWS: Tuple[Row, ...] = (
     ("cell_voltage_min_v", Number(above=0.0, maximum=10.0), "lowest voltage per cell at rest, whatever the level says", "levels are estimates, voltages are measured"),
     ("cell_voltage_max_v", Number(above=0.0, maximum=10.0), "highest voltage per cell that is believed", "a full cell has 4.2 V"),
 )
+_INITIALISATION_TYPE = Choice(tuple(each.value for each in InitialisationType))
+_INITIALISATION_ROWS: Tuple[Row, ...] = (
+    ("service", _MAYBE_TOPIC, "asked on the ground, disarmed, while the states are not valid; empty: the estimator needs none", "an estimator that waits to be told to begin"),
+    ("type", _INITIALISATION_TYPE, "of it: std_srvs/Trigger, std_srvs/SetBool with true, std_srvs/Empty", ""),
+    ("limit_ns", _time(60), "time in which it must answer, and after which the states must be valid", "below preflight_fix_limit_s"),
+    ("in_flight_service", _MAYBE_TOPIC, "asked once when the mission begins after a takeoff; empty: none", "a second sensor that must be in the air first"),
+    ("in_flight_type", _INITIALISATION_TYPE, "of it", ""),
+)
 # fmt: on
 
+INITIALISATION = group_of(InitialisationSpec, "initialisation of an estimator", _INITIALISATION_ROWS)
 LANDING_DETECTION = group_of(LandingSpec, "landing detection", _LANDING_ROWS)
 STATE_ESTIMATION = group_of(StateEstimationSpec, "check of the state estimation", _STATE_ROWS)
 BATTERY = group_of(BatterySpec, "check of the battery before takeoff", _BATTERY_ROWS)
@@ -237,6 +247,7 @@ SENSORS = Group(
         Key("polling", POLLING, "how often nodes and drivers are asked, and how old their answers may be", "", {}),
         Key("landing_detection", LANDING_DETECTION, "is the vehicle on the ground, has it landed?", "", {}),
         Key("state_estimation", STATE_ESTIMATION, "are the states valid, does gravity point down?", "", {}),
+        Key("initialisation", INITIALISATION, "how is an estimator told to begin?", "", {}),
         Key("battery", BATTERY, "is the level enough to take off? In flight: autonomy.yaml, battery", "", {}),
     ),
 )

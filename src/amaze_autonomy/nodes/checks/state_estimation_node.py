@@ -4,6 +4,7 @@
     /diagnostics                    diagnostic_msgs/DiagnosticArray, 1 Hz
     (state_estimation.topic)        the estimate: Odometry, PoseStamped or PoseWithCovarianceStamped (subscribed)
     (state_estimation.imu_topic)    sensor_msgs/Imu (subscribed)
+    (initialisation.service)        asked, where the estimator must be told to begin; (in_flight_service) in the air
 
 Topics, kinds of messages and limits: sensors.yaml. Parameters: `node_main.py`. How it judges: docs/monitoring.md.
 """
@@ -26,6 +27,7 @@ from ...ros.clock import Clock
 from ...ros.interface import check_row, number
 from ...ros.node_main import Startup, run_node
 from .diagnostics import CheckDiagnostics
+from .estimator import Estimator
 from .landing_detection_node import ESTIMATE_MESSAGES
 
 __all__ = ["StateEstimationNode", "main"]
@@ -49,6 +51,7 @@ class StateEstimationNode:
         self._read = estimate_reader(self._spec.source)
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._startup = Startup(configuration, clock)
+        self._estimator = Estimator(configuration.initialisation, clock)
         self._diagnostics = CheckDiagnostics("state estimation", clock)
 
     def _take_estimate(self, message: Any) -> None:
@@ -72,7 +75,7 @@ class StateEstimationNode:
 
     def _check(self, _request: Any) -> Any:
         verdict = self._verdict()
-        rows = self._startup.rows(self._clock.now_ns(), verdict.checks)
+        rows = self._estimator.rows(self._startup.rows(self._clock.now_ns(), verdict.checks))
         return srv.CheckStateResponse(
             valid=verdict.valid,
             gravity=Vector3(*(verdict.gravity or (_NOTHING,) * 3)),
@@ -88,6 +91,7 @@ class StateEstimationNode:
             rospy.Subscriber(spec.topic, kind, self._take_estimate, queue_size=_QUEUE, tcp_nodelay=True)
         if spec.imu_topic:
             rospy.Subscriber(spec.imu_topic, Imu, self._take_imu, queue_size=_QUEUE, tcp_nodelay=True)
+        self._estimator.listen()
         rospy.Service("state_estimation/check", srv.CheckState, self._check)
         while not self._ended.wait(_PERIOD_S):
             self._diagnostics.publish(self._clock.now_ns(), self._verdict().checks)

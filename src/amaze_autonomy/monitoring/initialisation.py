@@ -1,0 +1,106 @@
+"""An estimator that must be told to begin: when it is asked to initialise itself, and what the check says meanwhile.
+
+On the ground only, of a vehicle that says that it is disarmed: an estimate that begins anew in flight is a jump. It is
+asked when the check of the states fails, once for each time that somebody asks for the checks: a retry asks it again.
+Where it answers yes, what the check still lacks comes by itself for a while. Pure.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, replace
+from typing import Optional, Sequence, Tuple
+
+from ..engine.events import Check, Verdict
+from .preflight_specs import Checked
+
+__all__ = ["ROW", "Initialisation", "InitialisationSpec", "InitialisationType"]
+
+ROW = "estimator initialisation"
+_S = 1_000_000_000
+_UNDER_WAY = "the estimator is being initialised"
+
+
+class InitialisationType(enum.Enum):
+    """The type of a service that initialises an estimator."""
+
+    TRIGGER = "trigger"  # std_srvs/Trigger
+    SET_BOOL = "set_bool"  # std_srvs/SetBool, with true
+    EMPTY = "empty"  # std_srvs/Empty
+
+
+@dataclass(frozen=True)
+class InitialisationSpec(Checked):
+    """What initialises an estimator.
+
+    Args:
+        service: on the ground, before the states are checked; empty: it needs none.
+        type: of it.
+        limit_ns: time in which it must answer, and then the states must be valid.
+        in_flight_service: of a second sensor or estimator, once the mission is flown; empty: there is none.
+        in_flight_type: of it.
+    """
+
+    service: str = ""
+    type: InitialisationType = InitialisationType.TRIGGER
+    limit_ns: int = 10 * _S
+    in_flight_service: str = ""
+    in_flight_type: InitialisationType = InitialisationType.TRIGGER
+
+    def __post_init__(self) -> None:
+        self._whole("limit_ns")
+
+
+class Initialisation:
+    """Decides when the estimator is asked.
+
+    Args:
+        spec: what initialises it, by when.
+    """
+
+    def __init__(self, spec: InitialisationSpec) -> None:
+        self.spec = spec
+        self._asked, self._failure = False, ""
+        self._initialised_ns: Optional[int] = None
+
+    def check(self, t_ns: int, rows: Sequence[Check], *, armed: Optional[bool]) -> Tuple[Tuple[Check, ...], bool]:
+        """Return the rows of a check with what is said of the initialisation, and whether to ask for it now.
+
+        Args:
+            t_ns: now.
+            rows: of the check of the states.
+            armed: what the vehicle says; None: it is not known.
+        """
+        if not self.spec.service or all(row.passed for row in rows):
+            return tuple(rows), False
+        if self._asked:
+            return _waiting(rows, Verdict.UNKNOWN, _UNDER_WAY), False
+        if self._failure:
+            failure, self._failure = self._failure, ""
+            return _failed(rows, failure), False
+        if self._initialised_ns is not None:
+            if t_ns - self._initialised_ns < self.spec.limit_ns:
+                return _waiting(rows, Verdict.PASS, ""), False
+            self._initialised_ns = None
+            return _failed(rows, f"{self.spec.service} was asked, and the states did not become valid"), False
+        if armed is None:
+            return _waiting(rows, Verdict.UNKNOWN, "it is not known whether the vehicle is disarmed"), False
+        if armed:
+            return _failed(rows, "the vehicle is armed"), False
+        self._asked = True
+        return _waiting(rows, Verdict.UNKNOWN, _UNDER_WAY), True
+
+    def answered(self, t_ns: int, failure: str = "") -> None:
+        """Take the answer: empty when it is yes, else why not."""
+        self._asked, self._failure = False, failure
+        self._initialised_ns = None if failure else t_ns
+
+
+def _failed(rows: Sequence[Check], advice: str) -> Tuple[Check, ...]:
+    return (Check(ROW, Verdict.FAIL, advice=advice), *rows)
+
+
+def _waiting(rows: Sequence[Check], verdict: Verdict, advice: str) -> Tuple[Check, ...]:
+    """Return rows of which what has not passed comes by itself."""
+    own = Check(ROW, verdict, advice=advice, heals=verdict is not Verdict.PASS)
+    return (own, *(row if row.passed else replace(row, heals=True) for row in rows))

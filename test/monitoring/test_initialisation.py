@@ -1,0 +1,80 @@
+"""When an estimator is asked to initialise itself, and what the check says meanwhile."""
+
+from __future__ import annotations
+
+from typing import List, Tuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from monitoring_feed import S
+
+from amaze_autonomy.engine.events import Check, Verdict
+from amaze_autonomy.monitoring.errors import SpecError
+from amaze_autonomy.monitoring.initialisation import ROW, Initialisation, InitialisationSpec
+
+GOOD, BAD = Check("estimate age", Verdict.PASS), Check("estimate age", Verdict.FAIL, advice="silent")
+SPEC = InitialisationSpec(service="/mars/init_service", limit_ns=10 * S)
+
+
+def said(rows: Tuple[Check, ...]) -> List[Tuple[str, Verdict, bool]]:
+    return [(row.name, row.verdict, row.heals) for row in rows]
+
+
+def asked(spec: InitialisationSpec = SPEC) -> Initialisation:
+    """Return one whose estimator was asked at 1 s."""
+    initialisation = Initialisation(spec)
+    rows, due = initialisation.check(1 * S, (BAD,), armed=False)
+    assert (due, said(rows)) == (True, [(ROW, Verdict.UNKNOWN, True), ("estimate age", Verdict.FAIL, True)])
+    return initialisation
+
+
+def test_without_a_service_and_with_valid_states_nothing_is_asked():
+    assert Initialisation(InitialisationSpec()).check(0, (BAD,), armed=False) == ((BAD,), False)
+    assert Initialisation(SPEC).check(0, (GOOD,), armed=False) == ((GOOD,), False)
+
+
+def test_it_is_asked_once_and_what_is_lacking_comes_by_itself_until_a_limit():
+    initialisation = asked()
+    assert not initialisation.check(2 * S, (BAD,), armed=False)[1]
+    initialisation.answered(3 * S)
+    rows, due = initialisation.check(13 * S - 1, (BAD,), armed=False)
+    assert (due, said(rows)) == (False, [(ROW, Verdict.PASS, False), ("estimate age", Verdict.FAIL, True)])
+    assert initialisation.check(12 * S, (GOOD,), armed=False) == ((GOOD,), False)
+    rows, due = initialisation.check(13 * S, (BAD,), armed=False)
+    assert (due, said(rows)) == (False, [(ROW, Verdict.FAIL, False), ("estimate age", Verdict.FAIL, False)])
+    assert rows[0].advice == "/mars/init_service was asked, and the states did not become valid"
+
+
+def test_a_refusal_is_said_once_and_a_retry_asks_again():
+    initialisation = asked()
+    initialisation.answered(3 * S, "/mars/init_service: not yet")
+    rows, due = initialisation.check(4 * S, (BAD,), armed=False)
+    assert (due, rows[0]) == (False, Check(ROW, Verdict.FAIL, advice="/mars/init_service: not yet"))
+    assert initialisation.check(5 * S, (BAD,), armed=False)[1]
+
+
+def test_only_a_vehicle_that_says_that_it_is_disarmed_is_initialised():
+    for armed, row in ((None, (ROW, Verdict.UNKNOWN, True)), (True, (ROW, Verdict.FAIL, False))):
+        rows, due = Initialisation(SPEC).check(S, (BAD,), armed=armed)
+        assert (due, said(rows)[0]) == (False, row)
+
+
+def test_a_limit_is_a_time():
+    with pytest.raises(SpecError, match="limit_ns"):
+        InitialisationSpec(limit_ns=0)
+
+
+@given(st.lists(st.tuples(st.sampled_from(("valid", "invalid", "yes", "no")), st.none() | st.booleans()), max_size=40))
+def test_it_is_never_asked_while_armed_or_twice_at_once_and_states_that_are_not_valid_never_pass(steps: list):
+    initialisation, waits = Initialisation(SPEC), False
+    for second, (what, armed) in enumerate(steps):
+        if what in ("yes", "no"):
+            if waits:
+                initialisation.answered(second * S, "" if what == "yes" else "no")
+                waits = False
+            continue
+        rows, due = initialisation.check(second * S, (GOOD if what == "valid" else BAD,), armed=armed)
+        assert not due or (armed is False and not waits)
+        assert all(row.passed for row in rows) == (what == "valid")
+        waits = waits or due
