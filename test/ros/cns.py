@@ -29,6 +29,7 @@ from genpy.message import fill_message_args
 from one_node import wait_for
 from stand_ins import ARM, DISARM, LAND, STAND_INS, TAKEOFF, Recorder
 from std_msgs.msg import String
+from std_srvs.srv import SetBool, SetBoolResponse
 
 from amaze_autonomy import msg
 from amaze_autonomy.cns.importer import import_folder
@@ -56,6 +57,8 @@ QUICK = {  # and four limits that a machine with much else to do may stand still
     "autonomy.recording.recording_lead_s": 0.2,
     "autonomy.checks.watchdog_startup_time_s": 2.0,
     "missions.flight.cruise_speed_m_s": 3.0,
+    "sensors.initialisation.service": "/mars/init_service",
+    "sensors.initialisation.type": "set_bool",
 }
 
 
@@ -88,6 +91,7 @@ class Stack:
         self.number = 0
         self.ended = False
         self.silent: Tuple[str, ...] = ()
+        self.initialised: List[Any] = []
         classes = _classes({**TOPICS, **SERVICES}, SERVICES)
         self.senders: Dict[str, Any] = {}
         for key, name in TOPICS.items():
@@ -97,6 +101,7 @@ class Stack:
                 rospy.Subscriber(name.name, classes[key], partial(self._take, key), queue_size=50)
         for key, name in SERVICES.items():
             rospy.Service(name.name, classes[key], partial(self._call, key))
+        rospy.Service("/mars/init_service", SetBool, self._initialise)
         for name, row in OURS.items():
             if row.peer == "autopilot":
                 rospy.Service(name, SERVICE_CLASSES[name], partial(self._autopilot, row))
@@ -117,10 +122,16 @@ class Stack:
             self.changed.wait_for(lambda: ends, 60.0)
             fields = ends.pop()
         response = _classes({key: SERVICES[key]}, SERVICES)[key]._response_class()
+        if key == "supervision" and not self.initialised:
+            fields = {**fields, "success": False, "message": "not initialised"}
         for name in ("successful", "success", "message"):
             if name in fields:
                 setattr(response, name, fields[name])
         return response
+
+    def _initialise(self, request: Any) -> Any:
+        self.initialised.append(request.data)
+        return SetBoolResponse(success=True)
 
     def _autopilot(self, row: Any, request: Any) -> Any:
         with self.changed:
@@ -218,6 +229,7 @@ class TestCns(unittest.TestCase):
         self.assertEqual(result["result"], "COMPLETE", log.read_text()[-9000:])
         asked = [fields["request"] for key, fields in self.stack.nodes["mission_planner"].calls if key == "request"]
         self.assertEqual(asked, [ARM, TAKEOFF, LAND, DISARM])
+        self.assertEqual(self.stack.initialised, [True])
         self.assertEqual(len(self.stack.nodes["watchdog"].calls), 1)
         self.assertEqual([path.name for path in self.stack.recordings.iterdir()], ["flight.bag"])
         line = (

@@ -21,6 +21,7 @@ import os
 import shlex
 import subprocess
 import threading
+from dataclasses import replace
 from functools import partial
 from math import atan2
 from pathlib import Path
@@ -56,6 +57,7 @@ from ...ros.service_client import ServiceClient
 from ...ros.threads import Periodic, Workers
 from ...whole_file import temporary_name
 from ..autonomy.run_folder import boot_id, default_parent
+from ..checks.estimator import Estimator
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES
 
 __all__ = ["CnsPeersNode", "main"]
@@ -97,6 +99,7 @@ class CnsPeersNode:
         self._number = 0
         self._ended = False
         self._workers = Workers("cns")
+        self._estimator = Estimator(configuration.initialisation, clock)
         master, me = rosgraph.get_master_uri(), rospy.get_name()
         self._clients = {
             key: ServiceClient(self._prefix + name.name, self._classes[key], master, me)
@@ -209,6 +212,8 @@ class CnsPeersNode:
                 reply = self._replies.pop(number, None)
             if not isinstance(reply, (Reply, CheckReply)):
                 raise rospy.ServiceException(f"{service.name}: no answer")
+            if service.peer == "state_estimation" and isinstance(reply, CheckReply):
+                reply = replace(reply, checks=self._estimator.rows(reply.checks))
             return response_of(service, reply, self._clock.now_ns())
 
     def _step(self) -> None:
@@ -244,6 +249,8 @@ class CnsPeersNode:
         for service in OURS.values():
             if service.peer in self._peers:
                 rospy.Service(service.name, SERVICE_CLASSES[service.name], partial(self._answer, service))
+        if "state_estimation" in self._peers:
+            self._estimator.listen()
         self._looking.start()
         rospy.loginfo("nodes of the CNS Flight Stack are the engine's %s", ", ".join(self._peers))
         with self._changed:
