@@ -210,6 +210,33 @@ class TestMissionPlanner(unittest.TestCase):
         self.assertEqual(sum("HOLD: the vehicle is silent" in line for line in logged), 1, logged)
         self.assertEqual(sum("LAND: accepted" in line for line in logged), 1, logged)
 
+    def test_waypoints_of_somebody_who_plans_elsewhere_are_flown_and_checked_as_files_are(self):
+        load = self.service("load_waypoints", srv.LoadWaypoints)
+        points = [msg.Waypoint(x=x, z=2.0, hold=0.5) for x in (0.0, 1.0, 2.0, 1.0)]
+
+        def answer(mission_id="elsewhere", frame=0, waypoints=points):
+            return load("s1", mission_id, frame, waypoints)
+
+        refusals = {
+            "is that of a configured mission": answer("hop"),
+            "must be 1 to 32 letters": answer("../etc"),
+            "must be EAST_NORTH (0) or START_HEADING (1)": answer(frame=7),
+            "is 0, of 0 waypoints": answer(waypoints=[]),
+            ":1: x,y,z,yaw,hold: is (nan": answer(waypoints=[msg.Waypoint(x=math.nan, z=2.0)]),
+            ":2: z: is 400; must be at least": answer(waypoints=[points[0], msg.Waypoint(z=400.0)]),
+        }
+        for words, refused in refusals.items():
+            self.assertEqual((refused.accepted, refused.waypoints), (False, 0))
+            self.assertIn(words, refused.message)
+        wait_for(lambda: self.statuses and not self.status.message, "a vehicle that speaks")
+        loaded = wait_for(lambda: answer(frame=1) if answer(frame=1).accepted else None, "loaded waypoints")
+        self.assertEqual((loaded.waypoints, loaded.estimated_duration > 5.0), (4, True))
+        self.assertEqual((self.status.mission_id, self.status.phase), ("elsewhere", STATUS.LOADED))
+        self.command(TAKEOFF)
+        self.wait_phase(STATUS.FLYING)
+        self.assertIn("the vehicle is armed", answer().message)
+        self.assert_flown()
+
     def test_requests_that_cannot_be_are_refused_with_the_reason(self):
         answer = self.load("s1", "9", 0, 0)
         self.assertEqual((answer.accepted, answer.message), (False, "there is no mission '9'"))

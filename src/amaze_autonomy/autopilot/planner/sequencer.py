@@ -142,9 +142,17 @@ class Sequencer:
 
     # --- requests -------------------------------------------------------------------------------------------------
 
-    def load(self, t_ns: int, request: LoadRequest) -> Tuple[Loading, Sequence[Message]]:
-        """Begin to send a waypoint file; the loading says when it is over, and how it ended."""
-        plan = self._plans.get(request.mission_id)
+    def load(
+        self, t_ns: int, request: LoadRequest, given: Optional[MissionPlan] = None
+    ) -> Tuple[Loading, Sequence[Message]]:
+        """Begin to send a waypoint file; the loading says when it is over, and how it ended.
+
+        Args:
+            t_ns: now.
+            request: which file.
+            given: a mission that is not configured; it is known from then on, where it is not refused.
+        """
+        plan = given or self._plans.get(request.mission_id)
         in_flight = self._phase in IN_FLIGHT and bool(self.watch.armed)
         disarming = self._landing if self._procedure is not None and self._procedure.running else ""
         readiness = Readiness(self.watch, self._spec, in_flight, self._wall(), disarming)
@@ -152,6 +160,8 @@ class Sequencer:
         loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
         if loading.refused:
             return loading, ()
+        if given is not None:
+            self._plans[request.mission_id] = given
         if self._loading is not None:
             self._loading.end("another file was loaded meanwhile")
         self._loading = loading

@@ -1,6 +1,7 @@
 """The mission planner node: sends missions to the autopilot, and takes off, holds, resumes and lands.
 
     mission_planner/load      LoadMission; answers when the waypoint file was read back the same, or says why not
+    mission_planner/load_waypoints  LoadWaypoints; the same with waypoints of somebody who plans elsewhere
     mission_planner/command   MissionCommand; answers at once, the status tells when it is done
     mission_planner/status    MissionStatus, 5 Hz and at once on a change
     /diagnostics              diagnostic_msgs/DiagnosticArray, 1 Hz
@@ -14,16 +15,20 @@ How it works: docs/planner.md.
 
 from __future__ import annotations
 
+import math
+import re
 import time
-from typing import Any, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import rospy
 from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
+from amaze_autonomy.config.missions_schema import MISSION_ID
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
+from amaze_autonomy.missions import Frame, MissionPlan, Trajectory, Waypoint, WaypointError, plan_of_waypoints
 
 from ...autopilot.link.connection import link_problem
 from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kept
@@ -42,6 +47,7 @@ __all__ = ["MissionPlannerNode", "main"]
 _S = 1_000_000_000
 _QUEUE = 10
 _ANSWER_S = 1.0  # beyond the limit of a transfer
+_FRAMES = {0: Frame.EAST_NORTH, 1: Frame.START_HEADING}
 _ACTIONS = {action.value: action for action in MissionAction}
 
 
@@ -54,7 +60,7 @@ class MissionPlannerNode:
     """
 
     def __init__(self, configuration: Configuration, clock: Clock) -> None:
-        self._clock = clock
+        self._clock, self._configuration = clock, configuration
         self._spec = spec = configuration.planner
         self._exit_s = configuration.autopilot.commands.exit_limit_ns / _S
         height_m = configuration.rules.limits.takeoff_height_m
@@ -76,18 +82,61 @@ class MissionPlannerNode:
 
     def _load(self, request: Any) -> Any:
         wanted = LoadRequest(request.session_id, request.mission_id, request.file_index, request.repetition)
-        loading: Loading = self._link.ask(lambda t_ns: self.planner.load(t_ns, wanted))
+        return srv.LoadMissionResponse(**self._loaded(wanted))
+
+    def _load_waypoints(self, request: Any) -> Any:
+        wanted = LoadRequest(request.session_id, request.mission_id, 0, 0)
+        try:
+            plan = self._plan(request)
+        except WaypointError as error:
+            self._log(f"load {wanted.mission_id}", str(error))
+            return srv.LoadWaypointsResponse(accepted=False, estimated_duration=math.nan, message=str(error))
+        return srv.LoadWaypointsResponse(**self._loaded(wanted, plan))
+
+    def _plan(self, request: Any) -> MissionPlan:
+        """Return the plan of waypoints that came over ROS.
+
+        Raises:
+            WaypointError: they cannot be flown.
+        """
+        file, configuration = f"waypoints of {request.mission_id!r}", self._configuration
+        limits = configuration.rules.limits
+        if any(plan.mission.id == request.mission_id for plan in configuration.plans):
+            raise WaypointError(file, 0, "mission_id", "is that of a configured mission", "must be another one")
+        if not re.fullmatch(MISSION_ID, request.mission_id):
+            raise WaypointError(file, 0, "mission_id", "is none", "must be 1 to 32 letters, digits, _ and -")
+        if request.frame not in _FRAMES or not request.waypoints:
+            wrong = f"is {request.frame}, of {len(request.waypoints)} waypoints"
+            raise WaypointError(file, 0, "frame", wrong, "must be EAST_NORTH (0) or START_HEADING (1), with waypoints")
+        waypoints = []
+        for line, each in enumerate(request.waypoints, start=1):
+            numbers = (each.x, each.y, each.z, each.yaw, each.hold)
+            if not all(map(math.isfinite, numbers)):
+                raise WaypointError(file, line, "x,y,z,yaw,hold", f"is {numbers}", "must be finite numbers")
+            waypoints.append(Waypoint(*numbers, line=line))
+        return plan_of_waypoints(
+            request.mission_id,
+            Trajectory(file, tuple(waypoints), frame=_FRAMES[request.frame]),
+            limits.takeoff_height_m,
+            configuration.bounds,
+            (limits.max_height_m, limits.max_distance_m),
+            configuration.flight,
+        )
+
+    def _loaded(self, wanted: LoadRequest, plan: Optional[MissionPlan] = None) -> Dict[str, Any]:
+        """Send a file to the vehicle; return the fields of the answer."""
+        loading: Loading = self._link.ask(lambda t_ns: self.planner.load(t_ns, wanted, plan))
         self._link.wait_for(lambda: loading.over or self._loop.ended, self._spec.transfer_limit_ns / _S + _ANSWER_S)
         accepted, reason = loading.accepted, loading.reason or "the planner ends"
         if accepted:
             self._keep(loading)
         self._log(f"load mission {wanted.mission_id}, file {wanted.file_index + 1}", "" if accepted else reason)
-        return srv.LoadMissionResponse(
-            accepted=accepted,
-            waypoints=len(loading.trajectory.waypoints) if accepted else 0,
-            estimated_duration=loading.duration_s,
-            message="" if accepted else reason,
-        )
+        return {
+            "accepted": accepted,
+            "waypoints": len(loading.trajectory.waypoints) if accepted else 0,
+            "estimated_duration": loading.duration_s,
+            "message": "" if accepted else reason,
+        }
 
     def _keep(self, loading: Loading) -> None:
         """Keep the session's origin for a planner that is started again between its files."""
@@ -121,6 +170,7 @@ class MissionPlannerNode:
         self._link.start()
         rospy.Subscriber("autopilot/commanding", String, self._take_other, queue_size=_QUEUE, tcp_nodelay=True)
         rospy.Service("mission_planner/load", srv.LoadMission, self._load)
+        rospy.Service("mission_planner/load_waypoints", srv.LoadWaypoints, self._load_waypoints)
         rospy.Service("mission_planner/command", srv.MissionCommand, self._command)
         try:
             self._loop.run()
