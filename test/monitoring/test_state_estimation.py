@@ -233,6 +233,11 @@ def test_too_few_samples_are_no_gravity():
     assert (row.verdict, row.advice) == (Verdict.UNKNOWN, "5 good samples on /px4/imu in 1 s, 10 are needed")
 
 
+def test_an_accelerometer_of_zeros_measures_no_gravity():
+    verdict = on_the_pad(up=(0.0, 0.0, 0.0)).check(NOW)
+    assert (verdict.valid, verdict.gravity, verdict.tilt_rad) == (False, None, None)
+
+
 def test_without_an_estimator_the_imu_is_judged_alone_and_the_other_way_round():
     alone = on_the_pad(spec=StateEstimationSpec(topic="")).check(NOW)
     assert (alone.valid, len(alone.checks)) == (True, 5)
