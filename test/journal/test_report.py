@@ -5,10 +5,34 @@ from __future__ import annotations
 from dataclasses import replace
 
 from amaze_autonomy.engine.commands import AnswerKind, Level, Notify
-from amaze_autonomy.engine.events import AutopilotStatus, ComponentStatus, Mission, UserCommand, VehicleLanded
+from amaze_autonomy.engine.events import (
+    AutopilotStatus,
+    Check,
+    CheckName,
+    ComponentStatus,
+    Mission,
+    PlatformRecording,
+    RecordingPhase,
+    RecordingStatus,
+    UserCommand,
+    VehicleLanded,
+    Verdict,
+)
 from amaze_autonomy.engine.rules import Action, Code, Restart, Rules
-from amaze_autonomy.engine.state import EngineState, Failure, FailureKind, Flight, Landing, Peers, Session, State, Step
-from amaze_autonomy.journal.report import Fault, MessageLog, OperatorMessage, Telemetry, report
+from amaze_autonomy.engine.state import (
+    CheckRecord,
+    EngineState,
+    Failure,
+    FailureKind,
+    Flight,
+    Landing,
+    Peers,
+    Preflight,
+    Session,
+    State,
+    Step,
+)
+from amaze_autonomy.journal.report import Fault, MessageLog, OperatorMessage, Telemetry, computer_rows, report
 
 S = 1_000_000_000
 T = 100 * S
@@ -136,6 +160,42 @@ def test_nothing_heard_is_nothing_known_but_the_limits():
     assert look == Telemetry(
         battery_limit=0.15, altitude_limit_m=30.0, distance_limit_m=100.0, flight_time_limit_s=900.0
     )
+
+
+# --- computers ---
+
+
+def computers(*platforms):
+    return computer_rows(RecordingStatus(t_ns=T, session_id="", phase=RecordingPhase.IDLE, platforms=platforms), 0.05)
+
+
+def test_each_computer_has_a_row_for_its_cpu_load_and_one_for_its_storage_with_its_limit():
+    main = PlatformRecording("main", growing=False, free_fraction=0.6, cpu_fraction=0.25)
+    full = PlatformRecording("second", growing=False, free_fraction=0.04, cpu_fraction=1.0)
+    assert computers(main, full) == (
+        Check("computers: main CPU load", Verdict.PASS, 0.25, None, "fraction"),
+        Check("computers: main free storage", Verdict.PASS, 0.6, 0.05, "fraction"),
+        Check("computers: second CPU load", Verdict.PASS, 1.0, None, "fraction"),
+        Check(
+            "computers: second free storage",
+            Verdict.WARN,
+            0.04,
+            0.05,
+            "fraction",
+            advice="make space: no recording starts",
+        ),
+    )
+
+
+def test_what_a_computer_does_not_say_has_no_row():
+    assert computers(PlatformRecording("main", growing=True)) == ()
+
+
+def test_rows_of_computers_stand_with_the_checks_and_only_there():
+    rows = computers(PlatformRecording("main", growing=False, cpu_fraction=0.25))
+    checked = EngineState(t_ns=T, preflight=Preflight(checks=(CheckRecord(CheckName.BATTERY),)))
+    assert report(checked, Rules(), rows).checks[1:] == rows
+    assert report(EngineState(t_ns=T), Rules(), rows).checks == ()
 
 
 # --- messages ---

@@ -52,6 +52,7 @@ EVENTS = (
             events.PlatformRecording(
                 platform="main", growing=True, written_bytes=10, byte_rate=2.0, free_fraction=None, location="here"
             ),
+            events.PlatformRecording(platform="second", growing=False, free_fraction=0.5, cpu_fraction=0.25),
         ),
         location="there",
         message="",

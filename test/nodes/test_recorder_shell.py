@@ -26,12 +26,13 @@ from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection
 from amaze_autonomy.nodes.recorder.links import read_status
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
+from amaze_autonomy.nodes.recorder.platform import CpuLoad, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, FlightPages, Subscriptions
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, Status
 
-PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3)
+PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3, 0.5)
 
 
 def over_the_wire(message):
@@ -53,10 +54,30 @@ def test_a_status_comes_in_as_it_went_out(status):
     assert read_status(over_the_wire(recording_status(status, 5_000_000_001))) == status
 
 
-def test_rates_and_free_space_are_published_without_noise():
-    noisy = PlatformStatus("main", True, 1000, 145368.76952339258, 0.25045087642547037)
+def test_rates_free_space_and_load_are_published_without_noise():
+    noisy = PlatformStatus("main", True, 1000, 145368.76952339258, 0.25045087642547037, cpu_fraction=0.333333333)
     (part,) = recording_status(Status("s1", RecordingPhase.RECORDING, platforms=(noisy,)), 0).platforms
-    assert (part.byte_rate, part.free_fraction) == (145369.0, 0.2505)
+    assert (part.byte_rate, part.free_fraction, part.cpu_fraction) == (145369.0, 0.2505, 0.33)
+
+
+def test_the_load_is_the_part_of_each_second_of_all_cores_in_which_they_worked():
+    ticks = iter([(1000, 5000), (1100, 5100), (1150, 5200), (1150, 5399), (1200, 5500), (1199, 5500)])
+    load = CpuLoad(lambda: next(ticks), 200)
+    assert [load.look() for _ in range(6)] == [None, None, 0.75, 0.75, 1 / 6, 1 / 6]
+
+
+def test_the_load_of_this_computer_is_known_when_time_has_passed_and_unknown_where_nobody_says():
+    worked, passed = processor_ticks()
+    assert 0 < worked < passed
+    load = CpuLoad(second=1)
+    while load.look() is None:  # until the next tick of the kernel
+        pass
+    assert 0.0 <= load.look() <= 1.0
+
+    def silent():
+        raise FileNotFoundError
+
+    assert CpuLoad(silent, 1).look() is None
 
 
 def test_a_status_with_an_unknown_phase_is_none():

@@ -151,7 +151,7 @@ def test_a_state_in_the_words_in_which_it_is_shown():
 
 
 def test_the_recording_on_each_platform():
-    platform = Platform("second", False, 18_000_000, 0.0, 0.08, "", "the disk is nearly full", 3)
+    platform = Platform("second", False, 18_000_000, 0.0, 0.08, "", "the disk is nearly full", 3, 0.875)
     board = board_with(StateCame(FLYING), CollectingCame(Collecting("", "RECORDING", None, 0.0, (platform,))))
     [shown] = board.since(Have(), 1.0)[0]["parts"]["recording"]["platforms"]
     assert shown == {
@@ -160,6 +160,7 @@ def test_the_recording_on_each_platform():
         "size": "18.0 MB",
         "rate": "0.00 MB/s",
         "free": "8 %",
+        "cpu": "88 %",
         "dropped": 3,
         "trouble": "the disk is nearly full",
     }

@@ -8,7 +8,15 @@ from recording_story import PHASE, Fleet, S
 
 from amaze_autonomy.recording import Answer, Collector
 from amaze_autonomy.recording.collector import Offset
-from amaze_autonomy.recording.status import Ask, Collect, CopyJournal, MeasureClock, Transfer
+from amaze_autonomy.recording.status import (
+    Ask,
+    Collect,
+    CopyJournal,
+    MeasureClock,
+    PlatformStatus,
+    Status,
+    Transfer,
+)
 
 SUMMARY = {"problem": "", "location": "/rec/s1.bag", "message": "1 MB, nothing was lost", "verified": True}
 
@@ -102,6 +110,16 @@ def test_it_is_missing_in_the_end_as_well_and_a_retry_goes_on_when_it_answers():
     assert fleet.stop() == Answer(accepted=True)
     fleet.go_on(0.5)
     assert fleet.collector.phase is PHASE.TRANSFERRING
+
+
+def test_how_a_computer_is_is_told_before_any_session_and_not_of_one_that_is_silent():
+    fleet = Fleet()
+    fleet.said["second"] = Status(platforms=(PlatformStatus("second", free_fraction=0.75, cpu_fraction=0.5),))
+    (_, second) = fleet.go_on(0.5).status.platforms
+    assert second == PlatformStatus("second", free_fraction=0.75, cpu_fraction=0.5)
+    fleet.silent["second"] = True
+    (_, second) = fleet.go_on(6.0).status.platforms
+    assert second == PlatformStatus("second")
 
 
 def test_a_platform_that_refuses_is_named_at_once():

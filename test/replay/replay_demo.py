@@ -136,6 +136,7 @@ def _recorder(event, at):
                 location=each.location,
                 message=each.message,
                 dropped=0,
+                cpu_fraction=_nan(each.cpu_fraction),
             )
             for each in event.platforms
         ],

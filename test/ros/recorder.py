@@ -171,6 +171,13 @@ class Recorders:
     def status(self) -> Any:
         return self.statuses[-1] if self.statuses else None
 
+    def told_of_computers(self) -> bool:
+        """Return whether load and free storage of all computers are known."""
+        told = [] if self.status is None else self.status.platforms
+        return len(told) == len(PLATFORMS) and all(
+            0.0 <= each.cpu_fraction <= 1.0 and 0.0 < each.free_fraction <= 1.0 for each in told
+        )
+
     def wait_phase(self, phase: Any, limit_s: float = 25.0) -> Any:
         def reached() -> Any:
             status = self.status
@@ -283,6 +290,7 @@ class TestRecorder(unittest.TestCase):
         recorders = self.recorders("killed")
         for platform in PLATFORMS:
             recorders.start_node(platform)
+        wait_for(recorders.told_of_computers, "load and storage of both computers, before any session")
         self.assertTrue(recorders.ask("start").accepted)
         recorders.wait_phase(PHASE.RECORDING)
         time.sleep(1.0)  # so much is recorded before

@@ -175,6 +175,7 @@ class Platform:
     location: str = ""
     message: str = ""
     dropped: int = 0
+    cpu_fraction: Optional[float] = None
 
 
 @dataclass(frozen=True)

@@ -482,7 +482,10 @@ class MissionStatus(Event):
 
 @dataclass(frozen=True)
 class PlatformRecording:
-    """The recording on one companion computer; `written_bytes` so far, `free_fraction` of its storage."""
+    """The recording on one companion computer.
+
+    `written_bytes` so far, `free_fraction` of its storage; `cpu_fraction` of all its cores is busy.
+    """
 
     platform: str
     growing: bool
@@ -491,9 +494,10 @@ class PlatformRecording:
     free_fraction: Optional[float] = None
     location: str = ""
     message: str = ""
+    cpu_fraction: Optional[float] = None
 
     def __post_init__(self) -> None:
-        for field in ("byte_rate", "free_fraction"):
+        for field in ("byte_rate", "free_fraction", "cpu_fraction"):
             value = self.__dict__[field]
             if value is not None and not isfinite(value):
                 self.__dict__[field] = None

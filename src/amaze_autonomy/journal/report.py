@@ -13,13 +13,13 @@ from typing import Deque, Dict, Iterable, List, Optional, Tuple
 from ..engine.commands import AnswerKind, Command, Level, Notify
 from ..engine.context import Context
 from ..engine.decide import answer_to
-from ..engine.events import Check, Tick, UserCommand, Verdict
+from ..engine.events import Check, RecordingStatus, Tick, UserCommand, Verdict
 from ..engine.failsafe import wait_end, waiting
 from ..engine.rules import Action, Rules
 from ..engine.state import CheckRecord, EngineState, Failure, FailureKind, State, Step, evolve
 from ..engine.timers import state_deadline
 
-__all__ = ["CommandAnswer", "Fault", "MessageLog", "OperatorMessage", "Report", "Telemetry", "report"]
+__all__ = ["CommandAnswer", "Fault", "MessageLog", "OperatorMessage", "Report", "Telemetry", "computer_rows", "report"]
 
 _NS = 1e9
 
@@ -149,12 +149,13 @@ class Report:
     telemetry: Telemetry
 
 
-def report(state: EngineState, rules: Rules) -> Report:
+def report(state: EngineState, rules: Rules, computers: Tuple[Check, ...] = ()) -> Report:
     """Return what a person is shown of a state.
 
     Args:
         state: of the engine.
         rules: the configuration it decides by.
+        computers: rows about the computers; they are shown with the checks, and decide nothing.
     """
     mission, planner, recorder = state.session.mission, state.peers.planner, state.peers.recorder
     faults, deadline = _faults(state), state_deadline(state, rules)
@@ -172,7 +173,7 @@ def report(state: EngineState, rules: Rules) -> Report:
         repetition=state.session.repetition,
         repetitions=mission.repetitions if mission is not None else 0,
         in_flight=state.flight.active,
-        checks=(*(row for record in state.preflight.checks for row in _rows(record)), *_clock_rows(state, rules)),
+        checks=_checks(state, rules, computers),
         faults=faults,
         waiting_for=_waiting_for(state),
         deadline=deadline[0] if deadline is not None else "",
@@ -284,6 +285,14 @@ def _causes(failures: List[Failure]) -> Dict[str, str]:
     return causes
 
 
+def _checks(state: EngineState, rules: Rules, computers: Tuple[Check, ...]) -> Tuple[Check, ...]:
+    """Return the pre-flight table; while nothing is checked there is none."""
+    records = state.preflight.checks
+    if not records:
+        return ()
+    return (*(row for record in records for row in _rows(record)), *_clock_rows(state, rules), *computers)
+
+
 def _rows(record: CheckRecord) -> Tuple[Check, ...]:
     """Return the rows of one check; one row of its own while, or because, there is no answer."""
     name = record.check.value.replace("_", " ")
@@ -298,8 +307,6 @@ def _rows(record: CheckRecord) -> Tuple[Check, ...]:
 
 def _clock_rows(state: EngineState, rules: Rules) -> Tuple[Check, ...]:
     """Return a row for each peer that was heard: how far its stamps are from the time at which they arrive."""
-    if not state.preflight.checks:
-        return ()
     heard = {
         "watchdog": state.peers.action,
         "autopilot": state.peers.autopilot,
@@ -321,6 +328,25 @@ def _clock_rows(state: EngineState, rules: Rules) -> Tuple[Check, ...]:
         )
         for peer, age_ns in {**ages, **apart}.items()
     )
+
+
+def computer_rows(said: RecordingStatus, least_free: float) -> Tuple[Check, ...]:
+    """Return how busy each computer is and what is free of its storage, as far as its recorder says it.
+
+    Args:
+        said: by the recorder, about whatever session; it tells of all platforms.
+        least_free: fraction below which no recording starts.
+    """
+    rows: List[Check] = []
+    for each in said.platforms:
+        if each.cpu_fraction is not None:
+            rows.append(Check(f"computers: {each.platform} CPU load", Verdict.PASS, each.cpu_fraction, unit="fraction"))
+        if each.free_fraction is not None:
+            few = each.free_fraction < least_free
+            verdict, advice = (Verdict.WARN, "make space: no recording starts") if few else (Verdict.PASS, "")
+            name = f"computers: {each.platform} free storage"
+            rows.append(Check(name, verdict, each.free_fraction, least_free, "fraction", advice=advice))
+    return tuple(rows)
 
 
 def _named(check: str, row: Check) -> Check:

@@ -245,9 +245,12 @@ class Collector:
         """Take a platform's status."""
         view = self.views[platform]
         view.status, view.heard_ns = status, t_ns
+        said = next((each for each in status.platforms if each.platform == platform), view.part)
         if status.session_id == self.session_id and status.session_id:
             view.began = view.began or status.phase is not Phase.IDLE
-            view.part = next((each for each in status.platforms if each.platform == platform), view.part)
+            view.part = said
+        else:  # of the computer, whatever it records
+            view.part = replace(view.part, free_fraction=said.free_fraction, cpu_fraction=said.cpu_fraction)
 
     def heard_engine(self, stamp_ns: int, session_id: str, *, in_flight: bool) -> None:
         """Take what the engine says of the flight; a takeoff lies behind its last status on the ground."""
@@ -518,13 +521,16 @@ class Collector:
         return (t_ns - self._since_ns) / SECOND * (1.0 - self._progress) / self._progress
 
     def _part(self, view: PlatformView, t_ns: int) -> PlatformStatus:
+        part = view.part
+        if not self._fresh(view, t_ns):  # what its computer was like then is not what it is like now
+            part = replace(part, free_fraction=None, cpu_fraction=None)
         if self.phase is Phase.TRANSFERRING and view.fetch_again_ns and not view.fetched:
             left_s = max(0, self._since_ns + self.setup.transfer_limit_ns - t_ns) / SECOND
             words = f"its part does not come ({view.problem}); tried again for {left_s:.0f} s"
-            return replace(view.part, growing=False, message=words)
+            return replace(part, growing=False, message=words)
         if self.phase not in WRITING or self._records(view, t_ns):
-            return replace(view.part, growing=view.part.growing and self.phase in WRITING)
-        return replace(view.part, growing=False, message=self._why_not(view, t_ns))
+            return replace(part, growing=part.growing and self.phase in WRITING)
+        return replace(part, growing=False, message=self._why_not(view, t_ns))
 
     # --- memory ---------------------------------------------------------------------------------------------------
 

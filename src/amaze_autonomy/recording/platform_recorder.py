@@ -470,6 +470,7 @@ class PlatformRecorder:
             location=self.location,
             message="; ".join(self._troubles(t_ns)),
             dropped=self.dropped,
+            cpu_fraction=self._processes.cpu_fraction,
         )
         return Status(
             session_id=self.session_id,

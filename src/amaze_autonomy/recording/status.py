@@ -48,6 +48,7 @@ class PlatformStatus:
         location: folder of its part, as the platform names it.
         message: what is wrong; may be empty.
         dropped: at least so many messages were dropped: its recorders warned so often.
+        cpu_fraction: how busy its processor is, all cores together; None: unknown.
     """
 
     platform: str
@@ -58,6 +59,7 @@ class PlatformStatus:
     location: str = ""
     message: str = ""
     dropped: int = 0
+    cpu_fraction: Optional[float] = None
 
 
 @dataclass(frozen=True)
@@ -136,11 +138,13 @@ class ProcessStatus:
         groups: by name.
         space: None when the storage cannot be looked at.
         stamp_ns: what a message that is recorded now is stamped with; None: unknown.
+        cpu_fraction: how busy this computer is; None: unknown.
     """
 
     groups: Mapping[str, GroupStatus] = field(default_factory=dict)
     space: Optional[Space] = None
     stamp_ns: Optional[int] = None
+    cpu_fraction: Optional[float] = None
 
 
 # --- what is asked of its shell ---------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ __all__ = ["Recorder"]
 
 _S = 1_000_000_000
 _BYTE_RATE = (25_000_000, 8_000_000)
+_CPU = (0.45, 0.3)
 _STORAGE_BYTES = 256_000_000_000
 
 _NEXT: Dict[RecordingPhase, Tuple[RecordingPhase, int]] = {
@@ -162,4 +163,5 @@ class Recorder(Peer):
             free_fraction=round(1.0 - self._written[name] / _STORAGE_BYTES, 6),
             location=f"{name}:{self._folder}/{self._session}" if self._session else "",
             message="" if growing or self._phase not in _WRITING else "its files do not grow",
+            cpu_fraction=_CPU[min(number, len(_CPU) - 1)],
         )

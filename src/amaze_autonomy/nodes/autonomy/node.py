@@ -109,7 +109,10 @@ class AutonomyNode:
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
         self._switch = LandRequests(frozenset(each.mission.id for each in configuration.plans if not each.land_switch))
         self._reconnector = Reconnector()
-        self._state_publisher = StatePublisher(configuration.rules, clock, self._foreign, self._run_label(), messages)
+        least_free = configuration.recording.storage.min_free_fraction
+        self._state_publisher = StatePublisher(
+            configuration.rules, clock, self._foreign, self._run_label(), messages, least_free
+        )
         self._outbox = Outbox(
             self._journal,
             self._timeline,
@@ -254,6 +257,7 @@ class AutonomyNode:
         self._clock.goes_on = state.flight.active  # a landing that is under way needs time that passes
         self._outbox.put(event, state, commands)
         self._clocks.see(event)
+        self._state_publisher.see(event)
         self._farewell.see(event, commands)
         self._ending.see(state)
         if self._unattended is not None:

@@ -16,14 +16,14 @@ from std_msgs.msg import String
 
 from amaze_autonomy import msg
 from amaze_autonomy.engine.commands import AnswerKind, Command, Decision, Level, Notify, Value
-from amaze_autonomy.engine.events import Event
+from amaze_autonomy.engine.events import Event, RecordingStatus
 from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.interface import STATUSES, Status, status_of
 
 from ...interface.fields import Shape
 from ...journal import journal as codec
-from ...journal.report import CommandAnswer, Fault, MessageLog, Report, Telemetry, report
+from ...journal.report import CommandAnswer, Fault, MessageLog, Report, Telemetry, computer_rows, report
 from ...ros.clock import Clock
 from ...ros.interface import check_row, classes, number, ros_time
 from .journal_topic import JournalLines, JournalTopic
@@ -176,12 +176,20 @@ class StatePublisher:
         foreign: returns a line for each publisher of another type on a topic of ours; they follow the advice.
         run: names the run of the engine whose messages are numbered.
         log: its messages so far.
+        least_free: fraction of a storage below which no recording starts.
     """
 
     def __init__(
-        self, rules: Rules, clock: Clock, foreign: Callable[[], Tuple[str, ...]], run: str, log: MessageLog
+        self,
+        rules: Rules,
+        clock: Clock,
+        foreign: Callable[[], Tuple[str, ...]],
+        run: str,
+        log: MessageLog,
+        least_free: float,
     ) -> None:
-        self._rules, self._clock, self._foreign = rules, clock, foreign
+        self._rules, self._clock, self._foreign, self._least_free = rules, clock, foreign, least_free
+        self._recorder: Optional[RecordingStatus] = None
         self._run, self._log = run, log
         self._messages = rospy.Publisher("~messages", msg.OperatorMessages, latch=True, queue_size=10)
         self._publish_messages()
@@ -189,9 +197,17 @@ class StatePublisher:
         self._names = rospy.Publisher("~state_name", String, latch=True, queue_size=10)
         self._named = ""
 
+    def see(self, event: Event) -> None:
+        """Note what the recorder says of the computers: it does also before there is a session."""
+        if isinstance(event, RecordingStatus):
+            self._recorder = event
+
     def publish(self, state: EngineState) -> None:
         """Publish the report about a state."""
-        message = state_message(report(state, self._rules), self._clock.now_ns(), self._clock.ros_ns())
+        now_ns, said = self._clock.now_ns(), self._recorder
+        silent = said is None or now_ns - said.t_ns > self._rules.limits.recorder_status_limit_ns
+        rows = () if said is None or silent else computer_rows(said, self._least_free)
+        message = state_message(report(state, self._rules, rows), now_ns, self._clock.ros_ns())
         message.advice = " ".join(each for each in (message.advice, *self._foreign()) if each)
         self._publisher.publish(message)
         if message.state != self._named:

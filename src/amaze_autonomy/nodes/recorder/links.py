@@ -38,7 +38,7 @@ def read_status(message: Any) -> Optional[Status]:
     return Status(
         session_id=message.session_id,
         phase=phase,
-        progress=message.progress if 0.0 <= message.progress <= 1.0 else None,
+        progress=_fraction(message.progress),
         remaining_s=message.remaining if message.remaining >= 0.0 else None,
         platforms=tuple([_platform(each) for each in message.platforms]),
         location=message.location,
@@ -53,11 +53,16 @@ def _platform(message: Any) -> PlatformStatus:
         growing=message.growing,
         written_bytes=message.bytes,
         byte_rate=message.byte_rate,
-        free_fraction=message.free_fraction if 0.0 <= message.free_fraction <= 1.0 else None,
+        free_fraction=_fraction(message.free_fraction),
         location=message.location,
         message=message.message,
         dropped=message.dropped,
+        cpu_fraction=_fraction(message.cpu_fraction),
     )
+
+
+def _fraction(value: float) -> Optional[float]:
+    return value if 0.0 <= value <= 1.0 else None
 
 
 class PlatformLink:

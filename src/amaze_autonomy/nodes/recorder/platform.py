@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Type
 
@@ -21,7 +23,7 @@ from . import statuses
 from .processes import DiskSync, RecorderChildren, Subscriptions, recorder_program
 from .settings import RecorderShare, platform_setup
 
-__all__ = ["MasterView", "RecorderPlatform", "resolved"]
+__all__ = ["CpuLoad", "MasterView", "RecorderPlatform", "processor_ticks", "resolved"]
 
 _END_LIMIT_S = 10.0
 
@@ -43,7 +45,7 @@ class RecorderPlatform:
         self._groups = tuple(groups.values())
         self._children = RecorderChildren(groups, topics, nodes, recording.storage, recorder_program())
         self.machine = PlatformRecorder(platform_setup(share.configuration, name, topics))
-        self._master, self.disk = MasterView(), DiskSync()
+        self._master, self.disk, self._cpu = MasterView(), DiskSync(), CpuLoad()
         self.commands: Mapping[Type[Any], Callable[[Any], None]] = {
             asked.StartChild: self._start_child,
             asked.Signal: lambda it: self._children.signal(it.group, it.name),
@@ -114,7 +116,8 @@ class RecorderPlatform:
         """See and decide; return what is to be done. The files are looked at without holding the lock."""
         with self._share.lock:
             self._enter()
-        processes = self._children.look(Subscriptions(*self._master.seen()), self._share.stamp_ns())
+        seen = self._children.look(Subscriptions(*self._master.seen()), self._share.stamp_ns())
+        processes = replace(seen, space=space_of(self._share.folder), cpu_fraction=self._cpu.look())
         with self._share.lock:
             commands = list(self.machine.step(self._share.now_ns(), processes))
             self._enter()
@@ -213,3 +216,43 @@ class MasterView:
         if self._at_s is None or time.monotonic() - self._at_s > _FRESH_S:
             return None, []
         return self._seen
+
+
+# --- CPU load ---------------------------------------------------------------------------------------------------------
+
+
+_USER_TO_STEAL, _IDLE, _IO_WAIT = 8, 3, 4  # of the times in /proc/stat; a guest's stand in the user's, too
+
+
+def processor_ticks() -> Tuple[int, int]:
+    """Return the time since the boot, of all cores together, in which they worked and in all."""
+    words = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()
+    ticks = [int(each) for each in words[1 : 1 + _USER_TO_STEAL]]
+    return sum(ticks) - ticks[_IDLE] - ticks[_IO_WAIT], sum(ticks)
+
+
+class CpuLoad:
+    """How busy this computer is: the part of the time of all cores in which they worked, over a second each.
+
+    Args:
+        ticks: returns the time in which they worked and in all, growing.
+        second: of all cores together, in that unit.
+    """
+
+    def __init__(self, ticks: Callable[[], Tuple[int, int]] = processor_ticks, second: int = 0) -> None:
+        self._ticks, self._second = ticks, second or os.sysconf("SC_CLK_TCK") * (os.cpu_count() or 1)
+        self._before: Optional[Tuple[int, int]] = None
+        self._fraction: Optional[float] = None
+
+    def look(self) -> Optional[float]:
+        """Return it, as often as one likes; None: unknown in the first second, or where nobody says."""
+        try:
+            worked, passed = self._ticks()
+        except (OSError, ValueError, IndexError):
+            return None
+        before = self._before or (worked, passed)
+        if passed - before[1] >= self._second:
+            self._fraction = min(1.0, (worked - before[0]) / (passed - before[1]))
+            before = worked, passed
+        self._before = before
+        return self._fraction

@@ -34,7 +34,7 @@ from amaze_autonomy.recording.programs import (
     transfer_command,
 )
 from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
-from amaze_autonomy.recording.storage import PARTS, read_json, space_of
+from amaze_autonomy.recording.storage import PARTS, read_json
 from amaze_autonomy.whole_file import sync_folder
 
 from ...ros.clock import MonotonicClock
@@ -179,13 +179,13 @@ class RecorderChildren:
         return process is not None and process.alive
 
     def look(self, subscriptions: Subscriptions, stamp_ns: Optional[int] = None) -> ProcessStatus:
-        """Return everything as it is now; `stamp_ns` is what a message that is recorded now is stamped with."""
+        """Return all groups as they are now; `stamp_ns` is what a message that is recorded now is stamped with."""
         folder = self._folder
         if folder is None:
             return ProcessStatus()
         files = _files(folder)
         groups = {name: self._see(name, files, subscriptions) for name in self._groups}
-        return ProcessStatus(groups, space_of(folder), stamp_ns)
+        return ProcessStatus(groups, stamp_ns=stamp_ns)
 
     def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupStatus:
         mine = [files[each] for each in files_of(name, list(files))]

@@ -45,6 +45,7 @@ def _platform(part: PlatformStatus) -> Any:
         location=part.location,
         message=part.message,
         dropped=part.dropped,
+        cpu_fraction=round(number(part.cpu_fraction), 2),
     )
 
 
@@ -141,6 +142,7 @@ class RecorderDiagnostics:
 def _row(part: PlatformStatus, *, writing: bool) -> Any:
     level = DiagnosticStatus.WARN if part.message or (writing and not part.growing) else DiagnosticStatus.OK
     free = "" if part.free_fraction is None else f"{part.free_fraction:.3f}"
+    busy = "" if part.cpu_fraction is None else f"{part.cpu_fraction:.2f}"
     return DiagnosticStatus(
         level=level,
         name=f"recording on {part.platform}",
@@ -149,6 +151,7 @@ def _row(part: PlatformStatus, *, writing: bool) -> Any:
             KeyValue("bytes", str(part.written_bytes)),
             KeyValue("bytes per second", f"{part.byte_rate:.0f}"),
             KeyValue("free fraction", free),
+            KeyValue("CPU load", busy),
             KeyValue("messages dropped, at least", str(part.dropped)),
         ],
     )

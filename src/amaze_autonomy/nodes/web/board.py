@@ -227,6 +227,7 @@ def recording_of(desk: Desk, now_s: float) -> Dict[str, Any]:
                 "size": f"{each.bytes / 1e6:.1f} MB",
                 "rate": "-" if each.byte_rate is None else f"{each.byte_rate / 1e6:.2f} MB/s",
                 "free": fraction(each.free_fraction),
+                "cpu": fraction(each.cpu_fraction),
                 "dropped": each.dropped,
                 "trouble": each.message,
             }

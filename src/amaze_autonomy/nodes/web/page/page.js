@@ -302,13 +302,13 @@ function renderRecording(state) {
   const left = said.left_s === null ? "" : `, about ${clock(said.left_s)} left`;
   $("phase").textContent = `${state.recording.toLowerCase()}${done}${left}`;
   $("data").textContent = state.data ? `data: ${state.data}` : "";
-  fillTable("platforms", ["platform", "written", "rate", "free", ""], said.platforms.map((each) => {
+  fillTable("platforms", ["platform", "written", "rate", "free", "CPU", ""], said.platforms.map((each) => {
     const row = element("tr"), last = element("td");
     const [words, tone] = each.growing ? ["records", "good"] : ["does not record", state.in_flight ? "bad" : ""];
     last.append(element("span", words, "label", tone));
     if (each.trouble) last.append(element("span", each.trouble, "advice"));
     if (each.dropped) last.append(element("span", `at least ${each.dropped} messages dropped`, "advice"));
-    const numbers = [each.size, each.rate, each.free].map((text) => element("td", text, "number"));
+    const numbers = [each.size, each.rate, each.free, each.cpu].map((text) => element("td", text, "number"));
     row.append(element("td", each.name), ...numbers, last);
     return row;
   }));
