@@ -103,7 +103,7 @@ def test_rows_of_the_same_name_are_told_apart():
     before = replace(preflight, snapshot=replace(preflight.snapshot, checks=twins))
     assert lines(before, replace(before, snapshot=replace(before.snapshot, checks=(*twins[:1], twins[1])))) == []
     both = replace(before, snapshot=replace(before.snapshot, checks=(twins[0], twins[0])))
-    assert lines(before, both) == ["CHECK     PASS    watchdog: gps 5 Hz, limit 3.5 Hz, age 0.19 s"]
+    assert lines(before, both) == ["CHECK     PASS    watchdog: gps 5 Hz, limit 3.5 ... 6.5 Hz, age 0.19 s"]
 
 
 def test_progress_in_steps_of_ten_percent():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.console import words
+from amaze_autonomy.engine.events import Check, Verdict
 
 
 @pytest.mark.parametrize(
@@ -22,6 +23,19 @@ from amaze_autonomy.console import words
 )
 def test_quantity_with_its_unit(value, unit, shown):
     assert words.quantity(value, unit) == shown
+
+
+@pytest.mark.parametrize(
+    "limit, other, unit, shown",
+    [
+        (6.5, 3.5, "Hz", "3.5 ... 6.5 Hz"),
+        (0.3, 0.9, "fraction", "30 ... 90 %"),
+        (0.1745, None, "rad", "10.0 deg"),
+        (None, None, "Hz", "-"),
+    ],
+)
+def test_a_limit_says_which_bound(limit, other, unit, shown):
+    assert words.limits(Check("a", Verdict.PASS, None, limit, unit, other_limit=other)) == shown
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from amaze_autonomy.engine.commands import AnswerKind, Level, Notify
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
@@ -18,7 +20,7 @@ from amaze_autonomy.engine.events import (
     VehicleLanded,
     Verdict,
 )
-from amaze_autonomy.engine.rules import Action, Code, Restart, Rules
+from amaze_autonomy.engine.rules import Action, Code, Limits, Restart, Rules
 from amaze_autonomy.engine.state import (
     CheckRecord,
     EngineState,
@@ -32,7 +34,15 @@ from amaze_autonomy.engine.state import (
     State,
     Step,
 )
-from amaze_autonomy.journal.report import Fault, MessageLog, OperatorMessage, Telemetry, computer_rows, report
+from amaze_autonomy.journal.report import (
+    Fault,
+    MessageLog,
+    OperatorMessage,
+    Telemetry,
+    computer_rows,
+    limit_words,
+    report,
+)
 
 S = 1_000_000_000
 T = 100 * S
@@ -160,6 +170,28 @@ def test_nothing_heard_is_nothing_known_but_the_limits():
     assert look == Telemetry(
         battery_limit=0.15, altitude_limit_m=30.0, distance_limit_m=100.0, flight_time_limit_s=900.0
     )
+
+
+# --- limits ---
+
+
+@pytest.mark.parametrize(
+    "limit, other, words",
+    [(3.5, 6.5, "3.5 ... 6.5 Hz"), (6.5, 3.5, "3.5 ... 6.5 Hz"), (8.0, None, "8 Hz"), (None, None, "")],
+)
+def test_a_limit_names_both_ends_where_there_are_two_and_its_unit_once(limit, other, words):
+    row = Check("gps", Verdict.PASS, 5.0, limit, "Hz", other_limit=other)
+    assert limit_words(row, lambda each: f"{each:g} {row.unit}") == words
+
+
+def test_a_clock_may_be_behind_by_one_limit_and_ahead_by_another():
+    limits = Limits(status_max_age_ns=S, clock_tolerance_ns=S // 5)
+    checked = Preflight(checks=(CheckRecord(CheckName.BATTERY),))
+    for age_ns, limit, other in ((S // 2, 1.0, -0.2), (-S // 10, -0.2, 1.0)):
+        status = AutopilotStatus(t_ns=T, armed=False, landed=VehicleLanded.ON_GROUND, age_ns=age_ns)
+        state = EngineState(t_ns=T, preflight=checked, peers=Peers(autopilot=status))
+        (_, row) = report(state, Rules(limits=limits)).checks
+        assert row == Check("clocks: autopilot", Verdict.PASS, age_ns / S, limit, "s", other_limit=other)
 
 
 # --- computers ---

@@ -56,5 +56,5 @@ def _begin(monitor: RateMonitor) -> int:
 
 def rounded(row: Check) -> Check:
     """Return a row with six decimals, to be compared whole."""
-    numbers = {name: getattr(row, name) for name in ("value", "limit", "age_s")}
+    numbers = {name: getattr(row, name) for name in ("value", "limit", "age_s", "other_limit")}
     return replace(row, **{name: None if value is None else round(value, 6) for name, value in numbers.items()})

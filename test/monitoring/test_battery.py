@@ -30,7 +30,7 @@ def test_enough_for_the_mission_is_ok():
         (
             Check("battery age", Verdict.PASS, 1.0, 5.0, "s", 1.0),
             Check("battery fraction", Verdict.PASS, 0.8, 0.5, "fraction", 1.0),
-            Check("battery cell voltage", Verdict.PASS, 3.9, 3.5, "V", 1.0),
+            Check("battery cell voltage", Verdict.PASS, 3.9, 3.5, "V", 1.0, other_limit=4.35),
         ),
     )
 

@@ -92,7 +92,7 @@ def test_stamps_are_off_after_five_in_a_row_and_right_again_after_five():
     off = [monitor.add_stamp(index + 20 * S, 0) for index in range(5)]
     assert off == [False, False, False, False, True]
     reason = "stamps on /t are more than 1 s off the clock"
-    expected = Condition(Level.OFF, reason, (20 * S + 4) / S, 1.0, "s")
+    expected = Condition(Level.OFF, reason, (20 * S + 4) / S, 1.0, "s", other_limit=-1.0)
     assert monitor.evaluate(21 * S) == expected
     right = [monitor.add_stamp(index + 20 * S, 20 * S) for index in range(5)]
     assert right == [False, False, False, False, True]

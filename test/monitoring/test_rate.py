@@ -121,6 +121,18 @@ def test_a_rate_that_is_off_is_code_2_and_far_too_slow_is_a_failure(fraction: fl
     assert condition.unit == "Hz"
 
 
+@pytest.mark.parametrize(
+    "fraction,limit,other",
+    [(0.85, 80.0, 120.0), (0.5, 80.0, 120.0), (1.15, 120.0, 80.0), (1.5, 120.0, 80.0), (0.1, 30.0, None)],
+)
+def test_a_rate_lies_between_two_limits_of_which_the_nearer_stands_first(fraction: float, limit: float, other: float):
+    monitor = running(100.0)
+    for t_ns in regular(100.0 * fraction, 20.0, 25.0):
+        monitor.add(t_ns)
+    condition = monitor.evaluate(25 * S)
+    assert (condition.limit, condition.other_limit) == (limit, other)
+
+
 def test_half_rate_is_seen_after_one_window():
     """Half of it until the slope is out of tolerance, half of it in which that has to stand."""
     monitor = running(100.0)

@@ -151,7 +151,7 @@ def test_what_cannot_be_is_refused_by_the_name_of_its_field(message, words):
 
 ROWS = (
     Check("level", Verdict.PASS, 0.75, 0.5, "fraction", 0.25),
-    Check("cells", Verdict.WARN, 3.5, 3.25, "V", None, "charge it"),
+    Check("cells", Verdict.WARN, 3.5, 3.25, "V", None, "charge it", other_limit=4.25),
     Check("age", Verdict.UNKNOWN, advice="wait"),
     Check("tilt", Verdict.FAIL, 0.5, 0.25, "rad", 0.0, "level it"),
     Check("distance", Verdict.PASS, 0.125, 0.25, "m"),

@@ -10,7 +10,7 @@ from ..engine.events import Verdict as CheckVerdict
 from .dialog import oldest_open
 from .keys import offered
 from .model import Desk, MissionRow, PendingFailure, Snapshot, Verdict
-from .words import age, duration, fraction, level, quantity, seconds
+from .words import age, duration, fraction, level, limits, quantity, seconds
 
 __all__ = ["changes", "mission_lines"]
 
@@ -115,7 +115,7 @@ def _checks(old: Tuple[Check, ...], new: Tuple[Check, ...]) -> Iterator[str]:
 
 def _check_line(check: Check) -> str:
     value = quantity(check.value, check.unit)
-    limit = "" if check.limit is None else f", limit {quantity(check.limit, check.unit)}"
+    limit = "" if check.limit is None else f", limit {limits(check)}"
     old = "" if check.age_s is None else f", age {age(check.age_s)}"
     advice = f": {check.advice}" if check.advice and check.verdict is not CheckVerdict.PASS else ""
     return f"CHECK     {check.verdict.value.upper():<7} {check.name} {value}{limit}{old}{advice}"

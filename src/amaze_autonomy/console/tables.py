@@ -14,7 +14,7 @@ from ..engine.events import Check
 from ..engine.events import Verdict as CheckVerdict
 from .model import MissionRow, PendingFailure, Snapshot
 from .style import Style, Tone, tone_of_check, tone_of_code
-from .words import age, duration, fraction, quantity, seconds
+from .words import age, duration, fraction, limits, quantity, seconds
 
 __all__ = ["action_words", "checks_table", "failures_table", "missions_table"]
 
@@ -86,7 +86,7 @@ def _narrow_row(check: Check, style: Style) -> Tuple[RenderableType, ...]:
 
 def _judgement(check: Check, style: Style) -> Tuple[RenderableType, ...]:
     verdict = style.label(check.verdict.value.upper(), tone_of_check(check.verdict))
-    return verdict, style.text(quantity(check.value, check.unit)), style.text(quantity(check.limit, check.unit))
+    return verdict, style.text(quantity(check.value, check.unit)), style.text(limits(check))
 
 
 def _fitting(checks: Tuple[Check, ...], rows: int, lines: Tuple[int, ...]) -> Tuple[Check, ...]:
@@ -121,9 +121,9 @@ def _advice_width(checks: Tuple[Check, ...], width: int) -> int:
 def _judgement_width(checks: Tuple[Check, ...]) -> int:
     """Return how many cells verdict, value and limit take, with the gaps before them."""
     values = max(len(quantity(each.value, each.unit)) for each in checks)
-    limits = max(len(quantity(each.limit, each.unit)) for each in checks)
+    bounds = max(len(limits(each)) for each in checks)
     verdicts = max(len(each.verdict.value) + 2 for each in checks)
-    return 2 + max(7, verdicts) + 2 + max(5, values) + 2 + max(5, limits)
+    return 2 + max(7, verdicts) + 2 + max(5, values) + 2 + max(5, bounds)
 
 
 def action_words(failure: PendingFailure, passed_s: float) -> str:

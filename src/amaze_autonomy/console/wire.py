@@ -85,6 +85,7 @@ def _check(message: Any) -> Check:
         unit=_text(message, "unit", 12),
         age_s=_number(message, "age"),
         advice=_text(message, "advice"),
+        other_limit=_number(message, "other_limit"),
     )
 
 

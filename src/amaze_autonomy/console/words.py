@@ -5,9 +5,11 @@ from __future__ import annotations
 from math import ceil, floor, pi
 from typing import NamedTuple, Optional, Tuple
 
+from ..engine.events import Check
+from ..journal.report import limit_words
 from .model import Telemetry
 
-__all__ = ["Reading", "age", "clock", "duration", "fraction", "level", "quantity", "readings", "seconds"]
+__all__ = ["Reading", "age", "clock", "duration", "fraction", "level", "limits", "quantity", "readings", "seconds"]
 
 _UNKNOWN = "-"
 _THREE_DIGITS = 100.0
@@ -33,6 +35,11 @@ def quantity(value: Optional[float], unit: str) -> str:
         return f"{value * 180.0 / pi:.1f} deg"
     digits = f"{value:.0f}" if abs(value) >= _THREE_DIGITS else f"{value:.3g}"
     return f"{digits} {unit}".strip()
+
+
+def limits(check: Check) -> str:
+    """Return between what the value of a check must be, e.g. "3.5 ... 6.5 Hz"."""
+    return limit_words(check, lambda each: quantity(each, check.unit)) or _UNKNOWN
 
 
 def age(value_s: Optional[float]) -> str:

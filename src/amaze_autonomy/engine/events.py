@@ -116,6 +116,7 @@ class Check:
         age_s: age of the value in seconds; None when unknown.
         advice: what a person can do about it.
         heals: it comes by itself after a start (a first message, the home position): asked again until a limit.
+        other_limit: the other end, where the value must lie between two limits; `limit` is the one that is nearer.
     """
 
     name: str
@@ -126,9 +127,10 @@ class Check:
     age_s: Optional[float] = None
     advice: str = ""
     heals: bool = False
+    other_limit: Optional[float] = None
 
     def __post_init__(self) -> None:
-        for field in ("value", "limit", "age_s"):
+        for field in ("value", "limit", "age_s", "other_limit"):
             object.__setattr__(self, field, finite(getattr(self, field)))
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Dict, Iterable, List, Optional, Tuple
+from typing import Callable, Deque, Dict, Iterable, List, Optional, Tuple
 
 from ..engine.commands import AnswerKind, Command, Level, Notify
 from ..engine.context import Context
@@ -19,7 +19,17 @@ from ..engine.rules import Action, Rules
 from ..engine.state import CheckRecord, EngineState, Failure, FailureKind, State, Step, evolve
 from ..engine.timers import state_deadline
 
-__all__ = ["CommandAnswer", "Fault", "MessageLog", "OperatorMessage", "Report", "Telemetry", "computer_rows", "report"]
+__all__ = [
+    "CommandAnswer",
+    "Fault",
+    "MessageLog",
+    "OperatorMessage",
+    "Report",
+    "Telemetry",
+    "computer_rows",
+    "limit_words",
+    "report",
+]
 
 _NS = 1e9
 
@@ -316,15 +326,16 @@ def _clock_rows(state: EngineState, rules: Rules) -> Tuple[Check, ...]:
     }
     ages = {peer: status.age_ns for peer, status in heard.items() if status is not None}
     apart = {each.peer: each.age_ns for each in state.peers.clocks_apart}
-    limit_s = rules.limits.status_max_age_ns / _NS
+    old_s, ahead_s = rules.limits.status_max_age_ns / _NS, -rules.limits.clock_tolerance_ns / _NS
     return tuple(
         Check(
             name=f"clocks: {peer}",
             verdict=Verdict.FAIL if peer in apart else Verdict.PASS,
             value=round(age_ns / _NS, 3),
-            limit=limit_s,
+            limit=old_s if age_ns >= 0 else ahead_s,
             unit="s",
             advice="set the clocks of both computers by chrony" if peer in apart else "",
+            other_limit=ahead_s if age_ns >= 0 else old_s,
         )
         for peer, age_ns in {**ages, **apart}.items()
     )
@@ -347,6 +358,17 @@ def computer_rows(said: RecordingStatus, least_free: float) -> Tuple[Check, ...]
             name = f"computers: {each.platform} free storage"
             rows.append(Check(name, verdict, each.free_fraction, least_free, "fraction", advice=advice))
     return tuple(rows)
+
+
+def limit_words(row: Check, words: Callable[[float], str]) -> str:
+    """Return between what the value of a row must be, e.g. "8 Hz" or "3.5 ... 6.5 Hz"; empty: it has no limit.
+
+    Args:
+        row: of the pre-flight table.
+        words: writes one limit, its unit behind a blank.
+    """
+    known = sorted(each for each in (row.limit, row.other_limit) if each is not None)
+    return " ... ".join(words(each).split(" ")[0] if each is not known[-1] else words(each) for each in known)
 
 
 def _named(check: str, row: Check) -> Check:

@@ -79,12 +79,12 @@ class BatteryMonitor:
         low, high = spec.cell_voltage_min_v, spec.cell_voltage_max_v
         if self._voltage_v is None:
             advice = "the voltage is unknown: check the power module"
-            return Check(name, Verdict.UNKNOWN, None, low, "V", age_s, advice, heals=age_s is None)
+            return Check(name, Verdict.UNKNOWN, None, low, "V", age_s, advice, heals=age_s is None, other_limit=high)
         cell_v = self._voltage_v / spec.cells
         if cell_v > high:
             advice = f"{cell_v:.2f} V per cell cannot be: is it {spec.cells} cells, and is the power module calibrated?"
-            return Check(name, Verdict.FAIL, cell_v, high, "V", age_s, advice)
+            return Check(name, Verdict.FAIL, cell_v, high, "V", age_s, advice, other_limit=low)
         if cell_v < low:
             advice = f"{cell_v:.2f} V per cell of {spec.cells}, limit {low:.2f} V: change or charge the battery"
-            return Check(name, Verdict.FAIL, cell_v, low, "V", age_s, advice)
-        return Check(name, Verdict.PASS, cell_v, low, "V", age_s)
+            return Check(name, Verdict.FAIL, cell_v, low, "V", age_s, advice, other_limit=high)
+        return Check(name, Verdict.PASS, cell_v, low, "V", age_s, other_limit=high)

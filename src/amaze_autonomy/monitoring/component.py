@@ -144,7 +144,10 @@ class ContentMonitor(Source):
         limit_ns = self.spec.stamp_tolerance_ns or 0
         reason = f"stamps on {self.spec.topic} are more than {seconds(limit_ns)} off the clock"
         value_s = self._stamp_error_ns / _S
-        return content._replace(level=Level.OFF, reason=reason, value=value_s, limit=limit_ns / _S, unit="s")
+        limit_s = limit_ns / _S
+        return content._replace(
+            level=Level.OFF, reason=reason, value=value_s, limit=limit_s, unit="s", other_limit=-limit_s
+        )
 
     def _overdue(self, t_ns: int) -> bool:
         """Return True when the content had failed before the message that comes now."""
@@ -292,7 +295,15 @@ class ComponentMonitor:
         comes = self.condition.level is Level.STARTING
         advice = self._advice(verdict)
         return Check(
-            self.spec.name, verdict, condition.value, condition.limit, condition.unit, age_s, advice, heals=comes
+            self.spec.name,
+            verdict,
+            condition.value,
+            condition.limit,
+            condition.unit,
+            age_s,
+            advice,
+            heals=comes,
+            other_limit=condition.other_limit,
         )
 
     def _verdict(self, *, required: bool, tolerated: bool) -> Verdict:

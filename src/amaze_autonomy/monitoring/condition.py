@@ -32,6 +32,7 @@ class Condition(NamedTuple):
         unit: e.g. "Hz", "s"; empty when it has none.
         age_ns: age of what was looked at; None when there never was anything.
         changes_at_ns: when the verdict can change if nothing else arrives; FOREVER_NS: never.
+        other_limit: the other end, where the value must lie between two limits; `limit` is the one that is nearer.
     """
 
     level: Level
@@ -41,6 +42,7 @@ class Condition(NamedTuple):
     unit: str = ""
     age_ns: Optional[int] = None
     changes_at_ns: int = FOREVER_NS
+    other_limit: Optional[float] = None
 
 
 class Source(abc.ABC):

@@ -226,8 +226,10 @@ class RateMonitor(Source):
     def _condition(self, age_ns: int, changes_at_ns: int) -> Condition:
         """Return the verdict on a topic that comes."""
         rate_hz, spec = self._rate_hz, self.spec
-        sign = 1 if rate_hz is not None and rate_hz > spec.rate_hz else -1
-        limit = spec.rate_hz * (1 + sign * spec.tolerance_fraction)
-        if self._level is Level.FAILED and sign < 0:
-            limit = spec.rate_hz * spec.rate_failed_fraction
-        return Condition(self._level, self._reason, rate_hz, limit, "Hz", age_ns, changes_at_ns)
+        fast = rate_hz is not None and rate_hz > spec.rate_hz
+        spread = spec.tolerance_fraction if fast else -spec.tolerance_fraction
+        limit, other = spec.rate_hz * (1 + spread), spec.rate_hz * (1 - spread)
+        if self._level is Level.FAILED and not fast:
+            failed = spec.rate_hz * spec.rate_failed_fraction
+            return Condition(self._level, self._reason, rate_hz, failed, "Hz", age_ns, changes_at_ns)
+        return Condition(self._level, self._reason, rate_hz, limit, "Hz", age_ns, changes_at_ns, other)

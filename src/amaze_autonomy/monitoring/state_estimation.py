@@ -174,15 +174,15 @@ _MISMOUNTED_DEG = 60.0
 def magnitude_row(measured: Optional[ImuStatistics], spec: StateEstimationSpec) -> Check:
     """Judge the magnitude of gravity; the limit is the one that is nearer."""
     name, unit = "gravity magnitude", "m/s^2"
+    low, high = (spec.gravity_m_s2 + sign * spec.gravity_tolerance_m_s2 for sign in (-1.0, 1.0))
     if measured is None or measured.samples < spec.min_samples:
-        return Check(name, Verdict.UNKNOWN, None, spec.gravity_m_s2, unit, None, _too_few(measured, spec))
+        return Check(name, Verdict.UNKNOWN, None, low, unit, None, _too_few(measured, spec), other_limit=high)
     value = norm(measured.acceleration)
-    sign = 1.0 if value > spec.gravity_m_s2 else -1.0
-    limit = spec.gravity_m_s2 + sign * spec.gravity_tolerance_m_s2
+    limit, other = (high, low) if value > spec.gravity_m_s2 else (low, high)
     if abs(value - spec.gravity_m_s2) <= spec.gravity_tolerance_m_s2:
-        return Check(name, Verdict.PASS, value, limit, unit)
+        return Check(name, Verdict.PASS, value, limit, unit, other_limit=other)
     advice = f"gravity is {value:.3g} m/s^2: {likely_mistake(value, spec.gravity_m_s2)}"
-    return Check(name, Verdict.FAIL, value, limit, unit, None, advice)
+    return Check(name, Verdict.FAIL, value, limit, unit, None, advice, other_limit=other)
 
 
 def imu_tilt_row(up: Optional[Vector], spec: StateEstimationSpec) -> Check:
@@ -408,7 +408,8 @@ class StateEstimationMonitor:
     def _rate_row(self, condition: Condition) -> Check:
         verdicts = {Level.GOOD: Verdict.PASS, Level.STARTING: Verdict.UNKNOWN, Level.OFF: Verdict.WARN}
         verdict = verdicts.get(condition.level, Verdict.FAIL)
-        return Check("estimate rate", verdict, condition.value, condition.limit, condition.unit, None, condition.reason)
+        value, limit, other = condition.value, condition.limit, condition.other_limit
+        return Check("estimate rate", verdict, value, limit, condition.unit, None, condition.reason, other_limit=other)
 
     def _drift_row(self, t_ns: int) -> Check:
         """Judge how far the estimated position moved while the vehicle should stand still."""

@@ -10,6 +10,7 @@ from amaze_autonomy.engine.events import CheckReply, ComponentStatus, Landed, La
 
 from ..engine.events import Check, CheckName, Verdict
 from ..engine.rules import Code
+from ..journal.report import limit_words
 from .monitors import Monitors
 from .plan import Plan
 from .recorded_nodes import RecordedNodes
@@ -214,9 +215,9 @@ def _off(row: Check) -> float:
 
 def row_text(row: Check) -> str:
     """Return a row of a check as one line; angles in degrees."""
-    limit = "" if row.limit is None else f", limit {_value(row, row.limit)}"
+    limits = limit_words(row, lambda each: _value(row, each))
     advice = f" ({row.advice})" if row.advice and not row.passed else ""
-    return f"{row.name} {_value(row, row.value)}{limit}{advice}"
+    return f"{row.name} {_value(row, row.value)}{f', limit {limits}' if limits else ''}{advice}"
 
 
 def _value(row: Check, value: Optional[float]) -> str:

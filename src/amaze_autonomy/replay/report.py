@@ -7,6 +7,7 @@ from typing import Any, Dict, List, Optional, Tuple
 from amaze_autonomy.engine.commands import Decision
 
 from ..journal.codec import to_plain
+from ..journal.report import limit_words
 from .compare import Comparison, Difference, changed_fields
 from .plan import Plan
 from .session import Outcome
@@ -101,9 +102,9 @@ def _short(decision: Optional[Decision]) -> str:
 def row_words(row: Any) -> str:
     """Return a row of a check as it is listed."""
     value = "" if row.value is None else f" {row.value:.4g} {row.unit}"
-    limit = "" if row.limit is None else f", limit {row.limit:.4g} {row.unit}"
+    limits = limit_words(row, lambda each: f"{each:.4g} {row.unit}".rstrip())
     advice = f"  ({row.advice})" if row.advice else ""
-    return f"{row.name}{value.rstrip()}{limit.rstrip()}{advice}"
+    return f"{row.name}{value.rstrip()}{f', limit {limits}' if limits else ''}{advice}"
 
 
 def _damage_lines(recordings: Recordings, outcome: Outcome) -> List[str]:

@@ -169,7 +169,8 @@ def _clocks(known: Preflight) -> Check:
         "the autopilot's clock (GPS time; a simulator's may lag) and this computer's differ: set the one that is wrong"
     )
     row = _row(known, name, advice, good=abs(offset_ns) <= limit_ns, needed=False)
-    return Check(name, row.verdict, offset_ns / _S, limit_ns / _S, "s", row.age_s, row.advice)
+    limit_s = limit_ns / _S
+    return Check(name, row.verdict, offset_ns / _S, limit_s, "s", row.age_s, row.advice, other_limit=-limit_s)
 
 
 _ROWS: Tuple[Callable[[Preflight], Check], ...] = (

@@ -8,6 +8,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from ...engine.events import Check, Verdict
+from ...journal.report import limit_words
 from ...ros.clock import Clock
 from ...ros.interface import ros_time
 
@@ -56,5 +57,5 @@ class CheckDiagnostics:
 
 def _words(row: Check) -> str:
     value = "" if row.value is None else f" {row.value:.4g} {row.unit}".rstrip()
-    limit = "" if row.limit is None else f", limit {row.limit:.4g} {row.unit}".rstrip()
-    return f"{row.verdict.name}{value}{limit}"
+    limits = limit_words(row, lambda each: f"{each:.4g} {row.unit}".rstrip())
+    return f"{row.verdict.name}{value}{f', limit {limits}' if limits else ''}"

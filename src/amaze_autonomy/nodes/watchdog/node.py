@@ -29,6 +29,7 @@ from amaze_autonomy.monitoring.watchdog import Watchdog
 
 from ...engine.events import Check
 from ...engine.rules import Code, Restart
+from ...journal.report import limit_words
 from ...monitoring.watchdog import Streams
 from ...ros.clock import Clock
 from ...ros.interface import check_row, component_state, ros_time, status_message
@@ -286,7 +287,7 @@ def _status(row: Check, status: ComponentStatus, spec: ComponentSpec) -> Any:
         ("code", f"{int(status.code)} {status.code.name}"),
         ("restart", status.restart.value),
         ("value", "" if row.value is None else f"{row.value:.4g} {row.unit}".strip()),
-        ("limit", "" if row.limit is None else f"{row.limit:.4g} {row.unit}".strip()),
+        ("limit", limit_words(row, lambda each: f"{each:.4g} {row.unit}".strip())),
         ("age", "" if row.age_s is None else f"{row.age_s:.3f} s"),
         ("advice", row.advice),
         ("topics", ", ".join(topic.topic for topic in spec.topics)),

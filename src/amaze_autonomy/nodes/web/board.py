@@ -22,7 +22,7 @@ from ...console.model import Desk, PendingFailure, Request, RequestKind, Snapsho
 from ...console.style import tone_of_check, tone_of_code, tone_of_state
 from ...console.tables import action_words
 from ...console.wire import clean
-from ...console.words import age, duration, fraction, quantity, readings
+from ...console.words import age, duration, fraction, limits, quantity, readings
 from ...engine.events import Check, UserCommand
 from ...missions import Frame, MissionPlan
 
@@ -196,7 +196,7 @@ def _check(check: Check) -> Dict[str, Any]:
         "verdict": check.verdict.value.upper(),
         "tone": tone_of_check(check.verdict).value,
         "value": quantity(check.value, check.unit),
-        "limit": quantity(check.limit, check.unit),
+        "limit": limits(check),
         "age": age(check.age_s),
         "advice": check.advice,
     }
