@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import sys
+import time
 from base64 import b64decode
 from pathlib import Path
 
@@ -27,6 +29,7 @@ from amaze_autonomy.replay.sources import Recordings, topics_of
 from amaze_autonomy.replay.topic_map import load_map
 from amaze_autonomy.tester.command import main
 
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 MAP = __file__.replace("pages/test_flight.py", "replay/flight.yaml")
 
 
@@ -225,6 +228,38 @@ def test_the_scripts_put_text_in_as_text_and_escape_it_for_the_plot_library():
     folder = Path(sys.modules["amaze_autonomy.pages.document"].__file__).parent
     scripts = "".join(path.read_text("utf-8") for path in folder.glob("*.js"))
     assert not re.findall(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(", scripts)
+
+
+@pytest.mark.live
+@pytest.mark.skipif(not CHROMIUM or not DRIVER, reason="no Chromium here: apt-get install chromium chromium-driver")
+def test_what_is_in_view_is_drawn_at_once_and_three_dimensions_for_who_asks_for_them(bag, tmp_path):
+    webdriver = pytest.importorskip("selenium.webdriver")
+    journal, page = read_journals(bag)[0], tmp_path / "flight.html"
+    content = journal_page(bag, journal, compare(journal)).content
+    write_document(page, "title", ("flight",), content)
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for each in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader"):
+        options.add_argument(each)
+    options.add_argument("--window-size=1500,1000")
+    with webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER)) as browser:
+
+        def until(script):
+            deadline_s = time.monotonic() + 120.0
+            while not browser.execute_script(f"return {script}"):
+                assert time.monotonic() < deadline_s, script
+
+        browser.get(page.as_uri())
+        until("document.querySelectorAll('.pair .xy').length > 0")
+        assert browser.execute_script("return document.querySelectorAll('.gl-container canvas').length") == 0
+        browser.execute_script("document.getElementById('solid').click()")
+        until("document.querySelectorAll('.pair .gl-container canvas').length > 0")
+        assert browser.execute_script("return document.getElementById('solid')") is None
+        last = len(content["plots"])  # behind what happened; the rates come behind it
+        browser.execute_script(f"flight.charts[{last}].div.scrollIntoView()")
+        until(f"(flight.charts[{last}].div.data || []).length > 0")  # numbers that were left alone until then
+        errors = [each["message"] for each in browser.get_log("browser") if each["level"] == "SEVERE"]
+        assert errors == []
 
 
 def test_a_page_loads_nothing(tmp_path):

@@ -104,9 +104,11 @@ function track() {
     const [one, other] = figures();
     last = [one[0].length - 1, other[0].length - 1];
     Plotly.react(flat, ...one, PLAIN);
-    // The picture in three dimensions takes a moment: it comes when everything else is there.
-    setTimeout(() => Plotly.react(solid, ...other, PLAIN), 0);
+    if (solid.data) Plotly.react(solid, ...other, PLAIN);
   };
+  // The picture in three dimensions takes seconds where there is no graphics card: it is drawn for who wants it.
+  const button = solid.appendChild(element("button", "Show in three dimensions", { id: "solid" }));
+  button.onclick = () => { button.remove(); Plotly.react(solid, ...figures()[1], PLAIN); };
   const put = () => {
     waiting = false;
     const at = place(t, flight.t);

@@ -17,8 +17,14 @@ function element(name, text, attributes) {
 const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
 
 function numbers(packed) {
-  const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0));
+  const text = atob(packed), bytes = new Uint8Array(text.length);
+  for (let at = 0; at < text.length; at += 1) bytes[at] = text.charCodeAt(at);
   return new Float32Array(bytes.buffer);
+}
+
+function unpacked(series) { // whose numbers are made when somebody wants them: those of a plot that nobody sees take no time
+  let t, v;
+  return { ...series, get t() { return (t = t || numbers(series.t)); }, get v() { return (v = v || numbers(series.v)); } };
 }
 
 function themed(name) {
@@ -195,7 +201,7 @@ class Lines { // numbers over time
   constructor(plot) {
     Object.assign(this, { title: plot.title, height: 148, plot });
     const names = [...new Set(plot.series.map((each) => each.name))];
-    this.series = plot.series.map((each) => ({ ...each, t: numbers(each.t), v: numbers(each.v), colour: `c${names.indexOf(each.name) % 4}` }));
+    this.series = plot.series.map((each) => Object.assign(unpacked(each), { colour: `c${names.indexOf(each.name) % 4}` }));
   }
 
   setHead(head) {
