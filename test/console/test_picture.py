@@ -8,9 +8,9 @@ from xml.etree import ElementTree as ET
 import pytest
 from console_scenes import NOW_S, SCENES
 from rich.text import Text
-from write_screens import PICTURES, moving_picture
+from write_screens import PICTURES, every_picture, moving_picture
 
-from amaze_autonomy.console.picture import moving_svg, svg
+from amaze_autonomy.console.picture import BACK, FORE, moving_svg, svg
 from amaze_autonomy.console.style import UNICODE
 from amaze_autonomy.console.view import Screen
 
@@ -47,6 +47,18 @@ def test_every_scene_makes_a_picture_that_is_well_formed(name):
 def test_the_pictures_of_the_documentation_show_the_console_as_it_is(name, height):
     shown = (IMAGES / f"console-{name}.svg").read_text(encoding="utf-8")
     assert words(shown) == words(svg(Screen(SCENES[name], NOW_S, UNICODE, height), 100, f"The console: {name}"))
+
+
+def test_every_scene_is_drawn_as_it_fits_into_small_and_large_terminals_dark_and_light(tmp_path):
+    every_picture(tmp_path)
+    named = {
+        f"{name}-{size}-{shade}.svg" for name in SCENES for size in ("80x24", "120x40") for shade in ("dark", "light")
+    }
+    assert {path.name for path in tmp_path.iterdir()} == named
+    dark, light = ((tmp_path / f"outreach-80x24-{shade}.svg").read_text("utf-8") for shade in ("dark", "light"))
+    assert words(dark) == words(light)
+    assert (dark.count(BACK), light.count("#ffffff")) == (1, dark.count("#ffffff") + 1)
+    assert FORE not in light
 
 
 def test_the_moving_picture_of_the_documentation_is_of_the_flight_as_it_would_be_today():

@@ -1,11 +1,13 @@
 """Write the screens that the tests compare with, and the pictures of the documentation, from the scenes.
 
 Run it after a change that is meant to be seen, and look at what has changed: python3 test/console/write_screens.py
+With --all FOLDER it writes nothing but every scene there, at 80x24 and 120x40, on a dark and on a light terminal.
 The moving picture of a simulated flight is made where ROS and this package's messages are (build/devel/setup.bash).
 """
 
 from __future__ import annotations
 
+import argparse
 import io
 from pathlib import Path
 from typing import Iterator, List
@@ -15,7 +17,7 @@ from rich.console import Console
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.console.model import Desk, Note
-from amaze_autonomy.console.picture import moving_svg, svg
+from amaze_autonomy.console.picture import BACK, FORE, moving_svg, svg
 from amaze_autonomy.console.style import ASCII, UNICODE, Style
 from amaze_autonomy.console.view import Screen
 from amaze_autonomy.console.wire import snapshot_of
@@ -30,6 +32,7 @@ from amaze_autonomy.simulation.run import run
 HERE = Path(__file__).parent
 S = 1_000_000_000
 FRAME_NS, FRAME_S, FRAME_HEIGHT = 2 * S, 0.5, 24  # four times as fast as it was flown
+SIZES = ((80, 24), (120, 40))
 PICTURES = {
     "mission-input": 22,
     "outreach": 28,
@@ -87,8 +90,27 @@ def _desk(message: object, messages: MessageLog, now_ns: int) -> Desk:
     return Desk(snapshot=snapshot_of(message), received_s=now_ns / S, notes=tuple(notes))
 
 
+def every_picture(folder: Path) -> None:
+    """Write a picture of every scene in the sizes of a terminal, dark and light."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, desk in SCENES.items():
+        for width, height in SIZES:
+            dark = svg(Screen(desk, NOW_S, UNICODE, height), width, f"The console: {name}, {width}x{height}")
+            light = dark.replace(f'fill="{FORE}"', f'fill="{BACK}"').replace(
+                f'rx="8" fill="{BACK}"', 'rx="8" fill="#ffffff"'
+            )
+            for shade, picture in (("dark", dark), ("light", light)):
+                (folder / f"{name}-{width}x{height}-{shade}.svg").write_text(picture, encoding="utf-8")
+
+
 def main() -> None:
     """Write all files."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--all", type=Path, metavar="FOLDER", help="every scene in all sizes, into this folder")
+    options = parser.parse_args()
+    if options.all is not None:
+        every_picture(options.all)
+        return
     (HERE / "screens").mkdir(exist_ok=True)
     for name in SCENES:
         for width, style in ((100, UNICODE), (60, ASCII)):

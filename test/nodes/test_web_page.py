@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import shutil
+import sys
 import threading
 import time
 from contextlib import contextmanager
@@ -19,6 +20,10 @@ pytest.importorskip("selenium")
 
 from selenium import webdriver
 from tornado.ioloop import IOLoop
+
+sys.path.append(str(Path(__file__).parents[1] / "console"))
+
+from console_scenes import SCENES
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.model import Configuration
@@ -44,8 +49,9 @@ pytestmark = [
 ]
 LIMIT_S = 120.0
 TOKEN = "a token of the vehicle"
+ALARM = 3  # a message of this level stands above all
 SURVEY = 4  # of the shipped missions, and the longest
-#: AMAZE_PICTURES=docs/images writes the pictures of the documentation.
+#: AMAZE_PICTURES=FOLDER writes a picture of each scene, light and dark, and the two that docs/images has.
 PICTURES = os.environ.get("AMAZE_PICTURES", "")
 
 # --- the engine and the simulated world behind the page, without ROS' wires, and a bad radio link in front of it ---
@@ -407,6 +413,31 @@ def test_names_of_others_are_never_markup_and_without_plotly_all_but_the_plots_i
         assert page.driver.execute_script("return window.broken") is None
         hidden = 'return ["no-plots", "track-part", "plots-part"].map((id) => $(id).hidden)'
         assert page.driver.execute_script(hidden) == [False, True, True]
+
+
+def test_every_scene_of_the_console_is_shown_by_a_light_and_a_dark_page_without_an_error(field):
+    def show(desk):
+        async def post():
+            field.server.take(MessagesCame("scenes", desk.notes))
+            field.server.take(CollectingCame(desk.collecting or Collecting()))
+            field.server.take(StateCame(desk.snapshot))
+
+        return post
+
+    async def stop():
+        field.stack.stopped = True
+
+    field.call(stop)
+    with opened(field.port) as light, opened(field.port, dark=True) as dark:
+        for name, desk in SCENES.items():
+            if desk.snapshot is None or name in ("stale", "mission-input-error"):  # not of the engine's state
+                continue
+            field.call(show(desk))
+            for page, shade in ((light, "light"), (dark, "dark")):
+                page.wait("state", desk.snapshot.state.replace("_", " "))
+                page.wait("alarm" if desk.snapshot.message_level == ALARM else "message", desk.snapshot.message)
+                page.picture(f"{name}-{shade}")
+        assert light.errors() == dark.errors() == []
 
 
 def test_many_messages_do_not_make_the_page_grow(field):

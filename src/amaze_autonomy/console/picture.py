@@ -16,10 +16,10 @@ from rich.segment import Segment
 from rich.style import Style
 from rich.terminal_theme import DIMMED_MONOKAI
 
-__all__ = ["moving_svg", "svg"]
+__all__ = ["BACK", "FORE", "moving_svg", "svg"]
 
 _CELL_W, _CELL_H, _MARGIN = 9, 19, 12
-_BACK, _FORE = "#101418", "#e8e8e8"
+BACK, FORE = "#101418", "#e8e8e8"
 # Where in its cell a block character is set: from and to, as parts of the cell's width and height.
 _BLOCKS: Mapping[str, Tuple[float, float, float, float]] = {
     "█": (0, 0, 1, 1),
@@ -75,7 +75,7 @@ def _picture(body: List[str], width: int, height: int, title: str) -> str:
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]} {size[1]}" role="img" font-size="15" '
             'font-family="DejaVu Sans Mono, ui-monospace, Menlo, Consolas, monospace" xml:space="preserve">',
             f"<title>{escape(title)}</title>",
-            f'<rect width="{size[0]}" height="{size[1]}" rx="8" fill="{_BACK}"/>',
+            f'<rect width="{size[0]}" height="{size[1]}" rx="8" fill="{BACK}"/>',
             *filter(None, body),
             "</svg>",
             "",
@@ -122,7 +122,7 @@ def _run(text: str, left: int, top: int, fore: str, *, bold: bool) -> Iterator[s
 
 def _colours(style: Style) -> Tuple[str, Optional[str]]:
     fore, back = _hex(style.color), _hex(style.bgcolor)
-    return (back or _BACK, fore or _FORE) if style.reverse else (fore or _FORE, back)
+    return (back or BACK, fore or FORE) if style.reverse else (fore or FORE, back)
 
 
 def _hex(colour: Optional[Color]) -> Optional[str]:
