@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import random
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bag_tools import COMPRESSIONS, bag, digest, multiset, rows, unclosed
+from bag_tools import COMPRESSIONS, bag, digest, multiset, rows, text, unclosed
 from replay_bags import START_NS
 
 from amaze_autonomy.bags.cli import main
@@ -117,6 +118,35 @@ def test_a_bag_whose_line_endings_git_converted_is_recognised(capsys, two, tmp_p
         status, _, err = run(capsys, command, converted)
         assert status == 1
         assert "its line endings were converted (git does that unless .gitattributes says `*.bag -text`)" in err
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_a_bag_whose_line_endings_git_converted_the_other_way_is_recognised(capsys, tmp_path, compression):
+    noise = random.Random(1)
+    ends = ("\r\n", "\n", "")
+    said = [(START_NS + n, "/a", text(f"{n}{ends[n % 3]}{noise.getrandbits(4000)}")) for n in range(40)]
+    lines = bag(tmp_path / "lines.bag", said, compression=compression)
+    whole = lines.read_bytes()
+    if b"\r\n" not in whole:  # compressed, there may be none
+        half = len(whole) // 4
+        whole = whole[:half] + b"\r\n" + whole[half + 2 :]
+    converted = tmp_path / "converted.bag"
+    converted.write_bytes(whole.replace(b"\r\n", b"\n"))
+    words = "git's conversion of line endings made every CR LF an LF"
+    status, out, _ = run(capsys, "info", converted)
+    assert (status, words in out) == (3, True)
+    for command in ("doctor", "recover"):
+        status, out, _ = run(capsys, command, converted)
+        assert (status, words in out) == (3, True)
+    assert not multiset(tmp_path / "converted.recovered.bag") - multiset(lines)
+    status, _, err = run(capsys, "merge", converted, lines, "-o", tmp_path / "merged.bag")
+    assert (status, words in err, "`*.bag binary`" in err) == (1, True, True)
+
+
+@pytest.mark.parametrize("size", [-1, -100, -3000])
+def test_a_bag_without_line_endings_that_is_cut_was_not_converted(capsys, two, size):
+    Path(two[0]).write_bytes(Path(two[0]).read_bytes()[:size])
+    assert "line endings" not in "".join(run(capsys, "doctor", two[0])[1:])
 
 
 def test_very_many_connections_are_told_apart(capsys, tmp_path):

@@ -8,6 +8,8 @@ import shutil
 import pytest
 from bag_tools import DATA
 
+from amaze_autonomy.bags.errors import BagError
+from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.merge import MergeOptions, merge
 from amaze_autonomy.bags.recover import recover
 from amaze_autonomy.bags.scan import scan
@@ -64,3 +66,11 @@ def test_a_recording_is_good_and_its_first_two_thirds_are_recovered(tmp_path, na
     (tmp_path / "cut.bag").write_bytes(raw[: len(raw) * 2 // 3])
     done = recover(tmp_path / "cut.bag", tmp_path / "recovered.bag")
     assert verify(done.path, [], readers="none").problems in ((), ("its messages are not in order of time",))
+
+
+@pytest.mark.parametrize("name", NAMES[:-1])
+def test_a_recording_of_which_git_took_the_carriage_returns_is_told_so(tmp_path, name):
+    converted = tmp_path / "converted.bag"
+    converted.write_bytes(real(name).read_bytes().replace(b"\r\n", b"\n"))
+    with pytest.raises(BagError, match="git's conversion of line endings made every CR LF an LF"):
+        Index(converted)

@@ -20,6 +20,7 @@ from .format import (
     CHUNK,
     CHUNK_INFO,
     CONNECTION,
+    INDEX,
     INDEX_ENTRY,
     MAGIC,
     MEMORY,
@@ -32,10 +33,11 @@ from .format import (
     index_record_at,
     record_at,
 )
-from .salvage import Row
+from .salvage import Row, headers
 
 __all__ = [
     "KEEP_GOOD",
+    "LOST_RETURNS",
     "ChunkHead",
     "ChunkInfo",
     "Entries",
@@ -43,6 +45,7 @@ __all__ = [
     "IndexPart",
     "Messages",
     "chunk_head",
+    "has_lost_returns",
     "index_entries",
     "index_parts",
     "read_head",
@@ -124,6 +127,12 @@ _HEAD_BYTES = 4096  # of a chunk's header and of the bag's: more than any writer
 _LARGEST_NUMBER = 1 << 20  # of a connection: recorders count from 0; we have tables by number
 KEEP_GOOD = "keep what is good with `amaze-bag recover --check-data`"
 _REMEDY = "make a new one with `amaze-bag recover`"
+_PIECE = 1 << 20
+_BEHIND = (INDEX, CHUNK, CHUNK_INFO)  # what a chunk's data, or an index record's, is followed by
+LOST_RETURNS = (
+    "git's conversion of line endings made every CR LF an LF: where bytes were lost cannot be told for certain"
+)
+_FETCH = "put `*.bag binary` into .gitattributes and get the original again (`amaze-bag recover` keeps what is whole)"
 
 IndexPart = Tuple[int, memoryview]  # connection, entries of it
 
@@ -178,8 +187,11 @@ class Index:
         try:
             self._read(header)
         except (RecordError, struct.error, MemoryError, OverflowError) as error:
+            wrong, remedy = f"the index is damaged ({error})", _REMEDY
+            if has_lost_returns(self.file, self.size, header.end):
+                wrong, remedy = LOST_RETURNS, _FETCH
             os.close(self.file)
-            raise BagError(str(path), f"the index is damaged ({error})", _REMEDY) from error
+            raise BagError(str(path), wrong, remedy) from error
         except BagError:
             os.close(self.file)
             raise
@@ -343,6 +355,43 @@ def _bag_record(begin: bytes) -> Record:
     if record.fields.get(b"encryptor"):
         raise OtherBagError("is encrypted; decrypt it with `rosbag decompress` and its key")
     return record
+
+
+def has_lost_returns(file: int, size: int, place: int) -> bool:
+    """Return whether every CR LF of a closed bag with a wrong index became LF, as git does with what it takes for text.
+
+    There is no CR LF in it, and the first record that does not end where it says ends before that, by no more bytes
+    than there are LF in it.
+
+    Args:
+        file: descriptor of the bag.
+        size: of it.
+        place: of its first record.
+    """
+    if any(b"\r\n" in os.pread(file, _PIECE + 1, at) for at in range(0, size, _PIECE)):
+        return False
+    while place < size:
+        try:
+            record = record_at(os.pread(file, _HEAD_BYTES, place), 0, min(_HEAD_BYTES, size - place))
+        except RecordError:
+            return False
+        data, place = place + record.data, place + record.end
+        if not _is_record(file, size, place):
+            return _is_shorter(os.pread(file, min(record.size, MEMORY) + _HEAD_BYTES, data), record.size)
+    return False
+
+
+def _is_record(file: int, size: int, place: int) -> bool:
+    try:
+        return place == size or record_at(os.pread(file, _HEAD_BYTES, place), 0, min(_HEAD_BYTES, size - place)).op > 0
+    except RecordError:
+        return False
+
+
+def _is_shorter(data: bytes, said: int) -> bool:
+    """Return whether the record that begins with some data is shorter than it says, by at most a byte for each LF."""
+    end = next(headers(data, 0, _BEHIND), said)
+    return 0 < said - end <= data.count(b"\n", 0, end)
 
 
 def _expected(buffer: Buffer, place: int, op: int) -> Record:

@@ -40,7 +40,7 @@ from .format import (
     record_at,
     unpacked,
 )
-from .index import ChunkHead, Entries, chunk_head, read_head
+from .index import LOST_RETURNS, ChunkHead, Entries, chunk_head, has_lost_returns, read_head
 from .salvage import Kept, headers, rewritten, salvaged
 
 __all__ = ["Damage", "Found", "Scan", "scan"]
@@ -294,6 +294,8 @@ class _Scanner:
             except _BROKEN as error:
                 position = self._lost_way(position, str(error))
             progress(min(position, self._size), self._size)
+        if self._said_at and not self._index_at and has_lost_returns(self.file, self._size, self._first):
+            self._damage(0, self._size, LOST_RETURNS, 0)
 
     def result(self) -> Scan:
         """Return what was found, without messages of which nobody knows what they are."""
@@ -589,7 +591,7 @@ class _Scanner:
         except RecordError:
             return 0
         kept = salvaged(data)
-        if kept.gaps:
+        if kept.gaps or self._next_found(max(head.data, end - _OVERLAP)) < end:  # it has fewer bytes than it says
             return 0
         stop = self._next_place(end)
         behind = self._reader.read(end, min(stop - end, self._memory))
