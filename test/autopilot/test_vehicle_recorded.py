@@ -154,6 +154,6 @@ def test_every_frame_of_the_logs_is_accounted_for():
         assert len(list(frames)) == counter.count.good
         counts[name] = counter.count
     assert counts == {
-        "copter_low_battery.tlog": TlogCount(75477, 1314, 0, 19),
+        "copter_low_battery.tlog": TlogCount(75477, 1314, 0, 19, 19),
         "px4_normal_mission.tlog": TlogCount(28102, 0, 123, 0),
     }

@@ -7,6 +7,7 @@ import random
 import re
 import shutil
 import sqlite3
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -365,6 +366,30 @@ def test_an_sqlite_file_of_something_else_is_refused(tmp_path):
 def test_a_ulog_that_ends_in_its_header_is_damaged(ulog, tmp_path):
     (tmp_path / "cut.ulg").write_bytes(ulog.read_bytes()[:40])
     assert wrong_with(tmp_path / "cut.ulg") == "X: is a damaged ULog: nothing in it can be read; name another"
+
+
+@pytest.mark.parametrize("more", [0, 2, 9])
+def test_what_is_lost_of_a_ulog_that_was_cut_within_a_message_is_said(ulog, tmp_path, capsys, more):
+    data, cut, end = ulog.read_bytes(), tmp_path / "cut.ulg", 16
+    while end < len(data) * 2 // 3:
+        end += 3 + int.from_bytes(data[end : end + 2], "little")
+    cut.write_bytes(data[: end + more])
+    (tmp_path / "ulog.yaml").write_text(propose([ulog]).text)
+    status = amaze_replay(["run", str(cut), "--map", str(tmp_path / "ulog.yaml")])
+    words = f"cut.ulg: its last {more} bytes, from byte {end} on, are no whole record: it was cut there"
+    assert (status, f"DAMAGED: {words}" in capsys.readouterr().out) == ((3, True) if more else (0, False))
+    assert amaze_bag(["info", str(cut)]) == 0
+    assert (f"\n  {words}\n" in capsys.readouterr().out) == bool(more)
+
+
+def test_a_ulog_that_px4_went_on_with_after_a_crash_was_not_cut(ulog, tmp_path):
+    data, path = bytearray(ulog.read_bytes()), tmp_path / "appended.ulg"
+    data += struct.pack("<H", 40) + b"D" + bytes(2)  # the beginning of a message, where PX4 died
+    data[16 + 3 + 16 : 16 + 3 + 24] = len(data).to_bytes(8, "little")
+    data[16 + 3 + 8] |= 1
+    path.write_bytes(data + struct.pack("<H", 9 + 5) + b"L" + struct.pack("<BQ", ord("6"), 60_000_000) + b"again")
+    with other_recording(path) as recording:
+        assert (recording.problem, recording.cut) == ("", "")
 
 
 def test_verbs_that_change_bags_say_what_reads_it(ulog, tmp_path, capsys):

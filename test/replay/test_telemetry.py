@@ -24,6 +24,7 @@ from amaze_autonomy.replay.sources import Recordings, recordings_of, topics_of
 from amaze_autonomy.replay.telemetry import Telemetry
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.replay.topic_map import load_map
+from amaze_autonomy.tester.command import main
 
 DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).parents[3] / "shared" / "data"))
 MAVLINK = """std_msgs/Header header
@@ -163,6 +164,23 @@ def test_a_log_that_is_cut_off_or_damaged_is_read_as_far_as_it_goes(tmp_path):
     cut = Telemetry.of_log(path)
     assert cut.count.good > 4000
     assert 100 <= cut.count.stray_bytes < 1000
+    assert cut.problem.startswith("cut.tlog: ")
+    assert cut.problem.endswith(" bytes between its records are none, what was there is missing")
+
+
+@pytest.mark.parametrize("more,bytes_lost", [(5, 5), (12, 12), (0, 0)])
+def test_what_is_lost_of_a_log_that_was_cut_within_a_record_is_said(tmp_path, capsys, more, bytes_lost):
+    whole, path = recording("px4_normal_mission.tlog").read_bytes(), tmp_path / "cut.tlog"
+    end = 0
+    while end < len(whole) // 3:
+        end += 8 + frame_at(whole, end + 8).length
+    path.write_bytes(whole[: end + more])
+    status = main(["run", str(path), "--map", "px4_telemetry"])
+    lost = f"its last {bytes_lost} bytes, from byte {end} on, are no whole record: it was cut there"
+    damaged = [line for line in capsys.readouterr().out.splitlines() if line.startswith("DAMAGED")]
+    assert (status, damaged) == ((3, [f"DAMAGED: cut.tlog: {lost}"]) if more else (0, []))
+    if more:
+        assert main(["run", str(path), "--map", "px4_telemetry", "--to", "20"]) == 0  # it does not come to the cut
 
 
 def slowed(log, path, period_s):

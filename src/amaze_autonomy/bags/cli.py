@@ -467,7 +467,11 @@ def _info_lines(result: Dict[str, Any]) -> List[str]:
         result["file"],
         f"  {result['messages']:,} messages{length}; {_size(result['bytes'])}; {_version(result['version'])}",
         f"  chunks: {', '.join(_chunks(*each) for each in result['compression'].items()) or 'none'}",
-        *([] if result["closed"] else [f"  {result['problem']}: this is what is in its chunks"]),
+        *(
+            []
+            if result["closed"]
+            else [f"  {result['problem']}{': this is what is in its chunks' * bool(result['chunks'])}"]
+        ),
     ]
     wide = max((len(row["topic"]) for row in result["topics"]), default=0)
     kinds = max((len(row["type"]) for row in result["topics"]), default=0)

@@ -8,7 +8,20 @@ RecordError        bytes are not what the format says they are; turned into one 
 
 from __future__ import annotations
 
-__all__ = ["BagError", "MessageError", "RecordError"]
+__all__ = ["BagError", "MessageError", "RecordError", "cut_words"]
+
+
+def cut_words(name: str, end: int, size: int) -> str:
+    """Return that a log was cut: what follows its last whole record; empty when it ends with that.
+
+    Args:
+        name: of the file.
+        end: of its last whole record.
+        size: of the file.
+    """
+    if end == size:
+        return ""
+    return f"{name}: its last {size - end} bytes, from byte {end} on, are no whole record: it was cut there"
 
 
 class BagError(ValueError):

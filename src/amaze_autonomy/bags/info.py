@@ -38,7 +38,7 @@ def info_result(path: Path, memory: int = MEMORY) -> Dict[str, Any]:
         with other_recording(path, memory) as recording:
             t_ns, channel = recording.times()
             about = _about(recording.channels, t_ns, channel, recording.heads)
-            size, version, problem = recording.bytes, recording.version, recording.problem
+            size, version, problem = recording.bytes, recording.version, recording.problem or recording.cut
         closed = {"closed": not problem, "problem": problem}
         return {"file": str(path), "bytes": size, **closed, **about, "version": version}
     try:

@@ -21,7 +21,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from .errors import BagError, MessageError, UndecodableError
+from .errors import BagError, MessageError, UndecodableError, cut_words
 from .format import MEMORY
 from .index import ChunkHead
 from .mcap_files import MCAP, NONE, Channel, Part, Places, lacking, mcap_part, ros1_name, unzstd
@@ -45,6 +45,7 @@ class OtherRecording:
         heads: of its chunks.
         close: closes its files.
         problem: what of it is missing, and what to do; empty: nothing.
+        cut: likewise, where nothing but its end is missing.
     """
 
     def __init__(
@@ -57,9 +58,10 @@ class OtherRecording:
         heads: Sequence[ChunkHead] = (),
         close: Callable[[], None] = lambda: None,
         problem: str = "",
+        cut: str = "",
     ) -> None:
         self.path, self.version, self.channels, self.heads = path, version, channels, tuple(heads)
-        self._places, self._raw, self._close, self.problem = places, raw, close, problem
+        self._places, self._raw, self._close, self.problem, self.cut = places, raw, close, problem, cut
         self._decoders: Dict[int, Callable[[Any], Any]] = {}
         self._entries: Dict[str, List[Entry]] = {}
         self.topics: Tuple[Topic, ...] = tuple(self._topics())
@@ -326,6 +328,8 @@ def _decoder(channel: Channel) -> Callable[[Any], Any]:
 # --- ULog -------------------------------------------------------------------------------------------------------------
 
 
+_ULOG_HEADER = 16
+_APPENDED = struct.Struct("<3Q")  # in the flags: where data was appended after a crash
 _GPS = ("vehicle_gps_position", "sensor_gps")
 _TEXTS = "/logged_messages"
 _FIX_3D = 3
@@ -366,8 +370,27 @@ def _ulog(path: Path) -> OtherRecording:
             return SimpleNamespace(text=texts[row].message, severity=texts[row].log_level - ord("0"))
         return fields[number].message(row)
 
-    version = "ULog" + (", damaged in places" if log.file_corruption else "")
-    return OtherRecording(path, version, channels, places, raw)
+    if log.file_corruption:
+        problem = f"{path.name}: is damaged in places, what pyulog could not read there is missing"
+        return OtherRecording(path, "ULog, damaged in places", channels, places, raw, problem=problem)
+    return OtherRecording(path, "ULog", channels, places, raw, cut=_ulog_cut(path))
+
+
+def _ulog_cut(path: Path) -> str:
+    """Return that a good ULog ends within a message, which pyulog does not say; empty: it does not."""
+    data = path.read_bytes()
+    size, at = len(data), _ULOG_HEADER
+    appended = (
+        [each for each in _APPENDED.unpack_from(data, at + 3 + 16) if each] if data[at + 2 : at + 3] == b"B" else []
+    )
+    while at + 3 <= size:
+        end = at + 3 + (data[at] | data[at + 1] << 8)
+        if appended and end > appended[0]:  # PX4 goes on there after a crash, whatever it was writing
+            end = appended.pop(0)
+        if end > size:
+            break
+        at = end
+    return cut_words(path.name, at, size)
 
 
 def _day_ns(log: Any) -> int:

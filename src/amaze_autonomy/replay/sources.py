@@ -140,6 +140,7 @@ class Recordings:
             if topic not in known:
                 raise UnknownTopicError(topic, known)
         self.problems = problems_of(self.bags)
+        self.cuts = tuple(cut for cut in (getattr(bag, "cut", "") for bag in self.bags) if cut)
         self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
         self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
         if not self.count:
@@ -353,8 +354,9 @@ class Recordings:
 
 
 def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
-    """Return what of opened recordings is missing, one line each: of a file that was not closed."""
-    return tuple(problem for problem in (getattr(bag, "problem", "") for bag in bags) if problem)
+    """Return what of opened recordings is missing, one line each: of a file that was not closed, or was cut."""
+    said = (getattr(bag, name, "") for bag in bags for name in ("problem", "cut"))
+    return tuple(words for words in said if words)
 
 
 def _figures(topic: str, times: Any) -> TopicFigures:

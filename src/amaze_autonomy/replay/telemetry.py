@@ -19,6 +19,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 import numpy as np
 
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
+from amaze_autonomy.bags.errors import cut_words
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.interface import health_fields, status_of
 
@@ -181,6 +182,23 @@ class Telemetry(Made):
     def count(self) -> Optional[TlogCount]:
         """What was in the log; None for a bag."""
         return None if self._count is None else self._count.count
+
+    @property
+    def problem(self) -> str:
+        """What between its records is none; empty: nothing."""
+        count = self.count
+        stray = 0 if count is None else count.stray_bytes - count.cut_bytes
+        return (
+            f"{self.path.name}: {stray} bytes between its records are none, what was there is missing" if stray else ""
+        )
+
+    @property
+    def cut(self) -> str:
+        """What behind its last record is none; empty: nothing."""
+        if self.count is None:
+            return ""
+        size = self.path.stat().st_size
+        return cut_words(self.path.name, size - self.count.cut_bytes, size)
 
     def made(self, topic: str, entry: Entry) -> Any:
         """Return one message that is no status."""

@@ -230,7 +230,7 @@ def _run(options: argparse.Namespace) -> int:
             show_timeline(outcome)
             show_lines(footer_lines(plan, part, outcome))
     _say_speed(outcome, time.monotonic() - began)
-    return PARTIAL if _is_partial(recordings) else VACUOUS if outcome.unread else DONE
+    return PARTIAL if _is_partial(part) else VACUOUS if outcome.unread else DONE
 
 
 def _is_partial(recordings: Recordings) -> bool:

@@ -204,24 +204,33 @@ class TlogError(ValueError):
 
 
 class TlogCount(NamedTuple):
-    """What was in a log: good frames, frames with a wrong checksum, of unknown ids, bytes that were in no record."""
+    """What was in a log.
+
+    Args:
+        good: frames.
+        damaged: frames with a wrong checksum.
+        unknown: frames of unknown ids.
+        stray_bytes: that were in no record.
+        cut_bytes: those of them behind the last record.
+    """
 
     good: int
     damaged: int
     unknown: int
     stray_bytes: int
+    cut_bytes: int = 0
 
 
 class Counter:
     """Counts while a log is read."""
 
     def __init__(self) -> None:
-        self.good = self.damaged = self.unknown = self.stray_bytes = 0
+        self.good = self.damaged = self.unknown = self.stray_bytes = self.cut_bytes = 0
 
     @property
     def count(self) -> TlogCount:
         """What was counted so far."""
-        return TlogCount(self.good, self.damaged, self.unknown, self.stray_bytes)
+        return TlogCount(self.good, self.damaged, self.unknown, self.stray_bytes, self.cut_bytes)
 
 
 def read_tlog(path: Union[str, Path]) -> Tuple[Iterator[Tuple[int, Frame]], Counter]:
@@ -241,7 +250,7 @@ def read_tlog(path: Union[str, Path]) -> Tuple[Iterator[Tuple[int, Frame]], Coun
 
 
 def _records(data: bytes, tally: Counter) -> Iterator[Tuple[int, Frame]]:
-    at, end = 0, len(data)
+    at, last, end = 0, 0, len(data)
     while at + _SHORTEST <= end:
         stamp_us = int.from_bytes(data[at : at + _STAMP], "big")
         found = frame_at(data, at + _STAMP) if _FIRST_US <= stamp_us < _LAST_US else None
@@ -249,7 +258,7 @@ def _records(data: bytes, tally: Counter) -> Iterator[Tuple[int, Frame]]:
             tally.stray_bytes += 1
             at += 1
             continue
-        at += _STAMP + found.length
+        at = last = at + _STAMP + found.length
         if found.frame is not None:
             tally.good += 1
             yield stamp_us * 1000, found.frame
@@ -258,3 +267,4 @@ def _records(data: bytes, tally: Counter) -> Iterator[Tuple[int, Frame]]:
         else:
             tally.unknown += 1
     tally.stray_bytes += max(0, end - at)
+    tally.cut_bytes = end - last
