@@ -119,6 +119,66 @@ def test_what_if_says_of_a_folder_with_other_components_that_its_keys_are_not_fo
     )
 
 
+def test_a_changed_copy_of_the_configuration_is_followed_as_its_keys_are(capsys):
+    other_folder(lambda text: text.replace("severity: low", "severity: highest", 1))
+    words = "sensors.components.gps.severity was not looked at: the recording has no topic of gps"
+    assert main(["test", "x.scenario.yaml", "--no-goldens", "--config", "other"]) == 4
+    assert f"VACUOUS      x: {words}" in capsys.readouterr().out
+    assert main(["run", "flight.bag", "--map", "flight.yaml", "--config", "other"]) == 4
+    assert f"VACUOUS: {words}" in capsys.readouterr().out
+    Path("other/sensors.yaml").write_text((config_folder() / "sensors.yaml").read_text())
+    assert main(["test", "x.scenario.yaml", "--no-goldens", "--config", "other"]) == 0
+    assert main(["run", "flight.bag", "--map", "flight.yaml", "--config", "other"]) == 0
+
+
+def test_a_configuration_of_its_own_is_no_changed_copy(capsys):
+    added = "  thermal: {group: other, severity: low, topics: {/thermal: {rate_hz: 9.0, age_limit_s: 1.0}}}\n"
+    other_folder(lambda text: text.replace("\ncomponents:\n", f"\ncomponents:\n{added}", 1))
+    assert main(["run", "flight.bag", "--map", "flight.yaml", "--config", "other"]) == 0
+    assert "VACUOUS" not in capsys.readouterr().out
+
+
+SIMULATED = """\
+version: 1
+description: a simulated flight of the tests
+missions: ['1']
+faults: [{component: lrf, fault: silent, after: {event: airborne, delay_s: 3.0}}]
+expectations: [{expect: exists, of: {state: HOLD}}]
+configuration: {set: {%s}}
+"""
+
+
+@pytest.mark.parametrize(
+    "key,verdict",
+    [
+        ("sensors.battery.cell_voltage_max_v: 4.4", "VACUOUS"),
+        ("missions.bounds.max_hold_s: 100.0", "VACUOUS"),  # waypoint files are only checked by it
+        ("autonomy.takeoff.lift_off_limit_s: 9.0", "PASS"),  # as it is watched in each takeoff
+        ("sensors.components.lrf.wait_limit_s: 9.0", "PASS"),
+        ("sensors.landing_detection.mounting_height_m: 0.2", "PASS"),  # the simulated range is measured from there
+    ],
+)
+def test_a_key_that_nothing_in_a_simulated_flight_looked_at_is_vacuous(key, verdict):
+    Path("x.scenario.yaml").write_text(SIMULATED % key)
+    (task,) = tasks_of([Path("x.scenario.yaml")], Options(goldens=False))
+    found = run_task(task)
+    assert (found.verdict.value, found.problems) == (
+        verdict,
+        (f"{key.split(':')[0]} was not looked at: the simulated flight is the same without it",) * (verdict != "PASS"),
+    )
+
+
+def test_a_key_that_no_decision_of_a_journal_asked_for_is_vacuous(capsys):
+    assert main(["run", "flight.bag", "--map", "flight.yaml", "--out", "out"]) == 0
+    Path("x.scenario.yaml").write_text(
+        "version: 1\ndescription: x\njournal: out/journal.jsonl\n"
+        "expectations: [{expect: exists, of: {state: MISSION}}]\n"
+    )
+    key = "autonomy.commands.user_hold_limit_s"
+    assert main(["test", "x.scenario.yaml", "--no-goldens", "--set", f"{key}=20.0"]) == 4
+    assert f"{key} was not looked at: no decision asked for it" in capsys.readouterr().out
+
+
 def test_a_journal_is_decided_by_the_rules_alone(capsys):
     assert main(["run", "flight.bag", "--map", "flight.yaml", "--out", "out"]) == 0
     Path("x.scenario.yaml").write_text(

@@ -7,14 +7,33 @@ changed key is followed to what it changes of the plan, and from there to data o
 * of a monitor (watchdog, landing detection, check of the states, battery), its topics must be in the recording, and it
   must have judged by them;
 * of the engine, a decision must have asked for it, and what it limits must be told by the recording, not by the script.
+
+Without a recording a decision must have asked for it, or the simulated flight must be another one without it. A folder
+is followed by the keys in which it differs from another one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Callable, Collection, Dict, FrozenSet, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+from pathlib import Path
+from typing import (
+    Any,
+    Callable,
+    Collection,
+    Dict,
+    FrozenSet,
+    Iterable,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+    Union,
+)
 
 from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, Bound
@@ -27,11 +46,14 @@ __all__ = [
     "MISSION_FACTS",
     "Change",
     "ChangedKeys",
+    "DecidedKeys",
+    "Part",
     "Unread",
     "changes_of",
     "facts_of",
+    "keys_of",
     "recorded_facts",
-    "unread_by_rules",
+    "written",
 ]
 
 
@@ -110,6 +132,10 @@ MISSION_FACTS: Mapping[str, Tuple[str, ...]] = {
 """Likewise for what the engine knows of a mission; what is not here decides nothing."""
 
 
+RULE_FACTS: Mapping[str, Tuple[str, ...]] = {"require_go": ("log",)}
+"""Likewise for what is no limit; what is not here is of the checks."""
+
+
 def facts_of(limit: str) -> Tuple[str, ...]:
     """Return the facts that a limit of the engine limits."""
     conditions = [when for row in FAILSAFE_CONDITIONS for when in row.when if isinstance(when, Bound)]
@@ -164,13 +190,44 @@ def changes_of(
     )
 
 
-def unread_by_rules(overrides: Sequence[str], load: Callable[[Sequence[str]], Configuration]) -> Tuple[Unread, ...]:
-    """Return the keys that change nothing of the engine's rules: a journal is decided by these alone."""
-    if not overrides:
-        return ()
-    rules = load(overrides).rules
-    reason = "a journal holds what the nodes said, so the engine's rules alone decide"
-    return tuple(Unread(key, reason) for key, without in _without_each(overrides, load) if without.rules == rules)
+def keys_of(folder: Union[str, Path], given: Sequence[str], before: Union[str, Path]) -> Optional[Tuple[str, ...]]:
+    """Return the overrides that make of one folder's configuration that of another one, with some on top of it.
+
+    Args:
+        folder: of the other one.
+        given: "file.key=value", on top of it.
+        before: the one folder.
+
+    Returns:
+        None: no keys can say it, as it has other components, missions or waypoint files.
+
+    Raises:
+        ConfigError: the other one has a mistake.
+    """
+    other = load_configuration(folder, given)
+    try:
+        keys = (*given, *_value_differences("", load_configuration(before, given).effective, other.effective))
+        return keys if load_configuration(before, keys).hash == other.hash else None
+    except ConfigError:  # what it lacks, or has besides
+        return None
+
+
+def _value_differences(address: str, one: Any, other: Any) -> Iterable[str]:
+    """Return overrides that make other values of some."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for name in sorted({*one, *other}):
+            yield from _value_differences(f"{address}.{name}" if address else name, one.get(name), other.get(name))
+    elif one != other:
+        yield f"{address}={written(other)}"
+
+
+def written(value: Any) -> str:
+    """Return a plain value as YAML."""
+    if isinstance(value, list):
+        return f"[{', '.join(written(each) for each in value)}]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "null" if value is None else repr(value)
 
 
 def _without_each(
@@ -187,6 +244,43 @@ def _without_each(
             yield text.partition("=")[0].strip(), without
 
 
+class DecidedKeys:
+    """Follows changed keys through what is decided without a recording: events, a journal, a simulated flight.
+
+    Args:
+        overrides: "file.key=value", on top of each other; empty: nothing is followed.
+        load: a configuration with some of them.
+    """
+
+    def __init__(self, overrides: Sequence[str], load: Callable[[Sequence[str]], Configuration]) -> None:
+        self._asked: Set[Part] = set()
+        self._keys: List[Tuple[str, Configuration, Tuple[Part, ...]]] = []
+        if overrides:
+            rules = load(overrides).rules
+            self._keys = [
+                (key, without, tuple(_rule_differences(rules, without.rules)))
+                for key, without in _without_each(overrides, load)
+            ]
+
+    def followed(self, rules: Rules) -> Rules:
+        """Return rules that note which of the changed values are asked for."""
+        return _followed(rules, {part for _, _, parts in self._keys for part in parts}, self._asked)
+
+    def unread(self, reason: Callable[[Configuration, Sequence[Part]], str]) -> Tuple[Unread, ...]:
+        """Return the keys that nothing looked at.
+
+        Args:
+            reason: why not, by the configuration without the key, and the parts of the engine's rules that the key
+                changes; empty: something besides the engine looked at it.
+        """
+        silent = ((key, reason(without, parts)) for key, without, parts in self._keys if not self._is_asked(parts))
+        return tuple(Unread(key, words) for key, words in silent if words)
+
+    def _is_asked(self, parts: Sequence[Part]) -> bool:
+        """Return whether a decision asked for one of some rules; severities are told to the watchdog before takeoff."""
+        return any(part in self._asked or part[2:] == ("severity",) for part in parts)
+
+
 class ChangedKeys:
     """Follows changed keys through a replay.
 
@@ -200,7 +294,7 @@ class ChangedKeys:
         self._asked: Set[Part] = set()
         self._watched = False
         self._failed: FrozenSet[str] = frozenset()
-        self.rules = self._followed(plan.rules)
+        self.rules = _followed(plan.rules, {part for change in changes for part in change.parts}, self._asked)
 
     def unread(
         self, plan: Plan, recordings: Recordings, facts: FrozenSet[str], *, watched: bool, failed: Collection[str]
@@ -228,7 +322,9 @@ class ChangedKeys:
         """Return why nothing looked at a part of the plan; None: something did."""
         kind, name = part[0], part[1]
         if kind in ("limit", "rule"):
-            return self._engine_reason(part, facts_of(name) if kind == "limit" else ("log",), facts)
+            return self._engine_reason(
+                part, facts_of(name) if kind == "limit" else RULE_FACTS.get(name, _CHECKS), facts
+            )
         if kind == "mission":
             return _told(MISSION_FACTS.get(name, ()), facts) if name in MISSION_FACTS else "it decides nothing"
         if kind in ("row", "component", "restart"):
@@ -255,27 +351,6 @@ class ChangedKeys:
         if kind == "row" and part not in self._asked and (part[2] != "severity" or not self._watched):
             return f"no decision asked for it: {name} never failed"
         return None if self._watched else "the watchdog was never started"
-
-    def _followed(self, rules: Rules) -> Rules:
-        """Return rules that note which of the changed values are asked for."""
-        parts = {part for change in self._changes for part in change.parts}
-        limits = [part[1] for part in parts if part[0] == "limit"]
-        changed: Dict[str, Any] = {}
-        if limits:
-            changed["limits"] = _noted(rules.limits, {name: ("limit", name) for name in limits}, self._asked)
-        rows = {part[1] for part in parts if part[0] == "row"}
-        if rows:
-            changed["components"] = tuple(
-                _noted(row, {p[2]: p for p in parts if p[:2] == ("row", row.name)}, self._asked)
-                if row.name in rows
-                else row
-                for row in rules.components
-            )
-        followed = replace(rules, **changed) if changed else rules
-        own = {part[1]: part for part in parts if part[0] == "rule"}
-        followed = _noted(followed, own, self._asked) if own else followed
-        self._asked.clear()
-        return followed
 
 
 def recorded_facts(plan: Plan, recordings: Recordings, *, log: bool) -> FrozenSet[str]:
@@ -348,21 +423,24 @@ def _fields_of(plan: Plan, reading: str) -> Mapping[str, str]:
 
 def _differences(plan: Plan, other: Plan) -> Iterable[Part]:
     """Return the parts in which two plans differ, in a fixed order."""
-    for field in _different(plan.rules.limits, other.rules.limits):
-        yield ("limit", field)
-    if plan.rules.require_go != other.rules.require_go:
-        yield ("rule", "require_go")
-    rows, others = ({row.name: row for row in each.rules.components} for each in (plan, other))
-    for name in rows:
-        if name not in others:
-            yield ("row", name, "severity")
-        else:
-            yield from (("row", name, field) for field in _different(rows[name], others[name]))
+    yield from _rule_differences(plan.rules, other.rules)
     yield from _component_differences(plan, other)
     for kind in _READINGS:
         one, two = getattr(plan, kind), getattr(other, kind)
         yield from ((kind, field) for field in _different(one, two))
     yield from (("mission", field) for field in _different(plan.mission, other.mission))
+
+
+def _rule_differences(rules: Rules, other: Rules) -> Iterable[Part]:
+    for field in _different(rules.limits, other.limits):
+        yield ("limit", field)
+    yield from (("rule", field) for field in _different(rules, other) if field not in ("limits", "components"))
+    rows, others = ({row.name: row for row in each.components} for each in (rules, other))
+    for name in rows:
+        if name not in others:
+            yield ("row", name, "severity")
+        else:
+            yield from (("row", name, field) for field in _different(rows[name], others[name]))
 
 
 def _component_differences(plan: Plan, other: Plan) -> Iterable[Part]:
@@ -386,6 +464,25 @@ def _different(one: Any, other: Any) -> List[str]:
 
 
 # --- noting -----------------------------------------------------------------------------------------------------------
+
+
+def _followed(rules: Rules, parts: Collection[Part], asked: Set[Part]) -> Rules:
+    """Return rules that note which of the changed values are asked for."""
+    limits = [part[1] for part in parts if part[0] == "limit"]
+    changed: Dict[str, Any] = {}
+    if limits:
+        changed["limits"] = _noted(rules.limits, {name: ("limit", name) for name in limits}, asked)
+    rows = {part[1] for part in parts if part[0] == "row"}
+    if rows:
+        changed["components"] = tuple(
+            _noted(row, {p[2]: p for p in parts if p[:2] == ("row", row.name)}, asked) if row.name in rows else row
+            for row in rules.components
+        )
+    followed = replace(rules, **changed) if changed else rules
+    own = {part[1]: part for part in parts if part[0] == "rule"}
+    followed = _noted(followed, own, asked) if own else followed
+    asked.clear()
+    return followed
 
 
 def _noted(value: Any, parts: Mapping[str, Part], asked: Set[Part]) -> Any:

@@ -127,6 +127,7 @@ class FlightLog:
         decisions: that were made in flight, in the bag's time, in order.
         end_ns: time of the last event, whatever it is, in the bag's time.
         offset_ns: what was added to the journal's times.
+        configuration_hash: of what was flown by; empty: its header is not in the bags.
     """
 
     label: str
@@ -134,6 +135,7 @@ class FlightLog:
     decisions: Tuple[Decision, ...] = ()
     end_ns: int = 0
     offset_ns: int = 0
+    configuration_hash: str = ""
 
 
 def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLog]:
@@ -143,7 +145,7 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
         JournalError: A line is damaged.
         MessageError: A message is damaged.
     """
-    label = ""
+    label = flown_by = ""
     asked: List[Event] = []
     made: List[Decision] = []
     ways: List[int] = []
@@ -159,6 +161,7 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
             if isinstance(event, Decision):
                 made.append(event)
             if not isinstance(event, Event):
+                flown_by = flown_by or (str(event.get("hash", "")) if isinstance(event, dict) else "")
                 continue
             ways.append(t_ns - event.t_ns)
             last_ns = max(last_ns, event.t_ns)
@@ -169,7 +172,8 @@ def read_log(recordings: Tuple[Recording, ...], topic: str) -> Optional[FlightLo
     if not ways:
         return None
     offset_ns = min(ways)
-    return FlightLog(label, _moved(asked, offset_ns), _moved(made, offset_ns), last_ns + offset_ns, offset_ns)
+    events, decisions = _moved(asked, offset_ns), _moved(made, offset_ns)
+    return FlightLog(label, events, decisions, last_ns + offset_ns, offset_ns, flown_by)
 
 
 def _moved(found: Sequence[T], offset_ns: int) -> Tuple[T, ...]:

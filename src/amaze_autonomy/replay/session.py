@@ -132,8 +132,6 @@ class Session:
     ) -> None:
         self._plan, self._recordings = plan, recordings
         self._story = Story() if story is None else story
-        self._keys = ChangedKeys(plan, changes)
-        self._rules = self._keys.rules
         self._state = EngineState()
         self._agenda = Agenda()
         self._journal: List[str] = []
@@ -149,6 +147,9 @@ class Session:
         self._names: Dict[int, str] = {}
         self._script = plan.topic_map.script
         self._log = self._read_log()
+        as_flown = self._log is not None and self._log.configuration_hash == plan.configuration_hash
+        self._keys = ChangedKeys(plan, () if as_flown else changes)  # what flew by them is not changed by them
+        self._rules = self._keys.rules
         self._at_first = Beginning(recordings.start_ns, airborne=False) if self._log else beginning
         if self._at_first is None:
             self._at_first = beginning_of(plan, recordings)

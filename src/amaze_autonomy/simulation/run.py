@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Decision, Notify, Request, Value
@@ -58,6 +58,7 @@ def run(
     seed: int = 0,
     limit_ns: int = 7200 * _S,
     rules: Optional[Rules] = None,
+    watch: Optional[Callable[[Rules], Rules]] = None,
 ) -> Run:
     """Fly missions in a simulated world until the engine has nothing more to do.
 
@@ -70,14 +71,22 @@ def run(
         seed: of the world.
         limit_ns: of simulated time.
         rules: to decide by in the place of the configuration's; the world stays as it is.
+        watch: makes of the rules those that note which of them are asked for; None: as they are.
     """
-    return _Loop(configuration, scenario or Scenario(), seed, rules).run(missions, limit_ns)
+    return _Loop(configuration, scenario or Scenario(), seed, rules, watch).run(missions, limit_ns)
 
 
 class _Loop:
     """One run."""
 
-    def __init__(self, configuration: Configuration, scenario: Scenario, seed: int, rules: Optional[Rules]) -> None:
+    def __init__(
+        self,
+        configuration: Configuration,
+        scenario: Scenario,
+        seed: int,
+        rules: Optional[Rules],
+        watch: Optional[Callable[[Rules], Rules]],
+    ) -> None:
         self._rules = configuration.rules if rules is None else rules
         self._world = World(configuration, seed, scenario)
         self._state = EngineState()
@@ -90,6 +99,7 @@ class _Loop:
             scenario=scenario.description,
         )
         self._lines: List[str] = [journal.encode_header(header)]
+        self._rules = self._rules if watch is None else watch(self._rules)
         self._commands: List[Tuple[int, Command]] = []
         self._decisions: List[Decision] = []
         self._results: List[Tuple[str, Result, DataResult]] = []

@@ -119,4 +119,5 @@ def is_full(options: argparse.Namespace) -> bool:
 def options_of(options: argparse.Namespace, **more: Any) -> Options:
     """Return what is asked of the run."""
     folder = str(options.config) if options.config is not None else ""
-    return Options(configuration=folder, overrides=tuple(options.set), memory=options.memory, **more)
+    before = "" if folder else None
+    return Options(folder, tuple(options.set), before, memory=options.memory, **more)

@@ -31,7 +31,7 @@ from amaze_autonomy.whole_file import write_whole
 from ..journal.journal import JournalError
 from ..pages.document import PageError, need_plots
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
-from ..replay.changed_keys import changes_of
+from ..replay.changed_keys import changes_of, keys_of
 from ..replay.compare import Comparison, compare
 from ..replay.errors import ReplayError
 from ..replay.faults.stream import FaultedRecordings
@@ -210,6 +210,8 @@ def _run(options: argparse.Namespace) -> int:
     configuration = load_configuration(options.config or config_folder(), options.set)
     mission_id = options.mission or configuration.missions[0].id
     plan = make_plan(configuration, topic_map, mission_id, recorded)
+    keys = None if options.config is None else keys_of(options.config, options.set, config_folder())
+    before, given = (options.config or config_folder(), options.set) if keys is None else (config_folder(), keys)
     changes = changes_of(
         options.set,
         lambda some: load_configuration(options.config or config_folder(), some),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple, Union
 
 from amaze_autonomy.bags.other_formats import content_files
 from amaze_autonomy.config.errors import ConfigError
@@ -17,6 +18,7 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.simulation import Fault, Scenario, Subject, Trigger
+from amaze_autonomy.simulation.errors import SimulationError
 from amaze_autonomy.simulation.run import run
 from amaze_autonomy.whole_file import sha256_of
 
@@ -25,7 +27,7 @@ from ..engine.rules import ComponentRule
 from ..journal.journal import JournalError, decode, encode_decision, encode_event, encode_header, rules_of
 from ..journal.trace import Trace, trace_of
 from ..replay.beginning import beginning_of
-from ..replay.changed_keys import Unread, changes_of, unread_by_rules
+from ..replay.changed_keys import DecidedKeys, Part, Unread, changes_of, keys_of, written
 from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
 from ..replay.faults.story import Story
@@ -40,7 +42,7 @@ from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind
 from .task import Options
 
-__all__ = ["Mark", "Played", "configuration_of", "missions_of", "overrides_of", "play", "replay_case", "written"]
+__all__ = ["Mark", "Played", "configuration_of", "missions_of", "overrides_of", "play", "replay_case"]
 
 # --- played -----------------------------------------------------------------------------------------------------------
 # What came of playing a case, and what every way of playing it needs: configuration and missions.
@@ -98,30 +100,18 @@ def overrides_of(case: Case, options: Options) -> Tuple[str, ...]:
 def _followed(case: Case, options: Options) -> Tuple[Union[str, Path], Tuple[str, ...], Tuple[Unread, ...]]:
     """Return a folder and the overrides on top of it that are followed, and what cannot be.
 
-    Another folder is followed as those overrides that make its configuration of the one before.
+    Another folder is followed as those overrides that make its configuration of the one before; one that is no changed
+    copy of it, but a configuration of its own, is not, which is said where two are compared.
     """
     folder, given = _folder(case, options), overrides_of(case, options)
     if options.before is None:
         return folder, given, ()
     before = options.before or case.configuration or config_folder()
-    other = load_configuration(folder, given)
-    keys = (*given, *_differences("", load_configuration(before, given).effective, other.effective))
-    try:
-        if load_configuration(before, keys).hash == other.hash:
-            return before, keys, ()
-    except ConfigError:  # what it lacks, or has besides, no key can say
-        pass
+    keys = keys_of(folder, given, before)
+    if keys is not None:
+        return before, keys, ()
     words = "it has other components, missions or waypoint files, so its keys are not followed"
-    return folder, given, (Unread(str(folder), words),)
-
-
-def _differences(address: str, one: Any, other: Any) -> Iterable[str]:
-    """Return overrides that make other values of some."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        for name in sorted({*one, *other}):
-            yield from _differences(f"{address}.{name}" if address else name, one.get(name), other.get(name))
-    elif one != other:
-        yield f"{address}={written(other)}"
+    return folder, given, (Unread(str(folder), words),) if options.compared else ()
 
 
 def _placed(error: ConfigError, case: Case) -> ConfigError:
@@ -131,15 +121,6 @@ def _placed(error: ConfigError, case: Case) -> ConfigError:
         return error
     place = place_of(case.path, ("configuration", "set", key), ("matrix", key))
     return ConfigError(place, f"{key.partition('.')[0]}.{error.key}" if error.key else key, error.wrong, error.right)
-
-
-def written(value: Any) -> str:
-    """Return a plain value as YAML."""
-    if isinstance(value, list):
-        return f"[{', '.join(written(each) for each in value)}]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return "null" if value is None else repr(value)
 
 
 def missions_of(case: Case, configuration: Configuration) -> Tuple[Mission, ...]:
@@ -401,16 +382,32 @@ def _simulate(case: Case, options: Options, rules: Optional[Rules]) -> Played:
     configuration = configuration_of(case, options)
     missions = missions_of(case, configuration)
     scenario = Scenario(case.description, case.faults, case.requests)
-    result = run(configuration, missions, scenario, seed=case.seed, limit_ns=case.limit_ns, rules=rules)
+    fly = partial(run, scenario=scenario, seed=case.seed, limit_ns=case.limit_ns, rules=rules)
+    keys, blind = _decided_keys(case, options, rules)
+    result = fly(configuration, missions, watch=keys.followed)
     began = _beginnings(case, result.history)
     vacuous = [f"{fault} did nothing: it never began" for fault, t in zip(case.faults, began) if t is None]
     asked = [text for _, text in result.history]
     vacuous += [f"{each} was never asked" for each in case.requests if f"the user asks: {each}" not in asked]
     if not result.finished:
         vacuous.append(f"the run had not ended after {case.limit_ns / 1e9:g} s of simulated time")
-    return Played(
-        result.lines, trace_of(result.lines, 0, None, began), tuple(vacuous), (), _marks_of_a_simulation(result.history)
-    )
+
+    def same(without: Configuration, _: Sequence[Part]) -> str:
+        try:
+            other = fly(without, missions_of(case, without))
+        except (ReplayError, SimulationError):  # without the key it could not be flown
+            return ""
+        return "the simulated flight is the same without it" if other.lines[1:] == result.lines[1:] else ""
+
+    unread = (*blind, *keys.unread(same))
+    trace, marks = trace_of(result.lines, 0, None, began), _marks_of_a_simulation(result.history)
+    return Played(result.lines, trace, (*vacuous, *map(str, unread)), (), marks, unread)
+
+
+def _decided_keys(case: Case, options: Options, rules: Optional[Rules]) -> Tuple[DecidedKeys, Tuple[Unread, ...]]:
+    """Return what follows the changed keys where there is no recording, and what cannot be followed."""
+    folder, given, blind = _followed(case, options) if rules is None else (_folder(case, options), (), ())
+    return DecidedKeys(given, lambda some: load_configuration(folder, some)), blind
 
 
 def _beginnings(case: Case, history: Tuple[Tuple[int, str], ...]) -> Tuple[Optional[int], ...]:
@@ -444,19 +441,21 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
     if more:
         raise ReplayError(f"{case.journal}: holds several journals; take one of them")
     named = options.configuration or options.overrides or case.configuration is not None or case.overrides
+    keys, blind = _decided_keys(case, options, rules)
     if rules is None:
         rules = configuration_of(case, options).rules if named else rules_of(journal.lines[0])
     header = journal.lines[0].payload
-    lines = _decided((line.payload for line in journal.lines), rules)
+    lines = _decided((line.payload for line in journal.lines), keys.followed(rules))
     lines = [encode_header(header), *lines] if isinstance(header, dict) else lines
     broken = (f"{case.journal}: the end of the journal is cut off",) if journal.truncated else ()
-    unread = _unread_by_rules(case, options)
+    unread = (*blind, *keys.unread(_not_asked))
     return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), broken, unread=unread)
 
 
-def _unread_by_rules(case: Case, options: Options) -> Tuple[Unread, ...]:
-    folder, given, blind = _followed(case, options)
-    return (*blind, *unread_by_rules(given, lambda some: load_configuration(folder, some)))
+def _not_asked(_: Configuration, parts: Sequence[Part]) -> str:
+    """Return why nothing that was decided again looked at a key."""
+    words = "a journal holds what the nodes said, so the engine's rules alone decide"
+    return "no decision asked for it" if parts else words
 
 
 def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Played:
@@ -465,8 +464,9 @@ def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Play
         payloads = [decode(text, number).payload for number, text in enumerate(case.events, 1)]
     except JournalError as error:
         raise ReplayError(f"{case.path}: events, {error}") from error
-    lines = _decided(payloads, configuration_of(case, options).rules if rules is None else rules)
-    unread = _unread_by_rules(case, options) if rules is None else ()
+    keys, blind = _decided_keys(case, options, rules)
+    lines = _decided(payloads, keys.followed(configuration_of(case, options).rules if rules is None else rules))
+    unread = (*blind, *keys.unread(_not_asked))
     return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), unread=unread)
 
 

@@ -22,6 +22,7 @@ class Options:
         configuration: folder to decide by instead of each scenario's own; empty: its own.
         overrides: "file.key=value" on top of each scenario's own.
         before: folder whose differences from `configuration` are followed; empty: each scenario's own; None: none.
+        compared: two configurations are compared, so it is said when the differences cannot be followed.
         goldens: compare with the goldens; False: judge expectations alone.
         story: return the whole journal of each run.
         memory: bytes that a chunk of a bag may take, decompressed.
@@ -30,6 +31,7 @@ class Options:
     configuration: str = ""
     overrides: Tuple[str, ...] = ()
     before: Optional[str] = None
+    compared: bool = False
     goldens: bool = True
     story: bool = False
     memory: int = MEMORY

@@ -9,8 +9,8 @@ from typing import Callable, List, Optional, Sequence, Tuple
 from amaze_autonomy.config.document import read
 from amaze_autonomy.engine.commands import Decision
 
+from ..replay.changed_keys import written
 from .golden import align, decisions_of, first_difference, told
-from .play import written
 from .result import EXIT_STATUS, Result, Verdict
 from .run import run_tasks
 from .scenario.schema import CONFIGURATION
@@ -60,10 +60,10 @@ def other_options(options: Options, against: str) -> Options:
         folder = options.configuration if said["folder"] is None else str(path.parent / said["folder"])
         given = tuple(f"{key}={written(value)}" for key, value in (said["set"] or {}).items())
         given = (*options.overrides, *given)
-        return replace(options, configuration=folder, overrides=given, before=options.configuration)
+        return replace(options, configuration=folder, overrides=given, before=options.configuration, compared=True)
     if "=" in against and not path.is_dir():
         return replace(options, overrides=(*options.overrides, against))
-    return replace(options, configuration=against, before=options.configuration)
+    return replace(options, configuration=against, before=options.configuration, compared=True)
 
 
 def what_if(
