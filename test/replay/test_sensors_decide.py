@@ -7,11 +7,11 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
-from replay_bags import START_NS, S
+from replay_bags import START_NS, S, flight_rows, write_bag
 from replay_demo import demo_bag, simulated
 from replay_runs import moves, replay, texts
 
-from amaze_autonomy.engine.events import AutopilotStatus, Landed, LandedStatus, Mission, VehicleLanded
+from amaze_autonomy.engine.events import AutopilotStatus, CheckName, Landed, LandedStatus, Mission, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.journal.journal import read
 from amaze_autonomy.replay.changed_keys import MISSION_FACTS, facts_of
@@ -110,6 +110,22 @@ def test_a_recorded_autopilot_that_flies_contradicts_an_engine_that_commanded_no
     assert [text.partition("contradiction: ")[2] for text in told] == [
         "the recorded vehicle flies, and nothing here has commanded a takeoff"
     ]
+
+
+@pytest.mark.parametrize("select_s,passes", [(3.0, True), (12.0, False)])
+def test_a_check_that_it_stands_on_the_ground_is_answered_by_the_recorded_vehicle(tmp_path, select_s, passes):
+    """It has no range, its motors are scripted, and it flies from 8 s on."""
+    lines = (Path(__file__).parent / "flight.yaml").read_text().splitlines(True)
+    kept = [each for each in lines if not any(words in each for words in ("range:", "lrf:", "armed:", "landing:"))]
+    path = tmp_path / "landed.yaml"
+    path.write_text("".join(kept).replace("select_at_s: 3.0", f"select_at_s: {select_s}"))
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", flight_rows()), str(path))
+    source, (row,) = outcome.checks[CheckName.ON_GROUND]
+    said = "ON_GROUND" if passes else "IN_AIR"
+    assert (source.words, row.passed, row.name) == ("bag", passes, "landed state")
+    assert row.advice == f"the recorded vehicle says {said}"
+    rules = [rule for before, _, rule in moves(outcome) if before == "PREFLIGHT"]
+    assert rules[0] == ("checks_passed" if passes else "checks_failed")
 
 
 CAMERA = """

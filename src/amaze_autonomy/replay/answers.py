@@ -6,7 +6,15 @@ from math import degrees
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import RunCheck
-from amaze_autonomy.engine.events import CheckReply, ComponentStatus, Landed, LandedStatus, Outcome, WatchdogInfo
+from amaze_autonomy.engine.events import (
+    CheckReply,
+    ComponentStatus,
+    Landed,
+    LandedStatus,
+    Outcome,
+    VehicleLanded,
+    WatchdogInfo,
+)
 
 from ..engine.events import Check, CheckName, Verdict
 from ..engine.rules import Code
@@ -40,10 +48,17 @@ class Answers:
         plan: of the replay.
         monitors: that know what the recording tells.
         recorded: what the recorded watchdog said of components that have no topic there.
+        landed: whether the recorded vehicle says at a time that it is on the ground; None: it says nothing.
     """
 
-    def __init__(self, plan: Plan, monitors: Monitors, recorded: RecordedNodes) -> None:
-        self._plan, self._monitors, self._recorded = plan, monitors, recorded
+    def __init__(
+        self,
+        plan: Plan,
+        monitors: Monitors,
+        recorded: RecordedNodes,
+        landed: Callable[[int], Optional[VehicleLanded]],
+    ) -> None:
+        self._plan, self._monitors, self._recorded, self._landed = plan, monitors, recorded, landed
         self.recorded_info: Optional[WatchdogInfo] = None
         self.recorded_landed: Optional[LandedStatus] = None
         self.last: Dict[CheckName, Tuple[Source, Tuple[Check, ...]]] = {}
@@ -105,7 +120,7 @@ class Answers:
         return {"ok": ok, "checks": rows, "components": info.components}
 
     def on_ground(self, t_ns: int, _: RunCheck) -> Optional[Dict[str, Any]]:
-        """Return what the recorded landing detection or range finder tells."""
+        """Return what the recorded landing detection or range finder tells; without both, the vehicle itself."""
         if self.recorded_landed is not None:
             said = self.recorded_landed
             good = said.landed is Landed.ON_GROUND
@@ -114,7 +129,10 @@ class Answers:
                 Check("distance to ground", verdict, said.distance_m, None, "m", None, said.reason),
             )
             return {"ok": good, "checks": rows}
-        checks = self._monitors.check_ground(t_ns)
+        checks, landed = self._monitors.check_ground(t_ns), self._landed(t_ns)
+        if checks is None and landed is not None:
+            verdict = Verdict.PASS if landed is VehicleLanded.ON_GROUND else Verdict.FAIL
+            checks = (Check("landed state", verdict, advice=f"the recorded vehicle says {landed.name}"),)
         return None if checks is None else {"ok": all(row.passed for row in checks), "checks": checks}
 
 

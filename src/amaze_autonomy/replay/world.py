@@ -113,7 +113,7 @@ class World:
         self._plan, self._monitors, self._agenda = plan, monitors, agenda
         self._tell, self._say, self._recordings = tell, say, recordings
         self.recorded = RecordedNodes(plan, recordings, say)
-        self.answers = Answers(plan, monitors, self.recorded)
+        self.answers = Answers(plan, monitors, self.recorded, self._recorded_landed)
         self.evidence = Evidence(plan.rules.limits)
         self.state = EngineState()
         self.flown = False
@@ -412,6 +412,13 @@ class World:
         if isinstance(status, AutopilotStatus):
             return {name: getattr(status, name) for name in _MOTION}
         return self._monitors.facts(t_ns, flown=self.flown)
+
+    def _recorded_landed(self, t_ns: int) -> Optional[VehicleLanded]:
+        """Return whether the recorded vehicle says that it is on the ground; None: it does not say it now."""
+        landed: Optional[VehicleLanded] = None
+        if t_ns >= self._recordings.start_ns:
+            landed = self._recorded_facts(t_ns).get("landed")
+        return None if landed is VehicleLanded.UNKNOWN else landed
 
     def _contradict(self, t_ns: int, told: Mapping[str, Any]) -> None:
         """Say where the recording contradicts what the script, or the engine by it, takes for granted."""
