@@ -252,7 +252,12 @@ def test_a_recording_without_a_vehicle_is_said_to_be_that(tmp_path, capsys):
     rows = [(START_NS + each * S, "/turtle", make("std_msgs/msg/Bool", data=True)) for each in range(5)]
     bag, out = write_bag(tmp_path / "x.bag", rows), tmp_path / "x.yaml"
     assert main(["map", str(bag), "--out", str(out)]) == 0
-    assert "# What was found:\n#   no flight: nothing tells of it\n" in out.read_text()
+    words = (
+        "no vehicle: no topic tells of sensors or an autopilot (std_msgs/Bool); name the recording of a vehicle, or "
+        "write a map by hand (docs/replay.md, Writing a topic map)"
+    )
+    assert capsys.readouterr().out.splitlines()[0] == words
+    assert f"# What was found:\n#   {words}\n" in out.read_text()
     assert main(["run", str(bag), "--map", str(out)]) == 2
     assert "x.bag: the map names none of its topics; there are /turtle" in capsys.readouterr().err
 

@@ -30,6 +30,7 @@ _LATE_S, _ARMED_BEFORE_S = 3.0, 1.0
 _CHECKED_S, _COMMANDED_S = 3.2, 3.8  # from the selection to the checks before the takeoff, at the latest to its command
 _STILL_S = 1.8  # a little less than the shipped configuration looks whether the vehicle stands still
 _ESTIMATE_HZ = 25.0  # slower than this is too slow for the shipped configuration
+_KINDS_NAMED = 5
 _NEAR_MM, _MOUNTED_M, _ALOFT_M, _RISE_M = 300.0, 0.6, 0.5, 0.3
 
 
@@ -206,6 +207,8 @@ class _Maker:
     def proposal(self) -> Proposal:
         components, readings, statuses = self._components(), self._readings(), self._statuses()
         self.found += self._cns()
+        if not (self._mapped or readings or statuses):
+            self.found.append(self._no_vehicle())
         unread = [(f"{each.name}: cannot be read ({each.wrong})", each.damaged) for each in self._topics if each.wrong]
         problems = (*problems_of(self._bags), *(words for words, damaged in unread if damaged))
         self.found[:0] = problems
@@ -219,6 +222,15 @@ class _Maker:
         lines += self._state_estimation() + self._landing() + self._script()
         kinds = tuple((topic.name, topic.kind) for topic in self._topics)
         return Proposal("\n".join(lines) + "\n", tuple(self.found), tuple(self.scripted), kinds, problems)
+
+    def _no_vehicle(self) -> str:
+        """Return that none of the topics is one that a vehicle has, and what to do."""
+        kinds = sorted({topic.kind for topic in self._topics})
+        more = f" and {len(kinds) - _KINDS_NAMED} more" if len(kinds) > _KINDS_NAMED else ""
+        return (
+            f"no vehicle: no topic tells of sensors or an autopilot ({', '.join(kinds[:_KINDS_NAMED])}{more}); name "
+            "the recording of a vehicle, or write a map by hand (docs/replay.md, Writing a topic map)"
+        )
 
     # --- components ---------------------------------------------------------------------------------------------------
 
