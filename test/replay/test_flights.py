@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 
 import pytest
-from replay_bags import S, flight_rows, write_bag
+from replay_bags import START_NS, S, flight_rows, write_bag
 from replay_runs import recording
 
 from amaze_autonomy.tester.command import main
@@ -45,6 +47,25 @@ def test_each_is_judged_by_itself(two, capsys):
     assert one.startswith("flight 1, armed +7.6 s to +31.5 s: ends in MISSION_ENDED (COMPLETE) after ")
     assert other.startswith("flight 2, armed +67.6 s to +91.5 s: ends in ")
     assert "did not do what was commanded then (LAND)" in other
+
+
+@pytest.mark.parametrize("script", ["select_at_s: -2.5, select_before_arming_s: 4.5", "select_at_s: 0.5"])
+def test_a_flight_that_begins_late_is_judged_or_it_is_said_how(tmp_path, flight_map, capsys, script):
+    """A minute on the ground before it."""
+    idle = [row for row in flight_rows() if row[0] < START_NS + 7 * S]
+    before = [(t_ns + turn * 7 * S, topic, message) for turn in range(9) for t_ns, topic, message in idle]
+    flown = [(t_ns + 63 * S, topic, message) for t_ns, topic, message in flight_rows()]
+    path = tmp_path / "late.yaml"
+    path.write_text(re.sub("select_at_s: 3.0", script, Path(flight_map).read_text()))
+    bag = write_bag(tmp_path / "late.bag", [*before, *flown])
+    assert main(["run", str(bag), "--map", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    complete = "before_arming" in script
+    assert ("ends in MISSION_ENDED (COMPLETE)" in lines[-1]) == complete
+    assert ("1 flight; --flight N judges one by itself, --flights each:" in lines) != complete
+    assert ("  1, armed +70.6 s to +94.6 s" in lines) != complete
+    assert main(["run", str(bag), "--map", str(path), "--flight", "1"]) == 0
+    assert "ends in MISSION_ENDED (COMPLETE)" in verdict(capsys)
 
 
 def test_a_part_in_the_middle_of_a_flight_begins_in_the_air(two, capsys):

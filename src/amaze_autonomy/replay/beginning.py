@@ -165,13 +165,19 @@ def part_of(flights: Sequence[Flight], number: int, recordings: Recordings) -> T
 
 
 def selected_ns(plan: Plan, recordings: Recordings) -> int:
-    """Return when the script selects the mission: at its time, or so long before the first recorded arming."""
+    """Return when the script selects the mission: at its time, or so long before the first recorded arming.
+
+    Where it says both, the later of them: a flight may come late in a log, and the takeoff is not waited for for ever.
+    """
     script = plan.topic_map.script
-    at_ns = recordings.start_ns + script.select_at_ns
+    at_ns = recordings.start_ns + (script.select_at_ns or 0)
     if script.before_arming_ns is None:
         return at_ns
     armed_ns = _Look(plan, recordings, whole=True).armed_ns()
-    return at_ns if armed_ns is None else armed_ns - script.before_arming_ns
+    if armed_ns is None:
+        return at_ns
+    before_ns = armed_ns - script.before_arming_ns
+    return before_ns if script.select_at_ns is None else max(at_ns, before_ns)
 
 
 class _Look:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Dict, List, Optional, Tuple
 
 from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.state import Result
 
 from ..journal.codec import to_plain
 from ..journal.report import limit_words
@@ -58,8 +59,9 @@ def footer_lines(plan: Plan, recordings: Recordings, outcome: Outcome) -> List[s
     for name, (source, rows) in outcome.checks.items():
         lines.append(f"  {name.value:<{_WIDE}} {source.words}")
         lines += [f"    {row.verdict.value:<8} {row_words(row)}" for row in rows]
-    if len(outcome.flights) > 1:
-        lines.append(f"{len(outcome.flights)} flights; --flight N judges one by itself, --flights each:")
+    if len(outcome.flights) > 1 or (outcome.flights and outcome.state.session.result is Result.NOT_FLOWN):
+        count = f"{len(outcome.flights)} flight{'s' * (len(outcome.flights) > 1)}"
+        lines.append(f"{count}; --flight N judges one by itself, --flights each:")
         lines += [f"  {n}, armed {each.words(outcome.start_ns)}" for n, each in enumerate(outcome.flights, 1)]
     if outcome.scripted:
         lines.append(f"Scripted all along: {', '.join(outcome.scripted)}.")

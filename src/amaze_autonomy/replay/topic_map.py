@@ -79,16 +79,17 @@ class Script:
     """What the scripted world does.
 
     Args:
-        select_at_ns: when the user selects the mission, from the first message; negative: before the recording starts.
+        select_at_ns: when the user selects the mission, from the first message; negative: before the recording starts;
+            None: at the first message, unless `before_arming_ns` says when.
         sensors_until_ns: until then the script plays a topic as nominal that has not begun yet, from the first message.
         retries: how often the user retries after a failed check before giving up.
         retry_after_ns: how long the user takes for it.
         begins: auto, ground or air: where the vehicle is at the first message.
-        before_arming_ns: it is selected so long before the first recorded arming, where there is one; None: at
-            `select_at_ns`.
+        before_arming_ns: it is selected so long before the first recorded arming, where there is one, but not before
+            `select_at_ns`; None: at that.
     """
 
-    select_at_ns: int = 0
+    select_at_ns: Optional[int] = None
     sensors_until_ns: int = 0
     retries: int = 0
     retry_after_ns: int = 5_000_000_000
@@ -173,9 +174,9 @@ _SCRIPT = Group(
         Key(
             "select_at_s",
             Number(minimum=-600, maximum=1e6),
-            "when the mission is selected, from the first message",
+            "when the mission is selected, from the first message; left out: at it, or as select_before_arming_s says",
             "",
-            0.0,
+            None,
         ),
         Key(
             "sensors_until_s", Number(minimum=0, maximum=1e6), "until then silent topics are played as nominal", "", 0.0
@@ -192,7 +193,7 @@ _SCRIPT = Group(
         Key(
             "select_before_arming_s",
             Number(above=0, maximum=600),
-            "how long before the first recorded arming it is selected, instead of at select_at_s",
+            "how long before the first recorded arming it is selected; with select_at_s: not before that",
             "",
             None,
         ),
@@ -374,7 +375,7 @@ def _made_reading(values: Dict[str, Any]) -> Reading:
 def _script(values: Dict[str, Any]) -> Script:
     before_s = values["select_before_arming_s"]
     return Script(
-        select_at_ns=_ns(values["select_at_s"]),
+        select_at_ns=None if values["select_at_s"] is None else _ns(values["select_at_s"]),
         sensors_until_ns=_ns(values["sensors_until_s"]),
         retries=values["retries"],
         retry_after_ns=_ns(values["retry_after_s"]),

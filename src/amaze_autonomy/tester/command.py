@@ -213,8 +213,8 @@ def _run(options: argparse.Namespace) -> int:
     keys = None if options.config is None else keys_of(options.config, options.set, config_folder())
     before, given = (options.config or config_folder(), options.set) if keys is None else (config_folder(), keys)
     changes = changes_of(
-        options.set,
-        lambda some: load_configuration(options.config or config_folder(), some),
+        given,
+        lambda some: load_configuration(before, some),
         lambda each: make_plan(each, topic_map, mission_id, recorded),
     )
     with Recordings(options.bags, plan.topics, options.mute, options.memory) as recordings:
@@ -257,7 +257,8 @@ def _by_arming(plan: Plan) -> Plan:
     """Return a plan that selects the mission in time before the arming of its part, which has times of its own."""
     script = plan.topic_map.script
     before_ns = script.before_arming_ns or ARMING_LEAD_NS
-    return replace(plan, topic_map=replace(plan.topic_map, script=replace(script, before_arming_ns=before_ns)))
+    script = replace(script, select_at_ns=None, before_arming_ns=before_ns)
+    return replace(plan, topic_map=replace(plan.topic_map, script=script))
 
 
 def _each_flight(plan: Plan, recordings: Recordings) -> List[str]:
