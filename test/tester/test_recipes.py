@@ -29,7 +29,7 @@ def github():
     """Return the lines that a runner runs, the last of them also after a failure."""
     (job,) = yaml.safe_load((RECIPES / "github-actions.yml").read_text())["jobs"].values()
     steps = [step for step in job["steps"] if "run" in step and step.get("name") != "install"]
-    assert [step["name"] for step in steps] == ["fetch", "replay", "summary"]
+    assert [step["name"] for step in steps] == ["fetch", "replay", "summary", "pages"]
     return job["env"], [(step["run"], step.get("if") == "always()") for step in steps]
 
 
@@ -93,6 +93,7 @@ def test_a_recipe_fetches_once_replays_and_shows(team, recipe):
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("1", "0", "0")
     assert "demo" in (team / "flights.md").read_text()
     assert "<html" in (team / "flights.html").read_text()
+    assert "<html" in (team / "pages" / "flight.bag.html").read_text()
     again = run(team, recipe)
     assert again[0] == 0
     assert "fetched" not in again[1]
@@ -106,6 +107,7 @@ def test_a_scenario_that_fails_fails_the_job_and_is_shown_all_the_same(team, rec
     assert status == 1, said
     assert re.search(r'failures="1"', (team / "flights.xml").read_text())
     assert "FAIL" in (team / "flights.md").read_text()
+    assert (team / "pages" / "flight.bag.html").is_file()
     if recipe is github:
         assert "FAIL" in (team / "step_summary").read_text()
 
