@@ -9,6 +9,7 @@ from replay_bags import START_NS, S, break_chunk, flight_rows, write_bag
 from replay_runs import moves, replay, texts
 
 from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.journal.journal import read
 from amaze_autonomy.replay.errors import FieldError, MisfitError, ReplayError
@@ -63,6 +64,38 @@ def test_a_decision_that_looked_at_anything_scripted_is_marked(tmp_path, flight_
         found = {line.text.partition("  by ")[2].split()[0]: line.scripted for line in lines if "  by " in line.text}
         assert found["mission_complete"]
         assert {rule for rule in ("lifted_off", "at_takeoff_height") if not found[rule]} == recorded
+
+
+@pytest.mark.parametrize(
+    "volts,words",
+    [
+        (12.3, "as 12.3 V of 3 cells"),
+        (42.0, "as 42.0 V of 10 or 11 or 12 cells"),
+        (7.2, "as 7.2 V of 2 cells"),
+        (1.2, ""),
+    ],
+)
+def test_a_voltage_of_another_battery_says_which_key_is_to_be_changed(tmp_path, flight_map, volts, words):
+    rows = flight_rows()
+    for _, topic, message in rows:
+        if topic == "/battery":
+            message.voltage = volts
+    path = tmp_path / "volts.yaml"
+    path.write_text(
+        Path(flight_map).read_text().replace("fraction: percentage", "fraction: percentage, voltage: voltage")
+    )
+    bag = write_bag(tmp_path / "x.bag", rows)
+    outcome, _ = replay(bag, str(path))
+    row = next(row for row in outcome.checks[CheckName.BATTERY][1] if row.name == "battery cell voltage")
+    assert not row.passed
+    said = row.advice.partition("; ")[2]
+    if not words:
+        assert said == ""
+        return
+    cells = words.split(" of ")[1].split()[0]
+    assert said == f"{words} it would be right (--set sensors.battery.cells={cells})"
+    right, _ = replay(bag, str(path), overrides=[f"sensors.battery.cells={cells}"])
+    assert moves(right)[1] == ("PREFLIGHT", "READY", "checks_passed")
 
 
 def test_armed_landed_height_and_battery_are_those_of_the_bag(flight_bag, flight_map):

@@ -7,7 +7,9 @@ from typing import NamedTuple, Optional, Tuple
 from ..engine.events import Check, Verdict, finite
 from .specs import BatterySpec
 
-__all__ = ["BatteryMonitor", "BatteryVerdict"]
+__all__ = ["CELL_VOLTAGE", "BatteryMonitor", "BatteryVerdict"]
+
+CELL_VOLTAGE = "battery cell voltage"  # name of a row
 
 _S = 1_000_000_000
 
@@ -75,7 +77,7 @@ class BatteryMonitor:
         return Check(name, Verdict.FAIL, self._fraction, limit, "fraction", age_s, advice)
 
     def _voltage_row(self, t_ns: int) -> Check:
-        name, spec, age_s = "battery cell voltage", self.spec, self._age_s(t_ns)
+        name, spec, age_s = CELL_VOLTAGE, self.spec, self._age_s(t_ns)
         low, high = spec.cell_voltage_min_v, spec.cell_voltage_max_v
         if self._voltage_v is None:
             advice = "the voltage is unknown: check the power module"

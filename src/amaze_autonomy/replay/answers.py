@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import degrees
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -15,6 +16,8 @@ from amaze_autonomy.engine.events import (
     VehicleLanded,
     WatchdogInfo,
 )
+from amaze_autonomy.monitoring.battery import CELL_VOLTAGE
+from amaze_autonomy.monitoring.specs import BatterySpec
 
 from ..engine.events import Check, CheckName, Verdict
 from ..engine.rules import Code
@@ -84,8 +87,8 @@ class Answers:
         """Return what the recorded battery tells."""
         if self._monitors.battery is None:
             return None
-        battery = self._monitors.battery.check(t_ns, command.required_fraction)
-        return {"ok": battery.ok, "checks": battery.checks}
+        battery, spec = self._monitors.battery.check(t_ns, command.required_fraction), self._monitors.battery.spec
+        return {"ok": battery.ok, "checks": tuple(_of_cells(row, battery.voltage_v, spec) for row in battery.checks)}
 
     def state_estimation(self, t_ns: int, _: RunCheck) -> Optional[Dict[str, Any]]:
         """Return what the recorded estimate tells."""
@@ -143,6 +146,17 @@ RECORDED: Mapping[CheckName, Recorded] = {
     CheckName.ON_GROUND: Recorded("distance to ground", ("range",), Answers.on_ground),
     CheckName.STATE_ESTIMATION: Recorded("tilt", ("imu", "estimate"), Answers.state_estimation),
 }
+
+
+def _of_cells(row: Check, voltage_v: Optional[float], spec: BatterySpec) -> Check:
+    """Return a row; one of a voltage that is wrong with the configured cells says with how many it would be right."""
+    if row.passed or row.name != CELL_VOLTAGE or voltage_v is None:
+        return row
+    cells = [n for n in range(1, 25) if spec.cell_voltage_min_v <= voltage_v / n <= spec.cell_voltage_max_v]
+    if not cells:
+        return row
+    words = f"as {voltage_v:.1f} V of {' or '.join(map(str, cells))} cells it would be right"
+    return replace(row, advice=f"{row.advice}; {words} (--set sensors.battery.cells={cells[0]})")
 
 
 def _component_row(status: ComponentStatus, *, tolerated: bool) -> Check:
