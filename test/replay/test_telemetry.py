@@ -200,6 +200,15 @@ def slowed(log, path, period_s):
     return path
 
 
+def test_words_of_slow_telemetry_that_come_one_after_the_other_are_no_contradiction(tmp_path, capsys):
+    path = slowed(recording("px4_normal_mission.tlog"), tmp_path / "slow.tlog", 2.5)
+    (tmp_path / "map.yaml").write_text(propose([path]).text)
+    assert main(["run", str(path), "--map", str(tmp_path / "map.yaml")]) == 0
+    out = capsys.readouterr().out
+    assert "contradiction: the recorded vehicle flies, and nothing here has commanded a takeoff" in out
+    assert "the recorded vehicle is in the air and disarmed" not in out
+
+
 def changes(log, name):
     """Return what a field of a log's status says, one after the other."""
     said = [getattr(log.message(entry), name) for entry in log.entries("/autopilot/status")]

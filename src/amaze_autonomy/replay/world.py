@@ -61,6 +61,7 @@ _LATENCY_NS = 1_000_000
 _TURN_NS = _S // 50
 _PERIOD_NS = _S // 5
 _WATCH_NS = _S // 10
+_CONTRADICTION_NS = 3 * _S  # that it must stand: of slow telemetry one word is seconds newer than the other
 _PLANNER, _RECORDER = (("mission_planner",), ()), (("data_recorder",), ())
 # a value of a decision: the statuses and the readings of which one tells it, where it is not scripted
 _TELLERS: Mapping[str, Tuple[Tuple[str, ...], Tuple[str, ...]]] = {
@@ -128,7 +129,7 @@ class World:
         self._turns = self._looks = Turns(0, _TURN_NS)
         self._turn_ns = FOREVER_NS
         self._origins = Origins(plan, recordings, 0 if lead is None else _S)
-        self._contradicted: Set[str] = set()
+        self._contradicted: Dict[str, int] = {}
         self._action: Optional[WatchdogAction] = None
         self._info: Optional[WatchdogInfo] = None
 
@@ -429,9 +430,13 @@ class World:
             "the recorded vehicle is in the air and disarmed": flies and told.get("armed") is False,
         }
         for words, holds in found.items():
-            if holds and words not in self._contradicted:
-                self._say(t_ns, Source.BAG, f"contradiction: {words}", 2)
-            (self._contradicted.add if holds else self._contradicted.discard)(words)
+            if not holds:
+                self._contradicted.pop(words, None)
+                continue
+            since_ns = self._contradicted.setdefault(words, t_ns)
+            if since_ns <= t_ns - _CONTRADICTION_NS:
+                self._say(since_ns, Source.BAG, f"contradiction: {words}", 2)
+                self._contradicted[words] = FOREVER_NS  # once
 
     def _tell_autopilot(self, t_ns: int) -> None:
         facts, source = self._vehicle_facts(t_ns)
