@@ -149,6 +149,17 @@ def test_the_header_carries_the_rules_to_decide_with():
     assert journal.rules_of(line) == rules
 
 
+def test_a_header_whose_rules_cannot_be_is_refused_with_its_line():
+    header = journal.make_header(Rules(), {}, "abc", program="a test")
+    header["rules"]["require_go"] = "perhaps"
+    line = replace(journal.decode(journal.encode_header(header)), line_number=7)
+    with pytest.raises(journal.JournalError, match=r"line 7: rules\.require_go: .*\(written by another version\)"):
+        journal.rules_of(line)
+    for other in (replace(line, kind="event"), replace(line, payload=[]), replace(line, payload={})):
+        with pytest.raises(journal.JournalError, match=r"line 7: no rules here"):
+            journal.rules_of(other)
+
+
 def test_a_decision_of_before_has_the_names_of_today():
     decision = replace(DECISION, rule="ready_revoked", values=(Value("action", "wait"),))
     written = journal.encode_decision(decision).replace("ready_revoked", "ready_taken_back").replace("action", "verb")
