@@ -64,11 +64,13 @@ def test_a_mission_is_flown_to_its_end_with_all_five(make):
     assert lists[0]["waypoints"][1] == pytest.approx({"x": 3.0, "y": 0.0, "z": 1.5, "yaw": 5.0, "holdtime": 1.0})
 
 
-def test_several_files_and_repetitions_count_from_their_own_takeoffs(make):
-    flight = make("2")
+@pytest.mark.parametrize("touchdown, flights", [("true", 4), ("false", 2)])
+def test_several_files_and_repetitions_count_from_their_own_takeoffs(configuration, touchdown, flights):
+    apart = load_configuration(configuration.folder, [f"missions.missions.2.touchdown_between_files={touchdown}"])
+    flight = Flight(apart, "2", watchdog={"entities": ENTITIES})
     assert flight.end(900 * S) == "MISSION_ENDED"
     assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
-    assert flight.requests() == WHOLE * 4
+    assert flight.requests() == WHOLE * flights
 
 
 def test_a_component_that_comes_back_is_held_for_and_the_mission_goes_on(make):
