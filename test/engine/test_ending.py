@@ -52,7 +52,7 @@ TOLD_TO_END: Dict[str, End] = {
 }
 
 
-@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("signal", ["SIGINT", "SIGTERM", "SIGHUP"])
 @pytest.mark.parametrize("place", TOLD_TO_END)
 def test_told_to_end(place, signal):
     story, expected = at(place), TOLD_TO_END[place]

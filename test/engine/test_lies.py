@@ -233,6 +233,12 @@ def test_sinking_high_up_is_none(height_m):
     assert story.motions == ["HOLD"]
 
 
+def test_what_is_flown_on_without_does_not_say_so_while_it_lands():
+    """As seen live: the autopilot was lost and is back, it lands all the same, and the GPS fails."""
+    story = at("LAND commanding").fail("gps", 2)
+    assert story.told == ["failure_while_landing"]
+
+
 def test_a_landing_that_nobody_of_us_commanded_is_somebody_elses():
     story = at("MISSION flying")
     story.say(mode="AUTO.LAND").after(0.35).expect("PILOT")
@@ -421,3 +427,16 @@ def test_a_peer_that_is_not_there_yet_is_waited_for_while_the_stack_starts():
     story.answers["check:on_ground"] = ev.Outcome.UNAVAILABLE
     story.select().after(5.0).expect("PREFLIGHT")
     story.after(8.0).expect("OUTREACH")
+
+
+def test_a_peer_that_was_not_there_is_asked_again_however_long_the_other_checks_took():
+    """The watchdog answers when every component has come up, at last after its start-up time: a slow camera."""
+    story = at("MISSION_INPUT")
+    story.answers["check:on_ground"] = ev.Outcome.UNAVAILABLE
+    story.answers["check:watchdog"] = None
+    story.select().after(11.0)
+    story.answers.clear()
+    watchdog = next(record for record in story.state.preflight.checks if record.outcome is None)
+    said = {"outcome": ev.Outcome.ACCEPTED, "ok": True, "checks": (Check(name="watchdog", verdict=Verdict.PASS),)}
+    story.feed(ev.CheckReply, command_id=watchdog.command_id, check=watchdog.check, **said)
+    story.expect("PREFLIGHT").until("START_RECORDING", limit_s=3.0)

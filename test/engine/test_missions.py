@@ -240,7 +240,7 @@ def test_a_recorder_that_said_complete_before_it_was_asked_to_stop_is_not_believ
     story.until("DATA_CLEANUP")
     story.silent.append("recorder")
     story.after(5.3).expect("OUTREACH")
-    assert story.told == ["failure_continue", "data_cleanup", "data_incomplete"]
+    assert story.told == ["failure_while_landing", "data_cleanup", "data_incomplete"]
 
 
 def test_a_recorder_that_falls_silent_calls_for_a_person():

@@ -294,8 +294,8 @@ def _update_failures(context: Context, decisions: List[Decision]) -> None:
         failure, first = change.failure, len(context.commands)
         waits = change.rule == "failure_wait"
         own = waits and failure.kind is FailureKind.USER  # said by the transition
-        landed_for = change.rule == "failure_continue" and bool(failsafe.worst(context.state))
-        landing = landed_for or (waits and context.lands())
+        lands = context.state.state is State.LAND or bool(failsafe.worst(context.state))
+        landing = (change.rule == "failure_continue" and lands) or (waits and context.lands())
         if landing or (not own and _SAID_HERE.get(change.rule, context.state.state) is context.state.state):
             key = "failure_while_landing" if landing else change.rule
             context.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")

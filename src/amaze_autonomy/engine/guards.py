@@ -318,8 +318,8 @@ def _comes(context: Context, record: CheckRecord) -> bool:
     """Return True when a check that failed can pass soon: it is being fixed, or what it waits for comes by itself."""
     if CHECKS[record.check].watches and (record.fixable or record.being_fixed):
         return True
-    if record.outcome is Outcome.UNAVAILABLE:  # its node may still be starting, like this one
-        return context.now - (context.state.started_ns or 0) < context.limits.watchdog_startup_time_ns
+    if record.outcome is Outcome.UNAVAILABLE and record.replied_ns is not None:  # its node was starting, like this one
+        return record.replied_ns - (context.state.started_ns or 0) < context.limits.watchdog_startup_time_ns
     bad = [row for row in record.rows if not row.passed]
     return bool(bad) and all(row.heals for row in bad)
 
