@@ -8,6 +8,7 @@ from mutation_results import shown as mutants
 from proof_figures import Figures
 from proof_run import BOUND, LARGE
 from proof_sound import SENTENCES
+from proof_stories import stories
 from proof_worlds import WORLDS
 
 from amaze_autonomy.laws import LAWS
@@ -95,6 +96,7 @@ def page(figures: Figures) -> str:
         _ABSTRACTS,
         _induction(figures),
         _defects(figures),
+        _stories(),
         mutants(),
         _ASSUMES,
         _accepted(figures),
@@ -178,6 +180,19 @@ def _defects(figures: Figures) -> str:
     words = f"Would it notice? {len(rows)} deliberate defects are put into the engine, one at a time; each is caught."
     head = ("Defect", "Caught by", "In the world", "Moves")
     return f"## The proof proves itself\n\n{words}\n\n" + _table(head, rows)
+
+
+def _stories() -> str:
+    """Return the part of the page about lies, stalls and signals."""
+    head = ("What holds", "In virtual time", "Live", "Flown")
+    return f"## No single lie, stall or signal\n\n{_TOLD}\n" + _table(head, stories())
+
+
+_TOLD = """\
+Beyond the engine there are nodes, sockets, processes and clocks. What one of them says or does wrong, once, ends no
+care for a flying vehicle: each sentence is a story in virtual time, and live, with a real master (`ros/lies.py` and
+`ros/launches.py`: the whole launch file, all real nodes, a PX4 over MAVLink). `Flown` are scenarios of `./run sitl`.
+"""
 
 
 def _accepted(figures: Figures) -> str:

@@ -11,6 +11,7 @@ import pytest
 from mutation_results import Results
 from proof_figures import Figures, differences, keep, kept, read, write
 from proof_pages import page
+from proof_stories import missing
 
 FOUND = Figures(
     worlds={"takeoff": {"states": 10, "transitions": 30, "depth": 3, "handed over": 1, "cut off": 2}},
@@ -110,3 +111,7 @@ def test_what_a_campaign_of_mutants_writes_is_what_the_page_shows(monkeypatch, t
         mutation_results.write(Results(seed, 100, {}, []), mutation_results.RESULTS, path)
         assert f"drawn by the seed {seed}" in path.read_text(encoding="utf-8")
         assert path.read_text(encoding="utf-8") == page(read())
+
+
+def test_every_story_that_the_page_names_is_told():
+    assert missing() == []

@@ -9,6 +9,8 @@ import time
 
 import rospy
 from behaviours import Behaviours
+from launching import LIMIT_S, flown, in_flight
+from one_node import wait_for
 from rosgraph_msgs.msg import Clock
 from stack import Stack
 
@@ -100,6 +102,21 @@ def clock_that_stands_in_flight_is_landed_for_by_both_routes(stack: Stack) -> No
         FAST.go_on()
     stack.wait_state("MISSION_ENDED")
     assert stack.states[-1].result == "LANDED_EARLY"
+
+
+@clocks.add(processes=(), start=False)
+def real_nodes_land_a_vehicle_by_mavlink_while_the_clock_stands(stack: Stack) -> None:
+    with flown(stack, "mission:=long") as vehicle:
+        in_flight(stack)
+        FAST.stand()
+        try:
+            wait_for(lambda: vehicle.modes[-1] == "AUTO.LAND", "the landing mode", LIMIT_S)
+            wait_for(lambda: not vehicle.craft.armed, "the ground", LIMIT_S)
+            assert any(each.name == "clock" for each in stack.states[-1].failures), stack.states[-1]
+        finally:
+            FAST.go_on()
+        stack.wait_over()
+        assert stack.states[-1].result == "LANDED_EARLY"
 
 
 @clocks.add(mission="")

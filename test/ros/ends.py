@@ -98,7 +98,7 @@ def nobody_there_to_acknowledge_a_pilots_landing_ends_all_the_same(stack: Stack)
 def unknown_mission_ends_with_one_line(stack: Stack) -> None:
     stack.start_engine()
     assert stack.wait_end() == 2
-    assert "there is no such mission; there are hop, long, two" in stack.log()
+    assert "there is no such mission; there are hop, long, far, two" in stack.log()
     assert "Traceback" not in stack.log()
 
 

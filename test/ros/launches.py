@@ -1,105 +1,46 @@
 #!/usr/bin/env python3
 """The whole launch file: ends by itself after a mission, and lands when roslaunch is told to end in flight.
 
-Several fly at the same time. Simulated sensors are nodes and topics without a namespace, as real ones are: each launch
-has others in its configuration, but for the one whose bag is replayed by the names that ship.
+Several fly at the same time (`launching.py`).
 """
 
 from __future__ import annotations
 
-import fcntl
-import itertools
+import contextlib
 import json
 import os
-import pty
-import re
-import select
-import shutil
 import signal
-import socket
 import subprocess
 import sys
-import termios
-import threading
 import time
 from pathlib import Path
-from typing import Any, Callable, Optional, Sequence, Tuple
+from typing import Tuple
 
+import rospy
 from behaviours import Behaviours
 from hitches import allowed_s
-from stack import HERE, QUICK, Stack
+from launching import (
+    AT_ONCE,
+    LIMIT_S,
+    PATIENT,
+    Terminal,
+    ended,
+    flown,
+    free_ports,
+    in_flight,
+    pid_of,
+    process,
+    roslaunch,
+    rows,
+    wait,
+)
+from stack import Stack
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.tester.command import main as replay
 
-AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
-#: what a machine that starts others meanwhile may take
-PATIENT = (
-    *QUICK,
-    "autonomy.losses.watchdog_heartbeat_limit_s=5.0",
-    "autonomy.losses.planner_status_limit_s=5.0",
-    "autonomy.losses.autopilot_status_limit_s=5.0",
-)
 launches = Behaviours()
-_number = itertools.count()
-
-
-def free_ports() -> int:
-    """Return a UDP port that is free, as is the one after it: for the links of autopilot and planner."""
-    while True:
-        with socket.socket(type=socket.SOCK_DGRAM) as one, socket.socket(type=socket.SOCK_DGRAM) as other:
-            one.bind(("127.0.0.1", 0))
-            port = int(one.getsockname()[1])
-            try:
-                other.bind(("127.0.0.1", port + 1))
-            except OSError:
-                continue
-            return port
-
-
-def own_sensors(stack: Stack) -> Path:
-    """Return the configuration of a stack with names of its own for every sensor."""
-    folder, first = stack.folder / "config", f"/n{next(_number)}/"
-    shutil.copytree(stack.config, folder)
-    path = folder / "sensors.yaml"
-    text = re.sub(r"(?m)^([^#\n]*?) /(?=\w)", rf"\1 {first}", path.read_text())
-    # Many launches start at once here: a sensor whose process has to wait for the machine has not failed.
-    patient = "age_limit_s: 5.0, tolerance_fraction: 0.65}"
-    path.write_text(re.sub(r"age_limit_s: [\d.]+(, tolerance_fraction: [\d.]+)?}", patient, text))
-    return folder
-
-
-class Terminal:
-    """A terminal of its own, whose text goes to the log of a stack until it is closed."""
-
-    def __init__(self, stack: Stack) -> None:
-        self._master, self.slave = pty.openpty()
-        self._log = (stack.folder / "autonomy.log").open("ab")
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._copy, daemon=True)
-        self._thread.start()
-
-    def _copy(self) -> None:
-        while not self._closing.is_set():
-            if select.select([self._master], [], [], 0.1)[0]:
-                self._log.write(os.read(self._master, 65536))
-                self._log.flush()
-
-    def take(self) -> None:
-        """Become the controlling terminal of the calling process, the leader of a new session."""
-        fcntl.ioctl(self.slave, termios.TIOCSCTTY, 0)
-
-    def close(self) -> None:
-        """Hang up."""
-        self._closing.set()
-        self._thread.join()
-        os.close(self.slave)
-        os.close(self._master)
-
-
-LAUNCH = HERE.parents[1] / "launch" / "autonomy.launch"
-GROUP = '<launch><group ns="{}"><include file="{}" pass_all_args="true">{}</include></group></launch>'
 FOREIGN = """\
 import rospy, std_msgs.msg, std_srvs.srv
 rospy.init_node("{0}")
@@ -110,70 +51,11 @@ rospy.spin()
 """
 
 
-def in_group(stack: Stack, arguments: Sequence[str]) -> Path:
-    """Return a launch file that includes ours in a group, as a stack that exists would."""
-    given = "".join('<arg name="{}" value="{}"/>'.format(*word.split(":=", 1)) for word in arguments)
-    path = stack.folder / "group.launch"
-    path.write_text(GROUP.format(stack.name, LAUNCH, given))
-    return path
-
-
-def roslaunch(
-    stack: Stack, *arguments: str, terminal: Optional[Terminal] = None, group: bool = False
-) -> subprocess.Popen[bytes]:
-    """Start the launch file of the package in the namespace of a stack."""
-    command = ["roslaunch", "--screen", str(LAUNCH), "simulation:=true", "console:=false"]
-    config = stack.config
-    if "record:=true" not in arguments:
-        config, arguments = own_sensors(stack), ("record:=false", *arguments)
-    command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join(PATIENT)}", *arguments]
-    environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
-    if group:
-        command, environment = ["roslaunch", "--screen", str(in_group(stack, command[3:]))], dict(os.environ)
-    if terminal is not None:
-        out = terminal.slave
-        process = subprocess.Popen(
-            command,
-            env=environment,
-            stdin=out,
-            stdout=out,
-            stderr=out,
-            start_new_session=True,
-            preexec_fn=terminal.take,  # noqa: PLW1509
-        )
-    else:
-        with (stack.folder / "autonomy.log").open("ab") as log:
-            process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
-    stack.engine, stack.launched = process, True
-    return process
-
-
-def wait(stack: Stack, condition: Callable[[], Any], what: str) -> None:
-    """Wait as an operator does: checks that fail while the machine is busy are asked for again."""
-
-    def look() -> Any:
-        found = condition()
-        if not found:
-            stack.retry()
-        return found
-
-    stack.wait(look, what, LIMIT_S, alive=False)
-
-
-def in_flight(stack: Stack) -> None:
-    wait(stack, lambda: stack.state == "MISSION" or not stack.engine_lives, "MISSION")
-    assert stack.engine_lives, "it ended before"
-
-
-def ended(stack: Stack) -> None:
-    wait(stack, lambda: not stack.engine_lives, "the end of the launch")
-
-
 def whole_launch_lands(stack: Stack, number: int) -> None:
-    process = roslaunch(stack, "mission:=long", "flight:=simulated", f"received:={stack.folder / 'received.jsonl'}")
+    launch = roslaunch(stack, "mission:=long", "flight:=simulated", f"received:={stack.folder / 'received.jsonl'}")
     in_flight(stack)
     told_ns = time.monotonic_ns()
-    process.send_signal(number)
+    launch.send_signal(number)
     ended(stack)
     delays = stack.routes_after(told_ns)
     assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
@@ -214,9 +96,9 @@ def terminal_that_is_closed_in_flight_lands(stack: Stack) -> None:
 
 @launches.add(processes=(), start=False)
 def autopilot_and_planner_land_when_the_whole_launch_is_told_to_end_in_flight(stack: Stack) -> None:
-    process = roslaunch(stack, "mission:=long", f"mavlink_port:={free_ports()}")
+    launch = roslaunch(stack, "mission:=long", f"mavlink_port:={free_ports()}")
     in_flight(stack)
-    process.send_signal(signal.SIGINT)
+    launch.send_signal(signal.SIGINT)
     ended(stack)
     assert stack.result()["exit_status"] == 8
     assert "mission_planner: ended in flight" in stack.log()
@@ -234,6 +116,103 @@ def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
     assert "MISSION_ENDED" in (stack.output / "report.txt").read_text()
     for name in ("bag", "journal", "report"):
         assert f"autonomy: {name}" in stack.log()
+
+
+@launches.add(processes=(), start=False)
+def sighup_to_the_engine_in_flight_lands(stack: Stack) -> None:
+    with flown(stack, "mission:=long") as vehicle:
+        in_flight(stack)
+        os.kill(pid_of(stack, "autonomy"), signal.SIGHUP)
+        ended(stack)
+        assert stack.result()["exit_status"] == 8
+        assert "ended by SIGHUP IN FLIGHT" in stack.log()
+        assert vehicle.modes[-1] == "AUTO.LAND"
+
+
+@launches.add(processes=(), start=False)
+def mission_selected_at_once_waits_for_its_nodes_and_for_the_vehicle(stack: Stack) -> None:
+    patient = ("autonomy.checks.watchdog_startup_time_s=30.0",)
+    with flown(stack, "require_go:=true", overrides=patient, on=False) as vehicle:
+        stack.select("hop")
+        stack.wait(lambda: "no vehicle heard yet" in stack.log(), "an autopilot node without a vehicle", LIMIT_S)
+        assert stack.state == "PREFLIGHT"
+        vehicle.switch_on()
+        stack.wait_state("READY", "OUTREACH", limit_s=LIMIT_S)
+        assert "OUTREACH" not in stack.passed, stack.states[-1].message
+
+
+NODES = ("autonomy", "watchdog", "autopilot", "mission_planner")
+PROBE = """\
+import contextlib, os
+with contextlib.suppress(OSError):
+    os.setpriority(os.PRIO_PROCESS, 0, -10)
+with contextlib.suppress(OSError), open("/proc/self/autogroup", "w") as group:
+    group.write("-10")
+print(os.getpid(), flush=True)
+input()
+"""
+
+
+def niceness(pid: int) -> str:
+    """Return that of a process, and that of its session where the kernel groups by it."""
+    try:
+        session = Path(f"/proc/{pid}/autogroup").read_text(encoding="ascii").split()[-1:]
+    except OSError:
+        session = []
+    return f"{os.getpriority(os.PRIO_PROCESS, pid)} {session}"
+
+
+def permitted() -> str:
+    """Return what this platform lets a process with a session of its own have of -10."""
+    probe = subprocess.Popen(
+        [sys.executable, "-c", PROBE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+    )
+    assert probe.stdout is not None
+    pid = int(probe.stdout.readline())
+    try:
+        return niceness(pid)
+    finally:
+        probe.communicate(b"\n")
+
+
+@launches.add(processes=(), start=False)
+def nodes_that_decide_take_the_precedence_that_is_permitted(stack: Stack) -> None:
+    with flown(stack):
+        stack.wait_state("MISSION_INPUT", limit_s=LIMIT_S)
+        wanted = permitted()
+        for node in NODES:
+            stack.wait(lambda name=node: niceness_of(stack, name) == wanted, f"{node} at {wanted}", LIMIT_S)
+        assert wanted.startswith("-10") or "was not permitted" in stack.log()
+
+
+def niceness_of(stack: Stack, node: str) -> str:
+    with contextlib.suppress(Exception):  # it is not there yet
+        return niceness(pid_of(stack, node))
+    return ""
+
+
+AHEAD = "import time\nwall, wall_ns = time.time, time.time_ns\n"
+AHEAD += "time.time = lambda: wall() + 1.0\ntime.time_ns = lambda: wall_ns() + 1_000_000_000\n"
+
+
+@launches.add(processes=(), start=False)
+def clock_of_another_computer_that_is_a_second_ahead_is_named_before_takeoff(stack: Stack) -> None:
+    """The watchdog runs elsewhere: a process beside the launch, whose wall clock is moved as it starts."""
+    (stack.folder / "sitecustomize.py").write_text(AHEAD)
+    path = f"{stack.folder}:{os.environ['PYTHONPATH']}"
+    watchdog = ("rosrun", "amaze_autonomy", "watchdog", "__name:=watchdog")
+    with flown(stack, "watchdog:=false", "mission:=hop", "require_go:=true"):
+        for name, value in (("config", str(stack.folder / "config")), ("overrides", list(PATIENT))):
+            rospy.set_param(f"/{stack.name}/watchdog/{name}", value)
+        with process(*watchdog, ROS_NAMESPACE=f"/{stack.name}", PYTHONPATH=path):
+            apart = lambda: [row for row in rows(stack, "clocks: watchdog") if row.verdict == row.FAIL]  # noqa: E731
+            row = wait(stack, apart, "the row")[0]
+            assert (round(row.value), row.advice) == (-1, "set the clocks of both computers by chrony")
+            wait(stack, lambda: "clocks: stamps of the watchdog are 1.0" in stack.log(), "why it is not ready")
+            assert stack.commands() == []
+        with process(*watchdog, ROS_NAMESPACE=f"/{stack.name}"):
+            wait(stack, lambda: stack.state == "READY", "READY")
+            assert apart() == []
 
 
 def told(stack: Stack, namespace: str, *words: str) -> Tuple[int, str]:
@@ -278,11 +257,11 @@ def every_node_in_a_group_beside_another_stack_ends_with_one_verified_bag_that_r
         looked_at(stack)
         wait(stack, lambda: stack.state == "READY" and stack.ask("go")[0] == 1, "the go")
         ended(stack)
-        assert [process.poll() for process in others] == [None, None], "another stack's node was taken over"
+        assert [each.poll() for each in others] == [None, None], "another stack's node was taken over"
     finally:
-        for process in others:
-            process.kill()
-            process.wait()
+        for each in others:
+            each.kill()
+            each.wait()
     result = stack.result()
     bag = Path(result["data"])
     assert (result["exit_status"], result["result"]) == (0, "COMPLETE")

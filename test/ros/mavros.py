@@ -38,6 +38,7 @@ class FakeMavros:
     def __init__(self, namespace):
         self.mode, self.armed, self.landed, self.height_m, self.fixed = "AUTO.LOITER", False, 1, 0.0, 3
         self.asked, self.ended = [], threading.Event()
+        self.batteries = [("", 0.9)]
         self.publishers = {
             topic: rospy.Publisher(f"{namespace}/{topic}", kind, queue_size=5)
             for topic, kind in (
@@ -81,6 +82,9 @@ class FakeMavros:
             number += 1
             for topic, message in self.messages(number).items():
                 self.publishers[topic].publish(message)
+            location, level = self.batteries[number % len(self.batteries)]
+            battery = BatteryState(location=location, voltage=15.8, current=-1.0, percentage=level)
+            self.publishers["battery"].publish(battery)
 
     def messages(self, number):
         flags = {name: True for name in mavros.EstimatorStatus.__slots__ if name.endswith("flag")}
@@ -100,7 +104,6 @@ class FakeMavros:
                 current_battery=100,
                 battery_remaining=90,
             ),
-            "battery": BatteryState(voltage=15.8, current=-1.0, percentage=0.9),
             "estimator_status": mavros.EstimatorStatus(**flags),
             "gpsstatus/gps1/raw": raw,
             "local_position/pose": pose,
@@ -163,6 +166,14 @@ class TestMavros(unittest.TestCase):
         rows = {row.name: row.verdict for row in self.call("check", srv.CheckAutopilot).checks}
         self.assertEqual({rows[name] for name in ("autopilot link", "not armed", "pre-arm check", "RC receiver")}, {1})
 
+    def test_of_two_batteries_on_one_topic_the_worst_counts_and_nothing_jumps(self):
+        self.mavros.batteries = [("id0", 0.9), ("id1", 0.3)]
+        self.wait(lambda said: abs(said.battery_fraction - 0.3) < 0.01, "the worst of both")
+        first = len(self.statuses)
+        wait_for(lambda: len(self.statuses) > first + 10, "two seconds of statuses")
+        levels = {round(said.battery_fraction, 2) for said in self.statuses[first:]}
+        self.assertEqual(levels, {0.3})
+
     def test_what_is_written_here_is_what_mavros_has(self):
         written = {**made("msg"), **made("srv")}
         self.assertEqual({name: written[name]._md5sum for name in MD5}, MD5)
@@ -189,7 +200,7 @@ class TestMavros(unittest.TestCase):
 
     def test_told_to_end_in_flight_it_lands(self):
         self.fly()
-        self.node.process.send_signal(signal.SIGTERM)
+        self.node.process.send_signal(signal.SIGHUP)
         self.assertEqual(self.node.process.wait(40.0), 0)
         self.assertEqual(self.mavros.mode, "AUTO.LAND")
 

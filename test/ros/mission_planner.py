@@ -162,7 +162,7 @@ class TestMissionPlanner(unittest.TestCase):
 
     def test_told_to_end_in_flight_it_lands(self):
         self.take_off("indoors")
-        self.planner.process.send_signal(signal.SIGINT)
+        self.planner.process.send_signal(signal.SIGHUP)
         self.assertEqual(self.planner.process.wait(40.0), 0)
         self.assertIn("ended in flight: the vehicle lands", self.planner.log)
         self.assertEqual(self.vehicle.craft.mode, "AUTO.LAND")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Callable, List, Tuple, Type
+from typing import Any, Callable, Dict, List, Optional, Tuple, Type
 
 from amaze_autonomy.missions import FlightModel
 from amaze_autonomy.simulation.power import Power, PowerSettings
@@ -51,24 +51,60 @@ class Px4Vehicle:
     Args:
         addresses: e.g. udpout:127.0.0.1:14541.
         kind: classes of craft and autopilot.
+        on: it speaks from the beginning; else once it is switched on.
+
+    Attributes:
+        sensors: what the autopilot says of each: healthy.
+        cut: nothing goes through its links, either way, to whoever has spoken.
+        modes: that it was in while it was armed, in order.
+        addresses: host and port of each endpoint.
     """
 
-    def __init__(self, *addresses: str, kind: Tuple[Type[Craft], Type[Px4]] = (Craft, Px4)) -> None:
+    def __init__(self, *addresses: str, kind: Tuple[Type[Craft], Type[Px4]] = (Craft, Px4), on: bool = True) -> None:
         self.lock = threading.Lock()
+        self.sensors: Dict[str, Optional[bool]] = dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
+        self.cut, self.modes = False, [""]
+        self._ends = [address.partition(":")[2] for address in addresses]
+        self.addresses = [(host, int(port)) for host, _, port in (end.partition(":") for end in self._ends)]
+        self._said: List[Tuple[str, Any]] = []
         make_craft, make_autopilot = kind
         self.craft = make_craft(VehicleSettings(model=QUICK), time.monotonic_ns())
         px4 = make_autopilot(
-            self.craft, Power(PowerSettings()), time.monotonic_ns(), Px4Settings(), unix_ns=time.time_ns()
+            self.craft,
+            Power(PowerSettings()),
+            time.monotonic_ns(),
+            Px4Settings(),
+            sensors=lambda: self.sensors,
+            unix_ns=time.time_ns(),
         )
-        self._server = VehicleServer(px4, addresses, self)
+        self._server = VehicleServer(px4, addresses, self, mute=lambda _: self.cut)
+        if on:
+            self.switch_on()
+
+    def switch_on(self) -> None:
+        """Speak from now on."""
         self._server.start()
+
+    @property
+    def ports(self) -> Tuple[int, ...]:
+        """From which it speaks, one for each address."""
+        return self._server.ports
+
+    def say(self, *messages: Any) -> None:
+        """Send messages on every link, among those that the autopilot means."""
+        with self.lock:
+            self._said += [(end, message) for end in self._ends for message in messages]
 
     def exchange(self, act: Callable[[int], List[Tuple[str, Any]]]) -> List[Tuple[str, Any]]:
         """Let time pass until now, and act."""
         with self.lock:
             now_ns = time.monotonic_ns()
             self.craft.advance(now_ns)
-            return act(now_ns)
+            out = act(now_ns)
+            if self.craft.armed and self.craft.mode != self.modes[-1]:
+                self.modes.append(self.craft.mode)
+            said, self._said = self._said, []
+            return out + said
 
     def stop(self) -> None:
         """End it."""

@@ -1,0 +1,216 @@
+"""The whole launch file, started by a test in a namespace, with ports and sensors of its own; as its operator sees it.
+
+Simulated sensors are nodes and topics without a namespace, as real ones are: each launch has others in its
+configuration, but for the one whose bag is replayed by the names that ship.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import itertools
+import os
+import pty
+import re
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import termios
+import threading
+import xmlrpc.client
+from pathlib import Path
+from typing import Any, Callable, Iterator, List, Optional, Sequence
+
+import rosgraph
+from px4_vehicle import Px4Vehicle
+from stack import HERE, QUICK, Stack
+
+AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
+#: what a machine that starts others meanwhile may take
+PATIENT = (
+    *QUICK,
+    "autonomy.losses.watchdog_heartbeat_limit_s=5.0",
+    "autonomy.losses.planner_status_limit_s=5.0",
+    "autonomy.losses.autopilot_status_limit_s=5.0",
+)
+LAUNCH = HERE.parents[1] / "launch" / "autonomy.launch"
+GROUP = '<launch><group ns="{}"><include file="{}" pass_all_args="true">{}</include></group></launch>'
+_number = itertools.count()
+
+
+# --- what is its own --------------------------------------------------------------------------------------------------
+
+
+def free_ports() -> int:
+    """Return a UDP port that is free, as are the two after it: for autopilot, planner, and who only looks."""
+    while True:
+        with contextlib.ExitStack() as opened:
+            first = 0
+            try:
+                for number in range(3):
+                    one = opened.enter_context(socket.socket(type=socket.SOCK_DGRAM))
+                    one.bind(("127.0.0.1", first + number if first else 0))
+                    first = first or int(one.getsockname()[1])
+            except OSError:
+                continue
+            return first
+
+
+def own_sensors(stack: Stack) -> Path:
+    """Return the configuration of a stack with names of its own for every sensor."""
+    folder, first = stack.folder / "config", f"/n{next(_number)}/"
+    shutil.copytree(stack.config, folder)
+    path = folder / "sensors.yaml"
+    text = re.sub(r"(?m)^([^#\n]*?) /(?=\w)", rf"\1 {first}", path.read_text())
+    # Many launches start at once here: a sensor whose process has to wait for the machine has not failed.
+    patient = "age_limit_s: 5.0, tolerance_fraction: 0.65}"
+    path.write_text(re.sub(r"age_limit_s: [\d.]+(, tolerance_fraction: [\d.]+)?}", patient, text))
+    return folder
+
+
+class Terminal:
+    """A terminal of its own, whose text goes to the log of a stack until it is closed."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._master, self.slave = pty.openpty()
+        self._log = (stack.folder / "autonomy.log").open("ab")
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._copy, daemon=True)
+        self._thread.start()
+
+    def _copy(self) -> None:
+        while not self._closing.is_set():
+            if select.select([self._master], [], [], 0.1)[0]:
+                self._log.write(os.read(self._master, 65536))
+                self._log.flush()
+
+    def take(self) -> None:
+        """Become the controlling terminal of the calling process, the leader of a new session."""
+        fcntl.ioctl(self.slave, termios.TIOCSCTTY, 0)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._closing.set()
+        self._thread.join()
+        os.close(self.slave)
+        os.close(self._master)
+
+
+# --- start ------------------------------------------------------------------------------------------------------------
+
+
+def _in_group(stack: Stack, arguments: Sequence[str]) -> Path:
+    """Return a launch file that includes ours in a group, as a stack that exists would."""
+    given = "".join('<arg name="{}" value="{}"/>'.format(*word.split(":=", 1)) for word in arguments)
+    path = stack.folder / "group.launch"
+    path.write_text(GROUP.format(stack.name, LAUNCH, given))
+    return path
+
+
+def roslaunch(
+    stack: Stack,
+    *arguments: str,
+    overrides: Sequence[str] = (),
+    terminal: Optional[Terminal] = None,
+    group: bool = False,
+) -> subprocess.Popen[bytes]:
+    """Start the launch file of the package in the namespace of a stack."""
+    command = ["roslaunch", "--screen", str(LAUNCH), "simulation:=true", "console:=false"]
+    config = stack.config
+    if "record:=true" not in arguments:
+        config, arguments = own_sensors(stack), ("record:=false", *arguments)
+    command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join((*PATIENT, *overrides))}"]
+    command += arguments
+    environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
+    if group:
+        command, environment = ["roslaunch", "--screen", str(_in_group(stack, command[3:]))], dict(os.environ)
+    if terminal is not None:
+        out = terminal.slave
+        process = subprocess.Popen(
+            command,
+            env=environment,
+            stdin=out,
+            stdout=out,
+            stderr=out,
+            start_new_session=True,
+            preexec_fn=terminal.take,  # noqa: PLW1509
+        )
+    else:
+        with (stack.folder / "autonomy.log").open("ab") as log:
+            process = subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True)
+    stack.engine, stack.launched = process, True
+    return process
+
+
+@contextlib.contextmanager
+def flown(stack: Stack, *arguments: str, overrides: Sequence[str] = (), on: bool = True) -> Iterator[Px4Vehicle]:
+    """Start it with every real node and a PX4 that the test holds; `on`: that one speaks from the beginning."""
+    port = free_ports()
+    vehicle = Px4Vehicle(*(f"udpout:127.0.0.1:{port + number}" for number in range(3)), on=on)
+    links = ("vehicle:=external", f"vehicle_url:=udpin:127.0.0.1:{port + 2}", f"mavlink_port:={port}")
+    received = f"received:={stack.folder / 'received.jsonl'}"
+    roslaunch(stack, *links, received, *arguments, overrides=("sensors.battery.cells=6", *overrides))
+    try:
+        yield vehicle
+    finally:
+        vehicle.stop()
+
+
+# --- as its operator --------------------------------------------------------------------------------------------------
+
+
+def wait(stack: Stack, condition: Callable[[], Any], what: str) -> Any:
+    """Wait as an operator does: checks that fail while the machine is busy are asked for again."""
+
+    def look() -> Any:
+        found = condition()
+        if not found:
+            stack.retry()
+        return found
+
+    return stack.wait(look, what, LIMIT_S, alive=False)
+
+
+def in_flight(stack: Stack) -> None:
+    wait(stack, lambda: stack.state == "MISSION" or not stack.engine_lives, "MISSION")
+    assert stack.engine_lives, "it ended before"
+
+
+def ended(stack: Stack) -> None:
+    wait(stack, lambda: not stack.engine_lives, "the end of the launch")
+
+
+def pid_of(stack: Stack, node: str) -> int:
+    """Return the process of a node of the launch."""
+    uri = rosgraph.Master("/test").lookupNode(f"/{stack.name}/{node}")
+    return int(xmlrpc.client.ServerProxy(uri).getPid("/test")[2])
+
+
+@contextlib.contextmanager
+def stopped(stack: Stack, node: str) -> Iterator[None]:
+    """Stop the process of a node: it does not run, and roslaunch does not start it again."""
+    pid = pid_of(stack, node)
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
+
+
+def rows(stack: Stack, name: str) -> List[Any]:
+    """Return the rows of the checks with a name, as they are shown now."""
+    return [row for row in (stack.states[-1].checks if stack.states else []) if row.name.endswith(name)]
+
+
+@contextlib.contextmanager
+def process(*command: str, **environment: str) -> Iterator[None]:
+    """Run a process beside the launch."""
+    started = subprocess.Popen(command, env={**os.environ, **environment})
+    try:
+        yield
+    finally:
+        started.kill()
+        started.wait()

@@ -1,0 +1,330 @@
+#!/usr/bin/env python3
+"""Lies, stalls and signals to the whole launch in flight: all real nodes, and a PX4 over MAVLink that the test holds.
+
+Whatever one message says, or one process does, a flying vehicle stays in care. The same for the engine alone, in
+virtual time: test/engine/test_lies.py.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import sys
+import threading
+import time
+from typing import Any, Iterator, List
+
+import rospy
+from behaviours import Behaviours
+from hitches import allowed_s
+from launching import (
+    AT_ONCE,
+    LIMIT_S,
+    ended,
+    flown,
+    free_ports,
+    in_flight,
+    process,
+    roslaunch,
+    rows,
+    stopped,
+    wait,
+)
+from one_node import wait_for
+from px4_vehicle import Px4Vehicle
+from pymavlink.dialects.v20 import common as mavlink
+from stack import Stack
+
+from amaze_autonomy import msg
+from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.engine.events import AutopilotStatus, MissionPhase, MissionStatus, VehicleLanded, WatchdogAction
+from amaze_autonomy.engine.rules import Code
+from amaze_autonomy.simulation.px4.modes import base_mode, custom_mode
+
+DONE, REFUSED = 1, 2
+NS = 1_000_000_000
+MISSION, LAND = "AUTO.MISSION", "AUTO.LAND"
+lies = Behaviours()
+
+
+def decisions_since(stack: Stack, t_ns: int) -> List[Decision]:
+    return [each for each in stack.decisions() if each.t_ns >= t_ns]
+
+
+def statuses_since(stack: Stack, t_ns: int) -> List[AutopilotStatus]:
+    return [each for each in stack.events(AutopilotStatus) if each.t_ns >= t_ns]
+
+
+def decided(stack: Stack, *rules: str, limit_s: float = 20.0) -> Decision:
+    """Wait for one of some rules; return its first decision."""
+    found = lambda: next((each for each in stack.decisions() if each.rule in rules), None)  # noqa: E731
+    return stack.wait(found, " or ".join(rules), limit_s)
+
+
+def code_16_of_imu_lands(stack: Stack, vehicle: Px4Vehicle) -> None:
+    """The flight is supervised still: the autopilot's IMU fails, and it lands at once."""
+    vehicle.sensors["imu"] = False
+    landed = decided(stack, "land")
+    seen = next(
+        each.t_ns
+        for each in stack.events(WatchdogAction)
+        if any(part.name == "imu" and part.code is Code.ABORT for part in each.components)
+    )
+    assert landed.t_ns == seen, f"landed {(landed.t_ns - seen) / NS} s after the code"
+    down(stack, vehicle)
+
+
+def down(stack: Stack, vehicle: Px4Vehicle) -> None:
+    wait_for(lambda: not vehicle.craft.armed, "the landing", LIMIT_S)
+    assert vehicle.modes[-1] == LAND, f"somebody commanded against the landing: {vehicle.modes}"
+    stack.wait_over()
+    assert stack.states[-1].result == "LANDED_EARLY"
+
+
+def forged() -> List[Any]:
+    """What a vehicle on the ground says, which is disarmed."""
+    system, on_ground = mavlink.MAV_STATE_STANDBY, mavlink.MAV_LANDED_STATE_ON_GROUND
+    flags = base_mode(MISSION, armed=False)
+    beat = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, flags, custom_mode(MISSION), system, 3
+    )
+    return [beat, mavlink.MAVLink_extended_sys_state_message(0, on_ground)]
+
+
+@lies.add(processes=(), start=False)
+def one_forged_status_in_flight_ends_no_supervision(stack: Stack) -> None:
+    """First from an address of its own, which is not believed; then from ours, which is, and ends nothing."""
+    with flown(stack, "mission:=long") as vehicle:
+        in_flight(stack)
+        began_ns = time.monotonic_ns()
+        with socket.socket(type=socket.SOCK_DGRAM) as other:
+            writer = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+            for address in vehicle.addresses:
+                for message in forged():
+                    other.sendto(message.pack(writer), address)
+            stack.wait(lambda: statuses_since(stack, began_ns + NS), "a second of the flight")
+        assert all(each.armed for each in statuses_since(stack, began_ns)), "another address was believed"
+        told_ns, seen = time.monotonic_ns(), len(stack.states)
+        vehicle.say(*forged())
+        wrong = lambda: [  # noqa: E731
+            each for each in statuses_since(stack, told_ns) if not each.armed and each.landed is VehicleLanded.ON_GROUND
+        ]
+        stack.wait(wrong, "the forged status at the engine")
+        stack.wait(lambda: statuses_since(stack, told_ns + 2 * NS), "two seconds of the flight")
+        assert all(message.in_flight for message in stack.states[seen:])
+        assert (stack.state, decisions_since(stack, began_ns)) == ("MISSION", [])
+        code_16_of_imu_lands(stack, vehicle)
+
+
+@contextlib.contextmanager
+def stranger(vehicle: Px4Vehicle) -> Iterator[str]:
+    """A second vehicle says the system id of ours to the autopilot node; where it speaks from."""
+    host, port = vehicle.addresses[0]
+    other = Px4Vehicle(f"udpout:{host}:{port}")
+    try:
+        yield f"{host}:{other.ports[0]}"
+    finally:
+        other.stop()
+
+
+@lies.add(processes=(), start=False)
+def second_vehicle_with_our_id_forbids_takeoff_and_is_ignored_in_flight(stack: Stack) -> None:
+    with flown(stack) as vehicle:
+        wait(stack, lambda: any(each.armed is False for each in stack.events(AutopilotStatus)), "our vehicle")
+        with stranger(vehicle) as address:
+            stack.select("long")
+            wait(stack, lambda: any(address in row.advice for row in rows(stack, "one vehicle")), "its address")
+            assert stack.state in ("PREFLIGHT", "OUTREACH")
+            assert stack.commands() == []
+        in_flight(stack)
+        began_ns = time.monotonic_ns()
+        with stranger(vehicle) as address:
+            words = f"another vehicle says system id 1, from {address}; it is ignored"
+            stack.wait(lambda: words in stack.log(), "the warning")
+            stack.wait(lambda: statuses_since(stack, began_ns + 3 * NS), "three seconds of the flight")
+            assert all(each.armed for each in statuses_since(stack, began_ns)), "the two are mixed"
+            assert decisions_since(stack, began_ns) == []
+            assert stack.ask("land")[0] == DONE
+            down(stack, vehicle)
+
+
+@lies.add(processes=(), start=False)
+def code_16_while_the_engine_is_stopped_lands_when_it_goes_on(stack: Stack) -> None:
+    """Stopped for 0.7 s, from the first word of the autopilot on; the watchdog asks for a second one."""
+    failed, alarmed = threading.Event(), threading.Event()
+
+    def see_status(message: Any) -> None:
+        if message.imu == msg.AutopilotStatus.SENSOR_FAILED:
+            failed.set()
+
+    def see_action(message: Any) -> None:
+        if message.code == Code.ABORT:
+            alarmed.set()
+
+    rospy.Subscriber(f"/{stack.name}/autopilot/status", msg.AutopilotStatus, see_status, tcp_nodelay=True)
+    rospy.Subscriber(f"/{stack.name}/watchdog/action", msg.WatchdogAction, see_action, tcp_nodelay=True)
+    with flown(stack, "mission:=long") as vehicle:
+        in_flight(stack)
+        vehicle.sensors["imu"] = False
+        assert failed.wait(20.0)
+        with stopped(stack, "autonomy"):
+            stopped_ns = time.monotonic_ns()
+            assert alarmed.wait(20.0)
+            time.sleep(max(0.0, 0.7 - (time.monotonic_ns() - stopped_ns) / NS))
+            went_on_ns = time.monotonic_ns()
+        wait_for(lambda: vehicle.modes[-1] == LAND, "the landing mode")
+        assert (time.monotonic_ns() - went_on_ns) / NS < allowed_s(1.0, went_on_ns / NS)
+        first = decided(stack, "land")
+        assert stopped_ns <= first.t_ns < went_on_ns, "it was not among what waited"
+        assert "imu" in [value.value for value in first.values], first
+        down(stack, vehicle)
+
+
+BEATS = """\
+import sys, rospy
+from amaze_autonomy.msg import WatchdogAction
+rospy.init_node(sys.argv[1])
+said = rospy.Publisher(sys.argv[2], WatchdogAction, queue_size=1)
+rate, action = rospy.Rate(5), WatchdogAction(code=1, loop_counter=int(sys.argv[3]))
+while not rospy.is_shutdown():
+    action.header.stamp = rospy.Time.now()
+    said.publish(action)
+    rate.sleep()
+"""
+
+
+@lies.add(processes=(), start=False)
+def two_heartbeats_whose_counters_stand_are_none(stack: Stack) -> None:
+    topic = f"/{stack.name}/watchdog/action"
+    with flown(stack, "mission:=long") as vehicle, contextlib.ExitStack() as beside:
+        in_flight(stack)
+        for name, counter in (("beats_low", "7"), ("beats_high", "900000000")):
+            beside.enter_context(process(sys.executable, "-c", BEATS, f"{stack.name}_{name}", topic, counter))
+        who = lambda: {each.publisher for each in stack.events(WatchdogAction)}  # noqa: E731
+        stack.wait(lambda: len(who()) == 3, "three publishers of the heartbeat")
+        assert stack.state == "MISSION"
+        beside.enter_context(stopped(stack, "watchdog"))
+        lost = decided(stack, "land", limit_s=12.0)
+        assert "heartbeat" in str(lost.values), lost
+        down(stack, vehicle)
+
+
+FAILS_IN_LANDING = """\
+description: the range finder dies in the planner's own landing
+faults:
+  - {component: lrf, fault: killed, restart: fails, after: {event: land, delay_s: 0.5}}
+"""
+SLOWLY_DOWN = ("missions.flight.landing_speed_m_s=0.25",)
+
+
+def by_its_own_vehicle(stack: Stack, faults: str, *arguments: str, overrides: Any = ()) -> None:
+    """Start it with the vehicle of the simulation, and a scenario."""
+    (stack.folder / "faults.yaml").write_text(faults)
+    given = (f"faults:={stack.folder / 'faults.yaml'}", f"received:={stack.folder / 'received.jsonl'}")
+    roslaunch(stack, f"mavlink_port:={free_ports()}", *given, *arguments, overrides=overrides)
+
+
+@lies.add(processes=(), start=False)
+def nothing_holds_the_planners_own_landing(stack: Stack) -> None:
+    by_its_own_vehicle(stack, FAILS_IN_LANDING, "mission:=hop", overrides=SLOWLY_DOWN)
+    in_flight(stack)
+    lands = lambda: [each for each in stack.events(MissionStatus) if each.phase is MissionPhase.LANDING]  # noqa: E731
+    stack.wait(lands, "the planner's landing")
+    assert stack.ask("hold") == (REFUSED, "It is landing: a hold never interrupts that.")
+    stack.wait(lambda: "It is landing already." in stack.log(), "the failure of the range finder")
+    stack.wait_over()
+    assert not any("HOLD" in text for each in stack.decisions() for text in each.commands)
+    assert stack.states[-1].result == "COMPLETE"
+
+
+@lies.add(processes=(), start=False)
+def planner_that_says_holding_while_the_vehicle_flies_on_is_not_believed(stack: Stack) -> None:
+    lying: Any = rospy.Publisher(f"/{stack.name}/mission_planner/status", msg.MissionStatus, queue_size=1)
+    held = threading.Event()
+
+    def lie(message: Any) -> None:
+        if held.is_set() and message.phase != message.HOLDING:
+            message.phase = message.HOLDING
+            lying.publish(message)
+
+    rospy.Subscriber(f"/{stack.name}/mission_planner/status", msg.MissionStatus, lie, tcp_nodelay=True)
+    with flown(stack, "mission:=far") as vehicle:
+        in_flight(stack)
+        wait_for(lambda: vehicle.craft.velocity_m_s[0] > 2.0, "a vehicle on its way", LIMIT_S)
+        vehicle.craft.flags.ignores = ("AUTO.LOITER",)
+        held.set()
+        asked_ns = time.monotonic_ns()
+        assert stack.ask("hold")[0] == DONE
+        landed = decided(stack, "hold_unconfirmed", "hold_refused")
+        told = [text for each in decisions_since(stack, asked_ns) for text in each.commands if "HOLD" in text]
+        assert len(told) == 2, f"asked again, once: {told}"
+        assert "hold_confirmed" not in [each.rule for each in stack.decisions()]
+        said = [each for each in stack.events(MissionStatus) if asked_ns < each.t_ns < landed.t_ns]
+        assert any(each.phase is MissionPhase.HOLDING for each in said)
+        down(stack, vehicle)
+
+
+@lies.add(processes=(), start=False)
+def operator_ends_a_mission_whose_autopilot_node_is_dead_for_good(stack: Stack) -> None:
+    with flown(stack, "mission:=long") as vehicle:
+        in_flight(stack)
+        with stopped(stack, "autopilot"):
+            decided(stack, "autopilot_lost_alarm")
+            wait_for(lambda: not vehicle.craft.armed, "the planner's landing", LIMIT_S)
+            assert stack.state == "LAND"
+            wait_for(lambda: stack.ask("acknowledge")[0] == DONE, "an acknowledgement that is taken", period_s=1.0)
+            stack.wait_received("data_recorder/stop")
+            stack.wait_state("MISSION_ENDED", limit_s=LIMIT_S)
+        assert "Acknowledged without knowledge: whether the vehicle has landed is not known." in stack.log()
+        assert decided(stack, "landing_given_up")
+
+
+@lies.add(processes=(), start=False)
+def link_that_is_cut_at_the_arming_is_landed_for_and_nothing_goes_on_afterwards(stack: Stack) -> None:
+    with flown(stack, "mission:=long") as vehicle:
+        wait(stack, lambda: vehicle.craft.armed, "the arming")
+        vehicle.cut = True
+        decided(stack, "land_by_both_routes", limit_s=LIMIT_S)
+        assert vehicle.craft.armed
+        vehicle.cut = False
+        wait_for(lambda: not vehicle.craft.armed, "the disarming", 8.0)  # by itself: 10 s after its arming
+        stack.wait_over()
+        assert stack.states[-1].result == "LANDED_EARLY"
+        assert vehicle.craft.height_m == 0.0
+        assert MISSION not in vehicle.modes, f"the takeoff went on: {vehicle.modes}"
+
+
+@lies.add(processes=(), start=False)
+def pilot_keeps_a_vehicle_whose_imu_fails_and_an_unattended_run_ends(stack: Stack) -> None:
+    with flown(stack, "mission:=long", "unattended:=true", "exit_when_ended:=true") as vehicle:
+        in_flight(stack)
+        with vehicle.lock:
+            vehicle.craft.pilot_takes_over("POSCTL", 4 * NS)
+        vehicle.sensors["imu"] = False
+        ended(stack)
+        result = stack.result()
+        assert (result["exit_status"], result["result"]) == (4, "PILOT")
+        assert LAND not in vehicle.modes, "somebody commanded against the pilot"
+        told = [text for each in stack.decisions() for text in each.commands if "LAND" in text or "Land" in text]
+        assert told == []
+
+
+CRITICAL = """\
+description: the battery gets critical, and the autopilot does nothing about it
+faults:
+  - {fault: battery_drops, to_fraction: 0.05, after: {event: mission, delay_s: 1.0}}
+"""
+
+
+@lies.add(processes=(), start=False)
+def ardupilot_at_a_critical_battery_that_it_leaves_alone_is_landed(stack: Stack) -> None:
+    by_its_own_vehicle(stack, CRITICAL, "mission:=long", "vehicle:=ardupilot")
+    in_flight(stack)
+    decided(stack, "land")
+    stack.wait_over()
+    assert "PILOT" not in stack.passed
+    assert stack.states[-1].result == "LANDED_EARLY"
+
+
+if __name__ == "__main__":
+    lies.main("amaze_autonomy", "lies", at_once=AT_ONCE)
