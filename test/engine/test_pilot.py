@@ -70,6 +70,14 @@ def test_the_pilot_lands_and_acknowledges():
     assert story.state.session.result.value == "PILOT"
 
 
+def test_in_the_pilots_hands_no_mode_is_ours_that_of_before_the_takeoff_neither():
+    story = at("MISSION flying")
+    before = story.state.flight.mode_before
+    story.say(mode="POSCTL").after(0.35).expect("PILOT")
+    story.say(mode=before).after(0.35).expect("PILOT")
+    assert story.state.vehicle.takeover is not None, f"{before} counts as ours"
+
+
 def test_on_ground_and_disarmed_without_acknowledgement_stays():
     at("PILOT landed").after(600.0).expect("PILOT")
 

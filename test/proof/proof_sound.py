@@ -254,7 +254,8 @@ def _(s: EngineState) -> bool:
 def _(s: EngineState) -> bool:
     expected = _LAST_COMMANDS.get(s.step)
     if expected is None:
-        return s.state is not State.PILOT or (s.flight.commanded == () and s.flight.confirmed is None)
+        nothing = s.flight.commanded == () and s.flight.confirmed is None and not s.flight.mode_before
+        return s.state is not State.PILOT or nothing
     return bool(s.flight.commanded) and s.flight.commanded[-1] in expected and s.flight.motion.id > 0
 
 

@@ -284,8 +284,8 @@ def disarm(context: Context) -> None:
 
 
 def pilot(context: Context) -> None:
-    """Stop commanding."""
-    context.put("flight", commanded=(), confirmed=None, user_hold_ns=None, takeover_noted=False)
+    """Stop commanding: no mode is ours any more, that of before our commands neither."""
+    context.put("flight", commanded=(), confirmed=None, mode_before="", user_hold_ns=None, takeover_noted=False)
 
 
 # --- data -------------------------------------------------------------------------------------------------------------
