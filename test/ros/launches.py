@@ -208,7 +208,7 @@ def clock_of_another_computer_that_is_a_second_ahead_is_named_before_takeoff(sta
             apart = lambda: [row for row in rows(stack, "clocks: watchdog") if row.verdict == row.FAIL]  # noqa: E731
             row = wait(stack, apart, "the row")[0]
             assert (round(row.value), row.advice) == (-1, "set the clocks of both computers by chrony")
-            wait(stack, lambda: "clocks: stamps of the watchdog are 1.0" in stack.log(), "why it is not ready")
+            wait(stack, lambda: "clocks: stamps of the watchdog are" in stack.log(), "why it is not ready")
             assert stack.commands() == []
         with process(*watchdog, ROS_NAMESPACE=f"/{stack.name}"):
             wait(stack, lambda: stack.state == "READY", "READY")
