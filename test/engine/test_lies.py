@@ -11,6 +11,7 @@ from engine_peers import S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
+from amaze_autonomy.engine.commands import RunCheck
 from amaze_autonomy.engine.events import Check, Verdict
 from amaze_autonomy.engine.rules import Code
 
@@ -379,6 +380,20 @@ def test_clocks_apart_forbid_a_takeoff_and_say_so():
             break
     story.expect("OUTREACH")
     assert "stamps of the autopilot are 1.000 s in the future" in story.state.shown.text
+
+
+def test_clocks_apart_are_looked_at_again_in_the_rhythm_of_a_fix_and_not_as_fast_as_checks_answer():
+    story = at("MISSION_INPUT")
+    story.silent.append("autopilot")
+    for number in range(100):
+        story.feed(ev.AutopilotStatus, armed=False, landed=ev.VehicleLanded.ON_GROUND, age_ns=-S)
+        story.after(0.2)
+        if number == 10:
+            story.select()
+    story.expect("PREFLIGHT")
+    rounds = sum(isinstance(command, RunCheck) for _, command in story.sent) / len(ev.CheckName)
+    assert 2 <= rounds <= 20.0 / (story.rules.limits.preflight_fix_poll_ns / S) + 3
+    assert "Not ready yet" in story.state.shown.text
 
 
 # --- nobody answers any more ------------------------------------------------------------------------------------------

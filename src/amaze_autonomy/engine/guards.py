@@ -259,10 +259,13 @@ def _loss(context: Context) -> Optional[Seen]:
 
 
 def all_checks_passed(context: Context) -> Optional[Seen]:
+    """Every check has answered and passed, no answer is too old, and nobody's clock is another one."""
+    return None if _clocks_apart(context) else _fresh_answers(context)
+
+
+def _fresh_answers(context: Context) -> Optional[Seen]:
     """Every check has answered and passed, and no answer is too old."""
     records = context.state.preflight.checks
-    if _clocks_apart(context):
-        return None
     if len(records) < len(CheckName) or not all(record.ok for record in records):
         return None
     ages = [
@@ -304,7 +307,7 @@ def all_answered_values(context: Context) -> Optional[Seen]:
 
 def answers_too_old(context: Context) -> Optional[Seen]:
     """All have answered and passed, but the first answers are too old by now."""
-    fresh = all_checks_passed(context) is not None
+    fresh = _fresh_answers(context) is not None
     passed_once = all_answered(context) and all(record.ok for record in context.state.preflight.checks)
     return holds_if(passed_once and not fresh, Value("checks", "too old"))
 
