@@ -157,8 +157,11 @@ def test_a_mistake_is_named(change, message):
         ("[]", "a.plan:1: is no JSON object; must be a plan as QGroundControl saves it"),
         ('{"a": 1, "a": 2}', "a.plan: has the key 'a' twice; must be a plan as QGroundControl saves it"),
         ('{"a": NaN}', "a.plan: holds NaN, which is no number; must be a plan as QGroundControl saves it"),
+        ('{"a": "' + "[" * 101 + '"', "a.plan:1: is not JSON: Expecting ',' delimiter; must be a whole plan"),
+        ("[" * 101, "a.plan: is nested too deeply; must be a plan as QGroundControl saves it"),
         ("[" * 100000, "a.plan: is nested too deeply; must be a plan as QGroundControl saves it"),
     ],
+    ids=range(8),
 )
 def test_what_is_no_json_is_named_with_its_line(text, message):
     with pytest.raises(WaypointError) as caught:

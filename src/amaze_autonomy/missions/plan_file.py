@@ -11,6 +11,7 @@ import json
 import json.decoder
 import json.scanner
 import math
+import re
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, NoReturn, Optional, Sequence, Tuple, Union
 
 from .csv_table import Said, lines_of
@@ -23,6 +24,10 @@ __all__ = ["SUFFIXES", "Object", "parse_file", "parse_plan", "read_json"]
 
 # --- located json -----------------------------------------------------------------------------------------------------
 # JSON in which every object knows its line, read strictly: no key twice, no NaN.
+
+
+_DEEPEST = 100  # a plan has ten
+_BRACKET = re.compile(r'"(?:[^"\\]|\\.)*"?|[][{}]', re.DOTALL)  # or a text, which may lack its end
 
 
 class Object(Dict[str, Any]):
@@ -58,21 +63,32 @@ def _refuse(name: str) -> NoReturn:
     raise ValueError(f"holds {name}, which is no number")
 
 
+def _depth(text: str) -> int:
+    """Return how deep lists and objects are nested; brackets in texts do not count."""
+    deep = deepest = 0
+    for found in _BRACKET.finditer(text):
+        deep += {"[": 1, "{": 1, "]": -1, "}": -1}.get(found[0], 0)
+        deepest = max(deepest, deep)
+    return deepest
+
+
 def read_json(text: str, file: str) -> Object:
     """Read a document that is one object.
 
     Raises:
         WaypointError: it is none, with the line where that shows.
     """
+    right = "must be a plan as QGroundControl saves it"
+    if _depth(text) > _DEEPEST:  # not left to the decoder: it recurses, and an interpreter may end in that
+        raise WaypointError(file, 0, "", "is nested too deeply", right)
     try:
         found = _Decoder().decode(text)
     except json.JSONDecodeError as error:
         raise WaypointError(file, error.lineno, "", f"is not JSON: {error.msg}", "must be a whole plan") from None
-    except (ValueError, RecursionError) as error:
-        wrong = "is nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise WaypointError(file, 0, "", wrong, "must be a plan as QGroundControl saves it") from None
+    except ValueError as error:
+        raise WaypointError(file, 0, "", str(error), right) from None
     if not isinstance(found, Object):
-        raise WaypointError(file, 1, "", "is no JSON object", "must be a plan as QGroundControl saves it")
+        raise WaypointError(file, 1, "", "is no JSON object", right)
     return found
 
 
