@@ -155,6 +155,18 @@ def test_it_is_steady_while_every_rate_is_as_intended_and_was_looked_at():
     assert not flying.watchdog.steady
 
 
+def test_a_rate_that_is_off_may_come_right_by_itself_as_long_as_a_start_may_take():
+    """As seen live: what a starved node hears at once counts as a burst, "9.7 Hz, too fast", for a second."""
+    world = World()
+    world.rates["camera"] = 60.0
+    world.watchdog.start(0, required=("camera",), startup_ns=8 * S)
+    for at_s, comes in ((4.0, True), (7.9, True), (8.1, False)):
+        answer = world.run(at_s).watchdog.checks(world.now_ns)
+        (row,) = (row for row in answer.checks if row.name == "camera")
+        assert (answer.ready, answer.fixable, row.verdict, row.heals) == (False, comes, Verdict.FAIL, comes)
+        assert answer.until_ns == (8 * S if comes else None)
+
+
 def test_a_component_at_half_rate_is_code_2_and_not_restarted(flying: World):
     flying.rates["lrf"] = 25.0
     flying.run(20.0)

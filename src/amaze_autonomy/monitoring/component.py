@@ -237,7 +237,7 @@ class ComponentMonitor:
         self.condition = Condition(Level.STARTING)
         self.status = ComponentStatus(spec.name, Code.NOMINAL)
         self.changes_at_ns = FOREVER_NS
-        self._grace_end_ns = 0
+        self._grace_end_ns, self._in_grace = 0, False
 
     def start(self, t_ns: int, grace_ns: int) -> None:
         """Begin to watch."""
@@ -255,6 +255,7 @@ class ComponentMonitor:
 
     def evaluate(self, t_ns: int) -> Optional[RestartRequest]:
         """Judge the component at a time: `condition`, `status` and `changes_at_ns`. Return a restart to be made now."""
+        self._in_grace = t_ns < self._grace_end_ns
         worst: Optional[Condition] = None
         changes_at_ns = FOREVER_NS
         for source in self._sources:
@@ -274,9 +275,14 @@ class ComponentMonitor:
         rates = len(self._sources) == len(self.rates) > 0
         return rates and self.condition.level is Level.GOOD and self.restarts.restart is Restart.NONE
 
+    @property
+    def _comes(self) -> bool:
+        """True while it comes up by itself: it starts, or is off in the time that it has for that (a burst, a gap)."""
+        return self.condition.level is Level.STARTING or (self.condition.level is Level.OFF and self._in_grace)
+
     def fixable(self) -> bool:
-        """Return True when it is on its way: it starts up, or the watchdog may still restart it."""
-        if self.condition.level is Level.STARTING:
+        """Return True when it is on its way: it comes up, or the watchdog may still restart it."""
+        if self._comes:
             return True
         failed = self.condition.level is Level.FAILED
         return failed and self.restarts.possible and self.restarts.restart is not Restart.GIVEN_UP
@@ -285,14 +291,13 @@ class ComponentMonitor:
         """Return when it is given up, or has come up, at the latest; None when nothing is under way."""
         if self.condition.level is Level.STARTING:
             return max(self._grace_end_ns, self.changes_at_ns)
-        return self.restarts.until_ns
+        return self._grace_end_ns if self._comes else self.restarts.until_ns
 
     def row(self, *, required: bool, tolerated: bool) -> Check:
         """Return its row of the pre-flight table."""
         condition = self.condition
         age_s = None if condition.age_ns is None else condition.age_ns / _S
         verdict = self._verdict(required=required, tolerated=tolerated)
-        comes = self.condition.level is Level.STARTING
         advice = self._advice(verdict)
         return Check(
             self.spec.name,
@@ -302,7 +307,7 @@ class ComponentMonitor:
             condition.unit,
             age_s,
             advice,
-            heals=comes,
+            heals=self._comes,
             other_limit=condition.other_limit,
         )
 
