@@ -250,7 +250,9 @@ def planner_that_says_holding_while_the_vehicle_flies_on_is_not_believed(stack: 
     rospy.Subscriber(f"/{stack.name}/mission_planner/status", msg.MissionStatus, lie, tcp_nodelay=True)
     with flown(stack, "mission:=far") as vehicle:
         in_flight(stack)
-        wait_for(lambda: vehicle.craft.velocity_m_s[0] > 2.0, "a vehicle on its way", LIMIT_S)
+        stack.wait(
+            lambda: (stack.events(AutopilotStatus)[-1].horizontal_speed_m_s or 0.0) > 2.0, "one on its way", LIMIT_S
+        )
         vehicle.craft.flags.ignores = ("AUTO.LOITER",)
         held.set()
         asked_ns = time.monotonic_ns()

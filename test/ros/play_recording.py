@@ -52,6 +52,19 @@ def desk(configuration: Path, to: Path) -> None:
     (to / "sensors.yaml").write_text(yaml.safe_dump(sensors, sort_keys=False))
 
 
+def of_today(old: Any, kind: Any) -> Any:
+    """Return a message as it is defined today, parts and all."""
+    made = kind()
+    for field, of in zip(kind.__slots__, kind._slot_types):
+        value = getattr(old, field, math.nan if of in ("float32", "float64") else getattr(made, field))
+        package, _, name = of.partition("/")
+        part = getattr(msg, name.partition("[")[0], None) if package == "amaze_autonomy" else None
+        if part is not None:
+            value = [of_today(each, part) for each in value] if of.endswith("]") else of_today(value, part)
+        setattr(made, field, value)
+    return made
+
+
 def today(path: Path, to: Path) -> Path:
     """Write a recording with its messages of this package as they are defined today: nodes refuse those of before.
 
@@ -68,10 +81,7 @@ def today(path: Path, to: Path) -> Path:
             if kind is None or kind._md5sum == message._md5sum:
                 new.write(topic, message, stamp, connection_header=header)
                 continue
-            made = kind()
-            for field, of in zip(kind.__slots__, kind._slot_types):
-                unknown = math.nan if of in ("float32", "float64") else getattr(made, field)
-                setattr(made, field, getattr(message, field, unknown))
+            made = of_today(message, kind)
             said = {"type": kind._type, "md5sum": kind._md5sum, "message_definition": kind._full_text}
             new.write(topic, made, stamp, connection_header={**header, **said})
     return to
