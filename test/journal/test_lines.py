@@ -50,7 +50,7 @@ def test_a_list_that_was_written_last_is_known_by_itself_not_by_its_value():
 
 @pytest.mark.parametrize("value", [nan, inf, -inf, -0.0, 1e-320, 1e22, 5])
 def test_a_number_that_is_none_is_null_also_where_it_slipped_in(value):
-    status = events.PlatformRecording("module1", growing=True, free_fraction=0.1, cpu_fraction=0.5)
+    status = events.PlatformRecording("module1", growing=True, free_fraction=0.1, cpu_fraction=0.5, clock_age_s=0.0)
     told = events.RecordingStatus(t_ns=1, session_id="", phase=events.RecordingPhase.IDLE, platforms=(status,))
     status.__dict__.update(byte_rate=value)
     told.__dict__.update(progress=value)

@@ -198,7 +198,8 @@ def test_a_clock_may_be_behind_by_one_limit_and_ahead_by_another():
 
 
 def computers(*platforms):
-    return computer_rows(RecordingStatus(t_ns=T, session_id="", phase=RecordingPhase.IDLE, platforms=platforms), 0.05)
+    said = RecordingStatus(t_ns=T, session_id="", phase=RecordingPhase.IDLE, platforms=platforms)
+    return computer_rows(said, 0.05, Rules().limits)
 
 
 def test_each_computer_has_a_row_for_its_cpu_load_and_one_for_its_storage_with_its_limit():
@@ -217,6 +218,16 @@ def test_each_computer_has_a_row_for_its_cpu_load_and_one_for_its_storage_with_i
             advice="make space: no recording starts",
         ),
     )
+
+
+def test_a_computer_whose_clock_is_another_one_is_warned_of():
+    rows = computers(*(PlatformRecording(f"{age_s}", growing=False, clock_age_s=age_s) for age_s in (0.01, 1.5, -0.7)))
+    assert [(row.name, row.verdict, row.value, row.limit, row.other_limit) for row in rows] == [
+        ("computers: 0.01 clock", Verdict.PASS, 0.01, 1.0, -0.2),
+        ("computers: 1.5 clock", Verdict.WARN, 1.5, 1.0, -0.2),
+        ("computers: -0.7 clock", Verdict.WARN, -0.7, -0.2, 1.0),
+    ]
+    assert [row.advice for row in rows] == ["", *["set the clocks of both computers by chrony"] * 2]
 
 
 def test_what_a_computer_does_not_say_has_no_row():

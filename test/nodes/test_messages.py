@@ -52,7 +52,9 @@ EVENTS = (
             events.PlatformRecording(
                 platform="main", growing=True, written_bytes=10, byte_rate=2.0, free_fraction=None, location="here"
             ),
-            events.PlatformRecording(platform="second", growing=False, free_fraction=0.5, cpu_fraction=0.25),
+            events.PlatformRecording(
+                platform="second", growing=False, free_fraction=0.5, cpu_fraction=0.25, clock_age_s=-1.5
+            ),
         ),
         location="there",
         message="",

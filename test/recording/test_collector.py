@@ -112,11 +112,14 @@ def test_it_is_missing_in_the_end_as_well_and_a_retry_goes_on_when_it_answers():
     assert fleet.collector.phase is PHASE.TRANSFERRING
 
 
+COMPUTER = PlatformStatus("second", free_fraction=0.75, cpu_fraction=0.5, clock_age_s=0.01)
+
+
 def test_how_a_computer_is_is_told_before_any_session_and_not_of_one_that_is_silent():
     fleet = Fleet()
-    fleet.said["second"] = Status(platforms=(PlatformStatus("second", free_fraction=0.75, cpu_fraction=0.5),))
+    fleet.said["second"] = Status(platforms=(COMPUTER,))
     (_, second) = fleet.go_on(0.5).status.platforms
-    assert second == PlatformStatus("second", free_fraction=0.75, cpu_fraction=0.5)
+    assert second == COMPUTER
     fleet.silent["second"] = True
     (_, second) = fleet.go_on(6.0).status.platforms
     assert second == PlatformStatus("second")

@@ -137,6 +137,7 @@ def _recorder(event, at):
                 message=each.message,
                 dropped=0,
                 cpu_fraction=_nan(each.cpu_fraction),
+                clock_age=_nan(each.clock_age_s),
             )
             for each in event.platforms
         ],

@@ -172,10 +172,12 @@ class Recorders:
         return self.statuses[-1] if self.statuses else None
 
     def told_of_computers(self) -> bool:
-        """Return whether load and free storage of all computers are known."""
+        """Return whether load and free storage of all computers are known, and the clock of the other one."""
         told = [] if self.status is None else self.status.platforms
-        return len(told) == len(PLATFORMS) and all(
-            0.0 <= each.cpu_fraction <= 1.0 and 0.0 < each.free_fraction <= 1.0 for each in told
+        return (
+            len(told) == len(PLATFORMS)
+            and all(0.0 <= each.cpu_fraction <= 1.0 and 0.0 < each.free_fraction <= 1.0 for each in told)
+            and [abs(each.clock_age) < 1.0 for each in told] == [False, True]
         )
 
     def wait_phase(self, phase: Any, limit_s: float = 25.0) -> Any:

@@ -486,7 +486,8 @@ class MissionStatus(Event):
 class PlatformRecording:
     """The recording on one companion computer.
 
-    `written_bytes` so far, `free_fraction` of its storage; `cpu_fraction` of all its cores is busy.
+    `written_bytes` so far, `free_fraction` of its storage; `cpu_fraction` of all its cores is busy; its last status was
+    `clock_age_s` old by its own stamp when it came.
     """
 
     platform: str
@@ -497,9 +498,10 @@ class PlatformRecording:
     location: str = ""
     message: str = ""
     cpu_fraction: Optional[float] = None
+    clock_age_s: Optional[float] = None
 
     def __post_init__(self) -> None:
-        for field in ("byte_rate", "free_fraction", "cpu_fraction"):
+        for field in ("byte_rate", "free_fraction", "cpu_fraction", "clock_age_s"):
             value = self.__dict__[field]
             if value is not None and not isfinite(value):
                 self.__dict__[field] = None

@@ -15,7 +15,7 @@ from ..engine.context import Context
 from ..engine.decide import answer_to
 from ..engine.events import Check, RecordingStatus, Tick, UserCommand, Verdict
 from ..engine.failsafe import wait_end, waiting
-from ..engine.rules import Action, Rules
+from ..engine.rules import Action, Limits, Rules
 from ..engine.state import CheckRecord, EngineState, Failure, FailureKind, State, Step, evolve
 from ..engine.timers import state_deadline
 
@@ -326,30 +326,34 @@ def _clock_rows(state: EngineState, rules: Rules) -> Tuple[Check, ...]:
     }
     ages = {peer: status.age_ns for peer, status in heard.items() if status is not None}
     apart = {each.peer: each.age_ns for each in state.peers.clocks_apart}
-    old_s, ahead_s = rules.limits.status_max_age_ns / _NS, -rules.limits.clock_tolerance_ns / _NS
     return tuple(
-        Check(
-            name=f"clocks: {peer}",
-            verdict=Verdict.FAIL if peer in apart else Verdict.PASS,
-            value=round(age_ns / _NS, 3),
-            limit=old_s if age_ns >= 0 else ahead_s,
-            unit="s",
-            advice="set the clocks of both computers by chrony" if peer in apart else "",
-            other_limit=ahead_s if age_ns >= 0 else old_s,
-        )
+        _clock_row(f"clocks: {peer}", age_ns, rules.limits, Verdict.FAIL if peer in apart else Verdict.PASS)
         for peer, age_ns in {**ages, **apart}.items()
     )
 
 
-def computer_rows(said: RecordingStatus, least_free: float) -> Tuple[Check, ...]:
-    """Return how busy each computer is and what is free of its storage, as far as its recorder says it.
+def _clock_row(name: str, age_ns: int, limits: Limits, verdict: Verdict) -> Check:
+    nearer, other = limits.status_max_age_ns / _NS, -limits.clock_tolerance_ns / _NS
+    if age_ns < 0:
+        nearer, other = other, nearer
+    advice = "" if verdict is Verdict.PASS else "set the clocks of both computers by chrony"
+    return Check(name, verdict, round(age_ns / _NS, 3), nearer, "s", advice=advice, other_limit=other)
+
+
+def computer_rows(said: RecordingStatus, least_free: float, limits: Limits) -> Tuple[Check, ...]:
+    """Return of each computer its clock, how busy it is and what is free of its storage, as far as it is known.
 
     Args:
         said: by the recorder, about whatever session; it tells of all platforms.
         least_free: fraction below which no recording starts.
+        limits: how old a status may be.
     """
     rows: List[Check] = []
     for each in said.platforms:
+        if each.clock_age_s is not None:
+            age_ns = round(each.clock_age_s * _NS)
+            verdict = Verdict.PASS if limits.is_present(age_ns) else Verdict.WARN
+            rows.append(_clock_row(f"computers: {each.platform} clock", age_ns, limits, verdict))
         if each.cpu_fraction is not None:
             rows.append(Check(f"computers: {each.platform} CPU load", Verdict.PASS, each.cpu_fraction, unit="fraction"))
         if each.free_fraction is not None:

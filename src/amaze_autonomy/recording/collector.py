@@ -158,6 +158,12 @@ _CLOSING = (Phase.STOPPING, Phase.RECOVERING)
 _COLLECTING = (Phase.TRANSFERRING, Phase.MERGING, Phase.VERIFYING)
 
 
+def _of_computer(part: PlatformStatus, said: PlatformStatus) -> PlatformStatus:
+    """Return a platform's status with what another one says of its computer, whatever that records."""
+    free, cpu, clock_s = said.free_fraction, said.cpu_fraction, said.clock_age_s
+    return replace(part, free_fraction=free, cpu_fraction=cpu, clock_age_s=clock_s)
+
+
 @dataclass(frozen=True)
 class CollectorSetup:
     """The collector.
@@ -250,7 +256,7 @@ class Collector:
             view.began = view.began or status.phase is not Phase.IDLE
             view.part = said
         else:  # of the computer, whatever it records
-            view.part = replace(view.part, free_fraction=said.free_fraction, cpu_fraction=said.cpu_fraction)
+            view.part = _of_computer(view.part, said)
 
     def heard_engine(self, stamp_ns: int, session_id: str, *, in_flight: bool) -> None:
         """Take what the engine says of the flight; a takeoff lies behind its last status on the ground."""
@@ -523,7 +529,7 @@ class Collector:
     def _part(self, view: PlatformView, t_ns: int) -> PlatformStatus:
         part = view.part
         if not self._fresh(view, t_ns):  # what its computer was like then is not what it is like now
-            part = replace(part, free_fraction=None, cpu_fraction=None)
+            part = _of_computer(part, PlatformStatus(part.platform))
         if self.phase is Phase.TRANSFERRING and view.fetch_again_ns and not view.fetched:
             left_s = max(0, self._since_ns + self.setup.transfer_limit_ns - t_ns) / SECOND
             words = f"its part does not come ({view.problem}); tried again for {left_s:.0f} s"

@@ -49,6 +49,7 @@ class PlatformStatus:
         message: what is wrong; may be empty.
         dropped: at least so many messages were dropped: its recorders warned so often.
         cpu_fraction: how busy its processor is, all cores together; None: unknown.
+        clock_age_s: how old its last status was by its own stamp when it came; None: unknown, or of this computer.
     """
 
     platform: str
@@ -60,6 +61,7 @@ class PlatformStatus:
     message: str = ""
     dropped: int = 0
     cpu_fraction: Optional[float] = None
+    clock_age_s: Optional[float] = None
 
 
 @dataclass(frozen=True)

@@ -206,7 +206,7 @@ class StatePublisher:
         """Publish the report about a state."""
         now_ns, said = self._clock.now_ns(), self._recorder
         silent = said is None or now_ns - said.t_ns > self._rules.limits.recorder_status_limit_ns
-        rows = () if said is None or silent else computer_rows(said, self._least_free)
+        rows = () if said is None or silent else computer_rows(said, self._least_free, self._rules.limits)
         message = state_message(report(state, self._rules, rows), now_ns, self._clock.ros_ns())
         message.advice = " ".join(each for each in (message.advice, *self._foreign()) if each)
         self._publisher.publish(message)

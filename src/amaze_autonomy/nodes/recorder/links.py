@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import rosgraph
@@ -88,7 +89,9 @@ class PlatformLink:
     def _take(self, message: Any) -> None:
         status = read_status(message)
         if status is not None:
-            self._heard(self._name, status)
+            age_s = round((self._wall_ns() - message.header.stamp.to_nsec()) * 1e-9, 2)  # without noise
+            aged = tuple([replace(each, clock_age_s=age_s) for each in status.platforms])
+            self._heard(self._name, replace(status, platforms=aged))
 
     def ask(self, verb: str, session_id: str, **more: Any) -> Answer:
         """Ask for something, waiting for the answer; `more` are further fields of the request.

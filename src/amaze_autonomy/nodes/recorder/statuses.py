@@ -46,6 +46,7 @@ def _platform(part: PlatformStatus) -> Any:
         message=part.message,
         dropped=part.dropped,
         cpu_fraction=round(number(part.cpu_fraction), 2),
+        clock_age=number(part.clock_age_s),
     )
 
 
