@@ -274,3 +274,18 @@ def test_a_session_without_a_complete_recording_gets_no_page(tmp_path):
     pages = FlightPages(lambda words, there: pytest.fail(f"{words} {there}"))
     pages.begin(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_of_a_recorder_that_ends_while_it_is_looked_at_it_is_known_how():
+    children = processes.RecorderChildren({"one": None}, {}, {}, None, [])
+    answers = iter([None, -9])
+    own = SimpleNamespace(returncode=None)
+
+    def poll():
+        own.returncode = next(answers)
+        return own.returncode
+
+    own.poll = poll
+    children._own["one"], children._processes["one"] = own, SimpleNamespace(alive=False)
+    assert [children.running, children.running] == [("one",), ()]
+    assert children._endings == {"one": "killed by SIGKILL"}

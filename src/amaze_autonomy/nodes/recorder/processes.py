@@ -172,7 +172,9 @@ class RecorderChildren:
 
     def _is_running(self, name: str) -> bool:
         own = self._own.get(name)
-        if own is not None and own.poll() is not None:
+        if own is not None:
+            if own.poll() is None:  # asked once: it may end between two questions, and then nobody would know how
+                return True
             self._endings[name] = _ending(own.returncode)
             del self._own[name]
         process = self._processes.get(name)
