@@ -90,8 +90,13 @@ def test_every_event_is_read_as_it_was_written(kind):
     check()
 
 
+def named_as_today(decision):
+    """Names of before are read as those of today; nothing is written under them."""
+    return not {decision.rule, *(value.name for value in decision.values)} & set(journal._RENAMED)
+
+
 @settings(max_examples=100, deadline=None)
-@given(instances_of(Decision))
+@given(instances_of(Decision).filter(named_as_today))
 def test_every_decision_is_read_as_it_was_written(decision):
     line = journal.encode_decision(decision)
     assert journal.decode(line, 3) == journal.JournalLine("decision", decision, 3)
