@@ -7,7 +7,8 @@ import math
 import pytest
 
 from amaze_autonomy.config import ConfigError, load_configuration
-from amaze_autonomy.missions import Frame, Waypoint
+from amaze_autonomy.config.trajectories import plan_of_waypoints
+from amaze_autonomy.missions import Frame, Waypoint, WaypointError
 
 HEADER = "# frame: east_north\nx,y,z,yaw_rad,holdtime\n"
 COLUMNS = "must be the columns x,y,z,yaw_deg,holdtime, separated by commas (or yaw_rad, in radians)"
@@ -208,3 +209,28 @@ def test_a_hover_at_the_end_counts_for_time_and_battery(small_file, small, mista
     assert long.mission.battery_needed_fraction > short.mission.battery_needed_fraction
     text = small_file("missions.yaml") + "    hover_at_end_s: 3000\n"
     assert "its longest flight takes 30" in mistake("missions.yaml", text)
+
+
+UP = Waypoint(0.0, 0.0, 2.0, 0.0, 1.0, 1)
+
+
+@pytest.mark.parametrize(
+    "mission_id, frame, waypoints, message",
+    [
+        ("1", Frame.EAST_NORTH, [UP], ": mission_id: is that of a configured mission; must be another one"),
+        ("../etc", Frame.EAST_NORTH, [UP], ": mission_id: is none; must be 1 to 32 letters, digits, _ and -"),
+        ("far", None, [UP], ": frame: is none; must be east_north or start_heading"),
+        ("far", Frame.EAST_NORTH, [], ": has no waypoints; must have at least one"),
+        ("far", Frame.EAST_NORTH, [UP, Waypoint(math.nan, 0.0, 2.0, 0.0, 0.0, 2)],
+         ":2: x,y,z,yaw,hold: is (nan, 0.0, 2.0, 0.0, 0.0); must be finite numbers"),
+        ("far", Frame.START_HEADING, [UP, Waypoint(0.0, 60.0, 2.0, 0.0, 0.0, 2)],
+         ":2: x,y,z: is 60 m from the waypoint before; must be at most 50 m away (bounds)"),
+    ],
+)  # fmt: skip
+def test_waypoints_that_no_file_has_are_checked_as_files_are(small, mission_id, frame, waypoints, message):
+    with pytest.raises(WaypointError) as caught:
+        plan_of_waypoints(load_configuration(small), mission_id, frame, waypoints)
+    assert str(caught.value) == f"waypoints of {mission_id!r}{message}"
+    plan = plan_of_waypoints(load_configuration(small), "far", Frame.START_HEADING, [UP])
+    assert (plan.mission.id, plan.frame, plan.trajectories[0].waypoints) == ("far", Frame.START_HEADING, (UP,))
+    assert plan.total.duration_s > 0.0

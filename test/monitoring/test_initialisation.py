@@ -21,27 +21,34 @@ def said(rows: Tuple[Check, ...]) -> List[Tuple[str, Verdict, bool]]:
     return [(row.name, row.verdict, row.heals) for row in rows]
 
 
+def disarmed(spec: InitialisationSpec = SPEC) -> Initialisation:
+    """Return one of a vehicle that says that it is disarmed, for as long as a test lasts."""
+    initialisation = Initialisation(spec, 100 * S)
+    initialisation.heard(0, armed=False)
+    return initialisation
+
+
 def asked(spec: InitialisationSpec = SPEC) -> Initialisation:
     """Return one whose estimator was asked at 1 s."""
-    initialisation = Initialisation(spec)
-    rows, due = initialisation.check(1 * S, (BAD,), armed=False)
+    initialisation = disarmed(spec)
+    rows, due = initialisation.check(1 * S, (BAD,))
     assert (due, said(rows)) == (True, [(ROW, Verdict.UNKNOWN, True), ("estimate age", Verdict.FAIL, True)])
     return initialisation
 
 
 def test_without_a_service_and_with_valid_states_nothing_is_asked():
-    assert Initialisation(InitialisationSpec()).check(0, (BAD,), armed=False) == ((BAD,), False)
-    assert Initialisation(SPEC).check(0, (GOOD,), armed=False) == ((GOOD,), False)
+    assert disarmed(InitialisationSpec()).check(0, (BAD,)) == ((BAD,), False)
+    assert disarmed().check(0, (GOOD,)) == ((GOOD,), False)
 
 
 def test_it_is_asked_once_and_what_is_lacking_comes_by_itself_until_a_limit():
     initialisation = asked()
-    assert not initialisation.check(2 * S, (BAD,), armed=False)[1]
+    assert not initialisation.check(2 * S, (BAD,))[1]
     initialisation.answered(3 * S)
-    rows, due = initialisation.check(13 * S - 1, (BAD,), armed=False)
+    rows, due = initialisation.check(13 * S - 1, (BAD,))
     assert (due, said(rows)) == (False, [(ROW, Verdict.PASS, False), ("estimate age", Verdict.FAIL, True)])
-    assert initialisation.check(12 * S, (GOOD,), armed=False) == ((GOOD,), False)
-    rows, due = initialisation.check(13 * S, (BAD,), armed=False)
+    assert initialisation.check(12 * S, (GOOD,)) == ((GOOD,), False)
+    rows, due = initialisation.check(13 * S, (BAD,))
     assert (due, said(rows)) == (False, [(ROW, Verdict.FAIL, False), ("estimate age", Verdict.FAIL, False)])
     assert rows[0].advice == "/mars/init_service was asked, and the states did not become valid"
 
@@ -49,15 +56,28 @@ def test_it_is_asked_once_and_what_is_lacking_comes_by_itself_until_a_limit():
 def test_a_refusal_is_said_once_and_a_retry_asks_again():
     initialisation = asked()
     initialisation.answered(3 * S, "/mars/init_service: not yet")
-    rows, due = initialisation.check(4 * S, (BAD,), armed=False)
+    rows, due = initialisation.check(4 * S, (BAD,))
     assert (due, rows[0]) == (False, Check(ROW, Verdict.FAIL, advice="/mars/init_service: not yet"))
-    assert initialisation.check(5 * S, (BAD,), armed=False)[1]
+    assert initialisation.check(5 * S, (BAD,))[1]
 
 
 def test_only_a_vehicle_that_says_that_it_is_disarmed_is_initialised():
     for armed, row in ((None, (ROW, Verdict.UNKNOWN, True)), (True, (ROW, Verdict.FAIL, False))):
-        rows, due = Initialisation(SPEC).check(S, (BAD,), armed=armed)
+        initialisation = Initialisation(SPEC, 2 * S)
+        initialisation.heard(S, armed=armed)
+        rows, due = initialisation.check(S, (BAD,))
         assert (due, said(rows)[0]) == (False, row)
+    initialisation.heard(S, armed=False)
+    assert said(initialisation.check(3 * S + 1, (BAD,))[0])[0] == (ROW, Verdict.UNKNOWN, True), "an old word is none"
+    assert initialisation.check(3 * S, (BAD,))[1]
+
+
+def test_what_begins_in_the_air_is_asked_for_at_each_takeoff_that_becomes_a_mission():
+    flown = ("READY", "TAKEOFF", "MISSION", "HOLD", "MISSION", "TAKEOFF", "HOLD", "TAKEOFF", "MISSION", "LAND")
+    second = InitialisationSpec(in_flight_service="/second/initialise")
+    for spec, asked_at in ((second, [2, 8]), (SPEC, [])):
+        initialisation = Initialisation(spec, S)
+        assert [at for at, state in enumerate(flown) if initialisation.entered(state)] == asked_at
 
 
 def test_a_limit_is_a_time():
@@ -67,14 +87,15 @@ def test_a_limit_is_a_time():
 
 @given(st.lists(st.tuples(st.sampled_from(("valid", "invalid", "yes", "no")), st.none() | st.booleans()), max_size=40))
 def test_it_is_never_asked_while_armed_or_twice_at_once_and_states_that_are_not_valid_never_pass(steps: list):
-    initialisation, waits = Initialisation(SPEC), False
+    initialisation, waits = Initialisation(SPEC, S), False
     for second, (what, armed) in enumerate(steps):
         if what in ("yes", "no"):
             if waits:
                 initialisation.answered(second * S, "" if what == "yes" else "no")
                 waits = False
             continue
-        rows, due = initialisation.check(second * S, (GOOD if what == "valid" else BAD,), armed=armed)
+        initialisation.heard(second * S, armed=armed)
+        rows, due = initialisation.check(second * S, (GOOD if what == "valid" else BAD,))
         assert not due or (armed is False and not waits)
         assert all(row.passed for row in rows) == (what == "valid")
         waits = waits or due

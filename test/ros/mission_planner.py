@@ -220,8 +220,8 @@ class TestMissionPlanner(unittest.TestCase):
         refusals = {
             "is that of a configured mission": answer("hop"),
             "must be 1 to 32 letters": answer("../etc"),
-            "must be EAST_NORTH (0) or START_HEADING (1)": answer(frame=7),
-            "is 0, of 0 waypoints": answer(waypoints=[]),
+            "frame: is none; must be east_north or start_heading": answer(frame=7),
+            "has no waypoints": answer(waypoints=[]),
             ":1: x,y,z,yaw,hold: is (nan": answer(waypoints=[msg.Waypoint(x=math.nan, z=2.0)]),
             ":2: z: is 400; must be at least": answer(waypoints=[points[0], msg.Waypoint(z=400.0)]),
         }

@@ -168,26 +168,21 @@ def test_a_key_that_nothing_in_a_simulated_flight_looked_at_is_vacuous(key, verd
     )
 
 
-def test_a_key_that_no_decision_of_a_journal_asked_for_is_vacuous(capsys):
+@pytest.mark.parametrize(
+    "key,value,words",
+    [
+        ("autonomy.commands.user_hold_limit_s", "20.0", "no decision asked for it"),
+        ("sensors.landing_detection.ground_distance_m", "0.12", "a journal holds what the nodes said"),
+    ],
+)
+def test_a_journal_is_decided_by_the_rules_alone_and_by_those_that_were_asked_for(capsys, key, value, words):
     assert main(["run", "flight.bag", "--map", "flight.yaml", "--out", "out"]) == 0
     Path("x.scenario.yaml").write_text(
         "version: 1\ndescription: x\njournal: out/journal.jsonl\n"
         "expectations: [{expect: exists, of: {state: MISSION}}]\n"
     )
-    key = "autonomy.commands.user_hold_limit_s"
-    assert main(["test", "x.scenario.yaml", "--no-goldens", "--set", f"{key}=20.0"]) == 4
-    assert f"{key} was not looked at: no decision asked for it" in capsys.readouterr().out
-
-
-def test_a_journal_is_decided_by_the_rules_alone(capsys):
-    assert main(["run", "flight.bag", "--map", "flight.yaml", "--out", "out"]) == 0
-    Path("x.scenario.yaml").write_text(
-        "version: 1\ndescription: x\njournal: out/journal.jsonl\n"
-        "expectations: [{expect: exists, of: {state: MISSION}}]\n"
-    )
-    key = "sensors.landing_detection.ground_distance_m"
-    assert main(["test", "x.scenario.yaml", "--no-goldens", "--set", f"{key}=0.12"]) == 4
-    assert f"{key} was not looked at: a journal holds what the nodes said" in capsys.readouterr().out
+    assert main(["test", "x.scenario.yaml", "--no-goldens", "--set", f"{key}={value}"]) == 4
+    assert f"{key} was not looked at: {words}" in capsys.readouterr().out
     assert main(["test", "x.scenario.yaml", "--no-goldens", "--set", "autonomy.takeoff.takeoff_height_m=0.9"]) == 0
 
 

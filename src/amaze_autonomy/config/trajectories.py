@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import math
+import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
+from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import (
     SUFFIXES,
@@ -22,6 +25,7 @@ from amaze_autonomy.missions import (
     Route,
     Said,
     Trajectory,
+    Waypoint,
     WaypointError,
     YawUnit,
     battery_needed_fraction,
@@ -40,8 +44,19 @@ from .build import mission_of
 from .consistency import check_known
 from .errors import ConfigError, Place
 from .kinds import Address, Places, dotted
+from .missions_schema import MISSION_ID
+from .model import Configuration
 
-__all__ = ["File", "Files", "fences_of", "home_of", "plans_of", "read_files", "trajectories_of"]
+__all__ = [
+    "File",
+    "Files",
+    "fences_of",
+    "home_of",
+    "plan_of_waypoints",
+    "plans_of",
+    "read_files",
+    "trajectories_of",
+]
 
 
 _BYTES = 1_000_000
@@ -139,6 +154,38 @@ def plans_of(
         plan = _plan(mission_id, values, trajectories, home, model, limits, places)
         plans.append(replace(plan, fences=fences, land_switch=values["land_switch"]))
     return tuple(plans)
+
+
+def plan_of_waypoints(
+    configuration: Configuration, mission_id: str, frame: Optional[Frame], waypoints: Sequence[Waypoint]
+) -> MissionPlan:
+    """Plan a mission of waypoints that no file has, checked as files are and flown once.
+
+    Args:
+        configuration: with bounds and limits.
+        mission_id: none of those that are configured.
+        frame: of the waypoints; None: they were given in one that there is not.
+        waypoints: each with its number, from 1, as its line.
+
+    Raises:
+        WaypointError: it cannot be flown.
+    """
+    file, limits = f"waypoints of {mission_id!r}", configuration.rules.limits
+    if any(plan.mission.id == mission_id for plan in configuration.plans):
+        raise WaypointError(file, 0, "mission_id", "is that of a configured mission", "must be another one")
+    if not re.fullmatch(MISSION_ID, mission_id):
+        raise WaypointError(file, 0, "mission_id", "is none", "must be 1 to 32 letters, digits, _ and -")
+    if frame is None:
+        raise WaypointError(file, 0, "frame", "is none", f"must be {' or '.join(each.value for each in Frame)}")
+    if not waypoints:
+        raise WaypointError(file, 0, "", "has no waypoints", "must have at least one")
+    for each in waypoints:
+        numbers = (each.x_m, each.y_m, each.z_m, each.yaw_rad, each.hold_s)
+        if not all(map(math.isfinite, numbers)):
+            raise WaypointError(file, each.line, "x,y,z,yaw,hold", f"is {numbers}", "must be finite numbers")
+    flights, height_m = (Trajectory(file, tuple(waypoints), frame=frame),), limits.takeoff_height_m
+    check_files(flights, 1, height_m, configuration.bounds, (limits.max_height_m, limits.max_distance_m))
+    return MissionPlan(Mission(mission_id), flights, *estimate_rounds(flights, height_m, configuration.flight))
 
 
 def _check_names(values: Mapping[str, Any], components: Tuple[str, ...], here: Address, places: Places) -> None:

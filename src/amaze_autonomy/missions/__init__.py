@@ -15,7 +15,6 @@ from .plan import (
     battery_needed_fraction,
     check_files,
     estimate_rounds,
-    plan_of_waypoints,
     total,
 )
 from .plan_file import SUFFIXES, parse_file
@@ -60,7 +59,6 @@ __all__ = [
     "localize_fence",
     "parse_file",
     "parse_trajectory",
-    "plan_of_waypoints",
     "polygon_problem",
     "total",
 ]

@@ -131,11 +131,11 @@ def check_trajectory(
         WaypointError: the first waypoint that cannot be.
     """
     if len(trajectory.waypoints) > bounds.max_waypoints:
-        wrong, right = (
-            f"has {len(trajectory.waypoints)} waypoints",
+        first_beyond, right = (
+            trajectory.waypoints[bounds.max_waypoints],
             f"must have at most {bounds.max_waypoints} (bounds)",
         )
-        raise trajectory.error(trajectory.waypoints[bounds.max_waypoints], "", wrong, right)
+        raise trajectory.error(first_beyond, "", f"has {len(trajectory.waypoints)} waypoints", right)
     for waypoint in trajectory.waypoints:
         _check_waypoint(trajectory, waypoint, bounds, limits)
     first = trajectory.waypoints[0]

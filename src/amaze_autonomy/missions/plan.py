@@ -154,24 +154,6 @@ def check_files(
         _check_reach(trajectories, repetitions, limits[1])
 
 
-def plan_of_waypoints(
-    mission_id: str,
-    trajectory: Trajectory,
-    takeoff_height_m: float,
-    bounds: Bounds,
-    limits: Tuple[float, float],
-    model: FlightModel,
-) -> MissionPlan:
-    """Return the plan of waypoints that no file has, flown once.
-
-    Raises:
-        WaypointError: they cannot be flown.
-    """
-    check_files((trajectory,), 1, takeoff_height_m, bounds, limits)
-    first, again = estimate_rounds((trajectory,), takeoff_height_m, model)
-    return MissionPlan(Mission(mission_id), (trajectory,), first, again)
-
-
 def _check_reach(trajectories: Tuple[Trajectory, ...], repetitions: int, limit_m: float) -> None:
     """Check that files that count from their own takeoffs stay near the first one, whichever way each of them heads."""
     moved = [math.hypot(each.waypoints[-1].x_m, each.waypoints[-1].y_m) for each in trajectories]

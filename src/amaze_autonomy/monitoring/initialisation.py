@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Optional, Sequence, Tuple
 
 from ..engine.events import Check, Verdict
+from ..engine.state import State
 from .preflight_specs import Checked
 
 __all__ = ["ROW", "Initialisation", "InitialisationSpec", "InitialisationType"]
@@ -56,20 +57,31 @@ class Initialisation:
 
     Args:
         spec: what initialises it, by when.
+        status_limit_ns: what the vehicle has said is believed for so long.
     """
 
-    def __init__(self, spec: InitialisationSpec) -> None:
-        self.spec = spec
-        self._asked, self._failure = False, ""
+    def __init__(self, spec: InitialisationSpec, status_limit_ns: int) -> None:
+        self.spec, self._status_limit_ns = spec, status_limit_ns
+        self._asked, self._failure, self._state = False, "", ""
         self._initialised_ns: Optional[int] = None
+        self._armed: Optional[bool] = None
+        self._heard_ns = 0
 
-    def check(self, t_ns: int, rows: Sequence[Check], *, armed: Optional[bool]) -> Tuple[Tuple[Check, ...], bool]:
+    def heard(self, t_ns: int, *, armed: Optional[bool]) -> None:
+        """Take what the vehicle says; None: it is not known."""
+        self._heard_ns, self._armed = t_ns, armed
+
+    def entered(self, state: str) -> bool:
+        """Take the engine's state; return whether to ask for what begins in the air now."""
+        before, self._state = self._state, state
+        return bool(self.spec.in_flight_service) and (before, state) == (State.TAKEOFF.value, State.MISSION.value)
+
+    def check(self, t_ns: int, rows: Sequence[Check]) -> Tuple[Tuple[Check, ...], bool]:
         """Return the rows of a check with what is said of the initialisation, and whether to ask for it now.
 
         Args:
             t_ns: now.
             rows: of the check of the states.
-            armed: what the vehicle says; None: it is not known.
         """
         if not self.spec.service or all(row.passed for row in rows):
             return tuple(rows), False
@@ -83,6 +95,7 @@ class Initialisation:
                 return _waiting(rows, Verdict.PASS, ""), False
             self._initialised_ns = None
             return _failed(rows, f"{self.spec.service} was asked, and the states did not become valid"), False
+        armed = self._armed if t_ns - self._heard_ns <= self._status_limit_ns else None
         if armed is None:
             return _waiting(rows, Verdict.UNKNOWN, "it is not known whether the vehicle is disarmed"), False
         if armed:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
-from typing import Any, Mapping, Optional, Sequence, Tuple, Type
+from typing import Any, Mapping, Sequence, Tuple, Type
 
 import rosgraph
 import rospy
@@ -13,8 +12,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from amaze_autonomy import msg
+from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.events import Check
-from amaze_autonomy.monitoring.initialisation import Initialisation, InitialisationSpec, InitialisationType
+from amaze_autonomy.monitoring.initialisation import Initialisation, InitialisationType
 
 from ...ros.clock import Clock
 from ...ros.errors import CallError
@@ -28,24 +28,21 @@ _TYPES: Mapping[InitialisationType, Tuple[Type[Any], Mapping[str, Any]]] = {
     InitialisationType.SET_BOOL: (SetBool, {"data": True}),
     InitialisationType.EMPTY: (Empty, {}),
 }
-_STATUS_MAX_AGE_NS = 2_000_000_000
-_log = logging.getLogger(__name__)
 
 
 class Estimator:
     """Asks for an initialisation when the check of the states needs one, and once when a mission begins in the air.
 
     Args:
-        spec: the services.
+        configuration: with the services.
         clock: the node's.
     """
 
-    def __init__(self, spec: InitialisationSpec, clock: Clock) -> None:
-        self._spec, self._clock = spec, clock
-        self._initialisation, self._lock = Initialisation(spec), threading.Lock()
+    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+        self._spec, self._clock = configuration.initialisation, clock
+        limit_ns = configuration.rules.limits.autopilot_status_limit_ns
+        self._initialisation, self._lock = Initialisation(self._spec, limit_ns), threading.Lock()
         self._workers = Workers("initialisation")
-        self._armed: Optional[bool] = None
-        self._heard_ns, self._state = 0, ""
 
     def listen(self) -> None:
         """Subscribe to what must be known: is the vehicle disarmed, has the mission begun?"""
@@ -57,29 +54,31 @@ class Estimator:
     def rows(self, rows: Sequence[Check]) -> Tuple[Check, ...]:
         """Return the rows of a check with what is said of the initialisation; ask for it where that is due."""
         with self._lock:
-            now_ns = self._clock.now_ns()
-            armed = self._armed if now_ns - self._heard_ns <= _STATUS_MAX_AGE_NS else None
-            rows, due = self._initialisation.check(now_ns, rows, armed=armed)
+            said, due = self._initialisation.check(self._clock.now_ns(), rows)
         if due:
             self._workers.submit(self._initialise)
-        return tuple(rows)
+        return said
 
     def _initialise(self) -> None:
-        failure = self._ask(self._spec.service, self._spec.type)
-        with self._lock:
-            self._initialisation.answered(self._clock.now_ns(), failure)
+        failure = f"{self._spec.service}: its call ended without an answer"
+        try:
+            failure = self._ask(self._spec.service, self._spec.type)
+        finally:  # or it would be waited for without an end
+            with self._lock:
+                self._initialisation.answered(self._clock.now_ns(), failure)
 
     def _initialise_in_flight(self) -> None:
         self._ask(self._spec.in_flight_service, self._spec.in_flight_type)
 
     def _take_status(self, message: Any) -> None:
         with self._lock:
-            self._armed = bool(message.armed) if message.armed_known else None
-            self._heard_ns = self._clock.now_ns()
+            armed = bool(message.armed) if message.armed_known else None
+            self._initialisation.heard(self._clock.now_ns(), armed=armed)
 
     def _take_state(self, message: Any) -> None:
-        before, self._state = self._state, message.data
-        if (before, self._state) == ("TAKEOFF", "MISSION"):
+        with self._lock:
+            due = self._initialisation.entered(message.data)
+        if due:
             self._workers.submit(self._initialise_in_flight)
 
     def _ask(self, name: str, kind: InitialisationType) -> str:
@@ -96,7 +95,7 @@ class Estimator:
         finally:
             client.close()
         if failure:
-            _log.warning("the estimator was not initialised: %s", failure)
+            rospy.logwarn("the estimator was not initialised: %s", failure)
         else:
-            _log.info("the estimator was initialised: %s", name)
+            rospy.loginfo("the estimator was initialised: %s", name)
         return failure

@@ -51,7 +51,7 @@ class StateEstimationNode:
         self._read = estimate_reader(self._spec.source)
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._startup = Startup(configuration, clock)
-        self._estimator = Estimator(configuration.initialisation, clock)
+        self._estimator = Estimator(configuration, clock)
         self._diagnostics = CheckDiagnostics("state estimation", clock)
 
     def _take_estimate(self, message: Any) -> None:

@@ -99,7 +99,7 @@ class CnsPeersNode:
         self._number = 0
         self._ended = False
         self._workers = Workers("cns")
-        self._estimator = Estimator(configuration.initialisation, clock)
+        self._estimator = Estimator(configuration, clock)
         master, me = rosgraph.get_master_uri(), rospy.get_name()
         self._clients = {
             key: ServiceClient(self._prefix + name.name, self._classes[key], master, me)

@@ -16,7 +16,6 @@ How it works: docs/planner.md.
 from __future__ import annotations
 
 import math
-import re
 import time
 from typing import Any, Dict, Optional, Tuple
 
@@ -25,10 +24,10 @@ from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.config.missions_schema import MISSION_ID
+from amaze_autonomy.config.trajectories import plan_of_waypoints
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
-from amaze_autonomy.missions import Frame, MissionPlan, Trajectory, Waypoint, WaypointError, plan_of_waypoints
+from amaze_autonomy.missions import Frame, MissionPlan, Waypoint, WaypointError
 
 from ...autopilot.link.connection import link_problem
 from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kept
@@ -47,7 +46,10 @@ __all__ = ["MissionPlannerNode", "main"]
 _S = 1_000_000_000
 _QUEUE = 10
 _ANSWER_S = 1.0  # beyond the limit of a transfer
-_FRAMES = {0: Frame.EAST_NORTH, 1: Frame.START_HEADING}
+_FRAMES = {
+    srv.LoadWaypointsRequest.EAST_NORTH: Frame.EAST_NORTH,
+    srv.LoadWaypointsRequest.START_HEADING: Frame.START_HEADING,
+}
 _ACTIONS = {action.value: action for action in MissionAction}
 
 
@@ -86,42 +88,15 @@ class MissionPlannerNode:
 
     def _load_waypoints(self, request: Any) -> Any:
         wanted = LoadRequest(request.session_id, request.mission_id, 0, 0)
+        frame = _FRAMES.get(request.frame)
+        numbered = enumerate(request.waypoints, start=1)
+        waypoints = [Waypoint(each.x, each.y, each.z, each.yaw, each.hold, line) for line, each in numbered]
         try:
-            plan = self._plan(request)
+            plan = plan_of_waypoints(self._configuration, request.mission_id, frame, waypoints)
         except WaypointError as error:
             self._log(f"load {wanted.mission_id}", str(error))
             return srv.LoadWaypointsResponse(accepted=False, estimated_duration=math.nan, message=str(error))
         return srv.LoadWaypointsResponse(**self._loaded(wanted, plan))
-
-    def _plan(self, request: Any) -> MissionPlan:
-        """Return the plan of waypoints that came over ROS.
-
-        Raises:
-            WaypointError: they cannot be flown.
-        """
-        file, configuration = f"waypoints of {request.mission_id!r}", self._configuration
-        limits = configuration.rules.limits
-        if any(plan.mission.id == request.mission_id for plan in configuration.plans):
-            raise WaypointError(file, 0, "mission_id", "is that of a configured mission", "must be another one")
-        if not re.fullmatch(MISSION_ID, request.mission_id):
-            raise WaypointError(file, 0, "mission_id", "is none", "must be 1 to 32 letters, digits, _ and -")
-        if request.frame not in _FRAMES or not request.waypoints:
-            wrong = f"is {request.frame}, of {len(request.waypoints)} waypoints"
-            raise WaypointError(file, 0, "frame", wrong, "must be EAST_NORTH (0) or START_HEADING (1), with waypoints")
-        waypoints = []
-        for line, each in enumerate(request.waypoints, start=1):
-            numbers = (each.x, each.y, each.z, each.yaw, each.hold)
-            if not all(map(math.isfinite, numbers)):
-                raise WaypointError(file, line, "x,y,z,yaw,hold", f"is {numbers}", "must be finite numbers")
-            waypoints.append(Waypoint(*numbers, line=line))
-        return plan_of_waypoints(
-            request.mission_id,
-            Trajectory(file, tuple(waypoints), frame=_FRAMES[request.frame]),
-            limits.takeoff_height_m,
-            configuration.bounds,
-            (limits.max_height_m, limits.max_distance_m),
-            configuration.flight,
-        )
 
     def _loaded(self, wanted: LoadRequest, plan: Optional[MissionPlan] = None) -> Dict[str, Any]:
         """Send a file to the vehicle; return the fields of the answer."""
