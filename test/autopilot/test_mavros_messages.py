@@ -65,6 +65,10 @@ def test_position_and_velocity_come_together_north_east_down():
     message = converter.convert(BY_TOPIC["local_position/pose"], pose)
     assert (message.x, message.y, message.z) == (2.0, 1.0, -3.0)
     assert (message.vx, message.vy, message.vz) == (0.2, 0.1, -0.5)
+    for _ in range(4):
+        assert converter.convert(BY_TOPIC["local_position/pose"], pose).vz == -0.5
+    message = converter.convert(BY_TOPIC["local_position/pose"], pose)
+    assert (message.z, str(message.vx), str(message.vz)) == (-3.0, "nan", "nan"), "its topic has ended"
 
 
 @pytest.mark.parametrize("z, w, from_north", [(0.0, 1.0, pi / 2), (0.5**0.5, 0.5**0.5, 0.0), (1.0, 0.0, -pi / 2)])
@@ -95,6 +99,13 @@ def test_a_place_and_its_height_come_together():
     message = converter.convert(BY_TOPIC["global_position/global"], Said(latitude=47.1, longitude=-8.2))
     assert (message.lat, message.lon, message.relative_alt) == (471000000, -82000000, 2500)
     assert converter.convert(BY_TOPIC["global_position/global"], Said(latitude=nan, longitude=8.0)) is None
+    for _ in range(4):
+        assert converter.convert(BY_TOPIC["global_position/global"], Said(latitude=47.1, longitude=-8.2)) is not None
+    assert converter.convert(BY_TOPIC["global_position/global"], Said(latitude=47.1, longitude=-8.2)) is None
+
+
+def test_a_place_whose_height_never_came_is_none():
+    assert convert("global_position/global", latitude=47.1, longitude=-8.2) is None
 
 
 def test_only_topics_of_wanted_messages_are_listened_to():

@@ -285,6 +285,16 @@ def test_flight_mode_or_standing_still_shows_it(claims):
     assert story.motions == ["HOLD"]
 
 
+@pytest.mark.parametrize("told_before_s, where", [(0.3, "holding"), (0.6, "confirming")])
+def test_that_it_stood_still_a_while_ago_shows_no_hold(told_before_s, where):
+    story = at("MISSION flying")
+    story.say(mode="OFFBOARD", horizontal_speed_m_s=0.1)
+    story.silent.append("autopilot")
+    story.after(told_before_s)
+    story.user("hold")
+    story.after(0.1).expect("HOLD", where)
+
+
 def test_a_vehicle_that_flies_on_while_it_should_hold_is_told_again_and_landed():
     story = at("HOLD holding")
     story.vehicle.says.update(mode="OFFBOARD", horizontal_speed_m_s=2.0)

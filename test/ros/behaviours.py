@@ -36,9 +36,10 @@ class Behaviour:
 
 
 class Behaviours:
-    """All behaviours of one test file."""
+    """All behaviours of one test file; `overrides` of the configuration are those of each."""
 
-    def __init__(self) -> None:
+    def __init__(self, *overrides: str) -> None:
+        self._overrides = overrides
         self._all: List[Behaviour] = []
 
     def add(
@@ -47,7 +48,8 @@ class Behaviours:
         """Register a function; `rules` are taken out of the engine in the self-check."""
 
         def register(run: Callable[[Stack], None]) -> Callable[[Stack], None]:
-            self._all.append(Behaviour(run, rules, options, start))
+            own = (*self._overrides, *options.pop("overrides", ()))
+            self._all.append(Behaviour(run, rules, {**options, "overrides": own}, start))
             return run
 
         return register

@@ -369,9 +369,9 @@ class TestRecorder(unittest.TestCase):
             recorders.start_node(platform)
         self.assertTrue(recorders.ask("start").accepted)
         recorders.wait_phase(PHASE.RECORDING)
-        said = lambda words: any(words in each.message for each in recorders.status.platforms)  # noqa: E731
-        wait_for(lambda: said("the storage is full in "), "the word before")
-        wait_for(lambda: said("recording has stopped"), "the word during", 40.0)
+        said = lambda words: [words in each.message for each in recorders.status.platforms]  # noqa: E731
+        wait_for(lambda: any(said("the storage is full in ")), "the word before")
+        wait_for(lambda: all(said("recording has stopped")), "the word during, of both", 40.0)
         self.assertTrue(recorders.ask("stop").accepted)
         status = recorders.wait_phase(PHASE.FAILED)
         self.assertRegex(status.message, "there is no space for it.*make space and try again, nothing was changed")

@@ -63,12 +63,14 @@ class StateLimits:
         link_age_limit_ns: anything that the vehicle says.
         mode_age_limit_ns: whether it is armed, and its flight mode.
         state_age_limit_ns: landed state, position, estimator flags.
+        speed_age_limit_ns: speeds upwards and over ground.
         system_age_limit_ns: SYS_STATUS.
     """
 
     link_age_limit_ns: int = 2_500_000_000
     mode_age_limit_ns: int = 5 * _S
     state_age_limit_ns: int = 2 * _S
+    speed_age_limit_ns: int = 700_000_000
     system_age_limit_ns: int = 3 * _S
 
 
@@ -211,6 +213,7 @@ _LIMIT_ROWS: Tuple[Row, ...] = (
     ("link_age_limit_ns", _time(), "nothing heard for longer than this: no link, for the checks", "at 1 Hz two heartbeats"),
     ("mode_age_limit_ns", _time(), "armed and flight mode older than this are unknown", "lost heartbeats are asked for again"),
     ("state_age_limit_ns", _time(), "landed state, position and flags of the estimator older than this are unknown", "position messages stay fresh while the estimate is lost"),
+    ("speed_age_limit_ns", _time(), "speeds older than this are unknown", "a vehicle that stood half a second ago may have flown on; PX4 and ArduPilot are asked for 10 a second"),
     ("system_age_limit_ns", _time(), "health of the sensors older than this is unknown", "sent twice a second"),
 )
 _GPS_ROWS: Tuple[Row, ...] = (

@@ -197,12 +197,16 @@ class Context:
         return low and since is not None and self.now - since >= self.limits.descent_time_ns
 
     def holds(self) -> bool:
-        """Return True when flight mode or standing still shows a hold: the planner's word alone does not."""
-        status = self.vehicle()
-        if status is None:
+        """Return True when flight mode or standing still shows a hold: the planner's word alone does not.
+
+        A mode lasts until it is changed; that it stood still says nothing any more when it was told a while ago.
+        """
+        status, heard_ns = self.vehicle(), self.state.peers.autopilot_ns
+        if status is None or heard_ns is None:
             return False
         speed = status.horizontal_speed_m_s
-        return status.mode in HOLDING_MODES or (speed is not None and speed <= self.limits.hold_speed_m_s)
+        stands = speed is not None and speed <= self.limits.hold_speed_m_s
+        return status.mode in HOLDING_MODES or (stands and self.now - heard_ns <= self.limits.hold_speed_age_limit_ns)
 
     def last_heard_down(self) -> bool:
         """Return True when the last word of the vehicle was disarmed and ON_GROUND, however old.

@@ -228,6 +228,7 @@ class Limits:
     hold_confirm_limit_ns: int = _COMMANDS.time(3, 60, "time in which the planner must show that it holds", "unconfirmed: land")
     hold_repeat_after_ns: int = _COMMANDS.time(1.5, 60, "the hold is asked for again when nothing shows it after this time", "one request may be lost between planner and autopilot")
     hold_speed_m_s: float = _COMMANDS.number(0.5, 5.0, "slower than this over ground it stands still", "where the flight mode does not show a hold (set-points); above the drift of a hover")
+    hold_speed_age_limit_ns: int = _COMMANDS.time(0.5, 5, "a speed that was told longer ago says nothing of standing still", "statuses come at 5 Hz; a vehicle that stood half a second ago may have flown on")
     resume_confirm_limit_ns: int = _COMMANDS.time(5, 60, "time in which the planner must show that it flies on", "unconfirmed: land")
     user_hold_limit_ns: int = _COMMANDS.time(120, 3600, "longest hold that a user may ask for", "then it lands: the battery does not wait")
     unlisted_wait_limit_ns: int = _COMMANDS.time(15, 600, "how long a flight waits for a component that has no wait_limit_s of its own", "a component that nobody listed gets the row of its code")

@@ -200,6 +200,7 @@ def _home(message: Any) -> Message:
     return mavlink.MAVLink_home_position_message(0, 0, 0, where.y, where.x, -where.z, [1, 0, 0, 0], 0, 0, 0)
 
 
+_PARTS_APART = 5  # so many of one part may come without the other
 _VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped", "LOCAL_POSITION_NED", _apart)
 _HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
 STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _state)
@@ -232,22 +233,30 @@ def sources_of(wanted: Iterable[str]) -> Tuple[Source, ...]:
 
 
 class Converter:
-    """Makes MAVLink messages of topics; puts together what comes apart: position and velocity, place and height."""
+    """Makes MAVLink messages of topics; puts together what comes apart: position and velocity, place and height.
+
+    mavros publishes both parts of one message of the vehicle together: a part whose topic has ended is unknown after a
+    few of the other, not what it was last.
+    """
 
     def __init__(self) -> None:
-        self._velocity = (nan, nan, nan)
-        self._height_mm = 0
+        self._velocity, self._height_mm = (nan, nan, nan), 0
+        self._without = {_VELOCITY.makes: _PARTS_APART, _HEIGHT.makes: _PARTS_APART}
 
     def convert(self, source: Source, message: Any) -> Optional[Message]:
         """Return the MAVLink message of a message on a topic; None: it says nothing by itself."""
         if source is _VELOCITY:
             speed = message.twist.linear
-            self._velocity = (speed.y, speed.x, -speed.z)
+            self._velocity, self._without[source.makes] = (speed.y, speed.x, -speed.z), 0
         elif source is _HEIGHT and isfinite(message.data):
-            self._height_mm = round(1000 * message.data)
+            self._height_mm, self._without[source.makes] = round(1000 * message.data), 0
         made = source.make(message)
-        if made is not None and source.makes == "LOCAL_POSITION_NED":
-            made.vx, made.vy, made.vz = self._velocity
-        elif made is not None and source.makes == "GLOBAL_POSITION_INT":
-            made.relative_alt = self._height_mm
-        return made
+        if made is None or source.makes not in self._without:
+            return made
+        known = self._without[source.makes] < _PARTS_APART
+        self._without[source.makes] += 1
+        if source.makes == _VELOCITY.makes:
+            made.vx, made.vy, made.vz = self._velocity if known else (nan, nan, nan)
+            return made
+        made.relative_alt = self._height_mm
+        return made if known else None

@@ -39,10 +39,11 @@ class Position:
 
     Args:
         age_limit_ns: older than this, position and flags say nothing.
+        speed_age_limit_ns: older than this, the speeds of a position say nothing.
     """
 
-    def __init__(self, age_limit_ns: int) -> None:
-        self._age_limit_ns = age_limit_ns
+    def __init__(self, age_limit_ns: int, speed_age_limit_ns: int) -> None:
+        self._age_limit_ns, self._speed_age_limit_ns = age_limit_ns, speed_age_limit_ns
         self._local: Optional[Tuple[int, Vector, Vector]] = None
         self._flags: Optional[Tuple[int, int]] = None
         self._takeoff: Optional[Vector] = None
@@ -84,9 +85,10 @@ class Position:
         start = self._takeoff or self._home
         if self._local is None or t_ns - self._local[0] > self._age_limit_ns:
             return Place()
-        _, (north, east, down), (vx, vy, sinking) = self._local
-        climb = -sinking if self._has(t_ns, _VELOCITY_VERTICAL) and isfinite(sinking) else None
-        speed = sqrt(vx * vx + vy * vy) if self._has(t_ns, _VELOCITY_HORIZONTAL) else None
+        told_ns, (north, east, down), (vx, vy, sinking) = self._local
+        moves = t_ns - told_ns <= self._speed_age_limit_ns
+        climb = -sinking if moves and self._has(t_ns, _VELOCITY_VERTICAL) and isfinite(sinking) else None
+        speed = sqrt(vx * vx + vy * vy) if moves and self._has(t_ns, _VELOCITY_HORIZONTAL) else None
         if start is None:
             return Place(climb_m_s=climb, ground_m_s=speed)
         up = start[2] - down if self._has(t_ns, _VERTICAL) else None

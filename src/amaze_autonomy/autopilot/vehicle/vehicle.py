@@ -46,7 +46,7 @@ class VehicleState:
         self.battery = Battery(_caps(settings), cells)
         self.system = SystemStatus(settings.limits.system_age_limit_ns)
         self.gps = Gps(GpsLimits(settings.gps.min_fix_type, settings.gps.age_limit_ns, settings.gps.frozen_limit_ns))
-        self.position = Position(settings.limits.state_age_limit_ns)
+        self.position = Position(settings.limits.state_age_limit_ns, settings.limits.speed_age_limit_ns)
         self.tilt = LastingTilt(settings.limits.state_age_limit_ns)
         self.restarts = 0
         self.mode_changed = False
