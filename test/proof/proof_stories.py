@@ -67,7 +67,7 @@ STORIES: Sequence[Told] = (
     Told(
         "A landing that none of ours commanded is somebody else's.",
         (f"{_LIES}a_landing_that_nobody_of_us_commanded_is_somebody_elses",),
-        (),
+        (f"{_LIVE}link_that_loses_a_fifth_ends_no_flight_and_somebody_elses_landing_is_left_alone",),
         ("takeover_by_landing",),
     ),
     Told(
@@ -212,7 +212,7 @@ STORIES: Sequence[Told] = (
             f"{_AGES}a_fifth_of_all_packets_lost_for_two_minutes_makes_nothing_unknown",
             f"{_AGES}each_value_that_grows_old_is_unknown_while_the_link_is_young",
         ),
-        (),
+        (f"{_LIVE}link_that_loses_a_fifth_ends_no_flight_and_somebody_elses_landing_is_left_alone",),
         ("loss_5_percent", "loss_20_percent"),
     ),
     Told(

@@ -141,6 +141,19 @@ def mission_selected_at_once_waits_for_its_nodes_and_for_the_vehicle(stack: Stac
         assert "OUTREACH" not in stack.passed, stack.states[-1].message
 
 
+@launches.add(processes=(), start=False)
+def node_group_that_is_killed_in_flight_costs_the_mission_not_the_landing(stack: Stack) -> None:
+    """Its nodes fly on; the group that roslaunch starts then replaces each, and an autopilot node that ends lands."""
+    with flown(stack, "mission:=long", "exit_when_ended:=true", "processes:=forked") as vehicle:
+        in_flight(stack)
+        group = parent_of(pid_of(stack, "watchdog"))
+        assert group == parent_of(pid_of(stack, "autopilot")), "a fork has another parent"
+        os.kill(group, signal.SIGKILL)
+        ended(stack)
+        assert vehicle.modes[-1] == "AUTO.LAND"
+        assert (stack.result()["state"], stack.result()["in_flight"]) == ("MISSION_ENDED", False)
+
+
 NODES = ("autonomy", "watchdog", "autopilot", "mission_planner")
 PROBE = """\
 import contextlib, os
@@ -183,6 +196,11 @@ def nodes_that_decide_take_the_precedence_that_is_permitted(stack: Stack) -> Non
         for node in NODES:
             stack.wait(lambda name=node: niceness_of(stack, name) == wanted, f"{node} at {wanted}", LIMIT_S)
         assert wanted.startswith("-10") or "was not permitted" in stack.log()
+
+
+def parent_of(pid: int) -> int:
+    """Return the process that started another."""
+    return int(Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
 
 
 def niceness_of(stack: Stack, node: str) -> str:

@@ -314,6 +314,23 @@ def pilot_keeps_a_vehicle_whose_imu_fails_and_an_unattended_run_ends(stack: Stac
         assert told == []
 
 
+@lies.add(processes=(), start=False)
+def link_that_loses_a_fifth_ends_no_flight_and_somebody_elses_landing_is_left_alone(stack: Stack) -> None:
+    with flown(stack, "mission:=long", "unattended:=true", "exit_when_ended:=true") as vehicle:
+        in_flight(stack)
+        lossy_ns, vehicle.lost_fraction = time.monotonic_ns(), 0.2
+        stack.wait(lambda: statuses_since(stack, lossy_ns + 8 * NS), "eight seconds over a link that loses a fifth")
+        assert (stack.state, decisions_since(stack, lossy_ns)) == ("MISSION", [])
+        with vehicle.lock:
+            vehicle.craft.pilot_takes_over(LAND, 0)
+        decided(stack, "pilot_took_over")
+        vehicle.sensors["imu"] = False
+        ended(stack)
+        assert stack.result()["result"] == "PILOT"
+        told = [text for each in decisions_since(stack, lossy_ns) for text in each.commands]
+        assert not any(word in text for text in told for word in ("HOLD", "LAND", "Land")), told
+
+
 CRITICAL = """\
 description: the battery gets critical, and the autopilot does nothing about it
 faults:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from random import Random
 from typing import Any, Callable, Dict, List, Optional, Tuple, Type
 
 from amaze_autonomy.missions import FlightModel
@@ -56,6 +57,7 @@ class Px4Vehicle:
     Attributes:
         sensors: what the autopilot says of each: healthy.
         cut: nothing goes through its links, either way, to whoever has spoken.
+        lost_fraction: of all messages on its links, either way, to whoever has spoken; drawn by a seed.
         modes: that it was in while it was armed, in order.
         addresses: host and port of each endpoint.
     """
@@ -63,7 +65,8 @@ class Px4Vehicle:
     def __init__(self, *addresses: str, kind: Tuple[Type[Craft], Type[Px4]] = (Craft, Px4), on: bool = True) -> None:
         self.lock = threading.Lock()
         self.sensors: Dict[str, Optional[bool]] = dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
-        self.cut, self.modes = False, [""]
+        self.cut, self.lost_fraction, self.modes = False, 0.0, [""]
+        draw = Random(1)
         self._ends = [address.partition(":")[2] for address in addresses]
         self.addresses = [(host, int(port)) for host, _, port in (end.partition(":") for end in self._ends)]
         self._said: List[Tuple[str, Any]] = []
@@ -77,7 +80,8 @@ class Px4Vehicle:
             sensors=lambda: self.sensors,
             unix_ns=time.time_ns(),
         )
-        self._server = VehicleServer(px4, addresses, self, mute=lambda _: self.cut)
+        lost = lambda _: self.cut or draw.random() < self.lost_fraction  # noqa: E731
+        self._server = VehicleServer(px4, addresses, self, mute=lost)
         if on:
             self.switch_on()
 
