@@ -16,7 +16,7 @@ for _name in ("hypothesis", "lz4.frame", "numpy", "pytest_benchmark.plugin", "ri
 from mutation_campaign import Campaign, Task  # noqa: E402
 from mutation_code import places, sample  # noqa: E402
 from mutation_mutant import NETS  # noqa: E402
-from mutation_results import RESULTS, results, summary, write  # noqa: E402
+from mutation_results import PAGE, RESULTS, results, summary, write  # noqa: E402
 
 
 def main(arguments: List[str], root: Path = ROOT) -> int:
@@ -37,7 +37,7 @@ def main(arguments: List[str], root: Path = ROOT) -> int:
     told = results(campaign, drawn, len(found), options.seed, options.nets)
     print(summary(told, campaign.root))
     if options.write:
-        write(told, RESULTS)
+        write(told, root / RESULTS.relative_to(ROOT), root / PAGE.relative_to(ROOT))
     return int(bool(told.survivors or told.not_needed))
 
 

@@ -19,7 +19,8 @@ from typing import Callable, Counter, Dict, Iterable, Iterator, List, NamedTuple
 
 from mutation_code import mutated, span
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT, Mutant
-from mutation_nets import CPU_LIMIT_S, PATHS, Look, Seen, look, observe, start
+from mutation_nets import MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
+from mutation_results import RESULTS, read
 
 __all__ = ["Campaign", "fingerprint"]
 
@@ -36,7 +37,7 @@ COPIED = (
     "srv",
     "test",
 )
-WALL_LIMIT_S = 10 * CPU_LIMIT_S
+WALL_TIMES = 10  # on a machine with other work
 """After which a look that sleeps, or waits, is over; a working one ends by the processor time that it has used."""
 FIRST = {EXPLORER: 1000, UNIT: 15, SCENARIOS: 6}
 """So many look first: to load fewer files of tests is faster, and most mutants are caught by then."""
@@ -60,6 +61,7 @@ class Running(NamedTuple):
     tree: Path
     since: float
     rest: Tuple[str, ...]
+    limit_s: int = 0
 
 
 def fingerprint(root: Path, folders: Iterable[str]) -> str:
@@ -97,6 +99,15 @@ class Campaign:
             one = json.loads(line)
             if one["code"] == self.code and (one["caught_by"] or one["tests"] == self.tests[one["net"]]):
                 yield (one["key"], one["net"]), one["caught_by"]
+        yield from self._caught_before()
+
+    def _caught_before(self) -> Iterator[Tuple[Tuple[str, str], str]]:
+        """Return what was caught in the campaign that the repository keeps: begun elsewhere, it goes on here."""
+        path = self.root / "test" / "mutation" / RESULTS.name
+        told = read(path) if path.is_file() else None
+        if told is not None and told.code == self.code:
+            for one in told.verdicts:
+                yield from (((one.mutant.key, net), caught) for net, caught in one.caught_by.items() if caught)
 
     def _keep(self, task: Task, caught_by: str) -> None:
         self.known[task.mutant.key, task.net] = caught_by
@@ -126,7 +137,7 @@ class Campaign:
         for net in sorted(nets):
             kept = self.work / f"observed-{net}-{self.tests[net]}.json"
             if not kept.exists():
-                process = start(self.trees[0], lambda net=net: observe(net), self.work / "answer.json", limit=False)  # type: ignore[misc]
+                process = start(self.trees[0], lambda net=net: observe(net), self.work / "answer.json")  # type: ignore[misc]
                 with _ended_with_us([process]):
                     _, status = os.waitpid(process, 0)
                 answer = self.work / "answer.json"
@@ -151,6 +162,8 @@ class Campaign:
     def names(self, task: Task) -> Tuple[str, ...]:
         """Return the worlds, tests or scenarios that run a mutant's statement, the most promising first."""
         path, line = task.mutant.place.path, task.mutant.place.line
+        if not self._runs(task.net, path):
+            return ()
         begin, end = span((self.root / path).read_text(encoding="utf-8"), line)
         seen = self.observed[task.net]
         names = [
@@ -159,6 +172,11 @@ class Campaign:
             if not begin or any(begin <= each <= end for each in lines.get(path, ()))
         ]
         return tuple(sorted(names, key=lambda name: (-self.catchers[path, name], seen[name].seconds)))
+
+    def _runs(self, net: str, path: str) -> bool:
+        """Tell whether a net runs anything in the folder of a file: a table there may be what it goes by."""
+        folder = path.rpartition("/")[0]
+        return any(each.rpartition("/")[0] == folder for _, lines in self.observed[net].values() for each in lines)
 
     def files(self, nets: Iterable[str]) -> Dict[str, List[str]]:
         """Return of each net the files of which it runs a function."""
@@ -183,22 +201,23 @@ class Campaign:
             cached.unlink()
         self._look(Running(task, tree, 0.0, names), running)
 
-    @staticmethod
-    def _look(over: Running, running: Dict[int, Running]) -> None:
+    def _look(self, over: Running, running: Dict[int, Running]) -> None:
         """Have the next ones look: first a few that promise most, then all the others."""
-        task, tree, since, rest = over
+        task, tree, since, rest, _ = over
         count = FIRST[task.net] if not since else len(rest)
+        usual_s = sum(self.observed[task.net][name].seconds for name in rest[:count])
+        limit_s = min(MOST_S, START_S + round(TIMES * usual_s))
         answer = tree / "answer.json"
         if answer.exists():
             answer.unlink()
-        process = start(tree, lambda: look(Look(task.net, rest[:count])), answer)
-        running[process] = Running(task, tree, time.monotonic(), rest[count:])
+        process = start(tree, lambda: look(Look(task.net, rest[:count])), answer, limit_s)
+        running[process] = Running(task, tree, time.monotonic(), rest[count:], limit_s)
 
     def _end_one(self, free: List[Path], running: Dict[int, Running], tell: Tell) -> None:
         """Wait until a look is over, or takes too long."""
         while running:
             for process, look_ in list(running.items()):
-                late = time.monotonic() - look_.since > WALL_LIMIT_S
+                late = time.monotonic() - look_.since > WALL_TIMES * look_.limit_s
                 if late:
                     os.killpg(process, signal.SIGKILL)
                 ended, status = os.waitpid(process, 0 if late else os.WNOHANG)

@@ -21,7 +21,7 @@ import coverage
 import pytest
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT
 
-__all__ = ["CPU_LIMIT_S", "PATHS", "Look", "Seen", "look", "observe", "start"]
+__all__ = ["MOST_S", "PATHS", "START_S", "TIMES", "Look", "Seen", "look", "observe", "start"]
 
 PATHS = {
     EXPLORER: ("test/proof",),
@@ -32,8 +32,8 @@ PATHS = {
 FIRST_BOUNDS = (300, 1_500)
 """Transitions in each world before the bound of the proof: most mutants are caught by then."""
 _PYTEST = ("-x", "-q", "-W", "ignore::pytest.PytestAssertRewriteWarning")
-CPU_LIMIT_S, MEMORY_LIMIT = 300, 3 << 30
-"""Of one look. A mutant that needs more than ten times what the original needs has been noticed."""
+TIMES, START_S, MOST_S, MEMORY_LIMIT = 10, 30, 300, 3 << 30
+"""A mutant is noticed that needs ten times the processor time of the original, and a start, or five minutes."""
 
 
 class Look(NamedTuple):
@@ -50,8 +50,15 @@ class Seen(NamedTuple):
     lines: Dict[str, List[int]]
 
 
-def start(tree: Path, job: Callable[[], object], answer: Path, *, limit: bool = True) -> int:
-    """Start a job in a process of its own, in a copy of the repository; return its process id. It writes its answer."""
+def start(tree: Path, job: Callable[[], object], answer: Path, limit_s: int = 0) -> int:
+    """Start a job in a process of its own, in a copy of the repository; return its process id. It writes its answer.
+
+    Args:
+        tree: the copy.
+        job: what returns the answer.
+        answer: the file for it.
+        limit_s: of processor time; 0: none, for the original.
+    """
     process = os.fork()
     if process:
         return process
@@ -61,7 +68,7 @@ def start(tree: Path, job: Callable[[], object], answer: Path, *, limit: bool = 
         with answer.with_suffix(".log").open("w", encoding="utf-8") as log:
             os.dup2(log.fileno(), 1)
             os.dup2(log.fileno(), 2)
-        _settle(tree, limit=limit)
+        _settle(tree, limit_s)
         answer.write_text(json.dumps(job()), encoding="utf-8")
         status = 0
     except BaseException as error:  # noqa: BLE001 - the answer of a process that is about to end
@@ -71,15 +78,15 @@ def start(tree: Path, job: Callable[[], object], answer: Path, *, limit: bool = 
         os._exit(status)
 
 
-def _settle(tree: Path, *, limit: bool) -> None:
+def _settle(tree: Path, limit_s: int) -> None:
     """Let this process see the copy, and nothing but the copy."""
-    if limit:
-        resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT_S, CPU_LIMIT_S + 5))
+    if limit_s:
+        resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s + 5))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
     os.chdir(tree)
     os.environ.update(HYPOTHESIS_PROFILE="mutants", PYTHONPATH=str(tree / "src"))
     sys.path[:0] = [str(tree / "src")]
-    sys.dont_write_bytecode = limit  # without a limit it is the original, whose byte code the others take
+    sys.dont_write_bytecode = bool(limit_s)  # without a limit it is the original, whose byte code the others take
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -49,10 +50,10 @@ def repository(tmp_path):
     return tmp_path
 
 
-def run(repository):
+def run(repository, *more):
     program = (
         f"import sys, pathlib; sys.path.insert(0, {str(Path(__file__).parent)!r}); import mutate;"
-        f"sys.exit(mutate.main(['--nets', 'unit', '--seed', '4'], pathlib.Path({str(repository)!r})))"
+        f"sys.exit(mutate.main(['--nets', 'unit', '--seed', '4', *{more!r}], pathlib.Path({str(repository)!r})))"
     )
     environment = {"PATH": "/usr/bin:/bin", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     done = subprocess.run(
@@ -134,6 +135,21 @@ def test_a_test_more_shows_the_survivors_again_and_them_alone(repository):
     assert "test_the_limit\n" in shown
     assert "test_over\n" not in shown
     assert status == 1
+
+
+def test_a_campaign_goes_on_elsewhere_from_what_the_repository_keeps(repository):
+    (repository / "docs").mkdir()
+    (repository / "docs/safety.md").write_text("# Title\n", encoding="utf-8")
+    before = run(repository, "--write")[1]
+    shutil.rmtree(repository / "build")
+    after = run(repository)[1]
+    assert "test_over\n" in before
+    assert "test_over\n" not in after
+    assert after.count("SURVIVED\n") == before.count("SURVIVED\n") > 0, (
+        "whom nothing caught is shown to the tests again"
+    )
+    (repository / LIMIT).write_text((repository / LIMIT).read_text(encoding="utf-8") + "# new\n", encoding="utf-8")
+    assert "test_over\n" in run(repository)[1], "of other code nothing is known"
 
 
 def test_a_net_that_is_not_green_without_a_mutant_is_no_net(repository):
