@@ -247,6 +247,19 @@ def test_a_landing_that_nobody_of_us_commanded_is_somebody_elses():
     assert story.motions == []
 
 
+def test_a_landing_that_the_planner_says_before_it_is_believed_to_be_another_s_is_ours():
+    """The mode comes first, in two statuses; the planner's word between them and the next one ends the suspicion."""
+    story = at("MISSION flying")
+    story.silent += ["autopilot", "planner"]
+    story.say(mode="AUTO.LAND").after(0.15).say(mode="AUTO.LAND")
+    assert story.state.vehicle.takeover is not None
+    said = story.state.peers.planner
+    landing = {"phase": ev.MissionPhase.LANDING, "waypoint": said.waypoint, "waypoints": said.waypoints}
+    story.feed(ev.MissionStatus, session_id=said.session_id, mission_id=said.mission_id, **landing)
+    assert story.state.vehicle.takeover is None
+    story.after(0.3).expect("MISSION")
+
+
 def test_a_mission_flown_to_its_end_is_complete_whatever_fails_in_the_last_metres():
     story = _planner_lands()
     story.fail("imu", 16).expect("LAND")

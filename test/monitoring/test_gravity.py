@@ -207,6 +207,14 @@ def test_a_gap_or_a_jump_backwards_begins_the_observation_anew():
     assert (window.first_ns, window.statistics(S, 5 * S).samples) == (S // 2, 1)
 
 
+def test_samples_that_are_skipped_count_by_when_they_came_a_gap_among_them_too():
+    window = GravityWindow(S)
+    window.skip([0, S // 10, S // 5])
+    assert (window.first_ns, window.last_ns) == (0, S // 5)
+    window.skip([2 * S, 2 * S + S // 10])
+    assert (window.first_ns, window.last_ns) == (2 * S, 2 * S + S // 10)
+
+
 @given(st.lists(st.tuples(st.integers(-(2**60), 2**60), st.tuples(*[st.floats()] * 3), st.tuples(*[st.floats()] * 3))))
 def test_no_number_breaks_it(calls: List[tuple]):
     window = GravityWindow(S)

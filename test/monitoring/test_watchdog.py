@@ -191,6 +191,12 @@ def test_a_mission_cannot_judge_a_component_that_is_not_watched(flying: World):
         flying.watchdog.start(flying.now_ns, severities=(("sonar", Severity.LOW),))
 
 
+def test_a_start_that_says_nothing_of_it_has_ten_seconds():
+    world = World()
+    world.watchdog.start(0)
+    assert world.run(0.2).watchdog.checks(world.now_ns).until_ns == 10 * S
+
+
 def test_at_the_start_it_is_not_ready_but_on_its_way():
     world = World()
     world.watchdog.start(0, startup_ns=5 * S)
