@@ -244,8 +244,8 @@ def _propose_config(options: argparse.Namespace) -> int:
     from .bags.errors import BagError  # noqa: PLC0415 (--help stays quick)
     from .config import ConfigError, load_configuration  # noqa: PLC0415
     from .replay.errors import ReplayError  # noqa: PLC0415
-    from .replay.first_configuration import write_configuration  # noqa: PLC0415
-    from .replay.proposal import propose, propose_of  # noqa: PLC0415
+    from .replay.maps.first_configuration import write_configuration  # noqa: PLC0415
+    from .replay.maps.proposal import propose, propose_of  # noqa: PLC0415
 
     try:
         if options.live:

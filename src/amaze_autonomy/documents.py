@@ -30,7 +30,7 @@ from .engine.timers import TIMERS
 from .engine.transitions import TRANSITIONS, Source, Transition, places_of
 from .interface import PEERS, SERVICES, STATUSES
 from .replay.faults import RECORDED_KINDS, TOPIC
-from .replay.topic_map import SCHEMA, load_map, map_names
+from .replay.maps.topic_map import SCHEMA, load_map, map_names
 from .simulation import Subject
 from .simulation.scenario import EVENTS, KINDS, FaultKind, Parameter
 from .simulation.scenario_file import load_scenario

@@ -20,7 +20,7 @@ from amaze_autonomy.bags.columns import grouped
 from amaze_autonomy.bags.definitions import TEXT, Leaf, Piece, layout_of
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.bags.recording import Indexed, Library
-from amaze_autonomy.replay.fields import getter
+from amaze_autonomy.replay.recordings.fields import getter
 
 LONG_TEXTS = ("amaze_autonomy/JournalEntry", "rosgraph_msgs/Log")  # left to the library
 

@@ -47,8 +47,8 @@ raise SystemExit(status)
 PLAIN = """
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from amaze_autonomy.replay.monitors import Monitors
-from amaze_autonomy.replay.sources import Recordings
+from amaze_autonomy.replay.monitors.monitors import Monitors
+from amaze_autonomy.replay.recordings.sources import Recordings
 
 def opened(self, paths, inner=Recordings._open):
     inner(self, paths)
@@ -114,10 +114,10 @@ def parts(bag: Path) -> list:
     from amaze_autonomy.engine.events import Event  # noqa: PLC0415
     from amaze_autonomy.journal.journal import encode_event, read  # noqa: PLC0415
     from amaze_autonomy.paths import config_folder  # noqa: PLC0415
+    from amaze_autonomy.replay.maps.topic_map import load_map  # noqa: PLC0415
     from amaze_autonomy.replay.plan import make_plan  # noqa: PLC0415
+    from amaze_autonomy.replay.recordings.sources import Recordings  # noqa: PLC0415
     from amaze_autonomy.replay.session import Session  # noqa: PLC0415
-    from amaze_autonomy.replay.sources import Recordings  # noqa: PLC0415
-    from amaze_autonomy.replay.topic_map import load_map  # noqa: PLC0415
 
     with Recording(bag) as recording:
         topics = tuple(topic.name for topic in recording.topics)

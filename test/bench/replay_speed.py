@@ -21,7 +21,7 @@ sys.path[:0] = [str(ROOT / "src"), str(ROOT / "test" / "replay")]
 
 from replay_bags import flight_rows, write_bag  # noqa: E402
 
-from amaze_autonomy.replay.topic_map import map_names  # noqa: E402
+from amaze_autonomy.replay.maps.topic_map import map_names  # noqa: E402
 
 ROUNDS = 3
 

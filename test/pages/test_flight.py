@@ -22,11 +22,11 @@ from amaze_autonomy.journal.journal import read
 from amaze_autonomy.pages.document import PageError, write_document
 from amaze_autonomy.pages.flight import journal_page, replay_page
 from amaze_autonomy.replay.compare import compare
-from amaze_autonomy.replay.journals import read_journals
+from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.recordings.journals import read_journals
+from amaze_autonomy.replay.recordings.sources import Recordings, topics_of
 from amaze_autonomy.replay.session import Session
-from amaze_autonomy.replay.sources import Recordings, topics_of
-from amaze_autonomy.replay.topic_map import load_map
 from amaze_autonomy.tester.command import main
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -314,7 +314,7 @@ def test_a_telemetry_log_has_texts_modes_and_a_track():
     [(True, ("note", "the autopilot says: Takeoff detected")), (False, ("text", "autopilot: Takeoff detected"))],
 )
 def test_a_text_stands_there_once_whether_the_map_reads_it_or_not(tmp_path, read, said):
-    folder = Path(sys.modules["amaze_autonomy.replay.topic_map"].__file__).parent / "maps"
+    folder = Path(sys.modules["amaze_autonomy.replay.maps.topic_map"].__file__).parent
     lines = (folder / "px4_telemetry.yaml").read_text().splitlines(keepends=True)
     (tmp_path / "map.yaml").write_text("".join(line for line in lines if read or "STATUSTEXT" not in line))
     content = replayed(recording("px4_battery_drain.tlog"), str(tmp_path / "map.yaml"))

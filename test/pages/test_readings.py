@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from replay_bags import START_NS, S, distance, write_bag
 
 from amaze_autonomy.pages.readings import bin_of, packed, rates_of, thinned, with_gaps
-from amaze_autonomy.replay.sources import Recordings
-from amaze_autonomy.replay.upsets import tilt_deg
+from amaze_autonomy.replay.monitors.upsets import tilt_deg
+from amaze_autonomy.replay.recordings.sources import Recordings
 
 VALUES = st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=400)
 

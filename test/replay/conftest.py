@@ -5,7 +5,9 @@ from pathlib import Path
 
 import pytest
 
-sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "cns")]
+sys.path += [
+    str(Path(__file__).parents[1] / folder) for folder in ("replay", "replay/maps", "replay/recordings", "cns")
+]
 
 from replay_bags import flight_rows, write_bag
 

@@ -13,11 +13,11 @@ from replay_runs import CONFIG, recording
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
 from amaze_autonomy.journal.journal import read
+from amaze_autonomy.replay.maps.topic_map import load_map
+from amaze_autonomy.replay.monitors.upsets import columns_of, mavlink_tilt, tilt_deg
 from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.recordings.sources import Recordings, topics_of
 from amaze_autonomy.replay.session import Session
-from amaze_autonomy.replay.sources import Recordings, topics_of
-from amaze_autonomy.replay.topic_map import load_map
-from amaze_autonomy.replay.upsets import columns_of, mavlink_tilt, tilt_deg
 
 STATUS, GPS_OK, OFF_GROUND_M = "/autopilot/status", 1, 0.3
 LANDED = {each: each.name.lower().replace("_", " ") for each in VehicleLanded}

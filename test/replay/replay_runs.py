@@ -11,11 +11,11 @@ from amaze_autonomy.bags import Recording
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.changed_keys import changes_of
+from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.recordings.sources import Recordings
 from amaze_autonomy.replay.session import Session
-from amaze_autonomy.replay.sources import Recordings
 from amaze_autonomy.replay.timeline import written
-from amaze_autonomy.replay.topic_map import load_map
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("AMAZE_DATA", ROOT.parent / "shared" / "data"))

@@ -14,7 +14,7 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.journal.journal import DeltaEncoder, JournalError, decode, read
 from amaze_autonomy.replay.compare import compare
 from amaze_autonomy.replay.errors import JournalGapError, ReplayError
-from amaze_autonomy.replay.journals import read_journals, read_log
+from amaze_autonomy.replay.recordings.journals import read_journals, read_log
 from amaze_autonomy.replay.report import comparison_lines
 from amaze_autonomy.tester.command import main
 

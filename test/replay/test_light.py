@@ -7,8 +7,8 @@ from replay_bags import START_NS, S, break_chunk, flight_rows, make, rewrite, wr
 from replay_demo import demo_bag, simulated
 from replay_runs import ROOT, recording, replay
 
-from amaze_autonomy.replay.monitors import Monitors
-from amaze_autonomy.replay.sources import Recordings
+from amaze_autonomy.replay.monitors.monitors import Monitors
+from amaze_autonomy.replay.recordings.sources import Recordings
 
 MAP = str(ROOT / "test" / "replay" / "flight.yaml")
 BEGINNING = 11  # messages that are looked at whole to know how a recording begins

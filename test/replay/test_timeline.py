@@ -6,7 +6,7 @@ from math import radians
 
 from amaze_autonomy.engine.commands import Decision, Value
 from amaze_autonomy.engine.events import Check, Verdict
-from amaze_autonomy.replay.answers import Follower
+from amaze_autonomy.replay.peers.answers import Follower
 from amaze_autonomy.replay.timeline import Line, LineKind, Source, decision_text, joined, marked, written
 
 S = 1_000_000_000

@@ -21,7 +21,7 @@ from our_reading import changes, replayed, second
 from replay_runs import ROOT, recording
 
 from amaze_autonomy.replay.errors import NoMessagesError
-from amaze_autonomy.replay.proposal import propose
+from amaze_autonomy.replay.maps.proposal import propose
 
 pytestmark = pytest.mark.xdist_group("truth")  # each recording is replayed once
 TRUTH = yaml.safe_load((Path(__file__).parent / "truth.yaml").read_text())

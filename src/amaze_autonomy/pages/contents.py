@@ -29,9 +29,9 @@ from amaze_autonomy.monitoring.specs import EstimateSource
 
 from ..journal.trace import Span, trace_of
 from ..missions.csv_table import Frame
-from ..replay.sources import Recordings
+from ..replay.monitors.upsets import columns_of, mavlink_tilt, tilt_deg
+from ..replay.recordings.sources import Recordings
 from ..replay.timeline import Line, LineKind
-from ..replay.upsets import columns_of, mavlink_tilt, tilt_deg
 from .readings import (
     Estimates,
     Series,

@@ -35,11 +35,11 @@ from amaze_autonomy.monitoring.specs import EstimateSource
 from ..journal.journal import Journal, decode, rules_of
 from ..monitoring.gravity import rotation_from_rpy
 from ..replay.compare import Comparison
-from ..replay.journals import JOURNAL_KIND, read_log
 from ..replay.plan import Plan
+from ..replay.recordings.journals import JOURNAL_KIND, read_log
+from ..replay.recordings.sources import Recordings
 from ..replay.report import comparison_lines, footer_lines, verdict
 from ..replay.session import Outcome
-from ..replay.sources import Recordings
 from ..replay.timeline import Line, LineKind, Notes, Source, decision_text, joined, marked
 from .contents import Sensors, Story, content_of
 from .document import write_document

@@ -14,8 +14,8 @@ import numpy as np
 
 from amaze_autonomy.monitoring.specs import EstimateSource
 
-from ..replay.sources import Recordings
-from ..replay.upsets import columns_of, tilt_deg
+from ..replay.monitors.upsets import columns_of, tilt_deg
+from ..replay.recordings.sources import Recordings
 
 __all__ = [
     "MOST_POINTS",

@@ -15,11 +15,11 @@ from amaze_autonomy.engine.events import AutopilotStatus, Landed, VehicleLanded
 from amaze_autonomy.monitoring.landing import LandingDetector
 
 from .errors import ReplayError
-from .feeds import FactFeed, RangeFeed
-from .fields import getter, number
+from .monitors.feeds import FactFeed, RangeFeed
 from .plan import Plan
-from .sources import Recordings
-from .statuses import EVENT_OF
+from .recordings.fields import getter, number
+from .recordings.sources import Recordings
+from .recordings.statuses import EVENT_OF
 
 __all__ = [
     "ARMING_LEAD_NS",

@@ -40,7 +40,7 @@ from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS, Bound
 from amaze_autonomy.engine.rules import Rules
 
 from .plan import Plan
-from .sources import Recordings
+from .recordings.sources import Recordings
 
 __all__ = [
     "MISSION_FACTS",

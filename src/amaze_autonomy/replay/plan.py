@@ -22,7 +22,7 @@ from amaze_autonomy.monitoring.specs import (
 from ..engine.events import Mission
 from ..engine.rules import ComponentRule, Severity
 from .errors import ReplayError
-from .topic_map import ComponentMap, TopicMap
+from .maps.topic_map import ComponentMap, TopicMap
 
 __all__ = ["Plan", "make_plan"]
 

@@ -11,8 +11,8 @@ from ..journal.codec import to_plain
 from ..journal.report import limit_words
 from .compare import Comparison, Difference, changed_fields
 from .plan import Plan
+from .recordings.sources import Recordings
 from .session import Outcome
-from .sources import Recordings
 from .timeline import Line, value_text, written
 
 __all__ = ["comparison_lines", "comparison_result", "footer_lines", "replay_result", "timeline_text", "verdict"]

@@ -39,21 +39,21 @@ from amaze_autonomy.engine.timers import next_deadline
 from ..engine.events import Check, CheckName
 from ..journal.codec import to_plain
 from ..journal.journal import encode_decision, encode_event, encode_header, make_header
-from . import fields
 from .agenda import Agenda, Rank
 from .beginning import Beginning, Flight, Lead, armings, beginning_of, lead_of, selected_ns
 from .changed_keys import Change, ChangedKeys, Unread, recorded_facts
 from .faults.story import Story
-from .journals import FlightLog, read_log
-from .monitors import Light, Monitors
+from .monitors.monitors import Light, Monitors
+from .monitors.upsets import upsets_of
+from .peers.recorded_nodes import Disagreement
+from .peers.script import User
+from .peers.world import World
 from .plan import Plan
-from .recorded_nodes import Disagreement
-from .script import User
-from .sources import Recordings, Sample
-from .statuses import FLAT
+from .recordings import fields
+from .recordings.journals import FlightLog, read_log
+from .recordings.sources import Recordings, Sample
+from .recordings.statuses import FLAT
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
-from .upsets import upsets_of
-from .world import World
 
 __all__ = ["Outcome", "Parting", "Session", "part"]
 

@@ -15,7 +15,7 @@ from amaze_autonomy.whole_file import write_whole
 
 from ..pages.document import need_plots
 from ..replay.errors import ReplayError
-from ..replay.journals import read_journals
+from ..replay.recordings.journals import read_journals
 from ..replay.terminal import show_lines
 from .accept import accept, lonely_goldens
 from .agree import agree, agreement_lines

@@ -36,13 +36,13 @@ from ..replay.compare import Comparison, compare
 from ..replay.errors import ReplayError
 from ..replay.faults.stream import FaultedRecordings
 from ..replay.journal_laws import Lawful, check_laws, law_lines, laws_result
-from ..replay.journals import read_journals
+from ..replay.maps.topic_map import TopicMap, load_map, map_names
 from ..replay.plan import Plan, make_plan
+from ..replay.recordings.journals import read_journals
+from ..replay.recordings.sources import Recordings, topics_of
 from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text, verdict
 from ..replay.session import Outcome, Session
-from ..replay.sources import Recordings, topics_of
 from ..replay.terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
-from ..replay.topic_map import TopicMap, load_map, map_names
 
 __all__ = ["main"]
 
@@ -177,7 +177,7 @@ def _maps(_: argparse.Namespace) -> int:
 
 
 def _propose(options: argparse.Namespace) -> int:
-    from ..replay.proposal import propose  # noqa: PLC0415
+    from ..replay.maps.proposal import propose  # noqa: PLC0415
 
     proposal = propose(options.bags, options.memory)
     if options.out is None:
@@ -190,7 +190,7 @@ def _propose(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from ..replay.export import export  # noqa: PLC0415
+    from ..replay.recordings.export import export  # noqa: PLC0415
 
     done = export(options.bags, options.output, options.topics, options.memory)
     unread = [f"{topic}: {count:,} messages cannot be read, they are missing" for topic, count in done.unread.items()]

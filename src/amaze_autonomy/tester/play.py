@@ -32,11 +32,11 @@ from ..replay.errors import DamagedInputError, ReplayError
 from ..replay.faults.kinds import TOPIC, Acting
 from ..replay.faults.story import Story
 from ..replay.faults.stream import TIMING, FaultedRecordings
-from ..replay.journals import read_journals
+from ..replay.maps.topic_map import TopicMap, load_map, map_names
 from ..replay.plan import Plan, make_plan
+from ..replay.recordings.journals import read_journals
+from ..replay.recordings.sources import Recordings, topics_of
 from ..replay.session import Outcome, Session
-from ..replay.sources import Recordings, topics_of
-from ..replay.topic_map import TopicMap, load_map, map_names
 from .expect.pattern import Pattern, instants
 from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind

@@ -9,7 +9,7 @@ from amaze_autonomy.config.document import parse
 from amaze_autonomy.replay.faults import RECORDED_FAULT
 from amaze_autonomy.replay.faults.kinds import Acting
 from amaze_autonomy.replay.faults.stream import FaultedRecordings
-from amaze_autonomy.replay.sources import Recordings
+from amaze_autonomy.replay.recordings.sources import Recordings
 
 FAULTS = (
     "silent",

@@ -16,7 +16,7 @@ from amaze_autonomy.replay.faults import RECORDED_FAULT, RECORDED_KINDS, TOPIC
 from amaze_autonomy.replay.faults.kinds import Acting
 from amaze_autonomy.replay.faults.stream import VALUES as EDITS
 from amaze_autonomy.replay.faults.stream import FaultedRecordings
-from amaze_autonomy.replay.sources import Sample
+from amaze_autonomy.replay.recordings.sources import Sample
 from amaze_autonomy.simulation import Subject
 
 S = 1_000_000_000

@@ -15,7 +15,7 @@ from amaze_autonomy.simulation.scenario import Parameter
 from amaze_autonomy.simulation.scenario_file import SUBJECTS, FaultEntry
 
 from ...config.sensors_schema import TOPIC_NAME
-from ..fields import FIELD_PATH
+from ..recordings.fields import FIELD_PATH
 
 __all__ = ["RECORDED_FAULT", "RECORDED_KINDS", "TOPIC", "Acting"]
 

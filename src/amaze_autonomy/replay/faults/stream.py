@@ -21,9 +21,8 @@ from amaze_autonomy.simulation import Fault, Subject
 from amaze_autonomy.simulation.faults import flapping_ns
 
 from ..errors import EditError, FieldError, ReplayError
-from ..fields import getter, kind_of
-from ..sources import Recordings, Sample
-from ..topic_columns import Track
+from ..recordings.fields import Track, getter, kind_of
+from ..recordings.sources import Recordings, Sample
 from .kinds import TOPIC, Acting
 
 __all__ = ["TIMING", "VALUES", "WHOLE", "Edit", "FaultedRecordings", "Item", "changed"]

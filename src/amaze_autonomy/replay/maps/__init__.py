@@ -1,1 +1,1 @@
-"""Topic maps of known recordings, one YAML file each; a package so that every installation brings them along."""
+"""Topic maps: their schema, how one is proposed, and those of known recordings, one YAML file each."""

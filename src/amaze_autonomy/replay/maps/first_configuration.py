@@ -1,0 +1,185 @@
+"""A first configuration for a stack that nobody described yet, of what a recording or a running graph shows.
+
+The topic map that `proposal.py` proposes says which topics are sensors, at which rates; of it become `sensors.yaml`
+(with the severities of the decision table that ships), `recording.yaml` (everything that was seen) and `map.yaml`.
+Missions and limits are those of a careful beginning. It is meant to be looked at: `propose.txt` says what was assumed.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Tuple
+
+import yaml
+
+from amaze_autonomy import paths
+
+from ..errors import ReplayError
+from .proposal import Proposal
+
+__all__ = ["FirstConfigurationError", "write_configuration"]
+
+_HEAD = "# Proposed by amaze-autonomy propose-config of what was seen: look at it. Every key: docs/configuration.md\n"
+_OURS = (
+    "~journal",
+    "~state",
+    "watchdog/action",
+    "watchdog/info",
+    "mission_planner/status",
+    "data_recorder/status",
+    "autopilot/status",
+    "landing_detection/landed",
+    "/diagnostics",
+    "/rosout",
+)
+_PX4 = ("gps", "imu", "magnetometer", "barometer")
+_VEHICLE = ("/mavros/", "/px4/", "/mavlink/", "/fmu/")
+_NO_TOPICS = "/mavlink/"  # messages of a telemetry log
+_HOP = "trajectories/hop.csv"
+_WAITS_S = 10.0
+_SEVERITIES: Mapping[str, str] = {
+    "gps": "low",
+    "imu": "highest",
+    "magnetometer": "moderate",
+    "barometer": "moderate",
+    "lrf": "high",
+}
+"""As the decision table that ships has them; everything else is moderate."""
+
+_RANGES: Mapping[str, str] = {"sensor_msgs/Range": "range", "sensor_msgs/LaserScan": "scan"}
+_CAMERAS = ("sensor_msgs/Image", "sensor_msgs/CompressedImage", "sensor_msgs/PointCloud2")
+_TOPIC_KEYS = ("rate_hz", "age_limit_s", "tolerance_fraction", "rate_failed_fraction")
+
+
+class FirstConfigurationError(ReplayError):
+    """Nothing can be proposed of what was seen; says what would be needed."""
+
+
+def write_configuration(proposal: Proposal, output: Path) -> Tuple[str, ...]:
+    """Write a configuration and the topic map; return what was assumed, one line each.
+
+    Raises:
+        FirstConfigurationError: Nothing that was seen is a sensor, or the folder is not empty.
+        OSError: It cannot be written.
+    """
+    if output.exists() and (not output.is_dir() or any(output.iterdir())):
+        raise FirstConfigurationError(f"{output}: is there already; name an empty or a new folder with --output")
+    maker = _Maker(proposal)
+    texts = maker.texts()
+    (output / _HOP).parent.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (output / name).write_text(text, encoding="utf-8")
+    shutil.copyfile(paths.config_folder() / "mavros" / _HOP, output / _HOP)
+    (output / "propose.txt").write_text("\n".join(maker.assumed) + "\n", encoding="utf-8")
+    return tuple(maker.assumed)
+
+
+class _Maker:
+    """Makes the files."""
+
+    def __init__(self, proposal: Proposal) -> None:
+        found = yaml.safe_load(proposal.text)
+        self._map, self._text = found, proposal.text
+        self._kinds = {name: kind for name, kind in proposal.kinds if not name.startswith(_NO_TOPICS)}
+        self._readings: Mapping[str, Any] = found.get("readings") or {}
+        self._mavros = any(topic.startswith("/mavros/") for topic in self._kinds)
+        self.assumed: List[str] = [f"found: {line}" for line in proposal.found]
+
+    def texts(self) -> Dict[str, str]:
+        """Return the files by their names."""
+        rows = (self._map.get("components") or {}).items()
+        components = {name: self._component(name, row) for name, row in rows if row["topic"] in self._kinds}
+        if not components:
+            raise FirstConfigurationError(
+                "no sensor was seen that keeps a rate: let the drivers run, and record or look for ten seconds"
+            )
+        sensors = {"components": components, "landing_detection": self._landing(), **self._states()}
+        vehicle = "through mavros" if self._mavros else "over MAVLink; its address is in autopilot.yaml"
+        self.assumed.append(f"autopilot.yaml: the vehicle is reached {vehicle}")
+        self.assumed.append("missions.yaml: one short mission to begin with, up, once around, down")
+        return {
+            "sensors.yaml": _written(sensors),
+            "recording.yaml": _written(self._recording()),
+            "missions.yaml": _written(
+                {
+                    **({"planner": {"message_retry_s": 1.0, "transfer_limit_s": 30.0}} if self._mavros else {}),
+                    "missions": {"1": {"description": "Up, once around, down", "files": [_HOP]}},
+                }
+            ),
+            "autonomy.yaml": _written({"takeoff": {"load_limit_s": 35.0}} if self._mavros else {}),
+            "autopilot.yaml": _written({"backend": "mavros"} if self._mavros else {}),
+            "map.yaml": self._text,
+        }
+
+    def _component(self, name: str, row: Mapping[str, Any]) -> Dict[str, Any]:
+        topic, severity = str(row["topic"]), _SEVERITIES.get(name, "moderate")
+        ours = name in _PX4 and topic.startswith(_VEHICLE)
+        values: Dict[str, Any] = {"group": "px4" if ours else "other", "severity": severity}
+        if severity in ("moderate", "high"):
+            values["wait_limit_s"] = _WAITS_S
+        values["topics"] = {topic: {key: row[key] for key in _TOPIC_KEYS if key in row}}
+        rate = f"{row['rate_hz']:g} Hz, fails after {row['age_limit_s']:g} s"
+        why = "" if name in _SEVERITIES else ", as what no decision table knows"
+        self.assumed.append(f"{name}: {topic}, {rate}; severity {severity}{why}")
+        return values
+
+    def _reading(self, name: str) -> Any:
+        """Return a reading of the map that is a topic; None: there is none."""
+        reading = self._readings.get(name)
+        return reading if reading is not None and reading["topic"] in self._kinds else None
+
+    def _landing(self) -> Dict[str, Any]:
+        reading = self._reading("range")
+        source = None if reading is None else _RANGES.get(self._kinds.get(str(reading["topic"]), ""))
+        if reading is not None and source is not None:
+            self.assumed.append(f"landing_detection: {reading['topic']}; measure mounting_height_m")
+            scale = {"scale": reading["scale"]} if "scale" in reading else {}
+            return {"topic": reading["topic"], "source": source, **scale, **(self._map.get("landing") or {})}
+        pose = next((name for name, kind in sorted(self._kinds.items()) if kind == "geometry_msgs/PoseStamped"), None)
+        if pose is None:
+            self.assumed.append("landing_detection: nothing that was seen looks at the ground: name its topic")
+            return {}
+        self.assumed.append(f"landing_detection: no range finder; the height of {pose}, 0 on the ground")
+        return {
+            "topic": pose,
+            "source": "pose",
+            "mounting_height_m": 0.0,
+            "ground_distance_m": 0.4,
+            "airborne_distance_m": 0.7,
+        }
+
+    def _states(self) -> Dict[str, Any]:
+        estimate, imu = (self._reading(name) for name in ("estimate", "imu"))
+        values: Dict[str, Any] = {"topic": "", "imu_topic": str(imu["topic"]) if imu is not None else ""}
+        if estimate is not None:
+            values.update(topic=estimate["topic"], source=estimate["source"])
+            values.update(self._map.get("state_estimation") or {})
+        if estimate is None and imu is None:
+            self.assumed.append("state_estimation: neither an estimate nor an IMU was seen: name one of them")
+            return {}
+        if imu is not None and "scale" in imu:
+            self.assumed.append(
+                f"state_estimation: {imu['topic']} is not in m/s^2: its driver must be, to be looked at"
+            )
+            values["imu_topic"] = ""
+        self.assumed.append(f"state_estimation: {values['topic'] or 'no estimate, the IMU alone'}")
+        return {"state_estimation": values}
+
+    def _recording(self) -> Dict[str, Any]:
+        ours = {f"/{topic.lstrip('/')}" for topic in _OURS}
+        seen = sorted(name for name, kind in self._kinds.items() if name not in ours and not kind.startswith("amaze_"))
+        cameras = [name for name in seen if self._kinds[name] in _CAMERAS]
+        groups = {"states": list(_OURS), "seen": [name for name in seen if name not in cameras], "cameras": cameras}
+        groups = {name: topics for name, topics in groups.items() if topics}
+        self.assumed.append(f"recording.yaml: one computer records all {len(seen)} topics that were seen, and ours")
+        return {
+            "folder": "~/amaze_recordings",
+            "collector": "main",
+            "platforms": {"main": {"groups": list(groups)}},
+            "groups": {name: {"topics": topics} for name, topics in groups.items()},
+        }
+
+
+def _written(values: Mapping[str, Any]) -> str:
+    return _HEAD + (yaml.safe_dump(dict(values), sort_keys=False) if values else "{}\n")

@@ -1,0 +1,1 @@
+"""What the vehicle's own nodes would have known: recorded topics fed to the monitors, one by one or as columns."""

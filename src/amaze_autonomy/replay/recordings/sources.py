@@ -1,0 +1,472 @@
+"""The messages of all bags in one total order that is ours.
+
+The order is (time, rank of the topic in the map, bag, publisher, position in the file). Bags rank by their beginning
+and then by name, not by their place on the command line. Nothing in it depends on the library, on the numbers of the
+connections, on the compression or on the order of a hash table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Collection, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from amaze_autonomy.bags import BagError, Entry, Recording
+from amaze_autonomy.bags.errors import MessageError, NotABagError
+from amaze_autonomy.bags.format import MEMORY, is_log
+from amaze_autonomy.bags.index import Index
+from amaze_autonomy.bags.other_formats import is_other, other_recording
+from amaze_autonomy.bags.recording import Numbers
+from amaze_autonomy.engine.events import Event
+
+from ..errors import NoMessagesError, TimeJumpError, UnknownTopicError
+from .fields import Track
+from .statuses import sent_by, status_rows, taped_statuses
+
+__all__ = [
+    "MAVLINK_KIND",
+    "Damage",
+    "Recordings",
+    "Sample",
+    "TopicFigures",
+    "problems_of",
+    "recordings_of",
+    "topics_of",
+]
+
+
+_S = 1_000_000_000
+_JUMP_NS = 3600 * _S
+_Rows = Sequence[Optional[Tuple[Any, ...]]]
+_Columns = Sequence[Any]
+
+
+class Sample(NamedTuple):
+    """One message in the total order.
+
+    `rank` is that of its topic, `bag` that of its bag, `row` its number among those of its topic there; the rest is
+    `Entry`'s.
+    """
+
+    t_ns: int
+    rank: int
+    bag: int
+    publisher: int
+    chunk: int
+    offset: int
+    connection: int
+    row: int = 0
+
+
+@dataclass
+class Damage:
+    """What of one topic could not be read.
+
+    Args:
+        topic: whose messages.
+        reason: of the first one.
+        count: of messages.
+        first_ns: time of the first one.
+        last_ns: time of the last one.
+    """
+
+    topic: str
+    reason: str
+    first_ns: int
+    last_ns: int
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class TopicFigures:
+    """What the index says of one topic.
+
+    Args:
+        topic: its name.
+        messages: how many.
+        rate_hz: over all of it; None for fewer than two messages.
+        longest_gap_s: between two messages; None for fewer than two.
+        longest_gap_at_ns: when that gap began.
+    """
+
+    topic: str
+    messages: int
+    rate_hz: Optional[float] = None
+    longest_gap_s: Optional[float] = None
+    longest_gap_at_ns: Optional[int] = None
+
+
+class Recordings:
+    """Several bags of one flight, read as one.
+
+    Args:
+        paths: of the bags.
+        topics: that are wanted; the place of a topic is its rank.
+        muted: topics that are read as if they were not there.
+        memory: bytes that the data of a chunk may take, decompressed.
+
+    Raises:
+        BagError: A bag cannot be read.
+        UnknownTopicError: A muted topic is in none of them.
+        NoMessagesError: There is no message of any wanted topic.
+        TimeJumpError: There is nothing for an hour between two messages.
+    """
+
+    def __init__(
+        self, paths: Sequence[Path], topics: Sequence[str], muted: Sequence[str] = (), memory: int = MEMORY
+    ) -> None:
+        self.bags: List[Any] = []  # bags, and telemetry logs with the face of bags
+        self.topics, self.muted = tuple(topics), tuple(muted)
+        self.damage: Dict[str, Damage] = {}
+        self._numbers: Dict[Tuple[int, int], Optional[Numbers]] = {}
+        self._rows: Dict[Tuple[int, int], _Rows] = {}
+        self._read: Dict[int, Tuple[str, ...]] = {}
+        self._statuses: Dict[Tuple[int, int], Sequence[Optional[Event]]] = {}
+        try:
+            self._open(paths, memory)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, paths: Sequence[Path], memory: int) -> None:
+        for path in paths:
+            self.bags.extend(recordings_of(path, memory))
+        self.bags.sort(key=lambda bag: (bag.start_ns or 0, bag.path.name))
+        known = tuple(sorted({topic.name for bag in self.bags for topic in bag.topics}))
+        for topic in self.muted:
+            if topic not in known:
+                raise UnknownTopicError(topic, known)
+        self.problems = problems_of(self.bags)
+        self.cuts = tuple(cut for cut in (getattr(bag, "cut", "") for bag in self.bags) if cut)
+        self.missing = tuple(topic for topic in self.topics if topic not in known or topic in self.muted)
+        self._parts: Tuple[_Columns, ...] = tuple(self._of_topic(rank) for rank in range(len(self.topics)))
+        if not self.count:
+            raise self._nothing()
+        self._check_times()
+
+    faulted = False  # it is what was recorded
+    _samples: Optional[List[Sample]] = None
+    _figures: Optional[Tuple[TopicFigures, ...]] = None
+
+    def __enter__(self) -> Recordings:  # noqa: PYI034  (Self is not in 3.8)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all bags."""
+        for bag in self.bags:
+            bag.close()
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first message of any topic, wanted or not."""
+        first: int = min(bag.start_ns for bag in self.bags if bag.start_ns is not None)
+        return first
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last message of any topic, wanted or not."""
+        last: int = max(bag.end_ns for bag in self.bags if bag.end_ns is not None)
+        return last
+
+    @property
+    def count(self) -> int:
+        """Number of messages of all wanted topics."""
+        return sum(len(self.times(rank)) for rank in range(len(self.topics)))
+
+    @property
+    def samples(self) -> List[Sample]:
+        """All messages in their order."""
+        if self._samples is None:
+            self._samples = self.ordered(range(len(self.topics)))
+        return self._samples
+
+    def times(self, rank: int) -> Any:
+        """Return the times of a topic's messages, an array."""
+        return self._parts[rank][0]
+
+    def ordered(self, ranks: Iterable[int]) -> List[Sample]:
+        """Return the messages of some topics in their order."""
+        parts = [self._parts[rank] for rank in sorted(ranks)]
+        if not parts:
+            return []
+        columns = [np.concatenate(column) for column in zip(*parts)]
+        order = np.argsort(columns[0], kind="stable")
+        return list(map(partial(tuple.__new__, Sample), zip(*(column[order].tolist() for column in columns))))
+
+    def topic(self, sample: Sample) -> str:
+        """Return the topic of a sample."""
+        return self.topics[sample.rank]
+
+    def message(self, sample: Sample) -> Optional[Any]:
+        """Return the decoded message; None when it is damaged, which is noted."""
+        entry = Entry(sample.t_ns, sample.publisher, sample.chunk, sample.offset, sample.connection)
+        try:
+            message = self.bags[sample.bag].message(entry)
+        except MessageError as error:
+            self.note(self.topic(sample), sample.t_ns, str(error))
+            return None
+        bag = self.bags[sample.bag]
+        return sent_by(message, bag.caller(sample.connection)) if isinstance(bag, Recording) else message
+
+    def read(self, wanted: Mapping[int, Tuple[str, ...]], texts: Collection[int] = ()) -> None:
+        """Read numbers of all messages of some topics, by rank the paths, of those in `texts` texts as well."""
+        new = {rank: paths for rank, paths in wanted.items() if self._read.get(rank) != paths}
+        self._read.update(new)
+        for number, bag in enumerate(self.bags):
+            if isinstance(bag, Recording):
+                paths_of = {self.topics[rank]: paths for rank, paths in new.items()}
+                found = bag.numbers(paths_of, [self.topics[rank] for rank in texts])
+                for rank in new:
+                    self._numbers[number, rank] = found.get(self.topics[rank])
+                    self._rows.pop((number, rank), None)
+
+    def paths_read(self, rank: int) -> Tuple[str, ...]:
+        """Return of which fields of a topic the numbers are read."""
+        return self._read.get(rank, ())
+
+    def read_statuses(self, wanted: Mapping[int, str]) -> Tuple[int, ...]:
+        """Read recorded statuses as events, by rank the name of each; return the ranks of which `status` has all."""
+        whole: List[int] = []
+        for rank, name in wanted.items():
+            bags = [number for number, bag in enumerate(self.bags) if len(bag.entries(self.topics[rank]))]
+            for number in bags:
+                bag = self.bags[number]
+                found = taped_statuses(bag, self.topics[rank], name) if isinstance(bag, Recording) else None
+                if found is not None:
+                    self._statuses[number, rank] = found
+            if all((number, rank) in self._statuses for number in bags):
+                whole.append(rank)
+        return tuple(whole)
+
+    def tell_statuses(self, wanted: Mapping[int, str]) -> None:
+        """Make events of recorded statuses of which the columns `statuses.FLAT` were `read`."""
+        for (number, rank), numbers in self._numbers.items():
+            if rank in wanted and numbers is not None:
+                bag, table = self.bags[number], self.bags[number].table(self.topics[rank])
+                callers = [bag.caller(connection) for connection in table.connection.tolist()]
+                self._statuses[number, rank] = status_rows(wanted[rank], table.t_ns.tolist(), numbers.rows(), callers)
+
+    def status(self, sample: Sample) -> Optional[Event]:
+        """Return a recorded status as an event; None when `message` must be asked."""
+        found = self._statuses.get((sample.bag, sample.rank))
+        return None if found is None else found[sample.row]
+
+    def keep(self, topics: Sequence[str]) -> None:
+        """Make whole messages of some topics fast, where tapes are wanted."""
+        for bag in self.bags:
+            if isinstance(bag, Recording):
+                bag.keep(topics)
+
+    def values(self, sample: Sample) -> Optional[Tuple[Any, ...]]:
+        """Return the numbers of a message; None when `message` must be asked."""
+        rows = self._rows.get((sample.bag, sample.rank))
+        if rows is None:
+            numbers = self._numbers.get((sample.bag, sample.rank))
+            rows = self._rows[sample.bag, sample.rank] = [] if numbers is None else numbers.rows()
+        return rows[sample.row] if rows else None
+
+    def track(self, rank: int, paths: Sequence[str]) -> Optional[Track]:
+        """Return a topic's messages as arrays, with the numbers that were `read`; None when some must be asked."""
+        _, _, bags, *_, rows = self._parts[rank]
+        return self._track(rank, paths, self.times(rank), bags, rows)
+
+    def _track(self, rank: int, paths: Sequence[str], times: Any, bags: Any, rows: Any) -> Optional[Track]:
+        if not paths:
+            return Track(times)
+        if len(self.bags) == 1 and np.array_equal(rows, np.arange(len(rows))):
+            numbers = self._numbers.get((0, rank))
+            columns = None if numbers is None else numbers.columns()
+            if numbers is not None and columns is not None and numbers.messages == len(rows):  # all, in their order
+                return Track(times, tuple(columns))
+        parts: List[Tuple[Any, List[Any]]] = []
+        for number in np.unique(bags).tolist():
+            numbers = self._numbers.get((number, rank))
+            columns = None if numbers is None else numbers.columns()
+            if columns is None:
+                return None
+            where = np.flatnonzero(bags == number)
+            parts.append((where, [column[rows[where]] for column in columns]))
+        found = Numbers(len(times), tuple(parts)).columns()
+        return None if found is None else Track(times, tuple(found))
+
+    def figures(self) -> Tuple[TopicFigures, ...]:
+        """Return what the index says of each wanted topic."""
+        if self._figures is None:
+            self._figures = tuple(_figures(topic, self.times(rank)) for rank, topic in enumerate(self.topics))
+        return self._figures
+
+    def _of_topic(self, rank: int) -> _Columns:
+        """Return the samples of a topic in all bags, as columns, in their order."""
+        muted = self.topics[rank] in self.muted
+        parts = [self._part(number, rank) for number in range(len(self.bags)) if not muted]
+        columns = [np.concatenate(column) for column in zip(*parts)] or [np.zeros(0, np.int64) for _ in Sample._fields]
+        if len(parts) > 1:
+            order = np.lexsort(tuple(reversed(columns)))
+            columns = [column[order] for column in columns]
+        return columns
+
+    def _part(self, number: int, rank: int) -> Sequence[Any]:
+        """Return the samples of a topic in a bag, as columns."""
+        bag, topic = self.bags[number], self.topics[rank]
+        t_ns, *rest = (
+            bag.table(topic) if isinstance(bag, Recording) else np.array(bag.entries(topic), np.int64).reshape(-1, 5).T
+        )
+        count = len(t_ns)
+        return t_ns, np.full(count, rank), np.full(count, number), *rest, np.arange(count)
+
+    def _check_times(self) -> None:
+        """Refuse a recording in which a clock was set: virtual time would go through all the years between."""
+        if self.end_ns - self.start_ns <= _JUMP_NS:
+            return
+        parts = [self.times(rank) for rank in range(len(self.topics))]
+        times = np.concatenate(([self.start_ns], np.sort(np.concatenate(parts)), [self.end_ns]))
+        jumps = np.flatnonzero(np.diff(times) > _JUMP_NS)
+        if len(jumps):
+            raise TimeJumpError(self._names(), *times[jumps[0] : jumps[0] + 2].tolist())
+
+    def _names(self) -> str:
+        return ", ".join(bag.path.name for bag in self.bags)
+
+    def _nothing(self) -> NoMessagesError:
+        names = self._names()
+        if all(bag.start_ns is None for bag in self.bags):
+            return NoMessagesError(f"{names}: there is no message in it")
+        there = ", ".join(topic.name for bag in self.bags for topic in bag.topics)
+        if not self.topics:
+            return NoMessagesError(f"{names}: the map names none of its topics; there are {there}")
+        return NoMessagesError(
+            f"{names}: no message of {', '.join(self.topics)}; there are {there}: is it another map?"
+        )
+
+    def note(self, topic: str, t_ns: int, reason: str) -> None:
+        """Note that one message could not be read, and why."""
+        damage = self.damage.get(topic)
+        if damage is None:
+            self.damage[topic] = Damage(topic, reason, t_ns, t_ns)
+        else:
+            damage.count, damage.last_ns = damage.count + 1, t_ns
+
+
+def problems_of(bags: Iterable[Any]) -> Tuple[str, ...]:
+    """Return what of opened recordings is missing, one line each: of a file that was not closed, or was cut."""
+    said = (getattr(bag, name, "") for bag in bags for name in ("problem", "cut"))
+    return tuple(words for words in said if words)
+
+
+def _figures(topic: str, times: Any) -> TopicFigures:
+    if len(times) < 2 or times[-1] == times[0]:  # noqa: PLR2004
+        return TopicFigures(topic, len(times))
+    gaps = np.diff(times)
+    longest = int(gaps.argmax())
+    rate = (len(times) - 1) * _S / (int(times[-1]) - int(times[0]))
+    return TopicFigures(topic, len(times), rate, int(gaps[longest]) / _S, int(times[longest]))
+
+
+# --- opening ----------------------------------------------------------------------------------------------------------
+# Files as recordings. What is no ROS 1 bag, or has MAVLink in it, needs code that is loaded only for that.
+
+
+MAVLINK_KIND = "mavros_msgs/Mavlink"
+CNS_PACKAGES = ("watchdog_msgs/", "mission_sequencer/")
+_LOG = ".tlog"
+
+
+def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
+    """Return a file as recordings: what it is, by content, and what is made of the MAVLink or PX4 topics in it.
+
+    Raises:
+        BagError: It cannot be read.
+    """
+    if _is_log(path):
+        from .telemetry import Telemetry  # noqa: PLC0415
+
+        return [Telemetry.of_log(path)]
+    if is_other(path):
+        return _of_other(path, memory)
+    try:
+        bag = Recording(path, memory)
+    except BagError as error:
+        cause = error.__cause__
+        if not isinstance(cause, NotABagError) or cause.other:
+            raise
+        right = "name a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log"  # more than bags are read here
+        raise BagError(str(path), "is empty" if cause.empty else "is no recording", right) from error
+    topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
+    made: List[Any] = _of_cns(bag)
+    if topics:
+        from .telemetry import Telemetry  # noqa: PLC0415
+
+        made.append(Telemetry.of_bag(bag, topics))
+    return [bag, *made]
+
+
+def _of_cns(bag: Any) -> List[Any]:
+    """Return what is made of what nodes of the CNS Flight Stack said in a recording."""
+    if not any(topic.kind.startswith(CNS_PACKAGES) for topic in bag.topics):
+        return []
+    from .recorded_cns import CnsStatuses  # noqa: PLC0415
+
+    made = CnsStatuses(bag)
+    return [made] if made.topics else []
+
+
+def _of_other(path: Path, memory: int) -> List[Any]:
+    from .uorb import VEHICLE_KIND, Uorb  # noqa: PLC0415
+
+    recording = other_recording(path, memory)
+    try:
+        kinds = {topic.kind for topic in recording.topics}
+        return [recording, *([Uorb(recording)] if VEHICLE_KIND in kinds else []), *_of_cns(recording)]
+    except MessageError as error:
+        recording.close()
+        raise BagError(str(path), f"PX4's topics cannot be read: {error}", "name another recording") from error
+
+
+def _is_log(path: Path) -> bool:
+    """Return whether a file is a telemetry log, by name or by content."""
+    if path.suffix == _LOG or not path.is_file():
+        return path.suffix == _LOG
+    with path.open("rb") as file:
+        return is_log(file.read(16))
+
+
+def topics_of(paths: Iterable[Path], memory: int = MEMORY) -> Tuple[str, ...]:
+    """Return every topic of some files, each once; `memory`: bytes that a chunk may take, decompressed.
+
+    Raises:
+        BagError: One cannot be read.
+    """
+    return tuple(dict.fromkeys(name for path in paths for name in _topics(path, memory)))
+
+
+def _topics(path: Path, memory: int) -> Iterable[str]:
+    if _is_log(path):
+        from .telemetry import topics_of_log  # noqa: PLC0415
+
+        return topics_of_log(path)
+    named = _named(path, memory)
+    if named is not None:
+        return named
+    names: List[str] = []
+    for recording in recordings_of(path, memory):
+        names += [topic.name for topic in recording.topics]
+        recording.close()
+    return names
+
+
+def _named(path: Path, memory: int) -> Optional[List[str]]:
+    """Return the topics that a bag names, without a look at its messages; None when they must be looked at."""
+    try:
+        with Index(path, memory) as index:
+            connections = list(index.connections.values())
+    except BagError:
+        return None
+    if any(connection.kind.startswith((MAVLINK_KIND, *CNS_PACKAGES)) for connection in connections):
+        return None
+    return sorted({connection.topic for connection in connections})

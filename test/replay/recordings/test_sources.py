@@ -1,0 +1,84 @@
+"""One order of all messages of all bags, that is ours."""
+
+from __future__ import annotations
+
+import pytest
+from replay_bags import START_NS, S, break_chunk, number, write_bag
+
+from amaze_autonomy.replay.errors import NoMessagesError, TimeJumpError, UnknownTopicError
+from amaze_autonomy.replay.recordings.sources import Recordings, TopicFigures
+
+
+def seen(*arguments):
+    with Recordings(*arguments) as recordings:
+        return [(recordings.topic(sample), int(recordings.message(sample).data)) for sample in recordings.samples]
+
+
+def test_equal_times_are_ordered_by_the_topics_place_in_the_map_not_by_connections(tmp_path):
+    rows = [(START_NS, "/a", number(1)), (START_NS, "/b", number(2)), (START_NS, "/c", number(3))]
+    one = write_bag(tmp_path / "one.bag", rows)
+    other = write_bag(tmp_path / "other.bag", rows[::-1], order=("/c", "/b", "/a"))
+    for path in (one, other):
+        assert seen([path], ("/b", "/c", "/a")) == [("/b", 2), ("/c", 3), ("/a", 1)]
+
+
+def test_equal_times_in_two_bags_do_not_depend_on_the_order_of_the_arguments(tmp_path):
+    late = write_bag(tmp_path / "a.bag", [(START_NS + S, "/a", number(1))])
+    early = write_bag(tmp_path / "b.bag", [(START_NS, "/a", number(2)), (START_NS + S, "/a", number(3))])
+    expected = [("/a", 2), ("/a", 3), ("/a", 1)]
+    assert seen([late, early], ("/a",)) == expected
+    assert seen([early, late], ("/a",)) == expected
+
+
+def test_figures_say_rate_and_the_longest_gap(tmp_path):
+    times = (0, 1, 2, 5, 6)
+    bag = write_bag(tmp_path / "x.bag", [(START_NS + t * S, "/a", number(t)) for t in times])
+    with Recordings([bag], ("/a", "/b")) as recordings:
+        assert recordings.figures() == (TopicFigures("/a", 5, 4 / 6, 3.0, START_NS + 2 * S), TopicFigures("/b", 0))
+
+
+def test_start_and_end_are_those_of_the_recording_not_of_the_map(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", [(START_NS, "/other", number(0)), (START_NS + S, "/a", number(1))])
+    with Recordings([bag], ("/a",)) as recordings:
+        assert (recordings.start_ns, recordings.end_ns, len(recordings.samples)) == (START_NS, START_NS + S, 1)
+
+
+def test_a_muted_topic_is_read_as_if_it_were_not_there(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", [(START_NS, "/a", number(1)), (START_NS, "/b", number(2))])
+    arguments = ([bag], ("/a", "/b", "/c"), ("/a",))
+    assert seen(*arguments) == [("/b", 2)]
+    with Recordings(*arguments) as recordings:
+        assert recordings.missing == ("/a", "/c")
+
+
+def test_a_topic_that_is_muted_and_not_there_is_refused(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", [(START_NS, "/a", number(1))])
+    with pytest.raises(UnknownTopicError, match=r"^/nope: no bag has this topic; there are /a$"):
+        Recordings([bag], ("/a",), ("/nope",))
+
+
+def test_a_recording_of_other_topics_is_refused_with_what_it_has(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", [(START_NS, "/a", number(1))])
+    with pytest.raises(NoMessagesError, match=r"^x\.bag: no message of /b; there are /a: is it another map\?$"):
+        Recordings([bag], ("/b",))
+
+
+def test_a_message_that_cannot_be_read_is_noted_once_per_topic(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", [(START_NS + t, "/a", number(t)) for t in range(3)], "bz2")
+    break_chunk(bag, 0, 30, 10)
+    with Recordings([bag], ("/a",)) as recordings:
+        assert [recordings.message(sample) for sample in recordings.samples] == [None, None, None]
+        damage = recordings.damage["/a"]
+    assert (damage.topic, damage.count, damage.first_ns, damage.last_ns) == ("/a", 3, START_NS, START_NS + 2)
+    assert damage.reason.startswith("chunk at byte ")
+
+
+@pytest.mark.parametrize("topics", [("/a",), ("/a", "/b")])
+def test_a_recording_in_which_a_clock_was_set_is_refused_with_the_times(tmp_path, topics):
+    rows = [(5 * S, "/b", number(1)), (START_NS, "/a", number(2)), (START_NS + S, "/a", number(3))]
+    with pytest.raises(TimeJumpError) as caught:
+        Recordings([write_bag(tmp_path / "x.bag", rows)], topics)
+    assert str(caught.value) == (
+        "x.bag: no message for 444,444.4 h between 5.000 s and 1600000000.000 s: a clock was set, or the index is "
+        "damaged; cut it there with `rosbag filter`"
+    )

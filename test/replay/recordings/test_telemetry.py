@@ -1,0 +1,326 @@
+"""Telemetry logs, and MAVLink in bags, through the engine: what it would have done, beside what PX4 did by itself."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from replay_bags import START_NS
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from amaze_autonomy.autopilot.link.dialect import mavlink
+from amaze_autonomy.autopilot.link.framing import frame_at, read_tlog
+from amaze_autonomy.bags import BagError
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.maps.proposal import propose
+from amaze_autonomy.replay.maps.topic_map import load_map
+from amaze_autonomy.replay.plan import make_plan
+from amaze_autonomy.replay.recordings.sources import Recordings, recordings_of, topics_of
+from amaze_autonomy.replay.recordings.telemetry import Telemetry
+from amaze_autonomy.replay.session import Session
+from amaze_autonomy.replay.timeline import LineKind
+from amaze_autonomy.tester.command import main
+
+DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).parents[4] / "shared" / "data"))
+MAVLINK = """std_msgs/Header header
+uint8 framing_status
+uint8 magic
+uint8 len
+uint8 incompat_flags
+uint8 compat_flags
+uint8 seq
+uint8 sysid
+uint8 compid
+uint32 msgid
+uint16 checksum
+uint64[] payload64
+uint8[] signature
+"""
+
+
+def recording(name):
+    path = DATA / name
+    if not path.is_file():
+        pytest.skip(f"{path} is not there: set AMAZE_DATA to the folder of the recordings")
+    return path
+
+
+def replayed(path, map_name, *overrides):
+    """Return the decisions in flight of a recording: time in s, state after, rule, and the outcome."""
+    configuration = load_configuration(config_folder(), overrides)
+    plan = make_plan(configuration, load_map(map_name), configuration.missions[0].id, topics_of([path]))
+    with Recordings([path], plan.topics) as recordings:
+        outcome = Session(plan, recordings).run()
+        assert not recordings.damage
+    rows = [
+        (round((each.t_ns - outcome.start_ns) / 1e9, 1), each.after, each.rule)
+        for each in outcome.decisions
+        if each.before != each.after
+    ]
+    return rows, outcome
+
+
+BEFORE = ["MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF"]
+
+
+def test_a_normal_mission_is_flown_to_its_end():
+    """PX4: takeoff 1.75, landing 43.7, ON_GROUND 66.4, disarmed 66.5 (heard 66.8)."""
+    rows, outcome = replayed(recording("px4_normal_mission.tlog"), "px4_telemetry")
+    assert [row for row in rows if row[0] > 1.2] == [
+        (7.6, "MISSION", "at_takeoff_height"),
+        (67.4, "DATA_CLEANUP", "mission_complete"),
+        (68.5, "MISSION_ENDED", "data_complete"),
+    ]
+    assert (outcome.state.session.result.value, outcome.counterfactual_ns) == ("COMPLETE", None)
+
+
+def test_a_lost_gps_is_flown_on_without_until_px4_itself_lands():
+    """PX4: fix lost 21.8, failsafe announced 26.9, AUTO.LAND 27.7. The engine: GPS counts as low, so it flies on."""
+    rows, outcome = replayed(recording("px4_gps_loss_param.tlog"), "px4_telemetry")
+    assert [row for row in rows if row[0] > 1.2] == [
+        (6.8, "MISSION", "at_takeoff_height"),
+        (28.0, "PILOT", "pilot_took_over"),
+        (48.0, "DATA_CLEANUP", "acknowledged"),
+        (49.5, "MISSION_ENDED", "data_complete"),
+    ]
+    seen = [each for each in outcome.decisions if each.rule == "failure_continue"]
+    assert [round((each.t_ns - outcome.start_ns) / 1e9, 1) for each in seen][:1] == [22.0]
+
+
+def test_where_gps_counts_as_high_the_engine_lands_before_px4_does():
+    path = recording("px4_gps_loss_param.tlog")
+    rows, _ = replayed(path, "px4_telemetry", "sensors.components.gps.severity=highest")
+    assert [row for row in rows if 6.8 < row[0] < 30][:1] == [(22.0, "LAND", "land")]
+
+
+def test_a_drained_battery_is_landed_five_seconds_before_px4_acts():
+    """PX4: LOW 58.1, CRITICAL and AUTO.LOITER 63.0 to 63.4, AUTO.LAND 68.5."""
+    path = recording("px4_battery_drain.tlog")
+    rows, outcome = replayed(path, "px4_telemetry", "autonomy.flight.max_distance_m=1000")
+    assert [row for row in rows if row[0] > 4.5][:3] == [
+        (10.3, "MISSION", "at_takeoff_height"),
+        (57.9, "LAND", "land"),
+        (63.7, "PILOT", "pilot_took_over"),
+    ]
+    assert round((outcome.counterfactual_ns - outcome.start_ns) / 1e9, 1) == 57.9
+
+
+def test_a_lost_stream_of_set_points_is_px4_s_failsafe():
+    """PX4: stream stops 28.8, failsafe 29.8, POSCTL heard 30.0."""
+    rows, _ = replayed(recording("px4_offboard.tlog"), "px4_telemetry")
+    assert [row for row in rows if row[0] > 1.2] == [
+        (6.8, "MISSION", "at_takeoff_height"),
+        (30.3, "PILOT", "pilot_took_over"),
+    ]
+
+
+def test_a_braking_px4_peaks_at_49_deg_and_only_what_lasts_is_warned_of_or_landed_for():
+    path = recording("px4_offboard.tlog")
+    _, outcome = replayed(path, "px4_telemetry")
+    assert "failure_continue" not in [each.rule for each in outcome.decisions]
+    rows, outcome = replayed(
+        path, "px4_telemetry", "autonomy.flight.tilt_warning_deg=30", "autonomy.flight.max_tilt_deg=42"
+    )
+    assert [row for row in rows if row[0] > 6.8][:1] == [(16.2, "LAND", "land")]
+    assert outcome.unread == ()
+
+
+def test_a_pilot_s_own_flights_are_nobody_s_mission():
+    path = recording("copter_low_battery.tlog")
+    rows, outcome = replayed(path, "copter_low_battery", "sensors.battery.cells=3")
+    assert [row for row in rows if row[0] > 461.9] == [
+        (462.4, "PILOT", "armed_by_others"),
+        (737.4, "DATA_CLEANUP", "acknowledged"),
+        (738.5, "MISSION_ENDED", "data_complete"),
+    ]
+    assert outcome.state.session.result.value == "PILOT"
+
+
+def test_a_log_is_replayed_the_same_every_time():
+    path = recording("px4_offboard.tlog")
+    first, second = (replayed(path, "px4_telemetry")[1] for _ in range(2))
+    assert (first.journal, first.timeline) == (second.journal, second.timeline)
+
+
+def test_what_is_no_log_is_refused_in_one_line(tmp_path):
+    path = tmp_path / "none.tlog"
+    path.write_bytes(b"nothing of the kind" * 100)
+    with pytest.raises(BagError) as caught:
+        recordings_of(path)
+    assert str(caught.value) == f"{path}: has no MAVLink frame with a time; must be a telemetry log"
+    with pytest.raises(BagError, match="No such file"):
+        recordings_of(tmp_path / "absent.tlog")
+
+
+def test_a_log_that_is_cut_off_or_damaged_is_read_as_far_as_it_goes(tmp_path):
+    whole = recording("px4_offboard.tlog").read_bytes()
+    path = tmp_path / "cut.tlog"
+    path.write_bytes(whole[:200_000] + b"\xff" * 100 + whole[200_003:300_001])
+    cut = Telemetry.of_log(path)
+    assert cut.count.good > 4000
+    assert 100 <= cut.count.stray_bytes < 1000
+    assert cut.problem.startswith("cut.tlog: ")
+    assert cut.problem.endswith(" bytes between its records are none, what was there is missing")
+
+
+@pytest.mark.parametrize("more,bytes_lost", [(5, 5), (12, 12), (0, 0)])
+def test_what_is_lost_of_a_log_that_was_cut_within_a_record_is_said(tmp_path, capsys, more, bytes_lost):
+    whole, path = recording("px4_normal_mission.tlog").read_bytes(), tmp_path / "cut.tlog"
+    end = 0
+    while end < len(whole) // 3:
+        end += 8 + frame_at(whole, end + 8).length
+    path.write_bytes(whole[: end + more])
+    status = main(["run", str(path), "--map", "px4_telemetry"])
+    lost = f"its last {bytes_lost} bytes, from byte {end} on, are no whole record: it was cut there"
+    damaged = [line for line in capsys.readouterr().out.splitlines() if line.startswith("DAMAGED")]
+    assert (status, damaged) == ((3, [f"DAMAGED: cut.tlog: {lost}"]) if more else (0, []))
+    if more:
+        assert main(["run", str(path), "--map", "px4_telemetry", "--to", "20"]) == 0  # it does not come to the cut
+
+
+def slowed(log, path, period_s):
+    """Write a log of which each message comes once in a period, texts excepted."""
+    data, at, last, kept = log.read_bytes(), 0, {}, b""
+    while at < len(data):
+        found = frame_at(data, at + 8)
+        begin, at = at, at + 8 + found.length
+        if found.frame is None:
+            continue
+        t_s, said = int.from_bytes(data[begin : begin + 8], "big") / 1e6, found.frame
+        key = said.system, said.component, said.number
+        if said.number == mavlink.MAVLINK_MSG_ID_STATUSTEXT or t_s - last.get(key, 0.0) >= period_s:
+            last[key] = t_s
+            kept += data[begin:at]
+    path.write_bytes(kept)
+    return path
+
+
+def test_words_of_slow_telemetry_that_come_one_after_the_other_are_no_contradiction(tmp_path, capsys):
+    path = slowed(recording("px4_normal_mission.tlog"), tmp_path / "slow.tlog", 2.5)
+    (tmp_path / "map.yaml").write_text(propose([path]).text)
+    assert main(["run", str(path), "--map", str(tmp_path / "map.yaml")]) == 0
+    out = capsys.readouterr().out
+    assert "contradiction: the recorded vehicle flies, and nothing here has commanded a takeoff" in out
+    assert "the recorded vehicle is in the air and disarmed" not in out
+
+
+def changes(log, name):
+    """Return what a field of a log's status says, one after the other."""
+    said = [getattr(log.message(entry), name) for entry in log.entries("/autopilot/status")]
+    return [one for one, before in zip(said, [None, *said]) if one != before]
+
+
+@pytest.mark.parametrize("period_s", [1.0, 2.5, 5.0])
+def test_slow_telemetry_is_no_silence(tmp_path, period_s):
+    """What is told counts until it is due again."""
+    whole = recording("px4_normal_mission.tlog")
+    slow = Telemetry.of_log(slowed(whole, tmp_path / "slow.tlog", period_s))
+    for name in ("landed", "armed", "mode"):
+        assert changes(slow, name) == changes(Telemetry.of_log(whole), name), name
+    assert changes(slow, "gps")[-1] == 1
+    assert changes(slow, "gps").count(2) <= 1  # a fix counts when it has lasted
+
+
+@pytest.mark.parametrize("period_s", [0.4, 2.5])
+def test_the_map_that_is_proposed_of_slow_telemetry_does_not_flap(tmp_path, period_s):
+    slow = slowed(recording("px4_normal_mission.tlog"), tmp_path / "slow.tlog", period_s)
+    (tmp_path / "slow.yaml").write_text(propose([slow]).text)
+    _, outcome = replayed(slow, str(tmp_path / "slow.yaml"))
+    said = [line.text for line in outcome.timeline if line.kind is LineKind.MONITOR]
+    advice = " ".join(row.advice for _, rows in outcome.checks.values() for row in rows)
+    assert "not observed for" not in advice
+    assert sum("state check: IMU age" in text for text in said) == 1
+    assert sum("state check: gravity magnitude" in text for text in said) <= 1
+    assert any(text.startswith("watchdog: gps code") for text in said)
+    assert not any("code 1 -> " in text for text in said)
+
+
+def test_slow_telemetry_that_ends_is_silence(tmp_path):
+    path = slowed(recording("px4_normal_mission.tlog"), tmp_path / "slow.tlog", 2.5)
+    data, at = path.read_bytes(), 0
+    begin_us = int.from_bytes(data[:8], "big")
+    kept = b""
+    while at < len(data):  # 30 s of all, then texts alone
+        length = 8 + frame_at(data, at + 8).length
+        late = int.from_bytes(data[at : at + 8], "big") > begin_us + 30_000_000
+        number = frame_at(data, at + 8).frame.number
+        kept += b"" if late and number != mavlink.MAVLINK_MSG_ID_STATUSTEXT else data[at : at + length]
+        at += length
+    path.write_bytes(kept)
+    assert (changes(Telemetry.of_log(path), "landed")[-1], changes(Telemetry.of_log(path), "mode")[-1]) == (0, "")
+
+
+def test_components_of_the_vehicle_are_heard_for_what_the_autopilot_does_not_send(tmp_path):
+    """A range finder is component 194; its heartbeat is not the vehicle's, and another system's range neither."""
+    senders = {number: mavlink.MAVLink(None, *number) for number in ((1, 1), (1, 194), (7, 194))}
+    frames = []
+    for step in range(50):
+        t_us = START_NS // 1000 + step * 100_000
+        for number, sender in senders.items():
+            kind = mavlink.MAV_TYPE_QUADROTOR if number == (1, 1) else mavlink.MAV_TYPE_ONBOARD_CONTROLLER
+            said = [mavlink.MAVLink_heartbeat_message(kind, mavlink.MAV_AUTOPILOT_PX4, 0, 0, 3, 3)]
+            if number != (1, 1):
+                said.append(mavlink.MAVLink_distance_sensor_message(step, 10, 4000, number[0], 0, 0, 25, 0))
+            frames += [(t_us, message.pack(sender)) for message in said]
+    path = tmp_path / "range.tlog"
+    path.write_bytes(b"".join(struct.pack(">Q", t_us) + frame for t_us, frame in frames))
+    log = Telemetry.of_log(path)
+    counts = {topic.name: topic.messages for topic in log.topics}
+    assert (counts["/mavlink/HEARTBEAT"], counts["/mavlink/DISTANCE_SENSOR"]) == (50, 50)
+    assert {log.message(entry).current_distance for entry in log.entries("/mavlink/DISTANCE_SENSOR")} == {1}
+
+
+def test_mavlink_in_a_bag_says_the_same_as_the_log(tmp_path):
+    log = recording("px4_offboard.tlog")
+    bag = tmp_path / "mavlink.bag"
+    _write_bag(bag, log)
+    inside = recordings_of(bag)
+    assert [type(each).__name__ for each in inside] == ["Recording", "Telemetry"]
+    ours, theirs = Telemetry.of_log(log), inside[1]
+    shift = theirs.start_ns - ours.start_ns
+    for topic in ("/autopilot/status", "/mavlink/GPS_RAW_INT", "/mavlink/imu"):
+        for one, other in list(zip(ours.entries(topic), theirs.entries(topic)))[::20]:
+            assert other.t_ns - one.t_ns == shift
+            a, b = ours.message(one), theirs.message(other)
+            assert _without_header(a) == _without_header(b)
+
+
+def _without_header(message):
+    return repr({**vars(message), "header": None, "_header": None, "_msgbuf": None, "_payload": None})
+
+
+def _write_bag(path, log, limit=6000):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg(MAVLINK, "mavros_msgs/msg/Mavlink"))
+    kinds = store.types
+    frames, _ = read_tlog(log)
+    with Writer(path) as writer:
+        connection = writer.add_connection("/mavlink/from", "mavros_msgs/msg/Mavlink", typestore=store)
+        first_ns = None
+        for number, (t_ns, frame) in zip(range(limit), frames):
+            first_ns = t_ns if first_ns is None else first_ns
+            stamp = kinds["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+            header = kinds["std_msgs/msg/Header"](seq=number, stamp=stamp, frame_id="")
+            message = kinds["mavros_msgs/msg/Mavlink"](
+                header, 1, 0xFD, len(frame.payload), 0, 0, frame.sequence, frame.system, frame.component,
+                frame.number, 0, _words(frame.payload), _bytes(b""),
+            )  # fmt: skip
+            writer.write(
+                connection,
+                START_NS + t_ns - first_ns,
+                store.serialize_ros1(message, "mavros_msgs/msg/Mavlink"),
+            )
+
+
+def _words(payload):
+    padded = payload + bytes(-len(payload) % 8)
+    return np.array(struct.unpack(f"<{len(padded) // 8}Q", padded), dtype=np.uint64)
+
+
+def _bytes(data):
+    return np.frombuffer(data, dtype=np.uint8)
