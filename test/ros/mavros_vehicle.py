@@ -16,9 +16,9 @@ from std_msgs.msg import Float64
 
 from amaze_autonomy.autopilot.vehicle.modes import mode_name, px4_number
 from amaze_autonomy.missions import FlightModel
-from amaze_autonomy.simulation.power import Power, PowerSettings
 from amaze_autonomy.simulation.px4 import Craft, Framing, Px4
-from amaze_autonomy.simulation.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
+from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 
 __all__ = ["MavrosVehicle"]
 

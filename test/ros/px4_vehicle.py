@@ -8,10 +8,10 @@ from random import Random
 from typing import Any, Callable, Dict, List, Optional, Tuple, Type
 
 from amaze_autonomy.missions import FlightModel
-from amaze_autonomy.simulation.power import Power, PowerSettings
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.px4_udp import VehicleServer
-from amaze_autonomy.simulation.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
+from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 
 __all__ = ["MISSIONS", "QUICK", "Px4Vehicle"]
 

@@ -12,7 +12,7 @@ from sitl_relay import Link
 
 from amaze_autonomy.autopilot.link.dialect import mavlink, message_id
 from amaze_autonomy.autopilot.link.wire import Wire
-from amaze_autonomy.simulation.external import WANTED, Observer
+from amaze_autonomy.simulation.vehicle.external import WANTED, Observer
 
 _SYSTEM, _COMPONENT = 255, 190
 _RATES_HZ = {"SYS_STATUS": 2.0, "HOME_POSITION": 1.0, "GPS_RAW_INT": 2.0}

@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import inf, radians
 from typing import Callable, Mapping
 
-from .peer import Site
+from .peers.peer import Site
 from .scenario import Fault
 
 __all__ = ["begin", "end"]

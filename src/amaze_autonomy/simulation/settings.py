@@ -18,9 +18,9 @@ from amaze_autonomy.monitoring.preflight_specs import (
 from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
 
 from ..engine.events import Mission
-from .power import PowerSettings
-from .streams import SampleKind, StreamSettings
-from .vehicle import VehicleSettings
+from .sensors.streams import SampleKind, StreamSettings
+from .vehicle.power import PowerSettings
+from .vehicle.vehicle import VehicleSettings
 
 __all__ = ["Settings", "settings_of"]
 

@@ -10,23 +10,23 @@ from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, 
 from amaze_autonomy.interface import PEERS, SERVICES, service_of
 from amaze_autonomy.monitoring.specs import ComponentSpec
 
-from .autopilot import SENSORS, Autopilot, sensor_health
-from .check_nodes import LandingDetection, StateEstimation
 from .effects import begin, end
 from .errors import NoEffectError, SimulatedTimeError, UnknownTargetError
 from .faults import Change, Faults
-from .messages import Sample, Sender
-from .peer import Peer, Site
-from .planner import Planner
-from .power import Power
-from .recorder import Recorder
+from .peers.autopilot import SENSORS, Autopilot, sensor_health
+from .peers.check_nodes import LandingDetection, StateEstimation
+from .peers.peer import Peer, Site
+from .peers.planner import Planner
+from .peers.recorder import Recorder
+from .peers.switchboard import Switchboard
+from .peers.watchdog import SimulatedWatchdog
 from .scenario import ENGINE, Fault, Scenario, Subject
 from .scenario import Request as Asked
+from .sensors.messages import Sample, Sender
+from .sensors.streams import Batch, Stream
 from .settings import Settings, settings_of
-from .streams import Batch, Stream
-from .switchboard import Switchboard
-from .vehicle import Vehicle, VehicleSettings
-from .watchdog import SimulatedWatchdog
+from .vehicle.power import Power
+from .vehicle.vehicle import Vehicle, VehicleSettings
 
 __all__ = ["World", "check_scenario"]
 

@@ -29,9 +29,9 @@ from amaze_autonomy.missions import (
     estimate_rounds,
 )
 from amaze_autonomy.monitoring.preflight_specs import BatterySpec
-from amaze_autonomy.simulation.flight import VehicleSettings
-from amaze_autonomy.simulation.power import Power, PowerSettings
 from amaze_autonomy.simulation.px4 import BadLine, Craft, Framing, Px4, Quality
+from amaze_autonomy.simulation.vehicle.flight import VehicleSettings
+from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
 
 __all__ = ["Flown", "Soak"]
 

@@ -10,9 +10,9 @@ import time
 from px4_tools import QUICK, STEP, S
 from pymavlink import mavutil
 
-from amaze_autonomy.simulation.power import Power, PowerSettings
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.px4_udp import VehicleServer
+from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
 
 
 class Quick:

@@ -17,8 +17,8 @@ import roslib.message
 import rospy
 
 from amaze_autonomy.monitoring.specs import ComponentSpec
-from amaze_autonomy.simulation.messages import Sample
-from amaze_autonomy.simulation.streams import StreamSettings
+from amaze_autonomy.simulation.sensors.messages import Sample
+from amaze_autonomy.simulation.sensors.streams import StreamSettings
 
 from ...ros.clock import Clock
 from ...ros.interface import ros_time

@@ -15,7 +15,7 @@ from typing import Any, Callable, Dict, Mapping, Optional, Tuple, TypeVar
 from amaze_autonomy.engine.commands import MissionCommand, Request
 from amaze_autonomy.engine.events import Event
 from amaze_autonomy.simulation import World
-from amaze_autonomy.simulation.messages import Sample
+from amaze_autonomy.simulation.sensors.messages import Sample
 
 from ...ros.clock import Clock
 

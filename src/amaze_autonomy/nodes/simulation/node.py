@@ -40,12 +40,12 @@ from amaze_autonomy.engine.events import Event, Outcome
 from amaze_autonomy.interface import PEERS, SERVICES, STATUSES, peer_of, status_of
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.autopilots import AUTOPILOTS
-from amaze_autonomy.simulation.external import WANTED, ExternalVehicle, Observer, as_external
 from amaze_autonomy.simulation.px4 import Px4
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.scenario_file import load_scenario
-from amaze_autonomy.simulation.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.external import WANTED, ExternalVehicle, Observer, as_external
+from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 
 from ...autopilot.link.dialect import mavlink
 from ...ros import node_main

@@ -22,8 +22,8 @@ from amaze_autonomy.engine.events import (
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.interface import service_of
 from amaze_autonomy.simulation import Fault, Subject
-from amaze_autonomy.simulation.peer import reply
-from amaze_autonomy.simulation.switchboard import SPOILT, in_its_place
+from amaze_autonomy.simulation.peers.peer import reply
+from amaze_autonomy.simulation.peers.switchboard import SPOILT, in_its_place
 
 from .kinds import Acting
 

@@ -13,7 +13,6 @@ from typing import Any, Callable, List, Mapping, Optional, Tuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from amaze_autonomy.simulation.flight import Mode
 from amaze_autonomy.simulation.px4 import telemetry
 from amaze_autonomy.simulation.px4.commands import Order
 from amaze_autonomy.simulation.px4.failsafes import Failsafes
@@ -23,6 +22,7 @@ from amaze_autonomy.simulation.px4.mission_server import MissionServer
 from amaze_autonomy.simulation.px4.modes import DESCEND
 from amaze_autonomy.simulation.px4.parameters import Parameters
 from amaze_autonomy.simulation.px4.px4 import Px4
+from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import BLIND, GUIDED, ArduCraft, ArduMissions, ArduParameters, base_mode, custom_mode, mode_of
 

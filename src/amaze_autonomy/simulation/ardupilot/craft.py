@@ -13,12 +13,12 @@ from typing import Any, Callable, Mapping, Optional, Tuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from amaze_autonomy.engine.events import VehicleLanded
-from amaze_autonomy.simulation.flight import Mode, VehicleSettings
 from amaze_autonomy.simulation.px4.craft import Craft
 from amaze_autonomy.simulation.px4.items import Item, Task
 from amaze_autonomy.simulation.px4.mission_server import MissionServer, Upload
 from amaze_autonomy.simulation.px4.modes import DESCEND, OFFBOARD
 from amaze_autonomy.simulation.px4.parameters import Parameters
+from amaze_autonomy.simulation.vehicle.flight import Mode, VehicleSettings
 
 from ..px4.settings import Geography, Place
 

@@ -12,7 +12,7 @@ from typing import Callable, List, Mapping, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from amaze_autonomy.simulation.flight import Mode
+from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import Craft
 from .failsafes import Failsafes

@@ -11,10 +11,10 @@ from typing import Optional, Tuple
 
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.missions import Waypoint
-from amaze_autonomy.simulation.flight import Mode, VehicleSettings
-from amaze_autonomy.simulation.vehicle import Vehicle
+from amaze_autonomy.simulation.vehicle.flight import Mode, VehicleSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Vehicle
 
-from ..flight import Leg, Vector, descent, flight
+from ..vehicle.flight import Leg, Vector, descent, flight
 from .items import Item, Task, task_of
 from .modes import DESCEND, OFFBOARD
 from .settings import Geography

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Callable, Optional
 
-from amaze_autonomy.simulation.flight import Mode
+from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import Craft
 from .health import Health

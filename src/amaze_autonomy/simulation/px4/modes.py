@@ -6,7 +6,7 @@ from typing import Mapping, NamedTuple, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from amaze_autonomy.simulation.flight import Mode
+from amaze_autonomy.simulation.vehicle.flight import Mode
 
 __all__ = ["DESCEND", "OFFBOARD", "Wire", "base_mode", "custom_mode", "mode_of", "shown"]
 

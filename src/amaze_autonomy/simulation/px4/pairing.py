@@ -9,7 +9,7 @@ from amaze_autonomy.autopilot.errors import EndpointError
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.scenario import Scenario
-from amaze_autonomy.simulation.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 from amaze_autonomy.simulation.world import World
 
 from ...autopilot.link.ports import EndpointKind, parse_endpoint

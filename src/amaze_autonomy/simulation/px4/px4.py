@@ -18,8 +18,8 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from amaze_autonomy.simulation.flight import Mode
-from amaze_autonomy.simulation.power import Power
+from amaze_autonomy.simulation.vehicle.flight import Mode
+from amaze_autonomy.simulation.vehicle.power import Power
 
 from . import telemetry
 from .commands import Order, Orders, enter, results

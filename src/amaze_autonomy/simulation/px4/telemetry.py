@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from amaze_autonomy.engine.events import VehicleLanded
-from amaze_autonomy.simulation.flight import Mode
+from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import Craft
 from .failsafes import BATTERY_LEVELS

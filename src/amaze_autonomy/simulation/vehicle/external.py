@@ -16,12 +16,12 @@ from typing import Callable, Iterable, List, Mapping, NamedTuple, Optional, Tupl
 
 from amaze_autonomy.engine.events import VehicleLanded
 
-from ..autopilot.link.dialect import Message, mavlink, source_of
-from ..autopilot.vehicle.modes import mode_name
-from ..autopilot.vehicle.rates import Rates
-from .errors import NoEffectError
+from ...autopilot.link.dialect import Message, mavlink, source_of
+from ...autopilot.vehicle.modes import mode_name
+from ...autopilot.vehicle.rates import Rates
+from ..errors import NoEffectError
+from ..scenario import KINDS, Fault, Scenario, Subject
 from .flight import Vector
-from .scenario import KINDS, Fault, Scenario, Subject
 from .vehicle import Mode, Vehicle, VehicleSettings
 
 __all__ = ["WANTED", "ExternalVehicle", "Observer", "as_external"]

@@ -9,10 +9,10 @@ from __future__ import annotations
 from math import nan
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Tuple
 
-from .peer import Site
+from ..peers.peer import Site
+from ..vehicle.vehicle import Pose
 from .readings import Estimate, EstimateReader, ImuReader, Inertial, RangeReader, Vector
 from .streams import Batch, Content, SampleKind
-from .vehicle import Pose
 
 __all__ = ["Sample", "Sender"]
 

@@ -6,7 +6,7 @@ import pytest
 
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.missions import FlightModel, Trajectory, Waypoint, estimate_flight
-from amaze_autonomy.simulation.vehicle import Vehicle, VehicleSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Vehicle, VehicleSettings
 
 S = 1_000_000_000
 ROUTE = (Waypoint(0.0, 0.0, 2.0, 0.0, 1.0), Waypoint(4.0, 0.0, 2.0, 0.0, 0.0))

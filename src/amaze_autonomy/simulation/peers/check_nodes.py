@@ -10,11 +10,11 @@ from amaze_autonomy.engine.events import Event, LandedStatus
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor
 
-from ..engine.events import Check
+from ...engine.events import Check
+from ..sensors.readings import EstimateReader, ImuReader, RangeReader
+from ..sensors.streams import Batch
+from ..vehicle.vehicle import Pose
 from .peer import Cadence, Peer, Site, slowness
-from .readings import EstimateReader, ImuReader, RangeReader
-from .streams import Batch
-from .vehicle import Pose
 
 __all__ = ["LandingDetection", "StateEstimation"]
 

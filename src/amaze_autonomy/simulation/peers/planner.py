@@ -8,9 +8,9 @@ from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCo
 from amaze_autonomy.engine.events import Event, MissionPhase, MissionStatus, VehicleLanded
 from amaze_autonomy.missions import Waypoint, distance_m, leg_s
 
+from ..scenario import Subject
+from ..vehicle.vehicle import LANDING_MODES, Mode, Vehicle
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
-from .scenario import Subject
-from .vehicle import LANDING_MODES, Mode, Vehicle
 
 __all__ = ["Planner"]
 

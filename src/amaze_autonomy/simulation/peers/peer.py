@@ -14,13 +14,13 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 from amaze_autonomy.engine.commands import Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 
-from ..engine.events import Check, Verdict
-from .faults import Faults
-from .power import Power
-from .scenario import Fault, Subject
-from .settings import Settings
-from .streams import Batch, Stream
-from .vehicle import Vehicle
+from ...engine.events import Check, Verdict
+from ..faults import Faults
+from ..scenario import Fault, Subject
+from ..sensors.streams import Batch, Stream
+from ..settings import Settings
+from ..vehicle.power import Power
+from ..vehicle.vehicle import Vehicle
 
 __all__ = ["Cadence", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]
 

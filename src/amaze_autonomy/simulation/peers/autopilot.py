@@ -12,9 +12,9 @@ from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.gravity import LastingTilt
 
-from ..engine.events import CHECKS, Check, Verdict
+from ...engine.events import CHECKS, Check, Verdict
+from ..scenario import Subject
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
-from .scenario import Subject
 
 __all__ = ["SENSORS", "Autopilot", "sensor_health"]
 

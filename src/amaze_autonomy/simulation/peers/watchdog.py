@@ -11,11 +11,11 @@ from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 
-from ..engine.events import Verdict
-from ..monitoring.watchdog import Streams
+from ...engine.events import Verdict
+from ...monitoring.watchdog import Streams
+from ..scenario import Subject
+from ..sensors.streams import Batch, Content
 from .peer import Cadence, Peer, Site, slowness
-from .scenario import Subject
-from .streams import Batch, Content
 
 __all__ = ["SimulatedWatchdog"]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List, NamedTuple, Optional
 
-from .faults import Faults, flapping_ns
-from .scenario import Fault, Subject
+from ..faults import Faults, flapping_ns
+from ..scenario import Fault, Subject
 
 __all__ = ["Batch", "Content", "SampleKind", "Stream", "StreamSettings"]
 

@@ -10,8 +10,8 @@ import pytest
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation import NoEffectError, parse_scenario
-from amaze_autonomy.simulation.external import ExternalVehicle, Observer, as_external
-from amaze_autonomy.simulation.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.external import ExternalVehicle, Observer, as_external
+from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 
 S = 1_000_000_000
 LATITUDE, LONGITUDE = 473977420, 85455940

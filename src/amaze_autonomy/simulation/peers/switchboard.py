@@ -12,9 +12,9 @@ from amaze_autonomy.engine.events import CheckReply, Event, Outcome
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.interface import SERVICES, peer_of
 
-from ..engine.events import Check, Verdict
+from ...engine.events import Check, Verdict
+from ..scenario import Fault, Subject
 from .peer import Peer, Site, accepted, reply
-from .scenario import Fault, Subject
 
 __all__ = ["SPOILT", "Switchboard", "in_its_place"]
 

@@ -6,9 +6,9 @@ import abc
 from math import cos, nan, sin
 from typing import TYPE_CHECKING, Generic, NamedTuple, Optional, Tuple, TypeVar
 
-from ..monitoring.state_estimation import Estimate
+from ...monitoring.state_estimation import Estimate
+from ..vehicle.vehicle import Pose
 from .streams import Batch, Content
-from .vehicle import Pose
 
 if TYPE_CHECKING:
     import random

@@ -1,0 +1,1 @@
+"""The simulated sensors: when samples come, what they read, and as which messages."""

@@ -1,0 +1,1 @@
+"""The simulated vehicle: arming, flight and battery; or one that is flown elsewhere."""
