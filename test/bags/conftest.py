@@ -3,4 +3,4 @@
 import sys
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "replay")]
+sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("bags", "bags/merge", "replay")]

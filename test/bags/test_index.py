@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from amaze_autonomy.bags.index import Entries
 from amaze_autonomy.bags.read import index_records, joined_parts
-from amaze_autonomy.bags.salvage import Kept
+from amaze_autonomy.bags.recover.salvage import Kept
 
 times = st.tuples(st.integers(0, 3) | st.integers(0, 2**32 - 1), st.integers(0, 5) | st.integers(0, 999_999_999))
 messages = st.lists(st.tuples(times, st.integers(0, 2**32 - 1)), max_size=20)

@@ -14,13 +14,13 @@ from bag_tools import MS, bag, contents, digest, left_over, multiset, rows, text
 from replay_bags import START_NS
 from test_merge import merged
 
-from amaze_autonomy.bags import merge as merge_module
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import connection_record
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge import merge as merge_module
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge.verify import verify
 from amaze_autonomy.bags.read import BEGINNING, Loader, Pool, decompress_frame
-from amaze_autonomy.bags.verify import verify
 
 
 def images(topic, count, sizes=(200_000,), period_ms=40, first_ms=0):

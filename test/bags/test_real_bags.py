@@ -10,10 +10,10 @@ from bag_tools import DATA
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.merge import MergeOptions, merge
-from amaze_autonomy.bags.recover import recover
-from amaze_autonomy.bags.scan import scan
-from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge.verify import verify
+from amaze_autonomy.bags.recover.recover import recover
+from amaze_autonomy.bags.recover.scan import scan
 
 NAMES = (
     "ardrone_indoor_flight",

@@ -319,7 +319,7 @@ def recovery(folder: Path, source: Path, programs: dict, kind: str, chunk_kb: in
 SCRIPTS = {
     "count": "from amaze_autonomy.bags.index import Index\nwith Index(path) as index: n = len(index.messages().t_ns)",
     "in_place": (
-        "from amaze_autonomy.bags.recover import recover_in_place, restore\n"
+        "from amaze_autonomy.bags.recover.recover import recover_in_place, restore\n"
         "done = recover_in_place(path); n = done.scan.messages; spent = time.perf_counter(); restore(done.path); "
         "began += time.perf_counter() - spent"
     ),

@@ -29,7 +29,7 @@ sys.path[:0] = [str(ROOT / "src"), str(Path(__file__).parent)]
 from flight_bag import written  # noqa: E402
 
 from amaze_autonomy.bags import Recording  # noqa: E402
-from amaze_autonomy.bags.merge import MergeOptions, merge  # noqa: E402
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge  # noqa: E402
 from amaze_autonomy.tester.command import main as replay  # noqa: E402
 
 ROUNDS = 3

@@ -8,7 +8,7 @@ from bag_tools import bag, contents, digest, every_kill, rows
 from part_tools import FACTS, killed, part, small_storage
 from replay_bags import write_empty_bag
 
-from amaze_autonomy.bags.recover import restore
+from amaze_autonomy.bags.recover.recover import restore
 from amaze_autonomy.recording.errors import TransferError
 from amaze_autonomy.recording.losses import losses
 from amaze_autonomy.recording.parts import check_arrived, close_parts, whole_bags
@@ -88,7 +88,7 @@ def test_killed_at_any_moment_the_next_try_makes_the_same_of_it(tmp_path):
 
 
 def test_what_cannot_be_closed_where_it_lies_is_recovered_beside_it_and_never_changed(tmp_path, monkeypatch):
-    monkeypatch.setattr("amaze_autonomy.bags.recover._MOST", 10)
+    monkeypatch.setattr("amaze_autonomy.bags.recover.recover._MOST", 10)
     path = killed(tmp_path, "states-01.bag.active", rows("/a", 100))
     before = digest(path)
     entry = close_parts(tmp_path, FACTS)["files"][0]

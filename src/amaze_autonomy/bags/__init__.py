@@ -1,7 +1,8 @@
 """ROS 1 bags: recordings to be read, and whole bags to be looked into, recovered, merged and verified.
 
 `Recording` decodes messages and needs the rosbags library; all the rest works on chunks and does without, so that
-library is loaded when it is first asked for.
+library is loaded when it is first asked for. `merge/` makes one bag of several, or a part of one, and proves it;
+`recover/` finds damage, and keeps what is good.
 """
 
 from __future__ import annotations

@@ -21,10 +21,10 @@ from .errors import BagError
 from .format import MEMORY
 
 if TYPE_CHECKING:
-    from .merge import Merged
-    from .recover import Recovered
-    from .scan import Scan
-    from .verify import Verified
+    from .merge.merge import Merged
+    from .merge.verify import Verified
+    from .recover.recover import Recovered
+    from .recover.scan import Scan
 
 __all__ = ["add_memory", "main"]
 
@@ -270,7 +270,7 @@ def _info(options: argparse.Namespace) -> bool:
 
 def _doctor(options: argparse.Namespace) -> bool:
     """Show what is damaged."""
-    from .scan import scan
+    from .recover.scan import scan
 
     lines: List[str] = []
     damaged = False
@@ -315,7 +315,7 @@ def _raise_last(errors: Sequence[BagError]) -> None:
 
 def _recover(options: argparse.Namespace) -> bool:
     """Write what is good into a new bag, or close a bag in place, or undo that."""
-    from .recover import restore
+    from .recover.recover import restore
 
     if options.undo:
         original = restore(options.bag)
@@ -329,7 +329,7 @@ def _recover(options: argparse.Namespace) -> bool:
 
 
 def _recovered(options: argparse.Namespace, progress: Any) -> Recovered:
-    from .recover import recover, recover_in_place, recovered_name
+    from .recover.recover import recover, recover_in_place, recovered_name
 
     how = {"check_data": not options.trust_data, "memory": options.memory, "progress": progress}
     if options.in_place:
@@ -343,8 +343,8 @@ def _recovered(options: argparse.Namespace, progress: Any) -> Recovered:
 
 def _merge(options: argparse.Namespace) -> bool:
     """Merge, write the manifest, verify if asked."""
-    from .manifest import manifest_path, merge_manifest, write_manifest
-    from .merge import MergeOptions, merge
+    from .merge.manifest import manifest_path, merge_manifest, write_manifest
+    from .merge.merge import MergeOptions, merge
 
     if options.offsets_s and len(options.offsets_s) != len(options.inputs):
         raise BagError(
@@ -374,8 +374,8 @@ def _merge(options: argparse.Namespace) -> bool:
 
 def _filter(options: argparse.Namespace) -> bool:
     """Write a part of a bag, verify it if asked."""
-    from .filter import Part, filter_bag, verify_part
-    from .merge import MergeOptions
+    from .merge.filter import Part, filter_bag, verify_part
+    from .merge.merge import MergeOptions
 
     begin, end = options.begin or (0, None), options.end or (None, None)
     if None not in (begin[1], end[1]) and begin[1] != end[1]:
@@ -403,7 +403,7 @@ def _filter(options: argparse.Namespace) -> bool:
 
 def _verify(options: argparse.Namespace) -> bool:
     """Verify a merged bag and write the verdict into its manifest."""
-    from .manifest import manifest_path, read_manifest
+    from .merge.manifest import manifest_path, read_manifest
 
     place = manifest_path(options.bag)
     manifest = read_manifest(place) if place.is_file() else None
@@ -426,8 +426,8 @@ def _verified(
     manifest: Optional[Dict[str, Any]],
     options: argparse.Namespace,
 ) -> Tuple[Verified, Dict[str, Any]]:
-    from .manifest import declared_duplicates, manifest_path, verified_manifest, write_manifest
-    from .verify import verify
+    from .merge.manifest import declared_duplicates, manifest_path, verified_manifest, write_manifest
+    from .merge.verify import verify
 
     duplicates = declared_duplicates(manifest) if manifest else {}
 

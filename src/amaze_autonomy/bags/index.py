@@ -33,7 +33,7 @@ from .format import (
     index_record_at,
     record_at,
 )
-from .salvage import Row, headers
+from .recover.salvage import Row, headers
 
 __all__ = [
     "KEEP_GOOD",

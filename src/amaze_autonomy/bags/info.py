@@ -16,7 +16,7 @@ from .format import MEMORY, record_at
 from .index import ChunkHead, Index, chunk_head, index_parts
 from .other_formats import is_other, other_recording
 from .read import joined_parts
-from .scan import Scan, scan
+from .recover.scan import Scan, scan
 
 __all__ = ["info_result"]
 

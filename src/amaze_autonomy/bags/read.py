@@ -215,7 +215,7 @@ def _each(buffer: Buffer, t_ns: Any, connection: Any, start: Any) -> Table:
 def _layout(buffer: Buffer, start: int) -> Tuple[Tuple[int, int], List[Tuple[int, int]], int]:
     """Return where connection and time are in a message, all four-byte numbers of the rest of its header, its size.
 
-    None of them of a long header, which is never that of all messages (lz4_chunk_copy.py writes such).
+    None of them of a long header, which is never that of all messages (merge/lz4_chunk_copy.py writes such).
     """
     record = record_at(buffer, start, len(buffer))
     header = bytes(buffer[start : record.data - 4])

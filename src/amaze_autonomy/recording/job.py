@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.manifest import (
+from amaze_autonomy.bags.merge.manifest import (
     declared_duplicates,
     manifest_path,
     merge_manifest,
@@ -25,8 +25,8 @@ from amaze_autonomy.bags.manifest import (
     verified_manifest,
     write_manifest,
 )
-from amaze_autonomy.bags.merge import MergeOptions, merge
-from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge.verify import verify
 from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
 

@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.recover import read_undo, recover, recover_in_place, undo_path
+from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_place, undo_path
 from amaze_autonomy.whole_file import sha256_of
 
 from .errors import TransferError

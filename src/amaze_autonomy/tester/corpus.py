@@ -20,7 +20,7 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tupl
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.bags.other_formats import content_files
-from amaze_autonomy.bags.scan import scan
+from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.whole_file import sha256_of, write_whole
 

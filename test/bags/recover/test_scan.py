@@ -10,15 +10,15 @@ from collections import Counter
 import pytest
 from bag_tools import COMPRESSIONS, bag, bomb, contents, digest, rows
 
-from amaze_autonomy.bags import merge_writer
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import record_at
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.merge import MergeOptions, merge
-from amaze_autonomy.bags.recover import recover
-from amaze_autonomy.bags.scan import scan
-from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.merge import writer
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge.verify import verify
+from amaze_autonomy.bags.recover.recover import recover
+from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output
 
 DAMAGES = ("bit", "zeros", "noise", "cut", "inserted")
@@ -34,7 +34,7 @@ def recording(path, compression="none", count=500, chunk_bytes=20_000):
 def checked(folder, compression):
     """Write a bag as rosbag does, with checksums in its lz4, which the rosbags library leaves out."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(merge_writer, "CHUNK_BYTES", 20_000)
+        patch.setattr(writer, "CHUNK_BYTES", 20_000)
         return merge(
             [recording(folder / "plain.bag")], folder / "whole.bag", MergeOptions(compression=compression)
         ).path

@@ -14,10 +14,10 @@ from rosbags.rosbag1 import Writer
 
 from amaze_autonomy.bags import BagError
 from amaze_autonomy.bags.cli import main
-from amaze_autonomy.bags.filter import Part, filter_bag, verify_part
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.merge import MergeOptions, Source, merge
-from amaze_autonomy.bags.verify import read_with
+from amaze_autonomy.bags.merge.filter import Part, filter_bag, verify_part
+from amaze_autonomy.bags.merge.merge import MergeOptions, Source, merge
+from amaze_autonomy.bags.merge.verify import read_with
 
 TOPICS = ("/camera/left", "/camera/right", "/imu", "/odometry")
 

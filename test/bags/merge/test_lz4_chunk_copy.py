@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 from replay_bags import START_NS, write_bag
 from test_merge import merged
 
-from amaze_autonomy.bags import lz4_chunk_copy, merge_writer
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import record_at
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.lz4_chunk_copy import STRIPE, block_beginning, block_end, lengthened, neutral_stripe
-from amaze_autonomy.bags.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge import lz4_chunk_copy, writer
+from amaze_autonomy.bags.merge.lz4_chunk_copy import STRIPE, block_beginning, block_end, lengthened, neutral_stripe
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge.verify import verify
 from amaze_autonomy.bags.read import index_data
-from amaze_autonomy.bags.recover import recover
-from amaze_autonomy.bags.scan import scan
-from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.recover.recover import recover
+from amaze_autonomy.bags.recover.scan import scan
 from amaze_autonomy.bags.write import Output
 
 IMAGES, IMUS = 8, 40
@@ -48,7 +48,7 @@ def camera(path, name, *, first_ms=0, size=200_000, imus=IMUS):
 
 @pytest.fixture(autouse=True)
 def _small_chunks(monkeypatch):
-    monkeypatch.setattr(merge_writer, "CHUNK_BYTES", 64 << 10)  # the recorder's with --chunksize=64
+    monkeypatch.setattr(writer, "CHUNK_BYTES", 64 << 10)  # the recorder's with --chunksize=64
 
 
 @pytest.fixture

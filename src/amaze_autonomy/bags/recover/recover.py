@@ -22,12 +22,12 @@ from typing import Any, Callable, List, NamedTuple, Optional, Protocol, Tuple
 
 from amaze_autonomy.whole_file import sync_folder, write_whole
 
-from .errors import BagError
-from .format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, record_at
-from .index import Index, chunk_head
+from ..errors import BagError
+from ..format import FIRST_RECORD, MEMORY, bag_header, chunk_header, chunk_info, decompressed, record_at
+from ..index import Index, chunk_head
+from ..write import Output, index_of
 from .salvage import rewritten, salvaged
 from .scan import Found, Scan, scan
-from .write import Output, index_of
 
 __all__ = [
     "Recovered",

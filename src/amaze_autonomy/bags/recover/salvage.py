@@ -24,8 +24,8 @@ from itertools import groupby
 from operator import itemgetter
 from typing import Dict, FrozenSet, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
-from .errors import RecordError
-from .format import (
+from ..errors import RecordError
+from ..format import (
     CONNECTION,
     MESSAGE,
     Buffer,

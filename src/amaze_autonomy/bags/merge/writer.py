@@ -18,12 +18,12 @@ import numpy as np
 
 from amaze_autonomy.units import SECOND
 
-from .errors import BagError, RecordError
-from .format import Connection, compressed, connection_record, decompressed
-from .index import KEEP_GOOD, Index
+from ..errors import BagError, RecordError
+from ..format import Connection, compressed, connection_record, decompressed
+from ..index import KEEP_GOOD, Index
+from ..read import BEGINNING, Block, Pool, distinct, index_data, index_records
+from ..write import Output, Stretch
 from .manifest import Tallies, Tally, checksums
-from .read import BEGINNING, Block, Pool, distinct, index_data, index_records
-from .write import Output, Stretch
 
 __all__ = ["CHUNK_BYTES", "Cut", "Duplicates", "Pending", "Rows", "Writing", "cuts"]
 

@@ -11,20 +11,20 @@ import sys
 import pytest
 from bag_tools import COMPRESSIONS, bag, contents, digest, every_kill, left_over, rows, unclosed
 
-from amaze_autonomy.bags import merge_writer
 from amaze_autonomy.bags.cli import main
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.merge import MergeOptions, merge
-from amaze_autonomy.bags.recover import recover, recover_in_place, restore, undo_path
-from amaze_autonomy.bags.scan import scan
+from amaze_autonomy.bags.merge import writer
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.recover.recover import recover, recover_in_place, restore, undo_path
+from amaze_autonomy.bags.recover.scan import scan
 
 
 def recording(folder, compression="none"):
     """Write a bag laid out as recorders do, of several chunks."""
     plain = bag(folder / "plain.bag", rows("/a", 1000, 1), rows("/b", 25, 23))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(merge_writer, "CHUNK_BYTES", 40_000)
+        patch.setattr(writer, "CHUNK_BYTES", 40_000)
         whole = merge([plain], folder / "whole.bag", MergeOptions(compression=compression)).path
     plain.unlink()
     return whole
@@ -165,7 +165,7 @@ def test_a_taken_name_is_refused(tmp_path, active):
 
 
 def test_damage_in_the_middle_of_a_large_bag_needs_a_copy(active, monkeypatch):
-    monkeypatch.setattr("amaze_autonomy.bags.recover._MOST", 10_000)
+    monkeypatch.setattr("amaze_autonomy.bags.recover.recover._MOST", 10_000)
     raw = bytearray(active.read_bytes())
     raw[4117:4140] = bytes(23)
     active.write_bytes(raw)

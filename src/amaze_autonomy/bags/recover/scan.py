@@ -17,8 +17,8 @@ import struct
 from pathlib import Path
 from typing import Any, Callable, Dict, FrozenSet, List, NamedTuple, Optional, Set, Tuple
 
-from .errors import BagError, OtherBagError, RecordError
-from .format import (
+from ..errors import BagError, OtherBagError, RecordError
+from ..format import (
     CHUNK,
     CHUNK_INFO,
     COMPRESSIONS,
@@ -40,7 +40,7 @@ from .format import (
     record_at,
     unpacked,
 )
-from .index import LOST_RETURNS, ChunkHead, Entries, chunk_head, has_lost_returns, read_head
+from ..index import LOST_RETURNS, ChunkHead, Entries, chunk_head, has_lost_returns, read_head
 from .salvage import Kept, headers, rewritten, salvaged
 
 __all__ = ["Damage", "Found", "Scan", "scan"]
@@ -462,7 +462,7 @@ class _Scanner:
             return
         index = None
         if entries.foreign:  # see there: they must not be mixed with ours
-            from .read import index_records  # noqa: PLC0415  (needs numpy, slow to load and seldom wanted)
+            from ..read import index_records  # noqa: PLC0415  (needs numpy, slow to load and seldom wanted)
 
             index = index_records(*entries.columns())
         found = Found(position, end, entries.end, *entries.times(), entries.counts(), index, None, head.compression)
@@ -535,7 +535,7 @@ class _Scanner:
             self._settled.update(number for number, _ in entries.counts())
             if not kept.gaps and sorted(kept.rows) == sorted(entries.rows()):
                 return None
-        from .read import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
+        from ..read import Span, tabulate  # noqa: PLC0415  (needs numpy, slow to load and not always wanted)
 
         try:
             tabulate(data, [Span(0, len(data))], *entries.columns())

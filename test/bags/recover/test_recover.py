@@ -12,10 +12,10 @@ from replay_bags import write_empty_bag
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.merge import merge
-from amaze_autonomy.bags.recover import recover, recovered_name
-from amaze_autonomy.bags.scan import Damage, scan
-from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.merge.merge import merge
+from amaze_autonomy.bags.merge.verify import verify
+from amaze_autonomy.bags.recover.recover import recover, recovered_name
+from amaze_autonomy.bags.recover.scan import Damage, scan
 
 
 def recording(path, compression="none"):

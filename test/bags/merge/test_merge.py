@@ -16,9 +16,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from amaze_autonomy.bags.errors import BagError
 from amaze_autonomy.bags.format import Connection
 from amaze_autonomy.bags.index import Index
-from amaze_autonomy.bags.manifest import Tally
-from amaze_autonomy.bags.merge import MergeOptions, merge
-from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.merge.manifest import Tally
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge.verify import verify
 
 
 def merged(tmp_path, inputs, **options):

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any, Callable, Dict, List, NamedTuple, Optiona
 
 import numpy as np
 
-from .errors import BagError
-from .format import MEMORY
-from .index import Index
+from ..errors import BagError
+from ..format import MEMORY
+from ..index import Index
+from ..read import Block, Pool
 from .manifest import Tallies, Tally, TopicKey, checksums, payload_checksums
 from .merge import Source
-from .read import Block, Pool
 
 if TYPE_CHECKING:  # a circle
     from .filter import Selection

@@ -19,13 +19,13 @@ import numpy as np
 
 from amaze_autonomy.units import SECOND
 
-from .errors import BagError
-from .format import MEMORY, Connection, Identity
-from .index import ChunkHead, Index
+from ..errors import BagError
+from ..format import MEMORY, Connection, Identity
+from ..index import ChunkHead, Index
+from ..read import GROUP_BYTES, Block, Loader, Pool, Table, relabel
+from ..write import Output
 from .manifest import Tally
-from .merge_writer import Writing
-from .read import GROUP_BYTES, Block, Loader, Pool, Table, relabel
-from .write import Output
+from .writer import Writing
 
 if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from .filter import Selection

@@ -12,9 +12,9 @@ from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from .errors import BagError
-from .format import MEMORY
-from .index import ChunkInfo, Index
+from ..errors import BagError
+from ..format import MEMORY
+from ..index import ChunkInfo, Index
 from .merge import Merged, MergeOptions, Progress, merge
 from .verify import Verified, verify
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from amaze_autonomy.whole_file import sha256_of, write_whole
 
-from .errors import BagError
-from .index import Index
+from ..errors import BagError
+from ..index import Index
 
 if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from .merge import Merged, MergeOptions

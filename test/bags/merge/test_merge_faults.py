@@ -15,17 +15,17 @@ import pytest
 from bag_tools import bag, digest, left_over, rows, text, unclosed
 from replay_bags import START_NS
 
-from amaze_autonomy.bags import merge as merge_module
 from amaze_autonomy.bags.errors import BagError
-from amaze_autonomy.bags.merge import MergeOptions, merge
-from amaze_autonomy.bags.recover import recover
-from amaze_autonomy.bags.verify import verify
+from amaze_autonomy.bags.merge import merge as merge_module
+from amaze_autonomy.bags.merge.merge import MergeOptions, merge
+from amaze_autonomy.bags.merge.verify import verify
+from amaze_autonomy.bags.recover.recover import recover
 from amaze_autonomy.bags.write import Output
 from amaze_autonomy.whole_file import temporary_name
 
 pytestmark = pytest.mark.live
 
-SOURCE = Path(__file__).parents[2] / "src"
+SOURCE = Path(__file__).parents[3] / "src"
 
 
 @pytest.fixture(scope="module")
