@@ -17,9 +17,9 @@ from rich.console import Console
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.console.model import Desk, Note
-from amaze_autonomy.console.picture import BACK, FORE, moving_svg, svg
-from amaze_autonomy.console.style import ASCII, UNICODE, Style
-from amaze_autonomy.console.view import Screen
+from amaze_autonomy.console.screen.picture import BACK, FORE, moving_svg, svg
+from amaze_autonomy.console.screen.style import ASCII, UNICODE, Style
+from amaze_autonomy.console.screen.view import Screen
 from amaze_autonomy.console.wire import snapshot_of
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.state import EngineState

@@ -125,8 +125,8 @@ def _run(options: argparse.Namespace, make_link: MakeLink) -> int:
 
 
 def _run_screen(session: Session, wake: Wake, options: argparse.Namespace) -> None:
-    from amaze_autonomy.console.screen import run_screen  # noqa: PLC0415 (the plain mode needs no rich)
-    from amaze_autonomy.console.style import ASCII, UNICODE  # noqa: PLC0415
+    from amaze_autonomy.console.screen.screen import run_screen  # noqa: PLC0415 (the plain mode needs no rich)
+    from amaze_autonomy.console.screen.style import ASCII, UNICODE  # noqa: PLC0415
 
     sys.stdout.reconfigure(errors="replace")  # type: ignore[union-attr]
     encoding = (sys.stdout.encoding or "").lower().replace("-", "")

@@ -19,8 +19,8 @@ from ...console import dialog
 from ...console.keys import BINDINGS, Binding
 from ...console.link import AnswerCame, CollectingCame, Happening, LinkSays, MessagesCame, MissionsCame, StateCame
 from ...console.model import Desk, PendingFailure, Request, RequestKind, Snapshot, Verdict
-from ...console.style import tone_of_check, tone_of_code, tone_of_state
-from ...console.tables import action_words
+from ...console.screen.style import tone_of_check, tone_of_code, tone_of_state
+from ...console.screen.tables import action_words
 from ...console.wire import clean
 from ...console.words import age, duration, fraction, limits, quantity, readings
 from ...engine.events import Check, UserCommand

@@ -10,11 +10,11 @@ from console_scenes import NOW_S, SCENES
 from rich.text import Text
 from write_screens import PICTURES, every_picture, moving_picture
 
-from amaze_autonomy.console.picture import BACK, FORE, moving_svg, svg
-from amaze_autonomy.console.style import UNICODE
-from amaze_autonomy.console.view import Screen
+from amaze_autonomy.console.screen.picture import BACK, FORE, moving_svg, svg
+from amaze_autonomy.console.screen.style import UNICODE
+from amaze_autonomy.console.screen.view import Screen
 
-IMAGES = Path(__file__).parents[2] / "docs" / "images"
+IMAGES = Path(__file__).parents[3] / "docs" / "images"
 NAMES = {"s": "http://www.w3.org/2000/svg"}
 
 

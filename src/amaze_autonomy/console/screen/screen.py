@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.segment import Segment, Segments
 
+from ..session import Session
+from ..terminal import Terminal
 from .picture import svg
-from .session import Session
 from .style import Style
-from .terminal import Terminal
 from .view import Screen
 
 __all__ = ["run_screen"]

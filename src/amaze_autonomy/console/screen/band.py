@@ -8,9 +8,9 @@ from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from .model import Desk, Snapshot
+from ..model import Desk, Snapshot
+from ..words import clock, seconds
 from .style import Style, Tone, tone_of_state
-from .words import clock, seconds
 
 __all__ = ["band", "banner"]
 

@@ -13,9 +13,9 @@ from typing import Mapping
 from rich import box
 from rich.text import Text
 
-from ..engine.events import Verdict as CheckVerdict
-from ..engine.rules import Code
-from .model import Verdict
+from ...engine.events import Verdict as CheckVerdict
+from ...engine.rules import Code
+from ..model import Verdict
 
 __all__ = [
     "ASCII",

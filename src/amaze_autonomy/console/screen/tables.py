@@ -10,11 +10,11 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from ..engine.events import Check
-from ..engine.events import Verdict as CheckVerdict
-from .model import MissionRow, PendingFailure, Snapshot
+from ...engine.events import Check
+from ...engine.events import Verdict as CheckVerdict
+from ..model import MissionRow, PendingFailure, Snapshot
+from ..words import age, duration, fraction, limits, quantity, seconds
 from .style import Style, Tone, tone_of_check, tone_of_code
-from .words import age, duration, fraction, limits, quantity, seconds
 
 __all__ = ["action_words", "checks_table", "failures_table", "missions_table"]
 

@@ -15,13 +15,13 @@ from rich.segment import Segment, Segments
 from rich.table import Table
 from rich.text import Text
 
+from ..dialog import oldest_open
+from ..keys import QUIT_KEY, offered
+from ..model import Desk, Snapshot
+from ..words import fraction, level, readings, seconds
 from .band import band
-from .dialog import oldest_open
-from .keys import QUIT_KEY, offered
-from .model import Desk, Snapshot
 from .style import Style, Tone, tone_of_answer, tone_of_level
 from .tables import checks_table, failures_table, missions_table
-from .words import fraction, level, readings, seconds
 
 __all__ = ["Screen", "footer", "progress"]
 

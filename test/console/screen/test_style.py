@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.console.model import Verdict
-from amaze_autonomy.console.style import (
+from amaze_autonomy.console.screen.style import (
     ASCII,
     UNICODE,
     Tone,

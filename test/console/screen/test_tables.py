@@ -11,8 +11,8 @@ from console_scenes import CAMERA, GPS, LRF, REALSENSE
 from rich.console import Console
 
 from amaze_autonomy.console.model import PendingFailure, Snapshot
-from amaze_autonomy.console.style import ASCII
-from amaze_autonomy.console.tables import action_words, checks_table, failures_table
+from amaze_autonomy.console.screen.style import ASCII
+from amaze_autonomy.console.screen.tables import action_words, checks_table, failures_table
 from amaze_autonomy.engine.events import Check, Verdict
 
 WORDS = ("battery", "fraction", "range", "of", "the", "state_estimation:", "orientation", "a", "deviation")

@@ -23,12 +23,12 @@ from amaze_autonomy.console.model import (
     RequestKind,
     Verdict,
 )
-from amaze_autonomy.console.style import ASCII, UNICODE
-from amaze_autonomy.console.view import Screen
+from amaze_autonomy.console.screen.style import ASCII, UNICODE
+from amaze_autonomy.console.screen.view import Screen
 from amaze_autonomy.console.wire import snapshot_of
 from amaze_autonomy.engine.state import State
 
-SCREENS = Path(__file__).parent / "screens"
+SCREENS = Path(__file__).parents[1] / "screens"
 CHECK_NOTE = Note("10:00:00", 0, "one of the messages")
 
 
