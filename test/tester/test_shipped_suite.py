@@ -10,10 +10,10 @@ import pytest
 
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.tester import Result, Verdict
-from amaze_autonomy.tester.coverage import coverage_lines, coverage_of, read_waivers
+from amaze_autonomy.tester.coverage.coverage import coverage_lines, coverage_of, read_waivers
+from amaze_autonomy.tester.coverage.mutants import mutants_of, mutated
+from amaze_autonomy.tester.coverage.mutation import Hunt, Survival, mutation_lines, mutation_passed, run_hunt
 from amaze_autonomy.tester.golden import golden_path, read_golden
-from amaze_autonomy.tester.mutants import mutants_of, mutated
-from amaze_autonomy.tester.mutation import Hunt, Survival, mutation_lines, mutation_passed, run_hunt
 from amaze_autonomy.tester.run import run_task
 from amaze_autonomy.tester.scenario import find_files, load_cases
 from amaze_autonomy.tester.task import Task

@@ -17,7 +17,6 @@ from ..pages.document import need_plots
 from ..replay.errors import ReplayError
 from ..replay.recordings.journals import read_journals
 from ..replay.terminal import show_lines
-from .accept import accept, lonely_goldens
 from .agree import agree, agreement_lines
 from .choice import (
     add_choice,
@@ -30,8 +29,9 @@ from .choice import (
     options_of,
     waivers_of,
 )
-from .coverage import Coverage, coverage_lines, coverage_of
-from .mutation import hunts_of, mutation_lines, mutation_passed, run_hunts
+from .coverage.coverage import Coverage, coverage_lines, coverage_of
+from .coverage.mutation import hunts_of, mutation_lines, mutation_passed, run_hunts
+from .golden.accept import accept, lonely_goldens
 from .report_pages import write_page, write_sweep_page
 from .result import (
     NOT_COMPARED,

@@ -14,7 +14,7 @@ from ..pages.document import write_document
 from ..pages.readings import Series
 from ..replay.errors import ReplayError
 from ..replay.timeline import value_text
-from .coverage import Coverage
+from .coverage.coverage import Coverage
 from .golden import align, read_golden
 from .golden.align import without_numbers
 from .golden.store import golden_path

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Callable, List, Mapping, Optional, Sequence, Tuple
 
-from ..replay.errors import GoldenError
-from .golden import check_reason, compare_with_golden, golden_path, orphans, read_golden, write_golden
-from .result import Result, Verdict
-from .run import case_of, run_task
-from .scenario import Case
-from .task import Task
+from ...replay.errors import GoldenError
+from ..result import Result, Verdict
+from ..run import case_of, run_task
+from ..scenario import Case
+from ..task import Task
+from . import check_reason, compare_with_golden, golden_path, orphans, read_golden, write_golden
 
 __all__ = ["Accepted", "accept", "lonely_goldens"]
 

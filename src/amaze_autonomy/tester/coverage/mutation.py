@@ -10,15 +10,15 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.paths import config_folder
 
-from ..journal.journal import encode_decision
-from ..replay.errors import ReplayError
+from ...journal.journal import encode_decision
+from ...replay.errors import ReplayError
+from ..play import configuration_of, play
+from ..result import Result
+from ..run import case_of, digest_of
+from ..scenario import Case, SourceKind
+from ..task import Options, Task
 from .coverage import Coverage
 from .mutants import Mutant, mutant_of, mutants_of, mutated
-from .play import configuration_of, play
-from .result import Result
-from .run import case_of, digest_of
-from .scenario import Case, SourceKind
-from .task import Options, Task
 
 __all__ = ["Hunt", "Survival", "hunts_of", "mutation_lines", "mutation_passed", "run_hunt", "run_hunts"]
 

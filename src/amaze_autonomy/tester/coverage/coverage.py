@@ -17,14 +17,14 @@ from amaze_autonomy.config.schema import Group, Key
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.paths import config_folder
 
-from ..engine.events import CheckName
-from ..engine.failsafe import FAILSAFE_CONDITIONS
-from ..replay.timeline import value_text
-from .expect.schema import RULES
-from .golden import decisions_of
-from .golden.align import without_numbers
+from ...engine.events import CheckName
+from ...engine.failsafe import FAILSAFE_CONDITIONS
+from ...replay.timeline import value_text
+from ..expect.schema import RULES
+from ..golden import decisions_of
+from ..golden.align import without_numbers
+from ..result import Result
 from .mutants import mutants_of
-from .result import Result
 
 __all__ = ["Coverage", "Item", "coverage_lines", "coverage_of", "read_waivers"]
 

@@ -11,10 +11,10 @@ from typing import Any, Dict, Iterator, List, MutableMapping, Optional, Tuple, c
 
 from amaze_autonomy.engine.rules import Limits, Rules
 
-from ..engine import failsafe, flight_guards, guards, transitions
-from ..engine import rules as severities
-from ..engine.failsafe import FAILSAFE_CONDITIONS
-from ..engine.rules import SEVERITIES, Action, Severity
+from ...engine import failsafe, flight_guards, guards, transitions
+from ...engine import rules as severities
+from ...engine.failsafe import FAILSAFE_CONDITIONS
+from ...engine.rules import SEVERITIES, Action, Severity
 
 __all__ = ["Mutant", "mutant_of", "mutants_of", "mutated"]
 
