@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.vehicle.client import Progress, Reply
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.config.autopilot_schema import TakeoffNeeds
+from amaze_autonomy.config.schemas.autopilot import TakeoffNeeds
 from amaze_autonomy.engine.events import Landed
 
 SET_MODE, DISARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM

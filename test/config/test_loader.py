@@ -12,7 +12,7 @@ import pytest
 
 import amaze_autonomy
 from amaze_autonomy.config import ConfigError, hash_of, load_configuration, rules_of_effective
-from amaze_autonomy.config.recording_schema import Platform, Recording, TopicGroup
+from amaze_autonomy.config.schemas.recording import Platform, Recording, TopicGroup
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import ComponentRule, Limits, Rules, Severity
 from amaze_autonomy.missions import Bounds, FlightEstimate, FlightModel, Round, Trajectory, Waypoint

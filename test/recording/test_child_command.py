@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from amaze_autonomy.config.recording_schema import Storage, TopicGroup
+from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
 from amaze_autonomy.recording.programs import child_command, files_of
 
 OUTPUT = Path("/rec/s/main/states-01.bag")

@@ -18,7 +18,7 @@ from part_tools import FACTS
 
 pytest.importorskip("roslib")
 
-from amaze_autonomy.config.recording_schema import Transfer
+from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.nodes.recorder.processes import RecorderJobs
 from amaze_autonomy.recording import parts as parts_module
 from amaze_autonomy.recording.parts import check_arrived

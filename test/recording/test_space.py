@@ -2,7 +2,7 @@
 
 import pytest
 
-from amaze_autonomy.config.recording_schema import Storage, TopicGroup
+from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
 from amaze_autonomy.recording.status import Space
 from amaze_autonomy.recording.storage import needed_bytes, time_left_s, too_little
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from amaze_autonomy.config.recording_schema import Transfer
+from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.recording.programs import problem_of, progress_of, transfer_command
 
 pytestmark = pytest.mark.live

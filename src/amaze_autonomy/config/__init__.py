@@ -1,16 +1,17 @@
 """The configuration: YAML files, read once and strictly, made into frozen values.
 
 `load_configuration(folder)` is all that others need; what can be wrong with a file is a `ConfigError` of one line.
+`schemas/` has a file for each YAML file; `consistency.py` is what must be true between them.
 """
 
 from __future__ import annotations
 
-from .autonomy_schema import Streams
-from .autopilot_schema import AutopilotSettings, LinkSettings
 from .errors import ConfigError, Place
 from .loader import FILES, Overrides, hash_of, load_configuration, rules_of_effective
 from .model import Configuration
-from .recording_schema import Platform, Recording, Storage, TopicGroup
+from .schemas.autonomy import Streams
+from .schemas.autopilot import AutopilotSettings, LinkSettings
+from .schemas.recording import Platform, Recording, Storage, TopicGroup
 
 __all__ = [
     "FILES",

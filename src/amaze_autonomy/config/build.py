@@ -24,7 +24,7 @@ from ..engine.events import Mission
 from ..engine.rules import ComponentRule, Severity
 from .binding import field_value, key_name, make
 from .kinds import Places
-from .recording_schema import Platform, Recording, Storage, TopicGroup, Transfer
+from .schemas.recording import Platform, Recording, Storage, TopicGroup, Transfer
 
 __all__ = [
     "components_of",

@@ -11,8 +11,6 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 
-from .autonomy_schema import AUTONOMY, Streams
-from .autopilot_schema import AUTOPILOT, autopilot_of
 from .binding import make
 from .build import components_of, initialisation_of, landing_of, recording_of, rules_of, state_estimation_of
 from .consistency import (
@@ -27,11 +25,13 @@ from .consistency import (
 from .document import Entry, Scalar, Table, entry_of, parse, read, replace
 from .errors import ConfigError, Place
 from .kinds import Places
-from .missions_schema import MISSIONS
 from .model import Configuration
-from .recording_schema import RECORDING
 from .schema import Group
-from .sensors_schema import SENSORS
+from .schemas.autonomy import AUTONOMY, Streams
+from .schemas.autopilot import AUTOPILOT, autopilot_of
+from .schemas.missions import MISSIONS
+from .schemas.recording import RECORDING
+from .schemas.sensors import SENSORS
 from .trajectories import Files, plans_of, read_files
 
 __all__ = ["FILES", "Overrides", "apply_overrides", "hash_of", "load_configuration", "rules_of_effective"]

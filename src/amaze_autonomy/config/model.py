@@ -12,9 +12,9 @@ from amaze_autonomy.monitoring.initialisation import InitialisationSpec
 from amaze_autonomy.monitoring.specs import BatterySpec, ComponentSpec, LandingSpec, StateEstimationSpec
 
 from ..engine.events import Mission
-from .autonomy_schema import Streams
-from .autopilot_schema import AutopilotSettings
-from .recording_schema import Recording
+from .schemas.autonomy import Streams
+from .schemas.autopilot import AutopilotSettings
+from .schemas.recording import Recording
 
 __all__ = ["Configuration"]
 

@@ -44,8 +44,8 @@ from .build import mission_of
 from .consistency import check_known
 from .errors import ConfigError, Place
 from .kinds import Address, Places, dotted
-from .missions_schema import MISSION_ID
 from .model import Configuration
+from .schemas.missions import MISSION_ID
 
 __all__ = [
     "File",

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import List, Optional, Sequence
 
-from amaze_autonomy.config.recording_schema import Storage, TopicGroup, Transfer
+from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
 from amaze_autonomy.units import SECOND
 
 __all__ = [

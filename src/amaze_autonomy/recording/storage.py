@@ -17,7 +17,7 @@ import shutil
 from pathlib import Path
 from typing import Any, Dict, Mapping, Optional, Sequence
 
-from amaze_autonomy.config.recording_schema import Storage, TopicGroup
+from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
 from amaze_autonomy.units import GB, MB
 from amaze_autonomy.whole_file import sha256_of, write_whole
 

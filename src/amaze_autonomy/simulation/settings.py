@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Dict, Mapping, Optional, Tuple, Union
 
-from amaze_autonomy.config.autonomy_schema import Streams
 from amaze_autonomy.config.model import Configuration
+from amaze_autonomy.config.schemas.autonomy import Streams
 from amaze_autonomy.missions import Trajectory
 from amaze_autonomy.monitoring.preflight_specs import (
     BatterySpec,

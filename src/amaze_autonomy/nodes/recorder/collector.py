@@ -12,7 +12,7 @@ import rospy
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.config.recording_schema import Transfer
+from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording import Answer, Collector, Command, RecordingError, Status
 from amaze_autonomy.recording import status as asked

@@ -20,7 +20,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Seque
 
 import roslib.packages
 
-from amaze_autonomy.config.recording_schema import Storage, TopicGroup, Transfer
+from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
 from amaze_autonomy.recording.programs import (
     LogState,
     bag_name,

@@ -10,7 +10,7 @@ from typing import Any, Callable, Dict, List, Mapping, Sequence, Type
 import rospy
 
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.config.recording_schema import Transfer
+from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.recording import Answer, CollectorSetup, GroupSetup, PlatformSetup
 from amaze_autonomy.recording.storage import reserve_bytes
 

@@ -10,7 +10,7 @@ import rospy
 
 from amaze_autonomy.autopilot import AutopilotError, Client, Connection, Identity, LinkState, read_key
 from amaze_autonomy.config import AutopilotSettings
-from amaze_autonomy.config.autopilot_schema import LinkSettings
+from amaze_autonomy.config.schemas.autopilot import LinkSettings
 
 from ...autopilot.link.dialect import Message, mavlink
 from ...autopilot.link.state_files import StampFile

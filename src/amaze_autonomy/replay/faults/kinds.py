@@ -14,7 +14,7 @@ from amaze_autonomy.simulation import KINDS, Fault, FaultKind, Subject
 from amaze_autonomy.simulation.scenario import Parameter
 from amaze_autonomy.simulation.scenario_file import SUBJECTS, FaultEntry
 
-from ...config.sensors_schema import TOPIC_NAME
+from ...config.schemas.sensors import TOPIC_NAME
 from ..recordings.fields import FIELD_PATH
 
 __all__ = ["RECORDED_FAULT", "RECORDED_KINDS", "TOPIC", "Acting"]

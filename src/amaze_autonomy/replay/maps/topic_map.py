@@ -25,7 +25,7 @@ from amaze_autonomy.monitoring.specs import (
     TopicSpec,
 )
 
-from ...config.sensors_schema import COMPONENT_NAME, LANDING_DETECTION, SEVERITY, STATE_ESTIMATION, TOPIC_NAME
+from ...config.schemas.sensors import COMPONENT_NAME, LANDING_DETECTION, SEVERITY, STATE_ESTIMATION, TOPIC_NAME
 from ..recordings.fields import FIELD_PATH
 
 __all__ = ["SCHEMA", "ComponentMap", "Reading", "Script", "TopicMap", "load_map", "map_names"]

@@ -11,7 +11,7 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.state import State, Step
 from amaze_autonomy.engine.transitions import TRANSITIONS
 
-from ...config.sensors_schema import COMPONENT_NAME
+from ...config.schemas.sensors import COMPONENT_NAME
 from ...engine.events import CheckName
 from ...engine.rules import Code
 from .model import EXPECTATIONS, Expectation, ExpectationKind, Instant

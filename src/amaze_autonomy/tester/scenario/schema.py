@@ -27,7 +27,7 @@ from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, P
 from amaze_autonomy.config.schema import Group, Key, Named
 from amaze_autonomy.simulation.scenario_file import FAULT, REQUEST
 
-from ...config.sensors_schema import COMPONENT_NAME, TOPIC_NAME
+from ...config.schemas.sensors import COMPONENT_NAME, TOPIC_NAME
 from ...journal.trace import READINGS
 from ...replay.faults.kinds import RECORDED_FAULT
 from ..expect.schema import ExpectationEntry, PatternEntry

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Optional, Tuple
 
-from .binding import Row, bind, group_of
-from .kinds import Choice, Flag, ListOf, Number, Text, Whole
-from .schema import Group, Key, Named
-from .sensors_schema import COMPONENT_NAME, TOPIC_NAME
+from ..binding import Row, bind, group_of
+from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
+from ..schema import Group, Key, Named
+from .sensors import COMPONENT_NAME, TOPIC_NAME
 
 __all__ = ["RECORDING", "Platform", "Recording", "Storage", "TopicGroup", "Transfer"]
 

@@ -20,10 +20,10 @@ from amaze_autonomy.monitoring.specs import (
     TopicSpec,
 )
 
-from ..engine.rules import Severity
-from .binding import Row, bind, group_of
-from .kinds import Choice, Flag, ListOf, Number, Text, Whole
-from .schema import Group, Key, Named
+from ...engine.rules import Severity
+from ..binding import Row, bind, group_of
+from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
+from ..schema import Group, Key, Named
 
 __all__ = [
     "BATTERY",

@@ -6,10 +6,10 @@ from typing import Tuple
 
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, Frame, PlannerSpec, YawUnit
 
-from .binding import Row, group_of
-from .kinds import Choice, Flag, ListOf, Number, Text, Whole
-from .schema import Group, Key, Named
-from .sensors_schema import COMPONENT_NAME, NAME, SEVERITY
+from ..binding import Row, group_of
+from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
+from ..schema import Group, Key, Named
+from .sensors import COMPONENT_NAME, NAME, SEVERITY
 
 __all__ = ["MISSIONS", "MISSION_ID"]
 
