@@ -1,18 +1,22 @@
 from __future__ import annotations
 
+import struct
 from math import cos, nan, pi, sin
 from types import SimpleNamespace as Said
 
 import pytest
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.mavros.messages import Converter, mode_problem, sources_of
+from amaze_autonomy.autopilot.mavros.messages import RECEIVED, STATE, Behind, Converter, sources_of
 from amaze_autonomy.autopilot.mavros.requests import Lane, Publication, Request, publication_of, request_of
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES
 from amaze_autonomy.autopilot.vehicle.battery import Battery
 from amaze_autonomy.autopilot.vehicle.client import command_long, set_mode
 from amaze_autonomy.autopilot.vehicle.control import Heartbeat
+from amaze_autonomy.autopilot.vehicle.modes import ARDUPILOT_NAMES, autopilot_of, mavros_name, mavros_number, mode_name
+from amaze_autonomy.autopilot.vehicle.position import Position
 from amaze_autonomy.autopilot.vehicle.vehicle import WANTED
+from amaze_autonomy.simulation.px4 import Framing
 
 SOURCES = sources_of({*WANTED, *PLANNER_MESSAGES})
 BY_TOPIC = {source.topic: source for source in SOURCES if source.makes != "ATTITUDE"}
@@ -32,21 +36,158 @@ def test_a_mavros_without_a_vehicle_says_nothing():
     assert convert("state", connected=False, armed=False, mode="", system_status=0) is None
 
 
-@pytest.mark.parametrize("mode", ["", "NO.SUCH"])
-def test_a_mode_that_nobody_knows_is_none_of_ours(mode):
-    message = convert("state", connected=True, armed=True, mode=mode, system_status=4)
-    assert Heartbeat.of(0, message).mode == "MODE.0.0"
+NOBODY, PX4, ARDUPILOT = 0, 12, 3
 
 
-@pytest.mark.parametrize("connected, mode", [(True, "AUTO.LAND"), (True, "POSCTL"), (True, ""), (False, "GUIDED")])
-def test_px4_s_modes_are_no_problem(connected, mode):
-    assert mode_problem(Said(connected=connected, mode=mode)) == ""
+def state(mode, *, armed=False, connected=True, status=4):
+    return Said(connected=connected, armed=armed, mode=mode, system_status=status)
 
 
-@pytest.mark.parametrize("mode", ["GUIDED", "CMODE(25)"])
-def test_a_mode_of_another_autopilot_behind_mavros_is_said(mode):
-    words = f"mavros says mode {mode!r}, which is none of PX4's: whoever chose it has control (PX4 only this way)"
-    assert mode_problem(Said(connected=True, mode=mode)) == words
+def beats(*states):
+    """Return the last heartbeat of a vehicle that mavros told so, and what is said of its mode."""
+    converter = Converter()
+    made = [converter.convert(STATE, each) for each in states]
+    return Heartbeat.of(0, made[-1]), converter.behind.problem(states[-1])
+
+
+@pytest.mark.parametrize("mode", ["", "NO.SUCH", "CMODE(25)", "MODE(0x51)"])
+def test_before_a_mode_that_is_known_no_autopilot_is_claimed(mode):
+    beat, _ = beats(state(mode, armed=True))
+    assert (beat.mode, beat.autopilot) == ("MODE.0.0", NOBODY)
+    assert Behind().problem(state("CMODE(25)")) == (
+        "mavros says mode 'CMODE(25)', which is neither PX4's nor ArduPilot's: whoever chose it has control"
+    )
+
+
+@pytest.mark.parametrize(
+    "said, mode",
+    [
+        ("STABILIZE", "STABILIZED"),
+        ("GUIDED", "OFFBOARD"),
+        ("AUTO", "AUTO.MISSION"),
+        ("BRAKE", "AUTO.LOITER"),
+        ("LOITER", "POSCTL"),
+        ("LAND", "AUTO.LAND"),
+        ("RTL", "AUTO.RTL"),
+        ("CIRCLE", "ORBIT"),
+        ("AVOID_ADSB", "MODE.19"),
+    ],
+)
+def test_an_ardupilot_is_known_by_the_names_of_its_modes(said, mode):
+    beat, problem = beats(state(said, armed=True, status=5))
+    assert (beat, problem) == (Heartbeat(0, armed=True, mode=mode, status=5, autopilot=ARDUPILOT), "")
+
+
+@pytest.mark.parametrize("said, mode", [("CMODE(21)", "AUTO.RTL"), ("CMODE(24)", "POSCTL"), ("ACRO", "ACRO")])
+def test_numbers_that_mavros_has_no_name_for_are_read_once_it_is_an_ardupilot(said, mode):
+    beat, problem = beats(state("AUTO"), state(said))
+    assert (beat.mode, beat.autopilot, problem) == (mode, ARDUPILOT, "")
+
+
+@pytest.mark.parametrize("said", ["CMODE(25)", "CMODE(9)", "CMODE(0)", "MODE(0x00)", "SURFACE", "OFFBOARD", ""])
+@pytest.mark.parametrize("armed", [True, False])
+def test_a_mode_that_nobody_knows_keeps_the_autopilot_and_is_none_of_ours(said, armed):
+    beat, problem = beats(state("AUTO", armed=armed), state(said, armed=armed))
+    assert (beat.mode, beat.autopilot) == ("MODE.255", ARDUPILOT)
+    whole = f"mavros says mode {said!r}, which is none of ArduPilot's: whoever chose it has control"
+    assert problem == (whole if said else "")
+
+
+@pytest.mark.parametrize("mode", ["AUTO.LAND", "POSCTL", "ACRO", ""])
+def test_px4_s_modes_are_no_problem(mode):
+    beat, problem = beats(state("OFFBOARD"), state(mode))
+    assert (beat.autopilot, problem) == (PX4, "")
+
+
+def test_in_the_air_the_autopilot_never_changes():
+    beat, problem = beats(state("AUTO.MISSION", armed=True), *[state("GUIDED", armed=True)] * 100)
+    assert (beat.autopilot, beat.mode) == (PX4, "MODE.0.0")
+    assert problem == "mavros says mode 'GUIDED', which is none of PX4's: whoever chose it has control"
+
+
+def test_on_the_ground_it_changes_by_several_states_in_a_row():
+    px4, ardupilot = state("AUTO.LOITER"), state("STABILIZE")
+    assert beats(px4, *[ardupilot] * 4)[0].autopilot == PX4
+    assert beats(px4, *[ardupilot] * 5)[0] == Heartbeat(
+        0, armed=False, mode="STABILIZED", status=4, autopilot=ARDUPILOT
+    )
+    assert beats(px4, *[*[ardupilot] * 4, px4] * 3)[0].autopilot == PX4
+    assert beats(px4, *[*[ardupilot] * 4, state("CMODE(0)")] * 3)[0].autopilot == PX4
+    assert beats(px4, *[ardupilot] * 4, state("STABILIZE", armed=True), ardupilot)[0].autopilot == PX4
+
+
+def test_only_acro_is_a_mode_of_both():
+    px4 = [mode_name(PX4, main << 16) for main in (1, 2, 3, 5, 6, 7, 8, 10)]
+    px4 += [mode_name(PX4, sub << 24 | 4 << 16) for sub in range(1, 11)]
+    assert {name for name in px4 if name in ARDUPILOT_NAMES} == {"ACRO"}
+    assert {name for name in px4 if autopilot_of(name) != PX4} == {"ACRO"}
+
+
+def test_names_and_numbers_of_mavros_are_one_table():
+    for number in range(256):
+        name = mavros_name(ARDUPILOT, number)
+        known = mode_name(ARDUPILOT, number) != f"MODE.{number}" or number == 19  # AVOID_ADSB
+        assert mavros_number(ARDUPILOT, name) == (number if known else None)
+
+
+def test_without_a_vehicle_behind_mavros_nothing_is_learnt():
+    behind = Converter()
+    assert behind.convert(STATE, state("GUIDED", connected=False)) is None
+    assert behind.behind.autopilot == NOBODY
+
+
+# --- what mavros receives ---------------------------------------------------------------------------------------------
+
+
+def received(message, *, system=1, framing=1):
+    """Return a mavros_msgs/Mavlink: what is behind the payload in its last 8 bytes is whatever was there before."""
+    frame = Framing(system, 1).encode(message)
+    length = frame[1]
+    words = frame[10 : 10 + length].ljust(-(-length // 8) * 8, b"\xff")
+    payload = struct.unpack(f"<{len(words) // 8}Q", words)
+    number = int.from_bytes(frame[7:10], "little")
+    return Said(framing_status=framing, len=length, sysid=system, compid=1, msgid=number, payload64=payload)
+
+
+def report(flags, airspeed=0.0):
+    return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.2, 0.3, 0.4, 0.5, airspeed)
+
+
+@pytest.mark.parametrize("flags, airspeed", [(0x33F, 0.0), (0xA7, 0.0), (0x33F, 0.25), (0, 0.0)])
+def test_an_ekf_status_report_is_taken_from_what_mavros_receives(flags, airspeed):
+    made = Converter().convert(RECEIVED, received(report(flags, airspeed)))
+    assert (made.get_type(), made.flags) == ("EKF_STATUS_REPORT", flags)
+    assert (made.velocity_variance, made.terrain_alt_variance) == (pytest.approx(0.1), pytest.approx(0.5))
+    assert made.airspeed_variance == airspeed
+
+
+def test_all_zero_it_is_one_byte_long():
+    zeros = mavlink.MAVLink_ekf_status_report_message(0, 0, 0, 0, 0, 0)
+    assert received(zeros).len == 1
+    assert Converter().convert(RECEIVED, received(zeros)).flags == 0
+
+
+@pytest.mark.parametrize("flags, valid", [(0x33F, True), (0xA7, False), (0x33F | 1024, False), (0x33F | 128, False)])
+def test_a_position_is_as_good_as_it_says(flags, valid):
+    position = Position(10, 10)
+    assert not position.judged
+    position.add_ardupilot_flags(0, Converter().convert(RECEIVED, received(report(flags))))
+    assert (position.judged, position.valid(0)) == (True, valid)
+
+
+def test_damaged_ones_those_of_others_and_all_else_are_passed_over():
+    good = received(report(0x33F))
+    bad = [
+        received(report(0x33F), framing=2),
+        received(report(0x33F), system=2),
+        Said(**{**vars(good), "compid": 191}),
+        Said(**{**vars(good), "payload64": good.payload64[:2]}),
+        received(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)),
+    ]
+    converter = Converter()
+    assert [converter.convert(RECEIVED, each) for each in bad] == [None] * len(bad)
+    converter.target = (2, 1)
+    assert converter.convert(RECEIVED, bad[1]).flags == 0x33F
 
 
 def test_a_battery_keeps_what_is_unknown():
@@ -114,15 +255,21 @@ def test_only_topics_of_wanted_messages_are_listened_to():
 
 
 def test_requests_of_the_client_are_services():
-    assert request_of(set_mode(1, 1, 4, 6)) == Request(
+    assert request_of(set_mode(1, 1, 4, 6), PX4) == Request(
         "set_mode", "SetMode", {"base_mode": 0, "custom_mode": "AUTO.LAND"}, 176, Lane.URGENT
     )
-    disarm = request_of(command_long(1, 1, 400, 0.0))
+    disarm = request_of(command_long(1, 1, 400, 0.0), PX4)
     assert (disarm.service, disarm.fields["command"], disarm.fields["param1"]) == ("cmd/command", 400, 0.0)
-    assert (disarm.lane, request_of(command_long(1, 1, 511, 0.0)).lane) == (Lane.URGENT, Lane.REST)
+    assert (disarm.lane, request_of(command_long(1, 1, 511, 0.0), PX4).lane) == (Lane.URGENT, Lane.REST)
     asked = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_LOW_BAT_ACT", -1)
-    assert request_of(asked) == Request("param/get", "ParamGet", {"param_id": "COM_LOW_BAT_ACT"})
-    assert request_of(mavlink.MAVLink_timesync_message(0, 1)) is None
+    assert request_of(asked, PX4) == Request("param/get", "ParamGet", {"param_id": "COM_LOW_BAT_ACT"})
+    assert request_of(mavlink.MAVLink_timesync_message(0, 1), PX4) is None
+
+
+@pytest.mark.parametrize("mode, name", [(9, "LAND"), (3, "AUTO"), (4, "GUIDED"), (17, "BRAKE")])
+def test_an_ardupilot_is_asked_for_a_mode_by_mavros_name_of_it(mode, name):
+    fields = {"base_mode": 0, "custom_mode": name}
+    assert request_of(set_mode(1, 1, mode, 0), ARDUPILOT) == Request("set_mode", "SetMode", fields, 176, Lane.URGENT)
 
 
 def test_a_set_point_is_published_east_north_up():

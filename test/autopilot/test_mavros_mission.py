@@ -8,7 +8,7 @@ import pytest
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.requests import MavrosMission
-from amaze_autonomy.autopilot.planner.mission_items import MissionItem
+from amaze_autonomy.autopilot.planner.mission_items import Dialect, MissionItem
 from amaze_autonomy.autopilot.planner.mission_upload import MissionUpload, UploadPhase
 
 S = 1_000_000_000
@@ -21,6 +21,8 @@ class Mavros:
     Args:
         upload: that speaks to it.
     """
+
+    begins_at = 0
 
     def __init__(self, upload):
         self.upload, self.mission = upload, MavrosMission()
@@ -63,7 +65,7 @@ class Mavros:
         return Said(success=True, wp_received=len(self.vehicle))
 
     def set_current(self, fields, **_):
-        self.current = fields["wp_seq"]
+        self.current = max(fields["wp_seq"], self.begins_at)
         self.publish()
         return Said(success=True)
 
@@ -72,8 +74,38 @@ class Mavros:
         self.send(self.upload.wake(self.t_ns))
 
 
-def begin():
-    return Mavros(MissionUpload(ITEMS, (1, 1), 0, S // 2, 8 * S))
+class ArduPilotMavros(Mavros):
+    """ArduPilot overwrites item 0 with its home, keeps no yaw of a waypoint, and begins at item 1."""
+
+    begins_at = 1
+
+    def push(self, fields, **_):
+        answer = super().push(fields)
+        home = {**vars(self.vehicle[0]), "frame": 0, "x_lat": 47.1, "y_long": 8.2, "z_alt": 489.0}
+        kept = (Said(**{**vars(each), "param4": 0.0}) for each in self.vehicle[1:])
+        self.vehicle = (Said(**home), *kept)
+        return answer
+
+
+def begin(kind=Mavros, dialect=Dialect.PX4):
+    return kind(MissionUpload(ITEMS, (1, 1), 0, S // 2, 8 * S, dialect))
+
+
+def test_an_ardupilot_s_home_is_pushed_and_pulled_as_item_0_and_never_compared():
+    mavros = begin(ArduPilotMavros, Dialect.ARDUPILOT)
+    while not mavros.upload.over:
+        mavros.serve()
+    assert (mavros.upload.phase, mavros.upload.reason) == (UploadPhase.DONE, "")
+    assert mavros.called == ["mission/push", "mission/pull", "mission/set_current"]
+    assert (len(mavros.vehicle), mavros.vehicle[0].z_alt, mavros.current) == (4, 489.0, 1)
+
+
+def test_what_an_ardupilot_keeps_otherwise_is_found_behind_its_home():
+    mavros = begin(ArduPilotMavros, Dialect.ARDUPILOT)
+    mavros.serve()
+    mavros.vehicle[1].z_alt = 9.0
+    mavros.serve()
+    assert mavros.upload.reason == "item 1 came back with z 9 instead of 3"
 
 
 @pytest.mark.parametrize("list_first", [True, False])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import signal
+import struct
 import sys
 import tempfile
 import threading
@@ -30,6 +31,7 @@ from mavros_msgs import srv as services  # noqa: E402
 
 HEALTHY = 1 | 2 | 4 | 8 | 32 | 65536
 PREARM = 1 << 28
+SILENT = -1
 
 
 class FakeMavros:
@@ -54,6 +56,9 @@ class FakeMavros:
                 ("home_position/home", mavros.HomePosition),
             )
         }
+        beside = namespace.rpartition("/")[0]
+        self.ekf = None  # flags of ArduPilot; None: those of PX4 are said, SILENT: none
+        self.publishers["received"] = rospy.Publisher(f"{beside}/mavlink/from", mavros.Mavlink, queue_size=5)
         self.services = [
             rospy.Service(f"{namespace}/set_mode", services.SetMode, self.set_mode),
             rospy.Service(f"{namespace}/cmd/command", services.CommandLong, self.command),
@@ -87,7 +92,19 @@ class FakeMavros:
             self.publishers["battery"].publish(battery)
 
     def messages(self, number):
-        flags = {name: True for name in mavros.EstimatorStatus.__slots__ if name.endswith("flag")}
+        """Return what is published, by topic; the estimator's flags as PX4 or as ArduPilot says them."""
+        all_of_them = self.messages_but_flags(number)
+        if self.ekf == SILENT:
+            return all_of_them
+        if self.ekf is None:
+            flags = {name: True for name in mavros.EstimatorStatus.__slots__ if name.endswith("flag")}
+            return {**all_of_them, "estimator_status": mavros.EstimatorStatus(**flags)}
+        data = struct.pack("<5fH10x", 0.1, 0.1, 0.1, 0.1, 0.1, self.ekf)
+        words = struct.unpack("<4Q", data)
+        received = mavros.Mavlink(framing_status=1, magic=253, len=22, sysid=1, compid=1, msgid=193, payload64=words)
+        return {**all_of_them, "received": received}
+
+    def messages_but_flags(self, number):
         pose, speed = PoseStamped(), TwistStamped()
         pose.pose.position.x, pose.pose.position.z = 2.0, self.height_m
         speed.twist.linear.z = 0.5
@@ -104,7 +121,6 @@ class FakeMavros:
                 current_battery=100,
                 battery_remaining=90,
             ),
-            "estimator_status": mavros.EstimatorStatus(**flags),
             "gpsstatus/gps1/raw": raw,
             "local_position/pose": pose,
             "local_position/velocity_local": speed,
@@ -118,7 +134,7 @@ def says_all(said) -> bool:
     return bool(known) and said.vertical_speed > 0 and said.battery_fraction > 0  # not a number is neither
 
 
-@at_once(6)
+@at_once(8)
 class TestMavros(unittest.TestCase):
     def setUp(self):
         self.space, self.statuses = f"/{self._testMethodName[:24]}", []
@@ -178,12 +194,39 @@ class TestMavros(unittest.TestCase):
         written = {**made("msg"), **made("srv")}
         self.assertEqual({name: written[name]._md5sum for name in MD5}, MD5)
 
-    def test_an_autopilot_that_is_no_px4_is_said_to_be_none(self):
-        self.wait(lambda said: said.mode == "AUTO.LOITER", "a vehicle")
-        self.mavros.mode = "GUIDED"
-        self.wait(lambda said: said.mode == "MODE.0.0", "a mode that is none of PX4's")
-        wait_for(lambda: "mavros says mode 'GUIDED', which is none of PX4's" in self.node.log, "the words")
+    def test_an_ardupilot_is_one_by_its_modes_and_its_pilot_by_loiter(self):
+        self.mavros.__dict__.update(mode="STABILIZE", ekf=0x33F)
+        self.wait(lambda said: said.mode == "STABILIZED" and said.position_valid, "an ArduPilot with a position")
+        self.mavros.__dict__.update(armed=True, landed=2, mode="AUTO", height_m=5.0)
+        self.wait(lambda said: said.mode == "AUTO.MISSION" and said.height > 4.9, "its mission")
+        self.assertFalse(self.statuses[-1].pilot_in_control)
+        self.mavros.mode = "LOITER"
+        self.wait(lambda said: said.mode == "POSCTL" and said.pilot_in_control, "its pilot")
+        self.assertIn("the pilot has control", self.call("land").message)
+        self.mavros.mode = "CMODE(25)"
+        self.wait(lambda said: said.mode == "MODE.255" and said.pilot_in_control, "a mode that is nobody's")
+        wait_for(lambda: "mavros says mode 'CMODE(25)', which is none of ArduPilot's" in self.node.log, "the words")
         self.assertEqual(self.node.log.count("mavros says"), 1)
+        self.assertEqual([name for name in self.mavros.asked if isinstance(name, str)], [])
+
+    def test_an_ardupilot_is_landed_by_its_own_name_of_the_mode(self):
+        self.mavros.__dict__.update(mode="STABILIZE", ekf=0x33F)
+        self.wait(lambda said: said.mode == "STABILIZED" and said.position_valid, "an ArduPilot with a position")
+        self.mavros.__dict__.update(armed=True, landed=2, mode="AUTO")
+        self.wait(lambda said: said.mode == "AUTO.MISSION" and said.armed, "its mission")
+        self.assertTrue(self.call("land").success)
+        self.wait(lambda said: said.mode == "AUTO.LAND", "the landing mode")
+        self.assertEqual([name for name in self.mavros.asked if isinstance(name, str)], ["LAND"])
+        self.mavros.ekf = 0xA7  # its position is lost
+        self.wait(lambda said: not said.position_valid, "no position")
+
+    def test_an_ardupilot_without_its_flags_is_not_ready_and_says_why(self):
+        self.mavros.__dict__.update(mode="STABILIZE", ekf=SILENT)
+        self.wait(lambda said: said.mode == "STABILIZED" and said.gps, "an ArduPilot")
+        rows = {row.name: row for row in self.call("check", srv.CheckAutopilot).checks}
+        self.assertIn("mavros hands on no EKF_STATUS_REPORT", rows["pre-arm check"].advice)
+        self.assertNotEqual(rows["pre-arm check"].verdict, CHECK.PASS)
+        self.assertFalse(self.statuses[-1].position_valid)
 
     def test_it_lands_through_set_mode_and_disarms_by_command(self):
         self.fly()

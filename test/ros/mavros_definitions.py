@@ -11,7 +11,7 @@ import importlib.util
 from pathlib import Path
 from typing import Any, Dict, Iterable, Iterator, Tuple
 
-__all__ = ["ESTIMATOR_FLAGS", "MD5", "install", "made"]
+__all__ = ["COPTER_MODES", "ESTIMATOR_FLAGS", "MD5", "install", "made"]
 
 MD5 = {
     "CommandLong": "eb9034afc87577c0a235d45b8f3437d2",
@@ -19,6 +19,7 @@ MD5 = {
     "ExtendedState": "ae780b1800fe17b917369d21b90058bd",
     "GPSRAW": "386bdffbf0a2d0436562395d516aa9bd",
     "HomePosition": "c1167922de8c97acdb0ec714c1dba774",
+    "Mavlink": "41093e1fd0f3eea1da2aa33a177e5ba6",
     "ParamGet": "777d24d2a7ab1765ef009a69f464d2bc",
     "ParamValue": "e2cb1c7a0f6ef0c62d450cd9362c980d",
     "PositionTarget": "dedb0081aaf8cb20209737746bb49117",
@@ -34,6 +35,28 @@ MD5 = {
     "WaypointSetCurrent": "f99aa1a911a80ab546ea470f4e90c807",
 }
 """Of each type, as others know it."""
+
+COPTER_MODES = {
+    0: "STABILIZE",
+    1: "ACRO",
+    2: "ALT_HOLD",
+    3: "AUTO",
+    4: "GUIDED",
+    5: "LOITER",
+    6: "RTL",
+    7: "CIRCLE",
+    9: "LAND",
+    11: "DRIFT",
+    13: "SPORT",
+    14: "FLIP",
+    15: "AUTOTUNE",
+    16: "POSHOLD",
+    17: "BRAKE",
+    18: "THROW",
+    19: "AVOID_ADSB",
+    20: "GUIDED_NOGPS",
+}
+"""Of an ArduCopter, as mavros 1.x names them; it says CMODE(number) of any other."""
 
 ESTIMATOR_FLAGS = (
     "attitude",
@@ -119,6 +142,11 @@ MESSAGES = {
     "HomePosition": HEADER
     + "geographic_msgs/GeoPoint geo\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n"
     + "geometry_msgs/Vector3 approach\n",
+    "Mavlink": _constants("FRAMING_", "OK BAD_CRC BAD_SIGNATURE", 1)
+    + _constants("MAVLINK_", "V10=254 V20=253")
+    + HEADER
+    + _fields("uint8", "framing_status magic len incompat_flags compat_flags seq sysid compid")
+    + "uint32 msgid\nuint16 checksum\nuint64[] payload64\nuint8[] signature\n",
     "ParamValue": "int64 integer\nfloat64 real\n",
     "Waypoint": "uint8 frame\n"
     + _constants("FRAME_", "GLOBAL LOCAL_NED MISSION GLOBAL_REL_ALT LOCAL_ENU")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The mission planner node through mavros: sent, compared, flown, held, resumed, landed; by set-points as well."""
+"""The mission planner node through mavros, of a PX4 and of an ArduPilot: sent, compared, flown, held, landed."""
 
 from __future__ import annotations
 
@@ -27,11 +27,13 @@ from mavros_msgs import srv as services  # noqa: E402
 STATUS, COMMAND = msg.MissionStatus, srv.MissionCommandRequest
 
 
-@at_once(2)
+@at_once(4)
 class TestMavrosPlanner(unittest.TestCase):
     def setUp(self):
-        self.space, self.statuses = f"/{self._testMethodName[:24]}", []
-        self.vehicle = MavrosVehicle(f"{self.space}/mavros", QUICK, messages, services)
+        self.space, self.statuses = f"/{self._testMethodName[:34]}", []
+        self.vehicle = MavrosVehicle(
+            f"{self.space}/mavros", QUICK, messages, services, ardupilot="ardupilot" in self._testMethodName
+        )
         rospy.Subscriber(f"{self.space}/mission_planner/status", STATUS, self.statuses.append)
         overrides = ["autopilot.backend=mavros", f"autopilot.mavros={self.space}/mavros"]
         self.node = OneNode("mission_planner", self.space, overrides, missions=MISSIONS, modules=PATH)
@@ -88,6 +90,39 @@ class TestMavrosPlanner(unittest.TestCase):
         self.assertEqual(self.vehicle.craft.mode, "OFFBOARD")
         self.command(COMMAND.LAND)
         self.wait_phase(STATUS.LANDED)
+        self.assertLess(self.statuses[-1].waypoint, 4)
+
+    def test_an_ardupilot_s_mission_is_sent_compared_flown_held_resumed_and_landed(self):
+        self.vehicle.spoils = 1
+        self.take_off("hop")
+        transfers = [name for name in self.vehicle.called if name in ("push", "pull")]
+        self.assertEqual(transfers, [*["push", "pull"] * 2, "pull"])
+        self.command(COMMAND.HOLD)
+        self.wait_phase(STATUS.HOLDING)
+        self.assertEqual(self.vehicle.called[-1], "BRAKE")
+        self.command(COMMAND.RESUME)
+        self.wait_phase(STATUS.LANDED)
+        self.assertEqual((self.statuses[-1].waypoint, self.statuses[-1].waypoints), (4, 4))
+        self.assertFalse(self.vehicle.craft.armed)
+        self.assertLess({"GUIDED", "BRAKE", "AUTO"}, {*self.vehicle.called})
+
+    def test_an_ardupilot_whose_pilot_switches_to_loiter_is_left_alone(self):
+        self.take_off("hop")
+        with self.vehicle.lock:
+            self.vehicle.craft.pilot_takes_over("POSCTL", 4_000_000_000)
+        wait_for(lambda: "the pilot has control" in self.statuses[-1].message, lambda: f"a pilot: {self.statuses[-1:]}")
+        asked = list(self.vehicle.called)
+        for action in (COMMAND.LAND, COMMAND.HOLD, COMMAND.RESUME):
+            answer = self.order("s1", action)
+            self.assertEqual((answer.accepted, answer.message), (False, "the pilot has control (mode POSCTL)"))
+        self.assertEqual((self.vehicle.craft.mode, self.vehicle.called), ("POSCTL", asked))
+
+    def test_an_ardupilot_by_set_points_is_landed_early(self):
+        self.take_off("indoors")
+        self.assertEqual(self.vehicle.craft.mode, "OFFBOARD")
+        self.command(COMMAND.LAND)
+        self.wait_phase(STATUS.LANDED)
+        self.assertEqual([name for name in self.vehicle.called if name == "LAND"][:1], ["LAND"])
         self.assertLess(self.statuses[-1].waypoint, 4)
 
 

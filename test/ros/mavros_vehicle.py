@@ -1,21 +1,23 @@
-"""A stand-in for mavros with the simulated PX4 behind it: topics of its MAVLink, services that speak it to it."""
+"""A stand-in for mavros with a simulated PX4 or ArduPilot behind it: topics of its MAVLink, services that speak it."""
 
 from __future__ import annotations
 
 import contextlib
 import math
+import struct
 import threading
 import time
 
 import rospy
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from mavros_definitions import ESTIMATOR_FLAGS
+from mavros_definitions import COPTER_MODES, ESTIMATOR_FLAGS
 from pymavlink.dialects.v20 import common as mavlink
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64
 
 from amaze_autonomy.autopilot.vehicle.modes import mode_name, px4_number
 from amaze_autonomy.missions import FlightModel
+from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Craft, Framing, Px4
 from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
 from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
@@ -33,14 +35,20 @@ class MavrosVehicle:
         model: how the vehicle flies.
         messages: mavros_msgs.msg.
         services: mavros_msgs.srv.
+        ardupilot: behind it is one.
     """
 
-    def __init__(self, namespace, model: FlightModel, messages, services):
+    def __init__(self, namespace, model: FlightModel, messages, services, *, ardupilot=False):
         self.lock, self.ended = threading.RLock(), threading.Event()
-        self.craft = Craft(VehicleSettings(model=model), time.monotonic_ns())
-        self.px4 = Px4(self.craft, Power(PowerSettings()), time.monotonic_ns(), unix_ns=time.time_ns())
+        craft, vehicle = (ArduCraft, ArduPilot) if ardupilot else (Craft, Px4)
+        self.craft, self._ardupilot = craft(VehicleSettings(model=model), time.monotonic_ns()), ardupilot
+        self.px4 = vehicle(self.craft, Power(PowerSettings()), time.monotonic_ns(), unix_ns=time.time_ns())
         self.px4.connect("mavros")
         self._framing, self._messages, self._services = Framing(255, 191), messages, services
+        self._sent = Framing(1, 1)
+        self._received = rospy.Publisher(
+            f"{namespace.rpartition('/')[0]}/mavlink/from", messages.Mavlink, queue_size=100
+        )
         self._waypoints, self._current, self._heard, self.called = (), 0, [], []
         self.spoils = 0  # pushes in which a waypoint is changed on its way
         kinds = {
@@ -94,6 +102,7 @@ class MavrosVehicle:
             answers = [each for each in said if each.get_type().startswith(("MISSION_", "COMMAND_ACK"))]
             self._heard = [*self._heard, *answers][-500:]
             for message in said:
+                self._publish_received(self._sent.encode(message))
                 make = _MAKES.get(message.get_type())
                 if make is not None:
                     make(self, message)
@@ -119,6 +128,10 @@ class MavrosVehicle:
 
     def set_mode(self, request):
         self.called.append(request.custom_mode)
+        if self._ardupilot:
+            number = next(number for number, name in COPTER_MODES.items() if name == request.custom_mode)
+            self._send(mavlink.MAVLink_set_mode_message(1, 1, number))
+            return self._services.SetModeResponse(mode_sent=True)
         main, sub = px4_number(request.custom_mode)
         self._send(mavlink.MAVLink_command_long_message(1, 1, 176, 0, 1, main, sub, 0, 0, 0, 0))
         return self._services.SetModeResponse(mode_sent=True)
@@ -186,6 +199,17 @@ class MavrosVehicle:
 
     # --- topics ---------------------------------------------------------------------------------------------------
 
+    def _publish_received(self, frame):
+        """Publish what came from the vehicle, of MAVLink 2 without a signature, as mavros hands it on."""
+        if not self._received.get_num_connections():
+            return
+        length, _, _, number, system, component = frame[1:7]
+        padded = frame[10 : 10 + length].ljust(-(-length // 8) * 8, b"\xaa")
+        payload = struct.unpack(f"<{len(padded) // 8}Q", padded)
+        message = self._messages.Mavlink(framing_status=1, magic=frame[0], len=length, seq=number, sysid=system)
+        message.compid, message.msgid, message.payload64 = component, int.from_bytes(frame[7:10], "little"), payload
+        self._received.publish(message)
+
     def _publish(self, topic, message):
         self._publishers[topic].publish(message)
 
@@ -194,7 +218,9 @@ class MavrosVehicle:
 
     def _heartbeat(self, said):
         state = self._messages.State(connected=True, armed=bool(said.base_mode & 128))
-        state.mode, state.system_status = mode_name(12, said.custom_mode), said.system_status
+        number = said.custom_mode
+        state.mode = COPTER_MODES.get(number, f"CMODE({number})") if self._ardupilot else mode_name(12, number)
+        state.system_status = said.system_status
         self._publish("state", state)
 
     def _extended(self, said):

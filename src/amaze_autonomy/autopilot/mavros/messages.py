@@ -1,22 +1,29 @@
 """What mavros says, as the MAVLink messages that it was made of; by the fields of its messages alone, without ROS.
 
 So one client serves both ways to the vehicle. The table at the end: topic below mavros' namespace, type, what is made.
-PX4 only: the names of modes are turned back into PX4's numbers.
+The names of modes are turned back into numbers, and tell whose they are (`Behind`). Whether ArduPilot has a position is
+in EKF_STATUS_REPORT alone, of which mavros makes no topic: it is taken from `mavlink/from`, all that mavros receives.
 """
 
 from __future__ import annotations
 
+import struct
 from math import asin, atan2, isfinite, nan, pi
 from typing import Any, Callable, Iterable, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.monitoring.gravity import up_of_quaternion
 
 from ..link.dialect import Message, mavlink
-from ..vehicle.modes import px4_number
+from ..vehicle.modes import autopilot_of, mavros_number
 
-__all__ = ["STATE", "VEHICLE", "WAYPOINTS", "Converter", "Source", "mode_problem", "sources_of"]
+__all__ = ["EKF", "RECEIVED", "STATE", "VEHICLE", "WAYPOINTS", "Behind", "Converter", "Source", "sources_of"]
 
 VEHICLE = (1, 1)
+EKF = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
+_UNKNOWN_AUTOPILOT, _NO_MODE = int(mavlink.MAV_AUTOPILOT_GENERIC), 255  # of PX4 it is 0.0
+_NAMES = {mavlink.MAV_AUTOPILOT_PX4: "PX4's", mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot's"}
+_IN_A_ROW = 5  # states that say another autopilot than the known one, disarmed
+_FRAMING_OK = 1
 _UNKNOWN_MV, _UNKNOWN = 65535, -1
 _DEG7 = 1e7
 _BATTERIES = 256  # that 8 bits tell apart
@@ -39,25 +46,50 @@ class Source(NamedTuple):
     make: Callable[[Any], Optional[Message]]
 
 
-def _state(message: Any) -> Optional[Message]:
-    """Return the HEARTBEAT of a mavros_msgs/State; None while mavros is not connected to the vehicle."""
-    if not message.connected:
-        return None
-    main, sub = px4_number(message.mode) or (0, 0)
+class Behind:
+    """Which autopilot is behind mavros: the one whose modes it names; nobody's before such a name.
+
+    Both have an ACRO, and a number (`CMODE(25)`) or a name that nobody has says nothing: then it stays. Once known it
+    does not change in the air, and on the ground only by several states in a row: as another autopilot the vehicle
+    would not understand its landing, and its mission would be off by one.
+    """
+
+    def __init__(self) -> None:
+        self.autopilot = _UNKNOWN_AUTOPILOT
+        self._others = 0
+
+    def add(self, message: Any) -> None:
+        """Take a mavros_msgs/State of a connected mavros."""
+        named = autopilot_of(message.mode)
+        if self.autopilot == _UNKNOWN_AUTOPILOT:
+            self.autopilot = self.autopilot if named is None else named
+        other = named not in (None, self.autopilot) and not message.armed
+        self._others = self._others + 1 if other else 0
+        if named is not None and self._others >= _IN_A_ROW:
+            self.autopilot, self._others = named, 0
+
+    def problem(self, message: Any) -> str:
+        """Return what is wrong with the mode of a mavros_msgs/State, in words; empty when it is one of its own."""
+        if not message.connected or not message.mode or mavros_number(self.autopilot, message.mode) is not None:
+            return ""
+        whose = _NAMES.get(self.autopilot, "neither PX4's nor ArduPilot's")
+        kind = f"none of {whose}" if self.autopilot in _NAMES else whose
+        return f"mavros says mode {message.mode!r}, which is {kind}: whoever chose it has control"
+
+
+def _state(message: Any, autopilot: int) -> Message:
+    """Return the HEARTBEAT of a mavros_msgs/State; a mode that is not the autopilot's is none that we know."""
+    number = mavros_number(autopilot, message.mode)
     base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     if message.armed:
         base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, base, sub << 24 | main << 16, message.system_status, 3
-    )
-
-
-def mode_problem(message: Any) -> str:
-    """Return what is wrong with the mode of a mavros_msgs/State, in words; empty when it is one of PX4's."""
-    if not message.connected or not message.mode or px4_number(message.mode) is not None:
-        return ""
-    return (
-        f"mavros says mode {message.mode!r}, which is none of PX4's: whoever chose it has control (PX4 only this way)"
+        mavlink.MAV_TYPE_QUADROTOR,
+        autopilot,
+        base,
+        _NO_MODE if number is None else number,
+        message.system_status,
+        3,
     )
 
 
@@ -195,6 +227,17 @@ def _apart(_: Any) -> None:
     """Say nothing by itself."""
 
 
+def _ekf(message: Any) -> Optional[Message]:
+    """Return the EKF_STATUS_REPORT in a mavros_msgs/Mavlink; MAVLink 2 leaves zeros at the end out of a payload."""
+    kind, size = mavlink.MAVLink_ekf_status_report_message, 8 * len(message.payload64)
+    if message.msgid != EKF or message.framing_status != _FRAMING_OK or message.len > size:
+        return None
+    data = struct.pack(f"<{len(message.payload64)}Q", *message.payload64)[: message.len]
+    form = struct.Struct(bytes(kind.native_format).decode("ascii"))
+    values = form.unpack(data.ljust(form.size, b"\0")[: form.size])
+    return kind(*(values[place] for place in kind.orders))
+
+
 def _home(message: Any) -> Message:
     where = message.position
     return mavlink.MAVLink_home_position_message(0, 0, 0, where.y, where.x, -where.z, [1, 0, 0, 0], 0, 0, 0)
@@ -203,11 +246,14 @@ def _home(message: Any) -> Message:
 _PARTS_APART = 5  # so many of one part may come without the other
 _VELOCITY = Source("local_position/velocity_local", "geometry_msgs/TwistStamped", "LOCAL_POSITION_NED", _apart)
 _HEIGHT = Source("global_position/rel_alt", "std_msgs/Float64", "GLOBAL_POSITION_INT", _apart)
-STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _state)
+STATE = Source("state", "mavros_msgs/State", "HEARTBEAT", _apart)
+RECEIVED = Source("mavlink/from", "mavros_msgs/Mavlink", "EKF_STATUS_REPORT", _ekf)
+"""Beside mavros' namespace, not below it; of ArduPilot alone, since each message that mavros receives costs time."""
 WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
 """What `MavrosMission` reads."""
 _SOURCES: Tuple[Source, ...] = (
     STATE,
+    RECEIVED,
     Source("extended_state", "mavros_msgs/ExtendedState", "EXTENDED_SYS_STATE", _extended_state),
     Source("sys_status", "mavros_msgs/SysStatus", "SYS_STATUS", _sys_status),
     Source("battery", "sensor_msgs/BatteryState", "BATTERY_STATUS", _battery),
@@ -235,16 +281,23 @@ def sources_of(wanted: Iterable[str]) -> Tuple[Source, ...]:
 class Converter:
     """Makes MAVLink messages of topics; puts together what comes apart: position and velocity, place and height.
 
+    What mavros receives may be of any vehicle on its link; `target`, system and component, is the one that it flies.
+
     mavros publishes both parts of one message of the vehicle together: a part whose topic has ended is unknown after a
     few of the other, not what it was last.
     """
 
     def __init__(self) -> None:
+        self.behind, self.target = Behind(), VEHICLE
         self._velocity, self._height_mm = (nan, nan, nan), 0
         self._without = {_VELOCITY.makes: _PARTS_APART, _HEIGHT.makes: _PARTS_APART}
 
     def convert(self, source: Source, message: Any) -> Optional[Message]:
         """Return the MAVLink message of a message on a topic; None: it says nothing by itself."""
+        if source is STATE:
+            return self._heartbeat(message)
+        if source is RECEIVED and (message.sysid, message.compid) != self.target:
+            return None
         if source is _VELOCITY:
             speed = message.twist.linear
             self._velocity, self._without[source.makes] = (speed.y, speed.x, -speed.z), 0
@@ -260,3 +313,10 @@ class Converter:
             return made
         made.relative_alt = self._height_mm
         return made if known else None
+
+    def _heartbeat(self, message: Any) -> Optional[Message]:
+        """Return the HEARTBEAT of a mavros_msgs/State; None while mavros is not connected to the vehicle."""
+        if not message.connected:
+            return None
+        self.behind.add(message)
+        return _state(message, self.behind.autopilot)

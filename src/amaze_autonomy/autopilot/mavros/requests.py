@@ -11,7 +11,7 @@ import math
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..link.dialect import Message, mavlink
-from ..vehicle.modes import mode_name
+from ..vehicle.modes import mavros_name
 
 __all__ = ["Lane", "MavrosMission", "Publication", "Request", "Taken", "publication_of", "request_of"]
 
@@ -58,28 +58,37 @@ class Publication(NamedTuple):
     fields: Dict[str, Any]
 
 
-def request_of(message: Message) -> Optional[Request]:
-    """Return the service of mavros that does what a message asks for; None: mavros does it by itself, or cannot."""
+def request_of(message: Message, autopilot: int) -> Optional[Request]:
+    """Return the service of mavros that does what a message asks for; None: mavros does it by itself, or cannot.
+
+    Args:
+        message: to the vehicle.
+        autopilot: behind mavros (MAV_AUTOPILOT), whose number of a mode becomes mavros' name of it.
+    """
     make = _REQUESTS.get(message.get_type())
-    return None if make is None else make(message)
+    return None if make is None else make(message, autopilot)
 
 
-def _parameter(message: Message) -> Request:
+def _parameter(message: Message, _: int) -> Request:
     return Request("param/get", "ParamGet", {"param_id": message.param_id})
 
 
-def _command(message: Message) -> Request:
+def _command(message: Message, autopilot: int) -> Request:
     lane = Lane.URGENT if message.command in _URGENT else Lane.REST
     if message.command == mavlink.MAV_CMD_DO_SET_MODE:
-        number = int(message.param3) << 24 | int(message.param2) << 16
-        mode = mode_name(mavlink.MAV_AUTOPILOT_PX4, number)
-        return Request("set_mode", "SetMode", {"base_mode": 0, "custom_mode": mode}, message.command, lane)
+        main, sub = int(message.param2), int(message.param3)
+        number = main if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA else sub << 24 | main << 16
+        fields = {"base_mode": 0, "custom_mode": mavros_name(autopilot, number)}
+        return Request("set_mode", "SetMode", fields, message.command, lane)
     parameters = {f"param{number}": getattr(message, f"param{number}") for number in range(1, 8)}
-    fields = {"broadcast": False, "command": message.command, "confirmation": 0, **parameters}
-    return Request("cmd/command", "CommandLong", fields, message.command, lane)
+    long = {"broadcast": False, "command": message.command, "confirmation": 0, **parameters}
+    return Request("cmd/command", "CommandLong", long, message.command, lane)
 
 
-_REQUESTS: Mapping[str, Callable[[Message], Request]] = {"PARAM_REQUEST_READ": _parameter, "COMMAND_LONG": _command}
+_REQUESTS: Mapping[str, Callable[[Message, int], Request]] = {
+    "PARAM_REQUEST_READ": _parameter,
+    "COMMAND_LONG": _command,
+}
 
 
 def publication_of(message: Message) -> Optional[Publication]:
@@ -105,7 +114,8 @@ def publication_of(message: Message) -> Optional[Publication]:
 #
 # `MissionUpload` speaks to it as to a vehicle. Items are asked for at once and pushed together; reading back is a
 # pull, which makes mavros read the vehicle's own mission again, and the list that it publishes then. While a push or
-# a pull is under way nothing is answered: whoever asks, asks again.
+# a pull is under way nothing is answered: whoever asks, asks again. mavros leaves the items as they are: ArduPilot's
+# item 0, home, is pushed and pulled with the others.
 #
 #     MISSION_COUNT, MISSION_ITEM_INT   ->  mission/push         ->  MISSION_ACK
 #     MISSION_REQUEST_LIST              ->  mission/pull         ->  MISSION_COUNT, when mission/waypoints has come

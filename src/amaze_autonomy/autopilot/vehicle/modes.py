@@ -17,8 +17,11 @@ __all__ = [
     "LANDING_MODES",
     "MANUAL_MODES",
     "NEVER_OURS",
+    "autopilot_of",
     "is_foreign",
     "is_piloted",
+    "mavros_name",
+    "mavros_number",
     "mode_name",
     "mode_number",
     "px4_number",
@@ -50,31 +53,35 @@ _AUTO: Mapping[int, str] = {
     9: "AUTO.PRECLAND",
     10: "AUTO.VTOL_TAKEOFF",
 }
-_ARDUPILOT: Mapping[int, str] = {
-    0: "STABILIZED",
-    1: "ACRO",
-    2: "ALTCTL",  # ALT_HOLD
-    3: "AUTO.MISSION",
-    4: "OFFBOARD",  # GUIDED
-    5: "POSCTL",  # LOITER
-    6: "AUTO.RTL",
-    7: "ORBIT",  # CIRCLE
-    9: "AUTO.LAND",
-    11: "DRIFT",
-    13: "SPORT",
-    14: "FLIP",
-    15: "ALTCTL",  # AUTOTUNE
-    16: "POSCTL",  # POSHOLD
-    17: "AUTO.LOITER",  # BRAKE
-    18: "THROW",
-    20: "OFFBOARD",  # GUIDED_NOGPS
-    21: "AUTO.RTL",  # SMART_RTL
-    22: "POSCTL",  # FLOWHOLD
-    23: "AUTO.FOLLOW_TARGET",
-    24: "POSCTL",  # ZIGZAG
-    27: "AUTO.RTL",  # AUTO_RTL
-}
 _UNKNOWN = "MODE."
+_ARDUPILOT: Tuple[Tuple[int, str, str], ...] = (
+    (0, "STABILIZE", "STABILIZED"),
+    (1, "ACRO", "ACRO"),
+    (2, "ALT_HOLD", "ALTCTL"),
+    (3, "AUTO", "AUTO.MISSION"),
+    (4, "GUIDED", "OFFBOARD"),
+    (5, "LOITER", "POSCTL"),
+    (6, "RTL", "AUTO.RTL"),
+    (7, "CIRCLE", "ORBIT"),
+    (9, "LAND", "AUTO.LAND"),
+    (11, "DRIFT", "DRIFT"),
+    (13, "SPORT", "SPORT"),
+    (14, "FLIP", "FLIP"),
+    (15, "AUTOTUNE", "ALTCTL"),
+    (16, "POSHOLD", "POSCTL"),
+    (17, "BRAKE", "AUTO.LOITER"),
+    (18, "THROW", "THROW"),
+    (19, "AVOID_ADSB", f"{_UNKNOWN}19"),
+    (20, "GUIDED_NOGPS", "OFFBOARD"),
+    (21, "SMART_RTL", "AUTO.RTL"),
+    (21, "CMODE(21)", "AUTO.RTL"),
+    (22, "CMODE(22)", "POSCTL"),  # FLOWHOLD
+    (23, "CMODE(23)", "AUTO.FOLLOW_TARGET"),
+    (24, "CMODE(24)", "POSCTL"),  # ZIGZAG
+    (27, "CMODE(27)", "AUTO.RTL"),  # AUTO_RTL
+)
+"""ArduCopter's modes: number, mavros' name, ours. mavros 1.x has no name for a mode above 20, and says its number."""
+_ARDUPILOT_NAMES: Mapping[int, str] = {number: name for number, _, name in _ARDUPILOT}
 _ARDUSUB: Mapping[int, str] = {
     0: "STABILIZED",
     1: "ACRO",
@@ -89,24 +96,15 @@ _ARDUSUB: Mapping[int, str] = {
     21: "ALTCTL",  # SURFTRAK
 }
 ARDUPILOT_NAMES: Mapping[str, str] = {
-    "STABILIZE": "STABILIZED",
-    "ALT_HOLD": "ALTCTL",
-    "AUTO": "AUTO.MISSION",
-    "GUIDED": "OFFBOARD",
-    "LOITER": "POSCTL",
-    "RTL": "AUTO.RTL",
-    "CIRCLE": "ORBIT",
-    "LAND": "AUTO.LAND",
-    "AUTOTUNE": "ALTCTL",
-    "POSHOLD": "POSCTL",
-    "BRAKE": "AUTO.LOITER",
-    "GUIDED_NOGPS": "OFFBOARD",
-    "SMART_RTL": "AUTO.RTL",
+    **{said: name for _, said, name in _ARDUPILOT},
     "SURFACE": f"{_UNKNOWN}SURFACE",
 }
-"""Names that mavros has for ArduPilot's modes."""
+"""Our names of ArduPilot's modes by those that mavros has for them; SURFACE is ArduSub's."""
 
-_ARDUPILOT_NUMBERS: Mapping[str, int] = {"AUTO.LAND": 9, "AUTO.MISSION": 3, "OFFBOARD": 4, "AUTO.LOITER": 17}
+_COMMANDED: FrozenSet[str] = frozenset({LAND, "AUTO.MISSION", "OFFBOARD", "AUTO.LOITER"})
+_ARDUPILOT_NUMBERS: Mapping[str, int] = {
+    name: number for number, _, name in reversed(_ARDUPILOT) if name in _COMMANDED
+}  # of GUIDED and GUIDED_NOGPS the first
 
 MANUAL_MODES: FrozenSet[str] = frozenset(
     {"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED", "RATTITUDE", "ORBIT", "DRIFT", "SPORT", "FLIP", "THROW"}
@@ -129,7 +127,7 @@ def is_foreign(mode: str) -> bool:
 def mode_name(autopilot: int, custom_mode: int, vehicle: int = mavlink.MAV_TYPE_QUADROTOR) -> str:
     """Return the name of a heartbeat's mode; one that nobody knows is named by its number, never left empty."""
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
-        names = _ARDUSUB if vehicle == mavlink.MAV_TYPE_SUBMARINE else _ARDUPILOT
+        names = _ARDUSUB if vehicle == mavlink.MAV_TYPE_SUBMARINE else _ARDUPILOT_NAMES
         return names.get(custom_mode, f"{_UNKNOWN}{custom_mode}")
     main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
     name = _AUTO.get(sub) if main == _AUTO_MAIN else _MAIN.get(main)
@@ -152,3 +150,31 @@ def mode_number(autopilot: int, name: str) -> Optional[Tuple[int, int]]:
         number = _ARDUPILOT_NUMBERS.get(name)
         return None if number is None else (number, 0)
     return px4_number(name)
+
+
+# --- mavros' names ----------------------------------------------------------------------------------------------------
+
+
+def mavros_name(autopilot: int, custom_mode: int) -> str:
+    """Return what mavros calls the mode of a heartbeat; PX4's modes have our names there."""
+    if autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        return mode_name(autopilot, custom_mode)
+    said = (name for number, name, _ in _ARDUPILOT if number == custom_mode)
+    return next(said, f"CMODE({custom_mode})")
+
+
+def mavros_number(autopilot: int, name: str) -> Optional[int]:
+    """Return the mode of a heartbeat that mavros calls so; None: this autopilot has no such."""
+    if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        return next((number for number, said, _ in _ARDUPILOT if said == name), None)
+    known = px4_number(name)
+    return None if known is None else known[1] << 24 | known[0] << 16
+
+
+def autopilot_of(name: str) -> Optional[int]:
+    """Return whose mode mavros calls so; None: both have it (ACRO), nobody has, or it is a number."""
+    if name.startswith("CMODE("):
+        return None
+    both = (mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    found = [autopilot for autopilot in both if mavros_number(autopilot, name) is not None]
+    return int(found[0]) if len(found) == 1 else None

@@ -76,6 +76,11 @@ class Position:
         if all(isfinite(value) and abs(value) < _FARTHEST_M for value in where):
             self._home = where
 
+    @property
+    def judged(self) -> bool:
+        """Whether its estimator ever said how good its estimate is."""
+        return self._flags is not None
+
     def valid(self, t_ns: int) -> bool:
         """Return whether the estimator stands by its horizontal position."""
         return self._has(t_ns, _HORIZONTAL) and self._has(t_ns, _VELOCITY_HORIZONTAL)

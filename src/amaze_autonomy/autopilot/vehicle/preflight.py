@@ -25,6 +25,11 @@ _COMPLAINTS_NS = 60 * _S
 _CHARGING = 7
 _LONGEST_ADVICE = 300
 _MOST_CHANNELS, _NO_PULSE = 18, (0, 65535)
+_NO_FLAGS = (
+    "mavros hands on no EKF_STATUS_REPORT of this ArduPilot, so its position is unknown: look whether mavlink/from "
+    "beside mavros' namespace has it (docs/autopilot.md)"
+)
+_NOBODYS = "mavros names a mode that neither PX4 nor ArduPilot has, so nobody knows how to land it: choose another mode"
 _OTHER_NAMES = "this ArduPilot knows none of ardupilot_parameters in autopilot.yaml (docs/autopilot.md)"
 
 
@@ -72,9 +77,16 @@ def _is_ardupilot(known: Preflight) -> bool:
 
 def _link(known: Preflight) -> Check:
     limit = known.settings.limits.link_age_limit_ns / _S
-    verdict = Verdict.PASS if known.connected else Verdict.FAIL
-    advice = "" if known.connected else "the autopilot is not heard: check cable, port and baud rate"
-    return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice, heals=not known.connected)
+    heard = "" if known.connected else "the autopilot is not heard: check cable, port and baud rate"
+    advice = heard or (_NOBODYS if _is_nobodys(known) else "")
+    verdict = Verdict.FAIL if advice else Verdict.PASS
+    return Check("autopilot link", verdict, known.age_s, limit, "s", known.age_s, advice, heals=bool(advice))
+
+
+def _is_nobodys(known: Preflight) -> bool:
+    """Return whether mavros has not yet named a mode that tells the autopilot behind it."""
+    beat, through_mavros = known.vehicle.beat, known.settings.backend == "mavros"
+    return through_mavros and beat is not None and beat.autopilot == mavlink.MAV_AUTOPILOT_GENERIC
 
 
 def _one_vehicle(known: Preflight) -> Check:
@@ -115,6 +127,8 @@ def _prearm(known: Preflight) -> Check:
 def _said(texts: Sequence[str], known: Preflight) -> str:
     if texts:
         return "the autopilot says: " + "; ".join(texts)
+    if known.settings.backend == "mavros" and _is_ardupilot(known) and not known.vehicle.position.judged:
+        return _NO_FLAGS
     if not known.vehicle.position.valid(known.t_ns):
         return "the autopilot has no valid position: wait for its estimator"
     return "the autopilot names no reason (on a link without a ground station it withholds them): see there"

@@ -1,8 +1,9 @@
 """The way to the vehicle through a running mavros, with the face of a `Connection`: topics in, services out.
 
 Subscribes to the topics of which the wanted messages are made, calls `set_mode`, `cmd/command`, `param/get` and
-`mission/*`, publishes `setpoint_raw/local`. Services are called by threads of their own, one for each lane, each call
-within a limit of mavros' own making; what was asked twice meanwhile is asked once.
+`mission/*`, publishes `setpoint_raw/local`. Behind it is PX4 or ArduPilot, by the names of its modes; of ArduPilot it
+listens to `mavlink/from` beside mavros' namespace, too (`messages.py`). Services are called by threads of their own,
+one for each lane, each call within a limit of mavros' own making; what was asked twice meanwhile is asked once.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from amaze_autonomy.autopilot import Client, LinkState
 
 from ...autopilot.link.connection import ClientHost
 from ...autopilot.link.dialect import Message, mavlink
-from ...autopilot.mavros.messages import STATE, VEHICLE, WAYPOINTS, Converter, Source, mode_problem, sources_of
+from ...autopilot.mavros.messages import EKF, RECEIVED, STATE, VEHICLE, WAYPOINTS, Converter, Source, sources_of
 from ...autopilot.mavros.requests import Lane, MavrosMission, Publication, Request, publication_of, request_of
 from ...ros.errors import StartError
 
 __all__ = ["MavrosLink"]
 
-_QUEUE = 20
+_QUEUE, _RECEIVED = 20, 200
 _WAKE_S = 0.05
 _WAITING = 16
 _HOW = "install mavros for this ROS, or use backend: mavlink through mavros' GCS port (docs/autopilot.md)"
@@ -61,6 +62,7 @@ class MavrosLink(ClientHost):
         self._requests: Dict[Lane, queue.Queue[Request]] = {lane: queue.Queue(_WAITING) for lane in Lane}
         self._ended = threading.Event()
         self._heartbeat_ns: Any = None
+        self._listens = False
         self._frames = self._unsent = 0
         self._publishers: Dict[str, Any] = {}
         self._kinds = {source: _message(source.kind) for source in sources_of(wanted)}
@@ -71,8 +73,9 @@ class MavrosLink(ClientHost):
     def start(self) -> None:
         """Subscribe, and begin to look at the time."""
         for source, kind in self._kinds.items():
-            topic = f"{self._namespace}/{source.topic}"
-            rospy.Subscriber(topic, kind, self._take, callback_args=source, queue_size=_QUEUE, tcp_nodelay=True)
+            if source is not RECEIVED:
+                topic = f"{self._namespace}/{source.topic}"
+                rospy.Subscriber(topic, kind, self._take, callback_args=source, queue_size=_QUEUE, tcp_nodelay=True)
         threading.Thread(target=self._wake, name="mavros wake", daemon=True).start()
         for lane in Lane:
             threading.Thread(target=self._serve, args=(lane,), name=f"mavros {lane.value}", daemon=True).start()
@@ -109,6 +112,23 @@ class MavrosLink(ClientHost):
 
     # --- threads --------------------------------------------------------------------------------------------------
 
+    def _listen(self) -> None:
+        """Take what mavros receives of the vehicle that it flies; in a thread of its own, since the master is asked."""
+        topic = f"{self._namespace.rpartition('/')[0]}/{RECEIVED.topic}"
+        try:
+            self._converter.target = (self._target("system"), self._target("component"))
+            rospy.Subscriber(topic, self._kinds[RECEIVED], self._take_received, queue_size=_RECEIVED, tcp_nodelay=True)
+        except (OSError, rospy.ROSException) as error:
+            self._listens = False  # with the next state it is tried again
+            rospy.logerr("%s: %s", topic, error)
+
+    def _target(self, name: str) -> int:
+        return int(rospy.get_param(f"{self._namespace}/target_{name}_id", 1))
+
+    def _take_received(self, message: Any) -> None:
+        if message.msgid == EKF:
+            self._take(message, RECEIVED)
+
     def _take(self, message: Any, source: Source) -> None:
         with self._changed:
             self._frames += 1
@@ -119,11 +139,20 @@ class MavrosLink(ClientHost):
     def _made(self, source: Source, message: Any) -> Iterable[Message]:
         if source is WAYPOINTS:
             return self._mission.listed(message)
-        problem = mode_problem(message) if source is STATE else ""
+        made = self._converter.convert(source, message)
+        if source is STATE:
+            self._look_behind(message)
+        return () if made is None else (made,)
+
+    def _look_behind(self, message: Any) -> None:
+        """Say what is wrong with the mode; listen to what ArduPilot sends, from when it is known to be one."""
+        behind = self._converter.behind
+        problem = behind.problem(message)
         if problem:
             self._say(problem)
-        made = self._converter.convert(source, message)
-        return () if made is None else (made,)
+        if behind.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and RECEIVED in self._kinds and not self._listens:
+            self._listens = True
+            threading.Thread(target=self._listen, name="mavros received", daemon=True).start()
 
     def _give(self, message: Message) -> None:
         """Give the client a message, and send what it says to it."""
@@ -153,7 +182,7 @@ class MavrosLink(ClientHost):
                 waiting.extend(self._client.receive(self._now_ns(), answer))
 
     def _pass_on(self, message: Message) -> None:
-        publication, request = publication_of(message), request_of(message)
+        publication, request = publication_of(message), request_of(message, self._converter.behind.autopilot)
         if publication is not None:
             self._publish(publication)
         elif request is not None:
