@@ -11,11 +11,14 @@ from amaze_autonomy.autopilot.mavros.messages import RECEIVED, STATE, Behind, Co
 from amaze_autonomy.autopilot.mavros.requests import Lane, Publication, Request, publication_of, request_of
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES
 from amaze_autonomy.autopilot.vehicle.battery import Battery
-from amaze_autonomy.autopilot.vehicle.client import command_long, set_mode
+from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, command_long, set_mode
 from amaze_autonomy.autopilot.vehicle.control import Heartbeat
 from amaze_autonomy.autopilot.vehicle.modes import ARDUPILOT_NAMES, autopilot_of, mavros_name, mavros_number, mode_name
 from amaze_autonomy.autopilot.vehicle.position import Position
 from amaze_autonomy.autopilot.vehicle.vehicle import WANTED
+from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.engine.events import Verdict
+from amaze_autonomy.monitoring.specs import BatterySpec
 from amaze_autonomy.simulation.px4 import Framing
 
 SOURCES = sources_of({*WANTED, *PLANNER_MESSAGES})
@@ -134,6 +137,62 @@ def test_without_a_vehicle_behind_mavros_nothing_is_learnt():
     behind = Converter()
     assert behind.convert(STATE, state("GUIDED", connected=False)) is None
     assert behind.behind.autopilot == NOBODY
+
+
+def client(*states, backend="mavros"):
+    """Return the client of the autopilot node, and what it sent, after mavros has told so."""
+    node, converter = (
+        AutopilotClient(AutopilotSettings(backend=backend), BatterySpec(cells=4), lambda: (1, 1)),
+        Converter(),
+    )
+    for each in states:
+        node.receive(0, converter.convert(STATE, each))
+    return node
+
+
+def row(node, name):
+    return next(each for each in node.rows(0, None) if each.name == name)
+
+
+def test_nobody_takes_off_before_it_is_known_who_lands_it():
+    unknown = row(client(state("CMODE(25)")), "autopilot link")
+    assert (unknown.verdict, unknown.heals) == (Verdict.FAIL, True)
+    assert unknown.advice.startswith("mavros names a mode that neither PX4 nor ArduPilot has")
+    for known in (client(state("CMODE(25)"), state("STABILIZE")), client(state("MANUAL"))):
+        assert (row(known, "autopilot link").verdict, row(known, "autopilot link").advice) == (Verdict.PASS, "")
+    assert row(client(state("CMODE(25)"), backend="mavlink"), "autopilot link").verdict is Verdict.PASS
+
+
+def test_an_ardupilot_whose_flags_do_not_come_is_not_ready_and_it_is_said_why():
+    ardupilot = client(state("STABILIZE"))
+    assert row(ardupilot, "pre-arm check").advice.startswith("mavros hands on no EKF_STATUS_REPORT")
+    ardupilot.receive(0, Converter().convert(RECEIVED, received(report(0xA7))))
+    assert row(ardupilot, "pre-arm check").advice.startswith("the autopilot has no valid position")
+
+
+@pytest.mark.parametrize(
+    "mode, status, pilot, failsafe",
+    [
+        ("LAND", 5, False, True),  # by a failsafe of its own
+        ("RTL", 5, False, True),
+        ("AUTO", 5, False, False),  # a low battery about which nothing is done
+        ("LOITER", 4, True, False),  # the pilot's switch
+        ("CMODE(25)", 5, True, False),
+        ("ALTCTL", 4, True, False),  # PX4's name of a mode, of an ArduPilot
+    ],
+)
+def test_who_has_control_of_an_ardupilot_is_known_by_its_mode(mode, status, pilot, failsafe):
+    flown = client(state("AUTO", armed=True), state(mode, armed=True, status=status))
+    assert (flown.vehicle.control.pilot, flown.vehicle.control.failsafe) == (pilot, failsafe)
+    answer, messages = flown.land(0)
+    asked = [request_of(each, ARDUPILOT).fields["custom_mode"] for each in messages]
+    assert asked == ([] if pilot or mode == "LAND" else ["LAND"])
+    assert answer.message.startswith("the pilot has control" if pilot else "")
+
+
+def test_met_in_the_air_in_a_mode_that_nobody_knows_it_is_left_to_its_pilot():
+    answer, messages = client(state("CMODE(25)", armed=True)).land(0)
+    assert (answer.message, messages) == ("the pilot has control, in MODE.0.0", [])
 
 
 # --- what mavros receives ---------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ _TEST = Path(__file__).resolve().parents[1]
 _LIES = "engine/test_lies.py::test_"
 _SOURCES = "autopilot/test_sources.py::test_"
 _STANDS = "autopilot/test_landing_stands.py::test_"
+_MAVROS = "autopilot/test_mavros_messages.py::test_"
 _AGES = "autopilot/test_modes_and_ages.py::test_"
 _LIVE = "ros/lies.py::"
 _LAUNCH = "ros/launches.py::"
@@ -167,6 +168,19 @@ STORIES: Sequence[Told] = (
         "Two batteries through mavros are two, and the worst counts.",
         ("autopilot/test_mavros_messages.py::test_two_batteries_on_one_topic_are_told_apart_and_the_worst_counts",),
         ("ros/mavros.py::test_of_two_batteries_on_one_topic_the_worst_counts_and_nothing_jumps",),
+    ),
+    Told(
+        "The autopilot behind mavros is the one whose modes it names; it never changes in the air, and nobody's flies.",
+        (
+            f"{_MAVROS}in_the_air_the_autopilot_never_changes",
+            f"{_MAVROS}a_mode_that_nobody_knows_keeps_the_autopilot_and_is_none_of_ours",
+            f"{_MAVROS}nobody_takes_off_before_it_is_known_who_lands_it",
+        ),
+        (
+            "ros/mavros.py::test_an_ardupilot_is_one_by_its_modes_and_its_pilot_by_loiter",
+            "ros/mavros.py::test_an_ardupilot_is_landed_by_its_own_name_of_the_mode",
+            "ros/mavros_planner.py::test_an_ardupilot_whose_pilot_switches_to_loiter_is_left_alone",
+        ),
     ),
     Told(
         "LAND is always taken, replaces what runs and stands; after a silence nothing goes on, nothing arms.",
