@@ -37,7 +37,7 @@ from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Reply
 from amaze_autonomy.interface import SERVICES as OURS
-from amaze_autonomy.nodes.cns.node import _classes
+from amaze_autonomy.nodes.cns.node import cns_classes
 from amaze_autonomy.ros.interface import SERVICE_CLASSES, response_of, status_message
 from amaze_autonomy.simulation import World
 
@@ -92,7 +92,7 @@ class Stack:
         self.ended = False
         self.silent: Tuple[str, ...] = ()
         self.initialised: List[Any] = []
-        classes = _classes({**TOPICS, **SERVICES}, SERVICES)
+        classes = cns_classes({**TOPICS, **SERVICES}, SERVICES)
         self.senders: Dict[str, Any] = {}
         for key, name in TOPICS.items():
             if name.heard:
@@ -121,7 +121,7 @@ class Stack:
             ends = self.ends.setdefault(key, [])
             self.changed.wait_for(lambda: ends, 60.0)
             fields = ends.pop()
-        response = _classes({key: SERVICES[key]}, SERVICES)[key]._response_class()
+        response = cns_classes({key: SERVICES[key]}, SERVICES)[key]._response_class()
         if key == "supervision" and not self.initialised:
             fields = {**fields, "success": False, "message": "not initialised"}
         for name in ("successful", "success", "message"):

@@ -23,6 +23,7 @@ __all__ = [
     "Answer",
     "EntityStatus",
     "Name",
+    "Reference",
     "Request",
     "WaypointAction",
     "code_of",
@@ -67,6 +68,15 @@ class WaypointAction(enum.IntEnum):
     CLEAR = 0
     APPEND = 1
     INSERT = 2
+
+
+class Reference(enum.IntEnum):
+    """What its waypoints count from, and along which axes."""
+
+    GLOBAL = 0  # the estimator's frame
+    LOCAL = 1  # where it started, along its heading there
+    CUR_POS = 2  # where it is, along the axes of the estimator's frame
+    CUR_POSE = 3  # where it is, along its heading
 
 
 class Answer(enum.Enum):

@@ -60,7 +60,7 @@ from ..autonomy.run_folder import boot_id, default_parent
 from ..checks.estimator import Estimator
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES
 
-__all__ = ["CnsPeersNode", "main"]
+__all__ = ["CnsPeersNode", "cns_classes", "main"]
 
 _S = 1_000_000_000
 _QUEUE = 50
@@ -93,7 +93,7 @@ class CnsPeersNode:
         self._prefix = str(rospy.get_param("~cns_namespace", "")).rstrip("/")
         self._topics = {key: name for key, name in TOPICS.items() if name.peer in names}
         services = {key: name for key, name in SERVICES.items() if name.peer in names}
-        self._classes = _classes({**self._topics, **services}, services)
+        self._classes = cns_classes({**self._topics, **services}, services)
         self._changed = threading.Condition()
         self._replies: Dict[int, Event] = {}
         self._number = 0
@@ -357,7 +357,7 @@ def _folders(configuration: Configuration) -> Dict[str, str]:
     return found
 
 
-def _classes(names: Mapping[str, Name], services: Mapping[str, Name]) -> Dict[str, Any]:
+def cns_classes(names: Mapping[str, Name], services: Mapping[str, Name]) -> Dict[str, Any]:
     """Return the classes of messages and services.
 
     Raises:
