@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import count
 from math import degrees
 from typing import Any, Dict, List, Optional, Tuple
 
-from flying import LINE, MODEL, Flying, S, plan
+from flying import BACK, MODEL, Flying, S, plan
+from flying import LINE as EAST_LINE
 from stand_ins import namespace
 
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
@@ -19,10 +21,11 @@ from amaze_autonomy.engine.events import AutopilotStatus, Mission, Outcome, Repl
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, Frame, MissionPlan, Trajectory, estimate_rounds
 
-__all__ = ["LIST", "MS", "POINTS", "S", "Serving"]
+__all__ = ["BACK", "LINE", "LIST", "MS", "POINTS", "S", "Serving", "turned"]
 
 MS = S // 1000
 POINTS = [(0.0, 0.0, 2.0, 0.0, 0.5), (8.0, 0.0, 2.0, 0.0, 0.5), (8.0, 6.0, 3.0, 90.0, 0.5)]
+LINE = replace(EAST_LINE, frame=Frame.START_HEADING)
 LIST: Dict[str, Any] = {"action": 0, "idx": 0, "is_global": False, "reference": 1}
 
 
@@ -30,14 +33,13 @@ class Serving:
     """One engine, of which only the words are here, and what it was answered.
 
     Args:
-        configured: there is a mission 7 of one file in missions.yaml, with the waypoints of `POINTS`.
+        configured: files of mission 7 in missions.yaml; `LINE` has the waypoints of `POINTS`.
         hover_s: after the last waypoint.
     """
 
-    def __init__(self, *, configured: bool = False, hover_s: float = 60.0) -> None:
-        line = Trajectory("line.csv", LINE.waypoints, frame=Frame.START_HEADING)
+    def __init__(self, *configured: Trajectory, hover_s: float = 60.0) -> None:
         self.settings = PlannerSettings(
-            (plan("7", (line,), Controller.MISSION),) if configured else (),
+            (plan("7", configured, Controller.MISSION),) if configured else (),
             Limits(),
             "begin",
             0.5,

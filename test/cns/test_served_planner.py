@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
-from serving import MS, POINTS, S, Serving, turned
+from serving import BACK, LINE, MS, POINTS, S, Serving, turned
 
 from amaze_autonomy.cns import tables
 from amaze_autonomy.cns.served_planner import REQUESTS, Stage
+from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
-from amaze_autonomy.missions import Frame
+from amaze_autonomy.missions import Frame, Place
 
 P = MissionPhase
 A, R = tables.Answer, tables.Request
@@ -54,8 +56,10 @@ def test_a_second_mission_has_another_session_and_another_id_and_needs_its_own_w
     serving.until_answer(R.LAND, A.COMPLETED)
     assert serving.ask(R.ARM, 8) == (("ARM", NO),)  # not before DISARM
     serving.ask(R.DISARM)
-    serving.give(POINTS[:2])
     serving.ask(R.ARM, 8)
+    serving.ask(R.TAKEOFF, 8)
+    serving.until_answer(R.TAKEOFF, A.REFUSED)
+    serving.give(POINTS[:2])
     serving.ask(R.TAKEOFF, 8)
     serving.until(lambda: serving.stage == "MISSION")
     assert [(each.session_id, each.mission_id, len(each.waypoints)) for each in serving.loads] == [
@@ -71,6 +75,15 @@ def test_arm_moves_nothing_and_is_said_once():
     assert (serving.craft.armed, serving.commands, serving.loads) == (False, [], [])
     assert serving.ask(R.DISARM) == (("DISARM", YES), ("DISARM", DONE))
     assert serving.stage == "IDLE"
+
+
+def test_what_may_be_in_the_air_is_not_disarmed():
+    serving = Serving()
+    serving.ask(R.ARM)
+    serving.silent = ("autopilot",)
+    serving.run(2 * S)
+    assert serving.ask(R.DISARM) == (("DISARM", NO),)
+    assert serving.commands == []
 
 
 def test_arm_is_refused_of_a_planner_that_says_nothing():
@@ -160,9 +173,13 @@ def test_a_hold_and_a_resume_are_answered_when_they_show():
     assert len(serving.reached) == 3
 
 
-def test_a_hold_during_the_takeoff_puts_its_end_off():
-    serving = Serving()
-    serving.take_off()
+@pytest.mark.parametrize("files", [(), (LINE,)], ids=["given", "configured"])
+def test_a_hold_during_the_takeoff_puts_its_end_off(files):
+    serving = Serving(*files)
+    if not files:
+        serving.give()
+    serving.ask(R.ARM)
+    serving.ask(R.TAKEOFF)
     serving.until(lambda: serving.flying.phase is P.TAKING_OFF and serving.craft.height_m > 0.2)
     serving.ask(R.HOLD)
     serving.until_answer(R.HOLD, A.DONE)
@@ -170,6 +187,7 @@ def test_a_hold_during_the_takeoff_puts_its_end_off():
     assert ("TAKEOFF", DONE) not in serving.answers
     serving.ask(R.RESUME)
     serving.until_answer(R.TAKEOFF, A.COMPLETED)
+    assert serving.craft.height_m > 0.6
 
 
 @pytest.mark.parametrize("request_", [R.HOLD, R.HOVER], ids=lambda request: request.name)
@@ -224,6 +242,18 @@ def test_an_abort_before_lift_off_ends_the_takeoff():
     assert "TAKEOFF" not in serving.commands
 
 
+def test_a_takeoff_that_our_planner_still_makes_is_not_over_though_it_is_not_armed_yet():
+    serving = Serving()
+    serving.take_off()
+    serving.until(lambda: serving.flying.phase is P.TAKING_OFF)
+    serving.run(50 * MS)
+    assert not serving.craft.armed
+    serving.flying.command = lambda *_: ""  # late
+    serving.ask(R.ABORT)
+    assert serving.stage == "LAND"
+    assert serving.ask(R.DISARM) == (("DISARM", NO),)
+
+
 def test_a_landing_while_waypoints_are_awaited_ends_the_takeoff():
     serving = Serving()
     serving.ask(R.ARM)
@@ -248,12 +278,29 @@ def test_after_the_last_waypoint_it_lands_by_itself_when_nobody_asks():
     assert serving.answers.count(("UNDEF", DONE)) == 1
 
 
-def test_the_end_is_told_of_a_flight_whose_last_hold_was_missed():
+def test_a_landing_at_the_last_waypoint_is_no_end_of_the_mission():
+    serving = in_stage(Stage.MISSION)
+    serving.until(lambda: len(serving.reached) == 3)
+    serving.ask(R.LAND)
+    serving.until_answer(R.LAND, A.COMPLETED)
+    assert ("UNDEF", DONE) not in serving.answers
+
+
+def test_a_waypoint_is_told_once():
+    serving = in_stage(Stage.MISSION)
+    serving.until(lambda: len(serving.reached) == 2)
+    serving.served.told(serving.t_ns, replace(serving.flying.status, waypoint=1))
+    serving.until_answer(R.UNDEF, A.COMPLETED)
+    assert serving.reached == pytest.approx([tuple(each) for each in POINTS])
+
+
+@pytest.mark.parametrize("phase", [P.LANDING, P.LANDED], ids=lambda phase: phase.name)
+def test_the_end_is_told_of_a_flight_whose_last_hold_was_missed(phase):
     serving = Serving(hover_s=0.0)
     serving.fly()
     serving.until(lambda: serving.flying.status.waypoint == 3)
     serving.silent = ("planner",)
-    serving.flying.until(lambda: serving.flying.phase is P.LANDING)
+    serving.flying.until(lambda: serving.flying.phase is phase)
     serving.silent = ()
     serving.until_answer(R.UNDEF, A.COMPLETED)
     assert len(serving.reached) == 3
@@ -295,6 +342,15 @@ def test_a_list_that_cannot_be_taken_changes_nothing_and_is_named(more, why):
     serving.ask(R.TAKEOFF)
     assert turned(serving.loads[0].waypoints)[:2] == pytest.approx(POINTS[:2])
     assert len(serving.loads[0].waypoints) == 3
+
+
+@pytest.mark.parametrize("given_s, taken_s", [(0.5, 60.5), (100.0, 120.0), (200.0, 200.0)])
+def test_the_last_hold_is_longer_by_the_hover_as_far_as_our_planner_takes_it(given_s, taken_s):
+    serving = Serving()
+    serving.give([*POINTS[:2], (*POINTS[2][:4], given_s)])
+    serving.ask(R.ARM)
+    serving.ask(R.TAKEOFF)
+    assert serving.loads[0].waypoints[-1].hold_s == taken_s
 
 
 def test_where_it_stands_is_where_it_starts():
@@ -358,7 +414,7 @@ def test_a_vehicle_that_does_not_lift_off_is_disarmed_by_an_abort():
 
 
 def configured():
-    serving = Serving(configured=True)
+    serving = Serving(LINE)
     serving.ask(R.ARM)
     serving.ask(R.TAKEOFF)
     serving.until_answer(R.TAKEOFF, A.COMPLETED)
@@ -395,7 +451,7 @@ def test_its_hover_is_held_and_resumed_without_flying_the_mission():
 
 
 def test_what_cannot_hover_for_its_list_lands():
-    serving = Serving(configured=True)
+    serving = Serving(LINE)
     serving.refusing["HOLD"] = "no"
     serving.ask(R.ARM)
     serving.ask(R.TAKEOFF)
@@ -405,8 +461,29 @@ def test_what_cannot_hover_for_its_list_lands():
     assert serving.reached == []
 
 
+def test_each_takeoff_has_the_next_file():
+    serving = Serving(LINE, replace(BACK, frame=Frame.START_HEADING))
+    for _ in range(3):
+        serving.answers.clear()
+        serving.ask(R.ARM)
+        serving.ask(R.TAKEOFF)
+        serving.until_answer(R.TAKEOFF, A.COMPLETED)
+        serving.ask(R.LAND)
+        serving.until_answer(R.LAND, A.COMPLETED)
+        serving.ask(R.DISARM)
+    assert [len(load.waypoints) for load in serving.loads] == [3, 2, 3]
+
+
+def test_a_mission_in_latitude_and_longitude_is_none_of_its():
+    serving = Serving(replace(LINE, places=(Place(47.0, 8.0),) * 3))
+    serving.ask(R.ARM)
+    serving.ask(R.TAKEOFF)
+    serving.until_answer(R.TAKEOFF, A.REFUSED)
+    assert serving.loads == []
+
+
 def test_a_list_before_the_takeoff_is_flown_in_the_place_of_the_configured_mission():
-    serving = Serving(configured=True)
+    serving = Serving(LINE)
     serving.give(POINTS[:2])
     serving.ask(R.ARM)
     serving.ask(R.TAKEOFF)
@@ -472,3 +549,6 @@ def test_a_planner_that_dies_in_flight_is_said_and_the_vehicle_is_still_landed()
     serving.refusing["LAND"] = "no such service"
     serving.ask(R.LAND)
     assert len(serving.second) == 1
+    serving.flying.command(MissionAction.LAND)  # as the autopilot node does it
+    serving.until_answer(R.LAND, A.COMPLETED)
+    assert not serving.craft.armed

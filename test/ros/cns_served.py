@@ -23,10 +23,10 @@ import rosnode
 import rospy
 from cns_definitions import install
 from genpy.message import fill_message_args
-from launching import PATIENT, free_ports
+from launching import PATIENT, free_ports, make_patient
 from one_node import wait_for
 from stack import TestConfiguration
-from stand_ins import NOMINAL
+from stand_ins import DEFECT, NOMINAL
 
 from amaze_autonomy import msg
 from amaze_autonomy.cns.tables import SERVICES, TOPICS, Answer, Request
@@ -109,6 +109,7 @@ class TestCnsServed(unittest.TestCase):
     @classmethod
     def setUpClass(cls) -> None:
         cls.configuration = TestConfiguration()
+        make_patient(cls.configuration.folder / "sensors.yaml")
 
     @classmethod
     def tearDownClass(cls) -> None:
@@ -130,18 +131,18 @@ class TestCnsServed(unittest.TestCase):
         rospy.Subscriber("mission_planner/status", msg.MissionStatus, planner.append)
         try:
             self.prepare(planner)
-            self.fly()
+            self.fly(process.pid)
             stopped = engine.call("record", data=False)
             self.assertTrue(stopped.success, stopped.message)
         finally:
             process.terminate()
             process.wait(20.0)
-        self.assertEqual(engine.answers, WHOLE)
+        self.assertEqual(list(dict.fromkeys(engine.answers)), WHOLE)  # the landing is asked until it is heard
         reached = [each.waypoint for each in engine.heard["waypoint_reached"]]
         self.assertEqual([(round(each.x, 6), round(each.y, 6)) for each in reached], [each[:2] for each in POINTS])
         self.assertAlmostEqual(reached[-1].yaw, 90.0)
         self.assertEqual([len(engine.heard[key]) for key in ("is_takeoff", "is_landed")], [1, 1])
-        self.assertEqual({each.status.status for each in engine.heard["heartbeat"][-5:]}, {NOMINAL})
+        self.assertGreater(len(engine.heard["heartbeat"]), 5)
         bags = list((FOLDER / "run" / "recordings").rglob("*.manifest.json"))
         self.assertEqual(len(bags), 1, self.log.read_text()[-3000:])
 
@@ -151,9 +152,11 @@ class TestCnsServed(unittest.TestCase):
         for name in SERVICES.values():
             rospy.wait_for_service(name.name, 60.0)
         self.wait(lambda: planner and not planner[-1].message, "a vehicle that speaks")
-        started = engine.call("watchdog_start", startup_time=20.0)
-        self.assertTrue(started.successful, started)
-        self.assertEqual((started.status.status, started.entity_ids), (NOMINAL, []))
+        started: List[Any] = []  # asked again, as its operator does where something has not come up
+        start = lambda: started.append(engine.call("watchdog_start", startup_time=20.0)) or started[-1]  # noqa: E731
+        self.wait(lambda: start().successful, "a start that is a success", 120.0, 1.0)
+        self.assertIn(started[-1].status.status, (NOMINAL, DEFECT))
+        self.assertEqual(started[-1].entity_ids, [])
         engine.listen("log")
         log = self.wait(lambda: engine.heard["log"], "the log, late")[0].data
         watched = {each.name for each in load_configuration(self.configuration.folder).components}
@@ -165,8 +168,8 @@ class TestCnsServed(unittest.TestCase):
         recorded = engine.call("record", data=True)
         self.assertTrue(recorded.success, recorded.message)
 
-    def fly(self) -> None:
-        """From ARM to DISARM."""
+    def fly(self, pid: int) -> None:
+        """From ARM to DISARM; the node between is killed before the landing."""
         engine = self.engine
         self.wait(lambda: all(each.get_num_connections() for each in engine.senders.values()), "who hears it")
         names = ("x", "y", "z", "yaw", "holdtime")
@@ -183,7 +186,11 @@ class TestCnsServed(unittest.TestCase):
         engine.ask(Request.RESUME)
         self.wait_answer(Request.RESUME, DONE)
         self.wait_answer(Request.UNDEF, COMPLETED)
-        engine.ask(Request.LAND)
+        subprocess.run(["pkill", "-KILL", "-P", str(pid), "-f", "__name:=cns_server"], check=True)
+        words = "started again in flight: mission 7 is in stage "
+        self.wait(lambda: words in self.log.read_text(), "another cns_server")
+        landing = ("LAND", ACCEPTED)
+        self.wait(lambda: engine.ask(Request.LAND) or landing in engine.answers, "a landing", period_s=1.0)
         self.wait_answer(Request.LAND, COMPLETED)
         self.wait(lambda: engine.heard["is_landed"], "is_landed")
         engine.ask(Request.DISARM)

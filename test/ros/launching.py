@@ -63,11 +63,15 @@ def own_sensors(stack: Stack) -> Path:
     folder, first = stack.folder / "config", f"/n{next(_number)}/"
     shutil.copytree(stack.config, folder)
     path = folder / "sensors.yaml"
-    text = re.sub(r"(?m)^([^#\n]*?) /(?=\w)", rf"\1 {first}", path.read_text())
-    # Many launches start at once here: a sensor whose process has to wait for the machine has not failed.
-    patient = "age_limit_s: 5.0, tolerance_fraction: 0.65}"
-    path.write_text(re.sub(r"age_limit_s: [\d.]+(, tolerance_fraction: [\d.]+)?}", patient, text))
+    path.write_text(re.sub(r"(?m)^([^#\n]*?) /(?=\w)", rf"\1 {first}", path.read_text()))
+    make_patient(path)
     return folder
+
+
+def make_patient(sensors: Path) -> None:
+    """Have no sensor fail whose process waits for the machine, where a dozen processes start at once."""
+    patient = "age_limit_s: 5.0, tolerance_fraction: 0.65}"
+    sensors.write_text(re.sub(r"age_limit_s: [\d.]+(, tolerance_fraction: [\d.]+)?}", patient, sensors.read_text()))
 
 
 class Terminal:

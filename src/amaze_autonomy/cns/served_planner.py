@@ -264,7 +264,6 @@ class ServedPlanner(Served):
                 self._answer(each.number, each.request, Answer.REFUSED, f"{request.name} was asked")
         if request in _LANDS:
             self._list_until_ns, self._lands = None, True
-            self._expects = self._hovers = self._held = False
         if request is Request.HOVER:
             self._hovers, self._held = True, False
         assert row.action is not None  # noqa: S101 - ARM has none, and was taken before
@@ -484,8 +483,7 @@ class ServedPlanner(Served):
             stage = Stage.HOVER
         if (phase is _P.FAILED or self._lands) and phase not in _FLIES and self._is_down(t_ns):
             stage = Stage.LANDED
-        if self.stage is not Stage.LANDED:  # until DISARM, whatever our planner still says
-            self.stage = Stage.LAND if self._lands and stage in _IN_AIR else stage
+        self.stage = Stage.LAND if self._lands and stage in _IN_AIR else stage
         if self.stage is Stage.LANDED:
             for each in [each for each in self._pending if each.request not in (*_LANDS, Request.DISARM)]:
                 self._give_up(each, (self._status.message if self._status else "") or "the flight is over")
