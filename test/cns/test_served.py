@@ -363,15 +363,22 @@ def test_a_stop_that_fails_says_what_is_missing_and_may_be_asked_again(running):
     running.tell(P.FAILED, message="second is not reached")
     assert running.said == [(False, "second is not reached")]
     running.reply(running.ask(False))
+    running.served.step(1)  # what it said before is of no worth
     assert running.said == []
     running.tell(P.COMPLETE)
     assert running.said == [(True, "")]
 
 
-def test_what_a_process_before_this_one_began_is_stopped():
+@pytest.mark.parametrize("phase", [P.RECORDING, P.FAILED], ids=lambda phase: phase.name)
+def test_what_a_process_before_this_one_began_is_stopped(phase):
     recording = Recording()
-    recording.tell(P.RECORDING, "before_1")
+    recording.tell(phase, "before_1")
     assert recording.ask(False).session_id == "before_1"
+
+
+def test_what_somebody_else_has_begun_meanwhile_is_what_is_recorded(running):
+    running.tell(P.RECORDING, "other_1")
+    assert running.ask(False).session_id == "other_1"
 
 
 def test_what_others_record_is_not_taken_over_by_a_start():

@@ -199,6 +199,11 @@ def test_a_hold_that_does_not_show_is_refused_within_its_limit(request_):
     serving.until_answer(request_, A.REFUSED)
     assert serving.t_ns - began_ns == pytest.approx(3 * S, abs=100 * MS)
     assert serving.stage == "MISSION"
+    del serving.flying.command
+    serving.ask(R.HOLD)
+    serving.until_answer(R.HOLD, A.DONE)
+    serving.ask(R.RESUME)
+    serving.until(lambda: serving.stage == "MISSION")
 
 
 def test_hover_ends_the_mission_in_the_air_and_stands():
@@ -450,6 +455,16 @@ def test_its_hover_is_held_and_resumed_without_flying_the_mission():
     serving.until(lambda: serving.stage == "MISSION")
 
 
+def test_a_list_that_our_planner_does_not_fly_may_be_sent_again():
+    serving = configured()
+    serving.refusing["RESUME"] = "no"
+    serving.give()
+    assert serving.notices[-1] == "waypoints are not taken: no; it hovers on"
+    serving.refusing.clear()
+    serving.give()
+    serving.until_answer(R.UNDEF, A.COMPLETED)
+
+
 def test_what_cannot_hover_for_its_list_lands():
     serving = Serving(LINE)
     serving.refusing["HOLD"] = "no"
@@ -539,6 +554,16 @@ def test_a_process_that_is_started_again_in_flight_goes_on_with_the_mission(stag
     serving.until_answer(R.LAND, A.COMPLETED)
     serving.ask(R.DISARM)
     assert serving.stage == "IDLE"
+
+
+def test_a_landing_that_a_process_before_this_one_was_asked_for_is_no_end_of_the_mission():
+    serving = in_stage(Stage.HOVER)
+    serving.ask(R.LAND)
+    serving.until(lambda: serving.flying.phase is P.LANDING)
+    serving.restart()
+    serving.answers.clear()
+    serving.until(lambda: serving.stage == "LANDED")
+    assert serving.answers == [("LAND", DONE)]
 
 
 def test_a_planner_that_dies_in_flight_is_said_and_the_vehicle_is_still_landed():

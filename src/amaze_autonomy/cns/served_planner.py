@@ -428,7 +428,7 @@ class ServedPlanner(Served):
         self._id, self._session, self.stage = int(found.group(1)), status.session_id, _STAGES[status.phase]
         self._reset()
         self._reached, self._flown = max(0, status.waypoint - 1), ()
-        self._held, self._lands = status.phase is _P.HOLDING, status.phase is _P.LANDING
+        self._lands = status.phase is _P.LANDING
         asked = {_P.TAKING_OFF: Request.TAKEOFF, _P.LANDING: Request.LAND}.get(status.phase)
         if asked is not None:
             self._pending.append(_Pending(asked, self._id))
