@@ -43,6 +43,7 @@ def test_without_a_job_it_lists_them_all(tmp_path):
             "test-bare",
             "install",
             "bundle",
+            "deb",
             "clean",
         ),
     ]
