@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("tornado")
 
-from tornado.httpclient import AsyncHTTPClient, HTTPRequest
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from amaze_autonomy.console.link import AnswerCame, MessagesCame, StateCame
@@ -71,6 +71,23 @@ def test_the_page_loads_nothing_from_elsewhere_and_is_not_for_other_sites():
         page = HTTPRequest(f"ws://127.0.0.1:{port}/stream", headers={"Origin": "http://evil.example"})
         with pytest.raises(Exception, match="403"):
             await websocket_connect(page)
+
+    served(story)
+
+
+@pytest.mark.parametrize(
+    "given, answer",
+    [
+        pytest.param({"method": "POST", "body": "a" * 4096}, "400", id="a form"),
+        pytest.param({"headers": {"Cookie": "a" * 20_000}}, "closed", id="long headers"),
+    ],
+)
+def test_what_no_page_sends_is_refused_before_it_is_parsed(given, answer):
+    async def story(_server, port, _sent):
+        client = AsyncHTTPClient()
+        with pytest.raises(HTTPClientError, match=answer):
+            await client.fetch(HTTPRequest(f"http://127.0.0.1:{port}/", **given))
+        assert (await client.fetch(f"http://127.0.0.1:{port}/")).code == 200
 
     served(story)
 

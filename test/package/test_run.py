@@ -44,6 +44,7 @@ def test_without_a_job_it_lists_them_all(tmp_path):
             "install",
             "bundle",
             "deb",
+            "advisories",
             "clean",
         ),
     ]

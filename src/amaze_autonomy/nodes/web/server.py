@@ -33,6 +33,7 @@ __all__ = ["PAGE", "PageServer", "plotly_file", "token_of"]
 PAGE = Path(__file__).parent / "page"
 _BEAT_S = 1.0
 _LONGEST_MESSAGE = 1 << 14
+_NO_BODIES = {"max_header_size": 1 << 14, "max_body_size": 1}  # tornado parses forms before it asks us; 0: 100 MB
 _MOST_VIEWERS = 32
 _LEAST_TOKEN = 8
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -107,7 +108,7 @@ class PageServer:
             OSError: The port is in use, or the address is not one of this computer.
         """
         self._loop = IOLoop.current()
-        self._server = HTTPServer(self.application(loopback=address in _LOOPBACK))
+        self._server = HTTPServer(self.application(loopback=address in _LOOPBACK), **_NO_BODIES)
         self._server.listen(port, address)
         self._loop.call_later(_BEAT_S, self._beat)
         sockets = self._server._sockets.values()  # the only way to a port that was free
