@@ -84,6 +84,7 @@ LIMIT_FACTS: Mapping[str, Tuple[str, ...]] = {
     "hold_confirm_limit_ns": ("planner", "mode"),
     "hold_repeat_after_ns": ("planner", "mode"),
     "hold_speed_m_s": ("speed",),
+    "hold_speed_age_limit_ns": ("speed",),
     "resume_confirm_limit_ns": ("planner", "mode"),
     "user_hold_limit_ns": ("log",),
     "unlisted_wait_limit_ns": ("watchdog",),
