@@ -252,9 +252,16 @@ def _log_replayed(folder: Path, facts: Mapping[str, Any], scenario: Scenario, wi
     return [each for name, changes in heard.items() for each in _compared(name, changes, again[name], within_s)]
 
 
-def _told(path: Path, offset_s: float) -> Dict[str, List[Tuple[float, str]]]:
-    """Return what the autopilot's statuses of a journal say, as changes, each with its time; unknown is left out."""
-    found: Dict[str, List[Tuple[float, str]]] = {"armed": [], "mode": [], "landed": []}
+_Change = Tuple[float, str, float]
+
+
+def _told(path: Path, offset_s: float) -> Dict[str, List[_Change]]:
+    """Return what the autopilot's statuses of a journal say, as changes; unknown is left out.
+
+    Each has its time, and for how long nothing had come over the link before it.
+    """
+    found: Dict[str, List[_Change]] = {"armed": [], "mode": [], "landed": []}
+    silent_s = 0.0
     for line in read(path.read_text(encoding="utf-8")).lines:
         status = line.payload
         if not isinstance(status, AutopilotStatus):
@@ -263,17 +270,21 @@ def _told(path: Path, offset_s: float) -> Dict[str, List[Tuple[float, str]]]:
         told["landed"] = "" if status.landed is VehicleLanded.UNKNOWN else status.landed.name
         for name, value in told.items():
             if value and (not found[name] or found[name][-1][1] != value):
-                found[name].append((status.t_ns * 1e-9 + offset_s, value))
+                found[name].append((status.t_ns * 1e-9 + offset_s, value, silent_s))
+        silent_s = status.link_age_s or 0.0
     return found
 
 
-def _compared(name: str, heard: List[Tuple[float, str]], again: List[Tuple[float, str]], within_s: float) -> List[str]:
-    """Compare from the second value on: when the first was heard depends on when somebody began to listen."""
+def _compared(name: str, heard: List[_Change], again: List[_Change], within_s: float) -> List[str]:
+    """Compare from the second value on: when the first was heard depends on when somebody began to listen.
+
+    The log is written where the link begins: what is heard after a silence was on its way for that long at most.
+    """
     mine, its = heard[1:], again[-(len(heard) - 1) :] if len(heard) > 1 else []
-    if [value for _, value in mine] != [value for _, value in its]:
-        words = " ".join(value for _, value in again)
-        return [f"its telemetry log says of {name} {words}, the flight heard {' '.join(value for _, value in heard)}"]
-    off_s = max((abs(one - other) for (one, _), (other, _) in zip(mine, its)), default=0.0)
+    if [value for _, value, _ in mine] != [value for _, value, _ in its]:
+        words = " ".join(value for _, value, _ in again)
+        return [f"its telemetry log says of {name} {words}, the flight heard {' '.join(one[1] for one in heard)}"]
+    off_s = max((abs(one - other) - silent_s for (one, _, silent_s), (other, _, _) in zip(mine, its)), default=0.0)
     return (
         [] if off_s <= within_s else [f"its telemetry log has {name} {off_s:.3f} s earlier or later than it was heard"]
     )

@@ -125,18 +125,19 @@ def test_modes_are_those_shown_while_armed():
 @pytest.mark.parametrize(
     "again, wrong",
     [
-        ([(0.0, "x"), (10.05, "False"), (20.02, "True")], []),
+        ([(0.0, "x", 0.0), (10.05, "False", 0.0), (20.02, "True", 0.0)], []),
+        ([(0.0, "x", 0.0), (9.5, "False", 0.0), (20.02, "True", 0.0)], []),
         (
-            [(0.0, "x"), (10.05, "False"), (20.2, "True")],
+            [(0.0, "x", 0.0), (10.05, "False", 0.0), (20.2, "True", 0.0)],
             ["its telemetry log has armed 0.200 s earlier or later than it was heard"],
         ),
         (
-            [(0.0, "x"), (10.05, "False")],
+            [(0.0, "x", 0.0), (10.05, "False", 0.0)],
             ["its telemetry log says of armed x False, the flight heard False False True"],
         ),
     ],
 )
 def test_a_log_that_replays_otherwise_is_bad(again, wrong):
-    heard = [(9.0, "False"), (10.0, "False"), (20.0, "True")]
+    heard = [(9.0, "False", 0.0), (10.0, "False", 0.45), (20.0, "True", 0.0)]
 
     assert _compared("armed", heard, again, 0.1) == wrong
