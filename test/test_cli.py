@@ -111,7 +111,7 @@ def test_the_missions_are_listed_as_json(capsys):
         "repetitions": 1,
         "length_m": 25.657,
         "estimated_duration_s": 63.657,
-        "battery_needed_fraction": 0.2637,
+        "battery_needed_fraction": 0.3,  # what the check before the takeoff asks for at least
     }
 
 

@@ -191,7 +191,7 @@ def _missions(options: argparse.Namespace) -> int:
     configuration = _load(options)
     if configuration is None:
         return WRONG
-    rows = [_mission_row(plan) for plan in configuration.plans]
+    rows = [_mission_row(plan, configuration.battery.minimum_fraction) for plan in configuration.plans]
     if options.json:
         _print_json({"missions": rows})
         return OK
@@ -204,7 +204,8 @@ def _missions(options: argparse.Namespace) -> int:
     return OK
 
 
-def _mission_row(plan: Any) -> Dict[str, Any]:
+def _mission_row(plan: Any, least_battery: float) -> Dict[str, Any]:
+    """Return what is said of a mission; its battery is what the check before the takeoff asks for."""
     mission = plan.mission
     return {
         "id": mission.id,
@@ -213,7 +214,7 @@ def _mission_row(plan: Any) -> Dict[str, Any]:
         "repetitions": mission.repetitions,
         "length_m": round(plan.total.length_m, 3),
         "estimated_duration_s": round(mission.estimated_duration_s, 3),
-        "battery_needed_fraction": round(mission.battery_needed_fraction, 4),
+        "battery_needed_fraction": round(max(mission.battery_needed_fraction, least_battery), 4),
     }
 
 

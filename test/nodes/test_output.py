@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+from pathlib import Path
 
 import pytest
+import yaml
 
 pytest.importorskip("rospy")
 
@@ -15,6 +18,7 @@ from amaze_autonomy.journal import journal as codec
 from amaze_autonomy.nodes.autonomy import run_folder
 from amaze_autonomy.ros.errors import StartError
 
+LAUNCH = Path(__file__).parents[2] / "launch" / "autonomy.launch"
 EVENTS = [EngineStarted(t_ns=5), Tick(t_ns=9)]
 
 
@@ -87,6 +91,36 @@ def test_without_a_named_folder_the_newest_run_counts(home):
     assert run_folder.find_unfinished("").path == home / "a" / "journal.jsonl"
     run_folder.write_result(home / "a", {"in_flight": False})
     assert run_folder.find_unfinished("") is None, "an older run is not the one that was interrupted"
+
+
+def test_a_simulated_run_that_did_not_end_is_none_that_a_flight_goes_on_with(home):
+    runs = str(home / "simulated")
+    folder = run_folder.make_folder("", "a", runs)
+    assert folder == home / "simulated" / "a"
+    write_journal(folder)
+    assert run_folder.find_unfinished("", runs).path == folder / "journal.jsonl"
+    assert run_folder.find_unfinished("") is None
+
+
+@pytest.mark.parametrize(
+    "given, runs, recordings",
+    [
+        ((), "", ""),
+        (("output:=/data/run",), "", ""),
+        (("simulation:=true",), "simulated", "simulated/recordings/main"),
+        (("simulation:=true", "output:=/data/run"), "simulated", "/data/run/recordings/main"),
+        (("simulation:=true", "recordings:=/data/all"), "simulated", "/data/all/main"),
+    ],
+)
+def test_what_is_simulated_never_lies_among_the_flights(given, runs, recordings, tmp_path):
+    command = ["roslaunch", "--dump-params", str(LAUNCH), *given]
+    done = subprocess.run(
+        command, env={**os.environ, "ROS_HOME": str(tmp_path)}, capture_output=True, text=True, check=True
+    )
+    parameters = yaml.safe_load(done.stdout)
+    home = tmp_path / "amaze_autonomy"
+    assert parameters["/autonomy/runs"] == (str(home / runs) if runs else "")
+    assert parameters["/data_recorder_main/folder"] == (str(home / recordings) if recordings else "")
 
 
 @pytest.mark.usefixtures("home")

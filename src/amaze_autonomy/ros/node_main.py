@@ -145,7 +145,8 @@ class Parameters:
         config: folder of the configuration.
         overrides: keys of the configuration that are to be different: "file.group.key=value".
         missions: ids to be flown one after the other without asking; empty: the user selects.
-        output: folder of the run; empty: a new one under ROS_HOME/amaze_autonomy.
+        output: folder of the run; empty: a new one in `runs`.
+        runs: folder of the runs; empty: ROS_HOME/amaze_autonomy. Simulated ones lie apart: none goes on as a flight.
         exit_when_ended: end the process when the last mission has ended.
         unattended: nobody will answer: `unattended.py` does.
         peers_limit_s: how long the missions of `missions` wait for all peers to be started, in any order.
@@ -157,6 +158,7 @@ class Parameters:
     overrides: Tuple[str, ...] = ()
     missions: Tuple[str, ...] = ()
     output: str = ""
+    runs: str = ""
     exit_when_ended: bool = False
     unattended: bool = False
     peers_limit_s: float = 15.0
@@ -217,6 +219,7 @@ def read_parameters() -> Parameters:
         overrides=overrides(),
         missions=_words("mission", rospy.get_param("~mission", "")),
         output=str(rospy.get_param("~output", "")),
+        runs=str(rospy.get_param("~runs", "")),
         exit_when_ended=_flag("exit_when_ended", default=False),
         unattended=_flag("unattended", default=False),
         peers_limit_s=_seconds("peers_limit", 15.0),

@@ -170,7 +170,8 @@ class AutonomyNode:
             started=datetime.now(timezone.utc).isoformat(timespec="seconds"),
             written_by="autonomy node",
         )
-        return create(run_folder.make_folder(self._parameters.output, self._label), codec.encode_header(header))
+        folder = run_folder.make_folder(self._parameters.output, self._label, self._parameters.runs)
+        return create(folder, codec.encode_header(header))
 
     def _run_label(self) -> str:
         """Return the name of the run whose messages go on: that of the journal."""
@@ -347,7 +348,7 @@ def _unfinished(parameters: Parameters, configuration: Configuration) -> Optiona
     Neither is a reason not to start: the vehicle may be in the air, and an engine that finds it armed lands it.
     """
     try:
-        found = run_folder.find_unfinished(parameters.output) if parameters.resume else None
+        found = run_folder.find_unfinished(parameters.output, parameters.runs) if parameters.resume else None
     except StartError as error:
         rospy.logerr("%s. It is kept, and a new one begins.", error)
         return None

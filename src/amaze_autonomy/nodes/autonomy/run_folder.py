@@ -72,8 +72,13 @@ def default_parent() -> Path:
     return Path(rospkg.get_ros_home()) / "amaze_autonomy"
 
 
-def make_folder(output: str, label: str) -> Path:
+def make_folder(output: str, label: str, runs: str = "") -> Path:
     """Return an empty place for a new run; what an earlier run left in a named folder is kept under its own name.
+
+    Args:
+        output: the folder; empty: a new one in `runs`.
+        label: its name there.
+        runs: empty: `default_parent`.
 
     Raises:
         StartError: It cannot be made.
@@ -84,9 +89,13 @@ def make_folder(output: str, label: str) -> Path:
             folder.mkdir(parents=True, exist_ok=True)
             _keep_earlier(folder)
             return folder
-        return _fresh(default_parent(), label)
+        return _fresh(_parent(runs), label)
     except OSError as error:
         raise StartError(f"cannot make the output folder: {error}; name another one with ~output") from error
+
+
+def _parent(runs: str) -> Path:
+    return Path(runs).expanduser() if runs else default_parent()
 
 
 def _fresh(parent: Path, label: str) -> Path:
@@ -144,13 +153,13 @@ def registered(session_id: str) -> Optional[Path]:
     return path if header else None
 
 
-def find_unfinished(output: str) -> Optional[Unfinished]:
-    """Return the journal to go on with: of this boot, in the named folder or the newest of the default ones.
+def find_unfinished(output: str, runs: str = "") -> Optional[Unfinished]:
+    """Return the journal to go on with: of this boot, in the named folder or the newest in that of the runs.
 
     Raises:
         StartError: There is one, and it is damaged.
     """
-    folder = Path(output).expanduser() if output else _newest(default_parent())
+    folder = Path(output).expanduser() if output else _newest(_parent(runs))
     if folder is None or not (folder / JOURNAL_NAME).is_file() or _ended(folder / RESULT_NAME):
         return None
     path = folder / JOURNAL_NAME
