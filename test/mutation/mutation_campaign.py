@@ -86,35 +86,45 @@ class Campaign:
     def __init__(self, root: Path, work: Path, jobs: int) -> None:
         self.root, self.work = work / "original", work
         self._copy(root, self.root)
-        self.code = fingerprint(self.root, MUTATED)
-        self.tests = {net: fingerprint(self.root, ("src", *paths)) for net, paths in PATHS.items()}
+        files = (path for folder in MUTATED for path in (self.root / folder).rglob("*.py"))
+        names = sorted(str(path.relative_to(self.root)) for path in files)
+        self.code = {name: fingerprint(self.root, [name]) for name in names}
+        self.tests = {net: fingerprint(self.root, paths) for net, paths in PATHS.items()}
+        self._seen = {net: fingerprint(self.root, (*MUTATED, *paths)) for net, paths in PATHS.items()}
         self.trees = [work / f"copy{number}" for number in range(jobs)]
         self.observed: Dict[str, Dict[str, Seen]] = {}
         self.catchers: Counter[Tuple[str, str]] = Counter()
         self.known = dict(self._read())
 
     def _read(self) -> Iterator[Tuple[Tuple[str, str], str]]:
-        path = self.work / "looks.jsonl"
+        """Return what counts still: of a file as it is now, caught, or survived what looks at it today."""
+        path, now = self.work / "looks.jsonl", frozenset(self.code.values())
         for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
             one = json.loads(line)
-            if one["code"] == self.code and (one["caught_by"] or one["tests"] == self.tests[one["net"]]):
+            if one["code"] in now and (one["caught_by"] or one["tests"] == self.tests[one["net"]]):
                 yield (one["key"], one["net"]), one["caught_by"]
-        yield from self._caught_before()
+        yield from self._kept()
 
-    def _caught_before(self) -> Iterator[Tuple[Tuple[str, str], str]]:
-        """Return what was caught in the campaign that the repository keeps: begun elsewhere, it goes on here."""
+    def _kept(self) -> Iterator[Tuple[Tuple[str, str], str]]:
+        """Return what counts still of the campaign that the repository keeps: begun elsewhere, it goes on here."""
         path = self.root / "test" / "mutation" / RESULTS.name
-        told = read(path) if path.is_file() else None
-        if told is not None and told.code == self.code:
-            for one in told.verdicts:
-                yield from (((one.mutant.key, net), caught) for net, caught in one.caught_by.items() if caught)
+        if not path.is_file():
+            return
+        told = read(path)
+        for one in told.verdicts:
+            name = one.mutant.place.path
+            if name in self.code and told.code.get(name) == self.code[name]:
+                for net, caught in one.caught_by.items():
+                    if caught or told.tests.get(net) == self.tests[net]:
+                        yield (one.mutant.key, net), caught
 
     def _keep(self, task: Task, caught_by: str) -> None:
         self.known[task.mutant.key, task.net] = caught_by
         self.catchers[task.mutant.place.path, caught_by] += bool(caught_by)
-        one = {"key": task.mutant.key, "net": task.net, "caught_by": caught_by}
+        of = {"code": self.code[task.mutant.place.path], "tests": self.tests[task.net]}
+        one = {"key": task.mutant.key, "net": task.net, "caught_by": caught_by, **of}
         with (self.work / "looks.jsonl").open("a", encoding="utf-8") as out:
-            out.write(json.dumps({**one, "code": self.code, "tests": self.tests[task.net]}) + "\n")
+            out.write(json.dumps(one) + "\n")
 
     def run(self, mutants: Sequence[Mutant], nets: Sequence[str], tell: Tell) -> None:
         """Show every mutant to every net that does not know it yet."""
@@ -135,7 +145,7 @@ class Campaign:
         """Make the copies, and observe in the first one what runs what: nothing may fail there."""
         self._copy(self.root, self.trees[0])
         for net in sorted(nets):
-            kept = self.work / f"observed-{net}-{self.tests[net]}.json"
+            kept = self.work / f"observed-{net}-{self._seen[net]}.json"
             if not kept.exists():
                 process = start(self.trees[0], lambda net=net: observe(net), self.work / "answer.json")  # type: ignore[misc]
                 with _ended_with_us([process]):
@@ -182,7 +192,7 @@ class Campaign:
         """Return of each net the files of which it runs a function."""
         found: Dict[str, List[str]] = {}
         for net in nets:
-            kept = self.work / f"observed-{net}-{self.tests[net]}.json"
+            kept = self.work / f"observed-{net}-{self._seen[net]}.json"
             seen = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
             found[net] = sorted({path for _, lines in seen.values() for path in lines})
         return found

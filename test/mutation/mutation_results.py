@@ -62,8 +62,10 @@ class Results(NamedTuple):
     observed: Mapping[str, Sequence[str]]
     """Of each net the files that it runs at all."""
     verdicts: Sequence[Verdict]
-    code: str = ""
-    """Of which code: for another one nothing of it counts."""
+    code: Mapping[str, str] = {}
+    """Of which code, a digest for each file: of another one nothing counts."""
+    tests: Mapping[str, str] = {}
+    """Of which tests, a digest for each net: others may catch what survived these."""
 
     @property
     def survivors(self) -> List[Verdict]:
@@ -97,7 +99,7 @@ def results(campaign: Any, mutants: Sequence[Mutant], places: int, seed: int, ne
         caught_by = {net: campaign.known[mutant.key, net] for net in nets if (mutant.key, net) in campaign.known}
         waiver = waived.get((mutant.place.path, mutant.before, mutant.after))
         verdicts.append(Verdict(mutant, caught_by, waiver.reason if waiver is not None else ""))
-    return Results(seed, places, campaign.files(nets), verdicts, campaign.code)
+    return Results(seed, places, campaign.files(nets), verdicts, campaign.code, campaign.tests)
 
 
 def write(told: Results, path: Path, page: Path = PAGE) -> None:
@@ -113,7 +115,7 @@ def write(told: Results, path: Path, page: Path = PAGE) -> None:
         for one in told.verdicts
     ]
     body = ",\n".join(json.dumps(row) for row in rows)
-    head = json.dumps({"seed": told.seed, "places": told.places, "observed": told.observed, "code": told.code})
+    head = json.dumps({name: value for name, value in told._asdict().items() if name != "verdicts"})
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(f'{{"campaign": {head}, "mutants": [\n{body}\n]}}\n', encoding="utf-8")
     text = page.read_text(encoding="utf-8")
