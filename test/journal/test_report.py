@@ -13,6 +13,7 @@ from amaze_autonomy.engine.events import (
     CheckName,
     ComponentStatus,
     Mission,
+    Outcome,
     PlatformRecording,
     RecordingPhase,
     RecordingStatus,
@@ -192,6 +193,26 @@ def test_a_clock_may_be_behind_by_one_limit_and_ahead_by_another():
         state = EngineState(t_ns=T, preflight=checked, peers=Peers(autopilot=status))
         (_, row) = report(state, Rules(limits=limits)).checks
         assert row == Check("clocks: autopilot", Verdict.PASS, age_ns / S, limit, "s", other_limit=other)
+
+
+@pytest.mark.parametrize(
+    "row, answered, own",
+    [
+        (Verdict.PASS, {"outcome": Outcome.ACCEPTED, "ok": True}, None),
+        (Verdict.FAIL, {"outcome": Outcome.ACCEPTED}, None),
+        (Verdict.PASS, {"outcome": Outcome.ACCEPTED, "message": "no"}, Verdict.FAIL),
+        (Verdict.PASS, {}, None),
+        (None, {}, Verdict.UNKNOWN),
+        (None, {"outcome": Outcome.ACCEPTED, "ok": True}, Verdict.PASS),
+        (None, {"outcome": Outcome.TIMED_OUT}, Verdict.FAIL),
+    ],
+)
+def test_a_check_has_a_row_of_its_own_where_its_rows_do_not_say_how_it_went(row, answered, own):
+    rows = () if row is None else (Check("level", row),)
+    record = CheckRecord(CheckName.BATTERY, rows=rows, **answered)
+    told = report(EngineState(t_ns=T, preflight=Preflight(checks=(record,))), Rules()).checks
+    names = {"battery": own} if own is not None else {}
+    assert {each.name: each.verdict for each in told} == {**({} if row is None else {"battery: level": row}), **names}
 
 
 # --- computers ---

@@ -71,6 +71,14 @@ def test_it_is_back_after_five_usable_messages_in_a_row():
     assert monitor.evaluate(2 * S + 5).level is Level.GOOD
 
 
+def test_so_it_is_when_time_has_jumped_back_meanwhile():
+    monitor = content(unchanged_limit_ns=S)
+    monitor.add(0, finite=True, digest=1)
+    assert monitor.evaluate(2 * S).level is Level.FAILED
+    changed = [monitor.add(S // 2 + index, finite=True, digest=2 + index) for index in range(5)]
+    assert changed == [False, False, False, False, True]
+
+
 def test_until_then_the_reason_says_that_it_is_coming_back():
     monitor = content(unchanged_limit_ns=S)
     monitor.add(0, finite=True, digest=1)

@@ -54,6 +54,7 @@ def test_time_alone_does_not_hold_it():
 
 
 def test_it_asks_for_a_landing_in_flight_and_again_while_it_is_held():
+    assert LandRequests(frozenset()).answer(IN_FLIGHT, 0, on=True) is UserCommand.LAND
     requests = LandRequests(frozenset())
     assert requests.answer(IN_FLIGHT, 5 * S, on=False) is None
     assert requests.answer(IN_FLIGHT, 5 * S, on=True) is UserCommand.LAND

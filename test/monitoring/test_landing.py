@@ -68,6 +68,14 @@ def hovering() -> Flight:
     return flight
 
 
+def test_a_judgement_is_steady_while_distances_agree_with_it():
+    flight = Flight()
+    assert flight.detector.steady is UNKNOWN
+    assert flight.fly(2.0, level(0.0)).detector.steady is GROUND
+    assert flight.fly(2.0, ramp(0.0, 2.0, 2.0)).fly(2.0, level(2.0)).detector.steady is AIR
+    assert flight.fly(0.5, level(0.0)).detector.steady is UNKNOWN
+
+
 @pytest.mark.parametrize("t_ns", [0, 1, S])
 def test_the_first_reading_is_judged_at_once(t_ns: int):
     detector = LandingDetector(LandingSpec(min_samples=1, mounting_height_m=0.0))
