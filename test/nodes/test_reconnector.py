@@ -11,6 +11,9 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from amaze_autonomy.engine.commands import Level, Notify
+from amaze_autonomy.nodes.autonomy.node import AutonomyNode
+from amaze_autonomy.nodes.autonomy.outbox import Timeline
 from amaze_autonomy.ros import reconnector
 
 TOPIC, KIND, MD5 = "/planner/status", "amaze_autonomy/MissionStatus", "0" * 32
@@ -169,3 +172,25 @@ def test_a_topic_that_is_connected_is_looked_at_now_and_then(publishing, look):
     assert look(connections=1, times=9).foreign == ()
     assert port.asked == []
     assert len(look(connections=1, times=10).foreign) == 1
+
+
+def test_the_report_of_a_flight_has_each_publisher_of_another_type_once_when_it_is_first_seen():
+    foreign = reconnector.Foreign(TOPIC, "/foreign", "std_msgs/String", "1" * 32, KIND, MD5)
+    seen_it, nothing = (str(foreign),), ()
+    timeline, seen = Timeline(), iter([nothing, seen_it, seen_it, nothing, seen_it])
+    times = iter(range(0, 5_000_000_000, 1_000_000_000))
+    node = SimpleNamespace(
+        _timeline=timeline,
+        _clock=SimpleNamespace(now_ns=lambda: next(times)),
+        _foreign=lambda: next(seen),
+        _diagnostics=SimpleNamespace(publish=lambda: None),
+        _requests=SimpleNamespace(keep_connected=lambda: None),
+    )
+    timeline.message(0, Notify(level=Level.INFO, key="", text="hello"))
+    for _ in range(5):
+        AutonomyNode._housekeeping(node)
+    line = (
+        f"     1.000 s  NODE: {TOPIC}: /foreign publishes std_msgs/String (md5 {'1' * 32}), read here is "
+        f"{KIND} (md5 {MD5}): rename or remap one of them\n"
+    )
+    assert timeline.text() == "     0.000 s  INFO: hello\n" + line

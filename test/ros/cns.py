@@ -238,6 +238,7 @@ class TestCns(unittest.TestCase):
         )
         self.assertTrue(any(advice.endswith(line) for advice in shown), shown)
         self.assertIn(line, rows)
+        self.assertIn(f"NODE: {line}", Path(result["report"]).read_text())
         foreign.unregister()
         flown = ["PREFLIGHT", "START_RECORDING", "LOAD_MISSION", "TAKEOFF", "MISSION"]  # READY is passed at once
         self.assertEqual([name for name in states if name in flown], flown)

@@ -267,6 +267,7 @@ class AutonomyNode:
                 self.put(UserRequest(t_ns=state.t_ns, command=command))
 
     def _housekeeping(self) -> None:
+        self._timeline.note_once(self._clock.now_ns(), self._foreign())
         self._diagnostics.publish()
         self._requests.keep_connected()
 

@@ -7,7 +7,7 @@ import threading
 import time
 from math import nan
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 
 import diagnostic_updater
 import rospy
@@ -440,6 +440,7 @@ class Timeline:
 
     def __init__(self) -> None:
         self._start_ns: Optional[int] = None
+        self._noted: Set[str] = set()
         self.lines: List[str] = []
 
     def decision(self, decision: Decision) -> None:
@@ -459,9 +460,12 @@ class Timeline:
         advice = f" {notify.advice}" if notify.advice else ""
         self._add(t_ns, f"{notify.level.name}: {notify.text}{advice}")
 
-    def note(self, t_ns: int, text: str) -> None:
-        """Add a remark of the node itself."""
-        self._add(t_ns, f"NODE: {text}")
+    def note_once(self, t_ns: int, texts: Tuple[str, ...]) -> None:
+        """Add remarks of the node itself, each when it is first said."""
+        for text in texts:
+            if text not in self._noted:
+                self._noted.add(text)
+                self._add(t_ns, f"NODE: {text}")
 
     def _add(self, t_ns: int, text: str) -> None:
         if self._start_ns is None:
