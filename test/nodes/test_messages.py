@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from math import isnan, nan
 
@@ -95,6 +96,21 @@ def test_an_event_survives_the_wire(event):
 def test_positions_name_the_frame_that_they_are_in():
     frames = {type(event).__name__: status_message(event, ROS).header.frame_id for event in EVENTS}
     assert frames == {**dict.fromkeys(frames, ""), "AutopilotStatus": "takeoff_enu"}
+
+
+def _has_position(kind):
+    own = any(re.search(r"position_[xyz]$", name) for name in kind.__slots__)
+    inner = [getattr(msg, name.split("/")[-1].rstrip("[]"), None) for name in kind._slot_types]
+    return own or any(map(_has_position, filter(None, inner)))
+
+
+def test_every_message_of_ours_that_has_positions_names_their_frame():
+    kinds = {name: kind for name, kind in vars(msg).items() if "header" in getattr(kind, "__slots__", ())}
+    placed = {name for name, kind in kinds.items() if _has_position(kind)}
+    written = [status_message(event, ROS) for event in EVENTS] + [state_message(report(EngineState(), Rules()), T, ROS)]
+    frames = {type(each).__name__: each.header.frame_id for each in written}
+    assert placed == {"AutopilotStatus", "AutonomyState"}
+    assert {name: frames[name] for name in placed} == dict.fromkeys(placed, "takeoff_enu")
 
 
 def test_the_age_is_what_the_stamp_says_on_arrival():

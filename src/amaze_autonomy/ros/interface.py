@@ -36,6 +36,7 @@ from ..engine.events import Check
 
 __all__ = [
     "SERVICE_CLASSES",
+    "TAKEOFF_FRAME",
     "age_of",
     "check_row",
     "component_state",
@@ -51,8 +52,9 @@ __all__ = [
 SERVICE_CLASSES: Dict[str, Type[Any]] = {
     name: Trigger if row.type == "Trigger" else getattr(srv, row.type) for name, row in SERVICES.items()
 }
-_FRAMES: Mapping[Type[Event], str] = {AutopilotStatus: "takeoff_enu"}
-"""What positions in a status are measured in, by name; no tf is needed, and none published."""
+TAKEOFF_FRAME = "takeoff_enu"
+"""What positions in our messages are measured in; no tf is needed, and none published."""
+_FRAMES: Mapping[Type[Event], str] = {AutopilotStatus: TAKEOFF_FRAME}
 
 
 def classes(name: str) -> Any:

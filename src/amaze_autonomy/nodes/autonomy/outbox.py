@@ -25,7 +25,7 @@ from ...interface.fields import Shape
 from ...journal import journal as codec
 from ...journal.report import CommandAnswer, Fault, MessageLog, Report, Telemetry, computer_rows, report
 from ...ros.clock import Clock
-from ...ros.interface import check_row, classes, number, ros_time
+from ...ros.interface import TAKEOFF_FRAME, check_row, classes, number, ros_time
 from .journal_topic import JournalLines, JournalTopic
 from .run_folder import JournalFile
 
@@ -304,7 +304,7 @@ def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState
         queue=list(report.queue),
         telemetry=_telemetry(report.telemetry, now_ns),
     )
-    message.header.stamp = ros_time(ros_ns)
+    message.header.frame_id, message.header.stamp = TAKEOFF_FRAME, ros_time(ros_ns)
     return message
 
 
