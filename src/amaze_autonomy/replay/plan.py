@@ -83,6 +83,7 @@ def make_plan(configuration: Configuration, topic_map: TopicMap, mission_id: str
     Raises:
         ReplayError: The mission does not exist, or the map asks for a specification that cannot be.
     """
+    topic_map = topic_map.of(recorded)
     known = {spec.name: spec for spec in configuration.components}
     health = topic_map.statuses.get("autopilot") in recorded
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import nan
 from pathlib import Path
 
 import pytest
@@ -39,10 +40,22 @@ uint8 landed_state
 """
 
 
+ALTITUDE = """\
+std_msgs/Header header
+float32 monotonic
+float32 amsl
+float32 local
+float32 relative
+float32 terrain
+float32 bottom_clearance
+"""
+
+
 def types():
     if "mavros_msgs/msg/State" not in STORE.types:
         STORE.register(get_types_from_msg(STATE, "mavros_msgs/msg/State"))
         STORE.register(get_types_from_msg(EXTENDED, "mavros_msgs/msg/ExtendedState"))
+        STORE.register(get_types_from_msg(ALTITUDE, "mavros_msgs/msg/Altitude"))
 
 
 def pose(t_ns, z):
@@ -90,6 +103,20 @@ def extended(at, landed):
     return make("mavros_msgs/msg/ExtendedState", header=header(at), vtol_state=0, landed_state=landed)
 
 
+def altitude(at, **known):
+    parts = ("monotonic", "amsl", "local", "relative", "terrain", "bottom_clearance")
+    return make("mavros_msgs/msg/Altitude", header=header(at), **{part: known.get(part, nan) for part in parts})
+
+
+def rows_by_altitude(**parts):
+    """Return the flight as a mavros says it of which the altitude was recorded, not the position."""
+    rows = [row for row in mavros_rows() if row[1] != "/mavros/local_position/pose"]
+    for step in range(360):
+        at, height = START_NS + step * S // 10, height_m(step / 10)
+        rows.append((at, "/mavros/altitude", altitude(at, **{part: height + more for part, more in parts.items()})))
+    return sorted(rows, key=lambda row: row[0])
+
+
 def proposed(tmp_path, *bags):
     proposal = propose(bags)
     path = tmp_path / "proposed.yaml"
@@ -133,6 +160,35 @@ def test_the_shipped_map_for_mavros_selects_before_the_recorded_arming(tmp_path)
     assert states(outcome)[:7] == NOMINAL
     selected = outcome.decisions[0]
     assert (selected.rule, (selected.t_ns - START_NS) / S) == ("mission_selected", 2.5)
+
+
+@pytest.mark.parametrize(
+    "parts, field", [({"relative": 0.0, "local": 0.2, "amsl": 400.0}, "relative"), ({"local": 0.0}, "local")]
+)
+def test_where_no_pose_is_recorded_the_height_is_that_of_mavros_altitude(tmp_path, parts, field):
+    bag = write_bag(tmp_path / "x.bag", rows_by_altitude(**parts))
+    proposal, path = proposed(tmp_path, bag)
+    assert proposal.scripted == ("mission planner", "data recorder")
+    height = load_map(path).readings["height"]
+    assert (height.topic, height.fields, height.offset) == ("/mavros/altitude", {"height": field}, 0.0)
+    outcome, _ = replay(bag, path)
+    assert states(outcome)[:7] == NOMINAL
+
+
+def test_the_shipped_map_for_mavros_takes_the_altitude_where_the_position_is_not_recorded(tmp_path):
+    bag = write_bag(tmp_path / "x.bag", rows_by_altitude(relative=0.0))
+    outcome, _ = replay(bag, "mavros")
+    assert states(outcome)[:7] == NOMINAL
+    (takeoff,) = [each for each in outcome.decisions if each.rule == "at_takeoff_height"]
+    assert 9.0 < (takeoff.t_ns - START_NS) / S < 12.0
+
+
+def test_the_height_of_the_shipped_map_for_mavros_is_the_position_where_both_are_recorded():
+    both, pose_topic = load_map("mavros"), "/mavros/local_position/pose"
+    assert both.of([pose_topic, "/mavros/altitude"]).readings["height"].topic == pose_topic
+    assert both.of(["/mavros/altitude"]).readings["height"].topic == "/mavros/altitude"
+    assert both.of([]).readings["height"].topic == pose_topic  # that it is not there is said of this one
+    assert "height_otherwise" not in both.of([]).readings
 
 
 def test_a_bag_over_mavros_that_begins_in_the_air_is_judged_from_there_by_the_shipped_map(tmp_path):

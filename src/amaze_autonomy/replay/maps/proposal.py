@@ -119,10 +119,13 @@ _ESTIMATES: Tuple[Tuple[str, str, str], ...] = (
     ("geometry_msgs/PoseStamped", "pose", "pose.position.z"),
     ("geometry_msgs/PoseWithCovarianceStamped", "pose_with_covariance", "pose.pose.position.z"),
 )
+_GPS_ALTITUDE = "altitude"  # above the sea
 # types of a height that is no pose, its field, words of which one is in the topic's name, the least that a flight rises
 _HEIGHTS: Tuple[Tuple[Tuple[str, ...], str, Tuple[str, ...], float], ...] = (
     (("std_msgs/Float64", "std_msgs/Float32"), "data", ("rel_alt", "height", "altitude"), 0.3),
-    (("sensor_msgs/NavSatFix",), "altitude", ("",), 2.0),
+    (("mavros_msgs/Altitude",), "relative", ("",), 0.3),
+    (("mavros_msgs/Altitude",), "local", ("",), 0.3),  # where the other stays NaN, e.g. without a home
+    (("sensor_msgs/NavSatFix",), _GPS_ALTITUDE, ("",), 2.0),
 )
 _TEXTS = ("mavros_msgs/StatusText", "mavlink/STATUSTEXT", "px4_msgs/LoggedMessage")
 _PX4_MODES = ("OFFBOARD", "POSCTL", "ALTCTL", "MANUAL", "STABILIZED")
@@ -310,17 +313,18 @@ class _Maker:
             topic = self._best(kinds, words, _NOT_ESTIMATED)
             if topic is None or not any(word in topic.name for word in words):
                 continue
+            above_takeoff = path != _GPS_ALTITUDE
             values = [(t, number(value)) for t, value in self._values(topic.kind, path, topic.name)]
             heights = [(t, value) for t, value in values if value is not None]
             first = heights[0][1] if heights else 0.0
             if not heights or max(value for _, value in heights) < first + rise_m:
                 continue
             if min(value for _, value in heights) < first - rise_m:  # it begins in the air
-                return [f"  height: {{topic: {topic.name}, height: {path}}}"] if path == "data" else []
-            away = self._lift_off(heights, first + _RISE_M, "height" if path == "data" else "altitude of the GPS")
+                return [f"  height: {{topic: {topic.name}, height: {path}}}"] if above_takeoff else []
+            away = self._lift_off(heights, first + _RISE_M, "height" if above_takeoff else "altitude of the GPS")
             before = [value for t, value in heights if away is not None and t < away - _S]
             ground_m = max(before, default=first)  # what wanders stays at or below 0 while it stands
-            offset = "" if path == "data" and abs(first) < 0.5 else f", offset_m: {-ground_m:.3f}"  # noqa: PLR2004
+            offset = "" if above_takeoff and abs(first) < 0.5 else f", offset_m: {-ground_m:.3f}"  # noqa: PLR2004
             return [f"  height: {{topic: {topic.name}, height: {path}{offset}}}"]
         return []
 

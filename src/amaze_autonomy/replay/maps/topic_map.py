@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Collection, Dict, Mapping, Optional, Tuple
 
 from amaze_autonomy import interface
 from amaze_autonomy.config import ConfigError, Place
@@ -124,6 +124,15 @@ class TopicMap:
         names += [reading.topic for reading in self.readings.values()] + list(self.statuses.values())
         return tuple(dict.fromkeys(names))
 
+    def of(self, recorded: Collection[str]) -> TopicMap:
+        """Return the map for a recording of these topics: the height is that of `height_otherwise` where it must be."""
+        readings = dict(self.readings)
+        otherwise = readings.pop(_OTHERWISE, None)
+        height = readings.get("height")
+        if otherwise is not None and otherwise.topic in recorded and (height is None or height.topic not in recorded):
+            readings["height"] = otherwise
+        return replace(self, readings=readings)
+
 
 def _optional(group: Group, *left_out: str) -> Group:
     """Return a group of sensors.yaml of which nothing has to be given."""
@@ -135,6 +144,7 @@ _SMALL = Number(above=0.0, below=1.0)
 _TOPIC = Key("topic", Text('the name of a topic, e.g. "/imu/data"', TOPIC_NAME), "topic that carries it")
 _PATH = Text("the path of a field, e.g. pose.position.z or values[5]", FIELD_PATH)
 _SCALE = Key("scale", Number(minimum=-1e6, maximum=1e6), "factor that makes SI of the message's unit", "", 1.0)
+_OTHERWISE = "height_otherwise"
 _OFFSET = Key("offset_m", Number(minimum=-1e5, maximum=1e5), "added after scaling", "", 0.0)
 
 
@@ -217,6 +227,13 @@ _READINGS = Group(
         ),
         _reading("range", "a distance to the ground", _field("distance", "range"), _SCALE),
         _reading("height", "the height above the takeoff position", _field("height", REQUIRED), _SCALE, _OFFSET),
+        _reading(
+            _OTHERWISE,
+            "the same, in a recording without the topic of `height`",
+            _field("height", REQUIRED),
+            _SCALE,
+            _OFFSET,
+        ),
         _reading("battery", "the battery", _field("fraction", "percentage"), _field("voltage"), _SCALE),
         _reading("armed", "whether the motors are armed", _field("armed", "data")),
         _reading(
