@@ -35,6 +35,7 @@ def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
     assert told == [(0.0, "land_user"), (3.0, "land_second_route"), (6.0, "land_alarm"), (120.0, "land_limit")]
     alarms = [c.key for c in story.since if isinstance(c, Notify) and c.level is Level.ALARM]
     assert alarms == ["land_alarm", "land_limit"]
+    assert "PILOT: NOT LANDED AFTER 120 s. TAKE OVER." in [c.text for c in story.since if isinstance(c, Notify)]
     assert story.motions[-4:] == ["LAND", "AutopilotLand", "LAND", "AutopilotLand"]
     assert story.state.landing.both_routes
 

@@ -191,6 +191,11 @@ def test_a_mission_cannot_judge_a_component_that_is_not_watched(flying: World):
         flying.watchdog.start(flying.now_ns, severities=(("sonar", Severity.LOW),))
 
 
+def test_what_is_as_intended_does_not_come_up(flying: World):
+    rows = flying.watchdog.checks(flying.now_ns).checks
+    assert [row.heals for row in rows if row.verdict is Verdict.PASS] == [False] * len(rows)
+
+
 def test_a_start_that_says_nothing_of_it_has_ten_seconds():
     world = World()
     world.watchdog.start(0)
