@@ -31,6 +31,9 @@ MESSAGES: Dict[str, str] = {
     "watchdog_msgs/StatusStamped": HEADER + "watchdog_msgs/Status status\n",
     "watchdog_msgs/StatusChangesArray": "watchdog_msgs/Status[] changes\nwatchdog_msgs/Status[] current\n",
     "watchdog_msgs/StatusChangesArrayStamped": HEADER + "watchdog_msgs/StatusChangesArray data\n",
+    "watchdog_msgs/Action": "watchdog_msgs/Status entity\nuint8 action\n"
+    + _constants("NOTHING=0 FIX_NODE=1 FIX_DRIVER=2"),
+    "watchdog_msgs/ActionStamped": HEADER + "watchdog_msgs/Action action\n",
     "mission_sequencer/MissionRequest": HEADER + "uint8 id\nuint8 request\n" + _constants(REQUESTS),
     "mission_sequencer/MissionResponse": HEADER
     + "mission_sequencer/MissionRequest request\nbool response\nbool completed\n",

@@ -10,6 +10,7 @@ from amaze_autonomy.engine.rules import Code, Severity
 
 OTHERS = {
     "watchdog_msgs/Status": "2d8e15e9a62c78ac92cd2a10638c1ee6",
+    "watchdog_msgs/ActionStamped": "9c4baff1dfa2ceb3e6c061867a58251f",
 }
 
 
@@ -23,7 +24,7 @@ def test_a_service_has_the_md5_sum_of_its_fields(name):
     assert service_md5(name.type) == name.md5
 
 
-def test_so_has_what_is_inside():
+def test_so_have_what_is_inside_and_what_its_engine_sends():
     assert {name: md5(name) for name in OTHERS} == OTHERS
     assert set(OTHERS) <= set(MESSAGES)
 

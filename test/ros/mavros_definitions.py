@@ -23,6 +23,7 @@ MD5 = {
     "ParamGet": "777d24d2a7ab1765ef009a69f464d2bc",
     "ParamValue": "e2cb1c7a0f6ef0c62d450cd9362c980d",
     "PositionTarget": "dedb0081aaf8cb20209737746bb49117",
+    "RCIn": "1c3eafdb5efbcda3c334e1788bbcfe39",
     "SetMode": "e4f18fa93379f9ff1780d270ce110203",
     "State": "65cd0a9fff993b062b91e354554ec7e9",
     "StatusText": "6cfd33cd09e4abf5841d7be3c770a969",
@@ -155,6 +156,7 @@ MESSAGES = {
     + _fields("float64", "x_lat y_long z_alt"),
     "WaypointList": "uint16 current_seq\nmavros_msgs/Waypoint[] waypoints\n",
     "WaypointReached": HEADER + "uint16 wp_seq\n",
+    "RCIn": HEADER + "uint8 rssi\nuint16[] channels\n",
     "PositionTarget": HEADER
     + "uint8 coordinate_frame\n"
     + _constants("FRAME_", "LOCAL_NED=1 LOCAL_OFFSET_NED=7 BODY_NED BODY_OFFSET_NED")
