@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from math import dist
+from dataclasses import replace
+from itertools import starmap
+from math import dist, radians
 
 import pytest
 from cns_folder import write_folder
 from flight import Flight, S
-from stand_ins import ABORT, ARM, DEFECT, DISARM, ERROR, HOLD, LAND, RESUME, TAKEOFF
+from stand_ins import ABORT, ARM, DEFECT, DISARM, ERROR, HOLD, LAND, RESUME, TAKEOFF, namespace
 
 from amaze_autonomy.cns.importer import import_folder
-from amaze_autonomy.cns.sequencer import Bounds
+from amaze_autonomy.cns.sequencer import Bounds, Sequencer
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.engine.events import MissionPhase, UserCommand
+from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCommand
+from amaze_autonomy.engine.events import MissionPhase, Outcome, UserCommand
 from amaze_autonomy.engine.state import Result, State
+from amaze_autonomy.missions import Frame, Trajectory, Waypoint
 
 P = MissionPhase
 ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
@@ -277,3 +281,105 @@ def test_a_vehicle_that_does_not_stand_flat_does_not_take_off(make):
     flight = make(landing_detection={"not_flat": True})
     assert flight.end() == "OUTREACH"
     assert any("not flat" in notice for notice in flight.notices), flight.notices
+
+
+# --- metres east and north, for a sequencer that counts ahead and left ------------------------------------------------
+
+
+class Turned:
+    """A sequencer whose mission is in metres east and north, on a vehicle with a heading.
+
+    Args:
+        configuration: whose first mission has the waypoints.
+        waypoints: x east, y north, z up, yaw counter-clockwise from east in radians, hold in seconds.
+    """
+
+    def __init__(self, configuration, *waypoints):
+        trajectory = Trajectory("legs.csv", tuple(starmap(Waypoint, waypoints)), frame=Frame.EAST_NORTH)
+        plan = replace(configuration.plans[0], trajectories=(trajectory, trajectory))
+        self.planner = Sequencer([plan], configuration.rules.limits, 1.0, Bounds((-20, -20, 0), (20, 20, 5)))
+
+    def load(self, t_ns=0, file_index=0, repetition=0):
+        fields = {"session_id": "s", "mission_id": "1", "file_index": file_index, "repetition": repetition}
+        return self.planner.answer(t_ns, LoadMission(id=1, limit_ns=S, **fields))
+
+    def command_takeoff(self, t_ns):
+        command = MissionCommand(id=2, limit_ns=S, session_id="s", action=MissionAction.TAKEOFF)
+        return self.planner.answer(t_ns, command)
+
+    def take_off(self, t_ns=0):
+        """Command it and say yes to everything; return the waypoints that its sequencer is sent."""
+        reply = self.command_takeoff(t_ns)
+        assert reply is None, reply.message
+        for request in (ARM, TAKEOFF):
+            self.hear(t_ns, request)
+        return [tuple(each.values()) for each in self.planner.outbox[-1].fields["waypoints"]]
+
+    def hear(self, t_ns, request):
+        said = {"request": {"id": 1, "request": request}, "response": False, "completed": True}
+        self.planner.hear(t_ns, "response", namespace(said))
+
+
+@pytest.mark.parametrize(
+    "heading_deg, east, north",
+    [
+        # It looks east: what is 10 m east is ahead, what is 10 m north is left. Yaws count from its heading: none.
+        (0, (10, 0, 0), (0, 10, 90)),
+        # It looks north: east is on its right, which is less than nothing to the left, and 90 degrees clockwise.
+        (90, (0, -10, -90), (10, 0, 0)),
+        # It looks 20 degrees south of west. East is behind it, 10 cos 20 = 9.397 m, and, as it is turned left beyond
+        # west, on its left, 10 sin 20 = 3.420 m; to look there it turns 160 left. North is on its right, 9.397 m, and
+        # behind it, 3.420 m; to look there it turns 110 right.
+        (200, (-9.397, 3.420, 160), (-3.420, -9.397, -110)),
+        (-160, (-9.397, 3.420, 160), (-3.420, -9.397, -110)),
+    ],
+)
+def test_east_and_north_become_ahead_and_left_of_the_heading_at_the_start(configuration, heading_deg, east, north):
+    turned = Turned(configuration, (10.0, 0.0, 2.0, 0.0, 1.0), (0.0, 10.0, 3.0, radians(90), 4.0))
+    turned.planner.turn(0, radians(heading_deg))
+    assert turned.load().outcome is Outcome.ACCEPTED
+    sent = turned.take_off()
+    assert sent[0] == pytest.approx((east[0], east[1], 2, east[2], 1), abs=0.001)
+    assert sent[1] == pytest.approx((north[0], north[1], 3, north[2], 4), abs=0.001)
+
+
+def test_a_vehicle_that_was_turned_after_loading_flies_by_its_heading_at_the_takeoff(configuration):
+    turned = Turned(configuration, (10, 0, 2, 0, 1))
+    turned.planner.turn(0, 0.0)
+    assert turned.load().outcome is Outcome.ACCEPTED
+    turned.planner.turn(60 * S, radians(90))  # east is on its right now
+    assert turned.take_off(60 * S) == [pytest.approx((0, -10, 2, -90, 1), abs=0.001)]
+
+
+@pytest.mark.parametrize("heard_ns, why", [(None, "no fresh heading"), (0, "no fresh heading"), (S // 10, "")])
+def test_without_a_fresh_heading_metres_east_are_refused(configuration, heard_ns, why):
+    turned = Turned(configuration, (10, 0, 2, 0, 1))
+    if heard_ns is not None:
+        turned.planner.turn(heard_ns, 0.0)
+    reply = turned.load(S + S // 10)  # it may be 1 s old
+    assert (reply.outcome is Outcome.ACCEPTED, why in reply.message) == (not why, True)
+
+
+def test_nor_does_it_take_off_without_one(configuration):
+    turned = Turned(configuration, (10, 0, 2, 0, 1))
+    turned.planner.turn(0, 0.0)
+    assert turned.load().outcome is Outcome.ACCEPTED
+    reply = turned.command_takeoff(2 * S)
+    assert reply.outcome is not Outcome.ACCEPTED
+    assert "no fresh heading" in reply.message
+    assert turned.planner.outbox == []
+
+
+@pytest.mark.parametrize("file_index, repetition", [(1, 0), (0, 1)])
+def test_metres_east_of_the_first_takeoff_are_refused_for_another_one(configuration, file_index, repetition):
+    turned = Turned(configuration, (10, 0, 2, 0, 1))
+    turned.planner.turn(0, 0.0)
+    reply = turned.load(0, file_index, repetition)
+    assert reply.outcome is not Outcome.ACCEPTED
+    assert "only the first file may be east_north" in reply.message
+
+
+def test_bounds_are_of_what_is_ahead_and_left(configuration):
+    turned = Turned(configuration, (15, 15, 2, 0, 1))  # on the diagonal, 21.2 m ahead
+    turned.planner.turn(0, radians(45))
+    assert turned.load().message.startswith("waypoint 1: x is 21.21 m from its start")

@@ -149,6 +149,8 @@ class Sequencer(Peer):
             return replied(command, t_ns, problem)
         assert isinstance(command, MissionCommand)  # noqa: S101 - the rows of the services say so
         problem = self._refusal(command)
+        if not problem and command.action is MissionAction.TAKEOFF and self._loaded is not None:
+            problem = self._aim(t_ns, self._loaded)  # it may have been turned since it was loaded
         if problem:
             return replied(command, t_ns, problem)
         request = self._meant(t_ns, command.action)
@@ -206,18 +208,26 @@ class Sequencer(Peer):
             return "its sequencer is not there"
         if self._phase in _IN_FLIGHT and not self._restored:
             return f"its sequencer flies (phase {self._phase.name})"
-        points, problem = self._points_of(t_ns, plan.trajectories[command.file_index], command)
-        problem = problem or self._out_of_bounds(points)
+        problem = self._aim(t_ns, command)
         if problem:
             return problem
         if self._phase in _IN_FLIGHT:  # the engine loads on the ground alone: the end of that flight was missed
             self._ask(Request.DISARM)
         self._restored, self._unheard_ns = False, None
-        self._loaded, self._id, self._points = command, int(command.mission_id), points
+        self._loaded, self._id = command, int(command.mission_id)
         self._phase, self._message, self._reached = _P.LOADED, "", 0
         self._asked = self._arming_ns = None
         self._landing = False
         return ""
+
+    def _aim(self, t_ns: int, command: LoadMission) -> str:
+        """Place the waypoints by the heading of now; return why they cannot be flown, or nothing."""
+        trajectory = self._plans[command.mission_id].trajectories[command.file_index]
+        points, problem = self._points_of(t_ns, trajectory, command)
+        problem = problem or self._out_of_bounds(points)
+        if not problem:
+            self._points = points
+        return problem
 
     def _points_of(
         self, t_ns: int, trajectory: Trajectory, command: LoadMission
