@@ -25,7 +25,8 @@ from dataclasses import replace
 from functools import partial
 from math import atan2
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from subprocess import DEVNULL, PIPE
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
@@ -60,7 +61,7 @@ from ..autonomy.run_folder import boot_id, default_parent
 from ..checks.estimator import Estimator
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES
 
-__all__ = ["CnsPeersNode", "cns_classes", "main"]
+__all__ = ["CnsPeersNode", "cns_classes", "lookers", "main"]
 
 _S = 1_000_000_000
 _QUEUE = 50
@@ -116,7 +117,7 @@ class CnsPeersNode:
             for status in STATUSES
             if status.topic.split("/")[0] in names
         }
-        self._looking = Periodic("recordings", self._look, _LOOK_NS, clock)
+        self._looking = lookers(self._folders if "data_recorder" in names else {}, self._look, clock)
 
     def _peer(self, name: str) -> Peer:
         configuration = self._configuration
@@ -187,13 +188,9 @@ class CnsPeersNode:
             with self._changed:
                 planner.turn(self._clock.now_ns(), heading)
 
-    def _look(self) -> None:
-        """Look at the folders of the recordings, on this computer and on others."""
-        recorder = self._peers.get("data_recorder")
-        if not isinstance(recorder, Recorder):
-            return
-        for platform, place in self._folders.items():
-            folder = _folder(place)
+    def _look(self, platform: str, folder: Optional[Folder]) -> None:
+        recorder = self._peers["data_recorder"]
+        if isinstance(recorder, Recorder):
             with self._changed:
                 recorder.look(self._clock.now_ns(), platform, folder)
 
@@ -251,13 +248,15 @@ class CnsPeersNode:
                 rospy.Service(service.name, SERVICE_CLASSES[service.name], partial(self._answer, service))
         if "state_estimation" in self._peers:
             self._estimator.listen()
-        self._looking.start()
+        for each in self._looking:
+            each.start()
         rospy.loginfo("nodes of the CNS Flight Stack are the engine's %s", ", ".join(self._peers))
         with self._changed:
             while not self._ended:
                 self._step()
                 self._changed.wait(_STEP_S)
-        self._looking.stop()
+        for each in self._looking:
+            each.stop()
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
@@ -382,6 +381,26 @@ def cns_classes(names: Mapping[str, Name], services: Mapping[str, Name]) -> Dict
 # --- folders ----------------------------------------------------------------------------------------------------------
 
 
+def lookers(
+    folders: Mapping[str, str], take: Callable[[str, Optional[Folder]], None], clock: Clock
+) -> Tuple[Periodic, ...]:
+    """Return what looks at each platform's folder, on a thread of its own: a host that hangs holds up no other one.
+
+    Args:
+        folders: [host:]folder by platform.
+        take: what is told a platform, and what lies in its folder; None: it cannot be seen.
+        clock: the node's.
+    """
+    return tuple(
+        Periodic(f"recordings of {platform}", partial(_tell, take, platform, place), _LOOK_NS, clock)
+        for platform, place in folders.items()
+    )
+
+
+def _tell(take: Callable[[str, Optional[Folder]], None], platform: str, place: str) -> None:
+    take(platform, _folder(place))
+
+
 def _folder(place: str) -> Optional[Folder]:
     """Return what lies in a folder, of this computer or, as host:folder, of another; None: it cannot be seen."""
     host, colon, path = place.partition(":")
@@ -405,7 +424,9 @@ def _there(host: str, path: str) -> Optional[Folder]:
     command = ["ssh", "-o", "BatchMode=yes", "-o", "ConnectTimeout=3", "--", host]
     command.append(f"find {where} -type f -printf '%s %f\\n'")
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_SSH_S, check=True)
+        done = subprocess.run(  # not its stderr: a connection that it keeps open for the next look has that
+            command, stdin=DEVNULL, stdout=PIPE, stderr=DEVNULL, text=True, timeout=_SSH_S, check=True
+        )
     except (OSError, subprocess.SubprocessError):
         return None
     rows = (line.split(" ", 1) for line in done.stdout.splitlines())
