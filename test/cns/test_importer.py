@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+import yaml
 from cns_folder import FILES, write_folder
 
 from amaze_autonomy.cli import main
@@ -116,6 +117,21 @@ def test_its_trajectories_are_flown_ahead_and_in_degrees(imported):
 def test_an_imported_mission_is_flown_to_its_end(imported):
     result = run(imported, (imported.plan("2").mission,))
     assert [each[:2] for each in result.results] == [("2", Result.COMPLETE)]
+
+
+def test_options_beside_the_missions_are_those_of_every_mission_that_does_not_say_otherwise(folder, tmp_path):
+    beside = "sequence_multiple_in_flight: true\nhover_after_mission_completion: true\nspare: 3\n"
+    own = "    description: Square\n    hover_after_mission_completion: false\n"
+    write_folder(folder, missions=beside + FILES["missions.yaml"].replace("    description: Square\n", own))
+    report = import_folder(folder, tmp_path / "config")
+    missions = yaml.safe_load((tmp_path / "config" / "missions.yaml").read_text())["missions"]
+    assert {name: row["touchdown_between_files"] for name, row in missions.items()} == {"1": False, "2": False}
+    assert {name: row.get("hover_at_end_s") for name, row in missions.items()} == {"1": None, "2": 60.0}
+    assert report.translated[1:3] == [
+        "missions.yaml: sequence_multiple_in_flight: True: of each mission that does not say it itself",
+        "missions.yaml: hover_after_mission_completion: True: of each mission that does not say it itself",
+    ]
+    assert report.no_counterpart[0] == "missions.yaml: spare: 3"
 
 
 def test_the_command_reports_checks_and_keeps_its_report(folder, tmp_path, capsys):

@@ -25,7 +25,8 @@ _KINDS: Mapping[str, Tuple[str, ...]] = {
     "drivers": ("check_script", "restart_script"),
 }
 _ONE_FLIGHT, _HOVER, _HOVER_S = "sequence_multiple_in_flight", "hover_after_mission_completion", 60.0
-_MISSION_KEYS = ("description", "filepaths", "instances", "entities_actions", _ONE_FLIGHT, _HOVER)
+_OPTIONS = (_ONE_FLIGHT, _HOVER)  # of a mission, or beside the missions: of each
+_MISSION_KEYS = ("description", "filepaths", "instances", "entities_actions", *_OPTIONS)
 _KNOWN = {
     "topics": ("entity_id", "rate", "margin", "node_name", "window_size"),
     "nodes": ("entity_id", "max_restart_attempts", "restart_timeout"),
@@ -147,7 +148,10 @@ def _sources(folder: Path, report: Report) -> Dict[str, Dict[str, Any]]:
         if not _parts(content):
             report.no_counterpart.append(f"{name}: neither missions nor a file of the watchdog")
         elif isinstance(content, dict) and "missions" in content:
-            report.no_counterpart += [f"{name}: {key}: {content[key]}" for key in content if key != "missions"]
+            beside = [key for key in content if key != "missions"]
+            report.no_counterpart += [f"{name}: {key}: {content[key]}" for key in beside if key not in _OPTIONS]
+            words = "of each mission that does not say it itself"
+            report.translated += [f"{name}: {key}: {content[key]}: {words}" for key in beside if key in _OPTIONS]
     return found
 
 
@@ -156,10 +160,12 @@ def _parts(content: Any) -> List[Tuple[str, Dict[str, Any]]]:
         return []
     missions = content.get("missions")
     if isinstance(missions, dict):
-        return [("missions", missions)]
-    rows = [row for row in content.values() if isinstance(row, dict)]
-    kind = next((kind for kind, keys in _KINDS.items() if any(key in row for row in rows for key in keys)), None)
-    return [(kind, content)] if kind is not None and len(rows) == len(content) else []
+        options = {key: content[key] for key in _OPTIONS if key in content}
+        rows = {name: {**options, **row} if isinstance(row, dict) else row for name, row in missions.items()}
+        return [("missions", rows)]
+    found = [row for row in content.values() if isinstance(row, dict)]
+    kind = next((kind for kind, keys in _KINDS.items() if any(key in row for row in found for key in keys)), None)
+    return [(kind, content)] if kind is not None and len(found) == len(content) else []
 
 
 class _Files:
