@@ -17,7 +17,8 @@ from amaze_autonomy.missions import Frame, Waypoint
 from amaze_autonomy.monitoring.specs import RestartPolicy
 from amaze_autonomy.simulation.run import run
 
-AHEAD = "ahead and left of each takeoff, yaw in degrees"
+AHEAD = "ahead and left of each takeoff; yaw in degrees"
+AHEAD_AS_IT_SAYS = "ahead and left of each takeoff, as it says"
 
 
 @pytest.fixture
@@ -134,6 +135,42 @@ def test_options_beside_the_missions_are_those_of_every_mission_that_does_not_sa
     assert report.no_counterpart[0] == "missions.yaml: spare: 3"
 
 
+@pytest.mark.parametrize(
+    "said, written, words",
+    [
+        (
+            "# frame: east_north\nx,y,z,yaw,holdtime\n",
+            "# yaw_unit: deg\n",
+            "east and north, as it says; yaw in degrees",
+        ),
+        ("# frame: start_heading\nx,y,z,yaw,holdtime\n", "# yaw_unit: deg\n", f"{AHEAD_AS_IT_SAYS}; yaw in degrees"),
+        (
+            "# Yaw_Unit: rad\nx,y,z,yaw,holdtime\n",
+            "# frame: start_heading\n",
+            "ahead and left of each takeoff; yaw in radians, as it says",
+        ),
+        (
+            "x,y,z,yaw_rad,holdtime\n",
+            "# frame: start_heading\n",
+            "ahead and left of each takeoff; yaw in radians, as it says",
+        ),
+        (
+            "# frame: start_heading\n# yaw_unit: deg\nx,y,z,yaw,holdtime\n",
+            "",
+            f"{AHEAD_AS_IT_SAYS}; yaw in degrees, as it says",
+        ),
+    ],
+)
+def test_what_a_trajectory_says_itself_is_kept_and_told(folder, tmp_path, said, written, words):
+    rows = "0,0,2,0,0\n4,0,2,0,2\n"
+    missions = FILES["missions.yaml"].replace("[ahead.csv, square/square.csv]", "[ahead.csv]")
+    write_folder(folder, ahead=said + rows, missions=missions)
+    report = import_folder(folder, tmp_path / "config")
+    assert (tmp_path / "config" / "trajectories" / "ahead.csv").read_text() == written + said + rows
+    assert f"trajectories/ahead.csv: trajectories/ahead.csv, {words}" in report.translated
+    assert len(load_configuration(tmp_path / "config").plans) == len(("mission_1", "mission_2"))
+
+
 def test_the_command_reports_checks_and_keeps_its_report(folder, tmp_path, capsys):
     output = tmp_path / "config"
     assert main(["import-cns", str(folder), "--output", str(output)]) == 0
@@ -173,6 +210,18 @@ def test_what_was_written_and_cannot_be_flown_is_named_with_status_1(folder, tmp
         (
             {"drivers": "d: {entity_id: LRF, check_script: /c}\n"},
             "d: the entities LRF and lrf would both be lrf; rename one",
+        ),
+        (
+            {"ahead": "# frame: start_heading\n# frame: east_north\nx,y,z,yaw,holdtime\n0,0,2,0,0\n"},
+            "FOLDER/trajectories/ahead.csv:2: frame: is said twice; must stand in one line; see line 1",
+        ),
+        (
+            {"ahead": "# yaw_unit: deg\n\nx,y,z,yaw_rad,holdtime\n0,0,2,0,0\n"},
+            "FOLDER/trajectories/ahead.csv:3: yaw_unit: the file says rad, and beside it deg is said; must be ",
+        ),
+        (
+            {"ahead": "# frame: ahead\nx,y,z,yaw,holdtime\n0,0,2,0,0\n"},
+            "FOLDER/trajectories/ahead.csv:1: frame: is 'ahead'; must be east_north or start_heading",
         ),
         ({"nodes": "{"}, "FOLDER/watchdog/nodes.yaml: is not YAML: "),
     ],

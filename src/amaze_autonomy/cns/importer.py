@@ -14,6 +14,8 @@ from typing import Any, Dict, List, Mapping, Optional, Tuple
 import yaml
 
 from amaze_autonomy.engine.rules import Severity
+from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit, lines_of, said_in, yaw_unit_of
+from amaze_autonomy.missions.errors import WaypointError
 
 from .tables import ACTIONS, AUTOPILOT_ENTITIES, UNLISTED, component_of, worst
 
@@ -33,7 +35,8 @@ _KNOWN = {
     "drivers": ("entity_id", "check_script", "restart_script"),
 }
 _WAIT_S, _AGE_PERIODS, _LEAST_AGE_S, _LEAST_WINDOW = 15.0, 5.0, 0.3, 4
-_HEADER = "# frame: start_heading\n# yaw_unit: deg\n"
+_FRAMES = {Frame.START_HEADING: "ahead and left of each takeoff", Frame.EAST_NORTH: "east and north"}
+_UNITS = {YawUnit.DEG: "degrees", YawUnit.RAD: "radians"}
 _AUTONOMY = """\
 # Limits that nodes of the CNS Flight Stack need behind peers:=cns. Everything else: docs/configuration.md
 checks:
@@ -185,11 +188,12 @@ class _Files:
         if source is None:
             raise ImportFolderError(f"{mission}: {path} is not below {self._folder}; copy its trajectories there")
         try:
-            self._texts[name] = _HEADER + source.read_text(encoding="utf-8-sig")
+            self._texts[name], words = _headed(str(source), source.read_text(encoding="utf-8-sig"))
         except UnicodeDecodeError:
             raise ImportFolderError(f"{source}: is not UTF-8; must be a trajectory as CSV") from None
-        where = source.relative_to(self._folder).as_posix()
-        self._report.translated.append(f"{where}: {name}, ahead and left of each takeoff, yaw in degrees")
+        except WaypointError as error:
+            raise ImportFolderError(str(error)) from None
+        self._report.translated.append(f"{source.relative_to(self._folder).as_posix()}: {name}, {words}")
         return name
 
     def _find(self, parts: List[str]) -> Optional[Path]:
@@ -201,6 +205,18 @@ class _Files:
         for name, text in self._texts.items():
             (self._output / name).parent.mkdir(parents=True, exist_ok=True)
             (self._output / name).write_text(text, encoding="utf-8")
+
+
+def _headed(file: str, text: str) -> Tuple[str, str]:
+    """Return a trajectory with what it does not say of itself in front, and that in words."""
+    said, (number, header) = said_in(file, text), (lines_of(text) or [(0, "")])[0]
+    column = next((each for each in map(str.strip, header.split(",")) if each in YAW_COLUMNS), "yaw")
+    told = said.yaw_unit is not None or YAW_COLUMNS[column] is not None
+    unit = yaw_unit_of(file, number, column, said, Said(yaw_unit=None if told else YawUnit.DEG))
+    frame = said.frame or Frame.START_HEADING
+    front = ("" if said.frame else f"# frame: {frame.value}\n") + ("" if told else f"# yaw_unit: {unit.value}\n")
+    kept = ", as it says"
+    return front + text, f"{_FRAMES[frame]}{kept * bool(said.frame)}; yaw in {_UNITS[unit]}{kept * told}"
 
 
 # --- missions ---------------------------------------------------------------------------------------------------------
