@@ -171,6 +171,23 @@ def test_what_a_trajectory_says_itself_is_kept_and_told(folder, tmp_path, said, 
     assert len(load_configuration(tmp_path / "config").plans) == len(("mission_1", "mission_2"))
 
 
+def test_keys_of_a_landing_switch_name_ours_and_set_nothing(folder, tmp_path):
+    own = "    description: Square\n    land_channel: 7\n    source: lab\n"
+    missions = "landing_aux: {channel: 6}\n" + FILES["missions.yaml"].replace("    description: Square\n", own)
+    write_folder(folder, missions=missions, sequencer="force: 2\npilot:\n  use_rc: true\n")
+    report = import_folder(folder, tmp_path / "config")
+    ours = "no switch lands; set land_switch.channel (from 1) and its threshold land_switch.above_us in autopilot.yaml"
+    assert [line for line in report.assumed if "land_switch" in line] == [
+        f"missions.yaml: landing_aux: {{'channel': 6}}: {ours}",
+        f"sequencer.yaml: use_rc: True: {ours}",
+        f"mission_1: land_channel: 7: {ours}",
+    ]
+    assert [line for line in report.no_counterpart if "channel" in line or "source" in line] == [
+        "mission_1: source: lab"
+    ]
+    assert load_configuration(tmp_path / "config").autopilot.land_switch.channel == 0
+
+
 def test_the_command_reports_checks_and_keeps_its_report(folder, tmp_path, capsys):
     output = tmp_path / "config"
     assert main(["import-cns", str(folder), "--output", str(output)]) == 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import yaml
 
@@ -34,6 +34,10 @@ _KNOWN = {
     "nodes": ("entity_id", "max_restart_attempts", "restart_timeout"),
     "drivers": ("entity_id", "check_script", "restart_script"),
 }
+_SWITCH = re.compile(r"aux|land_channel|(?<![a-z])rc(?![a-z])", re.IGNORECASE)  # in the name of a key
+_OUR_SWITCH = (
+    "no switch lands; set land_switch.channel (from 1) and its threshold land_switch.above_us in autopilot.yaml"
+)
 _WAIT_S, _AGE_PERIODS, _LEAST_AGE_S, _LEAST_WINDOW = 15.0, 5.0, 0.3, 4
 _FRAMES = {Frame.START_HEADING: "ahead and left of each takeoff", Frame.EAST_NORTH: "east and north"}
 _UNITS = {YawUnit.DEG: "degrees", YawUnit.RAD: "radians"}
@@ -150,12 +154,29 @@ def _sources(folder: Path, report: Report) -> Dict[str, Dict[str, Any]]:
             report.translated.append(f"{name}: {len(rows)} {kind}")
         if not _parts(content):
             report.no_counterpart.append(f"{name}: neither missions nor a file of the watchdog")
+            report.assumed += _switches(name, content)
         elif isinstance(content, dict) and "missions" in content:
-            beside = [key for key in content if key != "missions"]
-            report.no_counterpart += [f"{name}: {key}: {content[key]}" for key in beside if key not in _OPTIONS]
             words = "of each mission that does not say it itself"
-            report.translated += [f"{name}: {key}: {content[key]}: {words}" for key in beside if key in _OPTIONS]
+            report.translated += [f"{name}: {key}: {content[key]}: {words}" for key in content if key in _OPTIONS]
+            _left(name, content, ("missions", *_OPTIONS), report)
     return found
+
+
+def _left(where: str, row: Mapping[str, Any], known: Tuple[str, ...], report: Report) -> None:
+    """Report the keys that are not known."""
+    for key in (key for key in row if key not in known):
+        report.assumed += _switches(where, {key: row[key]})
+        if not _SWITCH.search(str(key)):
+            report.no_counterpart.append(f"{where}: {key}: {row[key]}")
+
+
+def _switches(where: str, content: Any) -> Iterator[str]:
+    """Yield a line for each key, at any depth, that means a switch of the transmitter."""
+    for key, value in content.items() if isinstance(content, dict) else ():
+        if _SWITCH.search(str(key)):
+            yield f"{where}: {key}: {value}: {_OUR_SWITCH}"
+        else:
+            yield from _switches(where, value)
 
 
 def _parts(content: Any) -> List[Tuple[str, Dict[str, Any]]]:
@@ -264,7 +285,7 @@ def _mission(
     if row.get(_HOVER):
         given["hover_at_end_s"] = _HOVER_S
         report.assumed.append(f"{name}: hovers at its end for {_HOVER_S:g} s, unless it is landed before, and lands")
-    report.no_counterpart += [f"{name}: {key}: {row[key]}" for key in row if key not in _MISSION_KEYS]
+    _left(name, row, _MISSION_KEYS, report)
     if not number or not 1 <= int(mission_id) <= 255:  # noqa: PLR2004 - a byte
         report.assumed.append(f"{name}: mission {mission_id} cannot be asked of its sequencer, whose ids are 1 to 255")
     return mission_id, given
@@ -290,7 +311,7 @@ class _Components:
             raise ImportFolderError(f"{name}: the entities {entity} and {other} would both be {component}; rename one")
         here = self.rows.setdefault(component, {"group": "other", "severity": ""})
         {"topics": self._topic, "nodes": self._node, "drivers": self._driver}[kind](component, here, name, row)
-        self._report.no_counterpart += [f"{name}: {key}: {row[key]}" for key in row if key not in _KNOWN[kind]]
+        _left(name, row, _KNOWN[kind], self._report)
 
     def _topic(self, component: str, here: Dict[str, Any], name: str, row: Mapping[str, Any]) -> None:
         rate, margin = _number(name, "rate", row), _number(name, "margin", row)
