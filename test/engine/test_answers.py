@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from engine_beginnings import BEGINNINGS, at
 from engine_peers import MISSION
@@ -10,11 +13,17 @@ from expected_answers import COMMANDS, EXPECTED, SELECTION
 
 from amaze_autonomy.engine import commands, decide
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.commands import Answer, Level
+from amaze_autonomy.engine.commands import Answer, AnswerKind, Level
 from amaze_autonomy.engine.context import Context
 from amaze_autonomy.engine.state import State, evolve
 
+SERVICE = Path(__file__).parents[2] / "srv" / "UserCommand.srv"
 WORDS = {"D": "DONE", "R": "REFUSED", "A": "ALREADY"}
+
+
+def test_answers_have_the_numbers_of_the_service():
+    numbers = dict(re.findall(r"^uint8 (\w+)=(\d+)$", SERVICE.read_text(encoding="utf-8"), re.MULTILINE))
+    assert {kind.name: str(kind.value) for kind in AnswerKind} == numbers
 
 
 @pytest.mark.parametrize("command", COMMANDS)
