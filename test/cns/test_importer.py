@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 import yaml
@@ -18,6 +19,7 @@ from amaze_autonomy.monitoring.specs import RestartPolicy
 from amaze_autonomy.simulation.run import run
 
 AHEAD = "ahead and left of each takeoff; yaw in degrees"
+MAVROS = "as config/mavros has it"
 AHEAD_AS_IT_SAYS = "ahead and left of each takeoff, as it says"
 
 
@@ -30,6 +32,16 @@ def folder(tmp_path):
 def imported(folder, tmp_path):
     import_folder(folder, tmp_path / "config")
     return load_configuration(tmp_path / "config")
+
+
+@pytest.fixture
+def shipped_mavros():
+    return yaml.safe_load((Path(__file__).parents[2] / "config" / "mavros" / "sensors.yaml").read_text())
+
+
+def recorded(tmp_path):
+    recording = yaml.safe_load((tmp_path / "config" / "recording.yaml").read_text())
+    return [topic for group in recording["groups"].values() for topic in group["topics"]]
 
 
 def test_every_line_is_translated_has_no_counterpart_or_is_assumed(folder, tmp_path):
@@ -81,10 +93,12 @@ def test_every_line_is_translated_has_no_counterpart_or_is_assumed(folder, tmp_p
         "uwb_tag_1: a flight waits 15 s for it, then lands",
         "px4_gps: the autopilot's gps as well, by its name",
         "mission_2: hovers at its end for 60 s, unless it is landed before, and lands",
-        "recording.yaml: one computer records the 4 topics that are watched",
+        "sensors.yaml: landing_detection.topic: /lrf/range, which an entity watches (not with peers:=cns)",
+        f"sensors.yaml: state_estimation.topic: /mavros/local_position/odom, {MAVROS} (not with peers:=cns)",
+        f"sensors.yaml: state_estimation.imu_topic: /mavros/imu/data_raw, {MAVROS} (not with peers:=cns)",
+        "recording.yaml: one computer records the 5 topics that are watched",
         "autonomy.yaml: limits that its nodes need (a heartbeat of 0.5 Hz, a supervisor that answers after 10 s)",
         "autopilot.yaml: the vehicle is reached through mavros",
-        "sensors.yaml: landing_detection and state_estimation are those that ship, for its nodes take their places",
     ]
 
 
@@ -186,6 +200,37 @@ def test_keys_of_a_landing_switch_name_ours_and_set_nothing(folder, tmp_path):
         "mission_1: source: lab"
     ]
     assert load_configuration(tmp_path / "config").autopilot.land_switch.channel == 0
+
+
+NO_RANGE = FILES["watchdog/topics.yaml"].replace("/lrf/range:", "/mavros/local_position/odom:").replace("20.0", "50.0")
+
+
+def test_over_mavros_the_checks_look_where_our_configuration_for_mavros_does(folder, tmp_path, shipped_mavros):
+    import_folder(write_folder(folder, topics=NO_RANGE), tmp_path / "config")
+    sensors = yaml.safe_load((tmp_path / "config" / "sensors.yaml").read_text())
+    assert sensors["landing_detection"] == shipped_mavros["landing_detection"]
+    assert sensors["state_estimation"] == {**shipped_mavros["state_estimation"], "rate_hz": 50.0}  # as it is watched
+    assert recorded(tmp_path) == [
+        "/mavros/imu/data_raw",
+        "/mavros/local_position/odom",
+        "/mavros/local_position/pose",
+        "/mission_cam/image_raw",
+        "/uwb/ranges",
+    ]
+    assert main(["check-config", str(tmp_path / "config")]) == 0
+
+
+def test_topics_that_ship_and_nobody_watches_are_named_one_by_one_and_not_recorded(folder, tmp_path):
+    write_folder(folder, topics="/lidar/range: {entity_id: lidar, rate: 20, margin: 0.3}\n")
+    report = import_folder(folder, tmp_path / "config")
+    ours = "which ships and no entity watches: name yours, and record it"
+    assert [line.split(" (")[0] for line in report.assumed if line.startswith("sensors.yaml")] == [
+        f"sensors.yaml: landing_detection.topic: /lrf/range, {ours}",
+        f"sensors.yaml: state_estimation.topic: /odometry, {ours}",
+        f"sensors.yaml: state_estimation.imu_topic: /px4/imu, {ours}",
+    ]
+    assert recorded(tmp_path) == ["/lidar/range"]
+    assert main(["check-config", str(tmp_path / "config")]) == 0
 
 
 def test_the_command_reports_checks_and_keeps_its_report(folder, tmp_path, capsys):

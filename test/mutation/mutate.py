@@ -33,11 +33,14 @@ def main(arguments: List[str], root: Path = ROOT) -> int:
         words = f"{numbers[task.mutant.key]:4} {task.net:9} {place.path}:{place.line}"
         print(f"{words:70} {caught_by or 'SURVIVED'}", flush=True)
 
-    campaign.run(drawn, options.nets, tell)
-    told = results(campaign, drawn, len(found), options.seed, options.nets)
-    print(summary(told, campaign.root))
-    if options.write:
-        write(told, root / RESULTS.relative_to(ROOT), root / PAGE.relative_to(ROOT))
+    try:
+        campaign.run(drawn, options.nets, tell)
+        told = results(campaign, drawn, len(found), options.seed, options.nets)
+        print(summary(told, campaign.root))
+        if options.write:
+            write(told, root / RESULTS.relative_to(ROOT), root / PAGE.relative_to(ROOT))
+    finally:
+        campaign.close()
     return int(bool(told.survivors or told.not_needed))
 
 

@@ -141,6 +141,11 @@ class Campaign:
                     self._begin(tasks.pop(), free, running, tell)
                 self._end_one(free, running, tell)
 
+    def close(self) -> None:
+        """Remove the copies: roslaunch would find their launch files beside those of the package."""
+        for tree in (self.root, *self.trees):
+            shutil.rmtree(tree, ignore_errors=True)
+
     def _prepare(self, nets: Iterable[str]) -> None:
         """Make the copies, and observe in the first one what runs what: nothing may fail there."""
         self._copy(self.root, self.trees[0])

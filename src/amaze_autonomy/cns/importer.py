@@ -41,6 +41,28 @@ _OUR_SWITCH = (
 _WAIT_S, _AGE_PERIODS, _LEAST_AGE_S, _LEAST_WINDOW = 15.0, 5.0, 0.3, 4
 _FRAMES = {Frame.START_HEADING: "ahead and left of each takeoff", Frame.EAST_NORTH: "east and north"}
 _UNITS = {YawUnit.DEG: "degrees", YawUnit.RAD: "radians"}
+_CHECKED: Tuple[Tuple[str, str, str, Dict[str, Any]], ...] = (
+    # Check, key, the topic that ships, and what config/mavros/sensors.yaml has in its place
+    (
+        "landing_detection",
+        "topic",
+        "/lrf/range",
+        {
+            "topic": "/mavros/local_position/pose",
+            "source": "pose",
+            "mounting_height_m": 0.0,
+            "ground_distance_m": 0.4,
+            "airborne_distance_m": 0.7,
+        },
+    ),
+    (
+        "state_estimation",
+        "topic",
+        "/odometry",
+        {"topic": "/mavros/local_position/odom", "source": "odometry", "rate_hz": 30.0},
+    ),
+    ("state_estimation", "imu_topic", "/px4/imu", {"imu_topic": "/mavros/imu/data_raw"}),
+)
 _AUTONOMY = """\
 # Limits that nodes of the CNS Flight Stack need behind peers:=cns. Everything else: docs/configuration.md
 checks:
@@ -115,17 +137,17 @@ def import_folder(folder: Path, output: Path) -> Report:
     files = _Files(folder, output, report)
     rows = sources["missions"].items()
     missions = dict(_mission(str(name), row, files, actions, severities, report) for name, row in rows)
+    checked = _checked(components.rows, report)
     texts = {
         "missions": yaml.safe_dump({"missions": missions}, sort_keys=False),
-        "sensors": yaml.safe_dump({"components": components.rows}, sort_keys=False),
-        "recording": yaml.safe_dump(_recording(components.rows, report), sort_keys=False),
+        "sensors": yaml.safe_dump({"components": components.rows, **checked}, sort_keys=False),
+        "recording": yaml.safe_dump(_recording(components.rows, checked, report), sort_keys=False),
         "autonomy": _AUTONOMY,
         "autopilot": _AUTOPILOT,
     }
     report.assumed += [
         "autonomy.yaml: limits that its nodes need (a heartbeat of 0.5 Hz, a supervisor that answers after 10 s)",
         "autopilot.yaml: the vehicle is reached through mavros",
-        "sensors.yaml: landing_detection and state_estimation are those that ship, for its nodes take their places",
     ]
     output.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
@@ -419,13 +441,38 @@ def _number(name: str, key: str, row: Mapping[str, Any], otherwise: Optional[flo
     return float(value)
 
 
-def _recording(components: Mapping[str, Mapping[str, Any]], report: Report) -> Dict[str, Any]:
-    topics = sorted({topic for row in components.values() for topic in row.get("topics", {})})
-    shipped = [topic for topic in ("/lrf/range", "/odometry", "/px4/imu") if topic not in topics]
+def _rates(components: Mapping[str, Mapping[str, Any]]) -> Dict[str, float]:
+    """Return the topics that are watched, with their rates in Hz."""
+    return {topic: row["rate_hz"] for each in components.values() for topic, row in each.get("topics", {}).items()}
+
+
+def _checked(components: Mapping[str, Mapping[str, Any]], report: Report) -> Dict[str, Dict[str, Any]]:
+    """Return what landing detection and state estimation look at, where it is not what ships."""
+    rates = _rates(components)
+    found: Dict[str, Dict[str, Any]] = {}
+    over_mavros = any(topic.startswith("/mavros/") for topic in rates)
+    for check, key, shipped, mavros in _CHECKED:
+        topic, why = shipped, "which an entity watches"
+        if shipped not in rates and over_mavros:
+            found.setdefault(check, {}).update(mavros)
+            topic, why = mavros[key], "as config/mavros has it"
+        elif shipped not in rates:
+            why = "which ships and no entity watches: name yours, and record it"
+        if check == "state_estimation" and key == "topic" and topic in rates:
+            found.setdefault(check, {})["rate_hz"] = rates[topic]
+        report.assumed.append(f"sensors.yaml: {check}.{key}: {topic}, {why} (not with peers:=cns)")
+    return found
+
+
+def _recording(
+    components: Mapping[str, Mapping[str, Any]], checked: Mapping[str, Mapping[str, Any]], report: Report
+) -> Dict[str, Any]:
+    looked_at = {row[key] for row in checked.values() for key in ("topic", "imu_topic") if key in row}
+    topics = sorted({*_rates(components), *looked_at})
     report.assumed.append(f"recording.yaml: one computer records the {len(topics)} topics that are watched")
     return {
         "folder": "~/recordings",
         "collector": "main",
         "platforms": {"main": {"groups": ["all"]}},
-        "groups": {"all": {"topics": [*topics, *shipped]}},
+        "groups": {"all": {"topics": topics}},
     }
