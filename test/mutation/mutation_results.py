@@ -211,6 +211,8 @@ little. So nobody picks here: cosmic-ray changes one place of `engine/` or `moni
 condition, an operator, a decorator, a loop, an `except`. Of {places} such changes {count} are drawn by the seed {seed},
 places first. {same} operators are left out: `is` for `==` and the like change nothing where values are enumerations.
 
+<!-- not run: hours -->
+
 ```
 ./run mutate engine                             # 400 mutants, all nets; goes on where it was ended
 ./run mutate engine --sample 1000 --seed 2      # others
