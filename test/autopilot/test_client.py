@@ -221,6 +221,7 @@ def test_a_mode_that_we_never_command_is_somebody_else_s():
     bench = ClientBench().fly()
     bench.far.mode(RTL)
     bench.until(lambda: bench.vehicle.control.pilot, 1.1)
+    assert bench.vehicle.beat.mode == "AUTO.RTL"
 
 
 def test_disarming_is_refused_in_the_air_and_done_on_the_ground():

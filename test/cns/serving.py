@@ -56,6 +56,7 @@ class Serving:
         self.commands: List[str] = []
         self.loads: List[LoadWaypoints] = []
         self.refusing: Dict[str, str] = {}  # commands that our services refuse, and why
+        self.lost: Tuple[str, ...] = ()  # commands that are carried out, and whose answer does not come
         self.silent: Tuple[str, ...] = ()  # of planner, autopilot
         self.second: List[int] = []
         self._loading: Optional[Tuple[int, Any]] = None
@@ -134,8 +135,8 @@ class Serving:
             (number, loading), self._loading = self._loading, None
             self._reply(number, "" if loading.accepted else loading.reason)
 
-    def _reply(self, number: int, problem: str) -> None:
-        outcome = Outcome.REFUSED if problem else Outcome.ACCEPTED
+    def _reply(self, number: int, problem: str, *, lost: bool = False) -> None:
+        outcome = Outcome.TIMED_OUT if lost else Outcome.REFUSED if problem else Outcome.ACCEPTED
         self.served.replied(self.t_ns, Reply(t_ns=self.t_ns, command_id=number, outcome=outcome, message=problem))
         self._flush()
 
@@ -181,7 +182,8 @@ class Serving:
         name = command.action.name
         self.commands.append(name)
         problem = self.refusing.get(name) or self.flying.command(command.action, command.session_id)
-        self._reply(command.id, problem)
+        lost = name in self.lost
+        self._reply(command.id, "no answer within 1 s" if lost else problem, lost=lost)
 
 
 def turned(waypoints: Any) -> List[Tuple[float, ...]]:

@@ -56,7 +56,7 @@ GOOD = {"lrf": Code.NOMINAL, "uwb_tag_1": Code.NOMINAL}
 
 @pytest.fixture
 def watchdog():
-    return ServedWatchdog(count(1), ENTITIES, 3 * S)
+    return ServedWatchdog(count(1), CheckName.WATCHDOG, ENTITIES, 3 * S)
 
 
 def info(t_s, **codes):
@@ -220,7 +220,7 @@ ROWS = (
 @pytest.mark.parametrize(
     "make, check",
     [
-        (lambda: ServedLanding(count(1), 3 * S), CheckName.ON_GROUND),
+        (lambda: ServedLanding(count(1), CheckName.ON_GROUND, 3 * S), CheckName.ON_GROUND),
         (lambda: ServedCheck(count(1), CheckName.STATE_ESTIMATION, 3 * S), CheckName.STATE_ESTIMATION),
     ],
 )
@@ -233,7 +233,7 @@ def test_a_check_says_yes_or_no_with_the_rows_that_failed(make, check):
 
 
 def test_a_level_of_our_landing_detection_is_one_message_for_each_event():
-    landing = ServedLanding(count(1), 3 * S)
+    landing = ServedLanding(count(1), CheckName.ON_GROUND, 3 * S)
     ground, air, unknown = Landed.ON_GROUND, Landed.AIRBORNE, Landed.UNKNOWN
     for landed in (unknown, ground, ground, air, air, unknown, air, unknown, ground, ground, air):
         landing.told(0, LandedStatus(t_ns=0, landed=landed))
@@ -245,7 +245,7 @@ def test_a_level_of_our_landing_detection_is_one_message_for_each_event():
 
 
 def test_a_first_level_is_no_event():
-    landing = ServedLanding(count(1), 3 * S)
+    landing = ServedLanding(count(1), CheckName.ON_GROUND, 3 * S)
     landing.told(0, LandedStatus(t_ns=0, landed=Landed.AIRBORNE))
     assert sent(landing, Publish) == []
 
@@ -349,8 +349,8 @@ def test_a_stop_is_a_success_when_the_recording_is_complete(running):
     for phase in (P.RECORDING, P.STOPPING, P.TRANSFERRING, P.MERGING, P.VERIFYING):
         running.tell(phase)
         assert running.said == []
-        assert running.ask(True) is None or phase is P.RECORDING
-        running.said  # noqa: B018 - forget
+        assert running.ask(True) is None
+        assert running.said == [(False, "the recorder is being stopped")]
     running.tell(P.COMPLETE, message="12 MB")
     assert running.said == [(True, "12 MB")]
     assert running.ask(False) is None

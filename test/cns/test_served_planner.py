@@ -394,6 +394,18 @@ def test_a_takeoff_that_our_planner_refuses_is_refused_with_its_reason_and_may_b
     serving.until_answer(R.TAKEOFF, A.COMPLETED)
 
 
+def test_a_takeoff_whose_answer_is_lost_is_refused_and_called_off_though_it_may_have_begun():
+    serving = Serving()
+    serving.lost = ("TAKEOFF",)
+    serving.take_off()
+    serving.until_answer(R.TAKEOFF, A.REFUSED)
+    serving.until_answer(R.ABORT, A.DONE)
+    serving.until(lambda: serving.stage == "LANDED")
+    assert serving.commands == ["TAKEOFF", "ABORT"]
+    assert (serving.craft.armed, serving.craft.height_m) == (False, 0.0)
+    assert serving.ask(R.DISARM) == (("DISARM", YES), ("DISARM", DONE))
+
+
 def test_a_takeoff_whose_vehicle_does_not_arm_is_refused_and_ends():
     serving = Serving()
     serving.craft.flags.not_ready["rc"] = "no RC"

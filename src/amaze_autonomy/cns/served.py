@@ -124,13 +124,16 @@ class ServedWatchdog(Served):
 
     Args:
         ids: of the requests.
+        check: ours that starts it.
         entities: by our components' names.
         reply_limit_ns: of our watchdog's answer, beyond the start-up time.
     """
 
-    def __init__(self, ids: Iterator[int], entities: Mapping[str, Entity], reply_limit_ns: int) -> None:
+    def __init__(
+        self, ids: Iterator[int], check: CheckName, entities: Mapping[str, Entity], reply_limit_ns: int
+    ) -> None:
         super().__init__(ids)
-        self._entities, self._reply_limit_ns = entities, reply_limit_ns
+        self._check, self._entities, self._reply_limit_ns = check, entities, reply_limit_ns
         self._calls: Dict[int, int] = {}
         self._startup_until_ns = 0
         self._components: Tuple[ComponentStatus, ...] = ()
@@ -147,8 +150,7 @@ class ServedWatchdog(Served):
         self._calls[command] = number
         self._startup_until_ns = t_ns + startup_ns
         limit_ns = startup_ns + self._reply_limit_ns
-        check = CheckName.WATCHDOG
-        self.outbox.append(RunCheck(id=command, limit_ns=limit_ns, check=check, startup_time_ns=startup_ns))
+        self.outbox.append(RunCheck(id=command, limit_ns=limit_ns, check=self._check, startup_time_ns=startup_ns))
 
     def replied(self, t_ns: int, reply: Union[Reply, CheckReply]) -> None:
         """Answer by the worst of the components, as its watchdog does."""
@@ -251,15 +253,10 @@ class ServedCheck(Served):
 
 
 class ServedLanding(ServedCheck):
-    """Our landing detection as its landing detector: the level becomes one message for each event.
+    """Our landing detection as its landing detector: the level becomes one message for each event."""
 
-    Args:
-        ids: of the requests.
-        limit_ns: of its answer.
-    """
-
-    def __init__(self, ids: Iterator[int], limit_ns: int) -> None:
-        super().__init__(ids, CheckName.ON_GROUND, limit_ns)
+    def __init__(self, ids: Iterator[int], check: CheckName, limit_ns: int) -> None:
+        super().__init__(ids, check, limit_ns)
         self._landed = Landed.UNKNOWN
 
     def told(self, t_ns: int, event: Event) -> None:  # noqa: ARG002
@@ -299,6 +296,8 @@ class ServedRecorder(Served):
         limit_ns = self._limits.command_reply_limit_ns
         if self._phase is None:
             self._say(number, "our recorder says nothing")
+        elif on and not all(each[0] for each in (*self._waiting, *self._calls.values())):
+            self._say(number, "the recorder is being stopped")
         elif on and self._phase not in _OVER:
             self._say(number, "" if self._phase is _P.RECORDING else f"the recorder is {self._phase.name}")
         elif on:

@@ -9,6 +9,7 @@ that answer it. What is not as with its sequencer, since our planner does it so,
 * LAND is never refused in flight, whatever its id, and has the autopilot node as its second route. No other request
   does anything with another id than the current one.
 * A landing stands: HOLD does not interrupt it. ABORT lands, and before lift-off disarms.
+* A takeoff whose answer is lost is refused and aborted: it may have begun.
 * After the last waypoint it hovers for a time, and then lands though nobody asks.
 * HOVER ends a mission in the air: what was left of it is not flown any more.
 """
@@ -29,6 +30,7 @@ from amaze_autonomy.engine.events import (
     Event,
     MissionPhase,
     MissionStatus,
+    Outcome,
     Reply,
     VehicleLanded,
 )
@@ -47,6 +49,7 @@ _NEAR_M = 0.3  # of its takeoff height, as its sequencer sees it
 _SAME_M, _SAME_RAD = 0.05, 0.02
 _MISSION = re.compile(r"cns_(\d+)")
 _P = MissionPhase
+_NOT_DONE = (Outcome.REFUSED, Outcome.UNAVAILABLE)  # of other outcomes than these nobody knows
 _FLIES = (_P.TAKING_OFF, _P.FLYING, _P.HOLDING, _P.LANDING)
 
 
@@ -358,7 +361,7 @@ class ServedPlanner(Served):
         elif each.request in _LANDS and not each.second:
             self._take_second_route(each, problem)
         elif each.loading or (each.request is Request.TAKEOFF and not self._hovers):
-            self._fail_takeoff(problem)
+            self._fail_takeoff(problem, begun=not each.loading and reply.outcome not in _NOT_DONE)
         else:
             self._give_up(each, problem)
         self._look(t_ns)
@@ -379,11 +382,13 @@ class ServedPlanner(Served):
         self.outbox.append(Notice(f"{each.request.name}: {why}; the autopilot node is asked to land"))
         self.outbox.append(AutopilotLand(id=each.command, limit_ns=self._limits.command_reply_limit_ns))
 
-    def _fail_takeoff(self, why: str) -> None:
-        """Refuse a takeoff that did not begin: all is as it was before."""
-        self.stage = Stage.ARMED
+    def _fail_takeoff(self, why: str, *, begun: bool = False) -> None:
+        """Refuse a takeoff that did not begin: all is as it was before. One that may have begun is called off."""
+        self.stage = Stage.TAKEOFF if begun else Stage.ARMED
         for each in [each for each in self._pending if each.request is Request.TAKEOFF]:
             self._give_up(each, why)
+        if begun:
+            self._command(self._id, Request.ABORT, REQUESTS[Request.ABORT])
 
     def _give_up(self, each: _Pending, why: str) -> None:
         """Refuse what was not done."""

@@ -16,7 +16,7 @@ import itertools
 import threading
 import time
 from functools import partial
-from typing import Any, Callable, Dict, List, Mapping, Set, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Tuple
 
 import rosgraph
 import rospy
@@ -37,7 +37,7 @@ from amaze_autonomy.cns.served import (
 from amaze_autonomy.cns.served_planner import LoadWaypoints, PlannerSettings, ServedPlanner
 from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
 from amaze_autonomy.config import Configuration
-from amaze_autonomy.engine.events import CheckName, CheckReply, InvalidEventError, Outcome, Reply
+from amaze_autonomy.engine.events import CheckReply, InvalidEventError, Outcome, Reply
 from amaze_autonomy.interface import SERVICES as OURS
 from amaze_autonomy.interface import STATUSES, InvalidMessageError, Status
 from amaze_autonomy.missions import Frame
@@ -57,6 +57,7 @@ _S = 1_000_000_000
 _QUEUE = 50
 _STEP_S = 0.05
 _KEEP_NS = _S
+_SAY_AGAIN_NS = 10 * _S
 _LONGEST_HOVER_S = 600.0
 _LONGEST_ANSWER_S = 36_000.0  # each answer has a limit of its own; a stop lasts until its recording is complete
 _LOAD = "mission_planner/load_waypoints"
@@ -97,7 +98,7 @@ class CnsServerNode:
         self._number, self._ended = 0, False
         self._responses: Dict[int, Mapping[str, Any]] = {}
         self._owners: Dict[int, str] = {}
-        self._said: Set[str] = set()
+        self._said: Dict[str, int] = {}
         self._workers = Workers("cns")
         master, me = rosgraph.get_master_uri(), rospy.get_name()
         ours = {name: row for name, row in OURS.items() if row.peer in names or name == "autopilot/land"}
@@ -208,9 +209,11 @@ class CnsServerNode:
                     self._requests.send(each)
 
     def _say(self, text: str) -> None:
-        """Tell people, once."""
+        """Tell people; the same again after a while."""
+        now_ns = self._clock.now_ns()
+        self._said = {said: t_ns for said, t_ns in self._said.items() if now_ns - t_ns < _SAY_AGAIN_NS}
         if text not in self._said:
-            self._said.add(text)
+            self._said[text] = now_ns
             rospy.logwarn("%s", text)
 
     def _filled(self, kind: Any, fields: Mapping[str, Any]) -> Any:
@@ -270,7 +273,8 @@ def _make(names: Tuple[str, ...], configuration: Configuration) -> Dict[str, Ser
     """Return what is served, by our nodes' names."""
     rules, ids = configuration.rules, itertools.count(1)
     begin = time.strftime("%Y%m%dT%H%M%SZ-cns", time.gmtime())
-    reply_ns = {check: rules.reply_limit_ns(check.value) for check in CheckName}
+    check = {row.peer: row.check for row in OURS.values() if row.check is not None and row.peer in PEERS}
+    reply_ns = {peer: rules.reply_limit_ns(each.value) for peer, each in check.items()}
     settings = PlannerSettings(
         configuration.plans,
         rules.limits,
@@ -280,9 +284,9 @@ def _make(names: Tuple[str, ...], configuration: Configuration) -> Dict[str, Ser
         round(configuration.bounds.max_hold_s * _S),
     )
     makers: Mapping[str, Callable[[], Served]] = {
-        "watchdog": lambda: ServedWatchdog(ids, _entities(configuration), reply_ns[CheckName.WATCHDOG]),
-        "landing_detection": lambda: ServedLanding(ids, reply_ns[CheckName.ON_GROUND]),
-        "state_estimation": lambda: ServedCheck(ids, CheckName.STATE_ESTIMATION, reply_ns[CheckName.STATE_ESTIMATION]),
+        "watchdog": lambda: ServedWatchdog(ids, check["watchdog"], _entities(configuration), reply_ns["watchdog"]),
+        "landing_detection": lambda: ServedLanding(ids, check["landing_detection"], reply_ns["landing_detection"]),
+        "state_estimation": lambda: ServedCheck(ids, check["state_estimation"], reply_ns["state_estimation"]),
         "mission_planner": lambda: ServedPlanner(ids, settings),
         "data_recorder": lambda: ServedRecorder(ids, rules, begin),
     }

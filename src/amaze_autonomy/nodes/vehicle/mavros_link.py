@@ -14,6 +14,7 @@ import threading
 from collections import deque
 from typing import Any, Callable, Deque, Dict, Iterable, Tuple
 
+import rosgraph
 import rospy
 
 from amaze_autonomy.autopilot import Client, LinkState
@@ -118,7 +119,7 @@ class MavrosLink(ClientHost):
         try:
             self._converter.target = (self._target("system"), self._target("component"))
             rospy.Subscriber(topic, self._kinds[RECEIVED], self._take_received, queue_size=_RECEIVED, tcp_nodelay=True)
-        except (OSError, rospy.ROSException) as error:
+        except (OSError, TypeError, ValueError, rosgraph.MasterException, rospy.ROSException) as error:
             self._listens = False  # with the next state it is tried again
             rospy.logerr("%s: %s", topic, error)
 
