@@ -460,6 +460,22 @@ def test_but_not_for_ever():
     assert story.now / S > 60.0
 
 
+@pytest.mark.parametrize("verdict,state", [(Verdict.UNKNOWN, "PREFLIGHT"), (Verdict.FAIL, "OUTREACH")])
+def test_what_nobody_knows_yet_is_waited_for_while_the_stack_starts(verdict, state):
+    """A check node that came up long before the drivers did no longer takes it for a start."""
+    story = at("MISSION_INPUT")
+    row = Check(name="range age", verdict=verdict, advice="no range yet")
+    story.check_says["on_ground"] = {"ok": False, "checks": (row,)}
+    story.select().after(8.0).expect(state)
+
+
+def test_what_nobody_knows_after_the_start_is_not():
+    story = at("MISSION_INPUT")
+    row = Check(name="range age", verdict=Verdict.UNKNOWN, advice="no range yet")
+    story.check_says["on_ground"] = {"ok": False, "checks": (row,)}
+    story.after(11.0).select().after(1.0).expect("OUTREACH")
+
+
 def test_a_peer_that_is_not_there_yet_is_waited_for_while_the_stack_starts():
     story = at("MISSION_INPUT")
     story.answers["check:on_ground"] = ev.Outcome.UNAVAILABLE

@@ -22,7 +22,8 @@ from amaze_autonomy.cns.tables import SERVICES, TOPICS
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.monitoring.specs import EstimateSource
 from amaze_autonomy.nodes.cns import node as shell
-from amaze_autonomy.nodes.cns.node import CnsPeersNode, cns_classes, lookers
+from amaze_autonomy.nodes.cns.names import cns_classes
+from amaze_autonomy.nodes.cns.node import CnsPeersNode, lookers
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.ros.clock import MonotonicClock
 from amaze_autonomy.ros.errors import StartError

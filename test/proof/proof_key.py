@@ -12,8 +12,9 @@ from typing import Any, Callable, Dict, Optional, Tuple
 
 from proof_peers import NEVER, UNIT, Peers
 
+from amaze_autonomy.engine.events import Outcome, Verdict
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, State, Step
+from amaze_autonomy.engine.state import CheckRecord, EngineState, State, Step
 from amaze_autonomy.laws import Witness
 
 __all__ = ["Key", "make_key"]
@@ -70,6 +71,7 @@ def _caps(rules: Rules) -> Dict[str, int]:
         "pilot": units(at.pilot_confirm_ns),
         "vehicle.moving_ns": units(at.descent_time_ns),
         "flown": int(at.max_flight_time_ns < NEVER),
+        "started_ns": at.watchdog_startup_time_ns // UNIT,
         "check": units(at.check_max_age_ns, at.check_reply_limit_ns + at.watchdog_startup_time_ns),
     }
 
@@ -101,7 +103,7 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         _age(state, caps, "entered_ns") if place in _ENTERED else 0,
         _age(state, caps, "step_ns") if place in _STEPPED else 0,
         state.sessions > 0,
-        state.started_ns is None,
+        _age(state, caps, "started_ns") if place not in _FLIGHT else state.started_ns is None,
         state.session.mission.id if state.session.mission is not None else "",
         state.session.id != "",
         len(state.queue),
@@ -197,7 +199,7 @@ def _checks(state: EngineState, caps: Dict[str, int]) -> Key:
                 r.outcome is None,
                 min(cap, (now - (r.asked_ns if r.replied_ns is None else r.replied_ns)) // UNIT),
                 r.ok,
-                r.outcome is not None and (r.fixable or r.being_fixed),
+                r.outcome is not None and (r.fixable or r.being_fixed or _comes(r, state, caps)),
             )
             for r in state.preflight.checks
         ]
@@ -207,6 +209,15 @@ def _checks(state: EngineState, caps: Dict[str, int]) -> Key:
     fix = None if state.preflight.fix_deadline_ns is None else max(-1, (state.preflight.fix_deadline_ns - now) // UNIT)
     down = () if state.state is State.PREFLIGHT else _agreed(state, "vehicle.down", caps["confirm"])
     return (records, fix, state.preflight.load.outcome, loaded, _age(state, caps, "peers.planner_ns"), down)
+
+
+def _comes(record: CheckRecord, state: EngineState, caps: Dict[str, int]) -> bool:
+    """Return True when what a check lacked comes by itself: it says so, or this is a start."""
+    early = 0 <= ((record.replied_ns or 0) - (state.started_ns or 0)) // UNIT < caps["started_ns"]
+    bad = [row for row in record.rows if not row.passed]
+    if record.outcome is Outcome.UNAVAILABLE or not bad:
+        return early and record.outcome is Outcome.UNAVAILABLE
+    return all(row.heals or (early and row.verdict is Verdict.UNKNOWN) for row in bad)
 
 
 def _recording(state: EngineState, caps: Dict[str, int]) -> Key:

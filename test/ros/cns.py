@@ -37,7 +37,7 @@ from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Reply
 from amaze_autonomy.interface import SERVICES as OURS
-from amaze_autonomy.nodes.cns.node import cns_classes
+from amaze_autonomy.nodes.cns.names import cns_classes
 from amaze_autonomy.ros.interface import SERVICE_CLASSES, response_of, status_message
 from amaze_autonomy.simulation import World
 

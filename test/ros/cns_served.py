@@ -31,7 +31,7 @@ from stand_ins import DEFECT, NOMINAL
 from amaze_autonomy import msg
 from amaze_autonomy.cns.tables import SERVICES, TOPICS, Answer, Request
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.nodes.cns.node import cns_classes
+from amaze_autonomy.nodes.cns.names import cns_classes
 
 FOLDER = Path(tempfile.mkdtemp(prefix="amaze_cns_served_"))
 PYTHONPATH = install(FOLDER)

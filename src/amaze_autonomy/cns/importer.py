@@ -17,6 +17,7 @@ from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit, lines_of, said_in, yaw_unit_of
 from amaze_autonomy.missions.errors import WaypointError
 
+from ..paths import config_folder
 from .tables import ACTIONS, AUTOPILOT_ENTITIES, UNLISTED, component_of, worst
 
 __all__ = ["ImportFolderError", "Report", "import_folder"]
@@ -41,28 +42,7 @@ _OUR_SWITCH = (
 _WAIT_S, _AGE_PERIODS, _LEAST_AGE_S, _LEAST_WINDOW = 15.0, 5.0, 0.3, 4
 _FRAMES = {Frame.START_HEADING: "ahead and left of each takeoff", Frame.EAST_NORTH: "east and north"}
 _UNITS = {YawUnit.DEG: "degrees", YawUnit.RAD: "radians"}
-_CHECKED: Tuple[Tuple[str, str, str, Dict[str, Any]], ...] = (
-    # Check, key, the topic that ships, and what config/mavros/sensors.yaml has in its place
-    (
-        "landing_detection",
-        "topic",
-        "/lrf/range",
-        {
-            "topic": "/mavros/local_position/pose",
-            "source": "pose",
-            "mounting_height_m": 0.0,
-            "ground_distance_m": 0.4,
-            "airborne_distance_m": 0.7,
-        },
-    ),
-    (
-        "state_estimation",
-        "topic",
-        "/odometry",
-        {"topic": "/mavros/local_position/odom", "source": "odometry", "rate_hz": 30.0},
-    ),
-    ("state_estimation", "imu_topic", "/px4/imu", {"imu_topic": "/mavros/imu/data_raw"}),
-)
+_CHECKED = (("landing_detection", "topic"), ("state_estimation", "topic"), ("state_estimation", "imu_topic"))
 _AUTONOMY = """\
 # Limits that nodes of the CNS Flight Stack need behind peers:=cns. Everything else: docs/configuration.md
 checks:
@@ -451,17 +431,28 @@ def _checked(components: Mapping[str, Mapping[str, Any]], report: Report) -> Dic
     rates = _rates(components)
     found: Dict[str, Dict[str, Any]] = {}
     over_mavros = any(topic.startswith("/mavros/") for topic in rates)
-    for check, key, shipped, mavros in _CHECKED:
-        topic, why = shipped, "which an entity watches"
-        if shipped not in rates and over_mavros:
-            found.setdefault(check, {}).update(mavros)
-            topic, why = mavros[key], "as config/mavros has it"
-        elif shipped not in rates:
+    shipped, mavros = (
+        yaml.safe_load(path.read_text(encoding="utf-8"))
+        for path in (config_folder() / "sensors.yaml", config_folder() / "mavros" / "sensors.yaml")
+    )
+    for check, key in _CHECKED:
+        topic, why = shipped[check][key], "which an entity watches"
+        if topic not in rates and over_mavros:
+            found.setdefault(check, {}).update(_looked_at(mavros[check], key))
+            topic, why = mavros[check][key], "as config/mavros has it"
+        elif topic not in rates:
             why = "which ships and no entity watches: name yours, and record it"
         if check == "state_estimation" and key == "topic" and topic in rates:
             found.setdefault(check, {})["rate_hz"] = rates[topic]
         report.assumed.append(f"sensors.yaml: {check}.{key}: {topic}, {why} (not with peers:=cns)")
     return found
+
+
+def _looked_at(row: Mapping[str, Any], key: str) -> Dict[str, Any]:
+    """Return a topic of a check, with what else is said of it: everything but its other topics."""
+    if key != "topic":
+        return {key: row[key]}
+    return {name: value for name, value in row.items() if not name.endswith("_topic")}
 
 
 def _recording(

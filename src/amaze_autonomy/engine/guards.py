@@ -11,7 +11,7 @@ from typing import Callable, Optional, Set, Tuple
 
 from .commands import Seen, Value, Values, because
 from .context import Context
-from .events import CHECKS, CheckName, MissionPhase, Outcome, RecordingPhase, UserCommand
+from .events import CHECKS, CheckName, MissionPhase, Outcome, RecordingPhase, UserCommand, Verdict
 from .failsafe import FAILSAFE_CONDITIONS, clocks_words, proves_recording, severity_of
 from .rules import SEVERITIES, Action, action_of
 from .state import CheckRecord, ClockApart, OutreachKind, Result, evolve
@@ -321,10 +321,12 @@ def _comes(context: Context, record: CheckRecord) -> bool:
     """Return True when a check that failed can pass soon: it is being fixed, or what it waits for comes by itself."""
     if CHECKS[record.check].watches and (record.fixable or record.being_fixed):
         return True
-    if record.outcome is Outcome.UNAVAILABLE and record.replied_ns is not None:  # its node was starting, like this one
-        return record.replied_ns - (context.state.started_ns or 0) < context.limits.watchdog_startup_time_ns
+    since_ns = (record.replied_ns or 0) - (context.state.started_ns or 0)
+    starting = 0 <= since_ns < context.limits.watchdog_startup_time_ns  # as this engine does: drivers, and its peers
+    if record.outcome is Outcome.UNAVAILABLE:
+        return starting
     bad = [row for row in record.rows if not row.passed]
-    return bool(bad) and all(row.heals for row in bad)
+    return bool(bad) and all(row.heals or (starting and row.verdict is Verdict.UNKNOWN) for row in bad)
 
 
 def _being_fixed(context: Context) -> bool:

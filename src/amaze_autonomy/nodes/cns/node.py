@@ -2,10 +2,9 @@
 
 It offers the services and statuses of the peers that those nodes are (`cns/tables.py` has their names and types), and
 is pure apart from this shell. Their messages are imported at the start, from the user's workspace. Parameters, besides
-those of `node_main.py`:
+those of `node_main.py` and `names.py`:
 
 ~peers               which of them, with commas between; empty: all five
-~cns_namespace       that their names are in, e.g. /cns; empty: as they are
 ~recordings          where their recorder writes: platform=[host:]folder, with semicolons between; empty: recording.yaml
 ~bounds              of the sequencer's waypoints: least x, y, z and most x, y, z in metres; empty: not checked
 ~waypoint_reference  what its waypoints count from, as its message numbers it; 1 is where it started
@@ -42,7 +41,6 @@ from amaze_autonomy.cns.peers import (
     Watchdog,
 )
 from amaze_autonomy.cns.sequencer import ANYWHERE, Bounds, Sequencer
-from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS, Name
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.events import CheckReply, Event, Reply
 from amaze_autonomy.interface import SERVICES as OURS
@@ -60,8 +58,9 @@ from ...whole_file import temporary_name
 from ..autonomy.run_folder import boot_id, default_parent
 from ..checks.estimator import Estimator
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES
+from .names import Names
 
-__all__ = ["CnsPeersNode", "cns_classes", "lookers", "main"]
+__all__ = ["CnsPeersNode", "lookers", "main"]
 
 _S = 1_000_000_000
 _QUEUE = 50
@@ -86,15 +85,12 @@ class CnsPeersNode:
 
     def __init__(self, configuration: Configuration, clock: Clock) -> None:
         self._clock, self._configuration = clock, configuration
-        names = _peer_names()
+        self._names = Names("peers")
+        names = self._names.peers
         self._folders = _folders(configuration)
         self._peers: Dict[str, Peer] = {name: self._peer(name) for name in names}
         self._memory = Memory(default_parent() / f"{rospy.get_name().strip('/').replace('/', '.')}.json")
         self._memory.restore(clock.now_ns(), self._peers)
-        self._prefix = str(rospy.get_param("~cns_namespace", "")).rstrip("/")
-        self._topics = {key: name for key, name in TOPICS.items() if name.peer in names}
-        services = {key: name for key, name in SERVICES.items() if name.peer in names}
-        self._classes = cns_classes({**self._topics, **services}, services)
         self._changed = threading.Condition()
         self._replies: Dict[int, Event] = {}
         self._number = 0
@@ -103,13 +99,15 @@ class CnsPeersNode:
         self._estimator = Estimator(configuration, clock)
         master, me = rosgraph.get_master_uri(), rospy.get_name()
         self._clients = {
-            key: ServiceClient(self._prefix + name.name, self._classes[key], master, me)
-            for key, name in services.items()
+            key: ServiceClient(self._names.resolved(name), self._names.classes[key], master, me)
+            for key, name in self._names.services.items()
         }
         self._listeners: Dict[str, Any] = {}
         self._senders = {
-            key: rospy.Publisher(self._prefix + name.name, self._classes[key], queue_size=_QUEUE, tcp_nodelay=True)
-            for key, name in self._topics.items()
+            key: rospy.Publisher(
+                self._names.resolved(name), self._names.classes[key], queue_size=_QUEUE, tcp_nodelay=True
+            )
+            for key, name in self._names.topics.items()
             if not name.heard
         }
         self._statuses = {
@@ -142,7 +140,7 @@ class CnsPeersNode:
 
     def _hear(self, key: str, message: Any) -> None:
         with self._changed:
-            self._peers[self._topics[key].peer].hear(self._clock.now_ns(), key, message)
+            self._peers[self._names.topics[key].peer].hear(self._clock.now_ns(), key, message)
             self._changed.notify_all()
 
     def _call(self, peer: str, call: Call) -> None:
@@ -170,9 +168,9 @@ class CnsPeersNode:
                 self._workers.submit(partial(self._call, peer, each))
 
     def _message(self, publish: Publish) -> Any:
-        kind, fields = self._classes[publish.key], dict(publish.fields)
+        kind, fields = self._names.classes[publish.key], dict(publish.fields)
         if "waypoints" in fields:
-            package = TOPICS[publish.key].type.split("/")[0]
+            package = self._names.topics[publish.key].type.split("/")[0]
             point = importlib.import_module(f"{package}.msg").MissionWaypoint
             fields["waypoints"] = [point(**each) for each in fields["waypoints"]]
         message = kind(**fields)
@@ -235,10 +233,10 @@ class CnsPeersNode:
 
     def run(self) -> None:
         """Listen, answer and tell until `end`."""
-        for key, name in self._topics.items():
+        for key, name in self._names.topics.items():
             if name.heard:
                 take = partial(self._hear, key)
-                topic, kind = self._prefix + name.name, self._classes[key]
+                topic, kind = self._names.resolved(name), self._names.classes[key]
                 self._listeners[key] = rospy.Subscriber(topic, kind, take, queue_size=_QUEUE, tcp_nodelay=True)
         states = self._configuration.state_estimation
         if "mission_planner" in self._peers and states.topic:
@@ -322,15 +320,6 @@ class Memory:
 # --- parameters -------------------------------------------------------------------------------------------------------
 
 
-def _peer_names() -> Tuple[str, ...]:
-    given = str(rospy.get_param("~peers", "")).replace(" ", "")
-    names = tuple(given.split(",")) if given else PEERS
-    for name in names:
-        if name not in PEERS:
-            raise StartError(f"~peers has {name!r}, must be some of {', '.join(PEERS)}")
-    return names
-
-
 def _bounds(given: Any) -> Bounds:
     words = str(given).replace(" ", "").strip("[]").split(",")
     if words == [""]:
@@ -353,28 +342,6 @@ def _folders(configuration: Configuration) -> Dict[str, str]:
         if not equals or not platform or not place:
             raise StartError(f"~recordings has {part!r}, must be platform=[host:]folder")
         found[platform] = place
-    return found
-
-
-def cns_classes(names: Mapping[str, Name], services: Mapping[str, Name]) -> Dict[str, Any]:
-    """Return the classes of messages and services.
-
-    Raises:
-        StartError: with everything that is missing, by package, or is another type under the same name.
-    """
-    found: Dict[str, Any] = {}
-    problems: List[str] = []
-    for key, name in names.items():
-        package, kind = name.type.split("/")
-        try:
-            found[key] = getattr(importlib.import_module(f"{package}.{'srv' if key in services else 'msg'}"), kind)
-        except (ImportError, AttributeError):
-            problems.append(f"{name.type} is missing: build the package {package} in your workspace and source it")
-            continue
-        if found[key]._md5sum != name.md5:
-            problems.append(f"{name.type} has the md5 sum {found[key]._md5sum}, must be {name.md5}: another version")
-    if problems:
-        raise StartError("; ".join(dict.fromkeys(problems)))
     return found
 
 

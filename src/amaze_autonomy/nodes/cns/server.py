@@ -2,10 +2,9 @@
 
 It offers the names and types of those that are served (`cns/tables.py`) and is pure apart from this shell
 (`cns/served.py`, `cns/served_planner.py`). Their messages are imported at the start, from the user's workspace.
-Parameters, besides those of `node_main.py`:
+Parameters, besides those of `node_main.py` and `names.py`:
 
 ~served         which of our nodes, with commas between; empty: all five
-~cns_namespace  that their names are in, e.g. /cns; empty: as they are
 ~entities       what its missions call our components, where that is another name: component=entity; ...
 ~hover          seconds that it hovers after its last waypoint before it lands by itself
 """
@@ -35,7 +34,7 @@ from amaze_autonomy.cns.served import (
     ServedWatchdog,
 )
 from amaze_autonomy.cns.served_planner import LoadWaypoints, PlannerSettings, ServedPlanner
-from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
+from amaze_autonomy.cns.tables import PEERS
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.events import CheckReply, InvalidEventError, Outcome, Reply
 from amaze_autonomy.interface import SERVICES as OURS
@@ -49,7 +48,7 @@ from ...ros.node_main import run_node
 from ...ros.service_client import ServiceClient
 from ...ros.threads import Periodic, Workers
 from ..autonomy.requests import Requests
-from .node import cns_classes
+from .names import Names
 
 __all__ = ["CnsServerNode", "main"]
 
@@ -88,12 +87,9 @@ class CnsServerNode:
 
     def __init__(self, configuration: Configuration, clock: Clock) -> None:
         self._clock = clock
-        names = _names()
+        self._names = Names("served")
+        names = self._names.peers
         self._served = _make(names, configuration)
-        self._prefix = str(rospy.get_param("~cns_namespace", "")).rstrip("/")
-        self._topics = {key: name for key, name in TOPICS.items() if name.peer in names}
-        self._services = {key: name for key, name in SERVICES.items() if name.peer in names}
-        self._classes = cns_classes({**self._topics, **self._services}, self._services)
         self._changed = threading.Condition()
         self._number, self._ended = 0, False
         self._responses: Dict[int, Mapping[str, Any]] = {}
@@ -108,27 +104,27 @@ class CnsServerNode:
         self._keeping = Periodic("connections", self._requests.keep_connected, _KEEP_NS, clock)
         self._senders = {
             key: rospy.Publisher(
-                self._prefix + name.name,
-                self._classes[key],
+                self._names.resolved(name),
+                self._names.classes[key],
                 subscriber_listener=_Late(self._greet) if key == "log" else None,
                 queue_size=_QUEUE,
                 tcp_nodelay=True,
             )
-            for key, name in self._topics.items()
+            for key, name in self._names.topics.items()
             if name.heard
         }
 
     # --- theirs; on rospy's threads -------------------------------------------------------------------------------
 
     def _hear(self, key: str, message: Any) -> None:
-        name = self._topics[key].peer
+        name = self._names.topics[key].peer
         with self._changed:
             self._served[name].heard(self._clock.now_ns(), key, message)
             self._send(name)
 
     def _call(self, key: str, request: Any) -> Any:
         """Answer one of their calls, which may take as long as theirs do."""
-        name = self._services[key].peer
+        name = self._names.services[key].peer
         with self._changed:
             self._number += 1
             number = self._number
@@ -137,8 +133,8 @@ class CnsServerNode:
             self._changed.wait_for(lambda: number in self._responses or self._ended, _LONGEST_ANSWER_S)
             fields = self._responses.pop(number, None)
         if fields is None:
-            raise rospy.ServiceException(f"{self._services[key].name}: no answer")
-        return self._filled(self._classes[key]._response_class, fields)
+            raise rospy.ServiceException(f"{self._names.services[key].name}: no answer")
+        return self._filled(self._names.classes[key]._response_class, fields)
 
     def _greet(self, publish: Callable[[Any], None]) -> None:
         """Tell a late listener of the log what was missed, on another thread: this one holds a lock of rospy."""
@@ -149,7 +145,7 @@ class CnsServerNode:
             watchdog = self._served["watchdog"]
             whole = watchdog.whole if isinstance(watchdog, ServedWatchdog) else None
             if whole is not None:
-                publish(self._filled(self._classes["log"], whole.fields))
+                publish(self._filled(self._names.classes["log"], whole.fields))
 
     # --- ours; on rospy's threads and on workers --------------------------------------------------------------------
 
@@ -195,7 +191,7 @@ class CnsServerNode:
         outbox, self._served[name].outbox = self._served[name].outbox, []
         for each in outbox:
             if isinstance(each, Publish):
-                self._senders[each.key].publish(self._filled(self._classes[each.key], each.fields))
+                self._senders[each.key].publish(self._filled(self._names.classes[each.key], each.fields))
             elif isinstance(each, Response):
                 self._responses[each.number] = each.fields
                 self._changed.notify_all()
@@ -232,12 +228,12 @@ class CnsServerNode:
             if names:
                 tell = partial(self._tell, status, names)
                 rospy.Subscriber(status.topic, message_class(status), tell, queue_size=_QUEUE, tcp_nodelay=True)
-        for key, name in self._topics.items():
+        for key, name in self._names.topics.items():
             if not name.heard:
-                hear, topic = partial(self._hear, key), self._prefix + name.name
-                rospy.Subscriber(topic, self._classes[key], hear, queue_size=_QUEUE, tcp_nodelay=True)
-        for key, name in self._services.items():
-            rospy.Service(self._prefix + name.name, self._classes[key], partial(self._call, key))
+                hear, topic = partial(self._hear, key), self._names.resolved(name)
+                rospy.Subscriber(topic, self._names.classes[key], hear, queue_size=_QUEUE, tcp_nodelay=True)
+        for key, name in self._names.services.items():
+            rospy.Service(self._names.resolved(name), self._names.classes[key], partial(self._call, key))
         self._keeping.start()
         rospy.loginfo("the engine of the CNS Flight Stack is served by our %s", ", ".join(self._served))
         with self._changed:
@@ -291,15 +287,6 @@ def _make(names: Tuple[str, ...], configuration: Configuration) -> Dict[str, Ser
         "data_recorder": lambda: ServedRecorder(ids, rules, begin),
     }
     return {name: makers[name]() for name in names}
-
-
-def _names() -> Tuple[str, ...]:
-    given = str(rospy.get_param("~served", "")).replace(" ", "")
-    names = tuple(given.split(",")) if given else PEERS
-    for name in names:
-        if name not in PEERS:
-            raise StartError(f"~served has {name!r}, must be some of {', '.join(PEERS)}")
-    return names
 
 
 def _hover_ns() -> int:
