@@ -460,16 +460,19 @@ def test_but_not_for_ever():
     assert story.now / S > 60.0
 
 
-@pytest.mark.parametrize("verdict,state", [(Verdict.UNKNOWN, "PREFLIGHT"), (Verdict.FAIL, "OUTREACH")])
-def test_what_nobody_knows_yet_is_waited_for_while_the_stack_starts(verdict, state):
+@pytest.mark.parametrize(
+    "verdict,age_s,state",
+    [(Verdict.UNKNOWN, None, "PREFLIGHT"), (Verdict.UNKNOWN, 0.1, "OUTREACH"), (Verdict.FAIL, None, "OUTREACH")],
+)
+def test_what_nobody_has_heard_yet_is_waited_for_while_the_stack_starts(verdict, age_s, state):
     """A check node that came up long before the drivers did no longer takes it for a start."""
     story = at("MISSION_INPUT")
-    row = Check(name="range age", verdict=verdict, advice="no range yet")
+    row = Check(name="range age", verdict=verdict, age_s=age_s, advice="no range yet")
     story.check_says["on_ground"] = {"ok": False, "checks": (row,)}
     story.select().after(8.0).expect(state)
 
 
-def test_what_nobody_knows_after_the_start_is_not():
+def test_what_nobody_has_heard_after_the_start_is_not():
     story = at("MISSION_INPUT")
     row = Check(name="range age", verdict=Verdict.UNKNOWN, advice="no range yet")
     story.check_says["on_ground"] = {"ok": False, "checks": (row,)}

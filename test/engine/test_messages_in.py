@@ -121,7 +121,7 @@ def test_a_check_reply_with_the_id_of_another_check_is_dropped():
 
 @pytest.mark.parametrize("verdict", [Verdict.FAIL, Verdict.UNKNOWN])
 def test_ok_is_believed_only_when_every_row_passed(verdict):
-    story = at("MISSION_INPUT").after(11.0)  # while the stack starts, what is unknown is waited for
+    story = at("MISSION_INPUT").after(11.0)  # while the stack starts, what was never heard is waited for
     story.answers["check:battery"] = None
     story.select().after(0.3)
     battery = next(r for r in story.state.preflight.checks if r.check is CheckName.BATTERY)

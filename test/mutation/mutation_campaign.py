@@ -65,11 +65,11 @@ class Running(NamedTuple):
 
 
 def fingerprint(root: Path, folders: Iterable[str]) -> str:
-    """Return a digest of the Python and YAML files in some folders."""
+    """Return a digest of code, rules, journals and accepted figures in some folders."""
     digest = hashlib.sha256()
     for folder in folders:
         for path in [root / folder, *sorted((root / folder).rglob("*"))]:
-            if path.suffix in {".py", ".yaml", ".jsonl"} and path.is_file():
+            if path.suffix in {".py", ".yaml", ".json", ".jsonl"} and path.is_file():
                 digest.update(f"{path.relative_to(root)}\n".encode() + path.read_bytes())
     return digest.hexdigest()[:12]
 

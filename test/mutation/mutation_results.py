@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import yaml
-from mutation_mutant import NETS, SAME_BY_NATURE, UNIT, Mutant, Place
+from mutation_mutant import EXPLORER, NETS, SAME_BY_NATURE, UNIT, Mutant, Place
 
 __all__ = [
     "PAGE",
@@ -155,6 +155,9 @@ def figures(told: Results) -> List[Tuple[str, str, str]]:
         if net in told.observed and net != UNIT:
             ran = [one for one in told.verdicts if one.mutant.place.path in told.observed[net]]
             rows.append((net, "in files that it runs", _share(*rate(ran, [net]))))
+            if net == EXPLORER:
+                by_law = sum(bool(one.caught_by.get(net)) and " reached" not in one.caught_by[net] for one in ran)
+                rows.append((net, "in files that it runs, by laws alone", _share(by_law, rate(ran, [net])[1])))
     return [*rows, ("together", "all", _share(*rate(told.verdicts, NETS)))]
 
 
@@ -220,9 +223,10 @@ places first. {same} operators are left out: `is` for `==` and the like change n
 ```
 
 A mutant is shown to those worlds, tests and scenarios that run its statement. The explorer is `test/proof`: every world
-up to the bound of the proof, its laws, and that time does not go round. It does not run the monitors, nor what writes
-journals and documents: its share in the files that it runs is the figure that says how good it is. Unit tests are
-`test/engine` and `test/monitoring`, scenarios are `test/scenarios`. A mutant that never ends is caught.
+up to the bound of the proof, its laws, that time does not go round, and that it reaches what it was accepted with:
+rows, places, failures and laws. It does not run the monitors, nor what writes journals and documents: its share in the
+files that it runs is the figure that says how good it is. Unit tests are `test/engine` and `test/monitoring`, scenarios
+are `test/scenarios`. A mutant that never ends is caught.
 """
 
 

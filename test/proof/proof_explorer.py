@@ -14,8 +14,10 @@ from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.laws import BrokenLawError, judge
 
-__all__ = ["Broken", "Exploration", "Stats", "explore"]
+__all__ = ["AND", "Broken", "Exploration", "Stats", "explore"]
 
+AND = "; "
+"""Between what a world reached."""
 _SAMPLE = 101
 """Of so many states one is kept, and compared with another one of the same key."""
 _PATIENCE = 10
@@ -47,6 +49,12 @@ class Stats:
     rules: Dict[str, int] = field(default_factory=dict)
     failures: Set[Tuple[str, str]] = field(default_factory=set)
     places: Set[Tuple[str, str]] = field(default_factory=set)
+
+    @property
+    def reached(self) -> str:
+        """Return rules, places, failures with their actions, and laws that had something to say, by their names."""
+        places, failures = (" ".join(each).strip() for each in self.places), map(" -> ".join, self.failures)
+        return AND.join(sorted({*self.rules, *places, *failures, *self.applied}))
 
 
 class Exploration:

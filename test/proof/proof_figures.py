@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
 from proof_defects import Caught
+from proof_explorer import AND
 from proof_induction import Induction
 from proof_run import Proof
 
-__all__ = ["ACCEPTED", "Figures", "differences", "figures_of", "keep", "kept", "read", "write"]
+__all__ = ["ACCEPTED", "Figures", "differences", "figures_of", "keep", "kept", "reached_otherwise", "read", "write"]
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -34,6 +35,7 @@ class Figures:
         laws: name -> how often it applied.
         compared: pairs of states that count as one.
         rules, places, failures: that were reached.
+        reached: world -> what it reached of these, and the laws that applied in it, with semicolons between.
         defects: words -> law, world, moves.
         induction: its steps, drawn states, states that were drawn and are not sound, laws that applied.
         reason: why they are right, once they are accepted.
@@ -46,6 +48,7 @@ class Figures:
     places: Tuple[str, ...]
     failures: Tuple[str, ...]
     defects: Dict[str, Dict[str, Any]]
+    reached: Dict[str, str] = field(default_factory=dict)
     induction: Dict[str, int] = field(default_factory=dict)
     reason: str = ""
 
@@ -70,6 +73,7 @@ def figures_of(proof: Proof, caught: Mapping[str, Optional[Caught]], steps: Indu
         places=tuple(sorted(" ".join(place).strip() for place in reached.places)),
         failures=tuple(sorted(" -> ".join(pair) for pair in reached.failures)),
         defects={words: by._asdict() for words, by in caught.items() if by is not None},
+        reached={name: stats.reached for name, stats in proof.stats.items()},
         induction={
             "steps": steps.steps,
             "sound states": sum(steps.places.values()),
@@ -110,7 +114,16 @@ def _said(value: Any) -> str:
     return ", ".join(f"{key} {each}" for key, each in value.items()) if isinstance(value, dict) else str(value)
 
 
+def reached_otherwise(accepted: Figures, world: str, reached: str) -> str:
+    """Return what a world reaches without having been accepted with it, and what it no longer does; empty: nothing."""
+    return _change(accepted.reached.get(world, ""), reached)
+
+
 def _change(old: Any, new: Any) -> str:
+    if isinstance(new, str):
+        before, now = old.split(AND), new.split(AND)
+        words = [f"{each} is no longer reached" for each in before if each not in now]
+        return ", ".join(words + [f"{each} is reached now" for each in now if each not in before])
     if isinstance(new, int):
         return f"{old} -> {new}" + (" times: it has fallen silent" if new == 0 else "")
     changed = [key for key in new if old.get(key) != new[key]]

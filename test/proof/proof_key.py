@@ -217,7 +217,7 @@ def _comes(record: CheckRecord, state: EngineState, caps: Dict[str, int]) -> boo
     bad = [row for row in record.rows if not row.passed]
     if record.outcome is Outcome.UNAVAILABLE or not bad:
         return early and record.outcome is Outcome.UNAVAILABLE
-    return all(row.heals or (early and row.verdict is Verdict.UNKNOWN) for row in bad)
+    return all(row.heals or (early and row.verdict is Verdict.UNKNOWN and row.age_s is None) for row in bad)
 
 
 def _recording(state: EngineState, caps: Dict[str, int]) -> Key:

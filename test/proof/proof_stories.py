@@ -160,7 +160,7 @@ STORIES: Sequence[Told] = (
             f"{_LIES}a_peer_that_is_not_there_yet_is_waited_for_while_the_stack_starts",
             f"{_LIES}a_peer_that_was_not_there_is_asked_again_however_long_the_other_checks_took",
             f"{_LIES}rows_that_come_by_themselves_are_waited_for",
-            f"{_LIES}what_nobody_knows_yet_is_waited_for_while_the_stack_starts",
+            f"{_LIES}what_nobody_has_heard_yet_is_waited_for_while_the_stack_starts",
             "nodes/test_startup.py::test_what_is_unknown_comes_by_itself_for_the_configured_time",
         ),
         (f"{_LAUNCH}mission_selected_at_once_waits_for_its_nodes_and_for_the_vehicle",),

@@ -168,9 +168,10 @@ _ALL: Tuple[World, ...] = (
     ),
     World(
         name="loading",
-        words="the last checks before takeoff and the planner's word: answered, refused, silent, too old, out of order",
+        words="the last checks before takeoff and the planner's word: answered, refused, silent, too old, out of "
+        "order; or the process was told to end",
         rules=limited(load_limit_ns=3 * UNIT, check_max_age_ns=UNIT),
-        seeds=(SEEDS["loading"], SEEDS["loaded"]),
+        seeds=(SEEDS["loading"], SEEDS["loaded"], script(_ARMING.replace("select", "shutdown select"))),
         scenes=_STANDS,
         checks={"watchdog": ("ok", "fail"), "battery": ("ok", "broken")},
         planner=("LOADED", "IDLE"),

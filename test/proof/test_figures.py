@@ -21,6 +21,7 @@ FOUND = Figures(
     places=("LAND commanding",),
     failures=("imu -> land",),
     defects={"a defect": {"law": "land_is_sticky", "world": "takeoff", "moves": 5}},
+    reached={"takeoff": "land; landed"},
     induction={"steps": 200, "laws": 7},
 )
 
@@ -46,6 +47,7 @@ def test_every_change_is_one_line_that_names_it():
         places=("LAND commanding",),
         failures=(),
         defects={"a defect": {"law": "another_law", "world": "takeoff", "moves": 5}},
+        reached={"takeoff": "landed; suspected", "lies": "landed"},
         induction={"steps": 100, "laws": 7},
     )
     assert differences(FOUND, now) == (
@@ -59,6 +61,8 @@ def test_every_change_is_one_line_that_names_it():
         "rules: suspected is reached now",
         "failures: imu -> land is no longer reached",
         "defects: a defect: law land_is_sticky -> another_law",
+        "reached: lies is new: landed",
+        "reached: takeoff: land is no longer reached, suspected is reached now",
         "induction: steps: 200 -> 100",
     )
 

@@ -17,8 +17,6 @@ import rospy
 import rostest
 from stack import Stack, TestConfiguration
 
-from amaze_autonomy.ros.node_main import take_precedence
-
 AT_ONCE = 12  # most of the time each waits
 _starting = threading.Semaphore(2)
 
@@ -63,9 +61,6 @@ class Behaviours:
         crippled = "--crippled" in sys.argv
         sys.argv = [word for word in sys.argv if word != "--crippled"]
         rospy.init_node(name)
-        take_precedence(
-            -10
-        )  # vehicles on these threads shall not starve beside nodes of other stacks, which take it, too
         at_start()
         only = [word.split("=", 1)[1] for word in sys.argv if word.startswith("--only=")]
         sys.argv = [word for word in sys.argv if not word.startswith("--only=")]

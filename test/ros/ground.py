@@ -97,7 +97,7 @@ def failed_watchdog_check(stack: Stack) -> None:
     outreach_then_fly(stack, "watchdog")
 
 
-@ground.add("checks_failed", faults=scenario("fault: battery_unknown, for_s: 14"))
+@ground.add("checks_failed", faults=scenario("fault: battery_unknown, for_s: 24"))
 def failed_battery_check(stack: Stack) -> None:
     outreach_then_fly(stack, "battery")
 

@@ -8,6 +8,7 @@ from random import Random
 from typing import Any, Callable, Dict, List, Optional, Tuple, Type
 
 from amaze_autonomy.missions import FlightModel
+from amaze_autonomy.ros.node_main import take_precedence
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
@@ -86,7 +87,8 @@ class Px4Vehicle:
             self.switch_on()
 
     def switch_on(self) -> None:
-        """Speak from now on."""
+        """Speak from now on, as a computer of its own would: not starved by nodes, which take this precedence, too."""
+        take_precedence(-10)
         self._server.start()
 
     @property

@@ -11,7 +11,7 @@ from typing import Callable, Optional, Set, Tuple
 
 from .commands import Seen, Value, Values, because
 from .context import Context
-from .events import CHECKS, CheckName, MissionPhase, Outcome, RecordingPhase, UserCommand, Verdict
+from .events import CHECKS, Check, CheckName, MissionPhase, Outcome, RecordingPhase, UserCommand, Verdict
 from .failsafe import FAILSAFE_CONDITIONS, clocks_words, proves_recording, severity_of
 from .rules import SEVERITIES, Action, action_of
 from .state import CheckRecord, ClockApart, OutreachKind, Result, evolve
@@ -326,7 +326,11 @@ def _comes(context: Context, record: CheckRecord) -> bool:
     if record.outcome is Outcome.UNAVAILABLE:
         return starting
     bad = [row for row in record.rows if not row.passed]
-    return bool(bad) and all(row.heals or (starting and row.verdict is Verdict.UNKNOWN) for row in bad)
+    return bool(bad) and all(row.heals or (starting and _never_heard(row)) for row in bad)
+
+
+def _never_heard(row: Check) -> bool:
+    return row.verdict is Verdict.UNKNOWN and row.age_s is None
 
 
 def _being_fixed(context: Context) -> bool:
