@@ -1,6 +1,7 @@
 """Messages and services of the CNS Flight Stack, written from their fields, and their md5 sums as ROS makes them.
 
-`classes()` makes the classes by genpy, where that is there; `install(folder)` packages that a node can import.
+`classes()` makes the classes by genpy, where that is there; `install(folder)` packages that a node can import;
+`sources(folder)` packages that catkin builds.
 """
 
 from __future__ import annotations
@@ -10,8 +11,10 @@ import re
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
-__all__ = ["MESSAGES", "SERVICES", "classes", "install", "md5", "service_md5"]
+__all__ = ["MESSAGES", "PACKAGES", "SERVICES", "classes", "install", "md5", "service_md5", "sources"]
 
+PACKAGES = ("watchdog_msgs", "mission_sequencer")
+"""Those that Debian does not have."""
 HEADER = "std_msgs/Header header\n"
 REQUESTS = "UNDEF=0 ARM=1 TAKEOFF=2 HOLD=3 RESUME=4 LAND=5 HOVER=6 ABORT=7 DISARM=8 READ=101"
 
@@ -125,9 +128,43 @@ globals().update(classes("{0}", "{1}"))
 
 def install(folder: Path) -> str:
     """Write the packages that Debian does not have; return what PYTHONPATH must hold for them."""
-    for package in ("watchdog_msgs", "mission_sequencer"):
+    for package in PACKAGES:
         (folder / package).mkdir()
         (folder / package / "__init__.py").write_text("")
         for part in ("msg", "srv"):
             (folder / package / f"{part}.py").write_text(_MODULE.format(package, part))
     return f"{folder}:{Path(__file__).parent}"
+
+
+_PACKAGE = """\
+<package format="2">
+  <name>{0}</name><version>0.0.0</version><description>Messages alone</description>
+  <maintainer email="nobody@example.org">nobody</maintainer><license>none</license>
+  <buildtool_depend>catkin</buildtool_depend>
+  <depend>std_msgs</depend><build_depend>message_generation</build_depend><exec_depend>message_runtime</exec_depend>
+</package>
+"""
+_CMAKE = """\
+cmake_minimum_required(VERSION 3.0.2)
+project({0})
+find_package(catkin REQUIRED COMPONENTS message_generation std_msgs)
+{1}
+generate_messages(DEPENDENCIES std_msgs)
+catkin_package(CATKIN_DEPENDS message_runtime std_msgs)
+"""
+
+
+def sources(folder: Path) -> None:
+    """Write them as a workspace has them: package.xml, CMakeLists.txt, .msg and .srv."""
+    texts = {"msg": MESSAGES, "srv": {name: "---\n".join(parts) for name, parts in SERVICES.items()}}
+    for package in PACKAGES:
+        added: List[str] = []
+        for end, kind in (("msg", "message"), ("srv", "service")):
+            own = {name.split("/")[1]: text for name, text in texts[end].items() if name.startswith(f"{package}/")}
+            (folder / package / end).mkdir(parents=True)
+            for name, text in own.items():
+                (folder / package / end / f"{name}.{end}").write_text(text)
+            if own:
+                added.append(f"add_{kind}_files(FILES {' '.join(f'{name}.{end}' for name in own)})")
+        (folder / package / "package.xml").write_text(_PACKAGE.format(package))
+        (folder / package / "CMakeLists.txt").write_text(_CMAKE.format(package, "\n".join(added)))

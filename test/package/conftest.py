@@ -5,11 +5,13 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "test" / "cns"))
 NOT_SOURCE = shutil.ignore_patterns("build", "__pycache__", ".*")
 PATIENCE_S = 1200  # an emulated machine is slow
 

@@ -1,4 +1,8 @@
-"""The package in workspaces of catkin_make, catkin_tools and colcon, used from a shell that knows nothing of us."""
+"""The package in workspaces of catkin_make, catkin_tools and colcon, used from a shell that knows nothing of us.
+
+The message packages of the CNS Flight Stack are in the same workspace: written from their fields, or, where AMAZE_CNS
+names a folder that has them, they themselves.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ import socket
 import sys
 from pathlib import Path
 
+import cns_definitions
 import pytest
 
 pytest.importorskip("rospy", reason="needs ROS")
@@ -35,10 +40,20 @@ def workspace(request, build_copy):
             os.close(end)
     folder = ROOT / "build" / ".workspaces" / request.param  # hidden: roslaunch looks for files in the source tree
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    (folder / "src").mkdir(parents=True)
+    beside(folder / "src")
     build_copy(folder / "src" / "amaze_autonomy", f"{NOETIC}; {BUILD[request.param]}", folder)
     shutil.rmtree(folder / "src")
     return folder
+
+
+def beside(folder: Path) -> None:
+    """Lay the packages of CNS into a workspace."""
+    given = os.environ.get("AMAZE_CNS", "")
+    if not given:
+        cns_definitions.sources(folder)
+    for package in cns_definitions.PACKAGES if given else ():
+        shutil.copytree(Path(given) / package, folder / package)
 
 
 def installed(workspace: Path, name: str) -> Path:
@@ -68,6 +83,20 @@ def test_the_install_space_needs_nothing_of_the_source_tree(workspace, shell):
         f"{prefix}/lib/python3/dist-packages/amaze_autonomy/msg/__init__.py",
         f"{prefix}/share/amaze_autonomy/config",
     ]
+
+
+def test_the_messages_of_cns_that_are_built_beside_it_are_those_that_its_nodes_know(workspace, shell):
+    program = workspace / "cns.py"
+    program.write_text(
+        "from amaze_autonomy.cns.tables import SERVICES, TOPICS\n"
+        "from amaze_autonomy.nodes.cns.names import cns_classes\n"
+        "found = cns_classes({**TOPICS, **SERVICES}, SERVICES)\n"
+        "print(*sorted({kind.__module__.split('.')[0] for kind in found.values()}))\n"
+    )
+
+    output = shell(f"source install/setup.bash && {sys.executable} {program}", workspace)
+
+    assert output.split() == ["mission_sequencer", "std_msgs", "std_srvs", "watchdog_msgs"]
 
 
 def test_the_stack_starts_from_the_install_space_whatever_python3_is_in_the_path(workspace, shell):
