@@ -125,7 +125,7 @@ def test_silence_of_the_engine_is_loud(tmp_path):
         console.wait_for("close console only")
         Path(f"{console.log}.silent").touch()
         console.wait_for("NO CONTACT")
-        console.wait_for("The engine (/autonomy) has been silent for 3 s.")
+        console.wait_for("The engine (autonomy) has been silent for 3 s.")
 
 
 def test_ascii_where_the_locale_has_no_unicode(tmp_path):
@@ -204,7 +204,7 @@ def test_without_input_it_tells_and_never_blocks(tmp_path):
     process, log = plain(tmp_path, "land")
     lines = lines_until(process, "ADVICE")
     status, out = finish(process)
-    assert re.fullmatch(r"START     console of /autonomy, \d{4}-\d\d-\d\d, local time [+-]\d{4}", lines[0])
+    assert re.fullmatch(r"START     console of autonomy, \d{4}-\d\d-\d\d, local time [+-]\d{4}", lines[0])
     assert lines[1:] == [
         "STATE     LAND (commanding), IN FLIGHT, mission 1 Short square, less than a minute, 1 min 57 s left",
         "ERROR     Landing: mission_camera: no message on /camera/image for longer than 0.3 s.",
@@ -268,7 +268,7 @@ def test_no_engine_in_time_has_its_status(tmp_path):
     process, _ = plain(tmp_path, "waiting-engine", "--wait", "0.3")
     out, _ = process.communicate(timeout=20)
     assert process.returncode == 4
-    assert out.splitlines()[-1].endswith("END       No engine on /autonomy within 0.3 s.")
+    assert out.splitlines()[-1].endswith("END       No engine on autonomy within 0.3 s.")
 
 
 def test_a_terminal_that_belongs_to_others_gets_lines_and_is_read(tmp_path):

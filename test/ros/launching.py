@@ -6,9 +6,11 @@ configuration, but for the one whose bag is replayed by the names that ship.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import fcntl
 import itertools
+import json
 import os
 import pty
 import re
@@ -19,13 +21,16 @@ import socket
 import subprocess
 import termios
 import threading
+import uuid
 import xmlrpc.client
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, Optional, Sequence
+from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence
 
 import rosgraph
 from px4_vehicle import Px4Vehicle
 from stack import HERE, QUICK, Stack
+from tornado.httpclient import AsyncHTTPClient
+from tornado.websocket import websocket_connect
 
 AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
 #: what a machine that starts others meanwhile may take
@@ -218,3 +223,60 @@ def process(*command: str, **environment: str) -> Iterator[None]:
     finally:
         started.kill()
         started.wait()
+
+
+# --- at its page ------------------------------------------------------------------------------------------------------
+
+_ADDRESS = re.compile(r"the operator's page: (http://127\.0\.0\.1:\d+)/#(\S+)")
+
+
+class Viewed(NamedTuple):
+    """What a viewer was told: whether the token is the vehicle's, the answer to its command, the states one by one."""
+
+    known: bool
+    verdict: str
+    states: List[str]
+
+
+def go_at_the_page(stack: Stack) -> int:
+    """Give the go at the operator's page; return how often somebody with the token has given it."""
+    address, token = wait(stack, lambda: _ADDRESS.search(stack.log()), "the page's address").groups()
+    guest = _view(address, "a guessed token", "go")
+    assert (guest.known, guest.verdict) == (False, "REFUSED")
+    given: List[Viewed] = []
+
+    def gone() -> bool:
+        if stack.state == "READY":
+            given.append(_view(address, token, "go"))
+            assert given[-1].known
+        return given != [] and given[-1].verdict == "DONE"
+
+    wait(stack, gone, "the go")
+    return len(given)
+
+
+def _view(address: str, token: str, command: str) -> Viewed:
+    return asyncio.run(asyncio.wait_for(_opened(address, token, command), LIMIT_S))
+
+
+async def _opened(address: str, token: str, command: str) -> Viewed:
+    """Load the page, send a command three times under one id, as over a bad link; what is done changes the state."""
+    for part in ("", "page.js", "page.css"):
+        await AsyncHTTPClient().fetch(f"{address}/{part}")
+    socket = await websocket_connect(f"{address.replace('http', 'ws')}/stream")
+    await socket.write_message(json.dumps({"have": {}, "token": token}))
+    known, verdict, states = False, "", []
+    while not verdict or (verdict == "DONE" and states[-1] == states[0]):
+        text = await socket.read_message()
+        assert text is not None, "the page's server has gone"
+        news = json.loads(text)
+        known = news.get("token", known)
+        verdict = "".join(each["verdict"] for each in news.get("answers", ())) or verdict
+        if "state" in news.get("parts", ()):
+            states.append(news["parts"]["state"]["name"])
+            if len(states) == 1:
+                order = {"id": uuid.uuid4().hex, "token": token, "board": news["board"], "beat": news["beat"]}
+                for _ in range(3):
+                    await socket.write_message(json.dumps({"order": {**order, "seen": states[0], "command": command}}))
+    socket.close()
+    return Viewed(known, verdict, states)

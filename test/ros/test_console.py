@@ -209,6 +209,14 @@ class TestConsole(unittest.TestCase):
         console.wait_for("ANSWER    mission 1: DONE")
         self.assertEqual(engine.calls, ["select_mission 1"])
 
+    def test_in_a_namespace_the_engine_is_the_one_of_that_namespace(self) -> None:
+        engine = self.engine()
+        self.started.insert(0, FakeAutonomy("/autonomy"))  # of another vehicle
+        console = ConsoleProcess("--mission", "1", ROS_NAMESPACE=str(Path(self.name).parent))
+        self.started.insert(0, console)
+        console.wait_for("ANSWER    mission 1: DONE")
+        self.assertEqual(engine.calls, ["select_mission 1"])
+
     def test_topic_and_services_can_be_remapped(self) -> None:
         engine = self.engine()
         names = [f"/elsewhere/{name}:={self.name}/{name}" for name in ("state", "list_missions", "command")]

@@ -69,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="console", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--engine", metavar="NAME", help="the engine's node (parameter ~engine; default /autonomy)")
+    parser.add_argument("--engine", metavar="NAME", help="the engine's node (parameter ~engine; default autonomy)")
     parser.add_argument(
         "--mission",
         metavar="ID",
@@ -110,7 +110,7 @@ def _run(options: argparse.Namespace, make_link: MakeLink) -> int:
     mailbox = Mailbox(wake)
     link = make_link(mailbox.post, options.engine, full)
     wanted = tuple(name for each in options.mission for name in clean(each).replace(",", " ").split())
-    desk = Desk(engine=clean(options.engine or "/autonomy", 80), wanted=wanted, page=clean(options.page))
+    desk = Desk(engine=clean(options.engine or "autonomy", 80), wanted=wanted, page=clean(options.page))
     session = Session(desk, link, mailbox, once=options.once, wait_s=options.wait, pid=options.pid)
     _end_on_signals(session, wake)
     link.start()

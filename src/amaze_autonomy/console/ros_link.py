@@ -31,12 +31,12 @@ from .wire import clean
 
 __all__ = ["DEFAULT_ENGINE", "RosLink"]
 
-DEFAULT_ENGINE = "/autonomy"
+DEFAULT_ENGINE = "autonomy"
 _LOOK_S = 1.0
 
 
 class RosLink(Link):
-    """A console's connection to the engine. `<engine>` is the engine's node, `/autonomy` unless told otherwise.
+    """A console's connection to the engine: `<engine>`, which is `autonomy` unless told otherwise.
 
     Subscribes: `<engine>/state` (AutonomyState, latched, 2 Hz and at each decision); `<engine>/messages`
     (OperatorMessages, latched); `data_recorder/status` (RecordingStatus, 2 Hz) in the engine's name space, for the time
@@ -49,7 +49,7 @@ class RosLink(Link):
 
     Args:
         post: takes what happens; called from several threads.
-        engine: the engine's name; None: the parameter, or `/autonomy`.
+        engine: its name; None: the parameter, or `autonomy` in its own name space.
         quiet: ROS prints nothing: the screen is in use.
     """
 
@@ -97,7 +97,7 @@ class RosLink(Link):
         rospy.on_shutdown(lambda: self._post(LinkClosed("ROS shut this console down.")))
         engine = self._engine or str(rospy.get_param("~engine", "") or DEFAULT_ENGINE)
         if not rosgraph.names.is_legal_name(engine):
-            raise ValueError(f'"{engine}" cannot be the name of a node, e.g. {DEFAULT_ENGINE}')
+            raise ValueError(f'"{engine}" cannot be the name of a node, e.g. /{DEFAULT_ENGINE}')
         self._engine = rospy.resolve_name(engine.rstrip("/"))
         self._post(LinkSays("", engine=clean(self._engine, 80)))
         missions = _names(rospy.get_param("~mission", ""))
