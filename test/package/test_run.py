@@ -132,6 +132,34 @@ def test_a_launch_that_cannot_be_is_refused_before_anything_starts(argument, wor
     assert caught.value.args == (words,)
 
 
+GROUP = '<launch><group ns="uav1"><include file="{}">{}</include></group></launch>'
+
+
+@pytest.mark.parametrize(
+    "arguments, nodes",
+    [
+        ({"peers": "cns"}, {"autonomy", "autopilot", "console", "cns_peers"}),
+        ({"serve": "cns", "processes": "forked"}, {"node_group", "cns_server"}),
+    ],
+)
+def test_in_a_group_every_node_that_can_be_started_and_all_its_names_are_in_its_namespace(tmp_path, arguments, nodes):
+    load = pytest.importorskip("roslaunch.config", reason="needs ROS").load_config_default
+    path = tmp_path / "group.launch"
+    given = {**arguments, "web": "true", "router": "/dev/ttyACM0"}
+    words = "".join(f'<arg name="{name}" value="{value}"/>' for name, value in given.items())
+    path.write_text(GROUP.format(ROOT / "launch" / "autonomy.launch", words))
+
+    loaded = load([str(path)], None)
+
+    assert {node.namespace + node.name for node in loaded.nodes} == {
+        f"/uav1/{name}" for name in (*nodes, "web", "mavlink_router")
+    }
+    assert {name for name in loaded.params if not name.startswith("/uav1/")} == {"/rosdistro", "/rosversion"}
+    remapped = {name for node in loaded.nodes for names in node.remap_args for name in names}
+    assert {name for name in remapped if name.startswith("/")} == set()
+    assert "watchdog/action" in remapped
+
+
 def test_the_launch_file_knows_every_simulated_vehicle():
     text = (ROOT / "launch" / "autonomy.launch").read_text()
 

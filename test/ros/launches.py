@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -29,6 +30,7 @@ from launching import (
     free_ports,
     go_at_the_page,
     in_flight,
+    names_outside,
     pid_of,
     process,
     roslaunch,
@@ -245,6 +247,10 @@ def told(stack: Stack, namespace: str, *words: str) -> Tuple[int, str]:
 
 def looked_at(stack: Stack) -> None:
     """What the doctor says of the stack, and of the other one; a configuration of what runs is good."""
+    files = [re.sub("#.*", "", path.read_text()) for path in stack.config.glob("*.yaml")]
+    configured = {name for text in files for name in re.findall(r"/[\w/]+", text)}
+    outside = names_outside(stack)
+    assert {"/rosout"} <= outside <= configured, outside - configured
     doctor = ("doctor", str(stack.config), "--for", "3", "--json")
     _, text = told(stack, f"/{stack.name}", *doctor)
     found = [(each["about"], each["said"]) for each in json.loads(text)["findings"]]
@@ -272,7 +278,7 @@ def every_node_in_a_group_beside_another_stack_ends_with_one_verified_bag_that_r
     others = [subprocess.Popen([sys.executable, "-c", FOREIGN.format(name)]) for name in ("autonomy", "watchdog")]
     try:
         page = ("web:=true", "web_port:=0", f"web_token_file:={stack.folder / 'web_token'}")
-        nodes = (*page, "record:=true", f"mavlink_port:={free_ports()}")
+        nodes = (*page, "record:=true", "processes:=forked", f"mavlink_port:={free_ports()}")
         roslaunch(stack, "mission:=hop", "exit_when_ended:=true", "require_go:=true", *nodes, group=True)
         wait(stack, lambda: stack.state == "READY", "READY")
         looked_at(stack)

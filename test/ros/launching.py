@@ -24,7 +24,7 @@ import threading
 import uuid
 import xmlrpc.client
 from pathlib import Path
-from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Iterator, List, NamedTuple, Optional, Sequence, Set
 
 import rosgraph
 from px4_vehicle import Px4Vehicle
@@ -195,6 +195,15 @@ def pid_of(stack: Stack, node: str) -> int:
     """Return the process of a node of the launch."""
     uri = rosgraph.Master("/test").lookupNode(f"/{stack.name}/{node}")
     return int(xmlrpc.client.ServerProxy(uri).getPid("/test")[2])
+
+
+def names_outside(stack: Stack) -> Set[str]:
+    """Return topics and services out of the namespace of a stack that its nodes publish, hear or offer."""
+    inside = f"/{stack.name}/"
+    every = [row for kind in rosgraph.Master("/test").getSystemState() for row in kind]
+    return {
+        name for name, nodes in every if not name.startswith(inside) and any(each.startswith(inside) for each in nodes)
+    }
 
 
 @contextlib.contextmanager

@@ -45,8 +45,8 @@ class Names:
         self.classes = cns_classes({**self.topics, **self.services}, self.services)
 
     def resolved(self, name: Name) -> str:
-        """Return it in their namespace."""
-        return self._prefix + name.name
+        """Return it in their namespace, which is in this node's where it has no slash in front."""
+        return str(rospy.resolve_name(self._prefix + name.name))
 
 
 def cns_classes(names: Mapping[str, Name], services: Mapping[str, Name]) -> Dict[str, Any]:
