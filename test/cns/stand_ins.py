@@ -72,7 +72,8 @@ class Watchdog(StandIn):
         super().call(t_ns, key, fields)
         self._started_ns = self._next_ns = t_ns
         self._rows = dict.fromkeys(self._rows, STARTING)
-        end_ns = t_ns + round((fields["startup_time"] + 2 / self.RATE_HZ) * S)
+        startup_s = self.faults.get("startup_s", fields["startup_time"])
+        end_ns = t_ns + round((startup_s + 2 / self.RATE_HZ) * S)
         self._due.append((end_ns, key, {"successful": True, "status": {}, "entity_ids": []}))
 
     def _status(self, entity: str) -> Dict[str, Any]:

@@ -1,8 +1,5 @@
 #!/usr/bin/env python3
-"""peers:=cns over ROS: the engine under roslaunch, stand-ins for all five CNS nodes, the simulated vehicle.
-
-Their messages are made here of their fields, in packages that only the node's path has.
-"""
+"""peers:=cns over ROS: the engine under roslaunch, stand-ins for all five CNS nodes, the simulated vehicle."""
 
 from __future__ import annotations
 
@@ -12,8 +9,6 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import threading
-import time
 import unittest
 from functools import partial
 from pathlib import Path
@@ -22,10 +17,9 @@ from typing import Any, Dict, List, Tuple
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "cns"))
 
 import rospy
-from cns_definitions import install
 from cns_folder import write_folder
+from cns_stand_ins import MODULES, S, StandIns
 from diagnostic_msgs.msg import DiagnosticArray
-from genpy.message import fill_message_args
 from one_node import wait_for
 from stand_ins import ARM, DISARM, LAND, STAND_INS, TAKEOFF, Recorder
 from std_msgs.msg import String
@@ -33,18 +27,14 @@ from std_srvs.srv import SetBool, SetBoolResponse
 
 from amaze_autonomy import msg
 from amaze_autonomy.cns.importer import import_folder
-from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
+from amaze_autonomy.cns.tables import PEERS
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Reply
 from amaze_autonomy.interface import SERVICES as OURS
-from amaze_autonomy.nodes.cns.names import cns_classes
 from amaze_autonomy.ros.interface import SERVICE_CLASSES, response_of, status_message
 from amaze_autonomy.simulation import World
 
-S = 1_000_000_000
 FOLDER = Path(tempfile.mkdtemp(prefix="amaze_cns_"))
-PYTHONPATH = install(FOLDER)
-sys.path.insert(0, str(FOLDER))
 ENTITIES = ("mission_cam", "lrf", "px4_imu", "UWB-Tag 1", "px4_gps")
 SQUARE = "x,y,z,yaw,holdtime\n0,0,1.5,0,0\n1,0,1.5,5,0\n1,1,1.5,90,0\n"
 FLYING = msg.MissionStatus.FLYING
@@ -62,14 +52,7 @@ QUICK = {  # and four limits that a machine with much else to do may stand still
 }
 
 
-def plain(message: Any) -> Any:
-    """Return the fields of a message as plain values."""
-    if hasattr(message, "__slots__") and not hasattr(message, "secs"):
-        return {name: plain(getattr(message, name)) for name in message.__slots__}
-    return [plain(each) for each in message] if isinstance(message, list) else message
-
-
-class Stack:
+class Stack(StandIns):
     """Everything beside our launch file."""
 
     def __init__(self) -> None:
@@ -79,55 +62,24 @@ class Stack:
         self.world = World(self.configuration, without=PEERS)
         self.recordings = FOLDER / "recordings"
         self.recordings.mkdir()
-        vehicle = self.world.vehicle
-        self.nodes = {kind.peer: kind(vehicle) for kind in STAND_INS}
+        self.answers: Dict[int, Any] = {}
+        self.number = 0
+        self.initialised: List[Any] = []
+        super().__init__([kind(self.world.vehicle) for kind in STAND_INS])
         self.nodes["watchdog"]._rows = dict.fromkeys(ENTITIES, 2)
         self.nodes["state_estimation"].faults["window_s"] = 1.0
         self.nodes["data_recorder"].faults["stop_s"] = 1.0
-        self.changed = threading.Condition()
-        self.begin_s = time.monotonic()
-        self.answers: Dict[int, Any] = {}
-        self.ends: Dict[str, List[Dict[str, Any]]] = {}
-        self.number = 0
-        self.ended = False
-        self.silent: Tuple[str, ...] = ()
-        self.initialised: List[Any] = []
-        classes = cns_classes({**TOPICS, **SERVICES}, SERVICES)
-        self.senders: Dict[str, Any] = {}
-        for key, name in TOPICS.items():
-            if name.heard:
-                self.senders[key] = rospy.Publisher(name.name, classes[key], queue_size=50)
-            else:
-                rospy.Subscriber(name.name, classes[key], partial(self._take, key), queue_size=50)
-        for key, name in SERVICES.items():
-            rospy.Service(name.name, classes[key], partial(self._call, key))
         rospy.Service("/mars/init_service", SetBool, self._initialise)
         for name, row in OURS.items():
             if row.peer == "autopilot":
                 rospy.Service(name, SERVICE_CLASSES[name], partial(self._autopilot, row))
         self.status = rospy.Publisher("autopilot/status", msg.AutopilotStatus, queue_size=10)
-        threading.Thread(target=self._run, daemon=True).start()
+        self.start()
 
-    def now_ns(self) -> int:
-        return round((time.monotonic() - self.begin_s) * S)
-
-    def _take(self, key: str, message: Any) -> None:
-        with self.changed:
-            self.nodes[TOPICS[key].peer].take(self.now_ns(), key, plain(message))
-
-    def _call(self, key: str, request: Any) -> Any:
-        with self.changed:
-            self.nodes[SERVICES[key].peer].call(self.now_ns(), key, plain(request))
-            ends = self.ends.setdefault(key, [])
-            self.changed.wait_for(lambda: ends, 60.0)
-            fields = ends.pop()
-        response = cns_classes({key: SERVICES[key]}, SERVICES)[key]._response_class()
+    def filled(self, key: str, fields: Dict[str, Any]) -> Dict[str, Any]:
         if key == "supervision" and not self.initialised:
-            fields = {**fields, "success": False, "message": "not initialised"}
-        for name in ("successful", "success", "message"):
-            if name in fields:
-                setattr(response, name, fields[name])
-        return response
+            return {**fields, "success": False, "message": "not initialised"}
+        return fields
 
     def _initialise(self, request: Any) -> Any:
         self.initialised.append(request.data)
@@ -141,32 +93,14 @@ class Stack:
             self.changed.wait_for(lambda: number in self.answers, 5.0)
             return response_of(row, self.answers.pop(number), self.now_ns())
 
-    def _run(self) -> None:
-        while not self.ended:
-            with self.changed:
-                self._step(max(self.now_ns(), self.world.now_ns))
-                self.changed.notify_all()
-            time.sleep(0.02)
-
-    def _step(self, t_ns: int) -> None:
+    def step(self, t_ns: int) -> None:
+        t_ns = max(t_ns, self.world.now_ns)
         for event in self.world.advance(t_ns):
             if isinstance(event, AutopilotStatus):
                 self.status.publish(status_message(event, rospy.Time.now().to_nsec()))
             elif isinstance(event, (Reply, CheckReply)):
                 self.answers[event.command_id] = event
-        for node in self.nodes.values():
-            if node.peer in self.silent:
-                continue
-            node.step(t_ns)
-            for key, fields in node.said:
-                message = self.senders[key].data_class()
-                fill_message_args(message, [fields])
-                if hasattr(message, "header"):
-                    message.header.stamp = rospy.Time.now()
-                self.senders[key].publish(message)
-            for key, fields in node.returned:
-                self.ends.setdefault(key, []).append(fields)
-            node.said, node.returned = [], []
+        super().step(t_ns)
         self._write(self.nodes["data_recorder"])
 
     def _write(self, recorder: Recorder) -> None:
@@ -199,7 +133,7 @@ class TestCns(unittest.TestCase):
 
     @classmethod
     def tearDownClass(cls) -> None:
-        cls.stack.ended = True
+        cls.stack.end()
         shutil.rmtree(FOLDER, ignore_errors=True)
 
     def test_a_whole_mission_is_flown_with_all_five_though_the_node_between_is_killed_in_flight(self) -> None:
@@ -212,7 +146,7 @@ class TestCns(unittest.TestCase):
         rospy.Subscriber("autonomy/state", msg.AutonomyState, lambda state: shown.add(state.advice))
         rospy.Subscriber("/diagnostics", DiagnosticArray, lambda all_of: rows.update(_values(all_of)))
         arguments = ("peers:=cns", "mission:=1", "unattended:=true", "exit_when_ended:=true", recordings)
-        process, log = launch(*arguments, modules=PYTHONPATH)
+        process, log = launch(*arguments, modules=MODULES)
         try:
             wait_for(lambda: FLYING in phases, lambda: f"the mission: {log.read_text()[-3000:]}", 60.0)
             self.stack.silent = ("mission_planner",)  # until somebody hears it

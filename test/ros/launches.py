@@ -19,6 +19,7 @@ from typing import Tuple
 
 import rospy
 from behaviours import Behaviours
+from cns_stand_ins import MODULES, StandIns
 from hitches import allowed_s
 from launching import (
     AT_ONCE,
@@ -38,6 +39,7 @@ from launching import (
     wait,
 )
 from stack import Stack
+from stand_ins import Watchdog
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.events import UserCommand, UserRequest
@@ -110,10 +112,19 @@ def autopilot_and_planner_land_when_the_whole_launch_is_told_to_end_in_flight(st
 
 
 @launches.add(processes=(), start=False)
-def launch_ends_by_itself_after_the_mission(stack: Stack) -> None:
-    ports = f"mavlink_port:={free_ports()}"
-    roslaunch(stack, "mission:=hop", "exit_when_ended:=true", "processes:=forked", ports)
+def launch_with_the_watchdog_of_cns_ends_by_itself_after_the_mission(stack: Stack) -> None:
+    """That one is in a namespace of its own; all other nodes are ours, forked."""
+    components = tuple(each.name for each in load_configuration(stack.config).components)
+    watchdog = Watchdog(None, components, startup_s=2.0)
+    theirs = StandIns([watchdog], f"/cns_of_{stack.name}")
+    theirs.start()
+    cns = ("cns_peers:=watchdog", f"cns_namespace:=/cns_of_{stack.name}")
+    nodes = (*cns, "processes:=forked", f"mavlink_port:={free_ports()}")
+    roslaunch(stack, "mission:=hop", "exit_when_ended:=true", *nodes, modules=MODULES)
     ended(stack)
+    theirs.end()
+    assert [key for key, _ in watchdog.calls] == ["watchdog_start"]
+    assert "nodes of the CNS Flight Stack are the engine's watchdog" in stack.log()
     result = stack.result()
     assert (result["exit_status"], result["result"], result["state"]) == (0, "COMPLETE", "MISSION_ENDED")
     assert result["data"]

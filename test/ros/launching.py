@@ -124,17 +124,20 @@ def roslaunch(
     overrides: Sequence[str] = (),
     terminal: Optional[Terminal] = None,
     group: bool = False,
+    modules: str = "",
 ) -> subprocess.Popen[bytes]:
-    """Start the launch file of the package in the namespace of a stack."""
+    """Start the launch file of the package in the namespace of a stack; `modules` is put in front of its PYTHONPATH."""
     command = ["roslaunch", "--screen", str(LAUNCH), "simulation:=true", "console:=false"]
     config = stack.config
     if "record:=true" not in arguments:
         config, arguments = own_sensors(stack), ("record:=false", *arguments)
     command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join((*PATIENT, *overrides))}"]
     command += arguments
-    environment = {**os.environ, "ROS_NAMESPACE": f"/{stack.name}"}
+    path = os.pathsep.join(filter(None, (modules, os.environ.get("PYTHONPATH", ""))))
+    environment = {**os.environ, "PYTHONPATH": path, "ROS_NAMESPACE": f"/{stack.name}"}
     if group:
-        command, environment = ["roslaunch", "--screen", str(_in_group(stack, command[3:]))], dict(os.environ)
+        command = ["roslaunch", "--screen", str(_in_group(stack, command[3:]))]
+        del environment["ROS_NAMESPACE"]
     if terminal is not None:
         out = terminal.slave
         process = subprocess.Popen(
