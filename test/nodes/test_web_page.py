@@ -235,6 +235,24 @@ class Field:
 
         self.call(end)
 
+    def freeze(self):
+        """Have the stack say nothing more."""
+
+        async def end():
+            self.stack.stopped = True
+
+        self.call(end)
+
+    def show(self, desk):
+        """Have the page show a scene of the console."""
+
+        async def post():
+            self.server.take(MessagesCame("scenes", desk.notes))
+            self.server.take(CollectingCame(desk.collecting or Collecting()))
+            self.server.take(StateCame(desk.snapshot))
+
+        self.call(post)
+
     async def _listen_badly(self):
         self.bad = BadLink(self.port, self._cuts)
         return await self.bad.listen()
@@ -416,28 +434,63 @@ def test_names_of_others_are_never_markup_and_without_plotly_all_but_the_plots_i
 
 
 def test_every_scene_of_the_console_is_shown_by_a_light_and_a_dark_page_without_an_error(field):
-    def show(desk):
-        async def post():
-            field.server.take(MessagesCame("scenes", desk.notes))
-            field.server.take(CollectingCame(desk.collecting or Collecting()))
-            field.server.take(StateCame(desk.snapshot))
-
-        return post
-
-    async def stop():
-        field.stack.stopped = True
-
-    field.call(stop)
+    field.freeze()
     with opened(field.port) as light, opened(field.port, dark=True) as dark:
         for name, desk in SCENES.items():
             if desk.snapshot is None or name in ("stale", "mission-input-error"):  # not of the engine's state
                 continue
-            field.call(show(desk))
+            field.show(desk)
             for page, shade in ((light, "light"), (dark, "dark")):
                 page.wait("state", desk.snapshot.state.replace("_", " "))
                 page.wait("alarm" if desk.snapshot.message_level == ALARM else "message", desk.snapshot.message)
                 page.picture(f"{name}-{shade}")
         assert light.errors() == dark.errors() == []
+
+
+SPEAKER = """
+window.tones = [];
+window.AudioContext = class {
+  currentTime = 0;
+  createOscillator() {
+    const frequency = {}, connect = (next) => next, start = () => tones.push(frequency.value), stop = () => {};
+    return { frequency, connect, start, stop };
+  }
+  createGain() {
+    const gain = { setValueAtTime: () => {}, exponentialRampToValueAtTime: () => {} };
+    return { gain, connect: (next) => next };
+  }
+  close() {}
+};"""
+FLASHING = """return ["alarm", "lost"].filter(
+  (id) => !$(id).hidden && getComputedStyle($(id)).animationName === "flash")"""
+TONES = "return tones.splice(0)"
+ALARM_HZ = 1000
+
+
+def test_an_alarm_in_land_and_an_engine_that_is_silent_in_flight_flash_and_sound_until_they_are_over(field):
+    field.freeze()
+    landing, alarm = SCENES["land"], SCENES["alarm"]
+    assert (landing.snapshot.state, alarm.snapshot.state, alarm.snapshot.message_level) == ("LAND", "LAND", ALARM)
+    with opened(field.port) as page:
+        script = page.driver.execute_script
+
+        def calm():
+            field.show(landing)
+            return page.text("message").endswith(landing.snapshot.message) and script(FLASHING) == []
+
+        page.until(calm, "landing without an alarm")
+        script(SPEAKER)
+        page.press("#sound")
+        assert page.text("sound") == "sound is on"
+        field.show(alarm)
+        page.wait("alarm", alarm.snapshot.message)
+        assert "alarm" in script(FLASHING)
+        page.until(lambda: ALARM_HZ in script(TONES), "tone of the alarm")
+        page.until(calm, "end of the alarm")
+        script(TONES)
+        page.wait("lost", "THE ENGINE is silent")
+        assert script(FLASHING) == ["lost"]
+        page.until(lambda: ALARM_HZ in script(TONES), "tone of the silence")
 
 
 def test_many_messages_do_not_make_the_page_grow(field):
@@ -449,10 +502,7 @@ def test_many_messages_do_not_make_the_page_grow(field):
 
         return post
 
-    async def stop():
-        field.stack.stopped = True
-
-    field.call(stop)
+    field.freeze()
     with opened(field.port) as page:
         sizes = []
         for first in range(1, 10_000, 200):
