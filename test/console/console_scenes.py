@@ -86,7 +86,7 @@ _NOTES = (
     Note("10:14:31", 0, "Pre-flight checks of mission 1 are running."),
     Note("10:14:36", 0, "Ready."),
     Note("10:14:40", 0, "Takeoff."),
-    Note("10:15:02", 1, "gps: 3.1 Hz, expected 5 Hz. The mission goes on."),
+    Note("10:15:02", 1, "Flying on: gps fault (3.1 Hz, expected 5 Hz)."),
 )
 
 TELEMETRY = Telemetry(
@@ -147,7 +147,8 @@ _HOLD = replace(
     waiting_for="lrf, realsense_camera",
     time_left_s=8.1,
     limit="restart limit",
-    message="Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
+    message="Holding for up to 12 s, then landing: lrf fault, restarting it "
+    "(no message on /lrf/range for longer than 0.3 s).",
     message_level=1,
     advice="Wait, or land.",
     user_commands=("hold", "land", "abort"),

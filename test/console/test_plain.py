@@ -10,6 +10,7 @@ from amaze_autonomy.console.model import Answer, Desk, Note, Question, Request, 
 from amaze_autonomy.console.plain import changes
 from amaze_autonomy.engine.events import UserCommand
 
+HOLDING = SCENES["hold"].snapshot.message
 START = Desk(started_s=NOW_S, received_s=NOW_S)
 
 
@@ -50,7 +51,7 @@ def test_time_that_passes_is_no_line():
 def test_the_first_state_is_told_whole():
     assert lines(START, SCENES["hold"]) == [
         "STATE     HOLD (holding), IN FLIGHT, mission 1 Short square, less than a minute, 8 s left",
-        "WARNING   Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
+        f"WARNING   {HOLDING}",
         "FAULT     gps code 2: continue: 3.1 Hz, expected 5 Hz",
         "FAULT     realsense_camera code 4: wait, then continue, 21 s left (wait limit): "
         "node /realsense: connection refused",
@@ -74,7 +75,7 @@ def test_a_failure_that_turns_into_a_landing_and_others_that_clear():
     )
     assert lines(hold, land) == [
         "STATE     LAND (holding), IN FLIGHT, mission 1 Short square, less than a minute, 8 s left",
-        "WARNING   Holding position: lrf: no message on /lrf/range for longer than 0.3 s.",
+        f"WARNING   {HOLDING}",
         "FAULT     lrf code 8: land, 8 s left (restart limit): no message on /lrf/range for longer than 0.3 s",
         "FAULT     mission_camera code 16: land: no message on /camera/image for longer than 0.3 s",
         "CLEARED   gps",

@@ -169,3 +169,56 @@ def test_every_message_has_words_and_a_known_level():
     for key, message in commands.MESSAGES.items():
         assert message.text, key
         assert message.level in Level, key
+
+
+NOT_THE_FIELDS_WORDS = (
+    r"\{name\}: \{reason\}",  # a name of the configuration, a colon, a name of a node, a colon, an error
+    r"holding position:",
+    r"\babsorb|\bturn\b|\btake[ns]? back\b|\bunfit\b|\bfitness\b|\bverb\b",
+    r"\bheight\b",
+    r"shows? that it lands|told directly|both routes|second route",
+    r"is flown\b|missions that were still to come",
+    r"give the go",
+    r"\bmend(ed|s)?\b",
+    r"\blead time\b|prove that files grow",
+    r"wrong now|what is done",
+    r"hands? over|word of|\btold\b|\bheard\b|said once",
+    r"\b(footing|looks|pace|tracks|sight|outlook|carriers|ahead|casting|keeping|hosting|parting|origins|evidence)\b",
+)
+"""What a pilot would not say; docs/glossary.md has what is said in its place."""
+
+
+def told_texts():
+    yield from ((key, f"{message.text} {message.advice}") for key, message in commands.MESSAGES.items())
+    yield from ((command.value, text) for command, text in decide.OTHERWISE.items())
+    yield from ((c.value, case.text) for c, row in decide.ANSWERS.items() for cases in row.values() for case in cases)
+
+
+@pytest.mark.parametrize("pattern", NOT_THE_FIELDS_WORDS)
+def test_messages_and_answers_are_in_the_fields_words(pattern):
+    found = [(key, text) for key, text in told_texts() if re.search(pattern, text, re.IGNORECASE)]
+    assert not found
+
+
+def said(story):
+    return [command.text for command in story.since if isinstance(command, commands.Notify)]
+
+
+def test_a_hold_says_what_has_failed_what_is_done_and_for_how_long():
+    story = at("MISSION flying").look().fail("lrf", 8, "trying")
+    assert said(story) == ["Holding for up to 5 s, then landing: lrf fault, restarting it (lrf at code 8)."]
+    story.look().fail("barometer", 4)
+    assert said(story) == ["Holding for up to 7 s, then flying on: barometer fault (barometer at code 4)."]
+    story.look().back("barometer")
+    assert said(story) == ["barometer is back."]
+    story.look().fail("lrf", 16, "given_up")
+    assert said(story) == ["Landing: lrf fault, restarting it did not help (lrf at code 16)."]
+    story.look().fail("gps", 2)
+    assert said(story) == ["While landing: gps fault (gps at code 2). The landing goes on."]
+
+
+def test_what_is_flown_on_with_and_what_is_over_are_said_without_names_of_rules():
+    story = at("MISSION flying").look()
+    tilt = "the vehicle tilts further than it should (tilt 50.0 deg, limit 45.0)."
+    assert said(story.say(tilt_deg=50.0)) == [f"Flying on: {tilt}"]
+    assert said(story.look().say(tilt_deg=3.0)) == [f"Cleared: {tilt}"]

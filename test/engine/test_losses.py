@@ -288,7 +288,7 @@ def test_a_vehicle_that_leans_once_is_warned_of_and_flies_to_its_end():
     story.say(tilt_deg=50.0).expect("MISSION", "flying")
     assert story.told == ["failure_continue"]
     story.say(tilt_deg=3.0)
-    assert (story.told, story.state.failures) == (["failure_continue", "failure_back"], ())
+    assert (story.told, story.state.failures) == (["failure_continue", "condition_cleared"], ())
     story.until("MISSION_ENDED")
     assert (story.motions, story.state.session.result.value) == ([], "COMPLETE")
 

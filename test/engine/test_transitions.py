@@ -334,7 +334,7 @@ ROWS = (
     Row("resume_unconfirmed", "HOLD resuming", waits(5.0), "LAND commanding", ("LAND",), "land"),
     Row("takeoff_failed", "TAKEOFF arming", takeoff_fails, "OUTREACH", (), "takeoff_refused"),
     Row("hold_repeated", "HOLD confirming", waits(1.3), "HOLD confirming", ("HOLD",)),
-    Row("hold_flown_on", "HOLD holding", flies_on, "HOLD confirming", ("HOLD",), "hold"),
+    Row("hold_flown_on", "HOLD holding", flies_on, "HOLD confirming", ("HOLD",), "hold_not_kept"),
     Row("landing_given_up", "LAND commanding", nobody_answers, "DATA_CLEANUP", GIVEN_UP, "landing_given_up"),
     Row(
         "grounded_while_holding",
@@ -442,7 +442,7 @@ ROWS = (
         lambda story: _planner_says(story, "FLYING"),
         "HOLD confirming",
         ("HOLD",),
-        "hold",
+        "hold_not_kept",
     ),
     Row("resume", "MISSION flying", holding_for, "HOLD resuming", ("RESUME",), "resuming"),
     Row(

@@ -236,6 +236,7 @@ class Message:
 
 
 _I, _W, _E, _A = Level.INFO, Level.WARNING, Level.ERROR, Level.ALARM
+_HOLDING = "Holding{limit}: {reason}"  # e.g. "Holding for up to 12 s, then landing: lrf fault, restarting it (3.1 Hz)."
 
 MESSAGES: Mapping[str, Message] = {
     "mission_input": Message(_I, "Select a mission.", "Choose a mission from the list."),
@@ -275,7 +276,8 @@ MESSAGES: Mapping[str, Message] = {
     "next_takeoff_failed": Message(
         _W, "No further takeoff: {reason}", "The data is collected; select the mission again to go on."
     ),
-    "hold": Message(_W, "Holding position: {reason}", "Wait, or land."),
+    "hold": Message(_W, _HOLDING, "Wait, or land."),
+    "hold_not_kept": Message(_W, "The hold is not kept: {reason} Sending HOLD again.", "Wait, or land."),
     "user_hold": Message(_I, "Holding position as you asked.", "Resume, or land."),
     "resuming": Message(_I, "Resuming the mission."),
     "resumed_flight": Message(_I, "The mission goes on."),
@@ -286,7 +288,7 @@ MESSAGES: Mapping[str, Message] = {
     "takeover_denied": Message(_W, "The vehicle answers to the engine: supervision goes on."),
     "landing_given_up": Message(
         _A,
-        "Acknowledged without knowledge: whether the vehicle has landed is not known. Recording is stopped and kept.",
+        "Acknowledged: whether the vehicle has landed is not known. The recording is stopped and kept.",
         "Keep clear until the vehicle is found and switched off.",
     ),
     "clock_stands": Message(
@@ -317,14 +319,15 @@ MESSAGES: Mapping[str, Message] = {
     "queue_dropped": Message(_W, "Remaining missions cancelled: {missions}", "Select them again."),
     "shutdown": Message(
         _E,
-        "Told to end ({signal}) in flight: landing on both routes.",
+        "This process is being ended ({signal}) in flight: landing by planner and autopilot.",
         "Watch the vehicle; take over if it does not land.",
     ),
-    "failure_continue": Message(_W, "{name}: {reason} The mission goes on."),
-    "failure_wait": Message(_W, "{name}: {reason} The mission waits."),
-    "failure_while_landing": Message(_W, "{name}: {reason} It is landing already."),
-    "failure_land": Message(_E, "{name}: {reason} Landing."),
-    "failure_pilot": Message(_W, "{name}: {reason} The pilot has control."),
+    "failure_continue": Message(_W, "Flying on: {reason}"),
+    "failure_wait": Message(_W, _HOLDING),
+    "failure_while_landing": Message(_W, "While landing: {reason} The landing goes on."),
+    "failure_land": Message(_E, "Another reason to land: {reason}"),
+    "failure_pilot": Message(_W, "While the pilot has control: {reason} Nothing is commanded."),
     "failure_back": Message(_I, "{name} is back."),
-    "flown_without": Message(_W, "{name} did not come back in time: the mission goes on without it."),
+    "condition_cleared": Message(_I, "Cleared: {reason}"),
+    "flown_without": Message(_W, "Flying on without {name}, which is not back in time."),
 }

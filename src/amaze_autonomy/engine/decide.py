@@ -284,6 +284,7 @@ def _answer(context: Context) -> None:
     context.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
 
 
+_CLEARED = {("failure_back", FailureKind.LOSS): "condition_cleared"}
 _SAID_HERE = {"failure_wait": State.HOLD, "failure_land": State.LAND, "failure_pilot": State.PILOT}
 """A failure that leads to another state is said by the transition; in that state it is said by itself."""
 
@@ -297,8 +298,9 @@ def _update_failures(context: Context, decisions: List[Decision]) -> None:
         lands = context.state.state is State.LAND or bool(failsafe.worst(context.state))
         landing = (change.rule == "failure_continue" and lands) or (waits and context.lands())
         if landing or (not own and _SAID_HERE.get(change.rule, context.state.state) is context.state.state):
-            key = "failure_while_landing" if landing else change.rule
-            context.notify(key, name=failure.name, reason=f"{failure.reason}." if failure.reason else "")
+            key = "failure_while_landing" if landing else _CLEARED.get((change.rule, failure.kind), change.rule)
+            reason = f"{failsafe.fault_words(failure, context.state)}."
+            context.notify(key, name=failure.name, reason=reason, limit=failsafe.wait_words(failure, context))
         place = (context.state.state, context.state.step)
         _write_down(context, decisions, change.rule, place, failsafe.values_of(failure, context), first)
 
@@ -347,7 +349,7 @@ def _enter(context: Context, before: Place, target: Place) -> None:
 
 def _words(context: Context) -> Dict[str, object]:
     """Return what the texts of messages may name."""
-    state = context.state
+    state, waits = context.state, waiting(context.state)
     return {
         "reason": f"{state.cause}." if state.cause else "",
         "mission_id": state.session.mission.id if state.session.mission is not None else "",
@@ -356,6 +358,7 @@ def _words(context: Context) -> Dict[str, object]:
         "location": _location(state),
         "limit_s": (context.limits.ready_limit_ns if state.state is State.PREFLIGHT else context.limits.land_limit_ns)
         / _NS,
+        "limit": failsafe.wait_words(waits[-1], context) if waits else "",
         "signal": context.signal,
     }
 

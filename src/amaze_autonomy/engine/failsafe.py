@@ -488,6 +488,27 @@ def wait_end(failure: Failure, state: EngineState) -> Optional[Tuple[int, str]]:
     return failure.deadline_ns, "wait limit"
 
 
+_RESTARTS = {Restart.NONE: "", Restart.TRYING: ", restarting it", Restart.GIVEN_UP: ", restarting it did not help"}
+_FALLBACKS = {Action.LAND: ", then landing", Action.CONTINUE: ", then flying on"}
+
+
+def fault_words(failure: Failure, state: EngineState) -> str:
+    """Return what is wrong as a person is told: the cause, and behind it in brackets what was measured."""
+    if failure.kind is not FailureKind.COMPONENT:
+        return failure.reason
+    restart = next((_RESTARTS[each.restart] for each in state.peers.components if each.name == failure.name), "")
+    return f"{failure.name} fault{restart}" + (f" ({failure.reason})" if failure.reason else "")
+
+
+def wait_words(failure: Failure, context: Context) -> str:
+    """Return for how long it is waited for and what is done then; empty where it is not waited for."""
+    end = wait_end(failure, context.state)
+    if end is None:
+        return ""
+    fallback = _FALLBACKS.get(failure.fallback, "") if failure.fallback is not None else ""
+    return f" for up to {max(0, end[0] - context.now) / _NS:.0f} s{fallback}"
+
+
 def values_of(failure: Failure, context: Context) -> Tuple[Value, ...]:
     """Return what a decision about a failure looked at."""
     values = [Value("failure", failure.name), Value("code", failure.code), Value("action", failure.action.name.lower())]

@@ -10,7 +10,7 @@ from .context import LANDING_MODES, Context, ours
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
-from .state import Failure, FailureKind, State
+from .state import Failure, State
 from .timers import passed
 
 _REFUSED = (Outcome.REFUSED, Outcome.UNAVAILABLE)
@@ -177,9 +177,7 @@ def in_flight(context: Context) -> Optional[Seen]:
 
 
 def _failed(context: Context, failure: Failure) -> Seen:
-    component = failure.kind is FailureKind.COMPONENT
-    reason = ": ".join(filter(None, (failure.name, failure.reason))) if component else failure.reason
-    return Seen(failsafe.values_of(failure, context), reason)
+    return Seen(failsafe.values_of(failure, context), failsafe.fault_words(failure, context.state))
 
 
 def must_land(context: Context) -> Optional[Seen]:
