@@ -80,6 +80,30 @@ def test_an_attempt_that_could_not_be_made_ends_at_once():
     assert failing.restart is Restart.GIVEN_UP
 
 
+def test_after_an_attempt_that_failed_early_the_others_are_expected_to():
+    """As `simulate --faults lrf`: 1.9 s were left in the moment in which it landed."""
+    failing = machine(RestartSpec(RestartPolicy.COMMAND, COMMAND, 3, S, 4 * S, 12 * S))
+    expected = []
+    for attempt, begin_s in enumerate((0, 3, 6), 1):
+        assert failing.update(begin_s * S, failed=True) is not None
+        expected.append(failing.until_ns)
+        failing.tell((begin_s + 2) * S, attempt, good=False)
+        expected.append(failing.until_ns)
+    assert expected == [12 * S, 8 * S, 8 * S, 8 * S, 8 * S, None]
+    assert failing.restart is Restart.GIVEN_UP
+
+
+def test_an_attempt_that_takes_longer_than_expected_has_its_limit_again():
+    failing = machine(RestartSpec(RestartPolicy.COMMAND, COMMAND, 3, S, 4 * S, 20 * S))
+    failing.update(0, failed=True)
+    failing.tell(2 * S, 1, good=False)
+    failing.update(3 * S, failed=True)
+    assert (failing.until_ns, failing.changes_at_ns) == (8 * S, 5 * S + S // 2)
+    failing.update(failing.changes_at_ns, failed=True)
+    assert (failing.until_ns, failing.changes_at_ns) == (12 * S, 7 * S)
+    assert asked_at(failing, 7 * S) == [(8.0, 3)]
+
+
 def test_a_good_exit_status_is_not_back():
     failing = machine()
     failing.update(0, failed=True)

@@ -143,6 +143,16 @@ def test_the_reaction_comes_in_time(flown, name):
     assert 0 <= reaction_ns - begun_ns <= round(limit_s * S)
 
 
+def test_no_time_is_left_of_a_hold_when_restarting_is_given_up_and_it_lands(flown):
+    """As seen: 1.9 s were left, each attempt to restart was counted with its whole limit."""
+    result = flown("lrf")
+    landed_ns = next(t_ns for t_ns, each in motion(result) if each == "LAND")
+    lines = journal.read("".join(line + "\n" for line in result.lines)).lines
+    said = [each.payload for each in lines if isinstance(each.payload, WatchdogAction)]
+    ends_ns = [part.until_ns for each in said for part in each.components if part.until_ns is not None]
+    assert abs(ends_ns[-1] - landed_ns) <= 0.3 * S
+
+
 @pytest.mark.parametrize("name", STORIES)
 def test_every_request_of_the_scenarios_user_is_done(flown, name):
     answers = [each for _, each in flown(name).commands if isinstance(each, Answer)]

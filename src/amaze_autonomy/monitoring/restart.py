@@ -9,6 +9,9 @@
                           +----> GIVEN_UP <----+  attempts used up, or total_limit_ns spent failing
 ```
 
+When it will give up is an estimate for the time left that a person is shown; no decision rests on it. An attempt is
+expected to take its limit, and once one has failed sooner, as long as that one.
+
 It asks and does not act: a request is handed to the shell, which says how it ended. Attempts and time spent are
 forgotten when the component was good for `forget_after_ns`, or by a new take-off check (`forget`). Components of the
 PX4 are refused here too, whatever the specification says.
@@ -26,6 +29,9 @@ from .errors import RestartRefusedError
 from .specs import ComponentSpec, RestartPolicy
 
 __all__ = ["RestartMachine", "RestartRequest"]
+
+_LATE_NS = 500_000_000
+"""No two attempts take the same time: one that is later than this is expected to take its whole limit."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,7 @@ class RestartMachine:
         self._phase_ends_ns = 0
         self._spent_ns = 0
         self._attempts = 0
+        self._attempt_takes_ns = spec.restart.attempt_limit_ns
 
     @property
     def possible(self) -> bool:
@@ -89,19 +96,20 @@ class RestartMachine:
 
     @property
     def until_ns(self) -> Optional[int]:
-        """When it gives up at the latest; None when it does not try."""
+        """When it gives up if nothing helps; None when it does not try."""
         if self._phase is _Phase.PAUSE:
             return min(self._give_up_ns, self._phase_ends_ns + self._attempts_take_ns)
         if self._phase is _Phase.ATTEMPT:
             pause_ns = self._limits.backoff_ns if self._attempts < self._limits.attempts else 0
-            return min(self._give_up_ns, self._phase_ends_ns + pause_ns + self._attempts_take_ns)
+            return min(self._give_up_ns, self._attempt_ends_ns + pause_ns + self._attempts_take_ns)
         return None
 
     @property
     def changes_at_ns(self) -> int:
         """When something changes here if nothing else happens."""
         if self._phase in (_Phase.PAUSE, _Phase.ATTEMPT):
-            return min(self._phase_ends_ns, self._give_up_ns)
+            ends_ns = self._attempt_overdue_ns if self._phase is _Phase.ATTEMPT else self._phase_ends_ns
+            return min(ends_ns, self._give_up_ns)
         return FOREVER_NS
 
     def forget(self) -> None:
@@ -124,6 +132,8 @@ class RestartMachine:
             self._phase = _Phase.GIVEN_UP
         if self._phase is _Phase.ATTEMPT and t_ns >= self._phase_ends_ns:
             self._end_attempt(self._phase_ends_ns)
+        if self._phase is _Phase.ATTEMPT and t_ns >= self._attempt_overdue_ns:
+            self._attempt_takes_ns = self._limits.attempt_limit_ns
         if self._phase is _Phase.PAUSE and t_ns >= self._phase_ends_ns:
             return self._ask(t_ns)
         return None
@@ -138,10 +148,22 @@ class RestartMachine:
         return (self._failed_since_ns or 0) + self._limits.total_limit_ns - self._spent_ns
 
     @property
+    def _attempt_began_ns(self) -> int:
+        return self._phase_ends_ns - self._limits.attempt_limit_ns
+
+    @property
+    def _attempt_ends_ns(self) -> int:
+        return self._attempt_began_ns + self._attempt_takes_ns
+
+    @property
+    def _attempt_overdue_ns(self) -> int:
+        return min(self._phase_ends_ns, self._attempt_ends_ns + _LATE_NS)
+
+    @property
     def _attempts_take_ns(self) -> int:
-        """Time that the attempts that are left may take, with the pauses between them."""
+        """Time that the attempts that are left are expected to take, with the pauses between them."""
         left = self._limits.attempts - self._attempts
-        return left * self._limits.attempt_limit_ns + max(0, left - 1) * self._limits.backoff_ns
+        return left * self._attempt_takes_ns + max(0, left - 1) * self._limits.backoff_ns
 
     def _fail(self, t_ns: int) -> None:
         if self._good_since_ns is not None and t_ns - self._good_since_ns >= self._limits.forget_after_ns:
@@ -158,6 +180,8 @@ class RestartMachine:
         self._phase = _Phase.IDLE
 
     def _end_attempt(self, t_ns: int) -> None:
+        took_ns = t_ns - self._attempt_began_ns
+        self._attempt_takes_ns = took_ns if self._attempts == 1 else max(self._attempt_takes_ns, took_ns)
         if self._attempts >= self._limits.attempts:
             self._phase = _Phase.GIVEN_UP
         else:
