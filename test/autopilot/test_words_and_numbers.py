@@ -161,6 +161,17 @@ def test_the_gps_by_its_own_messages(messages, problem):
     assert gps.problem(7 * S) == problem
 
 
+def test_the_kind_of_fix_and_the_satellites_are_known_while_they_are_told():
+    gps = Gps(GpsLimits())
+    assert gps.fix(0) == ("", None)
+    for kind, words in ((0, "no GPS"), (1, "no fix"), (2, "2D"), (3, "3D"), (6, "RTK fixed"), (8, "type 8")):
+        gps.add(S, fix(1, kind))
+        assert gps.fix(3 * S) == (words, 9.0)
+    assert gps.fix(3 * S + 1) == ("", None)
+    gps.add(4 * S, mavlink.MAVLink_gps_raw_int_message(4, 3, 1, 2, 3, 4, 5, 6, 7, satellites_visible=255))
+    assert gps.fix(4 * S) == ("3D", None)
+
+
 @pytest.mark.parametrize(
     "system, problem, healthy",
     [(True, "", True), (True, "frozen", False), (False, "", False), (None, "", True), (None, None, None)],

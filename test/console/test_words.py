@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.console import words
+from amaze_autonomy.console.model import Telemetry
 from amaze_autonomy.engine.events import Check, Verdict
 
 
@@ -23,6 +24,19 @@ from amaze_autonomy.engine.events import Check, Verdict
 )
 def test_quantity_with_its_unit(value, unit, shown):
     assert words.quantity(value, unit) == shown
+
+
+@pytest.mark.parametrize(
+    "said, shown, warns",
+    [
+        (Telemetry(gps_fix="3D", satellites=14.0), "3D, 14 satellites", False),
+        (Telemetry(gps_fix="2D", satellites=3.0), "2D, 3 satellites", True),
+        (Telemetry(gps_fix="no fix"), "no fix", True),
+        (Telemetry(), "-", False),
+    ],
+)
+def test_the_fix_and_the_satellites_are_one_reading(said, shown, warns):
+    assert words.Reading("GPS fix", shown, "", warns) in words.readings(said)
 
 
 @pytest.mark.parametrize(

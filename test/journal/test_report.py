@@ -138,6 +138,8 @@ def test_telemetry_has_the_limits_that_count_for_the_mission():
         horizontal_speed_m_s=1.5,
         battery_fraction=0.75,
         battery_voltage_v=15.5,
+        gps_fix="3D",
+        satellites=14.0,
     )
     peers = Peers(autopilot=autopilot, autopilot_ns=T, components=(ComponentStatus("gps", Code.NOMINAL),))
     flight = Flight(active=True, started_ns=T - 42 * S)
@@ -150,6 +152,8 @@ def test_telemetry_has_the_limits_that_count_for_the_mission():
         armed=True,
         landed="IN_AIR",
         gps="nominal",
+        gps_fix="3D",
+        satellites=14.0,
         battery_fraction=0.75,
         battery_limit=0.15,
         battery_voltage_v=15.5,

@@ -75,6 +75,8 @@ EVENTS = (
         battery_voltage_v=15.5,
         battery_age_s=0.5,
         battery_critical=True,
+        gps_fix="RTK float",
+        satellites=17.0,
         age_ns=AGE,
     ),
     events.AutopilotStatus(t_ns=T, armed=None, landed=events.VehicleLanded.UNKNOWN, link_age_s=None, age_ns=AGE),

@@ -105,6 +105,8 @@ def _autopilot(event, at):
         battery_cell_voltage=NAN,
         battery_current=NAN,
         clock_offset=NAN,
+        gps_fix=event.gps_fix,
+        satellites=_nan(event.satellites),
     )
 
 

@@ -77,6 +77,8 @@ class Telemetry:
     armed: bool = False
     landed: str = ""
     gps: str = ""
+    gps_fix: str = ""
+    satellites: Optional[float] = None
     battery_fraction: Optional[float] = None
     battery_limit: Optional[float] = None
     battery_voltage: Optional[float] = None

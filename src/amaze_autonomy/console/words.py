@@ -85,6 +85,7 @@ class Reading(NamedTuple):
 
 _OLD_S = 1.5  # the autopilot's status comes five times a second
 _NEAR = 0.9  # of a limit
+_NO_FIX = ("no GPS", "no fix", "2D")
 
 
 def readings(said: Telemetry) -> Tuple[Reading, ...]:
@@ -109,8 +110,14 @@ def readings(said: Telemetry) -> Tuple[Reading, ...]:
         Reading("mode", said.mode or _UNKNOWN),
         Reading("motors", "armed" if said.armed else "disarmed"),
         Reading("GPS", said.gps or _UNKNOWN, "", said.gps not in ("", "nominal")),
+        Reading("GPS fix", _fix(said), "", said.gps_fix in _NO_FIX),
         Reading("link", age(link_s), "", old or link_s is None or link_s > _OLD_S),
     )
+
+
+def _fix(said: Telemetry) -> str:
+    seen = "" if said.satellites is None else f", {said.satellites:.0f} satellites"
+    return f"{said.gps_fix or _UNKNOWN}{seen}"
 
 
 def _against(name: str, value: Optional[float], where: str, limit: Optional[float]) -> Reading:

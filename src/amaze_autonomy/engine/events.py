@@ -193,6 +193,7 @@ E = TypeVar("E", bound="Union[Event, PlatformRecording]")
 _CLOCKS_DIFFER_BY_S = 0.2
 _LONGEST_AGE_S = 1e9
 _UPSIDE_DOWN_DEG = 180.0
+_MOST_SATELLITES = 254.0  # a MAVLink receiver says 255 when it does not know
 
 
 class InvalidEventError(ValueError):
@@ -529,7 +530,8 @@ class RecordingStatus(Event):
 class AutopilotStatus(Event):
     """What the vehicle says of itself; None is unknown. Position east and north of the takeoff position.
 
-    `tilt_deg` is the angle between its z axis and the vertical that has lasted (`monitoring.gravity.LastingTilt`).
+    `tilt_deg` is the angle between its z axis and the vertical that has lasted (`monitoring.gravity.LastingTilt`);
+    `gps_fix` is the kind of fix in words, e.g. "3D", and `satellites` a number: for people, nothing is decided by them.
     """
 
     armed: Optional[bool]
@@ -548,11 +550,14 @@ class AutopilotStatus(Event):
     battery_age_s: Optional[float] = None
     battery_critical: bool = False
     tilt_deg: Optional[float] = None
+    gps_fix: str = ""
+    satellites: Optional[float] = None
     age_ns: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._age_or_none("link_age_s", "battery_age_s")
+        self._within_or_none("satellites", _MOST_SATELLITES)
         self._within_or_none("battery_fraction", 1.0)
         self._within_or_none("tilt_deg", _UPSIDE_DOWN_DEG)
 

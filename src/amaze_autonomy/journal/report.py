@@ -43,6 +43,7 @@ class Telemetry:
         link_age_s: of the link to the autopilot, as that status said.
         mode, armed, landed: as the autopilot says.
         gps: the watchdog's word on the component `gps`: "nominal", or why it is not; empty: it watches none.
+        gps_fix, satellites: kind of fix in words, e.g. "3D", empty when unknown; and how many satellites are seen.
         battery_fraction, battery_voltage_v: what is left; at `battery_limit` it lands.
         altitude_m: above the takeoff place; above `altitude_limit_m` it lands.
         position_x_m, position_y_m: east and north of it; farther away than `distance_limit_m` it lands.
@@ -56,6 +57,8 @@ class Telemetry:
     armed: Optional[bool] = None
     landed: str = "UNKNOWN"
     gps: str = ""
+    gps_fix: str = ""
+    satellites: Optional[float] = None
     battery_fraction: Optional[float] = None
     battery_limit: Optional[float] = None
     battery_voltage_v: Optional[float] = None
@@ -234,6 +237,8 @@ def _telemetry(state: EngineState, rules: Rules) -> Telemetry:
         mode=status.mode,
         armed=status.armed,
         landed=status.landed.name,
+        gps_fix=status.gps_fix,
+        satellites=status.satellites,
         battery_fraction=status.battery_fraction,
         battery_voltage_v=status.battery_voltage_v,
         altitude_m=status.height_m,

@@ -153,9 +153,9 @@ def test_the_health_of_the_sensors_is_what_the_faults_left_of_it():
     told = []
     for _ in range(4):
         driver.go_on(0.9)
-        told.append(driver.world.sensor_health()["gps"])
+        told.append((driver.world.sensor_health()["gps"], driver.autopilot.gps_fix, driver.autopilot.satellites))
         driver.go_on(0.1)
-    assert told == [True, False, True, None]
+    assert told == [(True, "3D", 12.0), (False, "no fix", 0.0), (True, "3D", 12.0), (None, "", None)]
     assert driver.world.sensor_health()["imu"] is None
 
 

@@ -136,6 +136,7 @@ class VehicleState:
     def status(self, t_ns: int) -> AutopilotStatus:
         """Return all of it as the engine takes it."""
         battery, place, tilt_rad = self.battery.reading(t_ns), self.position.place(t_ns), self.tilt.tilt_rad(t_ns)
+        gps_fix, satellites = self.gps.fix(t_ns)
         return AutopilotStatus(
             t_ns=t_ns,
             armed=self.armed(t_ns),
@@ -154,6 +155,8 @@ class VehicleState:
             battery_age_s=None if battery is None else _seconds(t_ns - battery.t_ns),
             battery_critical=self.battery.critical(t_ns),
             tilt_deg=None if tilt_rad is None else degrees(tilt_rad),
+            gps_fix=gps_fix,
+            satellites=satellites,
         )
 
     # --- takers ---------------------------------------------------------------------------------------------------
@@ -306,6 +309,18 @@ class SystemStatus:
         return bool(self._present & PREARM)
 
 
+_SATELLITES_UNKNOWN = 255
+_FIXES: Mapping[int, str] = {
+    mavlink.GPS_FIX_TYPE_NO_GPS: "no GPS",
+    mavlink.GPS_FIX_TYPE_NO_FIX: "no fix",
+    mavlink.GPS_FIX_TYPE_2D_FIX: "2D",
+    mavlink.GPS_FIX_TYPE_3D_FIX: "3D",
+    mavlink.GPS_FIX_TYPE_DGPS: "DGPS",
+    mavlink.GPS_FIX_TYPE_RTK_FLOAT: "RTK float",
+    mavlink.GPS_FIX_TYPE_RTK_FIXED: "RTK fixed",
+}
+
+
 class GpsLimits(NamedTuple):
     """Limits of the GPS: least fix type (3: three-dimensional), longest silence, longest time with the same values."""
 
@@ -327,6 +342,7 @@ class Gps:
         self._changed_ns = self._stepped_ns = 0
         self._time_usec: Optional[int] = None
         self._values: Tuple[int, ...] = ()
+        self._satellites: Optional[float] = None
         self.fix_type = 0
 
     def add(self, t_ns: int, message: Any, *, at_rest: bool = False) -> None:
@@ -338,6 +354,14 @@ class Gps:
             self._stepped_ns = t_ns
         self._t_ns, self._values, self._time_usec = t_ns, values, message.time_usec
         self.fix_type = int(message.fix_type)
+        seen = int(message.satellites_visible)
+        self._satellites = None if seen == _SATELLITES_UNKNOWN else float(seen)
+
+    def fix(self, t_ns: int) -> Tuple[str, Optional[float]]:
+        """Return the kind of fix and the number of satellites; empty and None when nothing has told it lately."""
+        if self._t_ns is None or not t_ns - self._t_ns <= self._limits.age_limit_ns:
+            return "", None
+        return _FIXES.get(self.fix_type, f"type {self.fix_type}"), self._satellites
 
     def problem(self, t_ns: int) -> Optional[str]:
         """Return what is wrong; empty: nothing; None: it was never heard."""

@@ -24,6 +24,9 @@ _LINK_LIMIT_S = 2.0
 
 SENSORS = ("gps", "imu", "magnetometer", "barometer")
 
+_FIXES = {True: "3D", False: "no fix", None: ""}
+_SATELLITES = {True: 12.0, False: 0.0, None: None}
+
 _READY: Tuple[Tuple[str, str, str], ...] = (
     ("prearm", "pre-arm check", "read the autopilot's messages and put right what it names"),
     ("rc", "RC receiver", "switch on the transmitter"),
@@ -83,6 +86,8 @@ class Autopilot(Peer):
                 t_ns=t_ns,
                 link_age_s=round((t_ns - heard.t_ns) / _S, 3),
                 battery_age_s=None if battery_ns is None else round((t_ns - battery_ns) / _S, 3),
+                gps_fix=_FIXES[health.get("gps")],
+                satellites=_SATELLITES[health.get("gps")],
             )
         ]
 
