@@ -124,7 +124,7 @@ class Context:
         if not key:
             return
         entry = MESSAGES[key]
-        told = Notify(level=entry.level, key=key, text=entry.text.format(**values), advice=entry.advice)
+        told = Notify(level=entry.level, key=key, text=entry.text.format(**values).rstrip(), advice=entry.advice)
         self.set(shown=told)
         self.commands.append(told)
 

@@ -225,7 +225,7 @@ def _decision(decision: Decision) -> str:
 
 def _value(value: Value) -> str:
     said = f"{value.value:.6g}" if isinstance(value.value, float) else str(value.value)
-    text = " ".join(part for part in (value.name, said, value.unit) if part)
+    text = " ".join(part for part in (value.name, said or "-", value.unit) if part)
     return text if value.limit is None else f"{text}, limit {value.limit}"
 
 

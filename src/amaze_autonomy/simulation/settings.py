@@ -64,7 +64,6 @@ class Settings:
         battery: when the battery is enough.
         platforms: names of the computers that record.
         rates: how often each peer sends its status.
-        recording_folder: where recordings lie.
         vehicle: how it flies.
         power: how the battery behaves.
         turn_ns: distance of the world's steps, and of the turns of its watchdog.
@@ -78,7 +77,6 @@ class Settings:
     battery: BatterySpec = field(default_factory=BatterySpec)
     platforms: Tuple[str, ...] = ("main", "second")
     rates: Streams = field(default_factory=Streams)
-    recording_folder: str = "recordings"
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     power: PowerSettings = field(default_factory=PowerSettings)
     turn_ns: int = _S // 10
@@ -140,5 +138,4 @@ def settings_of(configuration: Union[Configuration, Settings]) -> Settings:
             cells=configuration.battery.cells or PowerSettings.cells,
         ),
         rates=configuration.streams,
-        recording_folder=configuration.recording.folder,
     )

@@ -28,7 +28,8 @@ def test_goes_all_the_way_from_idle_to_a_complete_recording():
     assert driver.stop_recording().outcome is Outcome.ACCEPTED
     driver.go_on(10.0)
     assert phases(driver) == WAY
-    assert (driver.recorder.progress, driver.recorder.location) == (1.0, "recordings/a/complete.bag")
+    assert (driver.recorder.progress, driver.recorder.location) == (1.0, "")
+    assert {part.location for part in driver.recorder.platforms} == {""}, "it names no file: there is none"
 
 
 def test_the_files_of_both_platforms_grow_while_it_records_and_not_afterwards():
@@ -94,7 +95,7 @@ def test_a_missing_part_fails_the_verification_and_a_retry_goes_on_from_there():
     driver.stop_recording()
     driver.go_on(10.0)
     status = driver.recorder
-    assert (status.phase, status.location) == (PHASE.FAILED, "recordings/a")
+    assert (status.phase, status.location) == (PHASE.FAILED, "")
     assert status.message == "the part of platform second is missing; the parts are kept"
     driver.stop_recording()
     driver.go_on(10.0)

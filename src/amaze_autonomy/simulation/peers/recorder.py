@@ -1,4 +1,7 @@
-"""The simulated data recorder: two platforms that record, and the way from their parts to one verified recording."""
+"""The simulated data recorder: two platforms that record, and the way from their parts to one verified recording.
+
+No file is written, so it names none.
+"""
 
 from __future__ import annotations
 
@@ -36,12 +39,11 @@ class Recorder(Peer):
     def __init__(self, site: Site) -> None:
         super().__init__(site)
         self._phase = RecordingPhase.IDLE
-        self._session = self._location = self._message = ""
+        self._session = self._message = ""
         self._since_ns = self._t_ns = 0
         self._written: Dict[str, int] = dict.fromkeys(site.settings.platforms, 0)
         self._lost_ns: Dict[str, int] = dict.fromkeys(site.settings.platforms, 0)
         self._growing: Dict[str, bool] = dict.fromkeys(site.settings.platforms, False)
-        self._folder = site.settings.recording_folder
         self._cadence = Cadence(site.settings.rates.recorder_status_rate_hz)
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
@@ -66,7 +68,7 @@ class Recorder(Peer):
         if self._phase not in _OPEN:
             same = command.session_id == self._session and self._phase in _WRITING
             return "" if same else f"busy with session {self._session} ({self._phase.name})"
-        self._session, self._location, self._message = command.session_id, "", ""
+        self._session, self._message = command.session_id, ""
         for name in self._written:
             self._written[name] = self._lost_ns[name] = 0
         self._enter(RecordingPhase.STARTING, t_ns)
@@ -89,7 +91,6 @@ class Recorder(Peer):
         elif phase == RecordingPhase.MERGING:
             self.site.note("merging")
         elif phase == RecordingPhase.COMPLETE:
-            self._location = f"{self._folder}/{self._session}/complete.bag"
             self.site.note("complete")
 
     def _go_on(self, t_ns: int) -> bool:
@@ -103,7 +104,6 @@ class Recorder(Peer):
         broken = self._broken("data_incomplete")
         if self._phase == RecordingPhase.VERIFYING and broken:
             self._message = f"the part of platform {broken} is missing; the parts are kept"
-            self._location = f"{self._folder}/{self._session}"
             following = RecordingPhase.FAILED
         self._enter(following, max(end_ns, self._since_ns))
         return True
@@ -137,7 +137,6 @@ class Recorder(Peer):
             phase=self._phase,
             progress=self._progress(t_ns),
             platforms=tuple(self._platform(number, name) for number, name in enumerate(self._written)),
-            location=self._location,
             message=self._message,
             lost=self._lost() if self._phase == RecordingPhase.COMPLETE else "",
         )
@@ -161,7 +160,6 @@ class Recorder(Peer):
             written_bytes=self._written[name],
             byte_rate=float(_BYTE_RATE[min(number, len(_BYTE_RATE) - 1)]) if growing else 0.0,
             free_fraction=round(1.0 - self._written[name] / _STORAGE_BYTES, 6),
-            location=f"{name}:{self._folder}/{self._session}" if self._session else "",
             message="" if growing or self._phase not in _WRITING else "its files do not grow",
             cpu_fraction=_CPU[min(number, len(_CPU) - 1)],
         )
