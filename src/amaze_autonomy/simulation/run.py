@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.model import Configuration
-from amaze_autonomy.engine.commands import Command, Decision, Notify, Request, Value
+from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Request, Value
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
 from amaze_autonomy.engine.rules import Rules
@@ -234,7 +234,8 @@ def _messages(commands: Sequence[Tuple[int, Command]]) -> List[Tuple[int, int, s
     told: List[Tuple[int, int, str]] = []
     for t_ns, each in commands:
         if isinstance(each, Notify):
-            text = f"  {each.level.name}: {each.text}" + (f" {each.advice}" if each.advice else "")
+            loud = f"{each.level.name}: " if each.level > Level.INFO else ""
+            text = f"  {loud}{each.text}" + (f" {each.advice}" if each.advice else "")
             if not told or told[-1][2] != text:
                 told.append((t_ns, 2, text))
     return told

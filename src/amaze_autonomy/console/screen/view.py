@@ -127,9 +127,8 @@ class Screen:
         table.add_column(no_wrap=True)
         table.add_column(ratio=1, overflow="fold")
         for note in reversed(notes if self._desk.scroll else notes[-_NOTES:]):
-            words = level(note.level) if note.level > 0 else "info"
-            tone = tone_of_level(note.level) if note.level > 0 else Tone.PLAIN
-            table.add_row(self._style.text(note.clock), self._style.label(words, tone), self._style.text(note.text))
+            loud = self._style.label(level(note.level), tone_of_level(note.level)) if note.level > 0 else ""
+            table.add_row(self._style.text(note.clock), loud, self._style.text(note.text))
         yield ""
         yield self._style.text("earlier messages", Tone.STRONG)
         yield table
