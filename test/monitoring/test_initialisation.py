@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 import pytest
 from hypothesis import given
@@ -99,3 +99,57 @@ def test_it_is_never_asked_while_armed_or_twice_at_once_and_states_that_are_not_
         assert not due or (armed is False and not waits)
         assert all(row.passed for row in rows) == (what == "valid")
         waits = waits or due
+
+
+ALWAYS = InitialisationSpec(service="/mars/init_service", always=True, limit_ns=10 * S)
+
+
+def asked_at(checks: Sequence[str], spec: InitialisationSpec = ALWAYS) -> List[int]:
+    """Return the places of the checks of valid states that ask; a word is a state that the engine enters."""
+    initialisation, found = disarmed(spec), []
+    for place, what in enumerate(checks):
+        if what != "check":
+            initialisation.entered(what)
+        elif initialisation.check(place * S, (GOOD,))[1]:
+            found.append(place)
+            initialisation.answered(place * S)
+    return found
+
+
+def test_valid_states_are_asked_for_in_every_pre_flight_once_and_not_before_a_takeoff():
+    nominal = ("MISSION_INPUT", "PREFLIGHT", "check", "check", "READY", "START_RECORDING", "LOAD_MISSION", "check")
+    flown = ("TAKEOFF", "MISSION", "check", "LAND", "DATA_CLEANUP")  # the one in MISSION is after a touchdown
+    assert asked_at((*nominal, *flown, "PREFLIGHT", "check", "check")) == [2, 14]
+    assert asked_at(nominal, SPEC) == []
+    assert asked_at(("check", "check")) == [0], "without an engine the first check alone asks"
+
+
+@pytest.mark.parametrize("before", ["OUTREACH", "READY"])
+def test_a_check_that_is_here_before_the_name_of_its_pre_flight_asks_all_the_same_and_once(before: str):
+    assert asked_at(("check", before, "check", "PREFLIGHT", "check")) == [0, 2]
+
+
+@pytest.mark.parametrize("before", ["START_RECORDING", "LOAD_MISSION"])
+def test_a_takeoff_that_was_called_off_on_the_ground_begins_a_pre_flight_anew(before: str):
+    assert asked_at(("check", before, "check", "PREFLIGHT", "check", "check")) == [0, 4]
+
+
+def test_valid_states_wait_for_the_answer_and_for_a_no_there_is_a_retry():
+    initialisation = disarmed(ALWAYS)
+    assert said(initialisation.check(S, (GOOD,))[0]) == [(ROW, Verdict.UNKNOWN, True), said((GOOD,))[0]]
+    assert said(initialisation.check(2 * S, (GOOD,))[0])[0] == (ROW, Verdict.UNKNOWN, True)
+    initialisation.answered(3 * S, "/mars/init_service: not yet")
+    rows, due = initialisation.check(4 * S, (GOOD,))
+    assert (due, rows[0]) == (False, Check(ROW, Verdict.FAIL, advice="/mars/init_service: not yet"))
+    assert initialisation.check(5 * S, (GOOD,))[1]
+    initialisation.answered(6 * S)
+    assert initialisation.check(7 * S, (GOOD,)) == ((GOOD,), False)
+    assert said(initialisation.check(7 * S, (BAD,))[0])[0] == (ROW, Verdict.PASS, False), "it comes by itself"
+
+
+def test_valid_states_of_a_vehicle_that_is_not_known_to_be_disarmed_wait_too():
+    for armed, row in ((None, (ROW, Verdict.UNKNOWN, True)), (True, (ROW, Verdict.FAIL, False))):
+        initialisation = Initialisation(ALWAYS, 100 * S)
+        initialisation.heard(S, armed=armed)
+        rows, due = initialisation.check(S, (GOOD,))
+        assert (due, said(rows)[0]) == (False, row)

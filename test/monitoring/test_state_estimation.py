@@ -225,6 +225,22 @@ def test_a_vehicle_that_was_not_watched_for_long_enough_is_not_known_to_be_still
     assert unknown == {"estimate drift", "shaking", "turning"}
 
 
+def test_an_estimator_that_begins_anew_is_judged_by_what_comes_from_then_on():
+    elsewhere = LEVEL._replace(position=(9.0, 2.0, 0.0))
+    jumped, anew = on_the_pad(), on_the_pad()
+    anew.forget_estimates()
+    assert "estimate age" in failed(anew.check(NOW)), "what it said before is no estimate"
+    for index in range(1, 91):
+        t_ns = NOW + index * S // 30
+        for monitor in (jumped, anew):
+            monitor.add_estimate(t_ns, elsewhere)
+            monitor.add_imu(t_ns, (0.0, 0.0, G), (0.0, 0.0, 0.0))
+        if t_ns == NOW + S:
+            drifts = [failed(monitor.check(t_ns))["estimate drift"] for monitor in (jumped, anew)]
+            assert [(row.verdict, row.heals) for row in drifts] == [(Verdict.FAIL, False), (Verdict.UNKNOWN, True)]
+    assert anew.check(NOW + 3 * S).valid
+
+
 def test_too_few_samples_are_no_gravity():
     monitor = on_the_pad()
     for index in range(5):

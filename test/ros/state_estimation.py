@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from one_node import OneNode, wait_for
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
-from std_srvs.srv import Empty, EmptyResponse, SetBool, SetBoolResponse
+from std_srvs.srv import Empty, EmptyResponse, SetBool, SetBoolResponse, Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
 
@@ -75,6 +75,10 @@ class Estimator:
         self.state = rospy.Publisher("/told/autonomy/state_name", String, queue_size=5)
         rospy.Service("/told/estimator/initialise", SetBool, self.begin)
         rospy.Service("/told/second/initialise", Empty, self.second)
+        self.always_calls = 0
+        self.always_status = rospy.Publisher("/always/autopilot/status", msg.AutopilotStatus, queue_size=5)
+        self.always_state = rospy.Publisher("/always/autonomy/state_name", String, queue_size=5)
+        rospy.Service("/always/estimator/initialise", Trigger, self.begin_always)
 
     def begin(self, request):
         self.calls.append(request.data)
@@ -83,6 +87,10 @@ class Estimator:
     def second(self, _):
         self.calls.append("in flight")
         return EmptyResponse()
+
+    def begin_always(self, _):
+        self.always_calls += 1
+        return TriggerResponse(success=True)
 
     def publish(self, message):
         if self.calls.count(True) > 1:
@@ -115,6 +123,13 @@ class TestStateEstimation(unittest.TestCase):
         ]
         cls.estimator = Estimator(cls.world)
         cls.nodes.append(OneNode("state_estimation", "/told", overrides, parameters={"startup_time": 0.0}))
+        overrides = [
+            "sensors.state_estimation.topic=/odometry/data",
+            "sensors.state_estimation.imu_topic=/imu",
+            "sensors.initialisation.service=/always/estimator/initialise",
+            "sensors.initialisation.always=true",
+        ]
+        cls.nodes.append(OneNode("state_estimation", "/always", overrides, parameters={"startup_time": 0.0}))
         for kind in KINDS:
             rospy.wait_for_service(f"/{kind}/state_estimation/check", 20.0)
             cls.checks[kind] = rospy.ServiceProxy(f"/{kind}/state_estimation/check", srv.CheckState)
@@ -218,6 +233,26 @@ class TestStateEstimation(unittest.TestCase):
             "in flight",
         )
         self.assertEqual(self.estimator.calls[2], "in flight")
+
+    def test_an_estimator_whose_states_are_valid_is_told_to_begin_anew_once_in_each_pre_flight(self):
+        rospy.wait_for_service("/always/state_estimation/check", 20.0)
+        check = rospy.ServiceProxy("/always/state_estimation/check", srv.CheckState)
+        begun = []
+
+        def valid():
+            self.estimator.always_status.publish(msg.AutopilotStatus(armed_known=True, armed=False))
+            answer = check()
+            begun.append((self.estimator.always_calls, answer.valid))
+            return answer.valid
+
+        for told in (1, 2):
+            wait_for(valid, f"valid after initialisation {told}")
+            check()
+            self.assertEqual(self.estimator.always_calls, told, "once")
+            for state in ("OUTREACH", "PREFLIGHT"):
+                self.estimator.always_state.publish(String(data=state))
+            wait_for(lambda: not check().valid, "a retry begins anew")
+        self.assertNotIn((0, True), begun)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 On the ground only, of a vehicle that says that it is disarmed: an estimate that begins anew in flight is a jump. It is
 asked when the check of the states fails, once for each time that somebody asks for the checks: a retry asks it again.
-Where it answers yes, what the check still lacks comes by itself for a while. Pure.
+With `always` it is asked once in each pre-flight, before the states are judged: what looks valid may be of before. The
+checks right before a takeoff are of the same pre-flight. Where it answers yes, what the check still lacks comes by
+itself for a while. Pure.
 """
 
 from __future__ import annotations
@@ -20,6 +22,10 @@ __all__ = ["ROW", "Initialisation", "InitialisationSpec", "InitialisationType"]
 ROW = "estimator initialisation"
 _S = 1_000_000_000
 _UNDER_WAY = "the estimator is being initialised"
+_BEFORE_PREFLIGHT = frozenset(
+    state.value for state in (State.MISSION_INPUT, State.READY, State.OUTREACH, State.DATA_CLEANUP, State.MISSION_ENDED)
+)
+_BEFORE_TAKEOFF = frozenset(state.value for state in (State.START_RECORDING, State.LOAD_MISSION))
 
 
 class InitialisationType(enum.Enum):
@@ -37,6 +43,7 @@ class InitialisationSpec(Checked):
     Args:
         service: on the ground, before the states are checked; empty: it needs none.
         type: of it.
+        always: asked in each pre-flight, valid states or not; false: only when they are not valid.
         limit_ns: time in which it must answer, and then the states must be valid.
         in_flight_service: of a second sensor or estimator, once the mission is flown; empty: there is none.
         in_flight_type: of it.
@@ -44,6 +51,7 @@ class InitialisationSpec(Checked):
 
     service: str = ""
     type: InitialisationType = InitialisationType.TRIGGER
+    always: bool = False
     limit_ns: int = 10 * _S
     in_flight_service: str = ""
     in_flight_type: InitialisationType = InitialisationType.TRIGGER
@@ -63,6 +71,7 @@ class Initialisation:
     def __init__(self, spec: InitialisationSpec, status_limit_ns: int) -> None:
         self.spec, self._status_limit_ns = spec, status_limit_ns
         self._asked, self._failure, self._state = False, "", ""
+        self._due = spec.always  # whatever the states look like; without an engine for the first check alone
         self._initialised_ns: Optional[int] = None
         self._armed: Optional[bool] = None
         self._heard_ns = 0
@@ -74,6 +83,10 @@ class Initialisation:
     def entered(self, state: str) -> bool:
         """Take the engine's state; return whether to ask for what begins in the air now."""
         before, self._state = self._state, state
+        if state != State.PREFLIGHT.value:
+            self._due = self.spec.always and state in _BEFORE_PREFLIGHT
+        elif before in _BEFORE_TAKEOFF:  # from elsewhere it is due already: its check may be here before its name
+            self._due = self.spec.always
         return bool(self.spec.in_flight_service) and (before, state) == (State.TAKEOFF.value, State.MISSION.value)
 
     def check(self, t_ns: int, rows: Sequence[Check]) -> Tuple[Tuple[Check, ...], bool]:
@@ -83,14 +96,15 @@ class Initialisation:
             t_ns: now.
             rows: of the check of the states.
         """
-        if not self.spec.service or all(row.passed for row in rows):
+        judged = not (self.spec.always and (self._due or self._asked or self._failure))
+        if not self.spec.service or (judged and all(row.passed for row in rows)):
             return tuple(rows), False
         if self._asked:
             return _waiting(rows, Verdict.UNKNOWN, _UNDER_WAY), False
         if self._failure:
             failure, self._failure = self._failure, ""
             return _failed(rows, failure), False
-        if self._initialised_ns is not None:
+        if self._initialised_ns is not None and not self._due:
             if t_ns - self._initialised_ns < self.spec.limit_ns:
                 return _waiting(rows, Verdict.PASS, ""), False
             self._initialised_ns = None
@@ -100,12 +114,13 @@ class Initialisation:
             return _waiting(rows, Verdict.UNKNOWN, "it is not known whether the vehicle is disarmed"), False
         if armed:
             return _failed(rows, "the vehicle is armed"), False
-        self._asked = True
+        self._asked, self._due, self._initialised_ns = True, False, None
         return _waiting(rows, Verdict.UNKNOWN, _UNDER_WAY), True
 
     def answered(self, t_ns: int, failure: str = "") -> None:
         """Take the answer: empty when it is yes, else why not."""
         self._asked, self._failure = False, failure
+        self._due = self._due or (self.spec.always and bool(failure))
         self._initialised_ns = None if failure else t_ns
 
 

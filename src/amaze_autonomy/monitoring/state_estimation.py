@@ -276,11 +276,12 @@ class StateEstimationMonitor:
         self.spec = spec or StateEstimationSpec()
         self._rotation = rotation_from_rpy(self.spec.imu_mounting_rpy_rad)
         self._imu = GravityWindow(max(self.spec.window_ns, self.spec.still_ns) + BUCKET_NS)
-        self._rate = RateMonitor(self._rate_spec()) if self.spec.topic else None
+        self._rate: Optional[RateMonitor] = None
         self._estimate: Optional[Estimate] = None
         self._estimate_ns = 0
         self._arrived_ns = 0
         self._track: Deque[Tuple[int, Vector]] = deque()
+        self.forget_estimates()
 
     def add_imu(self, t_ns: int, acceleration: Vector, turn_rate: Optional[Vector] = None) -> None:
         """Add a sample of the IMU in its own frame: specific force in m/s^2, turn rate in rad/s."""
@@ -297,6 +298,12 @@ class StateEstimationMonitor:
         self._estimate, self._arrived_ns = estimate, t_ns
         self._estimate_ns = t_ns if stamp_ns is None else stamp_ns
         self.trace(t_ns, lambda: estimate.position)
+
+    def forget_estimates(self) -> None:
+        """Judge by what comes from here on alone: the estimator has begun anew."""
+        self._rate = RateMonitor(self._rate_spec()) if self.spec.topic else None
+        self._estimate = None
+        self._track.clear()
 
     def trace(self, t_ns: int, position: Callable[[], Vector]) -> None:
         """Remember a position, unless there is one of about the same time; `position` is asked only when needed."""

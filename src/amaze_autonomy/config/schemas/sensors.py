@@ -225,6 +225,7 @@ _INITIALISATION_TYPE = Choice(tuple(each.value for each in InitialisationType))
 _INITIALISATION_ROWS: Tuple[Row, ...] = (
     ("service", _MAYBE_TOPIC, "asked on the ground, disarmed, while the states are not valid; empty: the estimator needs none", "an estimator that waits to be told to begin"),
     ("type", _INITIALISATION_TYPE, "of it: std_srvs/Trigger, std_srvs/SetBool with true, std_srvs/Empty", ""),
+    ("always", Flag(), "asked in each pre-flight, also when the states look valid", "they may be left from before"),
     ("limit_ns", _time(60), "time in which it must answer, and after which the states must be valid", "below preflight_fix_limit_s"),
     ("in_flight_service", _MAYBE_TOPIC, "asked once when the mission begins after a takeoff; empty: none", "a second sensor that must be in the air first"),
     ("in_flight_type", _INITIALISATION_TYPE, "of it", ""),

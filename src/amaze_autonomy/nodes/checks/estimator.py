@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Mapping, Sequence, Tuple, Type
+from typing import Any, Callable, Mapping, Sequence, Tuple, Type
 
 import rosgraph
 import rospy
@@ -36,25 +36,30 @@ class Estimator:
     Args:
         configuration: with the services.
         clock: the node's.
+        forget: called when it has said yes: what it estimated before says nothing any more.
     """
 
-    def __init__(self, configuration: Configuration, clock: Clock) -> None:
-        self._spec, self._clock = configuration.initialisation, clock
+    def __init__(self, configuration: Configuration, clock: Clock, forget: Callable[[], None]) -> None:
+        self._spec, self._clock, self._forget = configuration.initialisation, clock, forget
         limit_ns = configuration.rules.limits.autopilot_status_limit_ns
         self._initialisation, self._lock = Initialisation(self._spec, limit_ns), threading.Lock()
         self._workers = Workers("initialisation")
 
     def listen(self) -> None:
-        """Subscribe to what must be known: is the vehicle disarmed, has the mission begun?"""
+        """Subscribe to what must be known: is the vehicle disarmed, has a pre-flight or the mission begun?"""
         if self._spec.service:
             rospy.Subscriber("autopilot/status", msg.AutopilotStatus, self._take_status, queue_size=1)
-        if self._spec.in_flight_service:
+        if self._spec.in_flight_service or self._spec.always:
             rospy.Subscriber("autonomy/state_name", String, self._take_state, queue_size=10)
 
-    def rows(self, rows: Sequence[Check]) -> Tuple[Check, ...]:
-        """Return the rows of a check with what is said of the initialisation; ask for it where that is due."""
+    def rows(self, judge: Callable[[], Sequence[Check]]) -> Tuple[Check, ...]:
+        """Return the rows of a check with what is said of the initialisation; ask for it where that is due.
+
+        Args:
+            judge: makes the rows; here, so that none is of before an answer that comes meanwhile.
+        """
         with self._lock:
-            said, due = self._initialisation.check(self._clock.now_ns(), rows)
+            said, due = self._initialisation.check(self._clock.now_ns(), judge())
         if due:
             self._workers.submit(self._initialise)
         return said
@@ -63,6 +68,8 @@ class Estimator:
         failure = f"{self._spec.service}: its call ended without an answer"
         try:
             failure = self._ask(self._spec.service, self._spec.type)
+            if not failure:
+                self._forget()
         finally:  # or it would be waited for without an end
             with self._lock:
                 self._initialisation.answered(self._clock.now_ns(), failure)

@@ -5,6 +5,8 @@
     (state_estimation.topic)        the estimate: Odometry, PoseStamped or PoseWithCovarianceStamped (subscribed)
     (state_estimation.imu_topic)    sensor_msgs/Imu (subscribed)
     (initialisation.service)        asked, where the estimator must be told to begin; (in_flight_service) in the air
+    autonomy/state_name             std_msgs/String (subscribed), where a pre-flight or a mission is when it is asked
+    autopilot/status                AutopilotStatus (subscribed), where it is asked: only a disarmed vehicle is
 
 Topics, kinds of messages and limits: sensors.yaml. Parameters: `node_main.py`. How it judges: docs/monitoring.md.
 """
@@ -51,7 +53,7 @@ class StateEstimationNode:
         self._read = estimate_reader(self._spec.source)
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._startup = Startup(configuration, clock)
-        self._estimator = Estimator(configuration, clock)
+        self._estimator = Estimator(configuration, clock, self._forget)
         self._diagnostics = CheckDiagnostics("state estimation", clock)
 
     def _take_estimate(self, message: Any) -> None:
@@ -69,15 +71,19 @@ class StateEstimationNode:
         with self._lock:
             self._monitor.add_imu(self._clock.now_ns(), force, turn_rate if measured else None)
 
+    def _forget(self) -> None:
+        with self._lock:
+            self._monitor.forget_estimates()
+
     def _verdict(self) -> StateVerdict:
         with self._lock:
             return self._monitor.check(self._clock.now_ns())
 
     def _check(self, _request: Any) -> Any:
+        rows = self._estimator.rows(lambda: self._startup.rows(self._clock.now_ns(), self._verdict().checks))
         verdict = self._verdict()
-        rows = self._estimator.rows(self._startup.rows(self._clock.now_ns(), verdict.checks))
         return srv.CheckStateResponse(
-            valid=verdict.valid,
+            valid=all(row.passed for row in rows),
             gravity=Vector3(*(verdict.gravity or (_NOTHING,) * 3)),
             tilt=number(verdict.tilt_rad),
             checks=[check_row(row) for row in rows],
