@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import rospy
 from behaviours import Behaviours
 from hitches import allowed_s
 from stack import PREFLIGHT, Stack
-from std_msgs.msg import Bool
 
 from amaze_autonomy.engine.events import AutopilotStatus, WatchdogAction
 from amaze_autonomy.engine.rules import Code
@@ -147,13 +145,13 @@ def flapping_component_spends_its_budget(stack: Stack) -> None:
     stack.wait_over()
 
 
-@flights.add("user_land", mission="long")
+@flights.add(
+    "user_land",
+    faults=fault("", "land_switch", more="    for_s: 2.0\n"),
+    mission="long",
+    overrides=("autopilot.land_switch.channel=7",),
+)
 def switch_of_the_transmitter_lands(stack: Stack) -> None:
-    said = rospy.Publisher(f"/{stack.name}/autopilot/land_switch", Bool, queue_size=1)
-    stack.wait_state("MISSION")
-    stack.wait(said.get_num_connections, "the engine to listen")
-    said.publish(data=False)
-    said.publish(data=True)
     stack.wait_over()
     assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
     assert stack.states[-1].result == "LANDED_EARLY"

@@ -120,6 +120,21 @@ def test_files_without_a_touchdown_are_flown_in_one_flight(config_folder):
     assert straight.plan("2").mission.estimated_duration_s < touched.plan("2").mission.estimated_duration_s
 
 
+@pytest.mark.parametrize(
+    "channel, off, result",
+    [(7, False, Result.LANDED_EARLY), (12, False, Result.LANDED_EARLY), (7, True, Result.COMPLETE)],
+)
+def test_the_switch_of_the_transmitter_lands_unless_the_mission_is_flown_without(config_folder, channel, off, result):
+    overrides = [f"autopilot.land_switch.channel={channel}", f"missions.missions.1.land_switch={not off}"]
+    configuration = load_configuration(config_folder, overrides)
+    thrown = scenario("fault: land_switch, after: {event: mission, delay_s: 3}, for_s: 1")
+    flight = run(configuration, (configuration.plan("1").mission,), thrown)
+    assert flight.results == (("1", result, DataResult.COMPLETE),)
+    landed = [decision.t_ns - flight.history[0][0] for decision in flight.decisions if decision.rule == "user_land"]
+    assert len(landed) == (result is Result.LANDED_EARLY)
+    assert all(300_000_000 <= after_ns <= 500_000_000 for after_ns in landed)
+
+
 def test_there_is_a_story_for_every_shipped_scenario_and_no_other(config_folder):
     assert sorted(STORIES) == sorted(file.stem for file in (config_folder / "faults").glob("*.yaml"))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Mapping, Tuple
+from typing import Any, FrozenSet, Mapping, Tuple
 
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.missions import Bounds, FlightModel, MissionPlan, PlannerSpec
@@ -63,6 +63,11 @@ class Configuration:
     def missions(self) -> Tuple[Mission, ...]:
         """Return every mission as the engine sees it."""
         return tuple(plan.mission for plan in self.plans)
+
+    @property
+    def without_land_switch(self) -> FrozenSet[str]:
+        """The ids of the missions that are flown without the transmitter's switch that means land."""
+        return frozenset(plan.mission.id for plan in self.plans if not plan.land_switch)
 
     def plan(self, mission_id: str) -> MissionPlan:
         """Return a mission with its waypoints.

@@ -8,11 +8,12 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Request, Value
 from amaze_autonomy.engine.decide import decide
-from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
+from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick, UserRequest
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.engine.transitions import TRANSITIONS
+from amaze_autonomy.monitoring.land_switch import LandRequests
 
 from ..engine.events import Mission
 from ..journal import journal
@@ -90,6 +91,7 @@ class _Loop:
         self._rules = configuration.rules if rules is None else rules
         self._world = World(configuration, seed, scenario)
         self._state = EngineState()
+        self._switch = LandRequests(configuration.without_land_switch)
         header = journal.make_header(
             self._rules,
             configuration.effective,
@@ -115,6 +117,7 @@ class _Loop:
             if not selected and t_ns >= _SELECT_NS:
                 selected = True
                 self._take(MissionSelected(t_ns=t_ns, missions=missions))
+            self._look_at_switch(t_ns)
             deadline_ns = None if self._world.engine_down else next_deadline(self._state, self._rules)
             if deadline_ns is not None and deadline_ns <= t_ns:
                 self._take(Tick(t_ns=t_ns))
@@ -132,6 +135,12 @@ class _Loop:
     def _next_ns(self) -> int:
         deadline_ns = None if self._world.engine_down else next_deadline(self._state, self._rules)
         return self._world.next_ns if deadline_ns is None else min(self._world.next_ns, deadline_ns)
+
+    def _look_at_switch(self, t_ns: int) -> None:
+        """Ask for a landing where the switch of the transmitter says so, as the node does."""
+        command = self._switch.answer(self._state, t_ns, on=bool(self._world.land_switch))
+        if command is not None and not self._world.engine_down:
+            self._take(UserRequest(t_ns=t_ns, command=command))
 
     def _take(self, event: Event) -> None:
         """Let the engine decide about an event, write it down, and carry out what it asks for."""

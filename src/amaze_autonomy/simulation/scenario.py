@@ -177,6 +177,11 @@ _KINDS: Tuple[FaultKind, ...] = (
     FaultKind(Subject.WORLD, "pilot_disarms", "somebody disarms the vehicle; on the ground only"),
     FaultKind(
         Subject.WORLD,
+        "land_switch",
+        "the pilot throws the transmitter's switch that means land (`land_switch` of autopilot.yaml) while it lasts",
+    ),
+    FaultKind(
+        Subject.WORLD,
         "estimate_off",
         "the autopilot is wrong about where the vehicle is",
         (

@@ -8,6 +8,7 @@ from typing import Dict, Mapping, Optional, Tuple, Union
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.config.schemas.autonomy import Streams
 from amaze_autonomy.missions import Trajectory
+from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 from amaze_autonomy.monitoring.preflight_specs import (
     BatterySpec,
     EstimateSource,
@@ -62,6 +63,7 @@ class Settings:
         landing: how the distance to the ground is measured.
         state_estimation: when states are valid.
         battery: when the battery is enough.
+        land_switch: the channel of the transmitter that means land.
         platforms: names of the computers that record.
         rates: how often each peer sends its status.
         vehicle: how it flies.
@@ -75,6 +77,7 @@ class Settings:
     landing: LandingSpec = field(default_factory=LandingSpec)
     state_estimation: StateEstimationSpec = field(default_factory=StateEstimationSpec)
     battery: BatterySpec = field(default_factory=BatterySpec)
+    land_switch: LandSwitchSpec = field(default_factory=LandSwitchSpec)
     platforms: Tuple[str, ...] = ("main", "second")
     rates: Streams = field(default_factory=Streams)
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
@@ -131,6 +134,7 @@ def settings_of(configuration: Union[Configuration, Settings]) -> Settings:
         landing=configuration.landing,
         state_estimation=configuration.state_estimation,
         battery=configuration.battery,
+        land_switch=configuration.autopilot.land_switch,
         platforms=tuple(platform.name for platform in configuration.recording.platforms),
         vehicle=VehicleSettings(configuration.rules.limits.takeoff_height_m + _ABOVE_TAKEOFF_M, configuration.flight),
         power=PowerSettings(

@@ -192,6 +192,14 @@ class World:
         """Return the fault of a kind of which there is one in the world, if it acts now."""
         return self._site.world_fault(kind)
 
+    @property
+    def land_switch(self) -> Optional[bool]:
+        """Whether the simulated autopilot node says that the transmitter's switch means land; None: it says nothing."""
+        peer = self._peers.get("autopilot")
+        if not isinstance(peer, Autopilot) or not self._site.autopilot_speaks():
+            return None
+        return peer.land_switch(self.now_ns)
+
     def link_lost(self) -> bool:
         """Tell whether the autopilot node's link to the vehicle is cut."""
         return self._site.world_fault("autopilot_link_lost") is not None
@@ -356,6 +364,8 @@ def _without_effect(settings: Settings, fault: Fault) -> Optional[str]:
         return f"it is about {', '.join(fault.kind.targets)} only"
     if fault.kind.name == "restarted" and fault.for_ns is None:
         return "the engine would never be started again; say for how long with for_s"
+    if fault.kind.name == "land_switch" and not settings.land_switch.channel:
+        return "no channel means land; set land_switch.channel in autopilot.yaml"
     if fault.kind.subject != Subject.COMPONENT:
         return None
     component = next(each for each in settings.components if each.name == fault.target)

@@ -1,10 +1,11 @@
 """The simulated autopilot node: what it hears and tells, its checks, the second route of a landing."""
 
 import pytest
-from simulation_tools import Driver, S, changes
+from simulation_tools import Driver, S, changes, small_settings
 
 from amaze_autonomy.engine.commands import AutopilotDisarm, AutopilotLand
 from amaze_autonomy.engine.events import AutopilotStatus, CheckName, Outcome, VehicleLanded, Verdict
+from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 
 
 def verdicts(reply):
@@ -166,3 +167,25 @@ def test_a_silent_one_says_nothing_and_still_lands():
     assert driver.ask(AutopilotLand, wait_s=2.0).outcome is Outcome.ACCEPTED
     assert driver.autopilot.t_ns <= since
     assert driver.vehicle.mode == "AUTO.LAND"
+
+
+def test_the_switch_of_the_transmitter_says_land_while_it_is_thrown_and_nothing_takes_off_then():
+    settings = small_settings(land_switch=LandSwitchSpec(channel=7))
+    driver = Driver("fault: land_switch, at_s: 2, for_s: 15", settings=settings)
+    said = [(driver.go_on(1.5), driver.world.land_switch)[1] for _ in range(2)]
+    assert said == [False, True]
+    assert verdicts(driver.check(CheckName.AUTOPILOT))["land switch"] is Verdict.FAIL
+    driver.go_on(5.0)
+    assert driver.world.land_switch is False
+    assert verdicts(driver.check(CheckName.AUTOPILOT))["land switch"] is Verdict.PASS
+
+
+@pytest.mark.parametrize("fault", ["fault: not_ready, what: rc", "fault: autopilot_link_lost"])
+def test_without_a_transmitter_or_a_link_the_switch_says_nothing(fault):
+    settings = small_settings(land_switch=LandSwitchSpec(channel=7))
+    driver = Driver(f"fault: land_switch\n{fault}, at_s: 2", settings=settings)
+    driver.go_on(1.9)
+    assert driver.world.land_switch is True
+    driver.go_on(2.0)
+    assert driver.world.land_switch is None
+    assert Driver().world.land_switch is None

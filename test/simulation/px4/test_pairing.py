@@ -8,17 +8,19 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
+from amaze_autonomy.autopilot.vehicle.preflight import channel_width_us
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.simulation import parse_scenario
 from amaze_autonomy.simulation.px4 import Framing, VehicleAddressError
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 
 S, STEP = 1_000_000_000, 20_000_000
+CONFIG = Path(__file__).parents[3] / "config"
 
 
 @pytest.fixture(scope="module")
 def configuration():
-    return load_configuration(Path(__file__).parents[3] / "config")
+    return load_configuration(CONFIG)
 
 
 class Flight:
@@ -92,6 +94,16 @@ def test_what_the_autopilot_is_wrong_about_is_wrong_on_the_wire(configuration, f
     flight = Flight(configuration, f"fault: {fault}").advance(2.0)
     assert flight.heard["EXTENDED_SYS_STATE"].landed_state == landed
     assert flight.heard["GLOBAL_POSITION_INT"].relative_alt == pytest.approx(up_mm, abs=60)
+
+
+@pytest.mark.parametrize("channel", [7, 12])
+def test_the_land_switch_is_a_channel_of_the_transmitter(channel):
+    configuration = load_configuration(CONFIG, [f"autopilot.land_switch.channel={channel}"])
+    flight = Flight(configuration, "fault: land_switch, at_s: 2.0, for_s: 2.0")
+    widths_us = [channel_width_us(flight.advance(1.5).heard["RC_CHANNELS"], channel) for _ in range(3)]
+    assert widths_us == [1000.0, 2000.0, 1000.0]
+    others = {channel_width_us(flight.heard["RC_CHANNELS"], each) for each in range(1, 19) if each != channel}
+    assert others == {1500.0, 1100.0, 1000.0, None}
 
 
 def test_events_of_a_flight_over_mavlink_trigger_faults(configuration):

@@ -107,7 +107,7 @@ class AutonomyNode:
         state = self._decided_again(messages)
         self._ending = Ending(self._reasons.put, state, exit_when_ended=parameters.exit_when_ended)
         self._unattended = Unattended(configuration.rules) if parameters.unattended else None
-        self._switch = LandRequests(frozenset(each.mission.id for each in configuration.plans if not each.land_switch))
+        self._switch = LandRequests(configuration.without_land_switch)
         self._reconnector = Reconnector()
         least_free = configuration.recording.storage.min_free_fraction
         self._state_publisher = StatePublisher(

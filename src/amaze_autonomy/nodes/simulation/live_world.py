@@ -36,6 +36,7 @@ class Turn:
         samples: of the sensors since the last turn.
         health: of the PX4's sensors, by name.
         troubles: kinds of the faults that act on each component and process.
+        land_switch: the simulated autopilot node says that the transmitter's switch means land; None: it says nothing.
     """
 
     events: Tuple[Event, ...]
@@ -43,6 +44,7 @@ class Turn:
     samples: Tuple[Sample, ...]
     health: Mapping[str, Optional[bool]]
     troubles: Mapping[str, Tuple[str, ...]]
+    land_switch: Optional[bool]
 
 
 class Received:
@@ -169,11 +171,13 @@ class LiveWorld:
             events = self._world.advance(self._now_ns())
             services, samples = self._world.services(), tuple(self._world.samples())
             health, troubles = self._world.sensor_health(), self._world.troubles()
+            switch = self._world.land_switch
             slots = [(self._waiting.pop(_number(event), None), event) for event in events]
         for slot, event in slots:
             if slot is not None:
                 slot.put(event)
-        return Turn(tuple(event for event in events if not _number(event)), services, samples, health, troubles)
+        told = tuple(event for event in events if not _number(event))
+        return Turn(told, services, samples, health, troubles, switch)
 
 
 def _number(event: Event) -> int:

@@ -30,6 +30,7 @@ import time
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import rospy
+from std_msgs.msg import Bool
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.autopilot import Connection, EndpointError, Identity
@@ -40,6 +41,7 @@ from amaze_autonomy.engine.events import Event, Outcome
 from amaze_autonomy.interface import PEERS, SERVICES, STATUSES, peer_of, status_of
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.autopilots import AUTOPILOTS
+from amaze_autonomy.simulation.peers.peer import Cadence
 from amaze_autonomy.simulation.px4 import Px4
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world
 from amaze_autonomy.simulation.px4_udp import VehicleServer
@@ -60,6 +62,7 @@ __all__ = ["PEERS", "SimulationNode", "main"]
 
 _LANDING_LIMIT_S = 10.0
 _EXTERNAL = "external"
+_SWITCH_HZ = 5.0  # as the autopilot node says it
 _OBSERVER = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER3  # the third, beside those of the autopilot node and of the planner
 _LIMIT_NS = 3600 * 1_000_000_000  # the caller's limit is not known here
 _HISTORY_NS = 5_000_000_000  # the world is older than the node, so that its checks have seen enough samples
@@ -112,6 +115,10 @@ class SimulationNode:
             for row in STATUSES
             if peer_of(row.topic) in peers
         }
+        self._switch: Optional[rospy.Publisher] = None
+        if world.settings.land_switch.channel and "autopilot" in peers:
+            self._switch = rospy.Publisher("autopilot/land_switch", Bool, queue_size=10, tcp_nodelay=True)
+        self._switch_cadence = Cadence(_SWITCH_HZ)
         self._engine_state = ""
 
     def start(self) -> None:
@@ -144,6 +151,9 @@ class SimulationNode:
         for event in turn.events:
             self._publish(event, turn)
         self._offer(turn.services)
+        on = turn.land_switch
+        if self._switch is not None and on is not None and self._switch_cadence.due(self._clock.now_ns(), on):
+            self._switch.publish(Bool(data=on))
         if self._sensors is not None and self._history_told:
             self._sensors.publish(turn.samples)
         self._history_told = True  # what the world sensed before the node was there comes in its first turn

@@ -11,6 +11,7 @@ from amaze_autonomy.engine.events import AutopilotStatus, Event, VehicleLanded
 from amaze_autonomy.engine.state import evolve
 from amaze_autonomy.monitoring.battery import BatteryMonitor
 from amaze_autonomy.monitoring.gravity import LastingTilt
+from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 
 from ...engine.events import CHECKS, Check, Verdict
 from ..scenario import Subject
@@ -21,6 +22,7 @@ __all__ = ["SENSORS", "Autopilot", "sensor_health"]
 _S = 1_000_000_000
 _NOISE_M = 0.02
 _LINK_LIMIT_S = 2.0
+_SWITCH_US = {False: 1000.0, True: 2000.0}
 
 SENSORS = ("gps", "imu", "magnetometer", "barometer")
 
@@ -49,6 +51,7 @@ class Autopilot(Peer):
         self._monitor = BatteryMonitor(site.settings.battery)
         self._battery_ns: Optional[int] = None
         self._tilt = LastingTilt(round(_LINK_LIMIT_S * _S))
+        self._switch = LandSwitchMonitor(site.settings.land_switch)
 
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
         """Check, land or disarm."""
@@ -65,6 +68,10 @@ class Autopilot(Peer):
         if "required_fraction" in CHECKS[command.check].asks:
             return self._monitor.check(t_ns, command.required_fraction).checks
         return self._check(t_ns)
+
+    def land_switch(self, t_ns: int) -> Optional[bool]:
+        """Return whether the switch of the transmitter says land; None: its channel is not heard."""
+        return self._switch.on(t_ns)
 
     def step(self, t_ns: int) -> List[Event]:
         """Listen, and tell."""
@@ -100,6 +107,8 @@ class Autopilot(Peer):
             fraction, voltage = round(power.fraction, 4), round(voltage, 3)
             self._battery_ns = t_ns
         self._monitor.add(t_ns, fraction, voltage)
+        if self._switch.spec.channel and "rc" not in vehicle.flags.not_ready:
+            self._switch.add(t_ns, _SWITCH_US[vehicle.flags.land_switch])
         self._tilt.add(t_ns, vehicle.tilt_rad)
         tilt_rad = self._tilt.tilt_rad(t_ns)
         off = self.site.world_fault("estimate_off")
@@ -140,6 +149,10 @@ class Autopilot(Peer):
         rows.append(_row("not armed", None if armed is None else not armed, age, "disarm the vehicle"))
         for key, name, words in _READY:
             rows.append(_row(name, key not in problems if fresh else None, age, words))
+        if self._switch.spec.channel:
+            on = self.land_switch(t_ns)
+            row = _row("land switch", None if on is None else not on, age, "switch it back: it says land")
+            rows.append(evolve(row, heals=not row.passed))
         return tuple(rows)
 
 

@@ -50,7 +50,11 @@ def fly_world(
     world = World(configuration, seed, scenario, start_ns=start_ns, without=without, live=live, make_vehicle=craft)
     cells = world.power.cells
     expected = dict(configuration.autopilot.parameters)
-    chosen = dataclasses.replace(chosen, parameters={"BAT1_N_CELLS": cells, **_as_given(expected), **chosen.parameters})
+    chosen = dataclasses.replace(
+        chosen,
+        parameters={"BAT1_N_CELLS": cells, **_as_given(expected), **chosen.parameters},
+        land_channel=chosen.land_channel or configuration.autopilot.land_switch.channel,
+    )
     watched = tuple(each.autopilot.value for each in world.settings.components if each.autopilot is not None)
 
     vehicle = world.vehicle

@@ -284,6 +284,7 @@ class Px4:
             level=self.failsafes.level,
             ready=ready,
             transmitter=self._transmitter,
+            land_channel=self.settings.land_channel,
             home_shift=_HOME_SHIFT,
             has_home="home" not in self.craft.flags.not_ready,
             range_finder=self.settings.range_finder,

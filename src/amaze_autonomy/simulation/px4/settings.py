@@ -123,6 +123,7 @@ class Px4Settings:
         geography: where its local frame lies.
         parameters: that differ from PX4's own, by name.
         transmitter: the pilot's transmitter is on.
+        land_channel: of it, from 1, that its land switch moves; 0: it has none.
         range_finder: it has a downward range finder of its own.
         unacknowledged: commands (MAV_CMD) to which it sends no COMMAND_ACK, as PX4 now and then does.
         boot_ns: how long it is on already when the simulation begins.
@@ -133,6 +134,7 @@ class Px4Settings:
     geography: Geography = field(default_factory=Geography)
     parameters: Mapping[str, Union[int, float]] = field(default_factory=dict)
     transmitter: bool = True
+    land_channel: int = 0
     range_finder: bool = True
     unacknowledged: Tuple[int, ...] = ()
     boot_ns: int = 60_000_000_000

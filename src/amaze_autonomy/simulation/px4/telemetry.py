@@ -49,6 +49,7 @@ class View:
         level: of the battery, from 0 (ok).
         ready: the pre-arm verdict.
         transmitter: of the pilot.
+        land_channel: of it, that its land switch moves; 0: none.
         home_shift: how far home is off what was home before the arming: north, east, up in m.
         has_home: a home position is known.
         range_finder: it has one.
@@ -68,6 +69,7 @@ class View:
     level: int
     ready: bool
     transmitter: bool
+    land_channel: int
     home_shift: Tuple[float, float, float]
     has_home: bool
     range_finder: bool
@@ -343,6 +345,7 @@ MOTION: Mapping[str, Callable[[View], Any]] = {
 
 
 _UNKNOWN_16 = 0xFFFF
+_CHANNELS, _MOST_CHANNELS = 8, 18  # of a transmitter, of RC_CHANNELS
 _CHARGE = dict(
     zip(
         BATTERY_LEVELS,
@@ -440,8 +443,12 @@ def _servo_output_raw(view: View) -> Any:
 def _rc_channels(view: View) -> Any:
     if not view.transmitter:
         return None
-    sticks = [1500, 1500, 1500 if view.craft.airborne else 1100, 1500, *[1000] * 4]
-    return mavlink.MAVLink_rc_channels_message(view.t_ms, 8, *sticks, *[_UNKNOWN_16] * 10, 90)
+    count = max(_CHANNELS, view.land_channel)
+    widths = [1500, 1500, 1500 if view.craft.airborne else 1100, 1500, *[1000] * (count - 4)]
+    if view.land_channel:
+        widths[view.land_channel - 1] = 2000 if view.craft.flags.land_switch else 1000
+    unused = [_UNKNOWN_16] * (_MOST_CHANNELS - count)
+    return mavlink.MAVLink_rc_channels_message(view.t_ms, count, *widths, *unused, 90)
 
 
 def _system_time(view: View) -> Any:

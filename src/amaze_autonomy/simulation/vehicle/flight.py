@@ -174,6 +174,7 @@ class Flags:
     lean_rad: float = 0.0
     raised_m: float = 0.0
     gps_lost: bool = False
+    land_switch: bool = False
     not_ready: Dict[str, str] = field(default_factory=dict)
 
 

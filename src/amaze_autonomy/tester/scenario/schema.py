@@ -36,7 +36,7 @@ from .model import Anchor, SourceKind
 __all__ = ["CONFIGURATION", "OVERRIDE", "VERSION", "schema_of"]
 
 VERSION = 1
-OVERRIDE = r"(autonomy|sensors|missions|recording)(\.[A-Za-z0-9_/-]+)+"
+OVERRIDE = r"(autonomy|autopilot|sensors|missions|recording)(\.[A-Za-z0-9_/-]+)+"
 _S = 1_000_000_000
 _TIME = Number(minimum=0.0, maximum=86_400.0)
 _FILE = Text("a path, from the folder of this file", longest=500)
