@@ -24,6 +24,19 @@ def test_repeated_at_2_hz_until_it_is_shown():
     assert story.motions == []
 
 
+def test_what_asks_in_the_place_of_a_person_is_the_cause_of_the_landing():
+    story = at("MISSION flying")
+    story.feed(ev.UserRequest, command=ev.UserCommand.LAND, by="the transmitter's land switch")
+    (decision,) = [each for each in story.decisions if each.rule == "user_land"]
+    assert [(each.name, each.value) for each in decision.values] == [
+        ("user", "land"),
+        ("by", "the transmitter's land switch"),
+    ]
+    assert story.state.landing.cause == "the transmitter's land switch"
+    told = [each.text for each in story.since if isinstance(each, Notify)]
+    assert told == ["Landing as the transmitter's land switch says."]
+
+
 def test_second_route_after_3_s_alarm_after_6_s_and_again_at_the_limit():
     story = at("MISSION flying")
     story.vehicle.obeys = False

@@ -68,7 +68,7 @@ EVENTS: Dict[Any, Dict[str, Any]] = {
     ev.EngineStarted: {"label": st.just("test"), "resumed": st.booleans()},
     ev.MissionSelected: {"missions": st.lists(missions, min_size=1, max_size=3).map(tuple), "request_id": identities},
     ev.MissionRejected: {"mission_id": texts, "error": texts, "request_id": identities},
-    ev.UserRequest: {"command": st.sampled_from(list(ev.UserCommand)), "request_id": identities},
+    ev.UserRequest: {"command": st.sampled_from(list(ev.UserCommand)), "request_id": identities, "by": texts},
     ev.WatchdogAction: {
         "sequence": st.integers(0, 9),
         "loop_counter": st.integers(0, 3),

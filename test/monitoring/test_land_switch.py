@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from amaze_autonomy.engine.events import Mission, UserCommand
+from amaze_autonomy.engine.events import Mission, UserCommand, UserRequest
 from amaze_autonomy.engine.state import EngineState, Flight, Session, State, evolve, put
 from amaze_autonomy.monitoring.land_switch import LandRequests, LandSwitchMonitor, LandSwitchSpec
 
@@ -13,6 +13,10 @@ ON, OFF = 1900.0, 1100.0
 IN_FLIGHT = EngineState(
     state=State.MISSION, t_ns=5 * S, flight=Flight(active=True), session=Session(mission=Mission(id="1"))
 )
+
+
+def land(t_ns):
+    return UserRequest(t_ns=t_ns, command=UserCommand.LAND, by="the transmitter's land switch")
 
 
 def heard(*readings, **limits):
@@ -54,17 +58,17 @@ def test_time_alone_does_not_hold_it():
 
 
 def test_it_asks_for_a_landing_in_flight_and_again_while_it_is_held():
-    assert LandRequests(frozenset()).answer(IN_FLIGHT, 0, on=True) is UserCommand.LAND
+    assert LandRequests(frozenset()).answer(IN_FLIGHT, 0, on=True) == land(0)
     requests = LandRequests(frozenset())
     assert requests.answer(IN_FLIGHT, 5 * S, on=False) is None
-    assert requests.answer(IN_FLIGHT, 5 * S, on=True) is UserCommand.LAND
+    assert requests.answer(IN_FLIGHT, 5 * S, on=True) == land(5 * S)
     assert requests.answer(IN_FLIGHT, 6 * S - 1, on=True) is None
-    assert requests.answer(IN_FLIGHT, 6 * S, on=True) is UserCommand.LAND
+    assert requests.answer(IN_FLIGHT, 6 * S, on=True) == land(6 * S)
 
 
 @pytest.mark.parametrize("state", [State.TAKEOFF, State.MISSION, State.HOLD])
 def test_it_counts_in_every_part_of_a_flight(state):
-    assert LandRequests(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) is UserCommand.LAND
+    assert LandRequests(frozenset()).answer(evolve(IN_FLIGHT, state=state), 5 * S, on=True) == land(5 * S)
 
 
 @pytest.mark.parametrize("state", [each for each in State if each not in (State.TAKEOFF, State.MISSION, State.HOLD)])

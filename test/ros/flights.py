@@ -156,6 +156,7 @@ def switch_of_the_transmitter_lands(stack: Stack) -> None:
     assert stack.commands() == [*BEFORE, "TAKEOFF", "LAND", "data_recorder/stop"]
     assert stack.states[-1].result == "LANDED_EARLY"
     assert "the switch of the transmitter says land" in stack.log()
+    assert "Landing as the transmitter's land switch says." in stack.log()
 
 
 def _flies_on_without(stack: Stack) -> bool:

@@ -282,7 +282,7 @@ MESSAGES: Mapping[str, Message] = {
     "resuming": Message(_I, "Resuming the mission."),
     "resumed_flight": Message(_I, "The mission goes on."),
     "land": Message(_E, "Landing: {reason}", "Watch the vehicle; be ready to take over."),
-    "land_user": Message(_W, "Landing as you asked.", "Watch the vehicle."),
+    "land_user": Message(_W, "Landing as {asked}.", "Watch the vehicle."),
     "land_shown": Message(_I, "Landing confirmed by the autopilot."),
     "takeover_suspected": Message(_W, "Somebody else seems to have control: {reason} Nothing is commanded."),
     "takeover_denied": Message(_W, "The vehicle answers to the engine: supervision goes on."),

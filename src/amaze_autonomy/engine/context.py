@@ -104,6 +104,11 @@ class Context:
         """Return True while somebody asks for something that was not carried out yet."""
         return self.user is not None or bool(self.selected) or bool(self.signal)
 
+    @property
+    def asked_by(self) -> str:
+        """What asks in the place of a person at a console; empty: nothing does."""
+        return self.event.by if isinstance(self.event, UserRequest) else ""
+
     def consume(self) -> None:
         """Forget what the event asks for: a request is carried out once."""
         self.user, self.selected, self.signal = None, (), ""

@@ -352,6 +352,7 @@ def _words(context: Context) -> Dict[str, object]:
     state, waits = context.state, waiting(context.state)
     return {
         "reason": f"{state.cause}." if state.cause else "",
+        "asked": f"{context.asked_by} says" if context.asked_by else "you asked",
         "mission_id": state.session.mission.id if state.session.mission is not None else "",
         "state": state.state.value,
         "result": state.session.result.value + (f" (landed for: {state.landing.cause})" if _landed_for(state) else ""),

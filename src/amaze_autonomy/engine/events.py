@@ -390,10 +390,17 @@ class MissionRejected(Event):
 
 @dataclass(frozen=True)
 class UserRequest(Event):
-    """A command of the user. The engine answers every one with an `Answer` of the same `request_id`."""
+    """A command of the user. The engine answers every one with an `Answer` of the same `request_id`.
+
+    Args:
+        command: what is asked.
+        request_id: of the answer.
+        by: what asks in the place of a person at a console, e.g. "the transmitter's land switch"; empty: nothing does.
+    """
 
     command: UserCommand
     request_id: int = 0
+    by: str = ""
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,13 @@ def needs_request(guard: Guard) -> bool:
 
 def user(command: UserCommand) -> Guard:
     """Hold when the user asks for it and the table of answers allows it."""
-    return on_request(lambda context: holds_if(context.user is command, Value("user", command.value)))
+
+    def guard(context: Context) -> Optional[Seen]:
+        by = context.asked_by
+        values = (Value("user", command.value), *((Value("by", by),) if by else ()))
+        return holds_if(context.user is command, *values, reason=by)
+
+    return on_request(guard)
 
 
 @on_request

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import FrozenSet, Optional
 
-from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.engine.events import UserCommand, UserRequest
 from amaze_autonomy.engine.state import EngineState, State
 
 __all__ = ["LandRequests", "LandSwitchMonitor", "LandSwitchSpec"]
 
 _S = 1_000_000_000
 _AGAIN_NS = _S  # a request that came too late for its state is made again
+_NAME = "the transmitter's land switch"
 _IN_FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD)
 
 
@@ -73,7 +74,7 @@ class LandRequests:
         self._without = without
         self._again_ns = 0
 
-    def answer(self, state: EngineState, t_ns: int, *, on: bool) -> Optional[UserCommand]:
+    def answer(self, state: EngineState, t_ns: int, *, on: bool) -> Optional[UserRequest]:
         """Return what is to be asked of the engine now; None: nothing."""
         mission = state.session.mission
         flies = state.flight.active and state.state in _IN_FLIGHT
@@ -83,4 +84,4 @@ class LandRequests:
         if t_ns < self._again_ns:
             return None
         self._again_ns = t_ns + _AGAIN_NS
-        return UserCommand.LAND
+        return UserRequest(t_ns=t_ns, command=UserCommand.LAND, by=_NAME)

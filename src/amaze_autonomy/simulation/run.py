@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.commands import Command, Decision, Level, Notify, Request, Value
 from amaze_autonomy.engine.decide import decide
-from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick, UserRequest
+from amaze_autonomy.engine.events import EngineStarted, Event, MissionSelected, Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
@@ -138,9 +138,9 @@ class _Loop:
 
     def _look_at_switch(self, t_ns: int) -> None:
         """Ask for a landing where the switch of the transmitter says so, as the node does."""
-        command = self._switch.answer(self._state, t_ns, on=bool(self._world.land_switch))
-        if command is not None and not self._world.engine_down:
-            self._take(UserRequest(t_ns=t_ns, command=command))
+        request = self._switch.answer(self._state, t_ns, on=bool(self._world.land_switch))
+        if request is not None and not self._world.engine_down:
+            self._take(request)
 
     def _take(self, event: Event) -> None:
         """Let the engine decide about an event, write it down, and carry out what it asks for."""

@@ -244,10 +244,10 @@ class AutonomyNode:
     def _take_switch(self, message: Any) -> None:
         """Take the switch of the transmitter; a user's request to land, without anybody who waits for an answer."""
         t_ns = self._clock.now_ns()
-        command = self._switch.answer(self._engine.state, t_ns, on=message.data)
-        if command is not None:
+        request = self._switch.answer(self._engine.state, t_ns, on=message.data)
+        if request is not None:
             rospy.logwarn("the switch of the transmitter says land")
-            self.put(UserRequest(t_ns=t_ns, command=command))
+            self.put(request)
 
     def put(self, event: Event) -> None:
         """Give the engine an event; from any thread."""
