@@ -39,7 +39,7 @@ class Estimator:
         forget: called when it has said yes: what it estimated before says nothing any more.
     """
 
-    def __init__(self, configuration: Configuration, clock: Clock, forget: Callable[[], None]) -> None:
+    def __init__(self, configuration: Configuration, clock: Clock, forget: Callable[[], None] = lambda: None) -> None:
         self._spec, self._clock, self._forget = configuration.initialisation, clock, forget
         limit_ns = configuration.rules.limits.autopilot_status_limit_ns
         self._initialisation, self._lock = Initialisation(self._spec, limit_ns), threading.Lock()

@@ -208,7 +208,8 @@ class CnsPeersNode:
             if not isinstance(reply, (Reply, CheckReply)):
                 raise rospy.ServiceException(f"{service.name}: no answer")
             if service.peer == "state_estimation" and isinstance(reply, CheckReply):
-                reply = replace(reply, checks=self._estimator.rows(reply.checks))
+                rows = reply.checks
+                reply = replace(reply, checks=self._estimator.rows(lambda: rows))
             return response_of(service, reply, self._clock.now_ns())
 
     def _step(self) -> None:
