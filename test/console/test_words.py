@@ -29,14 +29,15 @@ def test_quantity_with_its_unit(value, unit, shown):
 @pytest.mark.parametrize(
     "said, shown, warns",
     [
-        (Telemetry(gps_fix="3D", satellites=14.0), "3D, 14 satellites", False),
-        (Telemetry(gps_fix="2D", satellites=3.0), "2D, 3 satellites", True),
-        (Telemetry(gps_fix="no fix"), "no fix", True),
-        (Telemetry(), "-", False),
+        (Telemetry(gps="nominal", gps_fix="3D", satellites=14.0), ("3D, 14 satellites", "nominal"), False),
+        (Telemetry(gps="3.1 Hz, expected 5 Hz", gps_fix="3D"), ("3D", "3.1 Hz, expected 5 Hz"), True),
+        (Telemetry(gps_fix="2D", satellites=3.0), ("2D, 3 satellites", ""), True),
+        (Telemetry(gps="nominal"), ("nominal", ""), False),
+        (Telemetry(), ("-", ""), False),
     ],
 )
-def test_the_fix_and_the_satellites_are_one_reading(said, shown, warns):
-    assert words.Reading("GPS fix", shown, "", warns) in words.readings(said)
+def test_the_gps_is_one_reading_with_its_fix_and_what_the_watchdog_says(said, shown, warns):
+    assert words.Reading("GPS", *shown, warns) in words.readings(said)
 
 
 @pytest.mark.parametrize(

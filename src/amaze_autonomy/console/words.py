@@ -109,15 +109,17 @@ def readings(said: Telemetry) -> Tuple[Reading, ...]:
         ),
         Reading("mode", said.mode or _UNKNOWN),
         Reading("motors", "armed" if said.armed else "disarmed"),
-        Reading("GPS", said.gps or _UNKNOWN, "", said.gps not in ("", "nominal")),
-        Reading("GPS fix", _fix(said), "", said.gps_fix in _NO_FIX),
+        _gps(said),
         Reading("link", age(link_s), "", old or link_s is None or link_s > _OLD_S),
     )
 
 
-def _fix(said: Telemetry) -> str:
+def _gps(said: Telemetry) -> Reading:
+    bad = said.gps not in ("", "nominal") or said.gps_fix in _NO_FIX
+    if not said.gps_fix:
+        return Reading("GPS", said.gps or _UNKNOWN, "", bad)
     seen = "" if said.satellites is None else f", {said.satellites:.0f} satellites"
-    return f"{said.gps_fix or _UNKNOWN}{seen}"
+    return Reading("GPS", f"{said.gps_fix}{seen}", said.gps, bad)
 
 
 def _against(name: str, value: Optional[float], where: str, limit: Optional[float]) -> Reading:
