@@ -20,6 +20,7 @@ import roslib.message
 import rospy
 import rosservice
 
+from ..bags.errors import UndecodableError
 from ..doctor import Graph, SeenService, SeenTopic
 
 __all__ = ["GraphError", "Heard", "listen", "look"]
@@ -74,16 +75,22 @@ class Heard:
         return self._entries.get(topic, [])
 
     def message(self, entry: Tuple[int, Optional[bytes], str]) -> Any:
-        """Return a message; where it was not kept, or its package is not here, there is none."""
+        """Return a message.
+
+        Raises:
+            UndecodableError: It was not kept, or its package is not here, or another version of it.
+        """
         _, raw, kind = entry
-        found = roslib.message.get_message_class(kind) if raw is not None else None
+        if raw is None:
+            raise UndecodableError(f"{kind} was not kept")
+        found = roslib.message.get_message_class(kind)
         if found is None:
-            raise ValueError(f"{kind} cannot be read here")
+            raise UndecodableError(f"{kind} is of a package that is not here")
         message = found()
         try:
             message.deserialize(raw)
         except genpy.DeserializationError as error:
-            raise ValueError(f"{kind} is of another version here") from error
+            raise UndecodableError(f"{kind} is of another version here") from error
         return message
 
     def close(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import nan
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from cns_definitions import MESSAGES
@@ -15,7 +16,7 @@ from amaze_autonomy.cns.tables import TOPICS
 from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.engine.events import Landed, MissionPhase
 from amaze_autonomy.replay.errors import NoMessagesError
-from amaze_autonomy.replay.maps.proposal import propose
+from amaze_autonomy.replay.maps.proposal import propose, propose_of
 from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.recordings.sources import Recordings, recordings_of, topics_of
@@ -477,3 +478,14 @@ def _replayed(path, found):
     plan = make_plan(load_configuration(CONFIG), load_map(found), "1", topics_of([path]))
     with Recordings([path], plan.topics) as recordings:
         return Session(plan, recordings).run()
+
+
+def test_topics_of_the_running_graph_whose_package_is_not_here_or_another_one_are_named(monkeypatch):
+    graph = pytest.importorskip("amaze_autonomy.ros.graph", reason="needs ROS")
+    monkeypatch.setattr(graph.rospy, "get_time", lambda: 0.0)
+    heard = graph.Heard()
+    for name, kind in (("/other/state", "other_msgs/State"), ("/short", "std_msgs/Float64")):
+        heard.take(name, SimpleNamespace(_connection_header={"type": kind}, _buff=b"abc"))
+    found = propose_of([heard], [Path("the running graph")]).found
+    assert "/other/state: cannot be read (other_msgs/State is of a package that is not here)" in found
+    assert "/short: cannot be read (std_msgs/Float64 is of another version here)" in found
