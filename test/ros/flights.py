@@ -51,7 +51,12 @@ WAY = (
     "DATA_CLEANUP",
     "MISSION_ENDED",
 )
-SHORT = ("MISSION_INPUT", "READY", "LOAD_MISSION")  # may be over before they are shown, which is of the latest state
+SHORT = (
+    "MISSION_INPUT",
+    "PREFLIGHT",
+    "READY",
+    "LOAD_MISSION",
+)  # may be over before they are shown, which is of the latest state
 
 
 @flights.add("takeoff")
