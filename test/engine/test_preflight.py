@@ -402,6 +402,19 @@ def test_checks_that_pass_while_the_heartbeat_is_lost_wait_for_it():
     assert story.state.preflight.rounds == 2
 
 
+def test_a_retry_counts_the_rounds_of_checks_afresh():
+    story = at("READY")
+    rounds = story.rules.limits.preflight_rounds_limit
+    for _ in range(2):
+        for _ in range(rounds):
+            story.expect("READY").fail("lrf", 8).expect("PREFLIGHT").back("lrf").after(0.5)
+        story.expect("OUTREACH")
+        assert story.rules_fired[-1] == "checks_passed_too_often"
+        story.user("retry")
+        story.after(0.5)
+    story.expect("READY")
+
+
 def test_checks_that_pass_while_the_heartbeat_stays_lost_end_with_a_person():
     story = at("READY")
     story.silent.append("watchdog")
