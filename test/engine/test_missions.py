@@ -355,9 +355,10 @@ def test_a_planner_that_lands_before_its_last_waypoint_has_not_flown_the_mission
     assert story.state.session.result.value == "LANDED_EARLY"
 
 
-def test_where_the_data_is_comes_with_what_the_recorder_says_of_it():
+@pytest.mark.parametrize("message,said", [("2.1 GB, nothing was lost", " (2.1 GB, nothing was lost)."), ("", ".")])
+def test_where_the_data_is_comes_with_what_the_recorder_says_of_it(message, said):
     story = at("DATA_CLEANUP")
-    story.recorder.says["message"] = "2.1 GB, nothing was lost"
+    story.recorder.says["message"] = message
     story.until("MISSION_ENDED")
     (text,) = [c.text for _, c in story.sent if isinstance(c, Notify) and c.key == "mission_ended"]
-    assert text.endswith(f"The data is at {story.state.recording.location} (2.1 GB, nothing was lost).")
+    assert text.endswith(f"The data is at {story.state.recording.location}{said}")

@@ -154,6 +154,12 @@ def test_the_header_carries_the_rules_to_decide_with():
     assert journal.rules_of(line) == rules
 
 
+@pytest.mark.parametrize("unwritable", [object(), float("nan")])
+def test_a_header_that_json_cannot_hold_is_refused(unwritable):
+    with pytest.raises(journal.JournalError, match="the header cannot be written"):
+        journal.encode_header({"about": unwritable})
+
+
 def test_a_header_whose_rules_cannot_be_is_refused_with_its_line():
     header = journal.make_header(Rules(), {}, "abc", program="a test")
     header["rules"]["require_go"] = "perhaps"

@@ -183,6 +183,18 @@ def test_time_that_jumps_backwards_begins_anew_and_remembers_the_flight(hovering
     assert hovering.said[-1] is GROUND
 
 
+def test_readings_of_one_time_all_count():
+    detector = LandingDetector()
+    for index in range(102):
+        detector.add_range(index // 2 * S // 50, 0.1)
+    assert detector.evaluate(S).landed is GROUND
+
+
+def test_the_check_says_how_old_the_range_is():
+    flight = Flight().fly(1.0, level(0.0))
+    assert [row.age_s for row in flight.detector.checks(S + 3 * S // 10)] == [0.3, 0.3]
+
+
 def test_the_check_passes_on_the_ground():
     flight = Flight().fly(1.0, level(0.0))
     assert flight.detector.checks(S) == (

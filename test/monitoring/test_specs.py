@@ -108,6 +108,8 @@ def test_a_component_that_cannot_be_is_refused(changes: Dict[str, Any], field: s
         (lambda: LandingSpec(scale=NAN), "scale"),
         (lambda: LandingSpec(scale=0.0), "scale"),
         (lambda: LandingSpec(max_tilt_rad=2.0), "max_tilt_rad"),
+        (lambda: LandingSpec(max_tilt_rad=0.0), "max_tilt_rad"),
+        (lambda: LandingSpec(max_tilt_rad=-0.1), "max_tilt_rad"),
         (lambda: StateEstimationSpec(topic="", imu_topic=""), "topic"),
         (lambda: StateEstimationSpec(imu_mounting_rpy_rad=(0.0, NAN, 0.0)), "imu_mounting_rpy_rad"),
         (lambda: StateEstimationSpec(gravity_tolerance_m_s2=10.0), "gravity_tolerance_m_s2"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import cos, inf, nan, pi, radians, sin
+from types import SimpleNamespace
 from typing import Dict, List, Optional, Tuple
 
 import pytest
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 from monitoring_feed import S, rounded
 
 from amaze_autonomy.engine.events import Check, Verdict
-from amaze_autonomy.monitoring.specs import StateEstimationSpec
+from amaze_autonomy.monitoring.readings import estimate_reader
+from amaze_autonomy.monitoring.specs import EstimateSource, StateEstimationSpec
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor, StateVerdict
 
 G = 9.80665
@@ -261,6 +263,25 @@ def test_without_an_estimator_the_imu_is_judged_alone_and_the_other_way_round():
     assert (alone.valid, len(alone.checks)) == (True, 5)
     blind = on_the_pad(spec=StateEstimationSpec(imu_topic="")).check(NOW)
     assert (blind.valid, len(blind.checks), blind.gravity) == (True, 10, pytest.approx((0.0, 0.0, -G)))
+
+
+def test_without_an_imu_gravity_is_where_the_estimate_says():
+    up, estimate = rolled(10.0)
+    verdict = on_the_pad(estimate, spec=StateEstimationSpec(imu_topic="")).check(NOW)
+    assert verdict.gravity == pytest.approx(tuple(-each for each in up))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_variances_of_a_message_are_of_position_and_orientation_and_all_zeros_are_none(known: bool):  # noqa: FBT001
+    covariance = [0.0] * 36
+    covariance[::7] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0] if known else [0.0] * 6
+    axes = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+    pose = SimpleNamespace(position=axes, orientation=axes)
+    message = SimpleNamespace(pose=SimpleNamespace(pose=pose, covariance=covariance))
+    estimate = estimate_reader(EstimateSource.POSE_WITH_COVARIANCE)(message)
+    assert (estimate.position_variance, estimate.orientation_variance) == (
+        ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)) if known else (None, None)
+    )
 
 
 def test_a_nan_that_was_in_the_track_is_no_small_drift():

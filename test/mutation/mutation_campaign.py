@@ -175,7 +175,10 @@ class Campaign:
                 shutil.copy2(origin / name, tree / name)
 
     def names(self, task: Task) -> Tuple[str, ...]:
-        """Return the worlds, tests or scenarios that run a mutant's statement, the most promising first."""
+        """Return the worlds, tests or scenarios that run a mutant's statement, the most promising first.
+
+        Where none of them does, all: what runs at the import alone, as that which makes a table, is run by each.
+        """
         path, line = task.mutant.place.path, task.mutant.place.line
         if not self._runs(task.net, path):
             return ()
@@ -186,7 +189,7 @@ class Campaign:
             for name, (_, lines) in seen.items()
             if not begin or any(begin <= each <= end for each in lines.get(path, ()))
         ]
-        return tuple(sorted(names, key=lambda name: (-self.catchers[path, name], seen[name].seconds)))
+        return tuple(sorted(names or seen, key=lambda name: (-self.catchers[path, name], seen[name].seconds)))
 
     def _runs(self, net: str, path: str) -> bool:
         """Tell whether a net runs anything in the folder of a file: a table there may be what it goes by."""

@@ -125,6 +125,18 @@ def test_who_asks_catches_nobody_else_does_and_what_is_known_is_not_looked_at_ag
     assert again[1].splitlines()[1:] == lines[next(n for n, line in enumerate(lines) if not line) :]
 
 
+def test_what_runs_at_the_import_alone_is_shown_to_all(repository):
+    path, test = repository / LIMIT, repository / "test/engine/test_limit.py"
+    path.write_text(
+        path.read_text(encoding="utf-8") + "\n\ndef made(value):\n    return value + 4\n\n\nMADE = made(4)\n"
+    )
+    more = "\n\ndef test_made():\n    from amaze_autonomy.engine.limit import MADE\n\n    assert MADE == 8\n"
+    test.write_text(test.read_text(encoding="utf-8") + more, encoding="utf-8")
+    lines = [line for line in run(repository)[1].splitlines() if f"{LIMIT}:11" in line]
+    assert lines
+    assert not [line for line in lines if line.endswith("SURVIVED")]
+
+
 def test_a_test_more_shows_the_survivors_again_and_them_alone(repository):
     before = run(repository)[1]
     more = "\n\ndef test_the_limit():\n    assert (over(3), over(4)) == (False, True)\n"
