@@ -12,7 +12,7 @@ from typing import Any, Callable, List, Optional, Tuple
 
 from amaze_autonomy.console.errors import ConsoleError, UsageError
 from amaze_autonomy.console.link import Happening, Link, Mailbox
-from amaze_autonomy.console.model import Desk
+from amaze_autonomy.console.model import DEFAULT_ENGINE, Desk
 from amaze_autonomy.console.printer import run_plain
 from amaze_autonomy.console.session import CLOSED, INTERRUPTED, Session
 from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal
@@ -110,7 +110,7 @@ def _run(options: argparse.Namespace, make_link: MakeLink) -> int:
     mailbox = Mailbox(wake)
     link = make_link(mailbox.post, options.engine, full)
     wanted = tuple(name for each in options.mission for name in clean(each).replace(",", " ").split())
-    desk = Desk(engine=clean(options.engine or "autonomy", 80), wanted=wanted, page=clean(options.page))
+    desk = Desk(engine=clean(options.engine or DEFAULT_ENGINE, 80), wanted=wanted, page=clean(options.page))
     session = Session(desk, link, mailbox, once=options.once, wait_s=options.wait, pid=options.pid)
     _end_on_signals(session, wake)
     link.start()

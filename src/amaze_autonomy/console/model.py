@@ -14,6 +14,7 @@ from typing import Dict, List, Optional, Tuple
 from ..engine.events import Check, UserCommand
 
 __all__ = [
+    "DEFAULT_ENGINE",
     "STALE_AFTER_S",
     "Answer",
     "Collecting",
@@ -31,6 +32,8 @@ __all__ = [
     "Verdict",
 ]
 
+DEFAULT_ENGINE = "autonomy"
+"""The engine's node, in the name space of the console or page."""
 STALE_AFTER_S = 3.0
 """The engine publishes its state at 2 Hz; silence for longer than this is shown as lost contact."""
 
@@ -305,7 +308,7 @@ class Desk:
         page: address of the operator's page; empty: not known.
     """
 
-    engine: str = "/autonomy"
+    engine: str = f"/{DEFAULT_ENGINE}"
     started_s: float = 0.0
     snapshot: Optional[Snapshot] = None
     received_s: float = 0.0

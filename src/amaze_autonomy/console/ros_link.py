@@ -22,16 +22,15 @@ from amaze_autonomy.console.link import (
     MissionWanted,
     StateCame,
 )
-from amaze_autonomy.console.model import STALE_AFTER_S, Request, RequestKind, Verdict
+from amaze_autonomy.console.model import DEFAULT_ENGINE, STALE_AFTER_S, Request, RequestKind, Verdict
 from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, snapshot_of, verdict_of
 from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 
 from .wire import clean
 
-__all__ = ["DEFAULT_ENGINE", "RosLink"]
+__all__ = ["RosLink"]
 
-DEFAULT_ENGINE = "autonomy"
 _LOOK_S = 1.0
 
 
