@@ -150,7 +150,7 @@ def mission_selected_at_once_waits_for_its_nodes_and_for_the_vehicle(stack: Stac
     with flown(stack, "require_go:=true", overrides=patient, on=False) as vehicle:
         stack.select("hop")
         stack.wait(lambda: "no vehicle heard yet" in stack.log(), "an autopilot node without a vehicle", LIMIT_S)
-        assert stack.state == "PREFLIGHT"
+        stack.wait_state("PREFLIGHT")
         vehicle.switch_on()
         stack.wait_state("READY", "OUTREACH", limit_s=LIMIT_S)
         assert "OUTREACH" not in stack.passed, stack.states[-1].message

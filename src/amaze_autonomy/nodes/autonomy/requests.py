@@ -7,6 +7,7 @@ can wait (connecting, the answer) is a worker's business. Whatever happens, each
 
 from __future__ import annotations
 
+import os
 import time
 from functools import partial
 from typing import Any, Callable, Dict, Mapping, Tuple
@@ -50,6 +51,7 @@ class Requests:
         deadline_s = time.monotonic() + command.limit_ns * 1e-9
         data = client.serialize(request)
         connection = client.send_now(data)
+        os.sched_yield()  # a peer that was woken on this core goes first: what follows here can wait
         self.open[command.id] = command
         if connection is None:
             self._workers.submit(partial(self._finish, command, partial(client.call, data, deadline_s)))
