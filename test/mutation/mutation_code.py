@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import difflib
-import random
+import hashlib
 from pathlib import Path
 from typing import Dict, Iterable, Iterator, List, Tuple
 
@@ -56,26 +56,42 @@ def changed_lines(source: str, changed: str) -> Tuple[str, str]:
 
 def sample(found: Iterable[Place], count: int, seed: int, root: Path) -> List[Mutant]:
     """Return so many mutants, drawn by a seed: where first, then by which operator, so that a comparison, which has
-    seven, counts no more than others. A larger sample of the same seed begins with the smaller one.
+    seven, counts no more than others. A larger sample of the same seed begins with the smaller one, and a change of the
+    code draws anew what it touches alone: the order is that of digests of the lines.
     """
+    texts: Dict[str, str] = {}
+    drawn: Dict[str, Mutant] = {}
+    for place in _in_order(found, seed, root, texts):
+        source = texts[place.path]
+        mutant = Mutant(place, *changed_lines(source, mutated(source, place)))
+        if mutant.before != mutant.after:
+            drawn.setdefault(mutant.key, mutant)
+        if len(drawn) == count:
+            break
+    return list(drawn.values())
+
+
+def _in_order(found: Iterable[Place], seed: int, root: Path, texts: Dict[str, str]) -> List[Place]:
+    """Return places by the digests of where they are, with one operator of each first; keep the files' texts."""
     there: Dict[Tuple[str, int, int], List[Place]] = {}
     for place in found:
         there.setdefault(place[:3], []).append(place)
-    draw = random.Random(seed)
-    rounds = list(there.values())
-    drawn: Dict[str, Mutant] = {}
-    while rounds and len(drawn) < count:
-        draw.shuffle(rounds)
-        for of_place in rounds:
-            place = of_place.pop(draw.randrange(len(of_place)))
-            source = (root / place.path).read_text(encoding="utf-8")
-            mutant = Mutant(place, *changed_lines(source, mutated(source, place)))
-            if mutant.before != mutant.after:
-                drawn.setdefault(mutant.key, mutant)
-            if len(drawn) == count:
-                break
-        rounds = [of_place for of_place in rounds if of_place]
-    return list(drawn.values())
+    lines: Dict[str, List[str]] = {}
+    for path in {place[0] for place in there}:
+        texts[path] = (root / path).read_text(encoding="utf-8")
+        lines[path] = texts[path].splitlines()
+    ranked: List[Tuple[int, str, Place]] = []
+    for (path, line, column), operators in there.items():
+        text = lines[path][line - 1]
+        same = lines[path][: line - 1].count(text)
+        name = f"{seed}\n{path}\n{same}\n{text.strip()}\n{column - len(text) + len(text.lstrip())}"
+        operators.sort(key=lambda place: _digest(f"{name}\n{place.operator}"))
+        ranked += ((number, _digest(name), place) for number, place in enumerate(operators))
+    return [place for _, _, place in sorted(ranked)]
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def mutated(source: str, place: Place) -> str:

@@ -92,6 +92,16 @@ def test_a_sample_is_drawn_by_its_seed_and_a_larger_one_begins_with_it(repositor
     assert len({mutant.place[:3] for mutant in some}) == 3, "places first"
 
 
+def test_a_change_of_the_code_draws_anew_what_it_touches_alone(repository):
+    before = sample(places(repository), 1000, 1, repository)
+    path = repository / LIMIT
+    path.write_text(f"LIMIT = 3\n\n\n{path.read_text()}", encoding="utf-8")
+    after = sample(places(repository), 1000, 1, repository)
+    new = [mutant for mutant in after if mutant.place.line == 1]
+    assert new
+    assert [mutant.key for mutant in after if mutant not in new] == [mutant.key for mutant in before]
+
+
 def test_more_than_there_are_is_all_there_are(repository):
     found = places(repository)
     drawn = sample(found, 1000, 1, repository)
