@@ -97,8 +97,8 @@ class RosLink(Link):
         engine = self._engine or str(rospy.get_param("~engine", "") or DEFAULT_ENGINE)
         if not rosgraph.names.is_legal_name(engine):
             raise ValueError(f'"{engine}" cannot be the name of a node, e.g. /{DEFAULT_ENGINE}')
-        self._engine = rospy.resolve_name(engine.rstrip("/"))
-        self._post(LinkSays("", engine=clean(self._engine, 80)))
+        self._engine = engine = str(rospy.resolve_name(engine.rstrip("/")))
+        self._post(LinkSays("", engine=clean(engine, 80)))
         missions = _names(rospy.get_param("~mission", ""))
         if missions:
             self._post(MissionWanted(missions))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import socket
 import time
 import xmlrpc.client
-from typing import Any, NamedTuple, Optional, Tuple
+from typing import Any, NamedTuple, Optional, Tuple, cast
 from urllib.parse import urlparse
 
 from .errors import BrokenCallError, CallError, CallTimeoutError, UnavailableError
@@ -31,7 +31,8 @@ def call(uri: str, method: str, arguments: Tuple[Any, ...], limit_s: float) -> A
     deadline_s = time.monotonic() + limit_s
     try:
         answer = _exchange(uri, xmlrpc.client.dumps(arguments, method).encode(), deadline_s)
-        ((code, message, value),), _ = xmlrpc.client.loads(answer)
+        ((told,), _) = xmlrpc.client.loads(answer)
+        code, message, value = cast(Tuple[Any, Any, Any], told)
     except socket.timeout as error:
         raise CallTimeoutError(f"no answer within {limit_s:g} s") from error
     except ConnectionRefusedError as error:

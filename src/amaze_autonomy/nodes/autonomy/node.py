@@ -432,7 +432,7 @@ _NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
 
 def outcome(results: Sequence[Ended], state: EngineState) -> str:
     """Return the worst of how the missions ended and where the engine was when the node ended."""
-    names = [each.result.value for each in results if each.result is not Result.NONE] or ["COMPLETE"]
+    names: List[str] = [each.result.value for each in results if each.result is not Result.NONE] or ["COMPLETE"]
     if state.flight.active:
         names.append("INTERRUPTED_IN_FLIGHT")
     elif state.state not in _NOTHING_UNDER_WAY:

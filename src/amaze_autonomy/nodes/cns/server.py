@@ -250,7 +250,7 @@ class CnsServerNode:
         self._ended = True
 
 
-class _Late(rospy.SubscribeListener):  # type: ignore[misc]
+class _Late(rospy.SubscribeListener):
     """Notices who begins to listen."""
 
     def __init__(self, greet: Callable[[Callable[[Any], None]], None]) -> None:

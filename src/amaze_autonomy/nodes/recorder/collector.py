@@ -109,7 +109,7 @@ class RecorderCollector:
         machine = self.machine
         session, mission = machine.session_id, machine.mission_id
         if command.platform == self._own.name:
-            own = {
+            own: Dict[str, Callable[[], Answer]] = {
                 "start": lambda: self._own.start(session, mission),
                 "stop": lambda: self._own.stop(session),
                 "remove": lambda: self._own.remove(session, self._verified(self._own.name)),

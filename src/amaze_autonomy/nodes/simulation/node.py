@@ -37,7 +37,7 @@ from amaze_autonomy.autopilot import Connection, EndpointError, Identity
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
-from amaze_autonomy.engine.events import Event, Outcome
+from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 from amaze_autonomy.interface import PEERS, SERVICES, STATUSES, peer_of, status_of
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.autopilots import AUTOPILOTS
@@ -192,7 +192,7 @@ class SimulationNode:
             return asked[0]
 
         reply = self._live.ask(name, make)
-        if reply is None:
+        if not isinstance(reply, (Reply, CheckReply)):
             raise rospy.ServiceException("the node ends")
         if getattr(reply, "outcome", None) is Outcome.BROKEN:
             raise BrokenPipeError(getattr(reply, "message", ""))

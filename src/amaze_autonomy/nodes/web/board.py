@@ -383,9 +383,9 @@ def _request_of(order: Mapping[str, Any]) -> Optional[Request]:
     command, missions = order.get("command"), order.get("missions")
     if isinstance(command, str) and command in [each.value for each in UserCommand]:
         return Request(RequestKind.COMMAND, command=UserCommand(command))
-    named = isinstance(missions, list) and 0 < len(missions) <= _MOST_MISSIONS
-    if named and all(isinstance(each, str) for each in missions):
-        return Request(RequestKind.SELECT, missions=tuple(clean(each, 40) for each in missions))
+    named = missions if isinstance(missions, list) and len(missions) <= _MOST_MISSIONS else []
+    if named and all(isinstance(each, str) for each in named):
+        return Request(RequestKind.SELECT, missions=tuple(clean(each, 40) for each in named))
     return None
 
 

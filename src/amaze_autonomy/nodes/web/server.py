@@ -186,9 +186,9 @@ class _Index(_Guarded):
 
 
 class _File(_Guarded, StaticFileHandler):
-    def initialize(self, server: PageServer, loopback: bool, path: str = "") -> None:  # noqa: FBT001
+    def initialize(self, server: PageServer, loopback: bool, **folder: Any) -> None:  # noqa: FBT001
         _Guarded.initialize(self, server, loopback)
-        StaticFileHandler.initialize(self, path)
+        StaticFileHandler.initialize(self, **folder)
 
 
 class Viewer(_Guarded, WebSocketHandler):
