@@ -370,6 +370,19 @@ def test_nor_does_it_take_off_without_one(configuration):
     assert turned.planner.outbox == []
 
 
+def test_a_file_that_the_mission_lost_while_the_peers_node_was_started_again_is_not_flown(configuration):
+    turned, again = (Turned(configuration, (10, 0, 2, 0, 1)) for _ in range(2))
+    turned.planner.turn(0, 0.0)
+    assert turned.load().outcome is Outcome.ACCEPTED
+    kept = turned.planner.kept()
+    kept["loaded"][2] = 2  # of the two that it has now, the third one
+    again.planner.restore(0, kept)
+    again.planner.turn(0, 0.0)
+    reply = again.command_takeoff(0)
+    assert (reply.outcome, reply.message) == (Outcome.REFUSED, "mission 1 has 2 waypoint files")
+    assert again.planner.outbox == []
+
+
 @pytest.mark.parametrize("file_index, repetition", [(1, 0), (0, 1)])
 def test_metres_east_of_the_first_takeoff_are_refused_for_another_one(configuration, file_index, repetition):
     turned = Turned(configuration, (10, 0, 2, 0, 1))

@@ -202,8 +202,6 @@ class Sequencer(Peer):
             return f"there is no mission {command.mission_id!r}"
         if not command.mission_id.isdigit() or not 1 <= int(command.mission_id) <= _LAST_ID:
             return f"its sequencer knows missions 1 to {_LAST_ID} alone, and none {command.mission_id!r}"
-        if not 0 <= command.file_index < len(plan.trajectories):
-            return f"mission {command.mission_id} has {len(plan.trajectories)} waypoint files"
         if not self.alive:
             return "its sequencer is not there"
         if self._phase in _IN_FLIGHT and not self._restored:
@@ -222,8 +220,10 @@ class Sequencer(Peer):
 
     def _aim(self, t_ns: int, command: LoadMission) -> str:
         """Place the waypoints by the heading of now; return why they cannot be flown, or nothing."""
-        trajectory = self._plans[command.mission_id].trajectories[command.file_index]
-        points, problem = self._points_of(t_ns, trajectory, command)
+        files = self._plans[command.mission_id].trajectories
+        if not 0 <= command.file_index < len(files):  # also of what was loaded before the configuration changed
+            return f"mission {command.mission_id} has {len(files)} waypoint files"
+        points, problem = self._points_of(t_ns, files[command.file_index], command)
         problem = problem or self._out_of_bounds(points)
         if not problem:
             self._points = points
