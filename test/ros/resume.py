@@ -70,7 +70,7 @@ def birth_to_decision(stack: Stack, started: EngineStarted) -> float:
 
 def finish(stack: Stack) -> None:
     """Land what flies, give up what waits for a person, and wait for the end."""
-    stack.wait_state("MISSION", "HOLD", "LAND", "OUTREACH", "MISSION_ENDED", "MISSION_INPUT")
+    stack.wait_state("MISSION", "HOLD", "LAND", "OUTREACH", "MISSION_ENDED")
     if stack.state in ("MISSION", "HOLD"):
         assert stack.ask("land")[0] in (1, 3)
 
@@ -79,6 +79,17 @@ def finish(stack: Stack) -> None:
         return stack.state in ("MISSION_ENDED", "MISSION_INPUT")
 
     stack.wait(ended, "MISSION_ENDED or MISSION_INPUT")
+
+
+@resume.add(start=False)
+def killed_before_its_mission_was_selected(stack: Stack) -> None:
+    """It waits for peers that are not there; the next one knows the mission from its own parameter."""
+    stack.start_engine()
+    stack.wait_state("MISSION_INPUT")
+    kill_and_start(stack, 0)
+    stack.start_peers(0)
+    stack.wait_state("MISSION_ENDED")
+    assert stack.states[-1].result == "COMPLETE"
 
 
 def _add(mission: str, seed: int) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import rospkg
 
-from amaze_autonomy.engine.events import Event
+from amaze_autonomy.engine.events import Event, MissionSelected
 from amaze_autonomy.whole_file import sync_folder, write_whole
 
 from ...journal import journal as codec
@@ -60,6 +60,11 @@ class Unfinished:
     def last_ns(self) -> int:
         """Return the time of its last event; 0 when it has none."""
         return self.events[-1].t_ns if self.events else 0
+
+    @property
+    def chosen(self) -> bool:
+        """Tell whether missions were selected in it."""
+        return any(isinstance(event, MissionSelected) for event in self.events)
 
 
 def boot_id() -> str:
