@@ -9,7 +9,7 @@ import pytest
 from hypothesis import Phase, settings
 from hypothesis.configuration import set_hypothesis_home_dir
 
-from amaze_autonomy.tester.golden.store import CI_VARIABLES
+from amaze_autonomy.tester.golden import CI_VARIABLES
 
 # In CI nothing is accepted. Tests run as at a desk, wherever they run; those of CI say so themselves.
 for name in CI_VARIABLES:

@@ -27,8 +27,8 @@ from amaze_autonomy import msg
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.recordings.journals import read_journals
-from amaze_autonomy.tester.agree import agree, agreement_lines
 from amaze_autonomy.tester.command import main as replay
+from amaze_autonomy.tester.difference import agree, agreement_lines
 from amaze_autonomy.tester.scenario import load_cases
 
 SCENARIO = HERE.parent / "scenarios" / "demo_flight_anew.scenario.yaml"

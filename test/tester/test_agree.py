@@ -11,8 +11,8 @@ from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import Shutdown, Tick
 from amaze_autonomy.journal.journal import Journal, JournalLine
 from amaze_autonomy.tester import Options, run_task, tasks_of
-from amaze_autonomy.tester.agree import agree, agreement_lines
 from amaze_autonomy.tester.command import main
+from amaze_autonomy.tester.difference import agree, agreement_lines
 
 S = 1_000_000_000
 

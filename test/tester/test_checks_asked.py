@@ -9,8 +9,8 @@ import pytest
 from amaze_autonomy.engine.commands import RunCheck
 from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.tester import run_task, tasks_of
+from amaze_autonomy.tester.difference import without_numbers
 from amaze_autonomy.tester.golden import decisions_of
-from amaze_autonomy.tester.golden.align import without_numbers
 
 SUITE = Path(__file__).parents[1] / "scenarios"
 CHECKS = [f"{RunCheck.__name__}({check.name})" for check in CheckName]

@@ -10,9 +10,18 @@ import pytest
 
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.tester import Result, Verdict
-from amaze_autonomy.tester.coverage.coverage import coverage_lines, coverage_of, read_waivers
-from amaze_autonomy.tester.coverage.mutants import mutants_of, mutated
-from amaze_autonomy.tester.coverage.mutation import Hunt, Survival, mutation_lines, mutation_passed, run_hunt
+from amaze_autonomy.tester.coverage import (
+    Hunt,
+    Survival,
+    coverage_lines,
+    coverage_of,
+    mutants_of,
+    mutated,
+    mutation_lines,
+    mutation_passed,
+    read_waivers,
+    run_hunt,
+)
 from amaze_autonomy.tester.golden import golden_path, read_golden
 from amaze_autonomy.tester.run import run_task
 from amaze_autonomy.tester.scenario import find_files, load_cases

@@ -12,7 +12,7 @@ import pytest
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.tester import Result, Verdict, cli
 from amaze_autonomy.tester.command import main
-from amaze_autonomy.tester.golden.difference import waveform
+from amaze_autonomy.tester.difference import waveform
 from amaze_autonomy.tester.result import result_lines
 
 REASON = "--reason=the first run, and it is right"

@@ -15,7 +15,7 @@ import pytest
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.tester import Options, Result, Task, Verdict, run_task, tasks_of
 from amaze_autonomy.tester.command import main
-from amaze_autonomy.tester.coverage.coverage import coverage_of
+from amaze_autonomy.tester.coverage import coverage_of
 from amaze_autonomy.tester.report_pages import page_content, write_page
 from amaze_autonomy.tester.shrink import MOST_LINES
 

@@ -5,8 +5,9 @@ pickled; nothing is kept between two calls, so that tasks may run in any process
 
     results = [run_task(task) for task in tasks_of([Path("test/scenarios")])]
 
-`scenario/` reads the files, `play.py` plays a case, `expect/` judges it, `golden/` compares it with what was accepted,
-`run.py` is all of this. `coverage/` says what of the engine's tables is tested. `command.py` is `amaze-replay`.
+`scenario/` reads the files, `play.py` plays a case, `expect/` judges it, `golden.py` compares it with what was
+accepted, `run.py` is all of this. `coverage.py` says what of the engine's tables is tested. `command.py` is
+`amaze-replay`.
 """
 
 from __future__ import annotations

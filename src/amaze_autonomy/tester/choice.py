@@ -13,7 +13,7 @@ from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.paths import config_folder
 
 from ..replay.errors import ReplayError
-from .coverage.coverage import read_waivers
+from .coverage import read_waivers
 from .run import case_of
 from .task import Options, Task, tasks_of
 

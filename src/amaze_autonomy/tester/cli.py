@@ -1,4 +1,4 @@
-"""The verbs of `amaze-replay` about scenarios: test and accept; the others are added here."""
+"""The verbs of `amaze-replay` about scenarios: test, accept, coverage, mutate, what-if, sweep, shrink, agree."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import json
 import os
 import sys
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, List, Mapping, Sequence, Tuple
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.bags.cli import add_memory
+from amaze_autonomy.replay.errors import GoldenError
 from amaze_autonomy.whole_file import write_whole
 
 from ..pages.document import need_plots
 from ..replay.errors import ReplayError
 from ..replay.recordings.journals import read_journals
 from ..replay.terminal import show_lines
-from .agree import agree, agreement_lines
 from .choice import (
     add_choice,
     add_configuration,
@@ -29,9 +30,9 @@ from .choice import (
     options_of,
     waivers_of,
 )
-from .coverage.coverage import Coverage, coverage_lines, coverage_of
-from .coverage.mutation import hunts_of, mutation_lines, mutation_passed, run_hunts
-from .golden.accept import accept, lonely_goldens
+from .coverage import Coverage, coverage_lines, coverage_of, hunts_of, mutation_lines, mutation_passed, run_hunts
+from .difference import agree, agreement_lines
+from .golden import check_reason, compare_with_golden, golden_path, orphans, read_golden, write_golden
 from .report_pages import write_page, write_sweep_page
 from .result import (
     NOT_COMPARED,
@@ -44,15 +45,13 @@ from .result import (
     result_lines,
     summary_line,
 )
-from .run import case_of, run_tasks
+from .run import case_of, run_task, run_tasks
 from .scenario import Case, load_cases
 from .shrink import MOST_LINES, shrink
-from .sweep import sweep, sweep_lines, sweep_plain
 from .task import Options, Task
-from .whatif import other_options, what_if, what_if_lines, what_if_status
+from .whatif import other_options, sweep, sweep_lines, sweep_plain, what_if, what_if_lines, what_if_status
 
-__all__ = ["add_commands", "add_coverage_commands", "add_tools"]
-
+__all__ = ["Accepted", "accept", "add_commands", "add_coverage_commands", "add_tools", "lonely_goldens"]
 
 _Parsers = Any
 _STARTED = '{"version": 1, "verdict": "ERROR", "headline": "the run has not ended"}\n'
@@ -318,3 +317,124 @@ def _add_file(parser: argparse.ArgumentParser) -> None:
 def _case(options: argparse.Namespace) -> Case:
     variant = load_cases(options.file)[0].variant if options.variant is None else options.variant
     return case_of(Task(str(options.file), variant, Options(memory=options.memory)))
+
+
+# --- accepting --------------------------------------------------------------------------------------------------------
+#
+# Accepts runs as goldens: with a reason, one after the other, with the difference shown, and never in CI.
+
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """What was done: ids of new, changed and unchanged goldens, pruned files, and (id, why) of what was refused."""
+
+    new: Tuple[str, ...] = ()
+    changed: Tuple[str, ...] = ()
+    unchanged: Tuple[str, ...] = ()
+    pruned: Tuple[Path, ...] = ()
+    refused: Tuple[Tuple[str, str], ...] = ()
+
+
+def accept(
+    tasks: Sequence[Task],
+    reason: str,
+    say: Say,
+    *,
+    prune: bool = False,
+    full: bool = False,
+    environment: Optional[Mapping[str, str]] = None,
+) -> Accepted:
+    """Run tasks, show how each differs from its golden, and make the run the golden.
+
+    Args:
+        tasks: of all scenarios to accept.
+        reason: why the decisions are right now; it is written into the golden.
+        say: takes each line.
+        prune: delete goldens that belong to no scenario; for a full run only.
+        full: the tasks are all of their folders.
+        environment: of the process; None: its own.
+
+    Raises:
+        GoldenError: it may not be done here, or not in this way.
+    """
+    _check(tasks, reason, prune=prune, full=full, environment=environment)
+    done: List[Tuple[str, str, str]] = []
+    cases: List[Case] = []
+    for task in tasks:
+        result = run_task(replace(task, options=replace(task.options, goldens=False)))
+        refusal = _refusal(result)
+        if refusal:
+            say(f"{result.id}: not accepted: {refusal}")
+            done.append(("refused", result.id, refusal))
+            continue
+        case = case_of(task)
+        cases.append(case)
+        done.append((_accepted(case, task, result, reason, say), result.id, ""))
+    pruned = _prune(cases, say) if prune and not any(kind == "refused" for kind, _, _ in done) else ()
+    names = {kind: tuple(name for each, name, _ in done if each == kind) for kind in ("new", "changed", "unchanged")}
+    refused = tuple((name, why) for kind, name, why in done if kind == "refused")
+    return Accepted(names["new"], names["changed"], names["unchanged"], pruned, refused)
+
+
+def lonely_goldens(tasks: Sequence[Task]) -> Tuple[Result, ...]:
+    """Return a failed result for each golden that belongs to none of the tasks; for a full run."""
+    cases = [case_of(task) for task in tasks if not task.error]
+    return tuple(
+        Result(
+            id=path.name,
+            path=str(path),
+            variant="",
+            description="",
+            verdict=Verdict.FAIL,
+            headline="a golden without a scenario; delete it, or: amaze-replay accept FOLDER --prune --reason ...",
+            command=f"amaze-replay test {path.parent.parent}",
+        )
+        for path in orphans(cases)
+    )
+
+
+def _check(
+    tasks: Sequence[Task], reason: str, *, prune: bool, full: bool, environment: Optional[Mapping[str, str]]
+) -> None:
+    check_reason(reason, "goldens", environment)
+    if prune and not full:
+        raise GoldenError("--prune deletes goldens of no scenario: give it whole folders, without --tag and --variant")
+    for task in tasks:
+        if task.options.configuration or task.options.overrides:
+            raise GoldenError("a golden is of the scenario's own configuration: leave out --config and --set")
+        if task.error:
+            raise GoldenError(task.error)
+
+
+def _refusal(result: Result) -> str:
+    """Return why a run cannot be a golden; empty: it can."""
+    by_golden_alone = result.verdict is Verdict.VACUOUS and not result.findings and not result.problems
+    return "" if result.verdict is Verdict.PASS or by_golden_alone else f"{result.verdict.value}: {result.headline}"
+
+
+def _accepted(case: Case, task: Task, result: Result, reason: str, say: Say) -> str:
+    try:
+        old = read_golden(golden_path(case))
+    except GoldenError as error:  # whose remedy is this very verb
+        say(f"{result.id}: the old golden is damaged, no difference can be shown: {error}")
+        write_golden(case, result.lines, reason)
+        return "changed"
+    if old is not None and not compare_with_golden(case, result.lines, "", 0):
+        return "unchanged"
+    if old is not None:
+        for line in run_task(task).difference:
+            say(f"{result.id}: {line}")
+    write_golden(case, result.lines, reason)
+    say(f"{result.id}: {'new golden' if old is None else 'golden replaced'}, {len(result.lines)} decisions")
+    return "new" if old is None else "changed"
+
+
+def _prune(cases: Sequence[Case], say: Say) -> Tuple[Path, ...]:
+    gone = orphans(cases)
+    for path in gone:
+        path.unlink()
+        say(f"{path}: deleted, no scenario has it")
+    return gone

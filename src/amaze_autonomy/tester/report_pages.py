@@ -14,13 +14,12 @@ from ..pages.document import write_document
 from ..pages.readings import Series
 from ..replay.errors import ReplayError
 from ..replay.timeline import value_text
-from .coverage.coverage import Coverage
-from .golden import align, read_golden
-from .golden.align import without_numbers
-from .golden.store import golden_path
+from .coverage import Coverage
+from .difference import align, without_numbers
+from .golden import golden_path, read_golden
 from .result import Result, Verdict
 from .scenario import load_cases
-from .sweep import Flight, Sweep
+from .whatif import Flight, Sweep
 
 __all__ = ["page_content", "sweep_content", "write_page", "write_sweep_page"]
 

@@ -18,8 +18,8 @@ from amaze_autonomy.engine.state import EngineState, evolve
 
 from ..journal.journal import decode, encode_event
 from ..replay.errors import ReplayError
-from .golden import align, first_difference, golden_path, read_golden
-from .golden.align import key_of
+from .difference import align, first_difference, key_of
+from .golden import golden_path, read_golden
 from .play import configuration_of, play
 from .scenario import Case
 from .task import Options

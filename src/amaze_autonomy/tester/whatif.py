@@ -1,22 +1,43 @@
-"""What if: the same scenarios by two configurations; which end differently, and from which decision on."""
+"""What if: the same scenarios by two configurations, and one scenario with its fault at every moment."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from amaze_autonomy.config.document import read
 from amaze_autonomy.engine.commands import Decision
 
+from ..journal.trace import Trace
 from ..replay.changed_keys import written
-from .golden import align, decisions_of, first_difference, told
+from ..replay.errors import DamagedInputError, ReplayError
+from .difference import align, first_difference, told
+from .golden import decisions_of
+from .play import play
 from .result import EXIT_STATUS, Result, Verdict
 from .run import run_tasks
+from .scenario import Case
 from .scenario.schema import CONFIGURATION
 from .task import Options, Task
 
-__all__ = ["Fork", "motions", "other_options", "what_if", "what_if_lines", "what_if_status"]
+__all__ = [
+    "Boundary",
+    "Flight",
+    "Fork",
+    "Sweep",
+    "motions",
+    "other_options",
+    "sweep",
+    "sweep_lines",
+    "sweep_plain",
+    "what_if",
+    "what_if_lines",
+    "what_if_status",
+]
+
+# --- another configuration --------------------------------------------------------------------------------------------
+
 
 _MOTIONS = ("TAKEOFF", "HOLD", "RESUME", "LAND", "ABORT", "AutopilotLand")
 
@@ -148,3 +169,174 @@ def what_if_lines(forks: Sequence[Fork]) -> List[str]:
     said = f", {cannot} cannot be run" if cannot else ""
     said += f", {blind} did not look at every key" if blind else ""
     return [*lines, f"{len(forks)} flights: {ends} end otherwise, {others} decide otherwise and end alike{said}"]
+
+
+# --- another moment of a fault ----------------------------------------------------------------------------------------
+
+
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Between two times of the fault the outcome changes.
+
+    Args:
+        after_s: the last time with the outcome before.
+        before_s: the first time with the outcome after it.
+        outcomes: before and after.
+    """
+
+    after_s: float
+    before_s: float
+    outcomes: Tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One run, as it is drawn.
+
+    Args:
+        t_s: time of the fault that was asked for.
+        began_s: when it began in the flight; None: it did not.
+        outcome: the motions that were commanded.
+        states: (begin and end in seconds, state), in order.
+    """
+
+    t_s: float
+    began_s: Optional[float]
+    outcome: str
+    states: Tuple[Tuple[float, float, str], ...]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What came of a sweep.
+
+    Args:
+        fault: in words.
+        clock: what the times count from, in words.
+        points: (time in seconds, outcome), in order.
+        boundaries: between them.
+        flights: of the grid and of the search for boundaries, by time.
+    """
+
+    fault: str
+    clock: str
+    points: Tuple[Tuple[float, str], ...]
+    boundaries: Tuple[Boundary, ...]
+    flights: Tuple[Flight, ...]
+
+    @property
+    def runs(self) -> int:
+        """How many there were."""
+        return len(self.flights)
+
+
+def sweep(
+    case: Case,
+    number: int,
+    times_s: Sequence[float],
+    resolution_s: float = 0.05,
+    told: Optional[Callable[[float, str], None]] = None,
+) -> Sweep:
+    """Run a case with a fault at each time of a grid, and find where the outcome changes by bisection.
+
+    Args:
+        case: of a scenario.
+        number: of its fault, from 1.
+        times_s: of the grid: from the start, or after what the fault waits for.
+        resolution_s: of the boundaries.
+        told: called with each run.
+
+    Raises:
+        ReplayError: there is no such fault, the grid is not one, or the recording is damaged.
+    """
+    if not 1 <= number <= len(case.faults):
+        raise ReplayError(f"{case.path}: there is no fault {number}; it has {len(case.faults)}")
+    if len(times_s) < 2 or resolution_s <= 0:  # noqa: PLR2004
+        raise ReplayError("a sweep needs two times at least, and a resolution above 0")
+    runner = _Runner(case, number, told)
+    points = [(t_s, runner.outcome(t_s)) for t_s in times_s]
+    boundaries: List[Boundary] = []
+    for (t_s, one), (next_s, other) in zip(points, points[1:]):
+        boundaries += runner.between(t_s, one, next_s, other, resolution_s)
+    trigger = case.faults[number - 1].trigger
+    clock = "from the start" if trigger.at_ns is not None else f"after {trigger.event or trigger.state}"
+    return Sweep(str(case.faults[number - 1]), clock, tuple(points), tuple(boundaries), runner.flights)
+
+
+class _Runner:
+    """Runs a case with a fault at a time, each time once."""
+
+    def __init__(self, case: Case, number: int, told: Optional[Callable[[float, str], None]]) -> None:
+        self._case, self._number, self._told = case, number - 1, told
+        self._known: Dict[float, Flight] = {}
+
+    @property
+    def flights(self) -> Tuple[Flight, ...]:
+        return tuple(flight for _, flight in sorted(self._known.items()))
+
+    def outcome(self, t_s: float) -> str:
+        if t_s not in self._known:
+            played = play(self._at(t_s), Options())
+            if played.broken:
+                raise DamagedInputError(f"{self._case.path}: {played.broken[0]}")
+            self._known[t_s] = self._flight(t_s, played.trace)
+            if self._told is not None:
+                self._told(t_s, self._known[t_s].outcome)
+        return self._known[t_s].outcome
+
+    def _flight(self, t_s: float, trace: Trace) -> Flight:
+        began_ns = trace.faults[self._number] if self._number < len(trace.faults) else None
+        spans = [(trace.seconds(span.begin_ns), trace.seconds(span.end_ns), span.value) for span in trace.states]
+        states = tuple((round(begin, 3), round(end, 3), value.split("/")[0]) for begin, end, value in spans)
+        began_s = None if began_ns is None else round(trace.seconds(began_ns), 3)
+        return Flight(t_s, began_s, " ".join(motions(trace.decisions)) or "no motion", states)
+
+    def between(self, t_s: float, one: str, next_s: float, other: str, resolution_s: float) -> List[Boundary]:
+        """Return the boundaries between two times; a third outcome in the middle makes two of one."""
+        if one == other:
+            return []
+        if next_s - t_s <= resolution_s:
+            return [Boundary(t_s, next_s, (one, other))]
+        middle_s = round((t_s + next_s) / 2, 6)
+        middle = self.outcome(middle_s)
+        left = self.between(t_s, one, middle_s, middle, resolution_s)
+        return left + self.between(middle_s, middle, next_s, other, resolution_s)
+
+    def _at(self, t_s: float) -> Case:
+        faults = list(self._case.faults)
+        trigger, t_ns = faults[self._number].trigger, round(t_s * _S)
+        moved = replace(trigger, at_ns=t_ns) if trigger.at_ns is not None else replace(trigger, delay_ns=t_ns)
+        faults[self._number] = replace(faults[self._number], trigger=moved)
+        return replace(self._case, faults=tuple(faults))
+
+
+def sweep_lines(result: Sweep) -> List[str]:
+    """Return the map for a person: a letter for each time, what it means, and the boundaries."""
+    outcomes = list(dict.fromkeys(outcome for _, outcome in result.points))
+    letters = {outcome: chr(ord("A") + number % 26) for number, outcome in enumerate(outcomes)}
+    first, last = result.points[0][0], result.points[-1][0]
+    row = "".join(letters[outcome] for _, outcome in result.points)
+    lines = [f"{result.fault}, {result.clock}", f"{first:g} s [{row}] {last:g} s"]
+    lines += [f"  {letter}  {outcome}" for outcome, letter in letters.items()]
+    lines += [
+        f"between {each.after_s:.3f} s and {each.before_s:.3f} s: {each.outcomes[0]}  ->  {each.outcomes[1]}"
+        for each in result.boundaries
+    ]
+    return [*lines, f"{result.runs} runs, {len(outcomes)} outcomes, {len(result.boundaries)} boundaries"]
+
+
+def sweep_plain(result: Sweep) -> Dict[str, Any]:
+    """Return it as JSON values."""
+    return {
+        "fault": result.fault,
+        "clock": result.clock,
+        "points": [{"t_s": t_s, "outcome": outcome} for t_s, outcome in result.points],
+        "boundaries": [
+            {"after_s": each.after_s, "before_s": each.before_s, "outcomes": list(each.outcomes)}
+            for each in result.boundaries
+        ],
+        "runs": result.runs,
+    }

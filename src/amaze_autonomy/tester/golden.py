@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
+from amaze_autonomy.journal.journal import JournalError, decode
+from amaze_autonomy.replay.errors import GoldenError
 from amaze_autonomy.whole_file import write_whole
 
-from ...journal.journal import JournalError, decode
-from ...replay.errors import GoldenError
-from ..scenario.model import Case
-from .align import align
-from .difference import is_same, told
+from .difference import align, is_same, told
+from .scenario.model import Case
 
 __all__ = [
     "FOLDER",
@@ -32,7 +31,6 @@ __all__ = [
     "read_golden",
     "write_golden",
 ]
-
 
 FOLDER = "goldens"
 _VERSION = 1

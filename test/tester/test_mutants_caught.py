@@ -7,14 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from amaze_autonomy.tester.coverage.mutants import mutants_of
-from amaze_autonomy.tester.coverage.mutation import Hunt, Survival, run_hunt
+from amaze_autonomy.tester.coverage import Hunt, Survival, mutants_of, run_hunt
 from amaze_autonomy.tester.golden import golden_path, read_golden
 from amaze_autonomy.tester.run import digest_of
 from amaze_autonomy.tester.scenario import load_cases
 from amaze_autonomy.tester.task import Task
 
-SUITE = Path(__file__).parents[2] / "scenarios"
+SUITE = Path(__file__).parents[1] / "scenarios"
 CAUGHT_BY = {
     "deleted row armed_before_data_is_complete": "armed_before_data_is_complete",
     "deleted row disarm_after_mission": "does_not_disarm_after_mission",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from amaze_autonomy.engine.commands import Decision, Value
-from amaze_autonomy.tester.golden import ChangeKind, align, counted, is_same, told
+from amaze_autonomy.tester.difference import ChangeKind, align, counted, is_same, told
 
 S = 1_000_000_000
 
