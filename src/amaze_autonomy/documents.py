@@ -35,7 +35,7 @@ from .simulation import Subject
 from .simulation.scenario import EVENTS, KINDS, FaultKind, Parameter
 from .simulation.scenario_file import load_scenario
 from .tester.expect import EXPECTATIONS, ExpectationKind
-from .tester.scenario.schema import schema_of
+from .tester.scenario.model import schema_of
 
 __all__ = [
     "DocumentError",

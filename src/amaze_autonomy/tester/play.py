@@ -37,7 +37,7 @@ from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals
 from ..replay.recordings.sources import Recordings, topics_of
 from ..replay.session import Outcome, Session
-from .expect.pattern import Pattern, instants
+from .expect.model import Pattern, instants
 from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind
 from .task import Options

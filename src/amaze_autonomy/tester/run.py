@@ -23,7 +23,7 @@ from ..journal.trace import Trace
 from ..replay.errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
 from ..replay.journal_laws import broken_words, laws_of_lines
 from .expect import Finding, Grade, judge
-from .expect.pattern import Pattern, about, instants
+from .expect.model import Pattern, about, instants
 from .golden import compare_with_golden
 from .play import Played, configuration_of, play
 from .result import Figures, Result, Verdict

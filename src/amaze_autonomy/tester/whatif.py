@@ -18,7 +18,7 @@ from .play import play
 from .result import EXIT_STATUS, Result, Verdict
 from .run import run_tasks
 from .scenario import Case
-from .scenario.schema import CONFIGURATION
+from .scenario.model import CONFIGURATION
 from .task import Options, Task
 
 __all__ = [

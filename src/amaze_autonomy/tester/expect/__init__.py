@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from ...journal.trace import Span, Trace, trace_of
 from .judge import Window, judge
-from .model import EXPECTATIONS, Expectation, ExpectationKind, Finding, Grade
-from .pattern import Pattern
+from .model import EXPECTATIONS, Expectation, ExpectationKind, Finding, Grade, Pattern
 
 __all__ = [
     "EXPECTATIONS",

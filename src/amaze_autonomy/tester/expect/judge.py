@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 from ...journal.trace import Span, Trace
-from .model import Expectation, Finding, Grade
-from .pattern import Pattern, instants, spans
+from .model import Expectation, Finding, Grade, Pattern, instants, spans
 
 __all__ = ["Window", "judge"]
 

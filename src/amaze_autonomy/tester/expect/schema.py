@@ -14,8 +14,7 @@ from amaze_autonomy.engine.transitions import TRANSITIONS
 from ...config.schemas.sensors import COMPONENT_NAME
 from ...engine.events import CheckName
 from ...engine.rules import Code
-from .model import EXPECTATIONS, Expectation, ExpectationKind, Instant
-from .pattern import Pattern
+from .model import EXPECTATIONS, Expectation, ExpectationKind, Instant, Pattern
 
 __all__ = ["COMMANDS", "RULES", "ExpectationEntry", "InstantEntry", "PatternEntry"]
 

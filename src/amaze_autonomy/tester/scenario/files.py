@@ -15,8 +15,7 @@ from amaze_autonomy.config.kinds import dotted, refuse
 
 from ...replay.errors import ReplayError
 from ..expect.model import Expectation
-from .model import Anchor, Bag, Case, Need
-from .schema import OVERRIDE, schema_of
+from .model import OVERRIDE, Anchor, Bag, Case, Need, schema_of
 
 __all__ = ["SUFFIX", "cases_of", "find_files", "load_cases", "meant", "parse_cases", "place_of", "placed"]
 
