@@ -344,6 +344,6 @@ def _simulate(arguments: List[str]) -> int:
 
 
 def _vehicle(arguments: List[str]) -> int:
-    from .simulation.px4_udp.cli import main as vehicle  # noqa: PLC0415 (it is large)
+    from .simulation.px4_udp import main as vehicle  # noqa: PLC0415 (it is large)
 
     return int(vehicle(arguments))

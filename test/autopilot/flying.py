@@ -21,8 +21,7 @@ from amaze_autonomy.missions import (
 )
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
-from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
-from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
 MODEL = FlightModel(cruise_speed_m_s=4.0, climb_speed_m_s=2.0, landing_speed_m_s=1.0, acceleration_m_s2=4.0)
 LINE = Trajectory(

@@ -7,7 +7,7 @@ from typing import Any, Callable, List, Tuple
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.link.wire import Wire
-from amaze_autonomy.simulation.px4.mission_server import MissionServer
+from amaze_autonomy.simulation.px4.missions import MissionServer
 
 MS = 1_000_000
 S = 1000 * MS

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from amaze_autonomy.simulation.autopilots import AUTOPILOTS
+from amaze_autonomy.simulation.ardupilot import AUTOPILOTS
 
 ROOT = Path(__file__).parents[2]
 

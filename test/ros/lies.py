@@ -39,7 +39,7 @@ from amaze_autonomy import msg
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import AutopilotStatus, MissionPhase, MissionStatus, VehicleLanded, WatchdogAction
 from amaze_autonomy.engine.rules import Code
-from amaze_autonomy.simulation.px4.modes import base_mode, custom_mode
+from amaze_autonomy.simulation.px4.wire import base_mode, custom_mode
 
 DONE, REFUSED = 1, 2
 NS = 1_000_000_000

@@ -19,8 +19,7 @@ from amaze_autonomy.autopilot.vehicle.modes import mode_name, px4_number
 from amaze_autonomy.missions import FlightModel
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Craft, Framing, Px4
-from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
-from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
 __all__ = ["MavrosVehicle"]
 

@@ -11,8 +11,7 @@ from amaze_autonomy.missions import FlightModel
 from amaze_autonomy.ros.node_main import take_precedence
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.px4_udp import VehicleServer
-from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
-from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
 __all__ = ["MISSIONS", "QUICK", "Px4Vehicle"]
 

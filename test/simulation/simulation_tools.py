@@ -15,7 +15,7 @@ from amaze_autonomy.engine.rules import Severity
 from amaze_autonomy.missions import Trajectory, Waypoint
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec, RestartPolicy, RestartSpec, TopicSpec
 from amaze_autonomy.simulation import Settings, World, parse_scenario
-from amaze_autonomy.simulation.vehicle.power import PowerSettings
+from amaze_autonomy.simulation.vehicle.vehicle import PowerSettings
 
 S = 1_000_000_000
 SQUARE = (Waypoint(0.0, 0.0, 2.0, 0.0, 1.0), Waypoint(3.0, 0.0, 2.0, 0.0, 0.0), Waypoint(3.0, 3.0, 2.0, 0.0, 2.0))

@@ -20,8 +20,7 @@ from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
 
 from ..engine.events import Mission
 from .sensors.streams import SampleKind, StreamSettings
-from .vehicle.power import PowerSettings
-from .vehicle.vehicle import VehicleSettings
+from .vehicle.vehicle import PowerSettings, VehicleSettings
 
 __all__ = ["Settings", "settings_of"]
 

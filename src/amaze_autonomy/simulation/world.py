@@ -13,20 +13,17 @@ from amaze_autonomy.monitoring.specs import ComponentSpec
 from .effects import begin, end
 from .errors import NoEffectError, SimulatedTimeError, UnknownTargetError
 from .faults import Change, Faults
-from .peers.autopilot import SENSORS, Autopilot, sensor_health
-from .peers.check_nodes import LandingDetection, StateEstimation
+from .peers.monitors import LandingDetection, SimulatedWatchdog, StateEstimation
 from .peers.peer import Peer, Site
-from .peers.planner import Planner
 from .peers.recorder import Recorder
 from .peers.switchboard import Switchboard
-from .peers.watchdog import SimulatedWatchdog
+from .peers.vehicle import SENSORS, Autopilot, Planner, sensor_health
 from .scenario import ENGINE, Fault, Scenario, Subject
 from .scenario import Request as Asked
 from .sensors.messages import Sample, Sender
 from .sensors.streams import Batch, Stream
 from .settings import Settings, settings_of
-from .vehicle.power import Power
-from .vehicle.vehicle import Vehicle, VehicleSettings
+from .vehicle.vehicle import Power, Vehicle, VehicleSettings
 
 __all__ = ["World", "check_scenario"]
 

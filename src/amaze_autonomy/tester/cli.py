@@ -320,7 +320,6 @@ def _case(options: argparse.Namespace) -> Case:
 
 
 # --- accepting --------------------------------------------------------------------------------------------------------
-#
 # Accepts runs as goldens: with a reason, one after the other, with the difference shown, and never in CI.
 
 

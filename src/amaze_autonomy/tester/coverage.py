@@ -211,7 +211,6 @@ def coverage_lines(coverage: Coverage, *, verbose: bool = False) -> List[str]:
 
 
 # --- mutants ----------------------------------------------------------------------------------------------------------
-#
 # Mutants of the engine's tables: a row deleted, an action, a severity or a flag swapped, a threshold off by a little.
 #
 # Each is made by name, so that a name is all that is sent to another process. Tables are put back when the run
@@ -368,7 +367,6 @@ def _set(module: Any, name: str, value: Any) -> Iterator[None]:
 
 
 # --- who notices a mutant ---------------------------------------------------------------------------------------------
-#
 # Runs a suite against each mutant until a scenario decides otherwise: is every row of the tables really tested?
 
 

@@ -295,7 +295,6 @@ def _drawn(decisions: Sequence[Decision], start_ns: int, end_ns: int) -> str:
 
 
 # --- a live run and its replay ----------------------------------------------------------------------------------------
-#
 # Times of a live run shake by the way of each message; so do the values in which a time, an age or a rate stands. What
 # is decided must not: states, step, rule, what it is about, commands, in order.
 

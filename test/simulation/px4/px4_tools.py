@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from amaze_autonomy.missions import FlightModel
 from amaze_autonomy.simulation.px4 import Craft, Framing, Px4, Px4Settings
 from amaze_autonomy.simulation.vehicle.flight import VehicleSettings
-from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings
 
 S = 1_000_000_000
 DATA = Path(os.environ.get("AMAZE_DATA", Path(__file__).resolve().parents[4] / "shared" / "data"))

@@ -31,7 +31,7 @@ from amaze_autonomy.missions import (
 from amaze_autonomy.monitoring.preflight_specs import BatterySpec
 from amaze_autonomy.simulation.px4 import BadLine, Craft, Framing, Px4, Quality
 from amaze_autonomy.simulation.vehicle.flight import VehicleSettings
-from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings
 
 __all__ = ["Flown", "Soak"]
 

@@ -11,7 +11,7 @@ from udp_tools import Client, free_port
 
 pytestmark = pytest.mark.live
 
-COMMAND = [sys.executable, "-m", "amaze_autonomy.simulation.px4_udp.cli"]
+COMMAND = [sys.executable, "-m", "amaze_autonomy.simulation.px4_udp"]
 
 
 @pytest.mark.parametrize(

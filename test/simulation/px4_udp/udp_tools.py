@@ -12,7 +12,7 @@ from pymavlink import mavutil
 
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.px4_udp import VehicleServer
-from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings
 
 
 class Quick:

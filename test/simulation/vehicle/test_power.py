@@ -2,7 +2,7 @@
 
 import pytest
 
-from amaze_autonomy.simulation.vehicle.power import Power, PowerSettings
+from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings
 
 S = 1_000_000_000
 

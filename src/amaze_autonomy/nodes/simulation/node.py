@@ -40,7 +40,7 @@ from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 from amaze_autonomy.interface import PEERS, SERVICES, STATUSES, peer_of, status_of
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
-from amaze_autonomy.simulation.autopilots import AUTOPILOTS
+from amaze_autonomy.simulation.ardupilot import AUTOPILOTS
 from amaze_autonomy.simulation.peers.peer import Cadence
 from amaze_autonomy.simulation.px4 import Px4
 from amaze_autonomy.simulation.px4.pairing import addresses_of, fly_world

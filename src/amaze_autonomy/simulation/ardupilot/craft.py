@@ -14,10 +14,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.px4.craft import Craft
-from amaze_autonomy.simulation.px4.items import Item, Task
-from amaze_autonomy.simulation.px4.mission_server import MissionServer, Upload
-from amaze_autonomy.simulation.px4.modes import DESCEND, OFFBOARD
-from amaze_autonomy.simulation.px4.parameters import Parameters
+from amaze_autonomy.simulation.px4.missions import Item, MissionServer, Task, Upload
+from amaze_autonomy.simulation.px4.wire import DESCEND, OFFBOARD, Parameters
 from amaze_autonomy.simulation.vehicle.flight import Mode, VehicleSettings
 
 from ..px4.settings import Geography, Place

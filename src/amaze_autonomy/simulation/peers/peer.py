@@ -19,8 +19,7 @@ from ..faults import Faults
 from ..scenario import Fault, Subject
 from ..sensors.streams import Batch, Stream
 from ..settings import Settings
-from ..vehicle.power import Power
-from ..vehicle.vehicle import Vehicle
+from ..vehicle.vehicle import Power, Vehicle
 
 __all__ = ["Cadence", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]
 

@@ -15,12 +15,10 @@ from pymavlink.dialects.v20 import common as mavlink
 from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import Craft
-from .failsafes import Failsafes
-from .health import Health
+from .health import Failsafes, Health
 from .links import Link
-from .modes import OFFBOARD, mode_of
-from .parameters import Parameters
 from .telemetry import numbers
+from .wire import OFFBOARD, Parameters, mode_of
 
 __all__ = ["Order", "Orders", "results"]
 

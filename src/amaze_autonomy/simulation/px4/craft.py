@@ -15,9 +15,9 @@ from amaze_autonomy.simulation.vehicle.flight import Mode, VehicleSettings
 from amaze_autonomy.simulation.vehicle.vehicle import Vehicle
 
 from ..vehicle.flight import Leg, Vector, descent, flight
-from .items import Item, Task, task_of
-from .modes import DESCEND, OFFBOARD
+from .missions import Item, Task, task_of
 from .settings import Geography
+from .wire import DESCEND, OFFBOARD
 
 __all__ = ["Craft", "SetPoint"]
 
@@ -133,7 +133,7 @@ class Craft(Vehicle):
         self.command_mode(Mode.TAKEOFF)
 
     def lose_gps(self) -> None:
-        """Take the GPS away; what follows from that is PX4's own business (`failsafes.py`)."""
+        """Take the GPS away; what follows from that is PX4's own business (`health.py`)."""
         self.flags.gps_lost = True
 
     # --- on the ground --------------------------------------------------------------------------------------------

@@ -19,19 +19,16 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 from pymavlink.dialects.v20 import common as mavlink
 
 from amaze_autonomy.simulation.vehicle.flight import Mode
-from amaze_autonomy.simulation.vehicle.power import Power
+from amaze_autonomy.simulation.vehicle.vehicle import Power
 
 from . import telemetry
 from .commands import Order, Orders, enter, results
 from .craft import Craft, SetPoint
-from .failsafes import Failsafes
-from .health import Health, Wrong
+from .health import Failsafes, Health, Wrong
 from .links import Link
-from .mission_server import MissionServer
-from .modes import OFFBOARD, mode_of
-from .parameters import Parameters
+from .missions import MissionServer
 from .settings import PARAMETERS, Px4Settings
-from .wire import Texts
+from .wire import OFFBOARD, Parameters, Texts, mode_of
 
 __all__ = ["Px4"]
 

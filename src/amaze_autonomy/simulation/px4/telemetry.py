@@ -1,7 +1,4 @@
-"""The messages that the simulated PX4 streams, made from a look at the vehicle: one function for each in the table.
-
-Those about its motion are in `motion.py`.
-"""
+"""The messages that the simulated PX4 streams, made from a look at the vehicle: one function for each in the table."""
 
 from __future__ import annotations
 
@@ -16,11 +13,9 @@ from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import Craft
-from .failsafes import BATTERY_LEVELS
-from .health import Health, Sensors, Wrong, drift_m
-from .modes import OFFBOARD, base_mode, custom_mode
+from .health import BATTERY_LEVELS, Health, Sensors, Wrong, drift_m
 from .settings import Place
-from .wire import current_mode, sequence
+from .wire import OFFBOARD, base_mode, current_mode, custom_mode, sequence
 
 __all__ = ["MESSAGES", "MOTION", "View", "make", "numbers"]
 

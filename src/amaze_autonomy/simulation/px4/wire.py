@@ -1,14 +1,32 @@
-"""MAVLink frames of the simulated vehicle: bytes to messages and back; messages that the dialect does not know."""
+"""How the simulated vehicle speaks MAVLink: frames, texts, modes, and parameters, whose integers travel as a float."""
 
 from __future__ import annotations
 
 import struct
 import zlib
-from typing import Any, List
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from pymavlink.dialects.v20 import common as mavlink
 
-__all__ = ["Framing", "Texts", "current_mode", "event", "sequence"]
+from amaze_autonomy.simulation.vehicle.flight import Mode
+
+__all__ = [
+    "DESCEND",
+    "OFFBOARD",
+    "Framing",
+    "Parameters",
+    "Texts",
+    "Wire",
+    "base_mode",
+    "current_mode",
+    "custom_mode",
+    "event",
+    "mode_of",
+    "sequence",
+    "shown",
+]
+
+# --- frames -----------------------------------------------------------------------------------------------------------
 
 
 class Framing:
@@ -105,3 +123,139 @@ class Texts:
             return []
         self.events += 1
         return [event(zlib.crc32(text.encode("ascii", "replace")), t_ms, self.events, severity << 4 | severity)]
+
+
+# --- modes ------------------------------------------------------------------------------------------------------------
+
+
+OFFBOARD = "OFFBOARD"
+DESCEND = "DESCEND"  # AUTO.LAND of a vehicle that does not know where it is
+
+_CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+_ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+_STABILIZE = mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+_MANUAL = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | _STABILIZE
+_AUTO = mavlink.MAV_MODE_FLAG_AUTO_ENABLED | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED | _STABILIZE
+
+
+class Wire(NamedTuple):
+    """A mode on the wire.
+
+    Args:
+        main: PX4's main mode.
+        sub: its sub-mode; 0: it has none.
+        flags: of HEARTBEAT.base_mode, without "armed".
+    """
+
+    main: int
+    sub: int
+    flags: int
+
+
+_MODES: Mapping[str, Wire] = {
+    "MANUAL": Wire(1, 0, _MANUAL),
+    "ALTCTL": Wire(2, 0, _MANUAL),
+    Mode.POSITION: Wire(3, 0, _MANUAL),
+    Mode.TAKEOFF: Wire(4, 2, _AUTO),
+    Mode.LOITER: Wire(4, 3, _AUTO),
+    Mode.MISSION: Wire(4, 4, _AUTO),
+    Mode.RTL: Wire(4, 5, _AUTO),
+    Mode.LAND: Wire(4, 6, _AUTO),
+    OFFBOARD: Wire(6, 0, _AUTO),
+    "STABILIZED": Wire(7, 0, _MANUAL),
+}
+_BY_NUMBERS: Mapping[Tuple[int, int], str] = {(wire.main, wire.sub): name for name, wire in _MODES.items()}
+
+
+def shown(mode: str) -> str:
+    """Return the mode that others are shown: PX4 has no number for a blind descent."""
+    return Mode.LAND if mode == DESCEND else mode
+
+
+def custom_mode(mode: str) -> int:
+    """Return HEARTBEAT.custom_mode: the sub-mode in the highest byte, the main mode below it."""
+    wire = _MODES[shown(mode)]
+    return wire.sub << 24 | wire.main << 16
+
+
+def base_mode(mode: str, *, armed: bool) -> int:
+    """Return HEARTBEAT.base_mode."""
+    return int(_CUSTOM | _MODES[shown(mode)].flags | (_ARMED if armed else 0))
+
+
+def mode_of(main: int, sub: int) -> Optional[str]:
+    """Return the mode of these numbers; None when there is no such mode."""
+    return _BY_NUMBERS.get((main, sub))
+
+
+# --- parameters -------------------------------------------------------------------------------------------------------
+
+
+_Number = Union[int, float]
+
+
+class Parameters:
+    """Named numbers, read and changed by messages.
+
+    Args:
+        values: to begin with.
+    """
+
+    def __init__(self, values: Mapping[str, _Number]) -> None:
+        self._values: Dict[str, _Number] = {name: values[name] for name in sorted(values)}
+
+    def __getitem__(self, name: str) -> _Number:
+        return self._values[name]
+
+    def __setitem__(self, name: str, value: _Number) -> None:
+        self._values[name] = value
+
+    def take(self, message: Any) -> List[Any]:
+        """Answer a message about parameters; one that is no such message gets no answer."""
+        kind = message.get_type()
+        if kind == "PARAM_REQUEST_LIST":
+            return [self.told(name) for name in self._values]
+        if kind == "PARAM_REQUEST_READ":
+            return self._read(_name(message.param_id), message.param_index)
+        if kind == "PARAM_SET":
+            return self._set(_name(message.param_id), message)
+        return []
+
+    def told(self, name: str) -> Any:
+        """Make the PARAM_VALUE of a parameter."""
+        names = list(self._values)
+        return self._value(name, len(names), names.index(name))
+
+    def _read(self, name: str, index: int) -> List[Any]:
+        names = list(self._values)
+        if index >= 0:
+            name = names[index] if index < len(names) else ""
+        return [self.told(name)] if name in self._values else []
+
+    def _set(self, name: str, message: Any) -> List[Any]:
+        """Take a value and tell it twice: as the answer, and because it changed."""
+        value = _number(message.param_value, message.param_type)
+        old = self._values.get(name)
+        if old is None or value is None or isinstance(old, int) != isinstance(value, int):
+            return [self.told(name)] if old is not None else []
+        self._values[name] = value
+        return [self.told(name), self.told(name)]
+
+    def _value(self, name: str, count: int, index: int) -> Any:
+        value = self._values[name]
+        kind, number = mavlink.MAV_PARAM_TYPE_REAL32, float(value)
+        if isinstance(value, int):
+            kind, number = mavlink.MAV_PARAM_TYPE_INT32, struct.unpack("<f", struct.pack("<i", value))[0]
+        return mavlink.MAVLink_param_value_message(name.encode("ascii"), number, kind, count, index)
+
+
+def _name(text: Any) -> str:
+    return text.decode("ascii", "replace").rstrip("\0") if isinstance(text, bytes) else str(text).rstrip("\0")
+
+
+def _number(value: float, kind: int) -> Optional[_Number]:
+    if kind == mavlink.MAV_PARAM_TYPE_REAL32:
+        return float(value)
+    if kind == mavlink.MAV_PARAM_TYPE_INT32:
+        return int(struct.unpack("<i", struct.pack("<f", value))[0])
+    return None

@@ -24,7 +24,6 @@ __all__ = [
 ]
 
 # --- patterns ---------------------------------------------------------------------------------------------------------
-#
 # A pattern is matched at instants (a state is entered, a command is sent) and, where it is a condition, over time
 # (while the state is LAND). Only a state and a code last.
 
