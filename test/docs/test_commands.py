@@ -24,7 +24,7 @@ from amaze_autonomy import cli
 from amaze_autonomy.bags import cli as bags_cli
 from amaze_autonomy.engine.events import UserCommand
 from amaze_autonomy.simulation import cli as simulation_cli
-from amaze_autonomy.simulation.px4_udp import cli as vehicle_cli
+from amaze_autonomy.simulation import px4_udp as vehicle_cli
 from amaze_autonomy.tester import command
 
 ROOT = Path(__file__).parents[2]

@@ -11,8 +11,8 @@ import pytest
 
 pytest.importorskip("rospy", reason="needs ROS")
 
-from amaze_autonomy.nodes.simulation import real_peers
-from amaze_autonomy.nodes.simulation.real_peers import RealPeers
+from amaze_autonomy.nodes.simulation import live_world
+from amaze_autonomy.nodes.simulation.live_world import RealPeers
 from amaze_autonomy.ros.local_process import LocalProcess
 
 
@@ -34,7 +34,7 @@ class Node:
 @pytest.fixture
 def node(monkeypatch):
     made = Node()
-    monkeypatch.setattr(real_peers, "_find", lambda _: LocalProcess.of(made.processes[-1].pid))
+    monkeypatch.setattr(live_world, "_find", lambda _: LocalProcess.of(made.processes[-1].pid))
     yield made
     for process in made.processes:
         process.kill()
@@ -83,7 +83,7 @@ def test_at_the_end_nothing_stays_stopped(node, peers):
 
 def test_a_fault_that_a_real_node_cannot_be_given_is_told(node, peers, monkeypatch):
     told = []
-    monkeypatch.setattr(real_peers.rospy, "logwarn", lambda words, *values: told.append(words % values))
+    monkeypatch.setattr(live_world.rospy, "logwarn", lambda words, *values: told.append(words % values))
     peers.look_after({"autopilot": ("slow",)})
     wait(lambda: told, "the warning")
     assert (told, node.state() in "RS") == (["autopilot is a real node: its fault slow does nothing"], True)

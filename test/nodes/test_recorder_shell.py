@@ -23,8 +23,7 @@ from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
 from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
 from amaze_autonomy.nodes.autonomy.run_folder import create, register, registered
 from amaze_autonomy.nodes.recorder import processes
-from amaze_autonomy.nodes.recorder.collector import Collection
-from amaze_autonomy.nodes.recorder.links import read_status
+from amaze_autonomy.nodes.recorder.collector import Collection, read_status
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
 from amaze_autonomy.nodes.recorder.platform import CpuLoad, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, FlightPages, Subscriptions

@@ -1,6 +1,6 @@
 """The laws of the engine, as an outsider judges them: who sees each event and each command, and keeps books of his own.
 
-They share no table with the engine. `flight`, `ground`, `landing` and `requests` hold them, `witness` the books, and
+They share no table with the engine. `flight`, `ground` and `requests` hold them, `witness` the books, and
 `judge` applies them to any sequence: the explorer's, a journal's, a scenario's, a live flight's.
 """
 

@@ -9,7 +9,7 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
 
-from . import flight, ground, landing, requests  # noqa: F401  (what they hold registers itself)
+from . import flight, ground, requests  # noqa: F401  (what they hold registers itself)
 from .moment import LAWS, Law, Moment
 from .witness import Witness, hear, see
 

@@ -56,8 +56,8 @@ from ...ros.service_client import ServiceClient
 from ...ros.threads import Periodic, Workers
 from ...whole_file import temporary_name
 from ..autonomy.run_folder import boot_id, default_parent
-from ..checks.estimator import Estimator
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES
+from ..checks.state_estimation_node import Estimator
 from .names import Names
 
 __all__ = ["CnsPeersNode", "lookers", "main"]

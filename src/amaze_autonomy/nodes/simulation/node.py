@@ -55,8 +55,7 @@ from ...ros.clock import Clock, make_clock, wait_for_time
 from ...ros.errors import NodeError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, status_message
 from .drivers import SensorPublisher, SimulatedDrivers
-from .live_world import LiveWorld, Received, Turn
-from .real_peers import RealPeers
+from .live_world import LiveWorld, RealPeers, Received, Turn
 
 __all__ = ["PEERS", "SimulationNode", "main"]
 
