@@ -9,9 +9,8 @@ from autopilot_tools import beat
 from flying import BACK, Flying, S
 
 from amaze_autonomy.autopilot.errors import KeyFileError
-from amaze_autonomy.autopilot.link.signing import time_stamp
 from amaze_autonomy.autopilot.link.state_files import StampFile, keep, origin_from, origin_to, read_kept
-from amaze_autonomy.autopilot.link.wire import Wire
+from amaze_autonomy.autopilot.link.wire import Wire, time_stamp
 from amaze_autonomy.autopilot.planner.loading import Origin
 from amaze_autonomy.autopilot.planner.sequencer import Sequencer
 from amaze_autonomy.engine.events import MissionPhase

@@ -12,8 +12,14 @@ from amaze_autonomy.autopilot.mavros.requests import Lane, Publication, Request,
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES
 from amaze_autonomy.autopilot.vehicle.battery import Battery
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, command_long, set_mode
-from amaze_autonomy.autopilot.vehicle.control import Heartbeat
-from amaze_autonomy.autopilot.vehicle.modes import ARDUPILOT_NAMES, autopilot_of, mavros_name, mavros_number, mode_name
+from amaze_autonomy.autopilot.vehicle.modes import (
+    ARDUPILOT_NAMES,
+    Heartbeat,
+    autopilot_of,
+    mavros_name,
+    mavros_number,
+    mode_name,
+)
 from amaze_autonomy.autopilot.vehicle.position import Position
 from amaze_autonomy.autopilot.vehicle.vehicle import WANTED
 from amaze_autonomy.config import AutopilotSettings

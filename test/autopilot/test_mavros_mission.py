@@ -8,8 +8,7 @@ import pytest
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.requests import MavrosMission
-from amaze_autonomy.autopilot.planner.mission_items import Dialect, MissionItem
-from amaze_autonomy.autopilot.planner.mission_upload import MissionUpload, UploadPhase
+from amaze_autonomy.autopilot.planner.mission_upload import Dialect, MissionItem, MissionUpload, UploadPhase
 
 S = 1_000_000_000
 ITEMS = tuple(MissionItem(16, 473977431 + 100 * n, 85455942, 2.0 + n, hold_s=0.5, heading_deg=90.0) for n in range(4))

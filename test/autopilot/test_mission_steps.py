@@ -7,7 +7,7 @@ from itertools import product
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from amaze_autonomy.autopilot.planner.mission_items import Dialect
+from amaze_autonomy.autopilot.planner.mission_upload import Dialect
 from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.planner.procedure import Means, Procedure, Progress, steps_of
 from amaze_autonomy.autopilot.vehicle.modes import is_foreign

@@ -11,15 +11,16 @@ from hypothesis import strategies as st
 from mission_channel import MS, TARGET, Channel, S, Vehicle, good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
-from amaze_autonomy.autopilot.planner.mission_items import (
+from amaze_autonomy.autopilot.planner.mission_upload import (
     Dialect,
     MissionItem,
+    MissionUpload,
+    UploadPhase,
     beginning,
     difference,
     mission_items,
     waypoint_index,
 )
-from amaze_autonomy.autopilot.planner.mission_upload import MissionUpload, UploadPhase
 from amaze_autonomy.missions import Home, Place, Trajectory, Waypoint
 
 HOME = Home(47.397742, 8.545594)

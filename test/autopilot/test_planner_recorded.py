@@ -8,7 +8,7 @@ from amaze_autonomy.autopilot.link.framing import read_tlog
 from amaze_autonomy.autopilot.link.peers import Identity, Peers
 from amaze_autonomy.autopilot.link.wire import decode
 from amaze_autonomy.autopilot.planner.flight_progress import FlightRecord
-from amaze_autonomy.autopilot.planner.mission_items import Dialect
+from amaze_autonomy.autopilot.planner.mission_upload import Dialect
 from amaze_autonomy.autopilot.planner.mission_vehicle import VehicleWatch
 from amaze_autonomy.autopilot.planner.procedure import Means, Procedure, Progress, steps_of
 from amaze_autonomy.engine.commands import MissionAction

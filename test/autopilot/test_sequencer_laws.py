@@ -12,7 +12,7 @@ from mission_channel import good
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
-from amaze_autonomy.autopilot.planner.mission_items import Dialect
+from amaze_autonomy.autopilot.planner.mission_upload import Dialect
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 

@@ -5,8 +5,7 @@ from autopilot_tools import beat
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from amaze_autonomy.autopilot.errors import KeyFileError
-from amaze_autonomy.autopilot.link.signing import read_key
-from amaze_autonomy.autopilot.link.wire import Wire
+from amaze_autonomy.autopilot.link.wire import Wire, read_key
 
 KEY, OTHER = bytes(range(32)), bytes(32)
 NOW_NS = 1_800_000_000_000_000_000

@@ -9,13 +9,11 @@ import pytest
 from autopilot_tools import beat
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from amaze_autonomy.autopilot.vehicle.asked import Parameters, ParameterState, Rates
 from amaze_autonomy.autopilot.vehicle.battery import Battery, BatteryReading
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient
-from amaze_autonomy.autopilot.vehicle.control import Control, Heartbeat
-from amaze_autonomy.autopilot.vehicle.modes import mode_name, mode_number, px4_number
-from amaze_autonomy.autopilot.vehicle.parameters import Parameters, ParameterState
+from amaze_autonomy.autopilot.vehicle.modes import Control, Heartbeat, mode_name, mode_number, px4_number
 from amaze_autonomy.autopilot.vehicle.position import Place, Position
-from amaze_autonomy.autopilot.vehicle.rates import Rates
 from amaze_autonomy.autopilot.vehicle.texts import Text, Texts
 from amaze_autonomy.autopilot.vehicle.vehicle import ClockOffset, Gps, GpsLimits, Sync, SystemStatus, gps_health
 from amaze_autonomy.config import AutopilotSettings

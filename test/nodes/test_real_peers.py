@@ -13,7 +13,7 @@ pytest.importorskip("rospy", reason="needs ROS")
 
 from amaze_autonomy.nodes.simulation import live_world
 from amaze_autonomy.nodes.simulation.live_world import RealPeers
-from amaze_autonomy.ros.local_process import LocalProcess
+from amaze_autonomy.ros.liveness import LocalProcess
 
 
 class Node:

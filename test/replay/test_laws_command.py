@@ -10,7 +10,7 @@ import pytest
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.journal.journal import JournalError
 from amaze_autonomy.laws import LAWS
-from amaze_autonomy.replay.journal_laws import laws_of_lines
+from amaze_autonomy.replay.compare import laws_of_lines
 from amaze_autonomy.tester import Options, Task, Verdict, run_task
 from amaze_autonomy.tester.command import main
 

@@ -28,7 +28,7 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.journal.journal import read
 from amaze_autonomy.paths import config_folder
-from amaze_autonomy.replay.journal_laws import check_laws, law_lines
+from amaze_autonomy.replay.compare import check_laws, law_lines
 from amaze_autonomy.replay.recordings.journals import read_journals
 
 HERE = Path(__file__).resolve().parent

@@ -8,7 +8,7 @@ from __future__ import annotations
 from .errors import AutopilotError, EndpointError, KeyFileError
 from .link.connection import Client, Connection, LinkState
 from .link.peers import Identity
-from .link.signing import read_key
+from .link.wire import read_key
 
 __all__ = [
     "AutopilotError",

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, NoReturn, Tuple
 
 from ..engine.rules import SEVERITIES, Action, Severity
-from .binding import refuse_at
 from .kinds import Address, Places
+from .schema import refuse_at
 
 __all__ = [
     "LOSS_RATES",

@@ -11,8 +11,6 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, PlannerSpec
 from amaze_autonomy.monitoring.specs import BatterySpec
 
-from .binding import make
-from .build import components_of, initialisation_of, landing_of, recording_of, rules_of, state_estimation_of
 from .consistency import (
     check_autonomy_with_sensors,
     check_components,
@@ -25,8 +23,16 @@ from .consistency import (
 from .document import Entry, Scalar, Table, entry_of, parse, read, replace
 from .errors import ConfigError, Place
 from .kinds import Places
-from .model import Configuration
-from .schema import Group
+from .model import (
+    Configuration,
+    components_of,
+    initialisation_of,
+    landing_of,
+    recording_of,
+    rules_of,
+    state_estimation_of,
+)
+from .schema import Group, make
 from .schemas.autonomy import AUTONOMY, Streams
 from .schemas.autopilot import AUTOPILOT, autopilot_of
 from .schemas.missions import MISSIONS

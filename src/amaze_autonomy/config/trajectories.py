@@ -39,12 +39,11 @@ from amaze_autonomy.missions import (
     total,
 )
 
-from .binding import make, place_of, refuse_at
-from .build import mission_of
 from .consistency import check_known
 from .errors import ConfigError, Place
 from .kinds import Address, Places, dotted
-from .model import Configuration
+from .model import Configuration, mission_of
+from .schema import make, place_of, refuse_at
 from .schemas.missions import MISSION_ID
 
 __all__ = [

@@ -5,21 +5,26 @@ from __future__ import annotations
 from .csv_table import Frame, Said, YawUnit
 from .errors import WaypointError
 from .fence import Circle, Fence, Polygon, check_fence, polygon_problem
-from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, distance_m, estimate_flight, leg_s
-from .geodesy import Home, Place
 from .plan import (
+    Bounds,
     Controller,
+    FlightEstimate,
+    FlightModel,
     MissionPlan,
     PlannerSpec,
     Round,
     battery_needed_fraction,
     check_files,
+    check_trajectory,
+    distance_m,
+    estimate_flight,
     estimate_rounds,
+    leg_s,
     total,
 )
 from .plan_file import SUFFIXES, parse_file
 from .routes import GLOBAL_COLUMNS, Area, Route, RoutePoint, localize, localize_fence
-from .waypoints import COLUMNS, Trajectory, Waypoint, joined, parse_trajectory
+from .waypoints import COLUMNS, Home, Place, Trajectory, Waypoint, joined, parse_trajectory
 
 __all__ = [
     "COLUMNS",

@@ -1,4 +1,4 @@
-"""A mission with its waypoints: what the planner flies, how long it takes, and what it costs."""
+"""A mission with its waypoints: what the planner flies, how long it takes and costs, by a simple model."""
 
 from __future__ import annotations
 
@@ -11,20 +11,188 @@ from amaze_autonomy.engine.events import Mission
 
 from .csv_table import Frame
 from .fence import Fence, check_fence
-from .flight_model import Bounds, FlightEstimate, FlightModel, check_trajectory, estimate_flight
-from .geodesy import Home
-from .waypoints import Trajectory
+from .waypoints import Home, Trajectory, Waypoint
 
 __all__ = [
+    "Bounds",
     "Controller",
+    "FlightEstimate",
+    "FlightModel",
     "MissionPlan",
     "PlannerSpec",
     "Round",
     "battery_needed_fraction",
     "check_files",
+    "check_trajectory",
+    "distance_m",
+    "estimate_flight",
     "estimate_rounds",
+    "leg_s",
     "total",
 ]
+
+# --- the flight model -------------------------------------------------------------------------------------------------
+# Each waypoint is a stop: the vehicle accelerates, cruises, brakes, holds. A leg takes as long as the slowest of its
+# horizontal way, its vertical way and its turn. Only the four operations and square roots: the same figures everywhere.
+
+
+_TURN = 2 * math.pi
+
+
+@dataclass(frozen=True)
+class FlightModel:
+    """How the vehicle flies.
+
+    Args:
+        cruise_speed_m_s: horizontal.
+        climb_speed_m_s: vertical, up.
+        descent_speed_m_s: vertical, down, between waypoints.
+        landing_speed_m_s: vertical, down, of a landing.
+        acceleration_m_s2: of start and stop at each waypoint.
+        turn_rate_rad_s: of the yaw.
+        ground_time_s: with turning propellers on the ground, each takeoff and its landing together.
+        endurance_s: flight time of a full battery.
+    """
+
+    cruise_speed_m_s: float = 1.0
+    climb_speed_m_s: float = 1.0
+    descent_speed_m_s: float = 0.7
+    landing_speed_m_s: float = 0.5
+    acceleration_m_s2: float = 1.0
+    turn_rate_rad_s: float = 0.8
+    ground_time_s: float = 5.0
+    endurance_s: float = 1000.0
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a waypoint file may hold.
+
+    Args:
+        min_height_m: lowest waypoint.
+        max_leg_m: longest way between two waypoints.
+        max_first_leg_m: longest way from the takeoff to the first waypoint.
+        max_hold_s: longest hold.
+        max_waypoints: of one file.
+    """
+
+    min_height_m: float = 0.5
+    max_leg_m: float = 50.0
+    max_first_leg_m: float = 10.0
+    max_hold_s: float = 120.0
+    max_waypoints: int = 500
+
+
+@dataclass(frozen=True)
+class FlightEstimate:
+    """One flight of a waypoint file, from takeoff to touchdown.
+
+    Args:
+        length_m: from the takeoff position over all waypoints to the touchdown.
+        duration_s: with the time on the ground.
+    """
+
+    length_m: float
+    duration_s: float
+
+
+def distance_m(one: Waypoint, other: Waypoint) -> float:
+    """Return the straight way between two waypoints."""
+    x, y, z = other.x_m - one.x_m, other.y_m - one.y_m, other.z_m - one.z_m
+    return math.sqrt(x * x + y * y + z * z)
+
+
+def _travel_s(way_m: float, speed_m_s: float, acceleration_m_s2: float) -> float:
+    """Return the time of a way from stop to stop: a trapezoid of speed, or a triangle when the way is short."""
+    if way_m * acceleration_m_s2 >= speed_m_s * speed_m_s:
+        return way_m / speed_m_s + speed_m_s / acceleration_m_s2
+    return 2.0 * math.sqrt(way_m / acceleration_m_s2)
+
+
+def leg_s(one: Waypoint, other: Waypoint, model: FlightModel) -> float:
+    """Return the time from one waypoint to another, without holding there."""
+    x, y, z = other.x_m - one.x_m, other.y_m - one.y_m, other.z_m - one.z_m
+    turn = abs(other.yaw_rad - one.yaw_rad) % _TURN
+    vertical = model.climb_speed_m_s if z > 0 else model.descent_speed_m_s
+    return max(
+        _travel_s(math.sqrt(x * x + y * y), model.cruise_speed_m_s, model.acceleration_m_s2),
+        _travel_s(abs(z), vertical, model.acceleration_m_s2),
+        min(turn, _TURN - turn) / model.turn_rate_rad_s,
+    )
+
+
+def _start(trajectory: Trajectory, start: Tuple[float, float], takeoff_height_m: float) -> Waypoint:
+    """Return the end of the takeoff: above the start, with the yaw of the first waypoint."""
+    return Waypoint(start[0], start[1], takeoff_height_m, trajectory.waypoints[0].yaw_rad, 0.0)
+
+
+def estimate_flight(
+    trajectory: Trajectory, start: Tuple[float, float], takeoff_height_m: float, model: FlightModel
+) -> FlightEstimate:
+    """Estimate the flight of a file that takes off at `start` (x, y in metres) and lands below its last waypoint."""
+    points = (_start(trajectory, start, takeoff_height_m), *trajectory.waypoints)
+    legs = tuple(zip(points, points[1:]))
+    last = points[-1]
+    climb = _travel_s(takeoff_height_m, model.climb_speed_m_s, model.acceleration_m_s2)
+    landing = last.z_m / model.landing_speed_m_s
+    flown = math.fsum(leg_s(one, other, model) + other.hold_s for one, other in legs)
+    length = math.fsum(distance_m(one, other) for one, other in legs)
+    return FlightEstimate(takeoff_height_m + length + last.z_m, model.ground_time_s + climb + flown + landing)
+
+
+def check_trajectory(
+    trajectory: Trajectory,
+    start: Tuple[float, float],
+    takeoff_height_m: float,
+    bounds: Bounds,
+    limits: Tuple[float, float],
+) -> None:
+    """Check that a file can be flown; `limits` are height and distance (m) at which a flight is ended.
+
+    Raises:
+        WaypointError: the first waypoint that cannot be.
+    """
+    if len(trajectory.waypoints) > bounds.max_waypoints:
+        first_beyond, right = (
+            trajectory.waypoints[bounds.max_waypoints],
+            f"must have at most {bounds.max_waypoints} (bounds)",
+        )
+        raise trajectory.error(first_beyond, "", f"has {len(trajectory.waypoints)} waypoints", right)
+    for waypoint in trajectory.waypoints:
+        _check_waypoint(trajectory, waypoint, bounds, limits)
+    first = trajectory.waypoints[0]
+    if first.z_m < takeoff_height_m:
+        right = f"the first waypoint must be at the takeoff height ({takeoff_height_m:g} m) or above"
+        raise trajectory.error(first, "height", f"is {first.z_m:g}", right)
+    _check_leg(trajectory, _start(trajectory, start, takeoff_height_m), first, bounds.max_first_leg_m, "the takeoff")
+    for one, other in zip(trajectory.waypoints, trajectory.waypoints[1:]):
+        _check_leg(trajectory, one, other, bounds.max_leg_m, "the waypoint before")
+
+
+def _check_waypoint(trajectory: Trajectory, waypoint: Waypoint, bounds: Bounds, limits: Tuple[float, float]) -> None:
+    height, distance = limits
+    way = math.sqrt(waypoint.x_m * waypoint.x_m + waypoint.y_m * waypoint.y_m)
+    if not bounds.min_height_m <= waypoint.z_m < height:
+        right = f"must be at least {bounds.min_height_m:g} and below the height limit {height:g}, in metres"
+        raise trajectory.error(waypoint, "height", f"is {waypoint.z_m:g}", right)
+    if not way < distance:
+        right = f"must be below the distance limit {distance:g}, in metres"
+        raise trajectory.error(waypoint, "place", f"is {way:.6g} m from the takeoff position", right)
+    if not 0.0 <= waypoint.hold_s <= bounds.max_hold_s:
+        right = f"must be 0 to {bounds.max_hold_s:g}, in seconds"
+        raise trajectory.error(waypoint, "hold", f"is {waypoint.hold_s:g}", right)
+
+
+def _check_leg(trajectory: Trajectory, one: Waypoint, other: Waypoint, longest_m: float, what: str) -> None:
+    way = distance_m(one, other)
+    if not way <= longest_m:
+        wrong = f"is {way:.6g} m from {what}"
+        right = f"must be at most {longest_m:g} m away (bounds)"
+        raise trajectory.error(other, "whole", wrong, right)
+
+
+# --- the plan ---------------------------------------------------------------------------------------------------------
+
 
 # --- planner spec -----------------------------------------------------------------------------------------------------
 # How the mission planner flies missions through the autopilot: what it asks for, and how long it waits.

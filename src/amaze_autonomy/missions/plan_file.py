@@ -16,9 +16,8 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, NoReturn, Opt
 
 from .csv_table import Said, lines_of
 from .errors import WaypointError
-from .geodesy import Home, Place
 from .routes import Area, Route, RoutePoint, is_global, parse_route
-from .waypoints import Names, Trajectory, parse_trajectory
+from .waypoints import Home, Names, Place, Trajectory, parse_trajectory
 
 __all__ = ["SUFFIXES", "Object", "parse_file", "parse_plan", "read_json"]
 

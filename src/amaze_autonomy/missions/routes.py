@@ -16,8 +16,7 @@ from typing import List, Optional, Sequence, Tuple
 from .csv_table import YAW_COLUMNS, Layout, Line, Row, Said, YawUnit, lines_of, read_table, said_in, yaw_of, yaw_unit_of
 from .errors import WaypointError
 from .fence import Circle, Fence, Point, Polygon, polygon_problem
-from .geodesy import Home, Place
-from .waypoints import Names, Trajectory, Waypoint
+from .waypoints import Home, Names, Place, Trajectory, Waypoint
 
 __all__ = ["GLOBAL_COLUMNS", "Area", "Route", "RoutePoint", "is_global", "localize", "localize_fence", "parse_route"]
 

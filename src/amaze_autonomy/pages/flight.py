@@ -31,10 +31,10 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State, evolve
 from amaze_autonomy.missions import MissionPlan
 from amaze_autonomy.monitoring.specs import EstimateSource
+from amaze_autonomy.replay.compare import Comparison
 
 from ..journal.journal import Journal, decode, rules_of
 from ..monitoring.gravity import rotation_from_rpy
-from ..replay.compare import Comparison
 from ..replay.plan import Plan
 from ..replay.recordings.journals import JOURNAL_KIND, read_log
 from ..replay.recordings.sources import Recordings

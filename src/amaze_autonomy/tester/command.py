@@ -26,16 +26,15 @@ from amaze_autonomy.config.loader import load_configuration
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.paths import config_folder
+from amaze_autonomy.replay.compare import Comparison, Lawful, check_laws, compare, law_lines, laws_result
 from amaze_autonomy.whole_file import write_whole
 
 from ..journal.journal import JournalError
 from ..pages.document import PageError, need_plots
 from ..replay.beginning import ARMING_LEAD_NS, flights_of, part_of
 from ..replay.changed_keys import changes_of, keys_of
-from ..replay.compare import Comparison, compare
 from ..replay.errors import ReplayError
 from ..replay.faults.stream import FaultedRecordings
-from ..replay.journal_laws import Lawful, check_laws, law_lines, laws_result
 from ..replay.maps.topic_map import TopicMap, load_map, map_names
 from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals

@@ -15,13 +15,13 @@ from typing import Callable, Dict, Iterable, Iterator, List, Optional, Sequence,
 
 from amaze_autonomy.bags.errors import BagError, MessageError
 from amaze_autonomy.config.errors import ConfigError
+from amaze_autonomy.replay.compare import broken_words, laws_of_lines
 from amaze_autonomy.simulation.errors import SimulationError
 
 from ..engine.failsafe import FAILSAFE_CONDITIONS, USER_HOLD
 from ..journal.journal import JournalError, encode_decision
 from ..journal.trace import Trace
 from ..replay.errors import DamagedInputError, NoMessagesError, ReplayError, TimeJumpError
-from ..replay.journal_laws import broken_words, laws_of_lines
 from .expect import Finding, Grade, judge
 from .expect.model import Pattern, about, instants
 from .golden import compare_with_golden

@@ -15,8 +15,7 @@ from typing import Any, Callable, Iterable, NamedTuple, Optional, Protocol, Sequ
 from .dialect import Message, mavlink
 from .peers import Identity, Peers
 from .ports import make_port, parse_endpoint, wait_readable
-from .signing import SigningKey, Stamps
-from .wire import Wire
+from .wire import SigningKey, Stamps, Wire
 
 __all__ = ["Client", "ClientHost", "Connection", "LinkState", "heartbeat", "link_problem", "strangers_problem"]
 

@@ -14,7 +14,7 @@ from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 from ..vehicle.modes import is_foreign
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin
-from .mission_items import waypoint_index
+from .mission_upload import waypoint_index
 from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 
 __all__ = ["IN_FLIGHT", "FlightProgress", "FlightRecord", "Here", "remaining"]

@@ -13,8 +13,7 @@ from typing import List, NamedTuple, Optional, Tuple
 from amaze_autonomy.missions import Controller, Frame, Home, MissionPlan, PlannerSpec, Trajectory
 
 from ..link.dialect import Message
-from .mission_items import mission_items
-from .mission_upload import MissionUpload, UploadPhase
+from .mission_upload import MissionUpload, UploadPhase, mission_items
 from .mission_vehicle import VehicleWatch
 
 __all__ = ["LoadRequest", "Loading", "Origin", "Readiness"]

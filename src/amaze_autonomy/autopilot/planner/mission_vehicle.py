@@ -14,7 +14,7 @@ from amaze_autonomy.missions import Place
 from ..link.dialect import Message, mavlink, source_of
 from ..vehicle.modes import is_piloted, mode_name, mode_number
 from ..vehicle.texts import Texts
-from .mission_items import Dialect
+from .mission_upload import Dialect
 
 __all__ = [
     "AIRBORNE",

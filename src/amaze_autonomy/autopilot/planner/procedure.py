@@ -15,7 +15,7 @@ from amaze_autonomy.missions import Controller, PlannerSpec
 
 from ..link.dialect import Message, mavlink
 from ..vehicle.modes import LANDING_MODES, is_foreign
-from .mission_items import Dialect, beginning
+from .mission_upload import Dialect, beginning
 from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 
 __all__ = ["Means", "Procedure", "Progress", "Step", "steps_of"]

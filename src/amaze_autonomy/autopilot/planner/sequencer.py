@@ -19,8 +19,8 @@ from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
 from ..link.dialect import Message
+from ..vehicle.asked import Rates
 from ..vehicle.modes import LANDING_MODES, is_foreign
-from ..vehicle.rates import Rates
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness

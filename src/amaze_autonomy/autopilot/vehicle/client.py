@@ -17,10 +17,9 @@ from amaze_autonomy.monitoring.specs import BatterySpec
 from ...engine.events import Check
 from ..link.dialect import Message, mavlink
 from ..planner.mission_vehicle import DRAIN_NS, GROUND_NS, STALL_NS
+from .asked import Parameters, Rates
 from .modes import LAND, mode_number
-from .parameters import Parameters
 from .preflight import Preflight, battery_state_row, channel_width_us, land_switch_rows, preflight_rows
-from .rates import Rates
 from .vehicle import WANTED, VehicleState
 
 __all__ = [

@@ -14,8 +14,8 @@ from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 
 from ...engine.events import Check, Verdict
 from ..link.dialect import mavlink
+from .asked import ParameterState
 from .battery import LOW, STATE_NAMES
-from .parameters import ParameterState
 from .vehicle import VehicleState
 
 __all__ = ["Preflight", "battery_state_row", "channel_width_us", "land_switch_rows", "preflight_rows"]

@@ -15,8 +15,7 @@ from amaze_autonomy.monitoring.gravity import LastingTilt, tilt_of_rpy
 
 from ..link.dialect import Message, mavlink
 from .battery import Battery
-from .control import Control, Heartbeat
-from .modes import mode_name
+from .modes import Control, Heartbeat, mode_name
 from .position import Position
 from .texts import Texts
 

@@ -8,9 +8,8 @@ from typing import Dict, Tuple
 from amaze_autonomy.engine.rules import LimitRow, Limits, Rules
 
 from ...engine.events import CheckName
-from ..binding import Row, bind, group_of
 from ..kinds import Flag, Kind, Number, Whole
-from ..schema import Group, Key, Named
+from ..schema import Group, Key, Named, Row, bind, group_of
 
 __all__ = ["AUTONOMY", "Streams"]
 

@@ -7,9 +7,8 @@ from typing import Any, Mapping, Tuple
 
 from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 
-from ..binding import Row, bind, group_of, make, refuse_at
 from ..kinds import Choice, Flag, Number, Places, Text, Whole
-from ..schema import Group, Key, Named
+from ..schema import Group, Key, Named, Row, bind, group_of, make, refuse_at
 
 __all__ = [
     "AUTOPILOT",

@@ -6,9 +6,8 @@ from typing import Tuple
 
 from amaze_autonomy.missions import Bounds, Controller, FlightModel, Frame, PlannerSpec, YawUnit
 
-from ..binding import Row, group_of
 from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
-from ..schema import Group, Key, Named
+from ..schema import Group, Key, Named, Row, group_of
 from .sensors import COMPONENT_NAME, NAME, SEVERITY
 
 __all__ = ["MISSIONS", "MISSION_ID"]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Optional, Tuple
 
-from ..binding import Row, bind, group_of
 from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
-from ..schema import Group, Key, Named
+from ..schema import Group, Key, Named, Row, bind, group_of
 from .sensors import COMPONENT_NAME, TOPIC_NAME
 
 __all__ = ["RECORDING", "Platform", "Recording", "Storage", "TopicGroup", "Transfer"]

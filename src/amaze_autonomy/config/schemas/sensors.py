@@ -21,9 +21,8 @@ from amaze_autonomy.monitoring.specs import (
 )
 
 from ...engine.rules import Severity
-from ..binding import Row, bind, group_of
 from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
-from ..schema import Group, Key, Named
+from ..schema import Group, Key, Named, Row, bind, group_of
 
 __all__ = [
     "BATTERY",

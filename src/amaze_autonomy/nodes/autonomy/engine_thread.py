@@ -32,9 +32,9 @@ from amaze_autonomy.engine.events import (
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, evolve
 from amaze_autonomy.interface import InvalidMessageError, Status
+from amaze_autonomy.ros.clock import Clock
 
 from ...engine.rules import Code
-from ...ros.clock import Clock
 from ...ros.interface import age_of, message_class, read_status
 from ...ros.topic_reader import Look, TopicReader
 

@@ -45,11 +45,11 @@ from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.interface import STATUSES, Status
 from amaze_autonomy.monitoring.land_switch import LandRequests
+from amaze_autonomy.ros.clock import Clock, make_clock, wait_for_time
 
 from ...journal import journal as codec
 from ...journal.report import MessageLog
 from ...ros import node_main
-from ...ros.clock import Clock, make_clock, wait_for_time
 from ...ros.errors import NodeError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class
 from ...ros.node_main import Parameters, read_parameters

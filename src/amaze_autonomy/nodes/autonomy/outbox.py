@@ -20,11 +20,11 @@ from amaze_autonomy.engine.events import Event, RecordingStatus
 from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.interface import STATUSES, Status, status_of
+from amaze_autonomy.ros.clock import Clock
 
 from ...interface.fields import Shape
 from ...journal import journal as codec
 from ...journal.report import CommandAnswer, Fault, MessageLog, Report, Telemetry, computer_rows, report
-from ...ros.clock import Clock
 from ...ros.interface import TAKEOFF_FRAME, check_row, classes, number, ros_time
 from .journal_topic import JournalLines, JournalTopic
 from .run_folder import JournalFile

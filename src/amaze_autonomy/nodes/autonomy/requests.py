@@ -15,11 +15,11 @@ from typing import Any, Callable, Dict, Mapping, Tuple
 from amaze_autonomy.engine import commands
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 from amaze_autonomy.interface import InvalidMessageError
+from amaze_autonomy.ros.clock import Workers
 
 from ...ros.errors import BrokenCallError, CallTimeoutError, UnavailableError
 from ...ros.interface import request_of
 from ...ros.service_client import ServiceClient
-from ...ros.threads import Workers
 
 __all__ = ["Requests"]
 

@@ -7,9 +7,10 @@ from typing import Any, Sequence
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from amaze_autonomy.ros.clock import Clock
+
 from ...engine.events import Check, Verdict
 from ...journal.report import limit_words
-from ...ros.clock import Clock
 from ...ros.interface import ros_time
 
 __all__ = ["CheckDiagnostics"]

@@ -27,8 +27,8 @@ from amaze_autonomy.monitoring.gravity import tilt_of, up_of_quaternion
 from amaze_autonomy.monitoring.landing import LandingDetector, LandingVerdict
 from amaze_autonomy.monitoring.readings import estimate_reader, range_reader
 from amaze_autonomy.monitoring.specs import EstimateSource, RangeSource
+from amaze_autonomy.ros.clock import Clock
 
-from ...ros.clock import Clock
 from ...ros.interface import check_row, number, status_message
 from ...ros.node_main import Startup, run_node
 from .diagnostics import CheckDiagnostics

@@ -30,13 +30,12 @@ from amaze_autonomy.engine.events import Check
 from amaze_autonomy.monitoring.initialisation import Initialisation, InitialisationType
 from amaze_autonomy.monitoring.readings import estimate_reader, vector
 from amaze_autonomy.monitoring.state_estimation import StateEstimationMonitor, StateVerdict
+from amaze_autonomy.ros.clock import Clock, Workers
 
-from ...ros.clock import Clock
 from ...ros.errors import CallError
 from ...ros.interface import check_row, number
 from ...ros.node_main import Startup, run_node
 from ...ros.service_client import ServiceClient
-from ...ros.threads import Workers
 from .diagnostics import CheckDiagnostics
 from .landing_detection_node import ESTIMATE_MESSAGES
 
@@ -131,15 +130,6 @@ class Estimator:
 
 
 # --- the node ---------------------------------------------------------------------------------------------------------
-#     state_estimation/check          CheckState
-#     /diagnostics                    diagnostic_msgs/DiagnosticArray, 1 Hz
-#     (state_estimation.topic)        the estimate: Odometry, PoseStamped or PoseWithCovarianceStamped (subscribed)
-#     (state_estimation.imu_topic)    sensor_msgs/Imu (subscribed)
-#     (initialisation.service)        asked, where the estimator must be told to begin; (in_flight_service) in the air
-#     autonomy/state_name             std_msgs/String (subscribed), where a pre-flight or a mission is when it is asked
-#     autopilot/status                AutopilotStatus (subscribed), where it is asked: only a disarmed vehicle is
-#
-# Topics, kinds of messages and limits: sensors.yaml. Parameters: `node_main.py`. How it judges: docs/monitoring.md.
 
 
 _NOTHING = float("nan")

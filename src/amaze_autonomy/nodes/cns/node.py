@@ -46,14 +46,13 @@ from amaze_autonomy.engine.events import CheckReply, Event, Reply
 from amaze_autonomy.interface import SERVICES as OURS
 from amaze_autonomy.interface import STATUSES, Service, status_of
 from amaze_autonomy.monitoring.readings import estimate_reader
+from amaze_autonomy.ros.clock import Clock, Periodic, Workers
 
 from ...autopilot.link.state_files import read_kept
-from ...ros.clock import Clock
 from ...ros.errors import CallError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, ros_time, status_message
 from ...ros.node_main import run_node
 from ...ros.service_client import ServiceClient
-from ...ros.threads import Periodic, Workers
 from ...whole_file import temporary_name
 from ..autonomy.run_folder import boot_id, default_parent
 from ..checks.landing_detection_node import ESTIMATE_MESSAGES

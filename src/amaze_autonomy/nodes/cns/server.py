@@ -40,13 +40,12 @@ from amaze_autonomy.engine.events import CheckReply, InvalidEventError, Outcome,
 from amaze_autonomy.interface import SERVICES as OURS
 from amaze_autonomy.interface import STATUSES, InvalidMessageError, Status
 from amaze_autonomy.missions import Frame
+from amaze_autonomy.ros.clock import Clock, Periodic, Workers
 
-from ...ros.clock import Clock
 from ...ros.errors import StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, read_status, ros_time
 from ...ros.node_main import run_node
 from ...ros.service_client import ServiceClient
-from ...ros.threads import Periodic, Workers
 from ..autonomy.requests import Requests
 from .names import Names
 

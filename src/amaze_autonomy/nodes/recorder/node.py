@@ -36,8 +36,8 @@ import rospy
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.recording import Command, RecordingError
 from amaze_autonomy.recording.storage import STATE, read_json, write_json
+from amaze_autonomy.ros.clock import Clock
 
-from ...ros.clock import Clock
 from ...ros.node_main import run_node
 from ..autonomy.run_folder import boot_id
 from .collector import RecorderCollector

@@ -16,9 +16,8 @@ from amaze_autonomy.recording import Answer, Command, PlatformRecorder, Status
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.status import WRITING
 from amaze_autonomy.recording.storage import needed_bytes, remove_part, session_name, space_of, too_little
+from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 
-from ...ros.clock import MonotonicClock
-from ...ros.threads import Periodic
 from . import statuses
 from .processes import DiskSync, RecorderChildren, Subscriptions, recorder_program
 from .settings import RecorderShare, platform_setup

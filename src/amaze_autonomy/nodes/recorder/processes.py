@@ -35,11 +35,9 @@ from amaze_autonomy.recording.programs import (
 )
 from amaze_autonomy.recording.status import GroupStatus, ProcessStatus
 from amaze_autonomy.recording.storage import PARTS, read_json
+from amaze_autonomy.ros.clock import MonotonicClock, Periodic
+from amaze_autonomy.ros.liveness import LocalProcess
 from amaze_autonomy.whole_file import sync_folder
-
-from ...ros.clock import MonotonicClock
-from ...ros.local_process import LocalProcess
-from ...ros.threads import Periodic
 
 __all__ = ["DiskSync", "FlightPages", "RecorderChildren", "RecorderJobs", "Subscriptions", "recorder_program"]
 

@@ -13,10 +13,9 @@ from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.recording import Answer, CollectorSetup, GroupSetup, PlatformSetup
 from amaze_autonomy.recording.storage import reserve_bytes
+from amaze_autonomy.ros.clock import MonotonicClock, Workers
 
-from ...ros.clock import MonotonicClock
 from ...ros.errors import StartError
-from ...ros.threads import Workers
 from .processes import RecorderJobs
 
 __all__ = ["RecorderShare", "collector_setup", "platform_name", "platform_setup", "recordings_folder", "transfers"]

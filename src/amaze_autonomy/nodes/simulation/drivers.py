@@ -17,10 +17,10 @@ import roslib.message
 import rospy
 
 from amaze_autonomy.monitoring.specs import ComponentSpec
+from amaze_autonomy.ros.clock import Clock
 from amaze_autonomy.simulation.sensors.messages import Sample
 from amaze_autonomy.simulation.sensors.streams import StreamSettings
 
-from ...ros.clock import Clock
 from ...ros.interface import ros_time
 from .driver_process import NUMBER
 

@@ -24,13 +24,10 @@ import rospy
 
 from amaze_autonomy.engine.commands import MissionCommand, Request
 from amaze_autonomy.engine.events import Event
+from amaze_autonomy.ros.clock import Clock, Workers
+from amaze_autonomy.ros.liveness import LocalProcess, NodeLiveness, find
 from amaze_autonomy.simulation import World
 from amaze_autonomy.simulation.sensors.messages import Sample
-
-from ...ros.clock import Clock
-from ...ros.liveness import NodeLiveness
-from ...ros.local_process import LocalProcess, find
-from ...ros.threads import Workers
 
 __all__ = ["LiveWorld", "RealPeers", "Received", "Turn"]
 

@@ -39,6 +39,7 @@ from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 from amaze_autonomy.interface import PEERS, SERVICES, STATUSES, peer_of, status_of
+from amaze_autonomy.ros.clock import Clock, make_clock, wait_for_time
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.ardupilot import AUTOPILOTS
 from amaze_autonomy.simulation.peers.peer import Cadence
@@ -51,7 +52,6 @@ from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 
 from ...autopilot.link.dialect import mavlink
 from ...ros import node_main
-from ...ros.clock import Clock, make_clock, wait_for_time
 from ...ros.errors import NodeError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, status_message
 from .drivers import SensorPublisher, SimulatedDrivers

@@ -31,9 +31,9 @@ from std_srvs.srv import SetBool, Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
 from amaze_autonomy.bags import BagError, Recording
+from amaze_autonomy.ros.liveness import call
 
 from ...ros.errors import BrokenCallError, CallError, NodeError, StartError
-from ...ros.liveness import call
 
 __all__ = ["Reception", "RecordedPeers", "main", "receptions", "unconnected"]
 

@@ -26,12 +26,12 @@ from std_srvs.srv import Trigger, TriggerResponse
 from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.engine.events import Landed
+from amaze_autonomy.ros.clock import Clock
 
 from ...autopilot.link.connection import link_problem
 from ...autopilot.link.dialect import mavlink
 from ...autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotClient, Reply, switch_messages
 from ...engine.events import Check
-from ...ros.clock import Clock
 from ...ros.interface import check_row, number, status_message
 from ...ros.node_main import run_node
 from ..checks.diagnostics import CheckDiagnostics

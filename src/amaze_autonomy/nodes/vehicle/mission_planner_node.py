@@ -28,13 +28,13 @@ from amaze_autonomy.config.trajectories import plan_of_waypoints
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
 from amaze_autonomy.missions import Frame, MissionPlan, Waypoint, WaypointError
+from amaze_autonomy.ros.clock import Clock
 
 from ...autopilot.link.connection import link_problem
 from ...autopilot.link.state_files import keep, origin_from, origin_to, read_kept
 from ...autopilot.planner.loading import Loading, LoadRequest
 from ...autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from ...engine.events import Check, Verdict
-from ...ros.clock import Clock
 from ...ros.interface import status_message
 from ...ros.node_main import run_node
 from ..autonomy.run_folder import default_parent

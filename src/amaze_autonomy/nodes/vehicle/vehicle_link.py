@@ -11,10 +11,10 @@ import rospy
 from amaze_autonomy.autopilot import AutopilotError, Client, Connection, Identity, LinkState, read_key
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.config.schemas.autopilot import LinkSettings
+from amaze_autonomy.ros.clock import Clock
 
 from ...autopilot.link.dialect import Message, mavlink
 from ...autopilot.link.state_files import StampFile
-from ...ros.clock import Clock
 from ...ros.errors import StartError
 
 __all__ = ["ChangeLog", "LevelLoop", "Link", "make_link", "tell_link"]

@@ -26,16 +26,15 @@ from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
 from amaze_autonomy.monitoring.watchdog import Watchdog
+from amaze_autonomy.ros.clock import Clock, Periodic
+from amaze_autonomy.ros.liveness import NodeLiveness
 
 from ...engine.events import Check
 from ...engine.rules import Code, Restart
 from ...journal.report import limit_words
 from ...monitoring.watchdog import Streams
-from ...ros.clock import Clock
 from ...ros.interface import check_row, component_state, ros_time, status_message
-from ...ros.liveness import NodeLiveness
 from ...ros.node_main import run_node
-from ...ros.threads import Periodic
 from ...ros.topic_reader import TopicReader, subscribe
 from .restarter import Restarter, run_command
 from .watch_loop import TakeoffAnswer, TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop

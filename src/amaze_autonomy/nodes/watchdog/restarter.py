@@ -20,11 +20,10 @@ import rospy
 from amaze_autonomy.monitoring.errors import RestartRefusedError
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import ComponentSpec, RestartPolicy
+from amaze_autonomy.ros.clock import Workers
+from amaze_autonomy.ros.liveness import NodeLiveness, Place, call, find
 
 from ...ros.errors import BrokenCallError, CallError, UnavailableError
-from ...ros.liveness import NodeLiveness, Place, call
-from ...ros.local_process import find
-from ...ros.threads import Workers
 
 __all__ = ["Outcome", "Restarter", "run_command"]
 

@@ -21,10 +21,10 @@ from amaze_autonomy.monitoring.condition import FOREVER_NS
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import TopicSpec
 from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
+from amaze_autonomy.ros.clock import Clock
 
 from ...engine.events import Mission, Verdict
 from ...monitoring.watchdog import Streams
-from ...ros.clock import Clock
 from ...ros.topic_reader import ALL, STAMP_BYTES, Look, Tally, TopicReader
 
 __all__ = ["Job", "MessageContent", "TakeoffAnswer", "TakeoffDesk", "TakeoffRequest", "TopicWatch", "WatchLoop"]
@@ -138,8 +138,6 @@ def _finite(message: Any, plan: List[_Step]) -> bool:
 
 
 # --- the loop ---------------------------------------------------------------------------------------------------------
-# All else (questions to nodes, looks at drivers, restarts, service calls) runs elsewhere and hands in its results as
-# jobs. If this loop is stuck, so is the loop counter of the heartbeat, and the engine notices.
 
 
 _log = logging.getLogger(__name__)

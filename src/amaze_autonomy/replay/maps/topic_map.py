@@ -12,10 +12,9 @@ from typing import Any, Collection, Dict, Mapping, Optional, Tuple
 
 from amaze_autonomy import interface
 from amaze_autonomy.config import ConfigError, Place
-from amaze_autonomy.config.binding import bind, field_value, key_name, make
 from amaze_autonomy.config.document import read
 from amaze_autonomy.config.kinds import Choice, Flag, ListOf, Number, Places, Text, Whole
-from amaze_autonomy.config.schema import REQUIRED, Group, Key, Named
+from amaze_autonomy.config.schema import REQUIRED, Group, Key, Named, bind, field_value, key_name, make
 from amaze_autonomy.monitoring.specs import (
     GROUPS,
     AutopilotSensor,

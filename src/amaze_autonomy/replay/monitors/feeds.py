@@ -10,6 +10,7 @@ from typing import Any, Callable, Container, Dict, List, Mapping, NamedTuple, Op
 
 import numpy as np
 
+from amaze_autonomy.autopilot.vehicle.modes import ARDUPILOT_NAMES
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.interface import health_of
 from amaze_autonomy.monitoring.battery import BatteryMonitor
@@ -21,7 +22,6 @@ from amaze_autonomy.monitoring.specs import AutopilotSensor, EstimateSource
 from amaze_autonomy.monitoring.state_estimation import Estimate, StateEstimationMonitor
 from amaze_autonomy.monitoring.watchdog import Watchdog
 
-from ...autopilot.vehicle.modes import ARDUPILOT_NAMES
 from ..maps.topic_map import Reading
 from ..recordings.fields import Getter, Track, getter, number, orientation, quaternion, vector
 from .monitor_columns import LandingColumns, RateColumns

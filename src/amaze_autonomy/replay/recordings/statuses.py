@@ -11,7 +11,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 from amaze_autonomy.bags import Recording
 from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.engine.events import Event, InvalidEventError
-from amaze_autonomy.interface import STATUSES, InvalidMessageError, Status, fields, statuses
+from amaze_autonomy.interface import STATUSES, InvalidMessageError, Status, fields, tables
 
 from ...engine import events, rules
 from ...journal import codec
@@ -128,7 +128,7 @@ def _read(bag: Recording, topic: str, name: str) -> Optional[List[Event]]:
 def _code() -> str:
     """Return a digest of the code that makes the events: a tape of another version is another tape."""
     digest = hashlib.sha256()
-    modules: Sequence[object] = (codec, events, fields, rules, statuses, sys.modules[__name__])
+    modules: Sequence[object] = (codec, events, fields, rules, tables, sys.modules[__name__])
     for module in modules:
         digest.update(Path(str(getattr(module, "__file__", ""))).read_bytes())
     return digest.hexdigest()

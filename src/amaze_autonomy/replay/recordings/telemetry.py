@@ -18,6 +18,7 @@ from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
 import numpy as np
 
+from amaze_autonomy.autopilot.link.wire import decode
 from amaze_autonomy.bags import BagError, Entry, Recording, Topic
 from amaze_autonomy.bags.errors import cut_words
 from amaze_autonomy.config import AutopilotSettings
@@ -26,7 +27,6 @@ from amaze_autonomy.interface import health_fields, status_of
 from ...autopilot.link.dialect import mavlink
 from ...autopilot.link.framing import Counter, Frame, TlogCount, TlogError, read_tlog
 from ...autopilot.link.peers import Identity, Peers
-from ...autopilot.link.wire import decode
 from ...autopilot.vehicle.vehicle import WANTED, VehicleState
 
 __all__ = [

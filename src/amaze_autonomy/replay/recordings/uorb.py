@@ -16,10 +16,10 @@ from math import isfinite, nan, sqrt
 from types import SimpleNamespace
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
+from amaze_autonomy.autopilot.vehicle.modes import px4_number
 from amaze_autonomy.bags import Entry
 
 from ...autopilot.link.dialect import mavlink
-from ...autopilot.vehicle.modes import px4_number
 from .telemetry import KINDS, Imu, Made, Teller, Vector, header
 
 __all__ = ["VEHICLE_KIND", "Uorb"]

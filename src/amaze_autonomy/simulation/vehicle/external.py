@@ -14,11 +14,11 @@ import dataclasses
 from math import acos, atan2, cos, pi
 from typing import Callable, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
+from amaze_autonomy.autopilot.vehicle.asked import Rates
+from amaze_autonomy.autopilot.vehicle.modes import mode_name
 from amaze_autonomy.engine.events import VehicleLanded
 
 from ...autopilot.link.dialect import Message, mavlink, source_of
-from ...autopilot.vehicle.modes import mode_name
-from ...autopilot.vehicle.rates import Rates
 from ..errors import NoEffectError
 from ..scenario import KINDS, Fault, Scenario, Subject
 from .flight import Vector
