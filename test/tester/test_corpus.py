@@ -15,8 +15,7 @@ from replay_bags import break_chunk, flight_rows, write_bag
 from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.tester.command import main
 from amaze_autonomy.tester.corpus import kept_in, run_on_cluster
-from amaze_autonomy.tester.result import Verdict
-from amaze_autonomy.tester.task import Options, tasks_of
+from amaze_autonomy.tester.task import Options, Verdict, tasks_of
 
 MAP = Path(__file__).parents[1] / "replay" / "flight.yaml"
 FLIGHT = """\

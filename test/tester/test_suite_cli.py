@@ -13,7 +13,7 @@ from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.tester import Result, Verdict, cli
 from amaze_autonomy.tester.command import main
 from amaze_autonomy.tester.difference import waveform
-from amaze_autonomy.tester.result import result_lines
+from amaze_autonomy.tester.task import result_lines
 
 REASON = "--reason=the first run, and it is right"
 

@@ -5,6 +5,5 @@ again and compares. Neither needs ROS.
 
 `recordings/` reads bags, logs and journals, `maps/` says what their topics are, `monitors/` judges their samples,
 `peers/` answers for the other nodes, `faults/` makes things go wrong. `session.py` is one replay of all this, from its
-`plan.py`; `timeline.py`, `report.py` and `terminal.py` tell of it, `compare.py` and `journal_laws.py` decide journals
-again.
+`plan.py`; `timeline.py` and `report.py` tell of it, `compare.py` decides journals again.
 """

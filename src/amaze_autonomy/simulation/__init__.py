@@ -1,7 +1,7 @@
 """The simulated world: one vehicle, its sensors, and the engine's peers.
 
 Pure: no ROS, no clock, no threads; only `scenario_file.py` and `cli.py` touch files. `world.py` puts `vehicle/`,
-`sensors/` and `peers/` together, `scenario.py`, `faults.py` and `effects.py` are what goes wrong; `px4/` and
+`sensors.py` and `peers/` together, `scenario.py`, `faults.py` and `effects.py` are what goes wrong; `px4/` and
 `ardupilot/` are the vehicle as it is met over MAVLink.
 
 Samples, processes, replies, armed, landed, height and battery are the source. Conditions, codes and verdicts follow
@@ -27,7 +27,7 @@ Live, behind ROS services and topics, with the node's clock and ``live=True``. T
   outcome BROKEN means: raise in the handler, so that the caller sees the call die. ``services()`` says which services
   are there now: take away and bring back the others.
 * ``samples()`` returns what the sensors sent since the last call: topic, ROS type, stamp, and the fields of the message
-  as plain values (`sensors/messages.py`); the node only converts. ``processes()`` says which nodes live.
+  as plain values (`sensors.py`); the node only converts. ``processes()`` says which nodes live.
 * ``observe_state(now, state)`` when the engine publishes another state.
 * ``without=("mission_planner",)`` leaves a peer out: a real node takes its place.
 * Times are the node's clock, in nanoseconds; ``start_ns`` is the time of the first call.

@@ -19,7 +19,7 @@ from amaze_autonomy.monitoring.preflight_specs import (
 from amaze_autonomy.monitoring.specs import ComponentSpec, TopicSpec
 
 from ..engine.events import Mission
-from .sensors.streams import SampleKind, StreamSettings
+from .streams import SampleKind, StreamSettings
 from .vehicle.vehicle import PowerSettings, VehicleSettings
 
 __all__ = ["Settings", "settings_of"]

@@ -20,9 +20,9 @@ from .peers.switchboard import Switchboard
 from .peers.vehicle import SENSORS, Autopilot, Planner, sensor_health
 from .scenario import ENGINE, Fault, Scenario, Subject
 from .scenario import Request as Asked
-from .sensors.messages import Sample, Sender
-from .sensors.streams import Batch, Stream
+from .sensors import Sample, Sender
 from .settings import Settings, settings_of
+from .streams import Batch, Stream
 from .vehicle.vehicle import Power, Vehicle, VehicleSettings
 
 __all__ = ["World", "check_scenario"]

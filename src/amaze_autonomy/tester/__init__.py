@@ -12,8 +12,7 @@ accepted, `run.py` is all of this. `coverage.py` says what of the engine's table
 
 from __future__ import annotations
 
-from .result import Figures, Result, Verdict
 from .run import run_task
-from .task import Options, Task, tasks_of
+from .task import Figures, Options, Result, Task, Verdict, tasks_of
 
 __all__ = ["Figures", "Options", "Result", "Task", "Verdict", "run_task", "tasks_of"]

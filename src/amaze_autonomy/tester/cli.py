@@ -18,25 +18,18 @@ from amaze_autonomy.whole_file import write_whole
 from ..pages.document import need_plots
 from ..replay.errors import ReplayError
 from ..replay.recordings.journals import read_journals
-from ..replay.terminal import show_lines
-from .choice import (
-    add_choice,
-    add_configuration,
-    add_waivers,
-    check_options,
-    chosen,
-    finite,
-    is_full,
-    options_of,
-    waivers_of,
-)
 from .coverage import Coverage, coverage_lines, coverage_of, hunts_of, mutation_lines, mutation_passed, run_hunts
 from .difference import agree, agreement_lines
 from .golden import check_reason, compare_with_golden, golden_path, orphans, read_golden, write_golden
 from .report_pages import write_page, write_sweep_page
-from .result import (
+from .run import case_of, run_task, run_tasks
+from .scenario import Case, load_cases
+from .shrink import MOST_LINES, shrink
+from .task import (
     NOT_COMPARED,
+    Options,
     Result,
+    Task,
     Verdict,
     as_json,
     as_junit,
@@ -45,10 +38,18 @@ from .result import (
     result_lines,
     summary_line,
 )
-from .run import case_of, run_task, run_tasks
-from .scenario import Case, load_cases
-from .shrink import MOST_LINES, shrink
-from .task import Options, Task
+from .terminal import (
+    add_choice,
+    add_configuration,
+    add_waivers,
+    check_options,
+    chosen,
+    finite,
+    is_full,
+    options_of,
+    show_lines,
+    waivers_of,
+)
 from .whatif import other_options, sweep, sweep_lines, sweep_plain, what_if, what_if_lines, what_if_status
 
 __all__ = ["Accepted", "accept", "add_commands", "add_coverage_commands", "add_tools", "lonely_goldens"]

@@ -41,7 +41,7 @@ from ..replay.recordings.journals import read_journals
 from ..replay.recordings.sources import Recordings, topics_of
 from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text, verdict
 from ..replay.session import Outcome, Session
-from ..replay.terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
+from .terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
 
 __all__ = ["main"]
 

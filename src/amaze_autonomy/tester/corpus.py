@@ -25,12 +25,20 @@ from amaze_autonomy.config.errors import ConfigError
 from amaze_autonomy.whole_file import sha256_of, write_whole
 
 from ..replay.errors import ReplayError
-from ..replay.terminal import add_tapes, progress_bar, show_lines, use_tapes
-from .choice import add_choice, add_configuration, check_options, chosen, options_of
-from .result import NOT_COMPARED, Figures, Result, Verdict, as_json, exit_status, result_lines
 from .run import run_task, run_tasks
 from .scenario import Case, load_cases
-from .task import Task
+from .task import NOT_COMPARED, Figures, Result, Task, Verdict, as_json, exit_status, result_lines
+from .terminal import (
+    add_choice,
+    add_configuration,
+    add_tapes,
+    check_options,
+    chosen,
+    options_of,
+    progress_bar,
+    show_lines,
+    use_tapes,
+)
 
 __all__ = [
     "VARIABLE",

@@ -42,13 +42,12 @@ from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.replay.timeline import value_text
 
 from .difference import without_numbers
-from .expect.schema import RULES
+from .expect.model import RULES
 from .golden import decisions_of
 from .play import configuration_of, play
-from .result import Result
 from .run import case_of, digest_of
 from .scenario import Case, SourceKind
-from .task import Options, Task
+from .task import Options, Result, Task
 
 __all__ = [
     "Coverage",

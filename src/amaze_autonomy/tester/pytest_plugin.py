@@ -92,7 +92,7 @@ class ScenarioItem(pytest.Item):  # type: ignore[misc]
         """Return what is printed of a failure: the result's lines, no traceback."""
         if not isinstance(excinfo.value, ScenarioFailedError):
             return super().repr_failure(excinfo, style)
-        from .result import result_lines  # noqa: PLC0415
+        from .task import result_lines  # noqa: PLC0415
 
         return "\n".join(result_lines(excinfo.value.result, verbose=True))
 

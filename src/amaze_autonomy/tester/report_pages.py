@@ -17,8 +17,8 @@ from ..replay.timeline import value_text
 from .coverage import Coverage
 from .difference import align, without_numbers
 from .golden import golden_path, read_golden
-from .result import Result, Verdict
 from .scenario import load_cases
+from .task import Result, Verdict
 from .whatif import Flight, Sweep
 
 __all__ = ["page_content", "sweep_content", "write_page", "write_sweep_page"]

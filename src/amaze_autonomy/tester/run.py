@@ -26,11 +26,10 @@ from .expect import Finding, Grade, judge
 from .expect.model import Pattern, about, instants
 from .golden import compare_with_golden
 from .play import Played, configuration_of, play
-from .result import Figures, Result, Verdict
 from .scenario import Case, load_cases
 from .scenario.files import meant, place_of
 from .scenario.model import Anchor
-from .task import Task
+from .task import Figures, Result, Task, Verdict
 
 __all__ = ["anchor_times", "case_of", "check_names", "digest_of", "peak_mb", "run_case", "run_task", "run_tasks"]
 

@@ -15,11 +15,10 @@ from ..replay.errors import DamagedInputError, ReplayError
 from .difference import align, first_difference, told
 from .golden import decisions_of
 from .play import play
-from .result import EXIT_STATUS, Result, Verdict
 from .run import run_tasks
 from .scenario import Case
 from .scenario.model import CONFIGURATION
-from .task import Options, Task
+from .task import EXIT_STATUS, Options, Result, Task, Verdict
 
 __all__ = [
     "Boundary",

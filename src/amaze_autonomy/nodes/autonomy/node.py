@@ -11,7 +11,7 @@ Services it calls, topics it listens to: `interface.py`. It offers, in its priva
     ~command         UserCommand, by its name
     ~go ~retry ~give_up ~hold ~resume ~land ~abort ~acknowledge   std_srvs/Trigger, the same
 
-Parameters: `parameters.py`. Exit status: `results.py`.
+Parameters: `node_main.py`. Exit status: the results at the end.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ import rospy
 
 from amaze_autonomy.monitoring.specs import ComponentSpec
 from amaze_autonomy.ros.clock import Clock
-from amaze_autonomy.simulation.sensors.messages import Sample
-from amaze_autonomy.simulation.sensors.streams import StreamSettings
+from amaze_autonomy.simulation.sensors import Sample
+from amaze_autonomy.simulation.streams import StreamSettings
 
 from ...ros.interface import ros_time
 from .driver_process import NUMBER

@@ -27,7 +27,7 @@ from amaze_autonomy.engine.events import Event
 from amaze_autonomy.ros.clock import Clock, Workers
 from amaze_autonomy.ros.liveness import LocalProcess, NodeLiveness, find
 from amaze_autonomy.simulation import World
-from amaze_autonomy.simulation.sensors.messages import Sample
+from amaze_autonomy.simulation.sensors import Sample
 
 __all__ = ["LiveWorld", "RealPeers", "Received", "Turn"]
 

@@ -17,8 +17,8 @@ from amaze_autonomy.monitoring.watchdog import TakeoffCheck, Watchdog
 from ...engine.events import Check, Verdict
 from ...monitoring.watchdog import Streams
 from ..scenario import Subject
-from ..sensors.messages import EstimateReader, ImuReader, RangeReader
-from ..sensors.streams import Batch, Content
+from ..sensors import EstimateReader, ImuReader, RangeReader
+from ..streams import Batch, Content
 from ..vehicle.vehicle import Pose
 from .peer import Cadence, Peer, Site, slowness
 

@@ -17,8 +17,8 @@ from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 from ...engine.events import Check, Verdict
 from ..faults import Faults
 from ..scenario import Fault, Subject
-from ..sensors.streams import Batch, Stream
 from ..settings import Settings
+from ..streams import Batch, Stream
 from ..vehicle.vehicle import Power, Vehicle
 
 __all__ = ["Cadence", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]

@@ -34,8 +34,7 @@ from amaze_autonomy.simulation.scenario_file import FAULT, REQUEST
 from ...config.schemas.sensors import COMPONENT_NAME, TOPIC_NAME
 from ...journal.trace import READINGS
 from ...replay.faults.kinds import RECORDED_FAULT
-from ..expect.model import Expectation, Pattern
-from ..expect.schema import ExpectationEntry, PatternEntry
+from ..expect.model import Expectation, ExpectationEntry, Pattern, PatternEntry
 
 __all__ = ["CONFIGURATION", "OVERRIDE", "VERSION", "Anchor", "Bag", "Case", "Need", "SourceKind", "schema_of"]
 

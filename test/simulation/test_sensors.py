@@ -5,7 +5,7 @@ from math import isnan
 import pytest
 from simulation_tools import Driver, S
 
-from amaze_autonomy.simulation.sensors.streams import SampleKind
+from amaze_autonomy.simulation.streams import SampleKind
 
 
 def sent(faults="", seconds=4.0, from_s=0.0, settings=None):

@@ -6,17 +6,19 @@ import abc
 from math import cos, nan, sin
 from typing import TYPE_CHECKING, Any, Callable, Dict, Generic, List, Mapping, NamedTuple, Optional, Tuple, TypeVar
 
-from ...monitoring.state_estimation import Estimate
-from ..peers.peer import Site
-from ..vehicle.vehicle import Pose
+from amaze_autonomy.monitoring.state_estimation import Estimate
+
+from .peers.peer import Site
 from .streams import Batch, Content, SampleKind
+from .vehicle.vehicle import Pose
+
+__all__ = ["Estimate", "EstimateReader", "ImuReader", "Inertial", "RangeReader", "Reader", "Sample", "Sender", "Vector"]
 
 if TYPE_CHECKING:
     import random
 
     from amaze_autonomy.monitoring.preflight_specs import LandingSpec, StateEstimationSpec
 
-__all__ = ["Estimate", "EstimateReader", "ImuReader", "Inertial", "RangeReader", "Reader", "Sample", "Sender", "Vector"]
 
 # --- what they read ---------------------------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ import pytest
 from simulation_tools import S, scenario
 
 from amaze_autonomy.simulation.faults import Faults
-from amaze_autonomy.simulation.sensors.streams import Content, SampleKind, Stream, StreamSettings
+from amaze_autonomy.simulation.streams import Content, SampleKind, Stream, StreamSettings
 
 CAMERA = StreamSettings("camera", "/camera", SampleKind.IMAGE, 20.0)
 NONE = Faults(scenario())

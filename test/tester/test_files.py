@@ -9,7 +9,7 @@ import pytest
 from amaze_autonomy.config import ConfigError
 from amaze_autonomy.replay.errors import ReplayError
 from amaze_autonomy.tester.expect import Pattern
-from amaze_autonomy.tester.expect.schema import RULES
+from amaze_autonomy.tester.expect.model import RULES
 from amaze_autonomy.tester.scenario import Anchor, Bag, Need, find_files, load_cases, parse_cases
 
 HERE = Path("folder/x.scenario.yaml")

@@ -1,7 +1,7 @@
 """The simulated sensors as streams: when samples come, how many came, and what goes wrong with them.
 
 A healthy stream is computed by count: one addition per step, however many samples it had. What a sample holds is made
-only for those who look at it (`contents.py`).
+only for those who look at it (`sensors.py`).
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List, NamedTuple, Optional
 
-from ..faults import Faults, flapping_ns
-from ..scenario import Fault, Subject
+from .faults import Faults, flapping_ns
+from .scenario import Fault, Subject
 
 __all__ = ["Batch", "Content", "SampleKind", "Stream", "StreamSettings"]
 
