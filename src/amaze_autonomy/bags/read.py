@@ -457,14 +457,11 @@ class Loader:
         index: of the bag.
         number: of the input.
         unseen: for each connection of the bag, whether the bytes of its messages need not be seen.
-        coarse: bytes per message of a chunk that make it worth looking for large ones.
         messages: all of the index, where they were read before; else a chunk's are read with it.
     """
 
-    def __init__(
-        self, index: Index, number: int, unseen: Any, coarse: int = _COARSE, messages: Optional[Messages] = None
-    ) -> None:
-        self._index, self._number, self._unseen, self._coarse = index, number, unseen, coarse
+    def __init__(self, index: Index, number: int, unseen: Any, messages: Optional[Messages] = None) -> None:
+        self._index, self._number, self._unseen = index, number, unseen
         self._messages = messages
         self._share = 0.5  # of the last coarse chunks, that was read; where that is not known, not little
         self._passed = frozenset(np.flatnonzero(unseen).tolist())
@@ -563,7 +560,7 @@ class Loader:
     def is_coarse(self, number: int) -> bool:
         """Return True when of a chunk only what lies between large messages is read."""
         chunk, head = self._index.chunks[number], self._index.head(number)
-        if head.compression != "none" or head.stored < max(_LARGE, self._coarse * chunk.messages):
+        if head.compression != "none" or head.stored < max(_LARGE, _COARSE * chunk.messages):
             return False
         return any(connection in self._passed for connection, _ in chunk.counts)
 

@@ -41,15 +41,13 @@ __all__ = ["Gap", "Group", "GroupSetup", "Growth", "PlatformRecorder", "Platform
 # --- do files grow ----------------------------------------------------------------------------------------------------
 
 
+_WINDOW_NS = 3 * SECOND  # over which a rate is taken
+
+
 class Growth:
-    """Follows one size in bytes.
+    """Follows one size in bytes."""
 
-    Args:
-        window_ns: over which the rate is taken.
-    """
-
-    def __init__(self, window_ns: int = 3 * SECOND) -> None:
-        self._window_ns = window_ns
+    def __init__(self) -> None:
         self._seen: Deque[Tuple[int, int]] = deque()
         self.size = 0
         self.grew_ns: Optional[int] = None
@@ -60,7 +58,7 @@ class Growth:
             self.grew_ns = t_ns
         self.size = size
         self._seen.append((t_ns, size))
-        while len(self._seen) > 1 and t_ns - self._seen[0][0] > self._window_ns:
+        while len(self._seen) > 1 and t_ns - self._seen[0][0] > _WINDOW_NS:
             self._seen.popleft()
 
     def grows(self, t_ns: int, limit_ns: int) -> bool:

@@ -32,6 +32,7 @@ from .liveness import call
 __all__ = ["Foreign", "Reconnector", "subscriptions"]
 
 _PERIOD_S = 1.0
+_LIMIT_S = 0.5  # for each question to the master and to other nodes
 _ALL_EVERY = 10  # looks: then the topics that are connected are looked at as well
 _LONGEST_HEADER = 1 << 20
 _log = logging.getLogger(__name__)
@@ -60,14 +61,10 @@ class Foreign(NamedTuple):
 
 
 class Reconnector:
-    """Looks after all subscriptions of this process, once a second, on a thread of its own.
+    """Looks after all subscriptions of this process, once a second, on a thread of its own."""
 
-    Args:
-        limit_s: time for each question to the master and to other nodes.
-    """
-
-    def __init__(self, limit_s: float = 0.5) -> None:
-        self._master_uri, self._limit_s = rosgraph.get_master_uri(), limit_s
+    def __init__(self) -> None:
+        self._master_uri = rosgraph.get_master_uri()
         self._stopped = threading.Event()
         self._looks = 0
         self._asked: Dict[Tuple[str, str], Optional[Foreign]] = {}
@@ -105,10 +102,10 @@ class Reconnector:
     def _connect(self, topic: str, kind: Any, *, alone: bool) -> None:
         me, mine = rospy.get_name(), rospy.get_node_uri()
         try:
-            uris = call(self._master_uri, "registerSubscriber", (me, topic, kind._type, mine), self._limit_s)
+            uris = call(self._master_uri, "registerSubscriber", (me, topic, kind._type, mine), _LIMIT_S)
             alive = [uri for uri in uris if self._answers(uri)]
             if alive and alone:
-                call(mine, "publisherUpdate", (me, topic, alive), self._limit_s)
+                call(mine, "publisherUpdate", (me, topic, alive), _LIMIT_S)
         except CallError as error:
             _log.debug("%s is not connected: %s", topic, error)
             return
@@ -121,8 +118,8 @@ class Reconnector:
     def _ask(self, topic: str, uri: str, kind: Any) -> None:
         """Ask a publisher what it publishes; one that does not say it is asked again."""
         try:
-            _, host, port = call(uri, "requestTopic", (rospy.get_name(), topic, [["TCPROS"]]), self._limit_s)
-            header = _header(host, port, topic, self._limit_s)
+            _, host, port = call(uri, "requestTopic", (rospy.get_name(), topic, [["TCPROS"]]), _LIMIT_S)
+            header = _header(host, port, topic, _LIMIT_S)
         except (CallError, OSError, ROSHandshakeException, ValueError, struct.error) as error:
             _log.debug("%s: %s does not say what it publishes: %s", topic, uri, error)
             return
@@ -137,7 +134,7 @@ class Reconnector:
     def _answers(self, uri: str) -> bool:
         """Tell whether a node answers; rospy would wait for one that does not for ever, on a thread of its own."""
         try:
-            call(uri, "getPid", (rospy.get_name(),), self._limit_s)
+            call(uri, "getPid", (rospy.get_name(),), _LIMIT_S)
         except CallError:
             return False
         return True

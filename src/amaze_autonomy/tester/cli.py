@@ -9,7 +9,7 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, List, Mapping, Sequence, Tuple
 
 from amaze_autonomy.bags.cli import add_memory
 from amaze_autonomy.replay.errors import GoldenError
@@ -345,7 +345,6 @@ def accept(
     *,
     prune: bool = False,
     full: bool = False,
-    environment: Optional[Mapping[str, str]] = None,
 ) -> Accepted:
     """Run tasks, show how each differs from its golden, and make the run the golden.
 
@@ -355,12 +354,11 @@ def accept(
         say: takes each line.
         prune: delete goldens that belong to no scenario; for a full run only.
         full: the tasks are all of their folders.
-        environment: of the process; None: its own.
 
     Raises:
         GoldenError: it may not be done here, or not in this way.
     """
-    _check(tasks, reason, prune=prune, full=full, environment=environment)
+    _check(tasks, reason, prune=prune, full=full)
     done: List[Tuple[str, str, str]] = []
     cases: List[Case] = []
     for task in tasks:
@@ -396,10 +394,8 @@ def lonely_goldens(tasks: Sequence[Task]) -> Tuple[Result, ...]:
     )
 
 
-def _check(
-    tasks: Sequence[Task], reason: str, *, prune: bool, full: bool, environment: Optional[Mapping[str, str]]
-) -> None:
-    check_reason(reason, "goldens", environment)
+def _check(tasks: Sequence[Task], reason: str, *, prune: bool, full: bool) -> None:
+    check_reason(reason, "goldens")
     if prune and not full:
         raise GoldenError("--prune deletes goldens of no scenario: give it whole folders, without --tag and --variant")
     for task in tasks:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Callable, List, Optional, Sequence, Tuple
+from typing import Callable, List, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
@@ -47,13 +47,12 @@ class Shrunk:
     text: str
 
 
-def shrink(case: Case, rule: str = "", told: Optional[Callable[[int], None]] = None) -> Shrunk:
+def shrink(case: Case, rule: str = "") -> Shrunk:
     """Shrink a case to the events that lead to its first different decision.
 
     Args:
         case: that differs from its golden.
         rule: take the first decision by this rule instead; needs no golden.
-        told: called with the number of events that are left, now and then.
 
     Raises:
         ReplayError: it does not differ, or not by a decision that is made.
@@ -74,7 +73,7 @@ def shrink(case: Case, rule: str = "", told: Optional[Callable[[int], None]] = N
     wants = _Wants(wanted, rules)
     if not wants(events):
         raise ReplayError(f"{case.path}: the decision by {wanted.rule} depends on more than the events and the rules")
-    left = _fewest(_closer(_fewest(events, wants, told), wants), wants, told)
+    left = _fewest(_closer(_fewest(events, wants), wants), wants)
     return Shrunk(tuple(left), wanted, len(events), _written(case, left, wanted))
 
 
@@ -117,9 +116,7 @@ class _Wants:
         return False
 
 
-def _fewest(
-    events: Sequence[Event], wants: Callable[[Sequence[Event]], bool], told: Optional[Callable[[int], None]]
-) -> List[Event]:
+def _fewest(events: Sequence[Event], wants: Callable[[Sequence[Event]], bool]) -> List[Event]:
     left = list(events)
     size = max(1, len(left) // 2)
     while True:
@@ -130,8 +127,6 @@ def _fewest(
                 left, smaller = without, True
             else:
                 place += size
-        if told is not None:
-            told(len(left))
         if size == 1 and not smaller:
             return left
         size = max(1, size // 2)

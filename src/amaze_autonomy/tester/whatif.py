@@ -86,20 +86,17 @@ def other_options(options: Options, against: str) -> Options:
     return replace(options, configuration=against, before=options.configuration, compared=True)
 
 
-def what_if(
-    tasks: Sequence[Task], against: str, jobs: int = 1, said: Optional[Callable[[Result], None]] = None
-) -> Tuple[Fork, ...]:
+def what_if(tasks: Sequence[Task], against: str, jobs: int = 1) -> Tuple[Fork, ...]:
     """Run tasks by their own configuration and by another one.
 
     Args:
         tasks: goldens are not looked at.
         against: folder of the other configuration, or an override.
         jobs: processes.
-        said: called with each result.
     """
     ours = [replace(task, options=replace(task.options, goldens=False)) for task in tasks]
     theirs = [replace(task, options=other_options(task.options, against)) for task in ours]
-    results = run_tasks([*ours, *theirs], jobs, said)
+    results = run_tasks([*ours, *theirs], jobs)
     return tuple(_fork(one, other) for one, other in zip(results[: len(ours)], results[len(ours) :]))
 
 

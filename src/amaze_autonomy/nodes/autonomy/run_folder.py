@@ -367,7 +367,7 @@ def create(folder: Path, header: str, elsewhere: Callable[[], Path] = _default_p
     return JournalFile(path, descriptor, 1, elsewhere)
 
 
-def reopen(path: Path, elsewhere: Callable[[], Path] = _default_place) -> JournalFile:
+def reopen(path: Path) -> JournalFile:
     """Open a journal to write on after its last whole line.
 
     Raises:
@@ -380,7 +380,7 @@ def reopen(path: Path, elsewhere: Callable[[], Path] = _default_place) -> Journa
         os.ftruncate(descriptor, codec.whole_lines(data))
     except OSError as error:
         raise StartError(f"cannot go on with {path}: {error.strerror}") from error
-    return JournalFile(path, descriptor, data.count(b"\n"), elsewhere)
+    return JournalFile(path, descriptor, data.count(b"\n"), _default_place)
 
 
 def _lock(descriptor: int, path: Path, limit_s: float = 3.0) -> None:

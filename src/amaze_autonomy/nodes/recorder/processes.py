@@ -325,12 +325,6 @@ class RecorderJobs:
         self._processes: Set[subprocess.Popen[Any]] = set()
         self._over = False
 
-    @property
-    def pids(self) -> List[int]:
-        """Return the numbers of the processes that run."""
-        with self._lock:
-            return [process.pid for process in self._processes]
-
     def stop(self) -> None:
         """End all of them."""
         with self._lock:

@@ -86,9 +86,9 @@ def event(number: int, t_ms: int, sequence: int, log_level: int) -> Any:
     return _Raw(410, "EVENT", payload, 160)
 
 
-def current_mode(custom_mode: int, intended_mode: int, standard_mode: int = 0) -> Any:
+def current_mode(custom_mode: int, intended_mode: int) -> Any:
     """Make a CURRENT_MODE."""
-    return _Raw(436, "CURRENT_MODE", struct.pack("<IIB", custom_mode, intended_mode, standard_mode), 193)
+    return _Raw(436, "CURRENT_MODE", struct.pack("<IIB", custom_mode, intended_mode, 0), 193)
 
 
 def sequence(number: int) -> Any:

@@ -158,11 +158,11 @@ class Vehicle(Flight):
 
     # --- what others do to it -------------------------------------------------------------------------------------
 
-    def pilot_takes_over(self, mode: str, land_after_ns: int, *, lands: bool = True) -> None:
+    def pilot_takes_over(self, mode: str, land_after_ns: int) -> None:
         """Let the pilot fly: he stays where he is, lands after a time, and disarms."""
         self.pilot = True
         self._arm_at = None
-        self._pilot_lands_at = self.t_ns + land_after_ns if lands else None
+        self._pilot_lands_at = self.t_ns + land_after_ns
         self._set_mode(mode)
 
     def pilot_gives_back(self) -> None:

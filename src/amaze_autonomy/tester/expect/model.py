@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Any, List, Mapping, Optional, Tuple, Union
+from typing import List, Mapping, Optional, Tuple, Union
 
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
@@ -426,9 +426,3 @@ def _keys(kind: ExpectationKind) -> Tuple[Key, ...]:
         Key("to", InstantEntry(), "where it ends; left out: at the end of the run", "", None),
     ]
     return tuple(keys)
-
-
-def instants_of(expectation: Expectation) -> Tuple[str, ...]:
-    """Return the names of the anchors that an expectation needs."""
-    ends: Tuple[Any, ...] = (expectation.begin, expectation.end)
-    return tuple(end for end in ends if isinstance(end, str))
