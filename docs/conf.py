@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import re
 
-from pygments.lexers.special import TextLexer
-
 project = "amaze_autonomy"
 extensions = ["myst_parser"]
 root_doc = "README"
@@ -22,9 +20,8 @@ html_copy_source = html_show_sourcelink = html_show_copyright = False
 
 
 def setup(app):
-    """Connect what follows."""
+    """Have the table of contents added to README.md."""
     app.connect("source-read", add_contents)
-    app.add_lexer("mermaid", TextLexer)  # who reads docs/ on a forge sees the diagram; drawing it here needs a network
 
 
 def add_contents(_app, page, source):

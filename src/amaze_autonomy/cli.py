@@ -301,6 +301,7 @@ def _doctor(options: argparse.Namespace) -> int:
 def _docs(options: argparse.Namespace) -> int:
     from .documents import (  # noqa: PLC0415 (--help stays quick)
         DocumentError,
+        drawn,
         not_shown,
         regenerated,
         shipped_configuration,
@@ -316,7 +317,7 @@ def _docs(options: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return WRONG
     if options.folder is None:
-        pages = (*pages, shipped_configuration())
+        pages = (*pages, shipped_configuration(), *drawn(folder))
     changed = [_changed(*page, check=options.check) for page in pages if page[1] != page[2]]
     missing = not_shown(new for _, _, new in pages)
     if missing:

@@ -1,10 +1,11 @@
-"""The parts of README.md and docs/ that are generated from the code's tables, the markers around them; autonomy.yaml.
+"""What is generated from the code's tables: parts of README.md and docs/, between markers, pictures, autonomy.yaml.
 
     <!-- generated:severities -->
     (made by the function of that name, never by hand)
     <!-- end -->
 
 Each part is a row of `_PARTS`, and stands wherever a page has its markers; those of the configuration are made with it.
+Each picture is a row of `diagrams.PICTURES`, and a file in docs/images.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from .config.document import Items, Scalar, Table
 from .config.errors import Place
 from .config.reference import DOCUMENTS as CONFIGURATION
 from .config.reference import group_reference, shipped_file
+from .diagrams import PICTURES
 from .engine.commands import MESSAGES, AnswerKind
 from .engine.context import MODES
 from .engine.decide import ANSWERS, OTHERWISE, SELECT
@@ -27,8 +29,8 @@ from .engine.failsafe import FAILSAFE_CONDITIONS
 from .engine.rules import SEVERITIES, Rules
 from .engine.state import State, Step
 from .engine.timers import TIMERS
-from .engine.transitions import TRANSITIONS, Source, Transition, places_of
-from .interface import PEERS, SERVICES, STATUSES
+from .engine.transitions import TRANSITIONS, Source
+from .interface import PEERS, SERVICES
 from .replay.faults import RECORDED_KINDS, TOPIC
 from .replay.maps.topic_map import SCHEMA, load_map, map_names
 from .simulation import Subject
@@ -41,12 +43,12 @@ __all__ = [
     "DocumentError",
     "decision_table",
     "documents",
+    "drawn",
     "filled",
     "first_difference",
     "not_shown",
     "regenerated",
     "shipped_configuration",
-    "state_diagram",
 ]
 
 _BEGIN, _END = "<!-- generated:", "<!-- end -->"
@@ -105,6 +107,14 @@ def shipped_configuration() -> Tuple[Path, str, str]:
     """Return autonomy.yaml as it ships: its path, its text, and the text made anew from the engine's limits."""
     path = paths.config_folder() / "autonomy.yaml"
     return path, path.read_text(encoding="utf-8"), shipped_file("autonomy")
+
+
+def drawn(folder: Path) -> Tuple[Tuple[Path, str, str], ...]:
+    """Return every picture of a folder of pages that is drawn from tables: path, what is there, what should be."""
+    paths_of = {folder / "images" / f"{name}.svg": draw for name, draw in PICTURES.items()}
+    return tuple(
+        (path, path.read_text(encoding="utf-8") if path.is_file() else "", draw()) for path, draw in paths_of.items()
+    )
 
 
 def not_shown(pages: Iterable[str]) -> Tuple[str, ...]:
@@ -194,63 +204,6 @@ def _transition_table() -> str:
         for row in TRANSITIONS
     ]
     return _table(("Rule", "From", "When", "To", "Message"), rows)
-
-
-def state_diagram() -> str:
-    """Return the state diagram as Mermaid text: one arrow for each pair of states, with its rules."""
-    arrows: List[Tuple[str, str, List[str]]] = []
-    for row in TRANSITIONS:
-        for source, target in _arrows(row):
-            known = next((names for a, b, names in arrows if (a, b) == (source, target)), None)
-            if known is None:
-                arrows.append((source, target, [row.rule]))
-            elif row.rule not in known:
-                known.append(row.rule)
-    order = [state.value for state in State]
-    arrows.sort(key=lambda arrow: (order.index(arrow[0]), order.index(arrow[1])))
-    lines = ["```mermaid", "stateDiagram-v2", "    [*] --> MISSION_INPUT"]
-    lines += [f"    {a} --> {b}: {_label(names)}" for a, b, names in arrows]
-    return "\n".join([*lines, "```"]) + "\n"
-
-
-def _architecture() -> str:
-    """Return who asks whom for what, and who says what to the engine, as Mermaid text."""
-    lines = [
-        "```mermaid",
-        "flowchart LR",
-        "    operator([operator]) <-- console, page --> autonomy[[autonomy: the engine]]",
-    ]
-    for peer in PEERS:
-        asked = [name.split("/", 1)[1] for name, service in SERVICES.items() if service.peer == peer]
-        said = [status.topic.split("/", 1)[1] for status in STATUSES if status.topic.split("/", 1)[0] == peer]
-        lines.append(f"    autonomy -- {', '.join(asked)} --> {peer}[{peer.replace('_', ' ')}]")
-        lines += [f"    {peer} -. {', '.join(said)} .-> autonomy"] if said else []
-    lines += [f"    {source} --> {peer}" for source, peers in _SOURCES.items() for peer in peers]
-    return "\n".join([*lines, "    data_recorder --> bags[(one recording)]", "```"]) + "\n"
-
-
-_SOURCES: Mapping[str, Tuple[str, ...]] = {
-    "sensors([sensors, drivers])": ("watchdog", "landing_detection", "state_estimation", "data_recorder"),
-    "vehicle([vehicle, MAVLink])": ("autopilot", "mission_planner"),
-}
-"""What the peers look at, in the picture of all."""
-
-
-def _arrows(row: Transition) -> Tuple[Tuple[str, str], ...]:
-    if row.target is None:
-        return ()
-    target = row.target[0]
-    states: List[State] = []
-    for source in row.sources:
-        for place in places_of(source):
-            if place[0] is not target and place[0] not in states:
-                states.append(place[0])
-    return tuple((state.value, target.value) for state in states)
-
-
-def _label(names: List[str]) -> str:
-    first, rest = names[:2], names[2:]
-    return ", ".join([*first, f"and {len(rest)} more"] if len(rest) > 1 else names)
 
 
 def _answer_table() -> str:
@@ -403,8 +356,6 @@ _PARTS: Mapping[str, Callable[[], str]] = {
     "severities": _severity_table,
     "losses": _loss_table,
     "transitions": _transition_table,
-    "state-diagram": state_diagram,
-    "architecture": _architecture,
     "answers": _answer_table,
     "messages": _message_table,
     "timers": _timer_table,
