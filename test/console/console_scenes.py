@@ -103,9 +103,9 @@ TELEMETRY = Telemetry(
     battery_voltage=15.6,
     altitude=5.02,
     altitude_limit=30.0,
-    position_x=10.0,
-    position_y=6.5,
-    distance=11.9,
+    position_x=4.0,
+    position_y=2.6,
+    distance=4.8,
     distance_limit=100.0,
     speed=1.0,
     climb=0.0,
@@ -113,7 +113,27 @@ TELEMETRY = Telemetry(
     flight_time_limit=900.0,
 )
 
+_CLIMBS = replace(
+    TELEMETRY, mode="AUTO.TAKEOFF", altitude=1.1, position_x=0.0, position_y=0.0, distance=0.1, speed=0.0, climb=0.7
+)
+_HOVERS = replace(TELEMETRY, mode="AUTO.LOITER", speed=0.0)
+_SINKS = replace(TELEMETRY, mode="AUTO.LAND", speed=0.0, climb=-0.7)
+_BY_HAND = replace(TELEMETRY, mode="POSCTL", speed=0.4)
+_STANDS = replace(
+    _CLIMBS,
+    mode="AUTO.LOITER",
+    armed=False,
+    landed="ON_GROUND",
+    battery_fraction=0.9984,
+    altitude=0.0,
+    distance=0.0,
+    climb=0.0,
+    flight_time=None,
+)
+_TOO_LOW, _LANDED = replace(_STANDS, battery_fraction=0.25), replace(_STANDS, battery_fraction=0.69)
+
 _MISSION = Snapshot(
+    telemetry=_STANDS,
     state="MISSION",
     session_id="20261121T101431-001",
     mission_id="1",
@@ -140,9 +160,12 @@ def _desk(snapshot: Snapshot | None, **changes: object) -> Desk:
     )
 
 
-_INPUT = Snapshot(state="MISSION_INPUT", message="Select a mission.", advice="Choose a mission from the list.")
+_INPUT = Snapshot(
+    telemetry=_STANDS, state="MISSION_INPUT", message="Select a mission.", advice="Choose a mission from the list."
+)
 _HOLD = replace(
     _FLYING,
+    telemetry=_HOVERS,
     state="HOLD",
     step="holding",
     failures=(GPS, REALSENSE, LRF),
@@ -157,6 +180,7 @@ _HOLD = replace(
 )
 _OUTREACH = replace(
     _MISSION,
+    telemetry=_TOO_LOW,
     state="OUTREACH",
     checks=CHECKS,
     message="Pre-flight checks failed: battery: 25% is left, no mission starts below 30%.",
@@ -188,6 +212,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="PREFLIGHT",
+            telemetry=_TOO_LOW,
             checks=CHECKS[:5],
             waiting_for="the answers to the pre-flight checks",
             time_left_s=2.6,
@@ -235,6 +260,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _FLYING,
             state="TAKEOFF",
+            telemetry=_CLIMBS,
             step="climbing",
             time_left_s=24.0,
             waypoint=0,
@@ -249,6 +275,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _FLYING,
             state="LAND",
+            telemetry=_SINKS,
             step="commanding",
             failures=(CAMERA,),
             time_left_s=117.0,
@@ -277,6 +304,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _FLYING,
             state="PILOT",
+            telemetry=_BY_HAND,
             step="",
             message="The pilot or the autopilot has control: the pilot has control.",
             message_level=1,
@@ -288,6 +316,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="DATA_CLEANUP",
+            telemetry=_LANDED,
             time_left_s=1702.0,
             message="On the ground: recording is stopped, data is collected.",
             recording_phase="TRANSFERRING",
@@ -299,6 +328,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="DATA_CLEANUP",
+            telemetry=_LANDED,
             time_left_s=1640.0,
             message="On the ground: recording is stopped, data is collected.",
             recording_phase="MERGING",
@@ -311,6 +341,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="DATA_CLEANUP",
+            telemetry=_LANDED,
             time_left_s=1750.0,
             message="On the ground: recording is stopped, data is collected.",
             recording_phase="TRANSFERRING",
@@ -329,6 +360,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="MISSION_ENDED",
+            telemetry=_LANDED,
             message="Mission ended: COMPLETE. The data is at /data/20261121T101431-001.bag.",
             advice="Select the next mission.",
             recording_phase="COMPLETE",
@@ -343,6 +375,7 @@ SCENES: Dict[str, Desk] = {
         replace(
             _MISSION,
             state="MISSION_ENDED",
+            telemetry=_LANDED,
             message="Mission ended: COMPLETE; its data is INCOMPLETE. The data is at main:/data/20261121T101431-001.",
             message_level=2,
             recording_phase="FAILED",
@@ -353,3 +386,11 @@ SCENES: Dict[str, Desk] = {
     ),
     "stale": replace(_desk(_HOLD, requests=(_HOLD_REQUEST,)), received_s=NOW_S - 7.4),
 }
+
+ON_THE_PAGE = {
+    name: desk
+    for name, desk in SCENES.items()
+    if desk.snapshot is not None
+    and name not in ("stale", "mission-input-error")  # the engine silent; a mission typed in
+}
+"""Those that the operator's page shows as well."""

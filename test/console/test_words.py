@@ -40,6 +40,15 @@ def test_the_gps_is_one_reading_with_its_fix_and_what_the_watchdog_says(said, sh
     assert words.Reading("GPS", *shown, warns) in words.readings(said)
 
 
+def test_of_an_autopilot_that_nobody_has_heard_nothing_is_said():
+    said = {each.name: each[1:3] for each in words.readings(Telemetry())}
+    assert set(said.values()) == {("-", "")}
+    heard = {
+        each.name: each[1:3] for each in words.readings(Telemetry(age=0.1, battery_voltage=15.6, battery_limit=0.15))
+    }
+    assert (heard["motors"], heard["battery"]) == (("disarmed", ""), ("-", "15.6 V, lands at 15 %"))
+
+
 @pytest.mark.parametrize(
     "limit, other, unit, shown",
     [

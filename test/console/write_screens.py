@@ -1,7 +1,8 @@
 """Write the screens that the tests compare with, and the pictures of the documentation, from the scenes.
 
 Run it after a change that is meant to be seen, and look at what has changed: python3 test/console/write_screens.py
-With --all FOLDER it writes nothing but every scene there, at 80x24 and 120x40, on a dark and on a light terminal.
+With --all FOLDER it writes nothing but every scene there, at 80x24 and 120x40, on a dark and on a light terminal
+(`./run screens` does so, and has the operator's page photographed).
 The moving picture of a simulated flight is made where ROS and this package's messages are (build/devel/setup.bash).
 """
 
@@ -100,7 +101,7 @@ def every_picture(folder: Path) -> None:
                 f'rx="8" fill="{BACK}"', 'rx="8" fill="#ffffff"'
             )
             for shade, picture in (("dark", dark), ("light", light)):
-                (folder / f"{name}-{width}x{height}-{shade}.svg").write_text(picture, encoding="utf-8")
+                (folder / f"console-{name}-{width}x{height}-{shade}.svg").write_text(picture, encoding="utf-8")
 
 
 def main() -> None:

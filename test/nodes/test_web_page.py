@@ -23,7 +23,7 @@ from tornado.ioloop import IOLoop
 
 sys.path.append(str(Path(__file__).parents[1] / "console"))
 
-from console_scenes import SCENES
+from console_scenes import ON_THE_PAGE, SCENES
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.config.model import Configuration
@@ -51,7 +51,7 @@ LIMIT_S = 120.0
 TOKEN = "a token of the vehicle"
 ALARM = 3  # a message of this level stands above all
 SURVEY = 4  # of the shipped missions, and the longest
-#: AMAZE_PICTURES=FOLDER writes a picture of each scene, light and dark, and the two that docs/images has.
+#: AMAZE_PICTURES=FOLDER writes a picture of each scene, light and dark (`./run screens`), and the two of docs/images.
 PICTURES = os.environ.get("AMAZE_PICTURES", "")
 
 # --- the engine and the simulated world behind the page, without ROS' wires, and a bad radio link in front of it ---
@@ -436,17 +436,19 @@ def test_names_of_others_are_never_markup_and_without_plotly_all_but_the_plots_i
 def test_every_scene_of_the_console_is_shown_by_a_light_and_a_dark_page_without_an_error(field):
     field.freeze()
     with opened(field.port) as light, opened(field.port, dark=True) as dark:
-        for name, desk in SCENES.items():
-            if desk.snapshot is None or name in ("stale", "mission-input-error"):  # not of the engine's state
-                continue
+        for name, desk in ON_THE_PAGE.items():
             field.show(desk)
             for page, shade in ((light, "light"), (dark, "dark")):
                 page.wait("state", desk.snapshot.state.replace("_", " "))
                 page.wait("alarm" if desk.snapshot.message_level == ALARM else "message", desk.snapshot.message)
-                page.picture(f"{name}-{shade}")
+                assert page.driver.execute_script('return $("bar").hidden') == (not desk.snapshot.user_commands)
+                page.until(lambda page=page: page.driver.execute_script(TRACK_IS_WIDE), "track of some metres")
+                page.picture(f"{name}-820x1180-{shade}")
         assert light.errors() == dark.errors() == []
 
 
+TRACK_IS_WIDE = """const plot = $("track")._fullLayout;
+return plot && ["xaxis", "yaxis"].every((each) => plot[each].range[1] - plot[each].range[0] >= 4)"""
 SPEAKER = """
 window.tones = [];
 window.AudioContext = class {

@@ -91,12 +91,17 @@ _NO_FIX = ("no GPS", "no fix", "2D")
 def readings(said: Telemetry) -> Tuple[Reading, ...]:
     """Return what a pilot reads in flight, in the order of an instrument panel."""
     low = said.battery_fraction is None or said.battery_fraction <= (said.battery_limit or 0.0) + 0.1
-    volts = _tenths(said.battery_voltage, "V")
+    volts, lands = _tenths(said.battery_voltage, "V"), _limit("lands at", fraction(said.battery_limit))
     flown, longest = said.flight_time, said.flight_time_limit
     old = said.age is None or said.age > _OLD_S
     link_s = max(said.age or 0.0, said.link_age or 0.0) if said.link_age is not None else None
     return (
-        Reading("battery", fraction(said.battery_fraction), f"{volts}, lands at {fraction(said.battery_limit)}", low),
+        Reading(
+            "battery",
+            fraction(said.battery_fraction),
+            ", ".join(each for each in (volts, lands) if each not in ("", _UNKNOWN)),
+            low,
+        ),
         _against("altitude", said.altitude, "above", said.altitude_limit),
         Reading("speed", _tenths(said.speed, "m/s")),
         Reading("climb", _tenths(said.climb, "m/s")),
@@ -108,7 +113,7 @@ def readings(said: Telemetry) -> Tuple[Reading, ...]:
             flown is not None and longest is not None and flown > _NEAR * longest,
         ),
         Reading("mode", said.mode or _UNKNOWN),
-        Reading("motors", "armed" if said.armed else "disarmed"),
+        Reading("motors", _UNKNOWN if said.age is None else "armed" if said.armed else "disarmed"),
         _gps(said),
         Reading("link", age(link_s), "", old or link_s is None or link_s > _OLD_S),
     )

@@ -52,10 +52,13 @@ def test_the_pictures_of_the_documentation_show_the_console_as_it_is(name, heigh
 def test_every_scene_is_drawn_as_it_fits_into_small_and_large_terminals_dark_and_light(tmp_path):
     every_picture(tmp_path)
     named = {
-        f"{name}-{size}-{shade}.svg" for name in SCENES for size in ("80x24", "120x40") for shade in ("dark", "light")
+        f"console-{name}-{size}-{shade}.svg"
+        for name in SCENES
+        for size in ("80x24", "120x40")
+        for shade in ("dark", "light")
     }
     assert {path.name for path in tmp_path.iterdir()} == named
-    dark, light = ((tmp_path / f"outreach-80x24-{shade}.svg").read_text("utf-8") for shade in ("dark", "light"))
+    dark, light = ((tmp_path / f"console-outreach-80x24-{shade}.svg").read_text("utf-8") for shade in ("dark", "light"))
     assert words(dark) == words(light)
     assert (dark.count(BACK), light.count("#ffffff")) == (1, dark.count("#ffffff") + 1)
     assert FORE not in light

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from console_scenes import CHECKS, NOW_S, SCENES
+from console_scenes import CHECKS, NOW_S, ON_THE_PAGE, SCENES
 from rich.console import Console
 from write_screens import screen
 
@@ -51,8 +51,9 @@ def test_on_sixty_columns_in_ascii(name):
     assert shown.isascii()
 
 
-def test_every_state_of_the_engine_has_a_scene():
-    shown = {desk.snapshot.state for desk in SCENES.values() if desk.snapshot is not None}
+@pytest.mark.parametrize("scenes", [SCENES, ON_THE_PAGE], ids=["console", "page"])
+def test_every_state_of_the_engine_has_a_scene(scenes):
+    shown = {desk.snapshot.state for desk in scenes.values() if desk.snapshot is not None}
     assert shown == {state.value for state in State}
 
 

@@ -4,6 +4,7 @@
 
 const $ = (id) => document.getElementById(id);
 const OLD_S = 3, GIVE_UP_S = 15, AGAIN_S = 2, MOST_PAUSE_S = 4, MOST_MESSAGES = 400, MOST_SAMPLES = 1200;
+const RECORDER = ["START_RECORDING", "DATA_CLEANUP"]; // what it does is what is waited for
 const CHECKED = ["PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION"];
 const LEVELS = [["", ""], ["WARNING", "warn"], ["ERROR", "bad"], ["ALARM", "bad"]];
 const ANSWERS = { "DONE": "good", "ALREADY": "info", "REFUSED": "bad", "NO ANSWER": "bad" };
@@ -218,7 +219,7 @@ function render() {
 function renderReadings(state) {
   fill("readings", state.readings.map(([name, value, limit, warn]) => {
     const box = element("div", "", warn ? "reading warn" : "reading");
-    box.append(element("span", name), element("b", value, value.length > 8 ? "long" : ""), element("small", limit));
+    box.append(element("span", name), element("b", value, value.length > 8 ? "long" : ""), element("small", limit.replace(/(\d) /g, "$1\u00a0")));
     return box;
   }));
 }
@@ -286,6 +287,7 @@ function renderCommands(state) {
   if (open) fill("answer", [`${open.words}: asked, no answer for ${Math.floor((nowMs() - open.givenMs) / 1000)} s`]);
   else if (!answer) fill("answer", []);
   else fill("answer", [`${answer.words}: `, element("b", answer.verdict, "", ANSWERS[answer.verdict]), ` ${answer.message}`]);
+  $("bar").hidden = !$("commands").hasChildNodes() && !$("answer").hasChildNodes() && !question;
 }
 
 function renew(id, made_of, make) { // only what is different: a button that is replaced under a finger loses the press
@@ -297,6 +299,7 @@ function renew(id, made_of, make) { // only what is different: a button that is 
 
 function renderRecording(state) {
   const said = parts.recording || { platforms: [], left_s: null };
+  $("recording-part").classList.toggle("now", RECORDER.includes(state.name));
   $("recording-part").hidden = !state.recording && !said.platforms.length;
   const done = state.progress === null ? "" : ` ${Math.round(state.progress * 100)} %`;
   const left = said.left_s === null ? "" : `, about ${clock(said.left_s)} left`;
@@ -399,7 +402,8 @@ function drawTrack(c, state, plan) {
   add([[0, 0]], "takeoff place", "markers", { marker: { symbol: "x", size: 13, color: c.home } });
   const last = samples[samples.length - 1], outline = { width: 2, color: c.fore };
   if (last) add([[last[2], last[3]]], "vehicle", "markers", { marker: { size: 16, color: c.track, line: outline } });
-  const axis = { gridcolor: c.grid, zerolinecolor: c.grid };
+  const atLeast = { include: [-2, 2] }; // metres: a vehicle that stands does not wander over the whole picture
+  const axis = { gridcolor: c.grid, zerolinecolor: c.grid, autorangeoptions: atLeast };
   const yaxis = { ...axis, title: { text: "north, m" }, scaleanchor: "x" };
   plot("track", traces, { xaxis: { ...axis, title: { text: "east, m" } }, yaxis });
 }
