@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from replay_bags import START_NS, S, flight_rows, make, write_bag
+from other_recordings import ulog_rows, write_ulog
+from replay_bags import START_NS, S, flight_rows, height_m, make, write_bag
 from replay_demo import demo_bag, simulated
 from replay_runs import CONFIG, recording, replay
 
@@ -22,6 +23,7 @@ from amaze_autonomy.journal.journal import read
 from amaze_autonomy.pages.document import PageError, write_document
 from amaze_autonomy.pages.flight import journal_page, replay_page
 from amaze_autonomy.replay.compare import compare
+from amaze_autonomy.replay.maps.proposal import propose
 from amaze_autonomy.replay.maps.topic_map import load_map
 from amaze_autonomy.replay.plan import make_plan
 from amaze_autonomy.replay.recordings.journals import read_journals
@@ -307,6 +309,42 @@ def test_a_telemetry_log_has_texts_modes_and_a_track():
     assert any("Takeoff detected" in each["text"] for each in content["events"])
     assert content["track"]["labels"][:2] == ["AUTO.LOITER", "AUTO.MISSION"]
     assert 20.0 < max(series(content, "Tilt", "attitude of the autopilot").values()) < 45.0
+
+
+def test_a_ulog_has_texts_modes_plots_and_a_track(tmp_path):
+    log = write_ulog(tmp_path / "flight.ulg", ulog_rows(), [(7.6, 6, "Armed by stick"), (26.0, 4, "Landing")])
+    (tmp_path / "map.yaml").write_text(propose([log]).text)
+    page = tmp_path / "flight.html"
+    assert main(["run", str(log), "--map", str(tmp_path / "map.yaml"), "--mission", "1", "--html", str(page)]) == 0
+    content = json.loads(re.search(r"^const CONTENT = (.*);$", page.read_text("utf-8"), re.MULTILINE).group(1))
+
+    assert band(content, "flight mode")["spans"] == [
+        [0.0, 8.0, "AUTO.LOITER"],
+        [8.0, 26.0, "AUTO.MISSION"],
+        [26.0, 35.98, "AUTO.LAND"],
+    ]
+    assert content["background"] == "flight mode"
+    assert content["track"]["labels"] == ["AUTO.LOITER", "AUTO.MISSION", "AUTO.LAND"]
+    assert [(each["t"], each["text"]) for each in content["events"] if "says" in each["text"]] == [
+        (7.6, "the autopilot says: Armed by stick"),
+        (26.0, "the autopilot says: Landing"),
+    ]
+    assert [each["title"] for each in content["plots"]] == [
+        "Altitude",
+        "Speed",
+        "Battery",
+        "Range finder",
+        "Tilt",
+        "IMU level",
+        "Age of the autopilot's heartbeat",
+    ]
+    heights = series(content, "Altitude", "z of the estimate")
+    assert heights == pytest.approx({t_s: height_m(t_s) for t_s in heights}, abs=1e-3)
+    ranges = series(content, "Range finder", "distance")
+    assert (len(ranges), ranges[20.0]) == (360, pytest.approx(3.1))
+    assert max(series(content, "IMU level", "acceleration").values()) == pytest.approx(9.81)
+    watched = {each["component"]: each["rate_hz"] for each in content["rates"]["topics"]}
+    assert watched["imu"] == pytest.approx(50.0)
 
 
 @pytest.mark.parametrize(
