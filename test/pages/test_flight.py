@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import shutil
@@ -286,6 +287,23 @@ def test_without_the_plot_library_it_says_how_to_get_it_and_data_is_not_harmed(t
         "result.json",
         "timeline.txt",
     ]
+
+
+@pytest.mark.parametrize(
+    "size_mb, open_ms, status", [(14.9, 2000, 0), (14.9, 2001, 1), (15.1, 100, 1)], ids=["met", "slow", "large"]
+)
+def test_the_bench_of_the_page_ends_with_1_when_a_page_is_slow_or_large(
+    tmp_path, monkeypatch, capsys, size_mb, open_ms, status
+):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "bench"))
+    bench = importlib.import_module("flight_page")
+    monkeypatch.setattr(bench, "opened", lambda *_: bench.Opened(open_ms, 50, 70))
+    pages = [tmp_path / "small.html", tmp_path / "flight.html"]
+    for page, mb in zip(pages, (0.0, size_mb)):
+        with page.open("wb") as file:
+            file.truncate(int(mb * 1e6))
+    assert bench.main([str(page) for page in reversed(pages)]) == status
+    assert ("MISSED" in capsys.readouterr().out) == bool(status)
 
 
 def test_run_with_a_folder_puts_the_page_beside_the_other_results(tmp_path):
