@@ -248,8 +248,8 @@ class Field:
 
         async def post():
             self.server.take(MessagesCame("scenes", desk.notes))
-            self.server.take(CollectingCame(desk.collecting or Collecting()))
             self.server.take(StateCame(desk.snapshot))
+            self.server.take(CollectingCame(desk.collecting or Collecting()))
 
         self.call(post)
 
