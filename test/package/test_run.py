@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 from pathlib import Path
 from typing import Optional
@@ -190,3 +191,28 @@ def test_a_demo_whose_engine_does_not_start_fails_and_says_so(tmp_path):
     assert result.stderr.splitlines()[-1] == (
         f"no {tmp_path}/out/result.json: the autonomy node ended before its mission did"
     )
+
+
+@pytest.mark.builds
+def test_ctrl_c_once_or_more_before_a_mission_is_selected_is_no_success(tmp_path):
+    pytest.importorskip("rospy", reason="needs ROS")
+    few = ("monitors:=simulated", "flight:=simulated", "record:=false", "web:=false", "output:=out")  # nodes
+    demo = subprocess.Popen(
+        ["env", "--default-signal=INT", str(ROOT / "run"), "demo", "mission:=", "unattended:=false", *few],
+        cwd=tmp_path,
+        env={**os.environ, "AMAZE_COMPUTERS": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    said = []
+    for line in demo.stdout:
+        said.append(line)
+        if "MISSION_INPUT" in line:  # at the prompt, at the console's end, and while the result is told
+            os.killpg(demo.pid, signal.SIGINT)
+
+    assert demo.wait() == 2, "".join(said)
+    assert said[-1] == "run: it ended before a mission was begun\n"
+    assert "COMPLETE" not in "".join(said)
