@@ -20,7 +20,7 @@ def advisories(tmp_path):
     def run(**of_one) -> subprocess.CompletedProcess:
         auditor = tmp_path / "pip-audit"
         auditor.write_text(
-            f"#!{sys.executable}\nimport json, pathlib, sys\nrows = []\n"
+            "#!/usr/bin/env python3\nimport json, pathlib, sys\nrows = []\n"
             "for line in pathlib.Path(sys.argv[-1]).read_text().split():\n"
             "    name, _, version = line.partition('==')\n"
             f"    answer = {of_one!r}.get(name, {{'version': version, 'vulns': []}})\n"

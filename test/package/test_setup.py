@@ -295,6 +295,15 @@ def test_what_could_not_be_installed_is_not_believed_the_next_time(world):
         assert (result.returncode, "NOBODY WAS ASKED" in result.stderr) == (3, True), result.stderr
 
 
+@pytest.mark.parametrize("job", ["test", "test-ros", "test-builds"])
+def test_tests_that_cannot_run_in_a_path_with_a_space_say_so_before_anything_is_installed(world, job):
+    result = world.run(job)
+
+    words = f"rostest runs no test in a folder whose path has a space: move {world.checkout} (./run demo works here)"
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", f"\nrun: {words}\n")
+    assert (world.path / "log").read_text() == ""
+
+
 def test_a_second_one_waits_for_the_first_and_says_so(world):
     (world.checkout / "build").mkdir()
     with (world.checkout / "build" / "lock").open("w") as lock:
