@@ -295,6 +295,17 @@ def test_what_could_not_be_installed_is_not_believed_the_next_time(world):
         assert (result.returncode, "NOBODY WAS ASKED" in result.stderr) == (3, True), result.stderr
 
 
+@pytest.mark.parametrize("name", [f"a{character}b" for character in """'"`\\;:$&#()<>|*?![]{}"""])
+def test_a_path_that_catkin_cannot_build_in_is_refused_before_anything_is_installed(world, name):
+    world.checkout = world.checkout.rename(world.path / name)
+
+    result = world.run()
+
+    words = "catkin cannot build in a folder whose path has more than letters, digits, spaces and . _ - + , @ %"
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", f"\nrun: {words}: move {world.checkout}\n")
+    assert (world.path / "log").read_text() == ""
+
+
 @pytest.mark.parametrize("job", ["test", "test-ros", "test-builds"])
 def test_tests_that_cannot_run_in_a_path_with_a_space_say_so_before_anything_is_installed(world, job):
     result = world.run(job)
