@@ -287,6 +287,14 @@ def test_a_new_requirement_without_a_network_leaves_what_was_there(world):
     assert world.run(OFFLINE="yes").returncode == 0
 
 
+def test_a_first_set_up_without_a_network_says_what_could_not_be_made_and_is_done_later(world):
+    offline = world.run(OFFLINE="pip")
+
+    words = "the Python environment could not be made: see above; the same command tries again"
+    assert (offline.returncode, offline.stderr.splitlines()[-1]) == (1, f"run: {words}")
+    assert world.run().returncode == 0
+
+
 def test_what_could_not_be_installed_is_not_believed_the_next_time(world):
     assert world.run().returncode == 0
 
