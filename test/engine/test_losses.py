@@ -12,7 +12,18 @@ from engine_peers import SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
-from amaze_autonomy.engine.commands import Level, Notify
+from amaze_autonomy.engine.commands import (
+    Answer,
+    AnswerKind,
+    AutopilotDisarm,
+    AutopilotLand,
+    Level,
+    MissionAction,
+    MissionCommand,
+    Notify,
+    StopRecording,
+)
+from amaze_autonomy.engine.decide import _rank
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS
 
@@ -361,3 +372,17 @@ def test_the_land_command_comes_before_every_message():
     story.silent.append("autopilot")
     story.until("LAND")
     assert [type(c).__name__ for c in story.since][:2] == ["MissionCommand", "AutopilotLand"]
+
+
+def test_commands_go_out_by_how_much_a_vehicle_needs_them():
+    asked = {"id": 1, "limit_ns": S}
+    commands = [
+        MissionCommand(**asked, session_id="s", action=MissionAction.LAND),
+        AutopilotLand(**asked),
+        AutopilotDisarm(**asked),
+        MissionCommand(**asked, session_id="s", action=MissionAction.HOLD),
+        StopRecording(**asked, session_id="s"),
+        Answer(request_id=1, answer=AnswerKind.DONE),
+        Notify(level=Level.INFO, key="x", text="x"),
+    ]
+    assert sorted(commands[::-1], key=_rank) == commands

@@ -170,6 +170,14 @@ def test_telemetry_has_the_limits_that_count_for_the_mission():
     )
 
 
+@pytest.mark.parametrize(
+    "flight", [Flight(), Flight(active=True), Flight(started_ns=T - 42 * S)], ids=["before", "not yet up", "down again"]
+)
+def test_a_flight_time_is_that_of_a_flight_under_way(flight):
+    autopilot = AutopilotStatus(t_ns=T, armed=False, landed=VehicleLanded.ON_GROUND)
+    assert shown(flight=flight, peers=Peers(autopilot=autopilot)).telemetry.flight_time_s is None
+
+
 def test_nothing_heard_is_nothing_known_but_the_limits():
     look = shown().telemetry
     assert look == Telemetry(

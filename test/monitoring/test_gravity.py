@@ -124,6 +124,15 @@ def test_a_tilt_counts_when_it_has_lasted_for_three_tenths_of_a_second():
     assert lasting(*over, *level)[3:] == [1.3] + [0.1] * 4
 
 
+def test_three_tenths_of_a_second_are_no_less():
+    assert lasting(*[0.2] * 4, period_ns=149 * S // 1000) == [None] * 3 + [0.2]
+
+
+def test_a_pause_as_long_as_the_age_limit_is_none():
+    assert lasting(*[0.2] * 3, period_ns=2 * S) == [None, None, 0.2]
+    assert lasting(*[0.2] * 3, period_ns=2 * S + 1) == [None] * 3
+
+
 @pytest.mark.parametrize("period_ns", [S // 100, S // 30, S // 10, S // 4, S])
 def test_one_wrong_sample_or_two_are_never_a_tilt_however_slowly_they_come(period_ns: int):
     level = [0.1] * 40
@@ -171,6 +180,12 @@ def test_what_has_no_direction_agrees_with_nothing(other: Vector):
 )
 def test_the_likely_mistake_is_named(magnitude: float, words: str):
     assert likely_mistake(magnitude, G) == words
+
+
+@pytest.mark.parametrize("unit, gravity", [("g", 1.0), ("milli-g", 1e3), ("mm/s^2", 1000 * G)])
+def test_a_unit_is_recognised_when_the_magnitude_is_off_by_less_than_a_fifth(unit: str, gravity: float):
+    said = [f"like {unit}:" in likely_mistake(part * gravity, G) for part in (0.7995, 0.8005, 1.1995, 1.2005)]
+    assert said == [False, True, True, False]
 
 
 def test_the_window_holds_means_and_spread():

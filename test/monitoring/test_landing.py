@@ -76,6 +76,22 @@ def test_a_judgement_is_steady_while_distances_agree_with_it():
     assert flight.fly(0.5, level(0.0)).detector.steady is UNKNOWN
 
 
+@pytest.mark.parametrize("count", [1, 4, 50, 203])
+def test_readings_that_are_skipped_count_as_if_each_had_been_added(count: int):
+    added, skipped = (Flight().fly(2.0, level(0.0)) for _ in range(2))
+    times = [round((2.0 + 0.02 * number) * S) for number in range(1, count + 1)]
+    ranges = [0.1 + 0.0001 * number for number in range(1, count + 1)]
+    for t_ns, range_m in zip(times, ranges):
+        added.detector.add_range(t_ns, range_m)
+    skipped.detector.skip(times, [each - 0.1 for each in ranges])
+    assert skipped.detector.evaluate(times[-1]) == added.detector.evaluate(times[-1])
+    assert added.detector.steady is skipped.detector.steady is GROUND
+    for each in (added, skipped):  # and what comes next is judged at the same times
+        each.t_s = times[-1] / S
+        each.fly(3.0, ramp(0.0, 2.0, 2.0))
+    assert skipped.changes == added.changes
+
+
 @pytest.mark.parametrize("t_ns", [0, 1, S])
 def test_the_first_reading_is_judged_at_once(t_ns: int):
     detector = LandingDetector(LandingSpec(min_samples=1, mounting_height_m=0.0))

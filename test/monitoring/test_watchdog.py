@@ -26,6 +26,13 @@ RATES = {"camera": 30.0, "lrf": 50.0, "realsense_imu": 200.0}
 STEP_NS = S // 20
 
 
+def test_the_loop_counter_counts_from_one():
+    watchdog = Watchdog(SPECS)
+    watchdog.evaluate(0)
+    watchdog.evaluate(1)
+    assert watchdog.loop_counter == 2
+
+
 class World:
     """Feeds a watchdog in steps of 50 ms and keeps what it says, when it changes."""
 
