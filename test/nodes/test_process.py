@@ -1,7 +1,8 @@
-"""Precedence over other programs: within the session, and of the session."""
+"""A node's process: precedence over other programs, within the session and of it; words that start no node."""
 
 from __future__ import annotations
 
+import importlib
 import os
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rospy")
+rospy = pytest.importorskip("rospy")
 
 AUTOGROUP = Path("/proc/self/autogroup")
 SCRIPT = """
@@ -54,3 +55,33 @@ def test_what_is_not_permitted_is_named():
     niceness, session, refused = outcome(-10, session=True, before=NOBODY)
     assert (niceness, session) == (str(os.getpriority(os.PRIO_PROCESS, 0)), "0")
     assert refused == "niceness -10: Permission denied; niceness -10 of the session: Permission denied"
+
+
+NODES = {
+    "autonomy": "nodes.autonomy.node",
+    "autopilot": "nodes.vehicle.autopilot_node",
+    "simulation": "nodes.simulation.node",
+    "recorded_peers": "nodes.simulation.recorded_peers_node",
+}
+
+
+@pytest.mark.parametrize("name", NODES)
+@pytest.mark.parametrize(
+    "words, status, said",
+    [
+        (["--help"], 0, "usage: rosrun amaze_autonomy"),
+        (["-h", "_nice:=0"], 0, "usage:"),
+        (["--nice", "0"], 2, "no '--nice'"),
+    ],
+    ids=["help", "h", "wrong"],
+)
+def test_who_asks_for_help_starts_no_node_that_would_end_the_one_that_flies(
+    monkeypatch, capsys, name, words, status, said
+):
+    module = importlib.import_module(f"amaze_autonomy.{NODES[name]}")
+    monkeypatch.setattr(sys, "argv", [name, *words])
+    monkeypatch.setattr(rospy, "init_node", lambda *_, **__: pytest.fail("it has started"))
+    assert module.main() == status
+    told = capsys.readouterr()
+    assert said in (told.err if status else told.out)
+    assert "~" in told.out or status

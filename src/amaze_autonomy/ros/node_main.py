@@ -17,7 +17,7 @@ import threading
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Protocol, Sequence, Tuple
+from typing import Any, Callable, Optional, Protocol, Sequence, Tuple
 
 import rospy
 
@@ -36,6 +36,7 @@ __all__ = [
     "Parameters",
     "RunningNode",
     "Startup",
+    "answer_words",
     "configuration_folder",
     "overrides",
     "read_parameters",
@@ -63,6 +64,9 @@ class RunningNode(Protocol):
 
 def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> int:
     """Run a node on this thread until it is told to end; return its exit status."""
+    answered = answer_words(name, sys.modules[make.__module__].__doc__, __doc__)
+    if answered is not None:
+        return answered
     survive_a_closed_terminal()
     os.umask(UMASK)
     rospy.init_node(name, argv=sys.argv, disable_signals=True)
@@ -94,6 +98,29 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         reconnector.stop()
         rospy.signal_shutdown("ended")
     return 0
+
+
+def answer_words(name: str, *about: Optional[str]) -> Optional[int]:
+    """Answer who asks for help on the command line, or says what no node takes; return the exit status.
+
+    A node that started all the same would end the one of its name that runs: that is how ROS has it.
+
+    Args:
+        name: of the node.
+        about: what it is, and its parameters.
+
+    Returns:
+        None: there are no such words, and the node may start.
+    """
+    words = [each for each in sys.argv[1:] if ":=" not in each]
+    if not words:
+        return None
+    if {"-h", "--help"}.intersection(words):
+        usage = f"usage: rosrun amaze_autonomy {name} [_PARAMETER:=VALUE ...]    e.g. _config:=my_config _nice:=0"
+        print("\n\n".join([usage, *(each.strip() for each in about if each)]))
+        return 0
+    print(f"{name}: it takes _PARAMETER:=VALUE, and no {words[0]!r}; --help has more", file=sys.stderr, flush=True)
+    return _START_ERROR
 
 
 class Startup:

@@ -384,6 +384,9 @@ def _make(stopped: threading.Event) -> AutonomyNode:
 
 def main() -> int:
     """Run the node; return its exit status."""
+    answered = node_main.answer_words("autonomy", __doc__, node_main.__doc__, node_main.Parameters.__doc__)
+    if answered is not None:
+        return answered
     node_main.survive_a_closed_terminal()
     os.umask(node_main.UMASK)
     rospy.init_node("autonomy", disable_signals=True)

@@ -327,6 +327,9 @@ def _server(configuration: Configuration, world: World, px4: Px4, live: LiveWorl
 
 def main() -> int:
     """Run the node; return its exit status."""
+    answered = node_main.answer_words("simulation", __doc__)
+    if answered is not None:
+        return answered
     node_main.survive_a_closed_terminal()
     rospy.init_node("simulation", disable_signals=True)
     stopped = threading.Event()

@@ -33,6 +33,7 @@ from amaze_autonomy import msg, srv
 from amaze_autonomy.bags import BagError, Recording
 from amaze_autonomy.ros.liveness import call
 
+from ...ros import node_main
 from ...ros.errors import BrokenCallError, CallError, NodeError, StartError
 
 __all__ = ["Reception", "RecordedPeers", "main", "receptions", "unconnected"]
@@ -194,6 +195,9 @@ class RecordedPeers:
 
 def main() -> int:
     """Run the node; return its exit status."""
+    answered = node_main.answer_words("recorded_peers", __doc__)
+    if answered is not None:
+        return answered
     rospy.init_node("recorded_peers")
     try:
         RecordedPeers().play()
