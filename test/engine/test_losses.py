@@ -385,4 +385,5 @@ def test_commands_go_out_by_how_much_a_vehicle_needs_them():
         Answer(request_id=1, answer=AnswerKind.DONE),
         Notify(level=Level.INFO, key="x", text="x"),
     ]
-    assert sorted(commands[::-1], key=_rank) == commands
+    backwards = list(reversed(commands))
+    assert sorted(backwards, key=_rank) == commands

@@ -10,6 +10,8 @@ from contextlib import suppress
 
 import pytest
 
+pytest.importorskip("rosgraph")
+
 from amaze_autonomy.ros.errors import BrokenCallError, CallTimeoutError, UnavailableError
 from amaze_autonomy.ros.liveness import call
 

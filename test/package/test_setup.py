@@ -117,7 +117,7 @@ class World:
             become = ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups"]
         own = {"WORLD": str(self.path), "BY_SUDO": "", "PATH": f"{self.path}/programs:{os.environ['PATH']}"}
         return subprocess.run(
-            [*become, "bash", str(self.checkout / "run"), *(arguments or ("install",))],
+            [*become, "env", "--default-signal=INT", "bash", str(self.checkout / "run"), *(arguments or ("install",))],
             cwd=self.path,
             env={**os.environ, **own, **variables},
             capture_output=True,
