@@ -303,7 +303,8 @@ def test_a_retry_that_fails_again_calls_again():
 def test_a_retry_of_a_recorder_that_stays_failed_calls_again():
     story = at("OUTREACH data")
     story.disobeyed.append("StopRecording")
-    story.user("retry")
+    story.look().user("retry")
+    assert story.expect("DATA_CLEANUP").requests == ["StopRecording"]
     story.until("OUTREACH", limit_s=10.0)
 
 

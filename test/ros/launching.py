@@ -63,12 +63,13 @@ def free_ports() -> int:
             return first
 
 
-def own_sensors(stack: Stack) -> Path:
-    """Return the configuration of a stack with names of its own for every sensor."""
+def own_configuration(stack: Stack, *, sensors: bool) -> Path:
+    """Return the configuration of a stack, patient; `sensors`: with names of its own for every sensor."""
     folder, first = stack.folder / "config", f"/n{next(_number)}/"
     shutil.copytree(stack.config, folder)
     path = folder / "sensors.yaml"
-    path.write_text(re.sub(r"(?m)^([^#\n]*?) /(?=\w)", rf"\1 {first}", path.read_text()))
+    if sensors:
+        path.write_text(re.sub(r"(?m)^([^#\n]*?) /(?=\w)", rf"\1 {first}", path.read_text()))
     make_patient(path)
     return folder
 
@@ -128,10 +129,11 @@ def roslaunch(
 ) -> subprocess.Popen[bytes]:
     """Start the launch file of the package in the namespace of a stack; `modules` is put in front of its PYTHONPATH."""
     command = ["roslaunch", "--screen", str(LAUNCH), "simulation:=true", "console:=false"]
-    config = stack.config
-    if "record:=true" not in arguments:
-        config, arguments = own_sensors(stack), ("record:=false", *arguments)
-    command += [f"output:={stack.output}", f"config:={config}", f"overrides:={'; '.join((*PATIENT, *overrides))}"]
+    recorded = "record:=true" in arguments
+    stack.config = own_configuration(stack, sensors=not recorded)
+    if not recorded:
+        arguments = ("record:=false", *arguments)
+    command += [f"output:={stack.output}", f"config:={stack.config}", f"overrides:={'; '.join((*PATIENT, *overrides))}"]
     command += arguments
     path = os.pathsep.join(filter(None, (modules, os.environ.get("PYTHONPATH", ""))))
     environment = {**os.environ, "PYTHONPATH": path, "ROS_NAMESPACE": f"/{stack.name}"}

@@ -197,8 +197,10 @@ class TestMavros(unittest.TestCase):
     def test_an_ardupilot_is_one_by_its_modes_and_its_pilot_by_loiter(self):
         self.mavros.__dict__.update(mode="STABILIZE", ekf=0x33F)
         self.wait(lambda said: said.mode == "STABILIZED" and said.position_valid, "an ArduPilot with a position")
-        self.mavros.__dict__.update(armed=True, landed=2, mode="AUTO", height_m=5.0)
-        self.wait(lambda said: said.mode == "AUTO.MISSION" and said.height > 4.9, "its mission")
+        self.mavros.__dict__.update(armed=True, landed=2, mode="AUTO")
+        self.wait(lambda said: said.mode == "AUTO.MISSION" and said.landed == STATUS.IN_AIR, "its takeoff")
+        self.mavros.height_m = 5.0  # above where it was armed
+        self.wait(lambda said: said.height > 4.9, "its mission")
         self.assertFalse(self.statuses[-1].pilot_in_control)
         self.mavros.mode = "LOITER"
         self.wait(lambda said: said.mode == "POSCTL" and said.pilot_in_control, "its pilot")

@@ -138,6 +138,9 @@ def _no_signal() -> Iterator[None]:
 
 def main() -> int:
     """Run the group that the arguments name; return its exit status."""
+    if {"-h", "--help"}.intersection(sys.argv[1:]):
+        print(f"{__doc__}\nNodes: {', '.join(NODES)}")
+        return 0
     named = [each.rpartition("=") for each in sys.argv[1:] if ":=" not in each]
     nodes = {name or node: node for name, _, node in named}
     unknown = [node for node in nodes.values() if node not in NODES]

@@ -196,7 +196,7 @@ class AutonomyNode:
             self._listen(status)
         rospy.Subscriber("autopilot/land_switch", Bool, self._take_switch, queue_size=1, tcp_nodelay=True)
         self._reconnector.start()
-        if self._parameters.missions and not (self._resumed is not None and self._resumed.chosen):
+        if self._parameters.missions and not (self._resumed is not None and self._resumed.selected):
             threading.Thread(target=self._select, name="select", daemon=True).start()
         node_main.settle()
 

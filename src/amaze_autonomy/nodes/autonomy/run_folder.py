@@ -62,7 +62,7 @@ class Unfinished:
         return self.events[-1].t_ns if self.events else 0
 
     @property
-    def chosen(self) -> bool:
+    def selected(self) -> bool:
         """Tell whether missions were selected in it."""
         return any(isinstance(event, MissionSelected) for event in self.events)
 
