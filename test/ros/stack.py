@@ -30,7 +30,7 @@ from amaze_autonomy.journal.journal import read
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.replay.compare import check_laws, law_lines
 from amaze_autonomy.replay.recordings.journals import read_journals
-from amaze_autonomy.replay.timeline import value_text
+from amaze_autonomy.replay.timeline import decision_text
 
 HERE = Path(__file__).resolve().parent
 LIMIT_S = 40.0
@@ -307,11 +307,7 @@ class Stack:
 
     def story(self) -> str:
         """Everything a person needs to see why a test failed."""
-        rules = [
-            f"{each.t_ns / 1e9:.3f} {each.rule}: {each.before} -> {each.after} {each.commands} "
-            + ", ".join(map(value_text, each.values if each.rule.startswith("failure") else ()))
-            for each in self.decisions()
-        ]
+        rules = [f"{each.t_ns / 1e9:.3f} {decision_text(each)}" for each in self.decisions()]
         came = [f"{each.t_ns / 1e9:.3f} {each.name}" for each in self.received()]
         return "\n".join(["decisions:", *rules, "received:", *came, "log:", self.log()[-3000:]])
 
