@@ -260,6 +260,19 @@ def test_a_landing_that_the_planner_says_before_it_is_believed_to_be_another_s_i
     story.after(0.3).expect("MISSION")
 
 
+def test_a_planner_that_lands_and_ends_is_landed_for():
+    """Its last word is that it lands: the mode is no pilot's, and its silence afterwards is a loss like any."""
+    story = at("MISSION flying")
+    said = story.state.peers.planner
+    story.silent.append("planner")
+    landing = {"phase": ev.MissionPhase.LANDING, "waypoint": said.waypoint, "waypoints": said.waypoints}
+    story.feed(ev.MissionStatus, session_id=said.session_id, mission_id=said.mission_id, **landing)
+    story.say(mode="AUTO.LAND").until("LAND", limit_s=3.0)
+    assert {"planner_status"} == {failure.name for failure in story.state.failures}
+    assert "pilot_took_over" not in story.rules_fired
+    assert "takeover_suspected" not in story.rules_fired
+
+
 def test_a_mission_flown_to_its_end_is_complete_whatever_fails_in_the_last_metres():
     story = _planner_lands()
     story.fail("imu", 16).expect("LAND")

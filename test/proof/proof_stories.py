@@ -72,6 +72,17 @@ STORIES: Sequence[Told] = (
         ("takeover_by_landing",),
     ),
     Told(
+        "A landing that a node of ours begins because it is told to end is ours: nobody is told to fly.",
+        (
+            f"{_LIES}a_landing_that_the_planner_says_before_it_is_believed_to_be_another_s_is_ours",
+            f"{_LIES}a_planner_that_lands_and_ends_is_landed_for",
+        ),
+        (
+            f"{_LAUNCH}planner_that_the_master_ends_in_flight_lands_and_is_not_taken_for_a_pilot",
+            f"{_LAUNCH}autopilot_node_that_is_told_to_end_in_flight_lands_and_is_not_taken_for_a_pilot",
+        ),
+    ),
+    Told(
         "Holding is shown by flight mode or standing still; else it is asked again, and landed at the limit.",
         (
             f"{_LIES}the_planners_word_alone_shows_no_hold",

@@ -14,9 +14,11 @@ import signal
 import subprocess
 import sys
 import time
+import xmlrpc.client
 from pathlib import Path
-from typing import Tuple
+from typing import Callable, Tuple
 
+import rosgraph
 import rospy
 from behaviours import Behaviours
 from cns_stand_ins import MODULES, StandIns
@@ -167,6 +169,34 @@ def node_group_that_is_killed_in_flight_costs_the_mission_not_the_landing(stack:
         ended(stack)
         assert vehicle.modes[-1] == "AUTO.LAND"
         assert (stack.result()["state"], stack.result()["in_flight"]) == ("MISSION_ENDED", False)
+
+
+@launches.add(processes=(), start=False)
+def planner_that_the_master_ends_in_flight_lands_and_is_not_taken_for_a_pilot(stack: Stack) -> None:
+    """As `rosnode kill`, or a node that takes its name."""
+
+    def end(uri: str) -> None:
+        with contextlib.suppress(OSError):  # it may end before it answers
+            xmlrpc.client.ServerProxy(uri).shutdown("/test", "another node has its name")
+
+    lands_by_itself(stack, "mission_planner", end)
+
+
+@launches.add(processes=(), start=False)
+def autopilot_node_that_is_told_to_end_in_flight_lands_and_is_not_taken_for_a_pilot(stack: Stack) -> None:
+    lands_by_itself(stack, "autopilot", lambda _: os.kill(pid_of(stack, "autopilot"), signal.SIGTERM))
+
+
+def lands_by_itself(stack: Stack, node: str, end: Callable[[str], None]) -> None:
+    """Have a node end in flight: the landing that it begins is ours, and nobody is told to fly."""
+    with flown(stack, "mission:=long", "exit_when_ended:=true") as vehicle:
+        in_flight(stack)
+        end(rosgraph.Master("/test").lookupNode(f"/{stack.name}/{node}"))
+        ended(stack)
+        assert vehicle.modes[-1] == "AUTO.LAND"
+    assert f"{node}: ended in flight: the vehicle" in stack.log()
+    assert "PILOT" not in stack.passed, stack.passed
+    assert stack.result()["state"] == "MISSION_ENDED"
 
 
 NODES = ("autonomy", "watchdog", "autopilot", "mission_planner")

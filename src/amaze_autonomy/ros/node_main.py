@@ -50,6 +50,7 @@ __all__ = [
 _START_ERROR = 2
 UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640
 _LONGEST_S = 3600.0
+_LEAVE_S = 1.0  # for the last words of a node that the master ends, e.g. that it lands; the master waits meanwhile
 
 
 class RunningNode(Protocol):
@@ -70,7 +71,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     survive_a_closed_terminal()
     os.umask(UMASK)
     rospy.init_node(name, argv=sys.argv, disable_signals=True)
-    stopped = threading.Event()
+    stopped, left = threading.Event(), threading.Event()
     node: Any = None
     reconnector = Reconnector()
 
@@ -79,9 +80,13 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         if node is not None:
             node.end()
 
+    def leave() -> None:
+        end()
+        left.wait(_LEAVE_S)
+
     for number in END_SIGNALS:
         signal.signal(number, end)
-    rospy.core.add_preshutdown_hook(end)
+    rospy.on_shutdown(leave)  # called before the topics are closed
     try:
         take_precedence_or_say(_nice())
         configuration = load_configuration(configuration_folder(), overrides())
@@ -96,6 +101,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         return _START_ERROR
     finally:
         reconnector.stop()
+        left.set()
         rospy.signal_shutdown("ended")
     return 0
 

@@ -17,6 +17,7 @@ landing mode before it closes its link, unless the pilot has control. The link i
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, Callable, Dict, Optional, Tuple
 
 import rospy
@@ -193,7 +194,8 @@ class AutopilotNode:
             return
         limit_s = self._settings.commands.exit_limit_ns / _S
         leaving = self._link.ask(self.client.leave)
-        self._publish()  # the planner must know that it lands
+        with suppress(rospy.ROSException):  # the master has closed the topics
+            self._publish()  # the planner must know that it lands
         answer = self._settle(leaving, self.client.land_reply, limit_s)
         print(f"autopilot: ended in flight: {answer.message}", flush=True)
 

@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import suppress
+from dataclasses import replace
 from typing import Any, Dict, Optional, Tuple
 
 import rospy
@@ -191,6 +193,9 @@ class MissionPlannerNode:
         """Land before the link is closed, where it flies and no pilot does."""
         if not self._link.ask(self.planner.shutdown):
             return
+        lands = replace(self._status(), phase=MissionPhase.LANDING, message="the planner ends: it lands")
+        with suppress(rospy.ROSException):  # the master has closed the topic
+            self._publisher.publish(status_message(lands, self._clock.ros_ns()))  # it is no pilot who lands
         shown = self._link.wait_for(lambda: self.planner.landing_shown, self._exit_s)
         said = "the vehicle lands" if shown else "a landing was commanded and is not confirmed"
         print(f"mission_planner: ended in flight: {said}", flush=True)
