@@ -219,6 +219,6 @@ def test_a_hold_says_what_has_failed_what_is_done_and_for_how_long():
 
 def test_what_is_flown_on_with_and_what_is_over_are_said_without_names_of_rules():
     story = at("MISSION flying").look()
-    tilt = "the vehicle tilts further than it should (tilt 50.0 deg, limit 45.0)."
+    tilt = "tilted further than it should be (tilt 50.0 deg, limit 45.0)."
     assert said(story.say(tilt_deg=50.0)) == [f"Flying on: {tilt}"]
     assert said(story.look().say(tilt_deg=3.0)) == [f"Cleared: {tilt}"]

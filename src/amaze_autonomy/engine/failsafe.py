@@ -25,7 +25,7 @@ from .rules import SEVERITIES, Action, Code, Restart, Rules, Severity, action_of
 from .state import EngineState, Failure, FailureKind, State, Step, evolve
 
 _NS = 1e9
-_LINK = "age of the autopilot's link"
+_SILENT = "silent for"
 
 
 _OF_A_MISSION = frozenset(Mission.__dataclass_fields__)
@@ -234,8 +234,8 @@ def _planner_failed(context: Context) -> Optional[Seen]:
 
 
 def _link_unknown(context: Context) -> Optional[Seen]:
-    status, limit_s = context.state.peers.autopilot, context.limits.autopilot_link_limit_ns / _NS
-    return Seen((Value(_LINK, None, limit_s, "s"),)) if status is not None and status.link_age_s is None else None
+    status = context.state.peers.autopilot
+    return Seen((Value("link", "never heard"),)) if status is not None and status.link_age_s is None else None
 
 
 def _battery_flag(context: Context) -> Optional[Seen]:
@@ -260,21 +260,21 @@ F = FailsafeCondition
 # One row a line.
 # fmt: off
 FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
-    F("watchdog_heartbeat", (Silent("heartbeat_ns", "watchdog_heartbeat_limit_ns", "age of the watchdog's heartbeat", since="watchdog_started_ns"),), Action.LAND, "the watchdog's heartbeat is lost", peer="watchdog", on_ground=True),
-    F("planner_status", (Silent("planner_ns", "planner_status_limit_ns", "age of the planner's status"),), Action.LAND, "the mission planner's status is lost", both_routes=True, peer="planner"),
-    F("planner_failed", (Says(_planner_failed),), Action.LAND, "the mission planner says that it failed", both_routes=True),
-    F("autopilot_status", (Silent("autopilot_ns", "autopilot_status_limit_ns", "age of the autopilot's status"), Says(_link_unknown), Silent("link_ns", "autopilot_link_limit_ns", _LINK, since=None)), Action.LAND, "the autopilot's status is lost", both_routes=True, alarm=True, peer="autopilot"),
-    F("clock", (Above("clock_stalled_s", "clock_stall_limit_ns", "the clock stands for"),), Action.LAND, "the clock that decides stands still (/clock)", both_routes=True),
-    F("battery_unknown", (Silent("battery_ns", "battery_age_limit_ns", "age of the battery level"),), Action.LAND, "the battery level is unknown for too long"),
+    F("watchdog_heartbeat", (Silent("heartbeat_ns", "watchdog_heartbeat_limit_ns", _SILENT, since="watchdog_started_ns"),), Action.LAND, "no heartbeat from the watchdog", peer="watchdog", on_ground=True),
+    F("planner_status", (Silent("planner_ns", "planner_status_limit_ns", _SILENT),), Action.LAND, "no status from the mission planner", both_routes=True, peer="planner"),
+    F("planner_failed", (Says(_planner_failed),), Action.LAND, "the mission planner failed", both_routes=True),
+    F("autopilot_status", (Silent("autopilot_ns", "autopilot_status_limit_ns", _SILENT), Says(_link_unknown), Silent("link_ns", "autopilot_link_limit_ns", "link silent for", since=None)), Action.LAND, "nothing is heard from the autopilot", both_routes=True, alarm=True, peer="autopilot"),
+    F("clock", (Above("clock_stalled_s", "clock_stall_limit_ns", "standing for"),), Action.LAND, "/clock stands still", both_routes=True),
+    F("battery_unknown", (Silent("battery_ns", "battery_age_limit_ns", "unknown for"),), Action.LAND, "the battery level is unknown"),
     F("battery_critical", (Below("autopilot.battery_fraction", "battery_critical_fraction", "battery fraction", fresh=False), Says(_battery_flag)), Action.LAND, "the battery is critical"),
-    F("flight_time", (Silent("", "max_flight_time_ns", "flight time", ends_flight=True),), Action.LAND, "the maximum flight time is reached"),
-    F("height", (Above("autopilot.height_m", "max_height_m", "height"),), Action.LAND, "the height limit is exceeded"),
-    F("distance", (Above("autopilot.distance_m", "max_distance_m", "distance"),), Action.LAND, "the distance limit is exceeded"),
-    F("tilt", (Above("autopilot.tilt_deg", "max_tilt_deg", "tilt"),), Action.LAND, "the tilt limit is exceeded"),
-    F("tilt_warning", (Above("autopilot.tilt_deg", "tilt_warning_deg", "tilt"),), Action.CONTINUE, "the vehicle tilts further than it should"),
-    F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "age of the position"),), Action.CONTINUE, "height or position is unknown: their limits cannot be checked"),
-    F("recorder_dead", (Silent("recorder_ns", "recorder_status_limit_ns", "age of the recorder's status"), Says(_does_not_record)), Action.CONTINUE, "the recorder is silent or does not record", peer="recorder", only="recording.asked"),
-    F("landing_detection", (Silent("landing_ns", "landing_detection_limit_ns", "age of the landing detection"),), Action.CONTINUE, "the landing detection is silent", peer="landing detection"),
+    F("flight_time", (Silent("", "max_flight_time_ns", "flight time", ends_flight=True),), Action.LAND, "the maximum flight time is over"),
+    F("height", (Above("autopilot.height_m", "max_height_m", "height"),), Action.LAND, "above the maximum height"),
+    F("distance", (Above("autopilot.distance_m", "max_distance_m", "distance"),), Action.LAND, "too far from the takeoff place"),
+    F("tilt", (Above("autopilot.tilt_deg", "max_tilt_deg", "tilt"),), Action.LAND, "tilted too far"),
+    F("tilt_warning", (Above("autopilot.tilt_deg", "tilt_warning_deg", "tilt"),), Action.CONTINUE, "tilted further than it should be"),
+    F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "unknown for"),), Action.CONTINUE, "height or position is unknown: their limits cannot be checked"),
+    F("recorder_dead", (Silent("recorder_ns", "recorder_status_limit_ns", _SILENT), Says(_does_not_record)), Action.CONTINUE, "the recorder is silent or does not record", peer="recorder", only="recording.asked"),
+    F("landing_detection", (Silent("landing_ns", "landing_detection_limit_ns", _SILENT),), Action.CONTINUE, "the landing detection is silent", peer="landing detection"),
 )
 # fmt: on
 

@@ -376,7 +376,7 @@ def revoked(context: Context) -> Optional[Seen]:
     if not passed("watchdog_heartbeat_limit", context.state, context.rules, context.now):
         return None
     limit = Value("limit", context.limits.watchdog_heartbeat_limit_ns / _NS, None, "s")
-    return because("reason", "the watchdog's heartbeat is lost", limit)
+    return because("reason", "no heartbeat from the watchdog", limit)
 
 
 def go_not_required(context: Context) -> Optional[Seen]:

@@ -333,7 +333,7 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
     if event.armed is False:
         return ""
     if event.pilot_in_control:
-        return "the pilot has control"
+        return f"the pilot flies (flight mode {event.mode})"
     last = state.flight.commanded[-1] if state.flight.commanded else state.flight.confirmed
     direct = DIRECT_MODES[last] if last is not None and state.flight.active else frozenset()
     if event.failsafe and event.mode not in direct:

@@ -283,7 +283,7 @@ def _causes(failures: List[Failure]) -> Dict[str, str]:
     """Return what several faults have in common, by their names; who stands alone has no entry."""
     names = {each.name for each in failures}
     if "clock" in names:
-        return dict.fromkeys(names, "the clock that decides stands still (/clock)") if len(names) > 1 else {}
+        return dict.fromkeys(names, "/clock stands still") if len(names) > 1 else {}
     causes: Dict[str, str] = {}
     if "autopilot_status" in names:
         sensors = [each.name for each in failures if each.reason.startswith(_OF_THE_AUTOPILOT)]
