@@ -58,8 +58,8 @@ class TestReconnector(unittest.TestCase):
                 r"is sensor_msgs/Imu \(md5 6a62c6daae103f4ff57a132d6f95cec2\): rename or remap one of them$",
             )
         finally:
-            process.terminate()
-            process.wait(10.0)
+            process.kill()  # told to end, it takes its time where the machine is busy
+            process.wait()
         wait_for(lambda: reconnector.look() or not reconnector.foreign, "its end")
 
     def published(self):
