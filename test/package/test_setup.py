@@ -102,7 +102,8 @@ class World:
             (programs / name).symlink_to("stand_in")
         text = (ROOT / "run").read_text()
         assert "environment /usr/bin/python3" in text
-        (self.checkout / "run").write_text(text.replace("/usr/bin/python3", f"'{programs}/python3'"))
+        text = text.replace("/usr/bin/python3", f"'{programs}/python3'")
+        (self.checkout / "run").write_text(text.replace("/usr/lib/*/cmake/rostest", f"{folder}/*/cmake/rostest"))
         for name in ("installed", "log", "moments"):
             (folder / name).touch()
 
@@ -170,6 +171,27 @@ def test_a_first_set_up_does_everything_once_and_the_second_nothing(world):
         *("python3 -m", *["pip install"] * 4, "cmake -S", "cmake --build"),
     ]
     assert (world.run().returncode, world.done()) == (0, [])
+
+
+def test_what_a_flight_needs_has_no_compiler_what_tests_need_has(world):
+    def built() -> list[str]:
+        lines = (world.path / "log").read_text().splitlines()
+        return [word for line in lines if line.startswith("cmake -S") for word in line.split() if word.startswith("-D")]
+
+    of_tests = {"build-essential", "librostest-dev", "python3-rostest"}
+
+    assert world.run("install").returncode == 0
+    assert not of_tests & set((world.path / "installed").read_text().split())
+    assert {"-DCATKIN_ENABLE_TESTING=OFF", "-DLANGUAGES=NONE"} <= set(built())
+
+    (world.path / "lib" / "cmake" / "rostest").mkdir(parents=True)
+    assert world.run("build").returncode == 0
+    assert of_tests <= set((world.path / "installed").read_text().split())
+    assert "-DCATKIN_ENABLE_TESTING=ON" in built()
+    assert "-DLANGUAGES=NONE" not in built()
+
+    assert world.run("install").returncode == 0
+    assert built() == [], "what was built for tests is good for flying"
 
 
 @pytest.fixture(scope="module")
