@@ -63,8 +63,12 @@ def keeps_saying(seconds: float = 0.35, **claims: object) -> Callable[[Story], o
     return lambda story: story.say(**claims).after(seconds)
 
 
+def seems_taken_twice(story: Story) -> None:
+    story.say(mode="POSCTL").after(0.1).say(mode="POSCTL")
+
+
 def seems_taken(story: Story) -> None:
-    story.say(mode="POSCTL")
+    seems_taken_twice(story)
     story.vehicle.says.clear()
     story.report()
 
@@ -244,7 +248,7 @@ def selects_and_fails(name: str, **said: object) -> Callable[[Story], object]:
 
 ROWS = (
     # the pilot
-    Row("takeover_suspected", "MISSION flying", says(mode="POSCTL"), "MISSION flying", (), "takeover_suspected"),
+    Row("takeover_suspected", "MISSION flying", seems_taken_twice, "MISSION flying", (), "takeover_suspected"),
     Row("takeover_denied", "MISSION flying", seems_taken, "MISSION flying", (), "takeover_denied"),
     Row("still_flying", "DATA_CLEANUP", is_in_the_air, "LAND commanding", BOTH, "land"),
     Row("armed_late", "TAKEOFF arming", arms_late, "LAND commanding", BOTH, "land"),

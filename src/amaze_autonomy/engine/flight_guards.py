@@ -76,8 +76,13 @@ def taken_over(context: Context) -> Optional[Seen]:
 
 
 def takeover_begins(context: Context) -> Optional[Seen]:
-    """A status says that somebody else has control, which is not confirmed yet."""
-    return _taken(context) if context.suspected() and not context.state.flight.takeover_noted else None
+    """Two statuses say that somebody else has control, not confirmed yet; nothing is commanded since the first.
+
+    After a single one nobody is told: the planner's word that it lands may be a moment behind the landing mode.
+    """
+    agreed = context.state.vehicle.takeover
+    again = agreed is not None and agreed.statuses > 1
+    return _taken(context) if again and context.suspected() and not context.state.flight.takeover_noted else None
 
 
 def takeover_denied(context: Context) -> Optional[Seen]:

@@ -118,7 +118,7 @@ T = Transition
 # fmt: off
 TRANSITIONS: Tuple[Transition, ...] = (
     # the pilot
-    T("takeover_suspected", (*_FLIGHT, State.LAND), flight.takeover_begins, None, "takeover_suspected", {"flight.takeover_noted": True}, words="a status says that somebody else has control: nothing is commanded until others agree or deny it", in_doubt=True),
+    T("takeover_suspected", (*_FLIGHT, State.LAND), flight.takeover_begins, None, "takeover_suspected", {"flight.takeover_noted": True}, words="two statuses say that somebody else has control: nothing is commanded until more agree or deny it", in_doubt=True),
     T("takeover_denied", (*_FLIGHT, State.LAND), flight.takeover_denied, None, "takeover_denied", {"flight.takeover_noted": False}, words="the vehicle answers to us: what failed meanwhile is answered"),
     T("pilot_took_over", (*_FLIGHT, State.LAND), flight.taken_over, PILOT, "pilot", _BY_PILOT, words="the pilot, or a failsafe of the autopilot, has control"),
     T("pilot_had_control_at_start", (INPUT,), both(flight.started_armed, flight.taken_over), PILOT, "pilot", _BY_PILOT, do.adopt_flight, "started while armed, pilot in control"),

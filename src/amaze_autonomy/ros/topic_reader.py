@@ -173,7 +173,7 @@ class TopicReader:
         slice_s: it looks at the connections at most so often, so that many small messages cost one turn.
     """
 
-    def __init__(self, slice_s: float = 0.005) -> None:
+    def __init__(self, slice_s: float = 0.02) -> None:
         self._slice_s = slice_s
         self._epoll = select.epoll()
         self._streams: Dict[int, TopicStream] = {}

@@ -47,7 +47,7 @@ from .statuses import RecorderTeller
 
 __all__ = ["DataRecorderNode", "RecorderMemory", "main"]
 
-_TURN_S = 0.1
+_TURN_S = 0.2
 _STATUS_S = 0.5
 
 
