@@ -83,6 +83,25 @@ STORIES: Sequence[Told] = (
         ),
     ),
     Told(
+        "A node that dies in flight takes no other with it; one that the flight depends on is landed for.",
+        ("engine/test_losses.py::test_lost_in_flight",),
+        tuple(
+            f"{_LAUNCH}{name}"
+            for name in (
+                "checks_that_are_killed_in_flight_come_back_alone_and_the_mission_goes_on",
+                "watchdog_that_is_killed_in_flight_ends_the_mission_with_a_landing",
+                "planner_that_is_killed_in_flight_ends_the_mission_with_a_landing",
+                "autopilot_node_that_is_killed_in_flight_ends_the_mission_with_a_landing",
+                "node_group_that_is_killed_in_flight_costs_the_mission_not_the_landing",
+            )
+        ),
+    ),
+    Told(
+        "Connections that say nothing keep no command out.",
+        (),
+        ("ros/stalls.py::connections_that_say_nothing_keep_no_command_out",),
+    ),
+    Told(
         "Holding is shown by flight mode or standing still; else it is asked again, and landed at the limit.",
         (
             f"{_LIES}the_planners_word_alone_shows_no_hold",

@@ -49,6 +49,7 @@ from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.tester.command import main as replay
 
 launches = Behaviours()
+OF_A_FLIGHT = ("autonomy", "watchdog", "landing_detection", "state_estimation", "autopilot", "mission_planner")
 FOREIGN = """\
 import rospy, std_msgs.msg, std_srvs.srv
 rospy.init_node("{0}")
@@ -169,6 +170,54 @@ def node_group_that_is_killed_in_flight_costs_the_mission_not_the_landing(stack:
         ended(stack)
         assert vehicle.modes[-1] == "AUTO.LAND"
         assert (stack.result()["state"], stack.result()["in_flight"]) == ("MISSION_ENDED", False)
+
+
+@launches.add(processes=(), start=False)
+def checks_that_are_killed_in_flight_come_back_alone_and_the_mission_goes_on(stack: Stack) -> None:
+    with flown(stack, "mission:=long"):
+        in_flight(stack)
+        for node in ("landing_detection", "state_estimation"):
+            before = {each: pid_of(stack, each) for each in OF_A_FLIGHT}
+            os.kill(before[node], signal.SIGKILL)
+            stack.wait(lambda name=node, was=before[node]: back(stack, name, was), f"{node} again", LIMIT_S)
+            after = {each: pid_of(stack, each) for each in OF_A_FLIGHT}
+            assert [each for each in OF_A_FLIGHT if after[each] != before[each]] == [node]
+        assert stack.state == "MISSION", [each.rule for each in stack.decisions()]
+
+
+@launches.add(processes=(), start=False)
+def watchdog_that_is_killed_in_flight_ends_the_mission_with_a_landing(stack: Stack) -> None:
+    landed_after_a_kill(stack, "watchdog")
+
+
+@launches.add(processes=(), start=False)
+def planner_that_is_killed_in_flight_ends_the_mission_with_a_landing(stack: Stack) -> None:
+    landed_after_a_kill(stack, "mission_planner")
+
+
+@launches.add(processes=(), start=False)
+def autopilot_node_that_is_killed_in_flight_ends_the_mission_with_a_landing(stack: Stack) -> None:
+    landed_after_a_kill(stack, "autopilot")
+
+
+def landed_after_a_kill(stack: Stack, node: str) -> None:
+    """Kill a node: it is started again, and our engine lands the vehicle, which is not left to a pilot."""
+    with flown(stack, "mission:=long", "exit_when_ended:=true") as vehicle:
+        in_flight(stack)
+        was = pid_of(stack, node)
+        os.kill(was, signal.SIGKILL)
+        stack.wait(lambda: back(stack, node, was), f"{node} again", LIMIT_S)
+        ended(stack)
+        assert vehicle.modes[-1] == "AUTO.LAND"
+    assert "PILOT" not in stack.passed, stack.passed
+    assert (stack.result()["state"], stack.result()["in_flight"]) == ("MISSION_ENDED", False)
+
+
+def back(stack: Stack, node: str, was: int) -> bool:
+    """Tell whether a node is another process than before."""
+    with contextlib.suppress(OSError, xmlrpc.client.Error, rosgraph.MasterException):
+        return pid_of(stack, node) != was
+    return False
 
 
 @launches.add(processes=(), start=False)

@@ -41,6 +41,8 @@ PATIENT = (
     "autonomy.losses.autopilot_status_limit_s=5.0",
 )
 LAUNCH = HERE.parents[1] / "launch" / "autonomy.launch"
+ARRANGEMENT = f"processes:={os.environ.get('AMAZE_PROCESSES', 'separate')}"
+"""Of each launch that does not name one: `./run test-ros forked` has all nodes be forks of one process."""
 GROUP = '<launch><group ns="{}"><include file="{}" pass_all_args="true">{}</include></group></launch>'
 _number = itertools.count()
 
@@ -134,6 +136,7 @@ def roslaunch(
     if not recorded:
         arguments = ("record:=false", *arguments)
     command += [f"output:={stack.output}", f"config:={stack.config}", f"overrides:={'; '.join((*PATIENT, *overrides))}"]
+    command += [] if any(word.startswith("processes:=") for word in arguments) else [ARRANGEMENT]
     command += arguments
     path = os.pathsep.join(filter(None, (modules, os.environ.get("PYTHONPATH", ""))))
     environment = {**os.environ, "PYTHONPATH": path, "ROS_NAMESPACE": f"/{stack.name}"}

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
+import socket
 import time
 from typing import Any, List
+from urllib.parse import urlparse
 
+import rosgraph
 import rospy
 from behaviours import Behaviours
 from hitches import allowed_s
@@ -73,6 +77,20 @@ def code_16_while_the_engine_is_stopped_lands_when_it_goes_on(stack: Stack) -> N
     first = decisions_after(stack, stopped_ns)[0]
     assert "imu" in [value.value for value in first.values], first
     assert stopped_ns + 250_000_000 <= first.t_ns <= stopped_ns + 1_000_000_000, "not stamped with when it came"
+
+
+@stalls.add("land", mission="long")
+def connections_that_say_nothing_keep_no_command_out(stack: Stack) -> None:
+    stack.wait_state("MISSION")
+    place = urlparse(rosgraph.Master("/test").lookupService(f"/{stack.name}/autonomy/command"))
+    assert place.hostname is not None
+    with contextlib.ExitStack() as opened:
+        for _ in range(3):
+            opened.enter_context(socket.create_connection((place.hostname, place.port or 0)))
+        asked_ns = time.monotonic_ns()
+        assert stack.ask("land")[0] == 1
+        assert time.monotonic_ns() - asked_ns < allowed_s(1.0, asked_ns / 1e9) * 1e9
+    stack.wait_state("MISSION_ENDED")
 
 
 if __name__ == "__main__":

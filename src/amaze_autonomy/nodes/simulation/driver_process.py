@@ -10,15 +10,17 @@ number of its topic (uint16, little endian) and the serialized message. It ends 
 from __future__ import annotations
 
 import json
-import os
 import socket
 import struct
 import sys
 from contextlib import suppress
+from functools import partial
 from typing import Any, List
 
 import roslib.message
 import rospy
+
+from amaze_autonomy.ros.inbound import accept_at_once
 
 __all__ = ["MOST_BYTES", "NUMBER", "main"]
 
@@ -32,8 +34,9 @@ def main(argv: List[str]) -> int:
     device = socket.socket(fileno=int(argv[1]))
     device.setblocking(True)  # rospy gives every socket of its process a time limit, which outlives the process
     topics = json.loads(device.recv(MOST_BYTES))
+    accept_at_once()
     rospy.init_node("simulated_driver")
-    rospy.on_shutdown(lambda: os._exit(0))  # also while it waits for its device
+    rospy.on_shutdown(partial(device.shutdown, socket.SHUT_RDWR))  # wakes it while it waits for its device
     publishers = [_publisher(*each) for each in topics]
     _forget(device)
     while True:

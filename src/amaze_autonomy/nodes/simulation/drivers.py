@@ -83,6 +83,7 @@ class SensorPublisher:
 
 
 _RESPAWN_S = 0.3
+_END_S = 3.0
 _DEVICE_BYTES = 1 << 16  # of the device's memory: what a driver that hangs finds when it goes on
 _PR_SET_PDEATHSIG = 1
 
@@ -136,7 +137,7 @@ class _Driver:
             return False
         if self._ended_s is None:
             self._ended_s = now_s
-            self._close()
+            self.unplug()
         if now_s - self._ended_s < _RESPAWN_S:
             return False
         by_fault, self.killed = self.killed, False
@@ -144,14 +145,16 @@ class _Driver:
         self.start()
         return not by_fault
 
-    def end(self) -> None:
-        """End the process."""
-        self._close()
+    def end(self, limit_s: float) -> None:
+        """Wait for its end; what has not ended by then is killed."""
         if self._process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(limit_s)
             self._process.kill()
             self._process.wait()
 
-    def _close(self) -> None:
+    def unplug(self) -> None:
+        """Take its device away: it ends by itself then, and the master forgets it."""
         if self._device is not None:
             self._device.close()
             self._device = None
@@ -220,7 +223,10 @@ class SimulatedDrivers:
     def end(self) -> None:
         """End all drivers."""
         for driver, _ in self._drivers:
-            driver.end()
+            driver.unplug()
+        until_s = time.monotonic() + _END_S
+        for driver, _ in self._drivers:
+            driver.end(max(0.0, until_s - time.monotonic()))
 
 
 def _drivers(
