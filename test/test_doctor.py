@@ -230,3 +230,11 @@ def test_a_full_disk_is_told(host, monkeypatch):
 
 class _Space:
     free_bytes, free_fraction = 1_000_000, 0.001
+
+
+def test_a_node_that_is_on_the_masters_list_and_does_not_answer_is_named(shipped, healthy):
+    (finding,) = bad(shipped, replace(healthy, gone=frozenset({"/driver_of_yesterday"})))
+
+    assert (finding.level, finding.about) == ("warning", "network")
+    assert finding.said.startswith("/driver_of_yesterday is on the master's list and does not answer")
+    assert finding.line == "to forget the dead: rosnode cleanup"

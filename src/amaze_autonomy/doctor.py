@@ -74,7 +74,8 @@ class Graph:
     Args:
         topics: that somebody publishes, by their names.
         services: of ours that are offered, by their names in the code.
-        nodes: names of all.
+        nodes: names of all that answer.
+        gone: names of those on the master's list that do not.
         namespace: in which our names are resolved, with a slash at its end.
         master_host: where the master is.
         named: others can reach this computer: ROS_IP or ROS_HOSTNAME is set, or the master is here.
@@ -83,6 +84,7 @@ class Graph:
     topics: Mapping[str, SeenTopic]
     services: Mapping[str, SeenService]
     nodes: FrozenSet[str] = frozenset()
+    gone: FrozenSet[str] = frozenset()
     namespace: str = "/"
     master_host: str = "localhost"
     named: bool = True
@@ -125,6 +127,9 @@ def _network(graph: Graph) -> Iterator[Finding]:
     if not graph.named:
         said = f"the master is on {graph.master_host}, and neither ROS_IP nor ROS_HOSTNAME says where this computer is"
         yield Finding(WRONG, "network", said, "in the shell of each node: export ROS_IP=ADDRESS")
+    for name in sorted(graph.gone):
+        said = f"{name} is on the master's list and does not answer: it died, or its computer is not reached"
+        yield Finding(WARNING, "network", said, "to forget the dead: rosnode cleanup")
 
 
 # --- what is watched --------------------------------------------------------------------------------------------------

@@ -103,7 +103,10 @@ class World:
         text = (ROOT / "run").read_text()
         assert "environment /usr/bin/python3" in text
         text = text.replace("/usr/bin/python3", f"'{programs}/python3'")
-        (self.checkout / "run").write_text(text.replace("/usr/lib/*/cmake/rostest", f"{folder}/*/cmake/rostest"))
+        for place in ("/usr/lib/*/cmake/rostest", "/usr/share/rostest"):
+            assert f" {place}" in text
+            text = text.replace(f" {place}", f" '{folder}'{place}")
+        (self.checkout / "run").write_text(text)
         for name in ("installed", "log", "moments"):
             (folder / name).touch()
 
@@ -173,7 +176,8 @@ def test_a_first_set_up_does_everything_once_and_the_second_nothing(world):
     assert (world.run().returncode, world.done()) == (0, [])
 
 
-def test_what_a_flight_needs_has_no_compiler_what_tests_need_has(world):
+@pytest.mark.parametrize("rostest", ["usr/lib/x86_64-linux-gnu/cmake/rostest", "usr/share/rostest/cmake"])
+def test_what_a_flight_needs_has_no_compiler_what_tests_need_has(world, rostest):
     def built() -> list[str]:
         lines = (world.path / "log").read_text().splitlines()
         return [word for line in lines if line.startswith("cmake -S") for word in line.split() if word.startswith("-D")]
@@ -184,7 +188,7 @@ def test_what_a_flight_needs_has_no_compiler_what_tests_need_has(world):
     assert not of_tests & set((world.path / "installed").read_text().split())
     assert {"-DCATKIN_ENABLE_TESTING=OFF", "-DLANGUAGES=NONE"} <= set(built())
 
-    (world.path / "lib" / "cmake" / "rostest").mkdir(parents=True)
+    (world.path / rostest).mkdir(parents=True)
     assert world.run("build").returncode == 0
     assert of_tests <= set((world.path / "installed").read_text().split())
     assert "-DCATKIN_ENABLE_TESTING=ON" in built()

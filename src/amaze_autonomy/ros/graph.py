@@ -10,8 +10,9 @@ import os
 import struct
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, FrozenSet, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 from urllib.parse import urlparse
 
 import genpy
@@ -22,12 +23,15 @@ import rosservice
 
 from ..bags.errors import UndecodableError
 from ..doctor import Graph, SeenService, SeenTopic
+from .errors import CallError
+from .liveness import call
 
 __all__ = ["GraphError", "Heard", "listen", "look"]
 
 _S = 1_000_000_000
 _KEPT_BYTES, _KEPT = 4096, 2000  # of a topic: its small messages; of a larger one the first alone
 _STAMP = struct.Struct("<II")
+_LIMIT_S, _ASKED_AT_ONCE = 0.5, 16  # of nodes, whether they live
 
 
 class GraphError(Exception):
@@ -119,17 +123,38 @@ def listen(for_s: float) -> Heard:
     Raises:
         GraphError: There is no master.
     """
-    master, heard = _begin(), Heard()
-    published, _, _ = master.getSystemState()
+    return _listen(_begin(), for_s)[0]
+
+
+def _listen(master: Any, for_s: float) -> Tuple[Heard, FrozenSet[str]]:
+    """Listen for some seconds; return what was heard, and the nodes that are gone: nobody waits for them."""
+    published, _, offered = master.getSystemState()
+    heard, gone = Heard(), _gone({node for rows in (published, offered) for _, each in rows for node in each})
     subscribers = [
         rospy.Subscriber(topic, rospy.AnyMsg, partial(heard.take, topic), tcp_nodelay=True)
         for topic, nodes in published
-        if nodes != [rospy.get_name()]
+        if not gone.union((rospy.get_name(),)).issuperset(nodes)
     ]
     time.sleep(for_s)
     for each in subscribers:
         each.unregister()
-    return heard
+    return heard, gone
+
+
+def _gone(nodes: Iterable[str]) -> FrozenSet[str]:
+    """Return which nodes do not answer, or not within the limit."""
+    me, uri = rospy.get_name(), rosgraph.get_master_uri()
+
+    def answers(node: str) -> bool:
+        try:
+            call(call(uri, "lookupNode", (me, node), _LIMIT_S), "getPid", (me,), _LIMIT_S)
+        except CallError:
+            return False
+        return True
+
+    ordered = sorted(nodes)
+    with ThreadPoolExecutor(_ASKED_AT_ONCE) as pool:
+        return frozenset(node for node, alive in zip(ordered, pool.map(answers, ordered)) if not alive)
 
 
 def look(for_s: float, services: Sequence[str]) -> Graph:
@@ -143,12 +168,12 @@ def look(for_s: float, services: Sequence[str]) -> Graph:
         GraphError: There is no master.
     """
     master = _begin()
-    heard = listen(for_s)
+    heard, gone = _listen(master, for_s)
     published, _, offered = master.getSystemState()
     declared = dict(master.getTopicTypes())
     topics = {}
     for topic, nodes in published:
-        others = tuple(node for node in nodes if node != rospy.get_name())
+        others = tuple(node for node in nodes if node not in gone and node != rospy.get_name())
         if others:
             topics[topic] = _topic(heard, topic, declared.get(topic, "?"), others)
     asked = {name: rospy.resolve_name(name) for name in services}
@@ -158,11 +183,11 @@ def look(for_s: float, services: Sequence[str]) -> Graph:
         for name, resolved in asked.items()
         if resolved in providers
     }
-    nodes = {node for rows in (published, offered) for _, each in rows for node in each}
+    nodes = {node for rows in (published, offered) for _, each in rows for node in each} - gone
     host = urlparse(rosgraph.get_master_uri()).hostname or ""
     local = host in ("localhost", "127.0.0.1", "::1")
     named = local or bool(os.environ.get("ROS_IP") or os.environ.get("ROS_HOSTNAME"))
-    return Graph(topics, found, frozenset(nodes), rospy.get_namespace(), host, named=named)
+    return Graph(topics, found, frozenset(nodes), gone, rospy.get_namespace(), host, named=named)
 
 
 def _topic(heard: Heard, topic: str, declared: str, nodes: Tuple[str, ...]) -> SeenTopic:
