@@ -17,7 +17,7 @@ import re
 import shutil
 import subprocess
 import sys
-from importlib.metadata import Distribution, distribution
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Dict, Iterable, List, Optional
 from xml.etree import ElementTree as ET
@@ -36,14 +36,22 @@ _NEXT_MINOR = f"{sys.version_info.major}.{sys.version_info.minor + 1}"
 
 def required(name: str, extras: Iterable[str], found: Dict[str, Distribution]) -> Dict[str, Distribution]:
     """Add to what was found whatever a distribution requires here, what that requires, and so on; by their names."""
-    for line in distribution(name).requires or ():
+    for line in _installed(name).requires or ():
         requirement = Requirement(line)
         marker = requirement.marker
         key = re.sub(r"[-_.]+", "-", requirement.name).lower()
         if key not in found and (marker is None or any(marker.evaluate({"extra": each}) for each in ("", *extras))):
-            found[key] = distribution(requirement.name)
+            found[key] = _installed(requirement.name)
             required(requirement.name, requirement.extras, found)
     return found
+
+
+def _installed(name: str) -> Distribution:
+    """Return a distribution by its name; Python 3.9 finds `ruamel.yaml` only as its folder is named, `ruamel_yaml`."""
+    try:
+        return distribution(name)
+    except PackageNotFoundError:
+        return distribution(re.sub(r"[-_.]+", "_", name))
 
 
 def system_package(found: Distribution) -> Optional[str]:

@@ -18,6 +18,7 @@ from px4_vehicle import Px4Vehicle
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 STATUS, CHECK = msg.AutopilotStatus, msg.Check
 
@@ -168,5 +169,6 @@ class TestAutopilot(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_autopilot")
     rostest.rosrun("amaze_autonomy", "autopilot", TestAutopilot)

@@ -17,6 +17,8 @@ import rospy
 import rostest
 from stack import Stack, TestConfiguration
 
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
+
 AT_ONCE = 12  # most of the time each waits
 _starting = threading.Semaphore(2)
 
@@ -60,6 +62,7 @@ class Behaviours:
         """Run as a rostest node; `at_start` is called once it is one."""
         crippled = "--crippled" in sys.argv
         sys.argv = [word for word in sys.argv if word != "--crippled"]
+        mend_rospy()
         rospy.init_node(name)
         at_start()
         only = [word.split("=", 1)[1] for word in sys.argv if word.startswith("--only=")]

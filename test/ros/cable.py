@@ -24,6 +24,7 @@ from hitches import allowed_s
 from one_node import OneNode, wait_for
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 SENSORS = """
 components:
@@ -182,5 +183,6 @@ class TestCable(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_cable")
     rostest.rosrun("amaze_autonomy", "cable", TestCable)

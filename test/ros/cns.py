@@ -32,6 +32,7 @@ from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Reply
 from amaze_autonomy.interface import SERVICES as OURS
 from amaze_autonomy.ros.interface import SERVICE_CLASSES, response_of, status_message
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 from amaze_autonomy.simulation import World
 
 FOLDER = Path(tempfile.mkdtemp(prefix="amaze_cns_"))
@@ -193,5 +194,6 @@ class TestCns(unittest.TestCase):
 if __name__ == "__main__":
     import rostest
 
+    mend_rospy()
     rospy.init_node("cns_stand_ins")
     rostest.rosrun("amaze_autonomy", "cns", TestCns)

@@ -32,6 +32,7 @@ from amaze_autonomy import msg
 from amaze_autonomy.cns.tables import SERVICES, TOPICS, Answer, Request
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.nodes.cns.names import cns_classes
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 FOLDER = Path(tempfile.mkdtemp(prefix="amaze_cns_served_"))
 PYTHONPATH = install(FOLDER)
@@ -212,5 +213,6 @@ class TestCnsServed(unittest.TestCase):
 if __name__ == "__main__":
     import rostest
 
+    mend_rospy()
     rospy.init_node("cns_engine")
     rostest.rosrun("amaze_autonomy", "cns_served", TestCnsServed)

@@ -13,6 +13,7 @@ from typing import Any, Callable, Dict, List, Tuple
 import rospy
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 
 class FakeAutonomy:
@@ -86,6 +87,7 @@ def _mission(name: str, error: str) -> Any:
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("autonomy")
     FakeAutonomy("/autonomy")
     rospy.spin()

@@ -15,6 +15,8 @@ import rospy
 from sensor_msgs.msg import Image, Imu
 from std_msgs.msg import String
 
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
+
 RATES = {"half": 0.5, "fast": 2.0}
 
 
@@ -50,5 +52,6 @@ class FakeSensor:
             time.sleep(max(0.0, due_s - time.monotonic()))
 
 
+mend_rospy()
 rospy.init_node("fake_sensor")
 FakeSensor().run()

@@ -31,6 +31,7 @@ from recorder import PHASE, RATE_HZ, Recorders, another_clock, holes  # noqa: E4
 
 from amaze_autonomy.bags.recording import Recording  # noqa: E402
 from amaze_autonomy.recording.storage import read_json  # noqa: E402
+from amaze_autonomy.ros.rospy_flaws import mend_rospy  # noqa: E402
 
 URI = f"http://{NEAR}:11311"
 MESSAGE_BYTES = 10_000
@@ -159,6 +160,7 @@ class TestFarRecorder(unittest.TestCase):
         cleanup = ExitStack()
         cls.addClassCleanup(cleanup.close)
         cls.network = Network(cleanup)
+        mend_rospy()
         rospy.init_node("far_recorder_test")
         cls.recorders = Distant(cls.network, "far")
         cleanup.callback(cls.recorders.close)

@@ -16,6 +16,7 @@ from sensor_msgs.msg import LaserScan, Range
 from std_msgs.msg import Float32
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 MOUNTED_M = 0.1
 UNKNOWN, ON_GROUND, AIRBORNE = msg.Landed.UNKNOWN, msg.Landed.ON_GROUND, msg.Landed.AIRBORNE
@@ -185,5 +186,6 @@ class TestLandingDetection(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_landing_detection")
     rostest.rosrun("amaze_autonomy", "landing_detection", TestLandingDetection)

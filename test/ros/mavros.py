@@ -21,6 +21,7 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 STATUS, CHECK = msg.AutopilotStatus, msg.Check
 FOLDER = Path(tempfile.mkdtemp(prefix="amaze_mavros_"))
@@ -257,5 +258,6 @@ class TestMavros(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_mavros")
     rostest.rosrun("amaze_autonomy", "mavros", TestMavros)

@@ -17,6 +17,7 @@ from one_node import OneNode, wait_for
 from px4_vehicle import MISSIONS, QUICK
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 FOLDER = Path(tempfile.mkdtemp(prefix="amaze_mavros_"))
 PATH = install(FOLDER)
@@ -127,5 +128,6 @@ class TestMavrosPlanner(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_mavros_planner")
     rostest.rosrun("amaze_autonomy", "mavros_planner", TestMavrosPlanner)

@@ -20,6 +20,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Craft, Px4
 
@@ -249,5 +250,6 @@ class TestMissionPlanner(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_mission_planner")
     rostest.rosrun("amaze_autonomy", "test_mission_planner", TestMissionPlanner)

@@ -16,6 +16,7 @@ from rospy.impl.registration import RegManager
 from sensor_msgs.msg import Imu
 
 from amaze_autonomy.ros.reconnector import Reconnector, subscriptions
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 
 class TestReconnector(unittest.TestCase):
@@ -68,5 +69,6 @@ class TestReconnector(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_reconnector")
     rostest.rosrun("amaze_autonomy", "reconnector", TestReconnector, sys.argv)

@@ -34,6 +34,7 @@ from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.parts import close_parts
 from amaze_autonomy.recording.storage import read_json
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 PHASE = RecordingPhase
 PLATFORMS = ("main", "second")
@@ -481,5 +482,6 @@ def _read(path: Path) -> bytes:
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("recorder_test")
     rostest.rosrun("amaze_autonomy", "recorder", TestRecorder)

@@ -17,6 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyResponse, SetBool, SetBoolResponse, Trigger, TriggerResponse
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 G = 9.80665
 KINDS = {"odometry": Odometry, "pose": PoseStamped, "pose_with_covariance": PoseWithCovarianceStamped}
@@ -256,5 +257,6 @@ class TestStateEstimation(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_state_estimation")
     rostest.rosrun("amaze_autonomy", "state_estimation", TestStateEstimation)

@@ -21,6 +21,8 @@ import rosnode
 import rospy
 import rostest
 
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
+
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 from amaze_autonomy.srv import UserCommandResponse  # noqa: E402
@@ -302,5 +304,6 @@ def wait_until(holds: Any) -> None:
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_console")
     rostest.rosrun("amaze_autonomy", "console", TestConsole)

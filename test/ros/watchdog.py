@@ -21,6 +21,7 @@ from one_node import OneNode, wait_for
 from std_msgs.msg import String
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 FILE = "/tmp/amaze_watchdog_test_driver"
 SENSORS = f"""
@@ -340,5 +341,6 @@ if __name__ == "__main__":
     only = [word.split("=", 1)[1] for word in sys.argv if word.startswith("--only=")]
     for name in [name for name in vars(TestWatchdog) if name.startswith("test_") and only and name[5:7] not in only]:
         delattr(TestWatchdog, name)
+    mend_rospy()
     rospy.init_node("test_watchdog")
     rostest.rosrun("amaze_autonomy", "watchdog", TestWatchdog)

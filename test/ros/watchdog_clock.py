@@ -14,6 +14,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
 from amaze_autonomy import msg, srv
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 SENSORS = """
 components:
@@ -97,5 +98,6 @@ class TestWatchdogClock(unittest.TestCase):
 
 
 if __name__ == "__main__":
+    mend_rospy()
     rospy.init_node("test_watchdog_clock")
     rostest.rosrun("amaze_autonomy", "watchdog_clock", TestWatchdogClock)

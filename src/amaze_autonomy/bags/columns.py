@@ -277,7 +277,7 @@ def _texts(buffer: Any, places: Any, _: str) -> Any:
     column: Any = np.arange(size)
     view: Any = np.frombuffer(buffer, np.uint8)
     inside = np.minimum(places[:, None] + _WORD + column, len(view) - 1)
-    found = np.where(column < count[:, None], view[inside], 0).astype(np.uint8)
+    found: Any = np.where(column < count[:, None], view[inside], 0).astype(np.uint8)
     return found.view(f"S{size}").reshape(len(places))
 
 

@@ -140,6 +140,8 @@ def tabulate(buffer: Buffer, spans: List[Span], t_ns: Any, connection: Any, star
         RecordError: Index and data contradict each other.
     """
     order = np.argsort(start, kind="stable")
+    begins: Any
+    ends: Any
     begins, ends = (np.array(each, np.int64) for each in ([span.start for span in spans], [span.end for span in spans]))
     return tabulated(buffer, begins, ends, t_ns[order], connection[order], start[order])
 
@@ -241,7 +243,7 @@ def _said_one_by_one(buffer: Buffer, starts: List[int]) -> Tuple[Any, Any, Any]:
             raise RecordError("the index points at a record that is no message")
         seconds, fraction = divmod(record.time_ns(b"time"), SECOND)
         rows.append((record.number(b"conn"), seconds, fraction))
-    said = np.array(rows, np.int64)
+    said: Any = np.array(rows, np.int64)
     return said[:, 0], said[:, 1], said[:, 2]
 
 

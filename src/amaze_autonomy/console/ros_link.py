@@ -25,6 +25,7 @@ from amaze_autonomy.console.link import (
 from amaze_autonomy.console.model import DEFAULT_ENGINE, STALE_AFTER_S, Request, RequestKind, Verdict
 from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, snapshot_of, verdict_of
 from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 
 from .wire import clean
@@ -90,6 +91,7 @@ class RosLink(Link):
 
     def _connect(self) -> None:
         # rospy alone would take over the signals and wait for the master without an end.
+        mend_rospy()
         rospy.init_node("console", anonymous=True, disable_signals=True, disable_rosout=True)
         if self._quiet:
             _silence()

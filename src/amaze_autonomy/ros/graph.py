@@ -25,6 +25,7 @@ from ..bags.errors import UndecodableError
 from ..doctor import Graph, SeenService, SeenTopic
 from .errors import CallError
 from .liveness import call
+from .rospy_flaws import mend_rospy
 
 __all__ = ["GraphError", "Heard", "listen", "look"]
 
@@ -113,6 +114,7 @@ def _begin() -> Any:
     if not rosgraph.is_master_online():
         raise GraphError(f"no ROS master answers at {rosgraph.get_master_uri()}: start it, or set ROS_MASTER_URI")
     if not rospy.core.is_initialized():
+        mend_rospy()
         rospy.init_node("amaze_looks", anonymous=True, disable_signals=True, disable_rosout=True)
     return rosgraph.Master(rospy.get_name())
 

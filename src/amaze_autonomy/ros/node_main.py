@@ -28,8 +28,8 @@ from amaze_autonomy.paths import config_folder
 from ..engine.events import Check, Verdict
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
-from .inbound import accept_at_once
 from .reconnector import Reconnector
+from .rospy_flaws import mend_rospy
 
 __all__ = [
     "END_SIGNALS",
@@ -71,7 +71,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         return answered
     survive_a_closed_terminal()
     os.umask(UMASK)
-    accept_at_once()
+    mend_rospy()
     rospy.init_node(name, argv=sys.argv, disable_signals=True)
     stopped, left = threading.Event(), threading.Event()
     node: Any = None

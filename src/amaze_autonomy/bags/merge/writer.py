@@ -33,7 +33,7 @@ __all__ = ["CHUNK_BYTES", "Cut", "Duplicates", "Pending", "Rows", "Writing", "cu
 CHUNK_BYTES = 768 * 1024  # the recorder's; readers keep one chunk, so larger ones cost them memory and time
 
 _HEADER = 55  # bytes of an index record before its entries
-_TEMPLATE = np.frombuffer(index_data(0, np.zeros(0, np.int64), np.zeros(0, np.int64)), np.uint8)
+_TEMPLATE: Any = np.frombuffer(index_data(0, np.zeros(0, np.int64), np.zeros(0, np.int64)), np.uint8)
 _AT_CONNECTION, _AT_COUNT, _AT_SIZE = 13, 27, 51
 
 
@@ -132,9 +132,9 @@ def _index_records(chunk: Any, t_ns: Any, connection: Any, offsets: Any) -> Tupl
     count = np.diff(np.append(first, len(key)))
     size = _HEADER + 12 * count
     place = np.cumsum(size) - size
-    blob = np.empty(int(size.sum()), np.uint8)
+    blob: Any = np.empty(int(size.sum()), np.uint8)
     blob[place[:, None] + np.arange(_HEADER)] = _TEMPLATE
-    numbers = np.ndarray((len(blob) - 3,), "<u4", blob, 0, (1,))
+    numbers: Any = np.ndarray((len(blob) - 3,), "<u4", blob, 0, (1,))
     numbers[place + _AT_CONNECTION] = key[first] % kinds
     numbers[place + _AT_COUNT] = count
     numbers[place + _AT_SIZE] = 12 * count
@@ -259,7 +259,7 @@ class Duplicates:
         self._shared, self._window_ns = shared, window_ns
         self._seen: Dict[_Key, Deque[_Seen]] = {}
         self._order: Deque[Tuple[int, _Key]] = deque()
-        self._compared = np.array(sorted(shared), np.int64)
+        self._compared: Any = np.array(sorted(shared), np.int64)
 
     def candidates(self, connection: Any) -> Any:
         """Return the places of messages that could be duplicates."""
@@ -432,7 +432,7 @@ class Writing:
         found = rows.where(np.array(places))
         pieces = zip(found.block.tolist(), found.payload.tolist(), found.end.tolist())
         buffers = self._pending.buffers
-        crc = np.array([crc32(memoryview(buffers[block])[begin:end]) for block, begin, end in pieces], np.uint64)
+        crc: Any = np.array([crc32(memoryview(buffers[block])[begin:end]) for block, begin, end in pieces], np.uint64)
         sums = checksums(crc, found.end - found.payload, found.t_ns)
         for number, checksum in zip(found.connection.tolist(), sums.tolist()):
             each = self._connections[number]

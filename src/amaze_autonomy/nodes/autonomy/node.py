@@ -51,10 +51,10 @@ from ...journal import journal as codec
 from ...journal.report import MessageLog
 from ...ros import node_main
 from ...ros.errors import NodeError, StartError
-from ...ros.inbound import accept_at_once
 from ...ros.interface import SERVICE_CLASSES, message_class
 from ...ros.node_main import Parameters, read_parameters
 from ...ros.reconnector import Reconnector
+from ...ros.rospy_flaws import mend_rospy
 from ...ros.service_client import ServiceClient
 from ...ros.topic_reader import ALL, Tally, subscribe
 from . import run_folder
@@ -390,7 +390,7 @@ def main() -> int:
         return answered
     node_main.survive_a_closed_terminal()
     os.umask(node_main.UMASK)
-    accept_at_once()
+    mend_rospy()
     rospy.init_node("autonomy", disable_signals=True)
     stopped = threading.Event()
     ends: List[Callable[[str], None]] = [lambda _: stopped.set()]

@@ -20,7 +20,7 @@ from typing import Any, List
 import roslib.message
 import rospy
 
-from amaze_autonomy.ros.inbound import accept_at_once
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 __all__ = ["MOST_BYTES", "NUMBER", "main"]
 
@@ -34,7 +34,7 @@ def main(argv: List[str]) -> int:
     device = socket.socket(fileno=int(argv[1]))
     device.setblocking(True)  # rospy gives every socket of its process a time limit, which outlives the process
     topics = json.loads(device.recv(MOST_BYTES))
-    accept_at_once()
+    mend_rospy()
     rospy.init_node("simulated_driver")
     rospy.on_shutdown(partial(device.shutdown, socket.SHUT_RDWR))  # wakes it while it waits for its device
     publishers = [_publisher(*each) for each in topics]

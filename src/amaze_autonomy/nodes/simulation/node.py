@@ -53,8 +53,8 @@ from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 from ...autopilot.link.dialect import mavlink
 from ...ros import node_main
 from ...ros.errors import NodeError, StartError
-from ...ros.inbound import accept_at_once
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, status_message
+from ...ros.rospy_flaws import mend_rospy
 from .drivers import SensorPublisher, SimulatedDrivers
 from .live_world import LiveWorld, RealPeers, Received, Turn
 
@@ -332,7 +332,7 @@ def main() -> int:
     if answered is not None:
         return answered
     node_main.survive_a_closed_terminal()
-    accept_at_once()
+    mend_rospy()
     rospy.init_node("simulation", disable_signals=True)
     stopped = threading.Event()
     for number in node_main.END_SIGNALS:

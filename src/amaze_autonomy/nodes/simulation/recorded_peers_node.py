@@ -32,6 +32,7 @@ from std_srvs.srv import SetBool, Trigger, TriggerResponse
 from amaze_autonomy import msg, srv
 from amaze_autonomy.bags import BagError, Recording
 from amaze_autonomy.ros.liveness import call
+from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 from ...ros import node_main
 from ...ros.errors import BrokenCallError, CallError, NodeError, StartError
@@ -198,6 +199,7 @@ def main() -> int:
     answered = node_main.answer_words("recorded_peers", __doc__)
     if answered is not None:
         return answered
+    mend_rospy()
     rospy.init_node("recorded_peers")
     try:
         RecordedPeers().play()

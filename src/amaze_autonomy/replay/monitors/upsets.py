@@ -171,6 +171,7 @@ def columns_of(recordings: Any, topic: str, paths: Sequence[str], start_ns: int)
         read = tuple(paths)
         recordings.read({rank: read})
     track = recordings.track(rank, read) if all(hasattr(bag, "numbers") for bag in recordings.bags) else None
+    found: List[Any]
     if track is not None and len(track.columns) == len(read):
         t_ns, found = track.times, [np.asarray(track.columns[read.index(path)], float) for path in paths]
     else:

@@ -1,0 +1,34 @@
+"""Mends what is wrong in rospy before a node starts.
+
+A silent connection keeps all others out: rospy reads the header of a new connection on the thread that accepts them.
+Whoever connects and says nothing keeps everybody else out for 60 s, its limit: the console's command to land, a
+recorder, a check. A half-open connection does so, a port scan, and any node that subscribes to a topic of which a dead
+node is still on the master's list, when the dead one's port is ours by now: it asks there in another protocol
+(http://wiki.ros.org/ROS/Slave_API), and waits. Each header is read on a thread of its own.
+
+A node cannot end well: rospy 1.15.9, which Debian 11 has, calls `Thread.isAlive`, which its Python 3.9 has no more. So
+every node ended with a traceback and the status 1, whatever its own was.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from rospy.impl.tcpros_base import TCPROSServer
+
+__all__ = ["mend_rospy"]
+
+
+def mend_rospy() -> None:
+    """Call it before `rospy.init_node`; more than once is the same."""
+    TCPROSServer._tcp_server_callback = _accept
+    if not hasattr(threading.Thread, "isAlive"):
+        threading.Thread.isAlive = threading.Thread.is_alive  # type: ignore[method-assign]
+
+
+_read = TCPROSServer._tcp_server_callback
+
+
+def _accept(server: Any, sock: Any, address: Any) -> None:
+    threading.Thread(target=_read, args=(server, sock, address), name="inbound", daemon=True).start()
