@@ -30,7 +30,7 @@ def recording(name):
     return path
 
 
-def replay(bag, topic_map=None, mission="1", overrides=(), muted=()):
+def replay(bag, topic_map=None, mission="1", overrides=(), muted=(), config=CONFIG):
     """Replay a bag; return its Outcome and Recordings."""
     bags = [bag] if isinstance(bag, Path) else list(bag)
     topics = []
@@ -42,8 +42,8 @@ def replay(bag, topic_map=None, mission="1", overrides=(), muted=()):
     def plan_of(configuration):
         return make_plan(configuration, found, mission, tuple(topics))
 
-    plan = plan_of(load_configuration(CONFIG, overrides))
-    changes = changes_of(overrides, lambda some: load_configuration(CONFIG, some), plan_of)
+    plan = plan_of(load_configuration(config, overrides))
+    changes = changes_of(overrides, lambda some: load_configuration(config, some), plan_of)
     with Recordings(bags, plan.topics, muted) as recordings:
         return Session(plan, recordings, changes=changes).run(), recordings
 

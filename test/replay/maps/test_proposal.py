@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 from cns_definitions import MESSAGES
 from replay_bags import START_NS, STORE, S, battery, flight_rows, header, height_m, imu, magnetic, make, write_bag
 from replay_runs import CONFIG, moves, recording, replay, texts
@@ -190,6 +191,26 @@ def test_the_height_of_the_shipped_map_for_mavros_is_the_position_where_both_are
     assert both.of(["/mavros/altitude"]).readings["height"].topic == "/mavros/altitude"
     assert both.of([]).readings["height"].topic == pose_topic  # that it is not there is said of this one
     assert "height_otherwise" not in both.of([]).readings
+
+
+def test_the_shipped_map_for_mavros_flies_what_the_configuration_for_mavros_records(tmp_path):
+    groups = yaml.safe_load((CONFIG / "mavros" / "recording.yaml").read_text())["groups"].values()
+    recorded = {topic for group in groups for topic in group["topics"]}
+    rows = [row for row in mavros_rows() if row[1] in recorded]
+    assert {topic for _, topic, _ in rows} & {"/mavros/imu/data", "/mavros/imu/data_raw"} == {"/mavros/imu/data_raw"}
+    outcome, _ = replay(write_bag(tmp_path / "x.bag", rows), "mavros", config=CONFIG / "mavros")
+    assert states(outcome)[:7] == NOMINAL
+
+
+def test_the_imu_of_the_shipped_map_for_mavros_is_the_filtered_one_where_both_are_recorded():
+    def topics(*recorded):
+        found = load_map("mavros").of(recorded)
+        return found.readings["imu"].topic, *(component.topic.topic for component in found.components)
+
+    filtered, raw = "/mavros/imu/data", "/mavros/imu/data_raw"
+    assert topics(filtered, raw) == topics(filtered) == topics() == (filtered, filtered)
+    assert topics(raw) == (raw, raw)
+    assert "imu_otherwise" not in load_map("mavros").of([raw]).readings
 
 
 def test_a_bag_over_mavros_that_begins_in_the_air_is_judged_from_there_by_the_shipped_map(tmp_path):

@@ -35,7 +35,10 @@ STATUSES = (*(row.name for row in interface.STATUSES), "journal")
 
 @dataclass(frozen=True)
 class ComponentMap:
-    """One component that the recording has; None: as the configuration says of the component of this name."""
+    """One component that the recording has; None: as the configuration says of the component of this name.
+
+    `topic_otherwise` is its topic in a recording without that of `topic`.
+    """
 
     name: str
     topic: TopicSpec
@@ -44,6 +47,13 @@ class ComponentMap:
     severity: Optional[str] = None
     wait_limit_ns: Optional[int] = None
     autopilot: Optional[str] = None
+    topic_otherwise: Optional[str] = None
+
+    def of(self, recorded: Collection[str]) -> ComponentMap:
+        """Return the component for a recording of these topics."""
+        if self.topic_otherwise is None or self.topic.topic in recorded or self.topic_otherwise not in recorded:
+            return self
+        return replace(self, topic=replace(self.topic, topic=self.topic_otherwise))
 
 
 @dataclass(frozen=True)
@@ -124,13 +134,13 @@ class TopicMap:
         return tuple(dict.fromkeys(names))
 
     def of(self, recorded: Collection[str]) -> TopicMap:
-        """Return the map for a recording of these topics: the height is that of `height_otherwise` where it must be."""
+        """Return the map for a recording of these topics: what has an `otherwise` is that where it must be."""
         readings = dict(self.readings)
-        otherwise = readings.pop(_OTHERWISE, None)
-        height = readings.get("height")
-        if otherwise is not None and otherwise.topic in recorded and (height is None or height.topic not in recorded):
-            readings["height"] = otherwise
-        return replace(self, readings=readings)
+        for name in _TWICE:
+            other, first = readings.pop(name + _OTHERWISE, None), readings.get(name)
+            if other is not None and other.topic in recorded and (first is None or first.topic not in recorded):
+                readings[name] = other
+        return replace(self, readings=readings, components=tuple(each.of(recorded) for each in self.components))
 
 
 def _optional(group: Group, *left_out: str) -> Group:
@@ -143,7 +153,7 @@ _SMALL = Number(above=0.0, below=1.0)
 _TOPIC = Key("topic", Text('the name of a topic, e.g. "/imu/data"', TOPIC_NAME), "topic that carries it")
 _PATH = Text("the path of a field, e.g. pose.position.z or values[5]", FIELD_PATH)
 _SCALE = Key("scale", Number(minimum=-1e6, maximum=1e6), "factor that makes SI of the message's unit", "", 1.0)
-_OTHERWISE = "height_otherwise"
+_OTHERWISE, _TWICE = "_otherwise", ("imu", "height")  # keys for a recording without the topic; readings that have one
 _OFFSET = Key("offset_m", Number(minimum=-1e5, maximum=1e5), "added after scaling", "", 0.0)
 
 
@@ -155,10 +165,17 @@ def _reading(name: str, said: str, *keys: Key) -> Key:
     return Key(name, Group(said, (_TOPIC, *keys)), said, "", None)
 
 
+def _twice(name: str, *keys: Key) -> Key:
+    return _reading(name + _OTHERWISE, f"the same, in a recording without the topic of `{name}`", *keys)
+
+
+_IMU = (_field("acceleration", "linear_acceleration"), _field("turn_rate"), _field("orientation"), _SCALE)
+_HEIGHT = (_field("height", REQUIRED), _SCALE, _OFFSET)
 _COMPONENT = Group(
     "a component of the recording",
     (
         _TOPIC,
+        replace(_TOPIC, name=f"topic{_OTHERWISE}", meaning="the same, in a recording without `topic`", default=None),
         Key("rate_hz", Number(minimum=0.001, maximum=1e5), "messages per second that are intended"),
         bind(TopicSpec, "tolerance_fraction", _SMALL, "deviation of the rate that is still as intended"),
         bind(TopicSpec, "rate_failed_fraction", _SMALL, "part of the rate below which it has failed"),
@@ -211,28 +228,16 @@ _SCRIPT = Group(
 _READINGS = Group(
     "where readings come from",
     (
-        _reading(
-            "imu",
-            "an accelerometer",
-            _field("acceleration", "linear_acceleration"),
-            _field("turn_rate"),
-            _field("orientation"),
-            _SCALE,
-        ),
+        _reading("imu", "an accelerometer", *_IMU),
+        _twice("imu", *_IMU),
         _reading(
             "estimate",
             "an estimate of the state",
             Key("source", Choice(tuple(s.value for s in EstimateSource)), "kind of message", "", "odometry"),
         ),
         _reading("range", "a distance to the ground", _field("distance", "range"), _SCALE),
-        _reading("height", "the height above the takeoff position", _field("height", REQUIRED), _SCALE, _OFFSET),
-        _reading(
-            _OTHERWISE,
-            "the same, in a recording without the topic of `height`",
-            _field("height", REQUIRED),
-            _SCALE,
-            _OFFSET,
-        ),
+        _reading("height", "the height above the takeoff position", *_HEIGHT),
+        _twice("height", *_HEIGHT),
         _reading("battery", "the battery", _field("fraction", "percentage"), _field("voltage"), _SCALE),
         _reading("armed", "whether the motors are armed", _field("armed", "data")),
         _reading(
@@ -369,6 +374,7 @@ def _component(name: str, values: Dict[str, Any], places: Places) -> ComponentMa
         severity=values["severity"],
         wait_limit_ns=None if wait_s is None else _ns(wait_s),
         autopilot=values["autopilot"],
+        topic_otherwise=values["topic_otherwise"],
     )
 
 
