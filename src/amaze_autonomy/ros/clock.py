@@ -15,7 +15,9 @@ from typing import Callable, Optional
 
 import rospy
 
-__all__ = ["Clock", "MonotonicClock", "Periodic", "SimulatedClock", "Workers", "make_clock", "wait_for_time"]
+from .errors import report
+
+__all__ = ["Clock", "Job", "MonotonicClock", "Periodic", "SimulatedClock", "Workers", "make_clock", "wait_for_time"]
 
 # --- clocks -----------------------------------------------------------------------------------------------------------
 
@@ -153,6 +155,7 @@ def wait_for_time(stopped: threading.Event) -> None:
 # --- threads that wait ------------------------------------------------------------------------------------------------
 
 
+Job = Callable[[], None]
 _log = logging.getLogger(__name__)
 
 
@@ -162,52 +165,65 @@ class Workers:
     Unlike `concurrent.futures`, its threads are daemons: a job that hangs does not keep the process from ending. Jobs
     have time limits of their own, so there are never more threads than calls that are open at the same time.
 
+    Where the system gives no new thread (a limit of processes, or of memory), those that there are go on.
+
     Args:
         name: prefix of the names of its threads.
     """
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._jobs: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._jobs: SimpleQueue[Job] = SimpleQueue()
         self._lock = threading.Lock()
         self._free = 0
         self._threads = 0
 
-    def submit(self, job: Callable[[], None]) -> None:
-        """Run a job now."""
+    def submit(self, job: Job) -> None:
+        """Run a job now.
+
+        Raises:
+            RuntimeError: No thread is free, and no new one can be had; the job is not run. Likewise MemoryError.
+        """
         with self._lock:
-            start = self._free == 0
-            if start:
-                self._threads += 1
-            else:
+            if self._free > 0:
+                self._jobs.put(job)
                 self._free -= 1
-            number = self._threads
-        self._jobs.put(job)
-        if start:
-            threading.Thread(target=self._work, name=f"{self._name}-{number}", daemon=True).start()
+                return
+        self._start(job)
 
     def prepare(self, count: int) -> None:
-        """Start threads ahead of the first jobs."""
-        with self._lock:
-            first = self._threads
-            self._threads += count
-        for number in range(first, first + count):
-            threading.Thread(target=self._wait_first, name=f"{self._name}-{number + 1}", daemon=True).start()
-
-    def _wait_first(self) -> None:
-        with self._lock:
-            self._free += 1
-        self._work()
-
-    def _work(self) -> None:
-        while True:
-            job = self._jobs.get()
+        """Start threads ahead of the first jobs; where not so many can be had, that is said, and fewer must do."""
+        for number in range(count):
             try:
-                job()
-            except Exception:
-                _log.exception("a job of %s failed", self._name)
+                self._start(None)
+            except (RuntimeError, MemoryError):
+                report(_log, "no more than %d of %d threads of %s can be had", number, count, self._name)
+                return
+
+    def _start(self, first: Optional[Job]) -> None:
+        with self._lock:
+            self._threads += 1
+            name = f"{self._name}-{self._threads}"
+        try:
+            threading.Thread(target=self._work, args=(first,), name=name, daemon=True).start()
+        except BaseException:
+            with self._lock:
+                self._threads -= 1
+            raise
+
+    def _work(self, job: Optional[Job]) -> None:
+        while True:
+            if job is not None:
+                self._do(job)
             with self._lock:
                 self._free += 1
+            job = self._jobs.get()
+
+    def _do(self, job: Job) -> None:
+        try:
+            job()
+        except Exception:
+            report(_log, "a job of %s failed", self._name)
 
 
 # --- periodic ---------------------------------------------------------------------------------------------------------
@@ -246,6 +262,6 @@ class Periodic:
             try:
                 self._job()
             except Exception:
-                _log.exception("%s failed", self._thread.name)
+                report(_log, "%s failed", self._thread.name)
             while not self._stopped.is_set() and self._clock.now_ns() < due_ns:
                 self._stopped.wait(min(_LONGEST_S, self._clock.wall_wait_s(due_ns)))

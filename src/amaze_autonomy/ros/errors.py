@@ -10,6 +10,10 @@ NodeError
 
 from __future__ import annotations
 
+import logging
+import os
+from contextlib import suppress
+
 __all__ = [
     "BrokenCallError",
     "CallError",
@@ -17,7 +21,11 @@ __all__ = [
     "NodeError",
     "StartError",
     "UnavailableError",
+    "report",
 ]
+
+_UNLOGGED = b"amaze_autonomy: an error could not be logged: memory is too short\n"
+_STDERR = 2
 
 
 class NodeError(Exception):
@@ -42,3 +50,20 @@ class CallTimeoutError(CallError):
 
 class BrokenCallError(CallError):
     """The service died in mid-call, or answered nonsense."""
+
+
+def report(log: logging.Logger, text: str, *values: object) -> None:
+    """Log the exception that is being handled; never raises, so that who handles it can go on.
+
+    Where memory is too short to log anything, which logging itself does not survive, a ready-made line says so.
+
+    Args:
+        log: of the module.
+        text: what could not be done, with a place for each value.
+        values: that go into it.
+    """
+    try:
+        log.exception(text, *values)
+    except Exception:
+        with suppress(OSError):
+            os.write(_STDERR, _UNLOGGED)
