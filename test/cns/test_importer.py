@@ -41,7 +41,7 @@ def shipped_mavros():
 
 def recorded(tmp_path):
     recording = yaml.safe_load((tmp_path / "config" / "recording.yaml").read_text())
-    return [topic for group in recording["groups"].values() for topic in group["topics"]]
+    return recording["groups"]["sensors"]["topics"]
 
 
 def test_every_line_is_translated_has_no_counterpart_or_is_assumed(folder, tmp_path):
@@ -96,7 +96,9 @@ def test_every_line_is_translated_has_no_counterpart_or_is_assumed(folder, tmp_p
         "sensors.yaml: landing_detection.topic: /lrf/range, which an entity watches (not with peers:=cns)",
         f"sensors.yaml: state_estimation.topic: /mavros/local_position/odom, {MAVROS} (not with peers:=cns)",
         f"sensors.yaml: state_estimation.imu_topic: /mavros/imu/data_raw, {MAVROS} (not with peers:=cns)",
-        "recording.yaml: one computer records the 5 topics that are watched",
+        "sensors.yaml: no estimator is initialised, as its engine does by default before its checks: name the service "
+        "(/ESTIMATOR/init_service) as initialisation.service, with initialisation.type: set_bool",
+        "recording.yaml: one computer records the 5 topics that are watched, what our nodes say, and what mavros does",
         "autonomy.yaml: limits that its nodes need (a heartbeat of 0.5 Hz, a supervisor that answers after 10 s)",
         "autopilot.yaml: the vehicle is reached through mavros",
     ]
@@ -202,6 +204,173 @@ def test_keys_of_a_landing_switch_name_ours_and_set_nothing(folder, tmp_path):
     assert load_configuration(tmp_path / "config").autopilot.land_switch.channel == 0
 
 
+SAMPLES = Path(__file__).parents[2] / "config"
+OPENCV = b"%YAML:1.0\n---\nmatrix: !!opencv-matrix\n   rows: 3\n"
+NEITHER = "camera.yaml: neither missions nor a file of the watchdog"
+
+
+@pytest.mark.parametrize(
+    "content, line",
+    [
+        (OPENCV, "camera.yaml: is not read as YAML, and left out: line 1: expected alphabetic or numeric cha"),
+        (b"a: !camera {x: 1}\n", "camera.yaml: is not read as YAML, and left out: line 1: could not determine a con"),
+        (b"cam0: {\n", "camera.yaml: is not read as YAML, and left out: line 2: expected the node content, but fou"),
+        (b"\xff\xfe\x00", "camera.yaml: is not read as YAML, and left out: "),
+        (b"when: 2020-13-45\n", "camera.yaml: is not read as YAML, and left out: month must be in 1..12"),
+        (b"cam0:\n  rate: 20\n  rostopic: /cam0\n", NEITHER),
+        (b"imu0: {margin: 3, window_size: 4}\n", NEITHER),
+        (b"[1, 2]\n", NEITHER),
+        (b"", NEITHER),
+    ],
+)
+def test_yaml_of_others_is_left_out_and_named(folder, tmp_path, content, line):
+    (folder / "camera.yaml").write_bytes(content)
+    report = import_folder(folder, tmp_path / "config")
+    assert report.no_counterpart[0].startswith(line)
+    assert len(load_configuration(tmp_path / "config").components) == 5
+
+
+def test_what_stands_beside_the_rows_of_the_watchdog_has_no_counterpart(folder, tmp_path):
+    write_folder(folder, topics=f"check_rate: 2\n{FILES['watchdog/topics.yaml']}")
+    report = import_folder(folder, tmp_path / "config")
+    assert report.translated[3] == "watchdog/topics.yaml: 4 topics"
+    assert "watchdog/topics.yaml: check_rate: 2" in report.no_counterpart
+
+
+def test_bounds_of_its_sequencer_are_pointed_at_and_set_nothing(folder, tmp_path):
+    write_folder(folder, sequencer="threshold: 0.3\nlimits:\n  bound_min_x: -5\n  bound_max_x: 5\n  min_z: 0\n")
+    report = import_folder(folder, tmp_path / "config")
+    assert [line for line in report.assumed if "cns_bounds" in line] == [
+        "sequencer.yaml: bound_min_x: -5, bound_max_x: 5, min_z: 0: where waypoints may be is not taken from here; "
+        "with peers:=cns say cns_bounds:=X,Y,Z,X,Y,Z, the least and the most in metres"
+    ]
+
+
+def test_an_estimator_that_is_initialised_is_asked_for(folder, tmp_path):
+    report = import_folder(folder, tmp_path / "config")
+    (line,) = [line for line in report.assumed if "initialisation" in line]
+    assert line == (
+        "sensors.yaml: no estimator is initialised, as its engine does by default before its checks: name the service "
+        "(/ESTIMATOR/init_service) as initialisation.service, with initialisation.type: set_bool"
+    )
+    assert load_configuration(tmp_path / "config").initialisation.service == ""
+
+
+def test_the_import_records_what_both_samples_do_besides_sensors(folder, tmp_path):
+    import_folder(folder, tmp_path / "config")
+    ours, shipped, mavros = (
+        yaml.safe_load((each / "recording.yaml").read_text())["groups"]
+        for each in (tmp_path / "config", SAMPLES, SAMPLES / "mavros")
+    )
+    both = [topic for topic in mavros["states"]["topics"] if topic in shipped["states"]["topics"]]
+    assert ours["states"]["topics"] == both
+    assert {"~journal", "~state", "watchdog/action", "data_recorder/status", "/rosout"} <= set(both)
+    assert ours["vehicle"]["topics"] == [
+        "/mavros/state",
+        "/mavros/extended_state",
+        "/mavros/battery",
+        "/mavros/statustext/recv",
+    ]
+
+
+def test_a_topic_that_is_watched_is_recorded_once(folder, tmp_path):
+    more = "/mavros/state: {entity_id: fcu, rate: 1, margin: 0.5}\n/rosout: {entity_id: fcu, rate: 1, margin: 0.5}\n"
+    write_folder(folder, topics=FILES["watchdog/topics.yaml"] + more)
+    import_folder(folder, tmp_path / "config")
+    groups = yaml.safe_load((tmp_path / "config" / "recording.yaml").read_text())["groups"]
+    assert {"/mavros/state", "/rosout"} <= set(groups["sensors"]["topics"])
+    load_configuration(tmp_path / "config")  # refuses what is recorded twice
+
+
+# --- trajectories -----------------------------------------------------------------------------------------------------
+
+
+def with_path(path):
+    return FILES["missions.yaml"].replace("[ahead.csv, square/square.csv]", f"['{path}']")
+
+
+def test_the_folder_may_be_the_working_directory(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(folder)
+    write_folder(folder, missions=with_path("cns/trajectories/ahead.csv"))
+    report = import_folder(Path(), tmp_path / "config")
+    assert f"trajectories/ahead.csv: trajectories/cns/trajectories/ahead.csv, {AHEAD}" in report.translated
+
+
+def test_an_absolute_path_is_taken_from_where_it_is(folder, tmp_path):
+    away = tmp_path / "away" / "ahead.csv"
+    away.parent.mkdir()
+    away.write_text(FILES["trajectories/ahead.csv"].replace("4,0", "3,0"))
+    report = import_folder(write_folder(folder, missions=with_path(away)), tmp_path / "config")
+    assert f"{away}: trajectories{away}, {AHEAD}" in report.translated
+    plan = load_configuration(tmp_path / "config").plan("2")
+    assert [trajectory.waypoints[1].x_m for trajectory in plan.trajectories] == [3.0]
+
+
+def test_one_that_is_nowhere_is_told_where_to_be_copied_and_that_helps(folder, tmp_path):
+    write_folder(folder, missions=with_path("/nowhere/at/all/ahead.csv"))
+    with pytest.raises(ImportFolderError) as caught:
+        import_folder(folder, tmp_path / "config")
+    there = folder / "nowhere" / "at" / "all" / "ahead.csv"
+    assert str(caught.value) == (
+        f"{folder}/missions.yaml: mission_2: filepaths has '/nowhere/at/all/ahead.csv', which is not there; "
+        f"copy it to {there}"
+    )
+    there.parent.mkdir(parents=True)
+    there.write_text(FILES["trajectories/ahead.csv"])
+    import_folder(folder, tmp_path / "config")
+
+
+def test_two_trajectories_of_one_name_are_not_guessed_among(folder, tmp_path):
+    (folder / "old").mkdir()
+    copy = folder / "old" / "ahead.csv"
+    copy.write_text(FILES["trajectories/ahead.csv"])
+    import_folder(folder, tmp_path / "same")  # one is as good as the other
+    copy.write_text(FILES["trajectories/ahead.csv"].replace("4,0", "3,0"))
+    with pytest.raises(ImportFolderError) as caught:
+        import_folder(folder, tmp_path / "config")
+    assert str(caught.value) == (
+        f"{folder}/missions.yaml: mission_2: filepaths has 'ahead.csv', which is old/ahead.csv and "
+        "trajectories/ahead.csv; must say which"
+    )
+    import_folder(write_folder(folder, missions=with_path("old/ahead.csv")), tmp_path / "config")
+
+
+# --- scripts and names ------------------------------------------------------------------------------------------------
+
+
+def test_a_script_with_arguments_is_a_program_and_its_words(folder, tmp_path):
+    drivers = "lrf_driver: {entity_id: lrf, check_script: /opt/c.sh, restart_script: '/opt/y.sh usb \"3 4\"'}\n"
+    report = import_folder(write_folder(folder, drivers=drivers), tmp_path / "config")
+    components = {each.name: each for each in load_configuration(tmp_path / "config").components}
+    assert components["lrf"].driver == ("/opt/c.sh",)
+    assert components["lrf"].restart.command == ("/opt/y.sh", "usb", "3 4")
+    assert "lrf: restarted by /opt/y.sh usb '3 4'" in report.translated
+    assert [line for line in report.assumed if "restart_script" in line or "check_script" in line] == [
+        "lrf_driver: restart_script: the program is /opt/y.sh, its arguments are usb '3 4'"
+    ]
+
+
+def test_what_one_entity_has_twice_is_told(folder, tmp_path):
+    topics = "lrf/range: {entity_id: lrf, rate: 5, margin: 0.1}\n"
+    nodes = "lrf: {entity_id: lrf, max_restart_attempts: 4, restart_timeout: 2}\n"
+    drivers = "other: {entity_id: lrf, check_script: /opt/other.sh, restart_script: /opt/again.sh}\n"
+    write_folder(
+        folder,
+        topics=FILES["watchdog/topics.yaml"] + topics,
+        nodes=FILES["watchdog/nodes.yaml"] + nodes,
+        drivers=FILES["watchdog/drivers.yaml"] + drivers,
+    )
+    report = import_folder(folder, tmp_path / "config")
+    assert [line for line in report.no_counterpart if "lrf" in line] == [
+        "lrf/range: /lrf/range of lrf a second time; the first of the topics counts",
+        "lrf: /lrf of lrf a second time; the first of the nodes counts",
+        "other: a second driver of lrf; the first counts",
+    ]
+    components = {each.name: each for each in load_configuration(tmp_path / "config").components}
+    assert [topic.rate_hz for topic in components["lrf"].topics] == [20.0]
+    assert components["lrf"].restart.command == ("/opt/lrf_restart.sh",)
+
+
 NO_RANGE = FILES["watchdog/topics.yaml"].replace("/lrf/range:", "/mavros/local_position/odom:").replace("20.0", "50.0")
 
 
@@ -224,7 +393,7 @@ def test_topics_that_ship_and_nobody_watches_are_named_one_by_one_and_not_record
     write_folder(folder, topics="/lidar/range: {entity_id: lidar, rate: 20, margin: 0.3}\n")
     report = import_folder(folder, tmp_path / "config")
     ours = "which ships and no entity watches: name yours, and record it"
-    assert [line.split(" (")[0] for line in report.assumed if line.startswith("sensors.yaml")] == [
+    assert [line.split(" (")[0] for line in report.assumed if ours in line] == [
         f"sensors.yaml: landing_detection.topic: /lrf/range, {ours}",
         f"sensors.yaml: state_estimation.topic: /odometry, {ours}",
         f"sensors.yaml: state_estimation.imu_topic: /px4/imu, {ours}",
@@ -251,6 +420,18 @@ def test_what_was_written_and_cannot_be_flown_is_named_with_status_1(folder, tmp
     )
 
 
+FIRST = "FOLDER/missions.yaml: mission_1: "
+PATHS = "must be a list of trajectories, e.g. [square.csv]"
+
+
+def in_mission(keys):
+    return f"missions:\n  mission_1: {{{keys}}}\n"
+
+
+def two_missions(*names):
+    return "missions:\n" + "".join(f"  {name}: {{filepaths: [ahead.csv]}}\n" for name in names)
+
+
 @pytest.mark.parametrize(
     "changed, message",
     [
@@ -258,20 +439,95 @@ def test_what_was_written_and_cannot_be_flown_is_named_with_status_1(folder, tmp
             {"missions": "a: 1\n"},
             "FOLDER: no file with missions was found; must hold the missions and the watchdog's files",
         ),
-        ({"missions": "missions: {mission_1: {}}\n"}, "mission_1: has no filepaths; must name its trajectories"),
+        (
+            {"missions": "missions: [1, 2]\n"},
+            "FOLDER/missions.yaml: missions is [1, 2]; must be groups by their names, e.g. mission_1",
+        ),
+        (
+            {"missions": "missions: {mission_1: [1, 2]}\n"},
+            "FOLDER/missions.yaml: mission_1: is [1, 2]; must be a group of keys",
+        ),
+        ({"missions": in_mission("")}, f"{FIRST}filepaths is missing; {PATHS}"),
+        ({"missions": in_mission("filepaths: 5")}, f"{FIRST}filepaths is 5; {PATHS}"),
+        ({"missions": in_mission("filepaths: ahead.csv")}, f"{FIRST}filepaths is 'ahead.csv'; {PATHS}"),
+        ({"missions": in_mission("filepaths: []")}, f"{FIRST}filepaths is []; {PATHS}"),
+        ({"missions": in_mission("filepaths: ['']")}, f"{FIRST}filepaths has ''; must be the path of a trajectory"),
+        ({"missions": in_mission("filepaths: [.]")}, f"{FIRST}filepaths has '.'; must be the path of a trajectory"),
+        ({"missions": in_mission("filepaths: [5]")}, f"{FIRST}filepaths has 5; must be the path of a trajectory"),
+        (
+            {"missions": in_mission("filepaths: [ahead.csv], entities_actions: 5")},
+            f"{FIRST}entities_actions is 5; must be a list of [entity, continue | hold | land | failure]",
+        ),
+        (
+            {"missions": in_mission("filepaths: [ahead.csv], entities_actions: [[[lrf], hold]]")},
+            f"{FIRST}entities_actions has [['lrf'], 'hold']; must be [entity, continue | hold | land | failure]",
+        ),
+        (
+            {"missions": in_mission("filepaths: [ahead.csv], entities_actions: [[lrf, hold], [LRF, land]]")},
+            f"{FIRST}entities_actions has LRF, which is lrf a second time; must have it once",
+        ),
+        (
+            {"missions": in_mission("filepaths: [ahead.csv], instances: true")},
+            f"{FIRST}instances is True; must be a whole number, at least 1",
+        ),
+        (
+            {"missions": in_mission("filepaths: [ahead.csv], hover_after_mission_completion: 'false'")},
+            f"{FIRST}hover_after_mission_completion is 'false'; must be true or false, without quotes",
+        ),
+        (
+            {"missions": "sequence_multiple_in_flight: 'no'\n" + in_mission("filepaths: [ahead.csv]")},
+            f"{FIRST}sequence_multiple_in_flight is 'no'; must be true or false, without quotes",
+        ),
+        (
+            {"missions": two_missions("my mission", "my-mission")},
+            "FOLDER/missions.yaml: my-mission: would be mission my-mission, as my mission is; rename one",
+        ),
+        (
+            {"missions": two_missions("mission_1", "mission_01")},
+            "FOLDER/missions.yaml: mission_01: would be mission 1, as mission_1 is; rename one",
+        ),
+        (
+            {"missions": two_missions("mission_1", "mission_1")},
+            "FOLDER/missions.yaml: is not YAML: line 3: mission_1 is there twice",
+        ),
         (
             {"missions": FILES["missions.yaml"].replace("ahead.csv", "far.csv")},
-            "mission_2: far.csv is not below FOLDER; copy its trajectories there",
+            "FOLDER/missions.yaml: mission_2: filepaths has 'far.csv', which is not there; copy it to FOLDER/far.csv",
         ),
         (
             {"missions": FILES["missions.yaml"].replace("lrf, hold", "lrf, wait")},
-            "mission_2: entities_actions has ['lrf', 'wait']; must be [entity, continue | hold | land | failure]",
+            "FOLDER/missions.yaml: mission_2: entities_actions has ['lrf', 'wait']; must be [entity, continue | hold",
         ),
-        ({"topics": "/a: {entity_id: a, rate: 0, margin: 0.1}\n"}, "/a: rate is 0; must be above 0, in Hz"),
-        ({"topics": "/a: {entity_id: a, rate: 1}\n"}, "/a: margin is None; must be a number, not negative"),
+        (
+            {"topics": "/a: {entity_id: a, rate: 0, margin: 0.1}\n"},
+            "FOLDER/watchdog/topics.yaml: /a: rate is 0; must be above 0, in Hz",
+        ),
+        (
+            {"topics": "/a: {entity_id: a, rate: 1}\n"},
+            "FOLDER/watchdog/topics.yaml: /a: margin is missing; must be a number, not negative",
+        ),
+        (
+            {"topics": "/a: {entity_id: [a], rate: 1}\n"},
+            "FOLDER/watchdog/topics.yaml: /a: entity_id is ['a']; must be a text",
+        ),
         (
             {"drivers": "d: {entity_id: LRF, check_script: /c}\n"},
-            "d: the entities LRF and lrf would both be lrf; rename one",
+            "FOLDER/watchdog/drivers.yaml: d: the entities LRF and lrf would both be lrf; rename one",
+        ),
+        *(
+            (
+                {"drivers": f"d: {{entity_id: lrf, check_script: {script}}}\n"},
+                f"FOLDER/watchdog/drivers.yaml: d: check_script is {said}; must be a program and its arguments, with",
+            )
+            for script, said in (
+                ("[c]", "['c']"),
+                ("5", "5"),
+                ("'cd /x && ./y'", "'cd /x && ./y'"),
+                ("$HOME/y", "'$HOME/y'"),
+                ("~/y", "'~/y'"),
+                ('"/y \'"', '"/y \'"'),
+                ("' '", "' '"),
+            )
         ),
         (
             {"ahead": "# frame: start_heading\n# frame: east_north\nx,y,z,yaw,holdtime\n0,0,2,0,0\n"},
@@ -285,7 +541,14 @@ def test_what_was_written_and_cannot_be_flown_is_named_with_status_1(folder, tmp
             {"ahead": "# frame: ahead\nx,y,z,yaw,holdtime\n0,0,2,0,0\n"},
             "FOLDER/trajectories/ahead.csv:1: frame: is 'ahead'; must be east_north or start_heading",
         ),
-        ({"nodes": "{"}, "FOLDER/watchdog/nodes.yaml: is not YAML: "),
+        (
+            {"nodes": "/lrf: {entity_id: lrf\n"},
+            "FOLDER/watchdog/nodes.yaml: is not YAML: line 2: expected ',' or '}', but got '<stream end>'",
+        ),
+        (
+            {"missions": "missions: !mine {}\n"},
+            "FOLDER/missions.yaml: is not YAML: line 1: could not determine a const",
+        ),
     ],
 )
 def test_what_cannot_be_imported_is_named_and_nothing_is_written(folder, tmp_path, changed, message):

@@ -6,10 +6,11 @@ it. The folder that is written is checked by the caller (`check-config`); nothin
 
 from __future__ import annotations
 
+import glob
 import re
-from dataclasses import dataclass, field
+import shlex
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Set, Tuple
 
 import yaml
 
@@ -18,31 +19,33 @@ from amaze_autonomy.missions.csv_table import YAW_COLUMNS, Frame, Said, YawUnit,
 from amaze_autonomy.missions.errors import WaypointError
 
 from ..paths import config_folder
+from .folder import (
+    ENTITY,
+    HOVER,
+    KINDS,
+    MISSIONS,
+    ONE_FLIGHT,
+    ImportFolderError,
+    Report,
+    Row,
+    parts_of,
+    read_folder,
+    report_left,
+)
 from .tables import ACTIONS, AUTOPILOT_ENTITIES, UNLISTED, component_of, worst
 
 __all__ = ["ImportFolderError", "Report", "import_folder"]
 
-_KINDS: Mapping[str, Tuple[str, ...]] = {
-    "topics": ("rate", "margin", "window_size"),
-    "nodes": ("max_restart_attempts", "restart_timeout"),
-    "drivers": ("check_script", "restart_script"),
-}
-_ONE_FLIGHT, _HOVER, _HOVER_S = "sequence_multiple_in_flight", "hover_after_mission_completion", 60.0
-_OPTIONS = (_ONE_FLIGHT, _HOVER)  # of a mission, or beside the missions: of each
-_MISSION_KEYS = ("description", "filepaths", "instances", "entities_actions", *_OPTIONS)
-_KNOWN = {
-    "topics": ("entity_id", "rate", "margin", "node_name", "window_size"),
-    "nodes": ("entity_id", "max_restart_attempts", "restart_timeout"),
-    "drivers": ("entity_id", "check_script", "restart_script"),
-}
-_SWITCH = re.compile(r"aux|land_channel|(?<![a-z])rc(?![a-z])", re.IGNORECASE)  # in the name of a key
-_OUR_SWITCH = (
-    "no switch lands; set land_switch.channel (from 1) and its threshold land_switch.above_us in autopilot.yaml"
-)
+_HOVER_S = 60.0
+_MISSION_KEYS = ("description", "filepaths", "instances", "entities_actions", ONE_FLIGHT, HOVER)
 _WAIT_S, _AGE_PERIODS, _LEAST_AGE_S, _LEAST_WINDOW = 15.0, 5.0, 0.3, 4
 _FRAMES = {Frame.START_HEADING: "ahead and left of each takeoff", Frame.EAST_NORTH: "east and north"}
 _UNITS = {YawUnit.DEG: "degrees", YawUnit.RAD: "radians"}
 _CHECKED = (("landing_detection", "topic"), ("state_estimation", "topic"), ("state_estimation", "imu_topic"))
+_INITIALISATION = (
+    "sensors.yaml: no estimator is initialised, as its engine does by default before its checks: name the service "
+    "(/ESTIMATOR/init_service) as initialisation.service, with initialisation.type: set_bool"
+)
 _AUTONOMY = """\
 # Limits that nodes of the CNS Flight Stack need behind peers:=cns. Everything else: docs/configuration.md
 checks:
@@ -62,32 +65,6 @@ losses:
 _AUTOPILOT = "# Its stack flies through mavros. Everything else: docs/configuration.md\nbackend: mavros\n"
 
 
-class ImportFolderError(ValueError):
-    """A folder cannot be imported: what is wrong, and what would be right."""
-
-
-@dataclass
-class Report:
-    """What became of a folder.
-
-    Args:
-        translated: what it says, and what that is here.
-        no_counterpart: what it says and nothing here does.
-        assumed: what is here and it does not say.
-    """
-
-    translated: List[str] = field(default_factory=list)
-    no_counterpart: List[str] = field(default_factory=list)
-    assumed: List[str] = field(default_factory=list)
-
-    def text(self) -> str:
-        """Return it for a person."""
-        parts = (("Translated", self.translated), ("No counterpart", self.no_counterpart), ("Assumed", self.assumed))
-        return "\n".join(
-            "\n".join((f"{title}:", *(f"  {line}" for line in lines or ["nothing"]))) for title, lines in parts
-        )
-
-
 def import_folder(folder: Path, output: Path) -> Report:
     """Write what a folder says as a configuration of ours.
 
@@ -102,21 +79,24 @@ def import_folder(folder: Path, output: Path) -> Report:
         raise ImportFolderError(f"{folder}: is not a folder; must hold the missions and watchdog files")
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise ImportFolderError(f"{output}: is there already; name an empty or a new folder with --output")
-    report = Report()
-    sources = _sources(folder, report)
-    for kind in ("missions", "topics"):
+    report, folder = Report(), folder.resolve()
+    sources = read_folder(folder, report)
+    for kind in (MISSIONS, "topics"):
         if not sources[kind]:
             right = "must hold the missions and the watchdog's files"
             raise ImportFolderError(f"{folder}: no file with {kind} was found; {right}")
     components = _Components(report)
-    for kind in ("topics", "nodes", "drivers"):
-        for name, row in sources[kind].items():
-            components.add(kind, str(name), row)
-    actions = {str(name): _actions(str(name), row, report) for name, row in sources["missions"].items()}
+    for kind in KINDS:
+        for row in sources[kind].values():
+            components.add(kind, row)
+    rows = tuple(sources[MISSIONS].values())
+    ids, actions = _ids(rows), {row.name: _actions(row, report) for row in rows}
     severities = components.judged(actions)
     files = _Files(folder, output, report)
-    rows = sources["missions"].items()
-    missions = dict(_mission(str(name), row, files, actions, severities, report) for name, row in rows)
+    missions = {ids[row.name]: _mission(row, ids[row.name], files, report) for row in rows}
+    for row in rows:
+        own = {name: each.value for name, each in actions[row.name].items() if severities.get(name, each) is not each}
+        missions[ids[row.name]].update({"severities": own} if own else {})
     checked = _checked(components.rows, report)
     texts = {
         "missions": yaml.safe_dump({"missions": missions}, sort_keys=False),
@@ -139,61 +119,6 @@ def import_folder(folder: Path, output: Path) -> Report:
 # --- files ------------------------------------------------------------------------------------------------------------
 
 
-def _sources(folder: Path, report: Report) -> Dict[str, Dict[str, Any]]:
-    """Return what the YAML files hold, by kind."""
-    found: Dict[str, Dict[str, Any]] = {kind: {} for kind in ("missions", *_KINDS)}
-    for path in sorted((*folder.rglob("*.yaml"), *folder.rglob("*.yml"))):
-        name = path.relative_to(folder).as_posix()
-        try:
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ImportFolderError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
-        for kind, rows in _parts(content):
-            twice = next((key for key in rows if key in found[kind]), None)
-            if twice is not None:
-                raise ImportFolderError(f"{path}: {twice} is in another file as well; must be in one of the {kind}")
-            found[kind].update(rows)
-            report.translated.append(f"{name}: {len(rows)} {kind}")
-        if not _parts(content):
-            report.no_counterpart.append(f"{name}: neither missions nor a file of the watchdog")
-            report.assumed += _switches(name, content)
-        elif isinstance(content, dict) and "missions" in content:
-            words = "of each mission that does not say it itself"
-            report.translated += [f"{name}: {key}: {content[key]}: {words}" for key in content if key in _OPTIONS]
-            _left(name, content, ("missions", *_OPTIONS), report)
-    return found
-
-
-def _left(where: str, row: Mapping[str, Any], known: Tuple[str, ...], report: Report) -> None:
-    """Report the keys that are not known."""
-    for key in (key for key in row if key not in known):
-        report.assumed += _switches(where, {key: row[key]})
-        if not _SWITCH.search(str(key)):
-            report.no_counterpart.append(f"{where}: {key}: {row[key]}")
-
-
-def _switches(where: str, content: Any) -> Iterator[str]:
-    """Yield a line for each key, at any depth, that means a switch of the transmitter."""
-    for key, value in content.items() if isinstance(content, dict) else ():
-        if _SWITCH.search(str(key)):
-            yield f"{where}: {key}: {value}: {_OUR_SWITCH}"
-        else:
-            yield from _switches(where, value)
-
-
-def _parts(content: Any) -> List[Tuple[str, Dict[str, Any]]]:
-    if not isinstance(content, dict):
-        return []
-    missions = content.get("missions")
-    if isinstance(missions, dict):
-        options = {key: content[key] for key in _OPTIONS if key in content}
-        rows = {name: {**options, **row} if isinstance(row, dict) else row for name, row in missions.items()}
-        return [("missions", rows)]
-    found = [row for row in content.values() if isinstance(row, dict)]
-    kind = next((kind for kind, keys in _KINDS.items() if any(key in row for row in found for key in keys)), None)
-    return [(kind, content)] if kind is not None and len(found) == len(content) else []
-
-
 class _Files:
     """Trajectories as they are copied, with what their frame is in front."""
 
@@ -201,27 +126,41 @@ class _Files:
         self._folder, self._output, self._report = folder, output, report
         self._texts: Dict[str, str] = {}
 
-    def take(self, mission: str, path: str) -> str:
+    def take(self, row: Row, path: str) -> str:
         """Return the name that a trajectory has here."""
-        parts = [part for part in Path(path).parts if part not in ("/", "..", ".")]
-        name = "trajectories/" + "/".join(parts)
+        name = "trajectories/" + "/".join(parts_of(path))
         if name in self._texts:
             return name
-        source = self._find(parts)
-        if source is None:
-            raise ImportFolderError(f"{mission}: {path} is not below {self._folder}; copy its trajectories there")
+        source = self._find(row, path)
         try:
             self._texts[name], words = _headed(str(source), source.read_text(encoding="utf-8-sig"))
         except UnicodeDecodeError:
             raise ImportFolderError(f"{source}: is not UTF-8; must be a trajectory as CSV") from None
         except WaypointError as error:
             raise ImportFolderError(str(error)) from None
-        self._report.translated.append(f"{source.relative_to(self._folder).as_posix()}: {name}, {words}")
+        self._report.translated.append(f"{self._named(source)}: {name}, {words}")
         return name
 
-    def _find(self, parts: List[str]) -> Optional[Path]:
-        found = [path for path in sorted(self._folder.rglob(parts[-1])) if list(path.parts[-len(parts) :]) == parts]
-        return next((path for path in found if path.is_file()), None) if parts else None
+    def _named(self, source: Path) -> str:
+        """Return its path below the folder, or its whole path when it is elsewhere."""
+        inside = self._folder in source.parents
+        return (source.relative_to(self._folder) if inside else source).as_posix()
+
+    def _find(self, row: Row, path: str) -> Path:
+        """Return the one file that a path means: where it says, else at any depth below the folder."""
+        parts = parts_of(path)
+        direct = self._folder.joinpath(*parts)
+        given = Path(path) if Path(path).is_absolute() else direct
+        if given.is_file():
+            return given
+        found = [each for each in sorted(self._folder.rglob(glob.escape(parts[-1]))) if each.is_file()]
+        found = [each for each in found if list(each.parts[-len(parts) :]) == parts]
+        if not found:
+            row.refuse(f"filepaths has {path!r}, which is not there", f"copy it to {direct}")
+        if len({each.read_bytes() for each in found}) > 1:
+            names = " and ".join(map(self._named, found))
+            row.refuse(f"filepaths has {path!r}, which is {names}", "must say which")
+        return found[0]
 
     def write(self) -> None:
         """Write them."""
@@ -245,52 +184,55 @@ def _headed(file: str, text: str) -> Tuple[str, str]:
 # --- missions ---------------------------------------------------------------------------------------------------------
 
 
-def _actions(name: str, row: Any, report: Report) -> Dict[str, Severity]:
+def _ids(rows: Tuple[Row, ...]) -> Dict[str, str]:
+    """Return the id that each mission has here, by its name there."""
+    names: Dict[str, str] = {}
+    for row in rows:
+        number = re.fullmatch(r"mission_(\d+)", row.name)
+        mission_id = str(int(number[1])) if number else re.sub(r"[^A-Za-z0-9_-]", "-", row.name)[:32]
+        other = names.setdefault(mission_id, row.name)
+        if other != row.name:
+            row.refuse(f"would be mission {mission_id}, as {other} is", "rename one")
+    return {name: mission_id for mission_id, name in names.items()}
+
+
+def _actions(row: Row, report: Report) -> Dict[str, Severity]:
     """Return the severity that a mission gives to each component."""
     found: Dict[str, Severity] = {}
-    for pair in (row or {}).get("entities_actions") or []:
-        if not isinstance(pair, list) or len(pair) != 2 or str(pair[1]) not in ACTIONS:  # noqa: PLR2004
-            raise ImportFolderError(f"{name}: entities_actions has {pair}; must be [entity, {' | '.join(ACTIONS)}]")
-        found[component_of(str(pair[0]))] = ACTIONS[str(pair[1])]
-        report.translated.append(f"{name}: {pair[0]}, {pair[1]}: severity {ACTIONS[str(pair[1])].value}")
+    words = f"[entity, {' | '.join(ACTIONS)}]"
+    for pair in row.items("entities_actions", f"must be a list of {words}"):
+        if not isinstance(pair, list) or len(pair) != 2 or isinstance(pair[0], (dict, list)):  # noqa: PLR2004
+            row.refuse(f"entities_actions has {pair}", f"must be {words}")
+        entity, action = map(str, pair)
+        component = component_of(entity)
+        if action not in ACTIONS:
+            row.refuse(f"entities_actions has {pair}", f"must be {words}")
+        if component in found:
+            row.refuse(f"entities_actions has {entity}, which is {component} a second time", "must have it once")
+        found[component] = ACTIONS[action]
+        report.translated.append(f"{row.name}: {entity}, {action}: severity {ACTIONS[action].value}")
     return found
 
 
-def _mission(
-    name: str,
-    row: Any,
-    files: _Files,
-    actions: Mapping[str, Mapping[str, Severity]],
-    severities: Mapping[str, Severity],
-    report: Report,
-) -> Tuple[str, Dict[str, Any]]:
-    if not isinstance(row, dict) or not row.get("filepaths"):
-        raise ImportFolderError(f"{name}: has no filepaths; must name its trajectories")
-    number = re.fullmatch(r"mission_(\d+)", name)
-    mission_id = number[1] if number else re.sub(r"[^A-Za-z0-9_-]", "-", name)[:32]
-    instances = row.get("instances", 1)
-    if not isinstance(instances, int) or instances < 1:
-        raise ImportFolderError(f"{name}: instances is {instances!r}; must be a whole number, at least 1")
+def _mission(row: Row, mission_id: str, files: _Files, report: Report) -> Dict[str, Any]:
+    name, instances, paths = row.name, row.count("instances"), row.trajectories()
     given: Dict[str, Any] = {
-        "description": str(row.get("description") or name),
-        "files": [files.take(name, str(path)) for path in row["filepaths"]],
+        "description": row.text("description") or name,
+        "files": [files.take(row, path) for path in paths],
         "repetitions": instances,
     }
-    own = {entity: each.value for entity, each in actions[name].items() if severities.get(entity, each) is not each}
-    if own:
-        given["severities"] = own
     times = "once" if instances == 1 else f"{instances} times"
-    report.translated.append(f"{name}: mission {mission_id}, {len(given['files'])} files, flown {times}")
-    if row.get(_ONE_FLIGHT):
+    report.translated.append(f"{name}: mission {mission_id}, {len(paths)} files, flown {times}")
+    if row.flag(ONE_FLIGHT):
         given["touchdown_between_files"] = False
         report.translated.append(f"{name}: its files are one flight")
-    if row.get(_HOVER):
+    if row.flag(HOVER):
         given["hover_at_end_s"] = _HOVER_S
         report.assumed.append(f"{name}: hovers at its end for {_HOVER_S:g} s, unless it is landed before, and lands")
-    _left(name, row, _MISSION_KEYS, report)
-    if not number or not 1 <= int(mission_id) <= 255:  # noqa: PLR2004 - a byte
+    report_left(name, row.values, _MISSION_KEYS, report)
+    if not mission_id.isdigit() or not 1 <= int(mission_id) <= 255:  # noqa: PLR2004 - a byte
         report.assumed.append(f"{name}: mission {mission_id} cannot be asked of its sequencer, whose ids are 1 to 255")
-    return mission_id, given
+    return given
 
 
 # --- components -------------------------------------------------------------------------------------------------------
@@ -303,20 +245,35 @@ class _Components:
         self.rows: Dict[str, Dict[str, Any]] = {}
         self._report = report
         self._entities: Dict[str, str] = {}
+        self._there: Set[Tuple[str, ...]] = set()
 
-    def add(self, kind: str, name: str, row: Mapping[str, Any]) -> None:
+    def add(self, kind: str, row: Row) -> None:
         """Add a topic, a node or a driver."""
-        entity = str(row.get("entity_id") or name)
+        entity = row.text(ENTITY) or row.name
         component = component_of(entity)
-        if self._entities.setdefault(component, entity) != entity:
-            other = self._entities[component]
-            raise ImportFolderError(f"{name}: the entities {entity} and {other} would both be {component}; rename one")
+        other = self._entities.setdefault(component, entity)
+        if other != entity:
+            row.refuse(f"the entities {entity} and {other} would both be {component}", "rename one")
+        if self._is_there(kind, component, row.name):
+            return
         here = self.rows.setdefault(component, {"group": "other", "severity": ""})
-        {"topics": self._topic, "nodes": self._node, "drivers": self._driver}[kind](component, here, name, row)
-        _left(name, row, _KNOWN[kind], self._report)
+        {"topics": self._topic, "nodes": self._node, "drivers": self._driver}[kind](component, here, row)
+        report_left(row.name, row.values, (ENTITY, *KINDS[kind]), self._report)
 
-    def _topic(self, component: str, here: Dict[str, Any], name: str, row: Mapping[str, Any]) -> None:
-        rate, margin = _number(name, "rate", row), _number(name, "margin", row)
+    def _is_there(self, kind: str, component: str, name: str) -> bool:
+        """Report that an entity has it already; of drivers one alone is run."""
+        key = (kind, component) if kind == "drivers" else (kind, component, _absolute(name))
+        if key not in self._there:
+            self._there.add(key)
+            return False
+        again = f"a second driver of {component}; the first counts"
+        if kind != "drivers":
+            again = f"{_absolute(name)} of {component} a second time; the first of the {kind} counts"
+        self._report.no_counterpart.append(f"{name}: {again}")
+        return True
+
+    def _topic(self, component: str, here: Dict[str, Any], row: Row) -> None:
+        name, rate, margin = row.name, row.number("rate"), row.number("margin")
         topic = here.setdefault("topics", {})[_absolute(name)] = {
             "rate_hz": rate,
             "tolerance_fraction": min(max(margin, 0.01), 0.9),
@@ -330,29 +287,30 @@ class _Components:
         if most <= 0.5:  # noqa: PLR2004 - what rate_failed_fraction is otherwise
             topic["rate_failed_fraction"] = round(most / 2, 3)
             self._report.assumed.append(f"{name}: fails below {topic['rate_failed_fraction']:g} of its rate")
-        if row.get("window_size") is not None:
-            samples = max(_number(name, "window_size", row), _LEAST_WINDOW)
+        if row.values.get("window_size") is not None:
+            samples = max(row.number("window_size"), _LEAST_WINDOW)
             topic["window_s"] = round(samples / rate, 3)
             words += f", window {topic['window_s']:g} s"
         self._report.translated.append(words)
         self._report.assumed.append(f"{name}: has failed after {topic['age_limit_s']:g} s of silence")
         if name.lstrip("/").startswith("mavros"):
             here["group"] = "px4"
-        if row.get("node_name"):
-            self._name_node(component, here, str(row["node_name"]))
+        if row.text("node_name"):
+            self._name_node(component, here, row.text("node_name"))
 
     def _name_node(self, component: str, here: Dict[str, Any], node: str) -> None:
         if here.setdefault("node", _absolute(node)) != _absolute(node):
             self._report.no_counterpart.append(f"{node}: a second node of {component}; {here['node']} is watched")
 
-    def _node(self, component: str, here: Dict[str, Any], name: str, row: Mapping[str, Any]) -> None:
+    def _node(self, component: str, here: Dict[str, Any], row: Row) -> None:
+        name = row.name
         self._name_node(component, here, name)
-        attempts = int(_number(name, "max_restart_attempts", row, 0.0))
+        attempts = int(row.number("max_restart_attempts", 0.0))
         if attempts < 1 or here["node"] != _absolute(name):
             self._report.translated.append(f"{name}: node of {component}, never restarted")
             return
         self._report.translated.append(f"{name}: node of {component}")
-        limit_s = min(max(_number(name, "restart_timeout", row, 5.0), 0.1), 60.0)
+        limit_s = min(max(row.number("restart_timeout", 5.0), 0.1), 60.0)
         here["restart"] = {
             "policy": "node",
             "attempts": min(attempts, 100),
@@ -360,16 +318,22 @@ class _Components:
             "total_limit_s": round(min(attempts * (limit_s + 1.0), 600.0), 3),
         }
 
-    def _driver(self, component: str, here: Dict[str, Any], name: str, row: Mapping[str, Any]) -> None:
-        if row.get("check_script"):
-            here["driver"] = [str(row["check_script"])]
-            self._report.translated.append(f"{name}: driver of {component}, checked by {row['check_script']}")
-        if not row.get("restart_script"):
-            return
-        if "restart" in here:
-            self._report.no_counterpart.append(f"{name}: restart_script; {component} is restarted by its node")
-            return
-        here["restart"] = {"policy": "driver", "command": [str(row["restart_script"])]}
+    def _driver(self, component: str, here: Dict[str, Any], row: Row) -> None:
+        check, restart = self._command(row, "check_script"), self._command(row, "restart_script")
+        if check:
+            here["driver"] = check
+            self._report.translated.append(f"{row.name}: driver of {component}, checked by {shlex.join(check)}")
+        if restart and "restart" in here:
+            self._report.no_counterpart.append(f"{row.name}: restart_script; {component} is restarted by its node")
+        elif restart:
+            here["restart"] = {"policy": "driver", "command": restart}
+
+    def _command(self, row: Row, key: str) -> List[str]:
+        words = row.command(key)
+        if len(words) > 1:
+            taken = f"the program is {words[0]}, its arguments are {shlex.join(words[1:])}"
+            self._report.assumed.append(f"{row.name}: {key}: {taken}")
+        return words
 
     def judged(self, actions: Mapping[str, Mapping[str, Severity]]) -> Dict[str, Severity]:
         """Give every component the worst severity that a mission has for it; return them."""
@@ -399,7 +363,7 @@ class _Components:
             self._report.no_counterpart.append(f"{name}: a restart; sensors of the autopilot are never restarted")
         restart = row.get("restart", {})
         if "command" in restart:
-            self._report.translated.append(f"{name}: restarted by {restart['command'][0]}")
+            self._report.translated.append(f"{name}: restarted by {shlex.join(restart['command'])}")
         elif restart:
             self._report.translated.append(f"{name}: restarted by its node, up to {restart['attempts']} times")
             self._report.assumed.append(f"{name}: roslaunch starts {row['node']} again when it ends (respawn)")
@@ -412,15 +376,6 @@ def _absolute(name: str) -> str:
     return "/" + name.lstrip("/")
 
 
-def _number(name: str, key: str, row: Mapping[str, Any], otherwise: Optional[float] = None) -> float:
-    value = row.get(key, otherwise)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < float("inf"):
-        raise ImportFolderError(f"{name}: {key} is {value!r}; must be a number, not negative")
-    if key == "rate" and value <= 0.0:
-        raise ImportFolderError(f"{name}: rate is {value!r}; must be above 0, in Hz")
-    return float(value)
-
-
 def _rates(components: Mapping[str, Mapping[str, Any]]) -> Dict[str, float]:
     """Return the topics that are watched, with their rates in Hz."""
     return {topic: row["rate_hz"] for each in components.values() for topic, row in each.get("topics", {}).items()}
@@ -431,10 +386,7 @@ def _checked(components: Mapping[str, Mapping[str, Any]], report: Report) -> Dic
     rates = _rates(components)
     found: Dict[str, Dict[str, Any]] = {}
     over_mavros = any(topic.startswith("/mavros/") for topic in rates)
-    shipped, mavros = (
-        yaml.safe_load(path.read_text(encoding="utf-8"))
-        for path in (config_folder() / "sensors.yaml", config_folder() / "mavros" / "sensors.yaml")
-    )
+    shipped, mavros = _sample("sensors.yaml"), _sample("mavros/sensors.yaml")
     for check, key in _CHECKED:
         topic, why = shipped[check][key], "which an entity watches"
         if topic not in rates and over_mavros:
@@ -445,7 +397,13 @@ def _checked(components: Mapping[str, Mapping[str, Any]], report: Report) -> Dic
         if check == "state_estimation" and key == "topic" and topic in rates:
             found.setdefault(check, {})["rate_hz"] = rates[topic]
         report.assumed.append(f"sensors.yaml: {check}.{key}: {topic}, {why} (not with peers:=cns)")
+    report.assumed.append(_INITIALISATION)
     return found
+
+
+def _sample(name: str) -> Any:
+    """Return what a file of the configuration that ships says."""
+    return yaml.safe_load((config_folder() / name).read_text(encoding="utf-8"))
 
 
 def _looked_at(row: Mapping[str, Any], key: str) -> Dict[str, Any]:
@@ -458,12 +416,18 @@ def _looked_at(row: Mapping[str, Any], key: str) -> Dict[str, Any]:
 def _recording(
     components: Mapping[str, Mapping[str, Any]], checked: Mapping[str, Mapping[str, Any]], report: Report
 ) -> Dict[str, Any]:
+    """Return what is recorded: what is watched, and what the sample for mavros records besides sensors."""
     looked_at = {row[key] for row in checked.values() for key in ("topic", "imu_topic") if key in row}
-    topics = sorted({*_rates(components), *looked_at})
-    report.assumed.append(f"recording.yaml: one computer records the {len(topics)} topics that are watched")
+    sample, theirs = _sample("mavros/recording.yaml")["groups"], _rates(_sample("mavros/sensors.yaml")["components"])
+    groups = {"sensors": sorted({*_rates(components), *looked_at})}
+    for name in ("states", "vehicle"):
+        taken = (topic for topic in sample[name]["topics"] if topic not in theirs)
+        groups[name] = [topic for topic in taken if topic not in groups["sensors"]]
+    words = f"the {len(groups['sensors'])} topics that are watched, what our nodes say, and what mavros does"
+    report.assumed.append(f"recording.yaml: one computer records {words}")
     return {
         "folder": "~/recordings",
         "collector": "main",
-        "platforms": {"main": {"groups": ["all"]}},
-        "groups": {"all": {"topics": topics}},
+        "platforms": {"main": {"groups": list(groups)}},
+        "groups": {name: {"topics": topics} for name, topics in groups.items()},
     }
