@@ -212,11 +212,11 @@ NEITHER = "camera.yaml: neither missions nor a file of the watchdog"
 @pytest.mark.parametrize(
     "content, line",
     [
-        (OPENCV, "camera.yaml: is not read as YAML, and left out: line 1: expected alphabetic or numeric cha"),
-        (b"a: !camera {x: 1}\n", "camera.yaml: is not read as YAML, and left out: line 1: could not determine a con"),
-        (b"cam0: {\n", "camera.yaml: is not read as YAML, and left out: line 2: expected the node content, but fou"),
-        (b"\xff\xfe\x00", "camera.yaml: is not read as YAML, and left out: "),
-        (b"when: 2020-13-45\n", "camera.yaml: is not read as YAML, and left out: month must be in 1..12"),
+        (OPENCV, "camera.yaml: is not read as YAML: line 1: expected alphabetic or numeric cha"),
+        (b"a: !camera {x: 1}\n", "camera.yaml: is not read as YAML: line 1: could not determine a con"),
+        (b"cam0: {\n", "camera.yaml: is not read as YAML: line 2: expected the node content, but fou"),
+        (b"\xff\xfe\x00", "camera.yaml: is not read as YAML: "),
+        (b"when: 2020-13-45\n", "camera.yaml: is not read as YAML: month must be in 1..12"),
         (b"cam0:\n  rate: 20\n  rostopic: /cam0\n", NEITHER),
         (b"imu0: {margin: 3, window_size: 4}\n", NEITHER),
         (b"[1, 2]\n", NEITHER),
@@ -437,7 +437,8 @@ def two_missions(*names):
     [
         (
             {"missions": "a: 1\n"},
-            "FOLDER: no file with missions was found; must hold the missions and the watchdog's files",
+            "FOLDER: no file with missions was found; must hold the missions and the watchdog's files; left out: "
+            "missions.yaml: neither missions nor a file of the watchdog, sequencer.yaml: neither missions nor a file",
         ),
         (
             {"missions": "missions: [1, 2]\n"},
@@ -453,6 +454,7 @@ def two_missions(*names):
         ({"missions": in_mission("filepaths: []")}, f"{FIRST}filepaths is []; {PATHS}"),
         ({"missions": in_mission("filepaths: ['']")}, f"{FIRST}filepaths has ''; must be the path of a trajectory"),
         ({"missions": in_mission("filepaths: [.]")}, f"{FIRST}filepaths has '.'; must be the path of a trajectory"),
+        ({"missions": in_mission("filepaths: [~]")}, f"{FIRST}filepaths has None; must be the path of a trajectory"),
         ({"missions": in_mission("filepaths: [5]")}, f"{FIRST}filepaths has 5; must be the path of a trajectory"),
         (
             {"missions": in_mission("filepaths: [ahead.csv], entities_actions: 5")},

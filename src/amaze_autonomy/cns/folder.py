@@ -141,9 +141,9 @@ class Row(NamedTuple):
         found = self.items("filepaths", right)
         if not found:
             self._refuse_value("filepaths", right)
-        wrong = next((path for path in found if not isinstance(path, str) or not parts_of(path)), None)
-        if wrong is not None:
-            self.refuse(f"filepaths has {wrong!r}", "must be the path of a trajectory")
+        for path in found:
+            if not isinstance(path, str) or not parts_of(path):
+                self.refuse(f"filepaths has {path!r}", "must be the path of a trajectory")
         return found
 
     def command(self, key: str) -> List[str]:
@@ -173,14 +173,18 @@ class _Loader(yaml.SafeLoader):
 
 
 def read_folder(folder: Path, report: Report) -> Dict[str, Dict[str, Row]]:
-    """Return what the YAML files hold, by kind and name."""
+    """Return what the YAML files hold, by kind and name.
+
+    Raises:
+        ImportFolderError: a file of its stack cannot be read, or there are no missions or no topics.
+    """
     found: Dict[str, Dict[str, Row]] = {kind: {} for kind in (MISSIONS, *KINDS)}
     for path in sorted(path for end in ("yaml", "yml") for path in folder.rglob(f"*.{end}") if path.is_file()):
         name = path.relative_to(folder).as_posix()
         try:
             content = _content(path)
         except _ForeignError as error:
-            report.no_counterpart.append(f"{name}: is not read as YAML, and left out: {error}")
+            report.no_counterpart.append(f"{name}: is not read as YAML: {error}")
             continue
         kind = _kind(content)
         if kind is None:
@@ -192,6 +196,11 @@ def read_folder(folder: Path, report: Report) -> Dict[str, Dict[str, Row]]:
         if twice is not None:
             raise ImportFolderError(f"{path}: {twice} is in another file as well; must be in one of the {kind}")
         found[kind].update((row.name, row) for row in rows)
+    for kind in (MISSIONS, "topics"):
+        if not found[kind]:
+            left = f"; left out: {', '.join(report.no_counterpart)}" if report.no_counterpart else ""
+            right = f"must hold the missions and the watchdog's files{left}"
+            raise ImportFolderError(f"{folder}: no file with {kind} was found; {right}")
     return found
 
 

@@ -81,10 +81,6 @@ def import_folder(folder: Path, output: Path) -> Report:
         raise ImportFolderError(f"{output}: is there already; name an empty or a new folder with --output")
     report, folder = Report(), folder.resolve()
     sources = read_folder(folder, report)
-    for kind in (MISSIONS, "topics"):
-        if not sources[kind]:
-            right = "must hold the missions and the watchdog's files"
-            raise ImportFolderError(f"{folder}: no file with {kind} was found; {right}")
     components = _Components(report)
     for kind in KINDS:
         for row in sources[kind].values():
