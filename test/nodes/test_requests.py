@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
+from dataclasses import replace
 from queue import SimpleQueue
 
 import pytest
@@ -38,6 +40,15 @@ COMMANDS = (
 )
 
 
+class Connection:
+    """One connection of such a client."""
+
+    closed = False
+
+    def close(self):
+        self.closed = True
+
+
 class Client:
     """A service client of which the test says what comes of a call."""
 
@@ -45,7 +56,7 @@ class Client:
 
     def __init__(self, name, ends, connected):
         self.name, self._ends, self._connected = name, ends, connected
-        self.sent = []
+        self.sent, self.connection = [], Connection()
 
     def serialize(self, request):
         return request
@@ -54,7 +65,7 @@ class Client:
         if not self._connected:
             return None
         self.sent.append(data)
-        return "connection"
+        return self.connection
 
     def call(self, data, _deadline_s):
         self.sent.append(data)
@@ -62,6 +73,9 @@ class Client:
 
     def finish(self, _connection, _deadline_s):
         return self._end()
+
+    def keep(self, _limit_s):
+        self.sent.append("kept")
 
     def _end(self):
         result = self._ends(self.name)
@@ -133,3 +147,122 @@ def test_an_answer_that_cannot_be_is_broken():
 def test_each_check_has_its_service():
     assert set(CHECK_SERVICES) == set(CheckName)
     assert {service.name for service in CHECK_SERVICES.values()} < set(SERVICES)
+
+
+# --- threads ----------------------------------------------------------------------------------------------------------
+
+LANDING = (
+    commands.MissionCommand(id=20, limit_ns=S, session_id="s", action=MissionAction.LAND),
+    commands.AutopilotLand(id=21, limit_ns=S),
+)
+
+
+class Peers:
+    """Peers; those in `mute` answer only when the test ends. No thread can be started any more."""
+
+    def __init__(self, monkeypatch, *, connected=True):
+        self.mute, self._over = set(), threading.Event()
+        self.replies = SimpleQueue()
+        self.clients = {name: Client(name, self._answer, connected) for name in SERVICES}
+        self.requests = Requests(self.clients, self.replies.put, lambda: 77)
+        monkeypatch.setattr(threading.Thread, "start", lambda _: self._refuse())
+
+    def _answer(self, name):
+        if name in self.mute:
+            self._over.wait(5.0)
+        return SERVICE_CLASSES[name]._response_class()
+
+    @staticmethod
+    def _refuse():
+        raise RuntimeError("can't start new thread")
+
+    def reply(self):
+        return self.replies.get(timeout=2.0).command_id
+
+    def fill(self, command):
+        """Ask until no thread is left; return how often."""
+        self.mute.add("watchdog/start")
+        for count in range(100):
+            try:
+                self.requests.send(replace(command, id=100 + count))
+            except RuntimeError:
+                return count
+        raise AssertionError("there is no end of threads")
+
+    def end(self):
+        self._over.set()
+
+
+@pytest.fixture
+def peers(monkeypatch):
+    peers = Peers(monkeypatch)
+    yield peers
+    peers.end()
+
+
+def check(name):
+    return next(each for each in COMMANDS if getattr(each, "check", None) is name)
+
+
+def test_every_request_has_a_thread_from_the_start(peers):
+    for command in COMMANDS:
+        peers.requests.send(command)
+        assert peers.reply() == command.id
+
+
+def test_as_many_checks_as_there_are_and_a_command_are_open_at_once_without_a_new_thread(peers):
+    assert peers.fill(check(CheckName.WATCHDOG)) >= len(CheckName) + 1
+
+
+def test_a_landing_never_waits_behind_others(peers):
+    peers.fill(check(CheckName.WATCHDOG))
+    for command in LANDING:
+        peers.requests.send(command)
+    assert {peers.reply(), peers.reply()} == {20, 21}
+
+
+def test_landings_that_nobody_answers_are_repeated_on_the_threads_of_others(peers):
+    peers.mute |= {"mission_planner/command", "autopilot/land"}
+    for command in LANDING * 6:
+        peers.requests.send(command)
+    sent = [len(peers.clients[name].sent) for name in ("mission_planner/command", "autopilot/land")]
+    assert sent == [6, 6]
+
+
+def test_who_asks_is_told_that_nobody_can_wait_for_the_answer(peers):
+    count = peers.fill(check(CheckName.WATCHDOG))
+    client = peers.clients["watchdog/start"]
+    assert len(client.sent) == count + 1, "what cannot be answered went out all the same"
+    assert client.connection.closed, "a late answer would be taken for that of the next request"
+    assert sorted(peers.requests.open) == list(range(100, 100 + count)), "what was refused waits for no answer"
+
+
+def test_a_landing_that_can_be_neither_sent_nor_waited_for_is_told(monkeypatch):
+    peers = Peers(monkeypatch, connected=False)
+    peers.fill(check(CheckName.WATCHDOG))
+    peers.mute |= {"mission_planner/command"}
+    for _ in range(6):
+        peers.requests.send(LANDING[0])
+    with pytest.raises(RuntimeError, match="can't start new thread"):
+        peers.requests.send(LANDING[1])
+    peers.end()
+
+
+def test_connections_are_kept_again_once_there_is_a_thread_for_it(peers, caplog):
+    for client in peers.clients.values():
+        client.spare = 1
+    peers.fill(check(CheckName.WATCHDOG))
+    for _ in range(3):
+        peers.requests.keep_connected()
+    assert caplog.text.count("connections cannot be opened ahead of time") == 1
+    peers.end()
+    deadline_s = time.monotonic() + 2.0
+    while "kept" not in peers.clients["autopilot/land"].sent and time.monotonic() < deadline_s:
+        peers.requests.keep_connected()
+    assert "kept" in peers.clients["autopilot/land"].sent
+
+
+def test_an_answer_that_there_is_no_memory_for_is_said(caplog):
+    reply, _, _ = send(COMMANDS[1], lambda _: MemoryError())
+    assert reply.message == "mission_planner/command: MemoryError: "
+    assert "the answer to mission_planner/command could not be taken" in caplog.text

@@ -254,6 +254,15 @@ def test_nonsense_is_named(master, client, kind):
         call(client)
 
 
+def test_an_answer_that_there_is_no_memory_for_is_not_the_peers_fault(monkeypatch, client):
+    def no_memory(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(srv.StartRecordingResponse, "deserialize", no_memory)
+    with pytest.raises(MemoryError):
+        client.parse(b"\x01")
+
+
 def test_an_answer_in_pieces_is_one(master, client):
     service = Service(master, answer=None)
     done = []

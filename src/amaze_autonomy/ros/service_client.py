@@ -133,11 +133,14 @@ class ServiceClient:
 
         Raises:
             BrokenCallError: It holds none.
+            MemoryError: There is no room for it.
         """
         try:
             response = self.service._response_class().deserialize(body)
             again = io.BytesIO()
             response.serialize(again)
+        except MemoryError:
+            raise
         except Exception as error:  # genpy raises whatever struct, codecs and its own code raise
             raise BrokenCallError(f"answered nonsense: {error}") from error
         if again.getvalue() != body:  # genpy takes a text that is cut off for a whole one, and any byte for a bool
