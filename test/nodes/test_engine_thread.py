@@ -17,10 +17,20 @@ from amaze_autonomy.engine.commands import (
     MissionAction,
     MissionCommand,
     Notify,
+    RunCheck,
 )
-from amaze_autonomy.engine.events import EngineStarted, Tick, UserCommand, UserRequest
+from amaze_autonomy.engine.events import (
+    CheckName,
+    CheckReply,
+    EngineStarted,
+    Outcome,
+    Reply,
+    Tick,
+    UserCommand,
+    UserRequest,
+)
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, Flight, Session, evolve
+from amaze_autonomy.engine.state import Agreement, EngineState, Flight, Session, State, Vehicle, evolve
 from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread, Inbox
 from amaze_autonomy.ros.clock import MonotonicClock
 
@@ -30,10 +40,13 @@ NOTE = Notify(level=Level.INFO, key="x", text="x")
 
 
 class Run:
-    """An engine thread around a decide of the test; everything that it does is in `done`, in order."""
+    """An engine thread around a decide of the test; everything that it does is in `done`, in order.
 
-    def __init__(self, decide, next_deadline=lambda _state, _rules: None, state=None):
-        self.done = SimpleQueue()
+    What `fails` names raises the error that stands there: "send" and "answer" by a command, "record" by an event.
+    """
+
+    def __init__(self, decide, next_deadline=lambda _state, _rules: None, state=None, fails=None):
+        self.done, self.fails = SimpleQueue(), fails or {}
         clock = MonotonicClock()
         self.inbox = Inbox(clock)
         self.thread = EngineThread(
@@ -42,11 +55,17 @@ class Run:
             Rules(),
             clock,
             self.inbox,
-            lambda request: self.done.put(("send", request)),
-            lambda answer: self.done.put(("answer", answer)),
-            lambda event, state, commands: self.done.put(("record", event, state, commands)),
+            lambda request: self._do("send", request),
+            lambda answer: self._do("answer", answer),
+            lambda event, state, commands: self._do("record", event, state, commands),
             state,
         )
+
+    def _do(self, what, *values):
+        self.done.put((what, *values))
+        error = self.fails.get((what, values[0]))
+        if error is not None:
+            raise error
 
     def __enter__(self):
         self.thread.start()
@@ -200,3 +219,178 @@ def test_an_engine_that_cannot_even_decide_to_land_is_landed_by_both_routes():
             MissionCommand(id=0, limit_ns=limit_ns, session_id="s", action=MissionAction.LAND),
         )
         assert run.next() == ("send", AutopilotLand(id=0, limit_ns=limit_ns))
+    assert run.done.empty()
+
+
+def test_landings_beside_an_engine_that_cannot_decide_go_out_no_more_often_than_landings_do():
+    """Each status that it cannot decide about would ask for two more, until no thread is left to wait for answers."""
+    with Run(failing, state=EngineState(flight=Flight(active=True), session=Session(id="s"), t_ns=1)) as run:
+        for t_ns in range(2, 60):
+            run.inbox.put(started(t_ns))
+        assert [type(run.next()[1]) for _ in range(2)] == [MissionCommand, AutopilotLand]
+    assert run.done.empty()
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        EngineState(flight=Flight(active=True), state=State.PILOT, t_ns=1),
+        EngineState(flight=Flight(active=True), vehicle=Vehicle(takeover=Agreement(1, 1)), t_ns=1),
+    ],
+    ids=["PILOT", "suspected"],
+)
+def test_an_engine_that_cannot_decide_takes_nothing_from_a_pilot(state):
+    with Run(failing, state=state) as run:
+        for t_ns in (2, 3, 4):
+            run.inbox.put(started(t_ns))
+    assert run.done.empty()
+
+
+# --- a part of a decision that fails ----------------------------------------------------------------------------------
+
+SECOND = AutopilotLand(id=2, limit_ns=1)
+CHECK = RunCheck(id=3, limit_ns=1, check=CheckName.BATTERY)
+NO_THREAD = "can't start new thread"
+ERRORS = [RuntimeError(NO_THREAD), MemoryError(NO_THREAD), OSError(NO_THREAD)]
+
+
+def decides(*commands):
+    """Return a decide that does this about the start, and takes what else comes."""
+
+    def decide(state, event, _rules):
+        return evolve(state, t_ns=event.t_ns), commands if isinstance(event, EngineStarted) else ()
+
+    return decide
+
+
+def told(run, kind):
+    """Return the event of a kind that the engine decides about next."""
+    while True:
+        what, event, *_ = run.next()
+        if what == "record" and isinstance(event, kind):
+            return event
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=repr)
+def test_a_landing_that_cannot_be_sent_leaves_the_other_route_and_comes_back_as_a_failure(error, caplog):
+    with Run(decides(LAND, SECOND, ANSWER), fails={("send", LAND): error}) as run:
+        run.inbox.put(started())
+        assert [run.next()[:2] for _ in range(4)] == [
+            ("send", LAND),
+            ("send", SECOND),
+            ("answer", ANSWER),
+            ("record", started()),
+        ]
+        reply = told(run, Reply)
+    assert (reply.command_id, reply.outcome) == (LAND.id, Outcome.BROKEN)
+    assert reply.message == f"mission_planner/command: {type(error).__name__}: {NO_THREAD}"
+    assert caplog.text.count("the engine could not send MissionCommand") == 1
+    assert NO_THREAD in caplog.text
+
+
+def test_a_check_that_cannot_be_asked_comes_back_as_a_failed_check():
+    with Run(decides(CHECK), fails={("send", CHECK): ERRORS[0]}) as run:
+        run.inbox.put(started())
+        reply = told(run, CheckReply)
+    assert (reply.command_id, reply.check, reply.outcome) == (CHECK.id, CheckName.BATTERY, Outcome.BROKEN)
+    assert reply.message == f"autopilot/check_battery: RuntimeError: {NO_THREAD}"
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=repr)
+@pytest.mark.parametrize("what", ["answer", "record"])
+def test_an_answer_or_a_record_that_fails_keeps_nothing_else_from_being_done(what, error, caplog):
+    fails = {(what, ANSWER if what == "answer" else started()): error}
+    with Run(decides(LAND, ANSWER), fails=fails) as run:
+        run.inbox.put(started())
+        run.inbox.put(Tick(t_ns=6))
+        done = [run.next()[:2] for _ in range(4)]
+    assert done == [("send", LAND), ("answer", ANSWER), ("record", started()), ("record", Tick(t_ns=6))]
+    assert caplog.text.count(f"the engine could not {what}") == 1
+
+
+def test_what_fails_again_for_the_same_reason_is_said_once(caplog):
+    with Run(decides(LAND, SECOND), fails={("send", LAND): ERRORS[0], ("send", SECOND): ERRORS[0]}) as run:
+        for t_ns in (5, 6, 7):
+            run.inbox.put(started(t_ns))
+        told(run, Reply)
+    assert caplog.text.count("the engine could not send") == 2, "once for each route"
+
+
+def test_a_failure_that_cannot_even_be_said_keeps_nothing_from_being_done(monkeypatch, capfd):
+    def no_memory(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("amaze_autonomy.nodes.autonomy.engine_thread._log.exception", no_memory)
+    with Run(decides(LAND, SECOND), fails={("send", LAND): MemoryError()}) as run:
+        run.inbox.put(started())
+        assert [run.next()[:2] for _ in range(2)] == [("send", LAND), ("send", SECOND)]
+        assert told(run, Reply).message == "mission_planner/command: MemoryError: "
+    assert capfd.readouterr().err == "amaze_autonomy: an error could not be logged: memory is too short\n"
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=repr)
+def test_without_knowing_what_is_due_next_it_lands_and_reads_on(error, caplog):
+    def broken(_state, _rules):
+        raise error
+
+    state = EngineState(flight=Flight(active=True), session=Session(id="s"), t_ns=1)
+    with Run(decides(), broken, state=state) as run:
+        run.inbox.put(started(5))
+        assert isinstance(told(run, UserRequest), UserRequest)
+        run.inbox.put(started(6))
+        assert told(run, EngineStarted).t_ns == 6
+        assert {type(run.next()[1]) for _ in range(2)} == {MissionCommand, AutopilotLand}
+    assert "the engine could not decide about what is due next" in caplog.text
+
+
+# --- the end of the thread --------------------------------------------------------------------------------------------
+
+
+ENDS = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+
+
+def dying(state, event, _rules):
+    """Decide, but for the first event, which ends the thread as nothing else does."""
+    if event.t_ns == 1:
+        raise SystemExit
+    return evolve(state, t_ns=event.t_ns), (LAND,)
+
+
+@ENDS
+def test_who_waits_for_its_end_sees_it():
+    with Run(dying) as run:
+        assert run.thread.alive
+        run.inbox.put(started(1))
+        ends(run)
+
+
+def ends(run):
+    deadline_s = time.monotonic() + 2.0
+    while run.thread.alive:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.001)
+
+
+@ENDS
+def test_what_comes_after_its_end_is_decided_about_by_who_stands_in():
+    with Run(dying) as run:
+        run.inbox.put(started(1))
+        ends(run)
+        run.inbox.put(started(2))
+        run.thread.stand_in()
+        assert run.next() == ("send", LAND)
+        assert run.next()[:2] == ("record", started(2))
+
+
+def test_nobody_stands_in_while_it_lives():
+    with Run(decides()) as run:
+        run.thread.stand_in()
+        run.inbox.put(started(2))
+        assert run.next()[:2] == ("record", started(2))
+
+
+def test_it_may_be_stopped_before_it_was_started():
+    run = Run(decides())
+    run.inbox.put(started(2))
+    run.thread.stop()
+    assert run.next()[:2] == ("record", started(2))

@@ -106,6 +106,23 @@ def test_a_status_is_an_event_of_now_with_its_age_and_its_publisher(desk):
     assert desk.stalls == []
 
 
+def test_a_message_that_there_is_no_memory_for_is_said_and_not_called_invalid(desk, monkeypatch, caplog):
+    detection, watchdog = desk.publisher("landing_detection/landed"), desk.publisher("watchdog/action")
+
+    def no_memory(*_):
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(msg.Landed, "deserialize", no_memory)
+        desk.send(detection, landed())
+        desk.send(watchdog, action(16))
+        assert [type(event) for event in desk.take()] == [WatchdogAction]
+    assert desk.rejected == []
+    assert "there is no memory to read a message of landing_detection/landed" in caplog.text
+    desk.send(detection, landed())
+    assert [type(event) for event in desk.take()] == [LandedStatus]
+
+
 def test_what_others_put_comes_before_what_was_read_after_it(desk):
     detection = desk.publisher("landing_detection/landed")
     desk.send(detection, landed())

@@ -17,26 +17,29 @@ import time
 from dataclasses import dataclass
 from operator import attrgetter
 from queue import Empty, SimpleQueue
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 from amaze_autonomy.engine.commands import Answer, AutopilotLand, Command, MissionAction, MissionCommand, Request
 from amaze_autonomy.engine.events import (
     ClockStatus,
     Event,
     InvalidEventError,
+    Outcome,
     Tick,
     UserCommand,
     UserRequest,
     WatchdogAction,
 )
 from amaze_autonomy.engine.rules import Rules
-from amaze_autonomy.engine.state import EngineState, evolve
+from amaze_autonomy.engine.state import EngineState, State, evolve
 from amaze_autonomy.interface import InvalidMessageError, Status
 from amaze_autonomy.ros.clock import Clock
 
 from ...engine.rules import Code
+from ...ros.errors import report
 from ...ros.interface import age_of, message_class, read_status
 from ...ros.topic_reader import Look, TopicReader
+from .requests import failure
 
 __all__ = ["Decide", "EngineThread", "Inbox", "NextDeadline", "Record", "Stall"]
 
@@ -46,6 +49,7 @@ _LATE_NS = 50_000_000
 _REST_LIMIT_S, _REST_PAUSE_S = 0.05, 0.002
 _NEVER_NS = -1
 _MOST = 20  # statuses of one publisher that are decided about at once
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -190,6 +194,8 @@ class Inbox:
                 events.append((publisher, publisher.event(data, now_ns, ros_ns, looked_ns)))
             except (InvalidMessageError, InvalidEventError) as error:
                 self._reject(publisher.topic.topic, error)
+            except MemoryError:
+                report(_log, "there is no memory to read a message of %s", publisher.topic.topic)
             except Exception as error:  # genpy raises whatever struct, codecs and its own code raise
                 text = InvalidMessageError(
                     "message", f"{len(data)} bytes", f"a {message_class(publisher.topic)._type} ({error})"
@@ -218,16 +224,18 @@ def _urgent(event: Event) -> bool:
 
 
 # --- engine thread ----------------------------------------------------------------------------------------------------
-# The one thread that decides. It reads what comes itself; requests go out first, everything else after them.
+# The one thread that decides. It reads what comes itself; requests go out first, everything else after them. Nothing
+# that fails ends it: each part of a decision is tried, whatever becomes of the others. Should it end all the same, its
+# node sees that (`ending.py`).
 
 
 Decide = Callable[[EngineState, Event, Rules], Tuple[EngineState, Tuple[Command, ...]]]
 NextDeadline = Callable[[EngineState, Rules], Optional[int]]
 Record = Callable[[Event, EngineState, Tuple[Command, ...]], None]
 
-_log = logging.getLogger(__name__)
 _LONGEST_SLEEP_S = 3600.0
 _AFTER_DEFECT_S = 0.01
+_MOST_SAID = 100  # failures that are remembered as said
 
 
 class EngineThread:
@@ -263,7 +271,14 @@ class EngineThread:
         self._thread = threading.Thread(target=self._run, name="engine", daemon=True)
         self._stopping = threading.Event()
         self._failed = False
+        self._said: Set[Tuple[object, ...]] = set()
+        self._land_again_ns = 0
         self.state = state if state is not None else EngineState()
+
+    @property
+    def alive(self) -> bool:
+        """False before it was started, and once it has ended, for whatever reason."""
+        return self._thread.is_alive()
 
     def start(self) -> None:
         """Begin to decide."""
@@ -273,65 +288,117 @@ class EngineThread:
         """Decide about what has come, then end."""
         self._stopping.set()
         self._inbox.wake()
-        self._thread.join(limit_s)
+        if self.alive:
+            self._thread.join(limit_s)
+        self.stand_in()
+
+    def stand_in(self) -> None:
+        """Decide about what has come on the thread that calls, where its own has ended."""
+        if not self.alive:
+            self._turn(0.0)
 
     def _run(self) -> None:
         """Decide about all that has come before believing that a deadline has passed without it."""
-        stopping = False
-        while not stopping:
-            stopping = self._stopping.is_set()
-            for event in self._read(0.0 if stopping else self._sleep_s()):
-                self._step(event)
-            if not stopping:
-                self._tick()
+        while not self._stopping.is_set():
+            self._turn(self._sleep_s())
+            self._tick()
+        self._turn(0.0)
+
+    def _turn(self, limit_s: float) -> None:
+        for event in self._read(limit_s):
+            self._step(event)
 
     def _read(self, limit_s: float) -> Sequence[Event]:
         """Wait for what comes; survive a defect of the reading, which ends as silence."""
         try:
             return self._inbox.wait(limit_s)
         except Exception:
-            _log.exception("the engine could not read what has come")
+            report(_log, "the engine could not read what has come")
             time.sleep(_AFTER_DEFECT_S)
             return ()
 
     def _sleep_s(self) -> float:
-        deadline_ns = self._next_deadline(self.state, self._rules)
-        return _LONGEST_SLEEP_S if deadline_ns is None else self._clock.wall_wait_s(deadline_ns)
+        """Return the time until something is due; 0: it is."""
+        try:
+            deadline_ns = self._next_deadline(self.state, self._rules)
+            return _LONGEST_SLEEP_S if deadline_ns is None else self._clock.wall_wait_s(deadline_ns)
+        except Exception as error:
+            self._decision_failed("what is due next", error)
+            return _LONGEST_SLEEP_S
 
     def _tick(self) -> None:
         """Say that time has passed, when a deadline has really come; a wait may be cut short."""
-        deadline_ns = self._next_deadline(self.state, self._rules)
-        if deadline_ns is not None:
-            now_ns = self._clock.now_ns()
-            if now_ns >= deadline_ns:
-                self._step(Tick(t_ns=now_ns))
+        if self._sleep_s() <= 0.0:
+            self._step(Tick(t_ns=self._clock.now_ns()))
 
     def _step(self, event: Event) -> None:
-        if event.t_ns < self.state.t_ns:  # two threads stamped and queued in different orders
-            event = evolve(event, t_ns=self.state.t_ns)
         try:
+            if event.t_ns < self.state.t_ns:  # two threads stamped and queued in different orders
+                event = evolve(event, t_ns=self.state.t_ns)
             state, commands = self._decide(self.state, event, self._rules)
-        except Exception:
-            self._decision_failed(event)
+        except Exception as error:
+            self._decision_failed(event, error)
             return
         self.state = state
         for command in commands:
             if isinstance(command, Request):
-                self._send(command)
+                self._ask(command)
         for command in commands:
             if isinstance(command, Answer):
-                self._answer(command)
-        self._record(event, state, commands)
+                self._try("answer", self._answer, command)
+        self._try("record", self._record, event, state, commands)
 
-    def _decision_failed(self, event: Event) -> None:
-        """Survive a defect of the engine: what it cannot decide about, it lands for."""
-        _log.exception("the engine could not decide about %s", event)
-        if not self.state.flight.active:
+    def _ask(self, request: Request) -> None:
+        """Send a request; one that cannot be sent comes back as one that failed."""
+        error = self._try("send", self._send, request)
+        if error is not None:
+            self._try("take back", self._take_back, request, error)
+
+    def _take_back(self, request: Request, error: Exception) -> None:
+        message = f"{type(error).__name__}: {error}"
+        self._inbox.put(failure(request, Outcome.BROKEN, message, self._clock.now_ns()))
+
+    def _try(self, what: str, act: Callable[..., None], *values: Any) -> Optional[Exception]:
+        """Do one part of a decision; when it fails, say so, and let the others be tried."""
+        try:
+            act(*values)
+        except Exception as error:
+            self._say_once(what, values[0], error)
+            return error
+        return None
+
+    def _say_once(self, what: str, about: object, error: Exception) -> None:
+        """Log what failed, with its reason; the same for the same reason is logged once."""
+        try:
+            key = (what, type(about), type(error), str(error))
+            if key in self._said:
+                return
+            if len(self._said) >= _MOST_SAID:
+                self._said.clear()
+            self._said.add(key)
+        except MemoryError:  # then more often
+            pass
+        report(_log, f"the engine could not {what} %s", about)
+
+    def _decision_failed(self, about: object, error: Exception) -> None:
+        """Survive a defect of the engine: what it cannot decide about, it lands for, unless somebody has control."""
+        self._say_once("decide about", about, error)
+        state = self.state
+        if not state.flight.active or state.state is State.PILOT or state.vehicle.takeover is not None:
             return
         if not self._failed:
             self._failed = True
-            self._inbox.put(UserRequest(t_ns=self.state.t_ns, command=UserCommand.LAND))
+            if self._try("take", self._inbox.put, UserRequest(t_ns=state.t_ns, command=UserCommand.LAND)) is None:
+                return
+        self._land_undecided()
+
+    def _land_undecided(self) -> None:
+        """Ask for the landing by both routes, as often as the engine would."""
+        limits, now_ns = self._rules.limits, time.monotonic_ns()
+        if now_ns < self._land_again_ns:
             return
-        limit_ns = self._rules.limits.command_reply_limit_ns
-        self._send(MissionCommand(id=0, limit_ns=limit_ns, session_id=self.state.session.id, action=MissionAction.LAND))
-        self._send(AutopilotLand(id=0, limit_ns=limit_ns))
+        self._land_again_ns = now_ns + limits.land_repeat_period_ns
+        limit_ns, session_id = limits.command_reply_limit_ns, self.state.session.id
+        planner = MissionCommand(id=0, limit_ns=limit_ns, session_id=session_id, action=MissionAction.LAND)
+        for request in (planner, AutopilotLand(id=0, limit_ns=limit_ns)):
+            self._try("send", self._send, request)
