@@ -1,10 +1,11 @@
 """What was not recorded, from the files alone."""
 
-from amaze_autonomy.recording.losses import Account, Numbers, Written, account, written
+from amaze_autonomy.recording.losses import Account, Numbers, Written, account, recorded, written
 
 S = 1_000_000_000
 IMU, GPS = ("/imu", "/driver"), ("/gps", "/driver")
 UNSEEN = "its file was not closed, and nobody saw it end"
+STOPPED = "it was stopped and started again"
 
 
 def file(number, first_s, last_s, closed=True, split=0, group="a", **numbers):  # noqa: FBT002
@@ -26,8 +27,15 @@ def test_names_of_recorders_files_are_read():
     assert [written(each) for each in ("notes.bag", "a-1.bag", "a-01.recovered.bag", "a-01.bag.orig")] == [None] * 4
 
 
-def test_files_that_were_closed_one_after_the_other_have_no_gap():
-    assert account([file(2, 20, 30), file(1, 0, 10)], []) == Account([], {}, {})
+def test_between_two_recorders_of_a_group_there_is_a_gap_though_the_first_one_closed_its_file():
+    """A platform was asked to stop, or its node was ended, and it was asked again 30 s later."""
+    files = [file(2, 50, 80), file(1, 0, 20)]
+    assert account(files, []) == Account([gap(2, 30.0, STOPPED, **between(20, 50))], {}, {})
+
+
+def test_what_was_numbered_while_it_was_stopped_is_told_with_the_gap():
+    files = [file(1, 0, 20, imu=Numbers(1, 100)), file(2, 50, 80, imu=Numbers(251, 300))]
+    assert account(files, []) == Account([gap(2, 30.0, STOPPED, **between(20, 50), missing=150)], {}, {})
 
 
 def test_a_gap_that_was_seen_lasts_from_the_last_message_to_the_next_one():
@@ -72,3 +80,29 @@ def test_numbers_that_are_missing_in_a_gap_are_told_with_it_and_all_others_by_to
         file(2, 10, 20, imu=Numbers(151, 300, missing=4)),
     ]
     assert account(files, []) == Account([gap(2, 0.5, UNSEEN, **between(9.5, 10), missing=50)], {"/imu": 7}, {})
+
+
+def seen(number, from_s, to_s):
+    return {"file": number, **{key: None if s is None else s * S for key, s in (("from_ns", from_s), ("to_ns", to_s))}}
+
+
+def test_a_group_is_recorded_from_its_first_message_to_its_last_one_or_as_long_as_its_recorder_was_seen():
+    files = [file(1, 5, 20), file(2, 25, 30)]
+    assert recorded(files, [], {"a": seen(1, 2, 40)}) == {"a": [2 * S, 40 * S]}
+    assert recorded(files, [], {"a": seen(1, 9, 28)}) == {"a": [5 * S, 30 * S]}
+    assert recorded(files, [], {"a": seen(None, None, None)}) == {"a": [5 * S, 30 * S]}
+    assert recorded([Written("a", 1)], [], {"a": seen(1, 2, 40)}) == {"a": [2 * S, 40 * S]}, "nobody published"
+
+
+def test_who_saw_a_recorder_does_not_count_when_its_file_is_not_there():
+    assert recorded([file(2, 25, 30)], [], {"a": seen(1, 2, 40)}) == {"a": [25 * S, 40 * S]}
+    assert recorded([], [], {"a": seen(1, 2, 40)}) == {"a": [None, None]}
+
+
+def test_a_gap_that_is_noted_is_no_end_and_no_beginning():
+    gaps = [gap(2, 7, "x", **between(3, 10)), gap(3, 10, "x", **between(20, 30)), gap(2, 99, "x", group="b")]
+    assert recorded([file(2, 10, 20)], gaps, {"a": seen(1, 1, None)}) == {"a": [3 * S, 30 * S]}
+
+
+def test_of_a_group_that_nobody_watched_it_is_not_known():
+    assert recorded([file(1, 5, 20)], [], {}) == {}

@@ -107,6 +107,42 @@ def test_a_recording_that_somebody_ends_in_flight_lacks_the_rest_of_it(tmp_path,
     assert summary.lost_in_flight == lost
 
 
+def test_a_flight_whose_takeoff_nobody_saw_may_lack_its_beginning(tmp_path):
+    facts = {"flights": [[0, START_NS + 2 * S]], "stopped_ns": START_NS + 2 * S}
+    assert collect(plan(two_platforms(tmp_path), facts=facts)).lost_in_flight == (
+        "the beginning of the flight, perhaps: the recording was begun in flight",
+    )
+
+
+def seen(group, from_s, to_s):
+    return {"seen": {group: {"file": 1, "from_ns": START_NS + from_s * S, "to_ns": START_NS + to_s * S}}}
+
+
+def test_a_platform_that_was_stopped_in_flight_and_asked_again_has_a_gap_there(tmp_path):
+    """Its files were closed as they should be, 0 to 20 s and 50 to 80 s; the flight was from 10 to 70 s."""
+    session = two_platforms(tmp_path, 8000)
+    (session / "second" / "realsense-01.bag").unlink()
+    files = [("realsense-01.bag", [rows("/c", 2000)]), ("realsense-02.bag", [rows("/c", 3000, first_ms=50_000)])]
+    part(session / "second", *files, platform="second", **seen("realsense", 0, 80))
+    flight = {"flights": [[START_NS + 10 * S, START_NS + 70 * S]], "stopped_ns": START_NS + 80 * S}
+    summary = collect(plan(session, facts=flight))
+    gap = "second/realsense: 30.0 s, in which nothing was recorded (it was stopped and started again)"
+    assert summary.lost_in_flight == (gap,)
+
+
+def test_a_platform_that_began_after_the_takeoff_by_its_own_clock_lacks_what_came_before(tmp_path):
+    session = tmp_path / "s1_m"
+    part(session / "main", ("states-01.bag", [rows("/a", 800)]), **seen("states", 0, 80))
+    late = rows("/c", 400, first_ms=33_000)  # its clock is 3 s ahead: it began at 30 s
+    part(session / "second", ("realsense-01.bag", [late]), platform="second", **seen("realsense", 33, 83))
+    clock = {"start": {"offset_ns": 3 * S, "error_ns": 1000, "at_ns": 1}}
+    sources = (Source("main", session / "main"), Source("second", session / "second", fetched=True, clock=clock))
+    flight = {"flights": [[START_NS + 10 * S, START_NS + 70 * S]], "stopped_ns": START_NS + 80 * S}
+    summary = collect(Plan(session / "s1_m.bag", sources, facts=flight))
+    words = "second/realsense: the first 20.0 s of the flight: its recording was begun after the takeoff"
+    assert summary.lost_in_flight == (words,)
+
+
 def test_a_platform_that_recorded_nothing_of_the_session_is_a_loss_of_the_flight(tmp_path):
     session = two_platforms(tmp_path)
     summary = collect(plan(session, facts={"absent": ["third"], "flights": []}))

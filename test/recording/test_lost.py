@@ -120,3 +120,50 @@ def test_what_came_after_the_stop_was_not_to_be_recorded():
     assert losses({"files": [], "gaps": [at(6.7, 25.1)]}, 6_600_000_000) == []
     assert losses({"files": [], "gaps": [at(6.0, None)]}, 8 * S) == [words.format("2.0", "")]
     assert losses({"files": [], "gaps": [at(2, 3, missing=7)]}, 8 * S) == [words.format("1.0", ", at least 7 messages")]
+
+
+def edges(begin_s, end_s, flights=((10 * S, 70 * S),), end_ns=80 * S, **more):
+    """Return what the flight lacks of a group that was recorded from then to then."""
+    span = [None if each is None else round(each * S) for each in (begin_s, end_s)]
+    content = {"files": [], "recorded": {"cameras": span}, **more}
+    found = all_losses(content, Wanted(end_ns, flights, frozenset({"/left"}), {"cameras": ["/left", "/right"]}))
+    assert all(each.counts for each in found)
+    return [each.words for each in found]
+
+
+def test_a_recording_that_begins_after_the_takeoff_lacks_the_time_between():
+    words = "cameras: the first 12.3 s of the flight: its recording was begun after the takeoff"
+    assert edges(22.3, 80) == [words]
+    assert edges(2, 80) == edges(12.0, 80) == [], "so exactly is the takeoff not known"
+    assert edges(22.3, 80, flights=()) == [], "it never flew"
+    assert edges(22.3, 80, flights=None) == [], "nobody said when it flew"
+    assert edges(22.3, 80, flights=((0, 70 * S),)) == [], "nobody saw the takeoff: that is told for all groups at once"
+
+
+def test_a_recording_that_ends_before_the_landing_or_the_stop_lacks_the_time_between():
+    words = "cameras: the last {} s: its recording was ended before"
+    assert edges(2, 20) == [words.format("50.0")], "it was to last until the landing"
+    assert edges(2, 20, flights=((10 * S, None),)) == [words.format("60.0")], "until the stop"
+    assert edges(2, 20, flights=None) == [words.format("60.0")], "nobody said when it flew"
+    assert edges(2, 20, end_ns=50 * S) == [words.format("30.0")], "after the stop nothing was to be recorded"
+    assert edges(2, 68) == edges(2, 72) == [], "so exactly is the landing not known"
+    assert edges(2, 20, flights=()) == [], "it never flew"
+    assert edges(2, 20, flights=None, end_ns=None) == [], "nobody knows"
+
+
+def test_the_end_of_a_file_that_was_left_open_is_told_once():
+    assert edges(2, 20, open_ends={"cameras": 20 * S}) == [
+        "cameras: up to 60.0 s at the end (its last file was not closed)"
+    ]
+
+
+def test_a_group_of_which_there_is_nothing_is_a_loss():
+    assert edges(None, None) == ["cameras: nothing of it was recorded"]
+    assert edges(None, None, flights=None) == ["cameras: nothing of it was recorded"]
+    assert edges(None, None, flights=()) == [], "it never flew"
+
+
+def test_the_beginning_and_the_end_of_tolerated_topics_do_not_count():
+    content = {"files": [], "recorded": {"cameras": [22 * S, 50 * S]}}
+    wanted = Wanted(80 * S, ((10 * S, 70 * S),), frozenset({"/left"}), {"cameras": ["/left"]})
+    assert [each.counts for each in all_losses(content, wanted)] == [False, False]

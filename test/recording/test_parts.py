@@ -28,7 +28,7 @@ def test_closed_bags_are_listed_with_bytes_messages_and_checksums(tmp_path):
     assert close_parts(tmp_path, FACTS) == listed(tmp_path)
     assert listed(tmp_path) == {
         "parts": 1, "session_id": "s1", "platform": "main", "gaps": [], "dropped": 0, "logs": [],
-        "missing": {}, "open_ends": {}, "uncounted": ["/a"],
+        "missing": {}, "open_ends": {}, "recorded": {}, "uncounted": ["/a"],
         "files": [
             {"file": "states-01.bag", "bytes": path.stat().st_size, "messages": 20, "sha256": digest(path), "lost": 0}
         ],

@@ -31,7 +31,7 @@ from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
 
 from .errors import RecordingError
-from .losses import Loss, Wanted, losses
+from .losses import EDGE_NS, Loss, Wanted, losses
 from .parts import Part, check_arrived, close_parts, whole_bags
 
 __all__ = ["Plan", "Source", "Summary", "collect", "main", "plan_of", "run"]
@@ -40,7 +40,6 @@ __all__ = ["Plan", "Source", "Summary", "collect", "main", "plan_of", "run"]
 
 
 Report = Callable[[Phase, int, int], None]
-_STOP_TAKES_NS = 2 * SECOND  # from the engine's request to its first status that says so, on a busy computer
 
 
 class Source(NamedTuple):
@@ -122,7 +121,7 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
     offsets: List[int] = []
     platforms: Dict[str, Any] = {}
     lost = [Loss(f"{name}: its part, nothing of this session is there") for name in plan.facts.get("absent", ())]
-    lost += _ended_early(plan.facts)
+    lost += _began_late(plan.facts) + _ended_early(plan.facts)
     for source in plan.sources:
         content = check_arrived(source.folder, checksums=source.fetched)
         parts = whole_bags(source.folder, content, plan.output.parent / source.platform)
@@ -144,6 +143,14 @@ def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], Li
     return inputs, tuple(offsets), platforms, lost
 
 
+def _began_late(facts: Mapping[str, Any]) -> List[Loss]:
+    """Return the beginning of a flight that was under way when the collector first heard of it."""
+    flights = facts.get("flights") or ()
+    if not flights or flights[0][0]:
+        return []
+    return [Loss("the beginning of the flight, perhaps: the recording was begun in flight")]
+
+
 def _ended_early(facts: Mapping[str, Any]) -> List[Loss]:
     """Return the end of a flight that the recording did not last for: somebody stopped it before."""
     stopped_ns, flights = facts.get("stopped_ns"), facts.get("flights") or ()
@@ -153,7 +160,7 @@ def _ended_early(facts: Mapping[str, Any]) -> List[Loss]:
     if landed_ns is None:
         return [Loss("the end of the flight: the recording was ended before the engine said that it was over")]
     missing_ns = int(landed_ns) - int(stopped_ns)
-    if missing_ns <= _STOP_TAKES_NS:
+    if missing_ns <= EDGE_NS:
         return []
     return [Loss(f"the last {missing_ns / SECOND:.1f} s of the flight: the recording was ended before")]
 
@@ -167,7 +174,7 @@ def _wanted(plan: Plan, source: Source, content: Mapping[str, Any]) -> Wanted:
         end_ns=None if stopped_ns is None else int(stopped_ns) + shift_ns,
         flights=None
         if flights is None
-        else tuple((begin + shift_ns, None if end is None else end + shift_ns) for begin, end in flights),
+        else tuple((begin and begin + shift_ns, None if end is None else end + shift_ns) for begin, end in flights),
         tolerated=frozenset(plan.facts.get("tolerated_topics", ())),
         topics=content.get("topics", {}),
     )

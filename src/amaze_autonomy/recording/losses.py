@@ -6,9 +6,10 @@ was published and not recorded: dropped on its way, or by the recorder. Only top
 have them; a publisher that skips numbers itself, or does not count, is left out: most of its steps are not one; so is
 one that latches, whose numbers count what others get. So what is found is a lower bound.
 
-Each recorder of a group writes the next file. Between two files of a group there is a gap when the first was not closed
-or when the machine saw its recorder end; it lasts from the last message of the one to the first of the other, by their
-record times. A group whose last file was not closed may have missed all that came after it.
+Each recorder of a group writes the next file. Between two recorders of a group there is a gap, whoever ended the first
+and however; it lasts from the last message of the one to the first of the other, by their record times. A group whose
+last file was not closed may have missed all that came after it; what it missed before its first recorder and after its
+last one is what lies between them and the flight.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ from amaze_autonomy.bags.index import Index
 from amaze_autonomy.bags.read import Loader, Pool, words
 from amaze_autonomy.units import SECOND
 
+from .status import STOPPED
+
 __all__ = [
+    "EDGE_NS",
     "Account",
     "Loss",
     "Numbers",
@@ -37,6 +41,7 @@ __all__ = [
     "header_numbers",
     "losses",
     "numbers_of",
+    "recorded",
     "written",
 ]
 
@@ -238,19 +243,18 @@ def _account_group(found: Account, group: str, files: List[Written]) -> None:
 
 
 def _gap(found: Account, group: str, before: Written, after: Written) -> Optional[Dict[str, Any]]:
-    """Return the gap between two recorders, noted or not; None when the first was ended as it should be."""
-    seen = [
-        gap
-        for gap in found.gaps
-        if gap["group"] == group and before.number < gap["file"] <= after.number and not gap.get("inside")
-    ]
+    """Return the gap between two recorders, noted or not; None when one inside of the first file goes on over it."""
+    mine = [gap for gap in found.gaps if gap["group"] == group]
+    seen = [gap for gap in mine if before.number < gap["file"] <= after.number and not gap.get("inside")]
     for again in seen[1:]:  # recorders in between wrote nothing: it is one gap
         found.gaps.remove(again)
     if seen:
         return seen[0]
-    if before.closed:
+    inside = [gap for gap in mine if gap["file"] == before.number and gap.get("inside")]
+    if any(gap.get("to_ns", after.first_ns) >= after.first_ns for gap in inside):
         return None
-    found.gaps.append({"group": group, "file": after.number, "seconds": 0.0, "ending": _UNSEEN})
+    ending = STOPPED if before.closed else _UNSEEN
+    found.gaps.append({"group": group, "file": after.number, "seconds": 0.0, "ending": ending})
     return found.gaps[-1]
 
 
@@ -275,11 +279,42 @@ def _add(counts: Dict[str, int], topic: str, count: int) -> None:
         counts[topic] = counts.get(topic, 0) + count
 
 
+def recorded(
+    files: Sequence[Written], gaps: Sequence[Mapping[str, Any]], seen: Mapping[str, Mapping[str, Optional[int]]]
+) -> Dict[str, List[Optional[int]]]:
+    """Return from when to when each group was recorded: by its messages, by its gaps, and by who saw its recorders.
+
+    None: nothing of it was recorded, or nobody knows when it ended.
+
+    Args:
+        files: of the part.
+        gaps: of all groups, told as such: they are neither a beginning nor an end.
+        seen: of each group that was watched `file`, the number of its first recorder, and from when to when there were
+            some. The first one does not count when its file is not there.
+    """
+    found: Dict[str, List[Optional[int]]] = {}
+    for group, watched in seen.items():
+        mine = [each for each in files if each.group == group]
+        named = [gap for gap in gaps if gap["group"] == group and "from_ns" in gap]
+        first = watched["file"] is not None and any(each.number <= watched["file"] for each in mine)
+        begins = [*(each.first_ns for each in mine), *(gap["from_ns"] for gap in named)]
+        ends = [*(each.last_ns for each in mine), *(gap.get("to_ns") for gap in named)]
+        begins += [watched["from_ns"]] if first else []
+        ends += [watched["to_ns"]] if mine else []
+        lasts = any("to_ns" not in gap for gap in named)
+        found[group] = [
+            min((each for each in begins if each is not None), default=None),
+            None if lasts else max((each for each in ends if each is not None), default=None),
+        ]
+    return found
+
+
 # --- in words ---------------------------------------------------------------------------------------------------------
 # A loss counts when it makes the data of the flight incomplete: it lies, or may lie, in the flight, and its topics are
 # not tolerated. Of dropped messages nobody knows the time; they count whenever they were dropped.
 
 
+EDGE_NS = 2 * SECOND  # from takeoff or landing to a status that says so, and to a request, on a busy computer
 _LEAST_NS = 100_000_000
 Span = Tuple[int, Optional[int]]
 
@@ -329,6 +364,7 @@ def losses(content: Mapping[str, Any], wanted: Wanted = Wanted()) -> List[Loss]:
     found = _of_files(content, gaps, wanted)
     found += _of_gaps(gaps, wanted)
     found += _of_ends(content.get("open_ends", {}), wanted)
+    found += _of_edges(content.get("recorded", {}), content.get("open_ends", {}), wanted)
     return found + _of_drops(content.get("dropped", 0), content.get("missing", {}), wanted)
 
 
@@ -392,6 +428,26 @@ def _of_ends(open_ends: Mapping[str, int], wanted: Wanted) -> List[Loss]:
         for group, last_ns in open_ends.items()
         if end_ns - last_ns >= _LEAST_NS
     ]
+
+
+def _of_edges(spans: Mapping[str, Sequence[Optional[int]]], open_ends: Mapping[str, int], wanted: Wanted) -> List[Loss]:
+    """Return what lies between the flight and a recording that began after its takeoff or ended before it did."""
+    if wanted.flights is not None and not wanted.flights:
+        return []
+    takeoff_ns, landing_ns = (wanted.flights[0][0], wanted.flights[-1][1]) if wanted.flights else (0, None)
+    until_ns = min((each for each in (landing_ns, wanted.end_ns) if each is not None), default=0)
+    found: List[Tuple[str, str, Optional[int], Optional[int]]] = []
+    for group, (begin_ns, end_ns) in spans.items():
+        told = group in open_ends and wanted.end_ns is not None
+        if begin_ns is None:
+            found.append((group, "nothing of it was recorded", None, None))
+        elif takeoff_ns and begin_ns - takeoff_ns > EDGE_NS:
+            late = f"the first {(begin_ns - takeoff_ns) / SECOND:.1f} s of the flight"
+            found.append((group, f"{late}: its recording was begun after the takeoff", takeoff_ns, begin_ns))
+        if end_ns is not None and until_ns - end_ns > EDGE_NS and not told:
+            words = f"the last {(until_ns - end_ns) / SECOND:.1f} s: its recording was ended before"
+            found.append((group, words, end_ns, until_ns))
+    return [Loss(f"{group}: {words}", wanted.counts(group, *times)) for group, words, *times in found]
 
 
 def _of_drops(warnings: int, missing: Mapping[str, int], wanted: Wanted) -> List[Loss]:

@@ -17,7 +17,7 @@ from amaze_autonomy.bags.recover.recover import read_undo, recover, recover_in_p
 from amaze_autonomy.whole_file import sha256_of
 
 from .errors import TransferError
-from .losses import Numbers, Stream, Written, account, header_numbers, written
+from .losses import Numbers, Stream, Written, account, header_numbers, recorded, written
 from .programs import LogState, read_line
 from .storage import PARTS, read_json, write_json
 
@@ -84,7 +84,7 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
 
     Args:
         folder: of the part.
-        facts: of the recording, for the list: session, platform, gaps, dropped.
+        facts: of the recording, for the list: session, platform, gaps, dropped, when recorders were seen.
         progress: called with bytes done and all bytes.
 
     Raises:
@@ -105,6 +105,7 @@ def close_parts(folder: Path, facts: Mapping[str, Any], progress: Optional[Progr
     logs = sorted(folder.glob("*.log"))
     content = {"parts": 1, **facts, **known._asdict(), "files": entries, "logs": [path.name for path in logs]}
     content["dropped"] = max(int(facts.get("dropped", 0)), sum(map(_warnings, logs)))
+    content["recorded"] = recorded(files, known.gaps, facts.get("seen", {}))
     content["uncounted"] = _uncounted(folder, entries, files)
     write_json(folder / PARTS, content)
     return content

@@ -11,6 +11,7 @@ from typing import Mapping, NamedTuple, Optional, Tuple, Union
 from amaze_autonomy.engine.events import RecordingPhase
 
 __all__ = [
+    "STOPPED",
     "WRITING",
     "Answer",
     "Ask",
@@ -33,6 +34,7 @@ __all__ = [
 
 
 WRITING = (RecordingPhase.STARTING, RecordingPhase.RECORDING)
+STOPPED = "it was stopped and started again"  # the cause of a gap
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,7 @@ class GroupStatus:
         dropped: warnings in its log that messages were dropped.
         full: its log says that it stopped because the storage is full.
         removed: the file that it writes is not there any more: somebody removed it.
+        number: the highest one of its files in the session's folder, whoever wrote it; 0: there is none.
     """
 
     running: bool
@@ -130,6 +133,7 @@ class GroupStatus:
     dropped: int = 0
     full: bool = False
     removed: bool = False
+    number: int = 0
 
 
 @dataclass(frozen=True)
