@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import threading
 import time
 from io import BytesIO
 from pathlib import Path
@@ -19,17 +20,18 @@ from replay_bags import flight_rows, write_bag
 
 from amaze_autonomy import msg
 from amaze_autonomy.config.loader import load_configuration
+from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
 from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
 from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
 from amaze_autonomy.nodes.autonomy.run_folder import create, register, registered
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection, read_status
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
-from amaze_autonomy.nodes.recorder.platform import CpuLoad, processor_ticks
+from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, processor_ticks
 from amaze_autonomy.nodes.recorder.processes import DiskSync, FlightPages, Subscriptions
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
-from amaze_autonomy.recording.status import PlatformStatus, Status
+from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status
 
 PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3, 0.5)
 
@@ -288,3 +290,50 @@ def test_of_a_recorder_that_ends_while_it_is_looked_at_it_is_known_how():
     children._own["one"], children._processes["one"] = own, SimpleNamespace(alive=False)
     assert [children.running, children.running] == [("one",), ()]
     assert children._endings == {"one": "killed by SIGKILL"}
+
+
+@pytest.fixture
+def children(tmp_path):
+    """Recorders of one group in a folder; the program of each writes down that it was started."""
+    program = tmp_path / "record"
+    program.write_text(f"#!/bin/sh\ntouch {tmp_path}/started\n")
+    program.chmod(0o755)
+    groups, topics, nodes = {"one": TopicGroup("one", ("/a",))}, {"one": ("/a",)}, {"one": "/record_one"}
+    found = processes.RecorderChildren(groups, topics, nodes, Storage(), [str(program)])
+    (tmp_path / "part").mkdir()
+    found.enter(tmp_path / "part")
+    return found
+
+
+@pytest.mark.parametrize("there", ["one-02.bag", "one-02.bag.active", "one-02_0.bag", "one-02.bag.undo"])
+def test_a_recorder_is_never_started_into_a_file_that_is_there(tmp_path, children, there):
+    (tmp_path / "part" / there).write_bytes(b"the first part of a flight")
+    assert children.look(Subscriptions()).groups["one"].number == 2
+    for number in (1, 2):
+        words = f"{tmp_path}/part/one-{number:02d}.bag: files up to number 2 are there, and are not written over"
+        assert children.start("one", number) == words
+    assert children.running == ()
+    assert not (tmp_path / "started").exists()
+    assert children.start("one", 3) == ""
+    children.wait(("one",), 10.0)
+    assert (tmp_path / "started").exists()
+    assert (tmp_path / "part" / there).read_bytes() == b"the first part of a flight"
+
+
+def test_what_was_seen_of_one_session_is_no_ground_for_what_is_done_in_another(tmp_path):
+    """A session begins while the files of the one before are looked at."""
+    machine = SimpleNamespace(session_id="s1", step=lambda *_: pytest.fail("it decides by files of another session"))
+
+    def look(*_):
+        machine.session_id = "s2"
+        return ProcessStatus()
+
+    platform = SimpleNamespace(
+        machine=machine,
+        _share=SimpleNamespace(lock=threading.Lock(), stamp_ns=lambda: 0, folder=tmp_path),
+        _enter=lambda: None,
+        _children=SimpleNamespace(look=look),
+        _master=SimpleNamespace(seen=lambda: ({}, [])),
+        _cpu=SimpleNamespace(look=lambda: None),
+    )
+    assert RecorderPlatform.step(platform) == []

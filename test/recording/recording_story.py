@@ -42,6 +42,7 @@ class Platform:
         self.full = dict.fromkeys(groups, False)
         self.removed = dict.fromkeys(groups, False)
         self.dropped = dict.fromkeys(groups, 0)
+        self.numbers = dict.fromkeys(groups, 0)  # of the last file that lies in the folder of the session
         self.idle = dict.fromkeys(groups, None)
         self.obeys = dict.fromkeys(groups, ("INT", "TERM", "KILL"))
         self.commands = []
@@ -73,12 +74,15 @@ class Platform:
             dropped=self.dropped[name],
             full=self.full[name],
             removed=self.removed[name],
+            number=self.numbers[name],
         )
 
     def carry_out(self, command):
         if isinstance(command, StartChild):
             self.running[command.group], self.endings[command.group] = True, ""
             self.removed[command.group] = False
+            assert command.number > self.numbers[command.group], "nothing is written over a file"
+            self.numbers[command.group] = command.number
         elif isinstance(command, Signal) and command.name in self.obeys[command.group]:
             self.running[command.group] = False
 
@@ -141,15 +145,15 @@ class Fleet:
             self.phases.append(self.collector.phase)
 
     def answer(self, command):
-        name = command.platform
+        name, session = command.platform, command.session_id or self.collector.session_id
         if self.silent[name]:
             self.collector.unanswered(name, "no such service")
             return
         if self.refuses[name]:
-            self.collector.answered(name, command.verb, "s1", Answer(False, self.refuses[name]))
+            self.collector.answered(name, command.verb, session, Answer(False, self.refuses[name]))
             return
-        self.collector.answered(name, command.verb, "s1", Answer(True))
-        self.say(name, {"start": PHASE.RECORDING, "stop": PHASE.COMPLETE}.get(command.verb, PHASE.COMPLETE))
+        self.collector.answered(name, command.verb, session, Answer(True))
+        self.say(name, {"start": PHASE.RECORDING, "stop": PHASE.COMPLETE}.get(command.verb, PHASE.COMPLETE), session)
 
     def go_on(self, seconds):
         for _ in range(round(seconds * S / self.step_ns)):
@@ -168,6 +172,12 @@ class Fleet:
 
     def asked(self, kind):
         return [command for command in self.commands if isinstance(command, kind)]
+
+
+def stopped(platform, session="s1"):
+    """Return a platform that has closed the part of a session."""
+    assert platform.stop(session) == Answer(accepted=True)
+    return recovered(platform.go_on(0.3))
 
 
 def recovered(platform, problem=""):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
-from amaze_autonomy.recording.programs import child_command, files_of
+from amaze_autonomy.recording.programs import child_command, files_of, last_number
 
 OUTPUT = Path("/rec/s/main/states-01.bag")
 
@@ -50,3 +50,11 @@ def test_the_files_of_a_group_are_those_that_its_recorders_wrote():
     names = ["states-01.bag", "states-02_0.bag", "states-02_1.bag.active"]
     names += ["states-01.recovered.bag", "states.log", "xstates-01.bag", "cameras-01.bag"]
     assert files_of("states", names) == ["states-01.bag", "states-02_0.bag", "states-02_1.bag.active"]
+
+
+def test_the_last_number_is_that_of_any_file_of_the_group_whoever_made_it():
+    names = ["states-01.bag", "states-02_0.bag", "states-02_1.bag.active", "states.log", "cameras-09.bag"]
+    assert last_number("states", names) == 2
+    assert last_number("states", ["states-04.recovered.bag", "states-03.bag.undo", ".states-05.bag.bad"]) == 5
+    assert last_number("states", ["states-100.bag", "states-99.bag"]) == 100
+    assert last_number("states", ["xstates-07.bag", "states-x-08.bag", "states.log"]) == 0

@@ -262,6 +262,74 @@ def test_requests_are_answered_in_every_phase():
     assert fleet.start("") == Answer(accepted=False, message="a recording needs a session")
 
 
+def engine(fleet, session, *, in_flight):
+    fleet.collector.heard_engine(fleet.now_ns, session, in_flight=in_flight)
+
+
+RECORDS = Answer(accepted=False, message="records s1; stop that one first")
+
+
+def test_another_session_is_refused_while_one_is_recorded_and_nobody_says_that_the_flight_is_over():
+    fleet = recording()
+    assert fleet.start("evil") == RECORDS, "no engine was heard"
+    engine(fleet, "s1", in_flight=True)
+    assert fleet.start("evil") == RECORDS
+    engine(fleet, "s1", in_flight=False)
+    fleet.go_on(6.0)
+    assert fleet.start("evil") == RECORDS, "that was long ago"
+    assert (fleet.collector.session_id, fleet.collector.phase) == ("s1", PHASE.RECORDING)
+    assert fleet.stop("s1") == Answer(accepted=True)
+
+
+@pytest.mark.parametrize("phase", [PHASE.FAILED, PHASE.COMPLETE])
+def test_in_flight_no_other_session_begins_than_that_of_the_engine(phase):
+    fleet = recording()
+    engine(fleet, "s1", in_flight=True)
+    if phase is PHASE.FAILED:
+        fleet.collector.interrupted(fleet.now_ns)
+    else:  # somebody has stopped it
+        fleet.stop()
+        fleet.go_on(0.5)
+        fleet.collector.transfer_ended(fleet.now_ns, "second", "")
+        fleet.go_on(0.2)
+        fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)
+    assert fleet.start("evil") == Answer(accepted=False, message="session s1 is in flight")
+    assert fleet.stop("s1") == Answer(accepted=True)
+    other = Fleet()
+    engine(other, "s1", in_flight=True)
+    assert other.start("s1") == Answer(accepted=True), "a collector that remembers nothing"
+
+
+def test_on_the_ground_a_new_session_begins_and_what_platforms_record_is_stopped_first():
+    """An engine that was started anew without its journal asks for a session of its own."""
+    fleet = recording()
+    engine(fleet, "s2", in_flight=False)
+    asked = len(fleet.commands)
+    assert fleet.start("s2") == Answer(accepted=True)
+    fleet.go_on(3.0)
+    assert fleet.commands[asked:] == [
+        Ask("main", "stop", "s1"), Ask("second", "stop", "s1"), Ask("main", "start"), Ask("second", "start"),
+        MeasureClock("second", "start"),
+    ]  # fmt: skip
+    assert (fleet.collector.session_id, fleet.collector.phase) == ("s2", PHASE.RECORDING)
+
+
+def test_a_platform_that_a_stranger_has_record_something_else_is_taken_back_in_flight():
+    fleet = recording()
+    engine(fleet, "s1", in_flight=True)
+    asked = len(fleet.commands)
+    fleet.say("second", PHASE.RECORDING, session="evil")
+    fleet.go_on(3.0)
+    assert fleet.commands[asked:] == [Ask("second", "stop", "evil"), Ask("second", "start")]
+    assert fleet.status.platforms[1].growing
+
+
+def test_a_bench_without_a_mission_may_record_whatever_the_engine_knows_of_the_vehicle():
+    fleet = Fleet()
+    engine(fleet, "", in_flight=True)
+    assert fleet.start("bench") == Answer(accepted=True)
+
+
 def test_a_new_session_forgets_the_last_one():
     fleet = merging()
     fleet.collector.job_ended(fleet.now_ns, "", SUMMARY)

@@ -2,7 +2,7 @@
 
 import json
 
-from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered
+from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered, stopped
 
 from amaze_autonomy.recording import Answer
 from amaze_autonomy.recording.status import Recover, Signal, StartChild
@@ -221,15 +221,151 @@ def test_a_recovery_that_is_killed_is_started_again_without_being_asked():
     assert (platform.machine.phase, len(platform.asked(Recover))) == (PHASE.RECOVERING, 2)
 
 
-def test_a_start_of_the_same_session_is_already_so_and_one_of_another_closes_this_one_first():
+def test_while_a_session_is_recorded_another_one_is_refused():
     platform = recording()
     assert platform.start() == Answer(accepted=True, message="already so")
+    refused = Answer(accepted=False, message="records s1; stop that one first")
+    assert platform.start("s2") == platform.start("s2", problem="0.1 GB are free") == refused
+    platform.go_on(1.0)
+    assert (platform.machine.session_id, platform.machine.phase, platform.part.growing) == ("s1", PHASE.RECORDING, True)
+    assert platform.asked(Signal) == []
+
+
+def test_another_session_begins_when_the_part_of_this_one_is_closed():
+    platform = recording()
+    platform.stop()
     assert platform.start("s2") == Answer(accepted=True, message="session s1 is closed first")
     platform.go_on(0.5)
+    platform.numbers = dict.fromkeys(platform.numbers, 0)  # its folder is another one
     recovered(platform)
     platform.go_on(1.0)
     assert (platform.machine.session_id, platform.machine.phase) == ("s2", PHASE.RECORDING)
     assert [each.number for each in platform.asked(StartChild) if each.group == "states"] == [1, 1]
+
+
+def numbers(platform, group="states"):
+    return [each.number for each in platform.asked(StartChild) if each.group == group]
+
+
+def test_a_session_that_is_taken_up_again_goes_on_in_new_files_and_knows_what_it_has_lost():
+    platform = recording()
+    platform.kill("cameras")
+    platform.dropped["states"] = 3
+    platform.go_on(1.0)
+    (lost,) = platform.machine.facts()["gaps"]
+    stopped(platform)
+    platform.dropped["states"] = 0
+    platform.numbers = dict.fromkeys(platform.numbers, 0)
+    platform.start("evil")
+    stopped(platform.go_on(1.0), "evil")
+    assert platform.machine.facts()["gaps"] == []
+    platform.numbers = {"states": 1, "cameras": 2}
+    platform.start()
+    platform.go_on(1.0)
+    assert (numbers(platform), numbers(platform, "cameras")) == ([1, 1, 2], [1, 2, 1, 3])
+    facts = platform.machine.facts()
+    assert facts["dropped"] == 3
+    assert [(each["group"], each["file"], each["ending"]) for each in facts["gaps"]] == [
+        ("states", 2, "it was stopped and started again"),
+        ("cameras", 2, lost["ending"]),
+        ("cameras", 3, "it was stopped and started again"),
+    ]
+
+
+def test_another_process_knows_sessions_that_were_left():
+    platform = stopped(recording())
+    platform.numbers = dict.fromkeys(platform.numbers, 0)
+    platform.start("evil")
+    stopped(platform.go_on(1.0), "evil")
+    other = Platform()
+    other.machine.remember(0, recorded_memory(platform), same_boot=True)
+    other.numbers = dict.fromkeys(other.numbers, 1)
+    other.turn()
+    other.start()
+    other.go_on(1.0)
+    assert numbers(other) == [2]
+    assert [each["file"] for each in other.machine.facts()["gaps"]] == [2, 2]
+
+
+def test_what_is_known_of_sessions_that_were_left_does_not_grow_for_ever():
+    platform = Platform(groups=("states",))
+    for number in range(20):
+        platform.numbers["states"] = 0
+        platform.start(f"s{number}")
+        stopped(platform.go_on(0.5), f"s{number}")
+    assert [session for session, _ in platform.machine.memory()["left"]] == [f"s{number}" for number in range(11, 19)]
+
+
+def test_files_that_lie_there_already_are_never_written_over_though_nobody_remembers_them():
+    platform = Platform()
+    platform.numbers = {"states": 4, "cameras": 0}
+    platform.start()
+    platform.go_on(1.0)
+    assert platform.commands == [StartChild("states", 5), StartChild("cameras", 1)]
+    platform.kill("states")
+    platform.numbers["states"] = 8
+    platform.go_on(1.0)
+    assert platform.commands[-1] == StartChild("states", 9)
+
+
+def test_a_recording_that_was_stopped_and_goes_on_has_a_gap():
+    platform = recording()
+    stopped(platform)
+    platform.go_on(30.0 - 0.4)
+    platform.start()
+    platform.go_on(1.0)
+    (states, cameras) = platform.machine.facts()["gaps"]
+    at = {"from_ns": EPOCH_NS + S, "to_ns": EPOCH_NS + 31_300_000_000}
+    assert states == {"group": "states", "file": 2, "seconds": 30.3, "ending": "it was stopped and started again", **at}
+    assert cameras == {**states, "group": "cameras"}
+    words = "{0}: its recording was interrupted once, 30.3 s are missing"
+    assert platform.part.message == f"{words.format('states')}; {words.format('cameras')}"
+
+
+def test_a_group_that_nobody_publishes_has_no_longer_gap_than_until_its_recorder_is_subscribed():
+    platform = Platform()
+    platform.grows["cameras"], platform.silent["cameras"] = 0, True
+    platform.start()
+    stopped(platform.go_on(1.0))
+    platform.start()
+    platform.go_on(5.0)
+    (gap,) = (each for each in platform.machine.facts()["gaps"] if each["group"] == "cameras")
+    assert gap["to_ns"] - gap["from_ns"] < S
+
+
+def test_the_list_says_from_when_to_when_recorders_were_seen():
+    platform = recording()
+    seen = {"file": 1, "from_ns": EPOCH_NS + S // 5, "to_ns": None}
+    assert platform.machine.facts()["seen"] == {"states": seen, "cameras": seen}
+    platform.go_on(1.0)
+    stopped(platform)
+    ended = {**seen, "to_ns": EPOCH_NS + 2 * S}
+    assert platform.machine.facts()["seen"] == {"states": ended, "cameras": ended}
+    other = Platform()
+    other.machine.remember(0, recorded_memory(platform), same_boot=True)
+    assert other.machine.facts()["seen"] == {"states": ended, "cameras": ended}
+
+
+def test_a_recorder_is_seen_when_it_is_subscribed_and_the_clock_that_stamps_is_known():
+    platform = Platform()
+    platform.missing["states"] = ("/states",)
+    platform.start()
+    platform.go_on(2.0)
+    assert platform.machine.facts()["seen"]["states"] == {"file": None, "from_ns": None, "to_ns": None}
+    platform.missing["states"] = ()
+    platform.turn()
+    assert platform.machine.facts()["seen"]["states"]["from_ns"] == EPOCH_NS + platform.now_ns
+
+
+def test_what_was_kept_before_recorders_were_seen_is_taken_up():
+    memory = recorded_memory(recording())
+    del memory["left"]
+    for group in memory["groups"].values():
+        del group["seen"]
+    other = Platform()
+    other.machine.remember(0, memory, same_boot=False)
+    nobody = {"file": None, "from_ns": None, "to_ns": None}
+    assert other.machine.facts()["seen"] == {"states": nobody, "cameras": nobody}
 
 
 def test_a_start_after_a_failure_or_a_part_that_is_closed_goes_on_in_new_files():

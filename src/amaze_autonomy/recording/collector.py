@@ -7,6 +7,10 @@ It asks each platform's recorder, its own among them, over the same two requests
 Every wait has a limit. FAILED names what is missing and where the parts lie; asked to stop again, it goes on with the
 first thing that is not done: parts that are here are not fetched again, and a file that is whole is not made again.
 
+Another session begins when none is recorded, or on the ground: while one is recorded, the engine's last status must be
+a fresh one that says so; in flight, whatever is recorded, only the engine's own session begins. Platforms refuse
+another session while they record one; the collector has them stop it first.
+
 The offset between two computers' clocks is taken as NTP does (RFC 5905, section 8). The collector sends at t1 (its
 clock), the platform receives at t2 and answers at t3 (the platform's clock), the answer arrives at t4. The offset is
 exact where both ways take the same time, and wrong by at most half the round trip; so of several exchanges the one with
@@ -212,6 +216,7 @@ class Collector:
         self.stopped_ns: Optional[int] = None
         self.flights: Optional[List[List[Optional[int]]]] = None  # from takeoff to landing; None: nobody said
         self._engine_ns: Optional[int] = None
+        self._engine: Optional[Tuple[int, str, bool]] = None  # its last status: when it came, session, in flight
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -224,6 +229,9 @@ class Collector:
         if self.phase in (*_CLOSING, *_COLLECTING):
             return Answer(accepted=False, message=f"busy with session {self.session_id} ({self.phase.name})")
         if session_id != self.session_id:
+            problem = self._occupied(t_ns, session_id)
+            if problem:
+                return Answer(accepted=False, message=problem)
             self.views = {name: view.fresh() for name, view in self.views.items()}
             self.location, self._copied, self._summary = "", False, {}
             self.flights = self._engine_ns = None
@@ -232,6 +240,16 @@ class Collector:
             view.refusal = ""
         self._enter(Phase.STARTING, t_ns)
         return Answer(accepted=True)
+
+    def _occupied(self, t_ns: int, session_id: str) -> str:
+        """Return why another session may not begin now; an empty text when it may."""
+        heard_ns, flying, in_flight = self._engine or (0, "", False)
+        known = self._engine is not None and t_ns - heard_ns <= self.setup.silent_ns
+        if self.phase in WRITING and (in_flight or not known):
+            return f"records {self.session_id}; stop that one first"
+        if known and in_flight and flying not in ("", session_id):
+            return f"session {flying} is in flight"
+        return ""
 
     def stop(self, t_ns: int, session_id: str, wall_ns: Optional[int] = None) -> Answer:
         """End the session and collect it; after FAILED go on where it stopped. `wall_ns` is the clock that stamps."""
@@ -260,6 +278,7 @@ class Collector:
 
     def heard_engine(self, stamp_ns: int, session_id: str, *, in_flight: bool) -> None:
         """Take what the engine says of the flight; a takeoff lies behind its last status on the ground."""
+        self._engine = (self._t_ns, session_id, in_flight)
         if not session_id or session_id != self.session_id:
             return
         if self.flights is None:
@@ -364,15 +383,16 @@ class Collector:
         return commands
 
     def _record(self, t_ns: int) -> List[Command]:
-        """Keep all platforms recording: one that was started anew is asked again."""
+        """Keep all platforms recording: one that was started anew, or records something else, is asked again."""
         return self._ask_to_record(t_ns)
 
     def _ask_to_record(self, t_ns: int) -> List[Command]:
         commands: List[Command] = []
         for view in self.views.values():
-            works = view.session(self.session_id) and view.status.phase in WRITING
+            writes = view.status.session_id if view.status.phase in WRITING else ""
+            works = writes == self.session_id
             if not works and view.may_ask(t_ns, _ASK_AGAIN_NS):
-                commands.append(self._ask(view, "start", t_ns))
+                commands.append(self._ask(view, "stop", t_ns, writes) if writes else self._ask(view, "start", t_ns))
             if works:
                 commands += self._measure(view, "start")
         return commands
@@ -463,9 +483,9 @@ class Collector:
             if view.began and not view.removed and view.may_ask(t_ns, _ASK_AGAIN_NS) and view.note_removal()
         ]
 
-    def _ask(self, view: PlatformView, verb: str, t_ns: int) -> Ask:
+    def _ask(self, view: PlatformView, verb: str, t_ns: int, session_id: str = "") -> Ask:
         view.asking, view.asked_ns = True, t_ns
-        return Ask(view.name, verb)
+        return Ask(view.name, verb, session_id)
 
     def _measure(self, view: PlatformView, when: str) -> List[Command]:
         if view.name == self.setup.own or when in view.measured:

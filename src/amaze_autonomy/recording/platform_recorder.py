@@ -6,11 +6,14 @@ r"""The recorder of one platform: which processes shall run, what they prove, an
 A storage that is full but for its reserve ends the recorders, so that their files are closed; with space they go on.
 STARTING becomes RECORDING when every group proves that it records, and never falls back: what fails later is told by
 `growing` and `message`. It has no limit of its own; whoever asked for the recording has one. A recorder that dies is
-started again into a new file at once, for as long as the recording lasts. A start for another session ends this one.
+started again into a new file at once, for as long as the recording lasts. While a session is recorded, a start for
+another one is refused: who wants that has to stop this one first. No recorder ever writes over a file: its number is
+higher than that of any file of its group in the session's folder, whoever wrote that and whatever is remembered of it.
 COMPLETE means that this platform's part is closed and listed; to make one of all parts is the collector's job.
 
 Where a recorder of a group ended or stopped to write while it should record, there is a gap: from the last growth of
-its files to the next, or to the end of the recording.
+its files to the next, or to the end of the recording. A recording that was stopped and goes on has one, too. What is
+known of a session is kept when another one begins: it may be taken up again.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from amaze_autonomy.engine.events import RecordingPhase as Phase
 from amaze_autonomy.units import MB, SECOND
 
 from .status import (
+    STOPPED,
     WRITING,
     Answer,
     Command,
@@ -83,6 +87,8 @@ _FLUSH_BYTES = 1 << 20  # what may still reach the disk after a recorder stopped
 _FULL = "the storage was full"
 _REMOVED = "its files were removed"
 
+_UNSEEN: Mapping[str, Optional[int]] = {"file": None, "from_ns": None, "to_ns": None}
+
 Gap = Dict[str, Any]
 
 
@@ -100,6 +106,7 @@ class Group:
         self.dropped = 0
         self.gaps: List[Gap] = []
         self.shift_ns: Optional[int] = None  # from this machine's time to what messages are stamped with
+        self.span = dict(_UNSEEN)  # number of the first recorder that was subscribed, and since when; until when
         self._seen = GroupStatus(running=False)
         self._asked_ns: Optional[int] = None
         self._ended_ns: Optional[int] = None
@@ -110,14 +117,21 @@ class Group:
         self._told = self._taken_over = False
         self._began_ns: Optional[int] = None
 
-    def begin(self) -> None:
-        """Forget the last recorder: a recording begins, or goes on."""
+    def begin(self, t_ns: int) -> None:
+        """Forget the last recorder: a recording begins, or goes on after a gap."""
         self._asked_ns = self._ended_ns = self._gap_ns = self._grew_ns = None
         self.writes = False
+        ended_ns, self.span["to_ns"] = self.span["to_ns"], None
+        if ended_ns is not None:
+            self._grew_ns = None if self.shift_ns is None else ended_ns - self.shift_ns
+            self._open_gap(t_ns, STOPPED, self.number + 1)
+            self._grew_ns = None
 
     def end(self, t_ns: int) -> None:
         """Take notice that the recording ends: so does a gap."""
         self._close_gap(t_ns)
+        if self.span["file"] is not None and self.shift_ns is not None:
+            self.span["to_ns"] = t_ns + self.shift_ns
 
     def take_number(self, t_ns: int) -> int:
         """Return the number of the next file; a recorder for it is started now."""
@@ -156,6 +170,7 @@ class Group:
     def see(self, t_ns: int, seen: GroupStatus, *, writing: bool) -> None:
         """Take what is seen of it; `writing`: it shall record."""
         before, self._seen = self._seen, seen
+        self.number = max(self.number, seen.number)
         if seen.size > before.size:
             self._grew_ns = t_ns if not self._taken_over or seen.idle_ns is None else t_ns - seen.idle_ns
             self._taken_over = False
@@ -172,10 +187,15 @@ class Group:
         self._see_writing(t_ns, seen)
 
     def _see_writing(self, t_ns: int, seen: GroupStatus) -> None:
+        subscribed = self._born_size is not None and seen.missing == ()
+        if subscribed and self.span["file"] is None and self.shift_ns is not None:
+            self.span.update(file=self.number, from_ns=t_ns + self.shift_ns)
         if self._born_size is not None and seen.size - self._born_size > _HEAD_BYTES:
             if not self.writes or (self._full_size and seen.size - self._full_size > _FLUSH_BYTES):
                 self._close_gap(t_ns)
             self.writes = True
+        elif subscribed and seen.silent and not self._full_size and not self._told:
+            self._close_gap(t_ns)  # it would write if anybody published
 
     def _came(self, t_ns: int, size: int) -> None:
         if self._asked_ns is None:  # it was there before this process
@@ -238,7 +258,8 @@ class Group:
 
     def memory(self) -> Dict[str, Any]:
         """Return what must outlive the process."""
-        return {"number": self.number, "dropped": self.dropped, "gaps": [dict(each) for each in self.gaps]}
+        gaps = [dict(each) for each in self.gaps]
+        return {"number": self.number, "dropped": self.dropped, "gaps": gaps, "seen": dict(self.span)}
 
     @classmethod
     def of_memory(cls, name: str, memory: Mapping[str, Any], *, writing: bool) -> Group:
@@ -246,6 +267,7 @@ class Group:
         group = cls(name)
         group.number, group.dropped = int(memory["number"]), int(memory["dropped"])
         group.gaps = [dict(each) for each in memory["gaps"]]
+        group.span = dict(memory.get("seen", _UNSEEN))
         group.running = writing  # if it is not any more, that is seen
         group._taken_over = True  # nobody saw when its files grew last; they know
         return group
@@ -257,6 +279,7 @@ class Group:
 _SHORT_LEFT_S = 60.0
 _KILL_AFTER_NS = 2 * SECOND
 _TRIES = 25  # of a recovery that is killed
+_LEFT = 8  # sessions that were left and of which something is known
 
 
 @dataclass(frozen=True)
@@ -307,6 +330,8 @@ class PlatformRecorder:
         self.phase = Phase.IDLE
         self.session_id = self.mission_id = self.location = ""
         self.groups: Dict[str, Group] = {}
+        self._left: Dict[str, Dict[str, Any]] = {}  # what is known of the groups of sessions that were left
+        self._shift_ns: Optional[int] = None
         self._since_ns = 0
         self._next: Optional[Tuple[str, str]] = None
         self._growth = Growth()
@@ -324,12 +349,12 @@ class PlatformRecorder:
             return Answer(accepted=False, message="a recording needs a session")
         if session_id == self.session_id and self.phase in WRITING:
             return Answer(accepted=True, message="already so")
+        if self.phase in WRITING:
+            return Answer(accepted=False, message=f"records {self.session_id}; stop that one first")
         if problem:
             return Answer(accepted=False, message=problem)
-        if self.phase in (*WRITING, Phase.STOPPING, Phase.RECOVERING):
+        if self.phase in (Phase.STOPPING, Phase.RECOVERING):
             self._next = (session_id, mission_id)
-            if self.phase in WRITING:
-                self._enter(Phase.STOPPING, t_ns)
             return Answer(accepted=True, message=f"session {self.session_id} is closed first")
         self._begin(t_ns, session_id, mission_id)
         return Answer(accepted=True)
@@ -357,13 +382,23 @@ class PlatformRecorder:
 
     def _begin(self, t_ns: int, session_id: str, mission_id: str) -> None:
         if session_id != self.session_id:
-            self.groups = {}
+            self._leave_for(session_id)
             self._growth = Growth()
         self.session_id, self.mission_id, self.location = session_id, mission_id, ""
         for each in self.setup.groups:
             group = self.groups.setdefault(each.name, Group(each.name))
-            group.begin()
+            group.shift_ns = self._shift_ns
+            group.begin(t_ns)
         self._enter(Phase.STARTING, t_ns)
+
+    def _leave_for(self, session_id: str) -> None:
+        """Keep what is known of this session, and take up what is known of another one."""
+        if self.session_id:
+            self._left[self.session_id] = {name: group.memory() for name, group in self.groups.items()}
+        known = self._left.pop(session_id, {})
+        self.groups = {name: Group.of_memory(name, value, writing=False) for name, value in known.items()}
+        for oldest in list(self._left)[:-_LEFT]:
+            del self._left[oldest]
 
     def _enter(self, phase: Phase, t_ns: int) -> None:
         self.phase, self._since_ns = phase, t_ns
@@ -397,9 +432,10 @@ class PlatformRecorder:
     def step(self, t_ns: int, processes: ProcessStatus) -> Tuple[Command, ...]:
         """Go on with what is seen now; return what is to be done."""
         self._processes = processes
+        self._shift_ns = None if processes.stamp_ns is None else processes.stamp_ns - t_ns
         self._growth.add(t_ns, sum(each.size for each in processes.groups.values()))
         for name, group in self.groups.items():
-            group.shift_ns = None if processes.stamp_ns is None else processes.stamp_ns - t_ns
+            group.shift_ns = self._shift_ns
             group.see(t_ns, processes.groups.get(name, GroupStatus(running=False)), writing=self.phase in WRITING)
         turn = _TURNS.get(self.phase)
         return tuple(turn(self, t_ns)) if turn is not None else ()
@@ -491,6 +527,7 @@ class PlatformRecorder:
             "platform": self.setup.name,
             "topics": {each.name: list(each.topics) for each in self.setup.groups if each.named},
             "gaps": [gap for group in self.groups.values() for gap in group.gaps],
+            "seen": {name: dict(group.span) for name, group in self.groups.items()},
             "dropped": self.dropped,
         }
 
@@ -527,6 +564,7 @@ class PlatformRecorder:
             "phase": self.phase.name,
             "message": self._message,
             "groups": {name: group.memory() for name, group in self.groups.items()},
+            "left": [[session_id, groups] for session_id, groups in self._left.items()],
         }
 
     def remember(self, t_ns: int, memory: Mapping[str, Any], *, same_boot: bool) -> None:
@@ -538,6 +576,7 @@ class PlatformRecorder:
             phase = Phase.RECOVERING
         writing = phase in WRITING
         self.groups = {name: Group.of_memory(name, value, writing=writing) for name, value in memory["groups"].items()}
+        self._left = {str(session_id): dict(groups) for session_id, groups in memory.get("left", ())}
         self._enter(phase, t_ns)
         self._message = str(memory["message"])
 

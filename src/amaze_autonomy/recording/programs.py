@@ -22,6 +22,7 @@ __all__ = [
     "bag_name",
     "child_command",
     "files_of",
+    "last_number",
     "log_name",
     "mounted",
     "problem_of",
@@ -50,6 +51,13 @@ def files_of(group: str, names: Sequence[str]) -> List[str]:
     """Return those of a folder's files that a group's recorders wrote, split ones and open ones among them."""
     pattern = re.compile(rf"{re.escape(group)}-\d\d+(_\d+)?\.bag(\.active)?")
     return sorted(name for name in names if pattern.fullmatch(name))
+
+
+def last_number(group: str, names: Sequence[str]) -> int:
+    """Return the highest number of a group's files in a folder, also of what was made of them; 0 when there is none."""
+    pattern = re.compile(rf"\.?{re.escape(group)}-(\d\d+)(_\d+)?\..+")
+    found = [pattern.fullmatch(name) for name in names]
+    return max((int(match[1]) for match in found if match is not None), default=0)
 
 
 def child_command(

@@ -186,10 +186,11 @@ class Recover:
 
 @dataclass(frozen=True)
 class Ask:
-    """Ask a platform's recorder to `start`, `stop` or `remove` its part."""
+    """Ask a platform's recorder to `start`, `stop` or `remove` its part; of another session than the collector's."""
 
     platform: str
     verb: str
+    session_id: str = ""
 
 
 @dataclass(frozen=True)

@@ -224,7 +224,7 @@ class RecorderCollector:
 
     def _ask(self, command: asked.Ask) -> None:
         machine = self.machine
-        session, mission = machine.session_id, machine.mission_id
+        session, mission = command.session_id or machine.session_id, machine.mission_id
         if command.platform == self._own.name:
             own: Dict[str, Callable[[], Answer]] = {
                 "start": lambda: self._own.start(session, mission),

@@ -115,9 +115,12 @@ class RecorderPlatform:
         """See and decide; return what is to be done. The files are looked at without holding the lock."""
         with self._share.lock:
             self._enter()
+            session_id = self.machine.session_id
         seen = self._children.look(Subscriptions(*self._master.seen()), self._share.stamp_ns())
         processes = replace(seen, space=space_of(self._share.folder), cpu_fraction=self._cpu.look())
         with self._share.lock:
+            if self.machine.session_id != session_id:  # begun meanwhile: what was seen are the files of another one
+                return []
             commands = list(self.machine.step(self._share.now_ns(), processes))
             self._enter()
         return commands

@@ -26,6 +26,7 @@ from amaze_autonomy.recording.programs import (
     bag_name,
     child_command,
     files_of,
+    last_number,
     log_name,
     mounted,
     problem_of,
@@ -128,10 +129,13 @@ class RecorderChildren:
             self._logs = {name: _Log(folder / log_name(name)) for name in self._groups}
 
     def start(self, name: str, number: int) -> str:
-        """Start a recorder; return why that is not possible, or an empty text."""
+        """Start a recorder; return why that is not possible, or an empty text. It never writes over a file."""
         folder = self._folder
         if folder is None:
             return "no session"
+        last = last_number(name, list(_files(folder)))
+        if last >= number:
+            return f"{folder / bag_name(name, number)}: files up to number {last} are there, and are not written over"
         group = self._groups[name]
         short = self._nodes[name].rsplit("/", 1)[-1]
         command = child_command(
@@ -203,6 +207,7 @@ class RecorderChildren:
             dropped=log.dropped,
             full=running and log.full,
             removed=running and not mine and self._written.get(name, False),
+            number=last_number(name, list(files)),
         )
 
     def memory(self) -> Dict[str, List[int]]:
