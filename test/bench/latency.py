@@ -83,14 +83,9 @@ class Node:
         shutil.copytree(config_folder(), folder)
         shutil.copytree(HERE.parent / "ros" / "config", folder, dirs_exist_ok=True)
         platforms = tuple(platform.name for platform in load_configuration(folder).recording.platforms)
-        parameters = {
-            "config": str(folder),
-            "output": str(home / "run"),
-            "nice": nice,
-            "overrides": ["autonomy.recording.recording_lead_s=0.05"],
-        }
-        for name, value in parameters.items():
-            rospy.set_param(f"{NODE}/autonomy/{name}", value)
+        rospy.set_param(f"{NODE}/autonomy/nice", nice)
+        self._words = ["--config", str(folder), "--output", str(home / "run")]
+        self._words += ["--overrides", "autonomy.recording.recording_lead_s=0.05"]
         self.peers = Peers(NODE, platforms)
         self.process = self.start()
         rospy.wait_for_service(f"{NODE}/autonomy/select_mission", 20.0)
@@ -100,7 +95,7 @@ class Node:
     def start(self) -> subprocess.Popen[bytes]:
         """Start the node's process."""
         self.process = subprocess.Popen(
-            [roslib.packages.find_node("amaze_autonomy", "autonomy")[0], "__name:=autonomy"],
+            [roslib.packages.find_node("amaze_autonomy", "autonomy")[0], "__name:=autonomy", *self._words],
             env={**os.environ, "ROS_NAMESPACE": NODE},
             start_new_session=True,
             stdout=subprocess.DEVNULL,

@@ -75,9 +75,8 @@ class WatchdogBench:
         rospy.Subscriber(
             "watchdog/action", msg.WatchdogAction, lambda each: self._see(time.monotonic_ns(), each), tcp_nodelay=True
         )
-        rospy.set_param("/watchdog/config", str(self._folder))
         self.watchdog = subprocess.Popen(
-            [roslib.packages.find_node("amaze_autonomy", "watchdog")[0]],
+            [roslib.packages.find_node("amaze_autonomy", "watchdog")[0], "--config", str(self._folder)],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )

@@ -23,6 +23,7 @@ from recorded import recording
 from amaze_autonomy import cli
 from amaze_autonomy.bags import cli as bags_cli
 from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.ros.arguments import NODES, read_words
 from amaze_autonomy.simulation import cli as simulation_cli
 from amaze_autonomy.simulation import px4_udp as vehicle_cli
 from amaze_autonomy.tester import command
@@ -105,7 +106,9 @@ def launch_arguments(file):
     return {argument.get("name") for argument in ET.parse(ROOT / "launch" / file).iter("arg")}
 
 
-def there_is_node(package, node, *_):
+def there_is_node(package, node, *words):
+    if node in NODES:
+        read_words(node, words[1:] if node == "mavlink_router" else words)  # else it raises
     return package == "amaze_autonomy" and (ROOT / "scripts" / node).is_file()
 
 

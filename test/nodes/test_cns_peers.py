@@ -163,7 +163,8 @@ def taken(monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
 
     def taken_by(make, namespace):
-        given = {"~cns_namespace": namespace, "~recordings": f"main={tmp_path}"}
+        given = {"~cns_namespace": namespace}
+        monkeypatch.setattr(sys, "argv", ["cns_peers", "--recordings", f"main={tmp_path}"])
         monkeypatch.setattr(rospy, "get_param", given.get)
         node = make(load_configuration(config_folder()), MonotonicClock())
         node.end()

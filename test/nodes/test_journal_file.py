@@ -68,7 +68,7 @@ def test_two_nodes_do_not_write_one_journal(tmp_path):
 
 
 def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
-    with pytest.raises(StartError, match="name another folder with ~output"):
+    with pytest.raises(StartError, match="name another folder with --output"):
         create(tmp_path / "missing", HEADER)
 
 

@@ -42,19 +42,23 @@ folder = sys.argv.pop()
 for node in node_group.NODES:
     stand_in(node)
 arguments_of = node_group.arguments_of
-node_group.arguments_of = lambda node, given: [*arguments_of(node, given), folder]
+node_group.arguments_of = lambda *given: [*arguments_of(*given), folder]
 raise SystemExit(node_group.main())
 """
 
 
 def test_a_node_has_a_name_and_a_log_of_its_own_and_everything_else_of_the_group():
-    given = ["watchdog", "autopilot", "a:=b", "__name:=node_group", "__log:=/var/log/node_group-3.log", "_nice:=0"]
-    assert arguments_of("watchdog", given) == [
+    words = ["--config", "/home/Jörg/a b", "--folder", "/data"]
+    own = ["a:=b", "__name:=node_group", "__log:=/var/log/node_group-3.log", "_nice:=0"]
+    given = ["watchdog", "r=data_recorder", *words, *own]
+    assert arguments_of("watchdog", "watchdog", given) == [
+        "--config=/home/Jörg/a b",
         "__name:=watchdog",
         "a:=b",
         "__log:=/var/log/watchdog-node_group-3.log",
         "_nice:=0",
     ]
+    assert arguments_of("r", "data_recorder", given)[:3] == ["--config=/home/Jörg/a b", "--folder=/data", "__name:=r"]
 
 
 def test_the_launch_file_forks_every_node_that_may_be_in_a_group():
@@ -80,6 +84,8 @@ def test_what_is_no_node_is_said():
     for arguments, status, words in (
         (["steering"], 2, "there is no node steering; name some of autopilot"),
         ([], 2, "no node is named"),
+        (["watchdog", "--folder", "/data"], 2, "no node of it takes --folder"),
+        (["watchdog", "--help"], 0, "--word value"),
         (["watchdog", "--help"], 0, "Nodes: autopilot"),
     ):
         code = "from amaze_autonomy.nodes.node_group import main; raise SystemExit(main())"

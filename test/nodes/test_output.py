@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-from pathlib import Path
 
 import pytest
-import yaml
 
 pytest.importorskip("rospy")
+
+from launched import launched
 
 from amaze_autonomy.engine.events import EngineStarted, Tick
 from amaze_autonomy.engine.rules import Rules
@@ -18,7 +17,6 @@ from amaze_autonomy.journal import journal as codec
 from amaze_autonomy.nodes.autonomy import run_folder
 from amaze_autonomy.ros.errors import StartError
 
-LAUNCH = Path(__file__).parents[2] / "launch" / "autonomy.launch"
 EVENTS = [EngineStarted(t_ns=5), Tick(t_ns=9)]
 
 
@@ -56,7 +54,7 @@ def test_what_an_earlier_run_left_in_a_named_folder_is_kept(tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_one_clear_error(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(StartError, match="name another one with ~output"):
+    with pytest.raises(StartError, match="name another one with --output"):
         run_folder.make_folder(str(tmp_path / "file" / "folder"), "label")
 
 
@@ -112,15 +110,12 @@ def test_a_simulated_run_that_did_not_end_is_none_that_a_flight_goes_on_with(hom
         (("simulation:=true", "recordings:=/data/all"), "simulated", "/data/all/main"),
     ],
 )
-def test_what_is_simulated_never_lies_among_the_flights(given, runs, recordings, tmp_path):
-    command = ["roslaunch", "--dump-params", str(LAUNCH), *given]
-    done = subprocess.run(
-        command, env={**os.environ, "ROS_HOME": str(tmp_path)}, capture_output=True, text=True, check=True
-    )
-    parameters = yaml.safe_load(done.stdout)
+def test_what_is_simulated_never_lies_among_the_flights(given, runs, recordings, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    _, words = launched("autonomy.launch", *given)
     home = tmp_path / "amaze_autonomy"
-    assert parameters["/autonomy/runs"] == (str(home / runs) if runs else "")
-    assert parameters["/data_recorder_main/folder"] == (str(home / recordings) if recordings else "")
+    assert words["autonomy"]["runs"] == (str(home / runs) if runs else "")
+    assert words["data_recorder_main"]["folder"] == (str(home / recordings) if recordings else "")
 
 
 @pytest.mark.usefixtures("home")

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Callable, Tuple
 
 import rosgraph
-import rospy
 from behaviours import Behaviours
 from cns_stand_ins import MODULES, StandIns
 from hitches import allowed_s
@@ -28,6 +27,7 @@ from launching import (
     LIMIT_S,
     PATIENT,
     Terminal,
+    back,
     ended,
     flown,
     free_ports,
@@ -213,13 +213,6 @@ def landed_after_a_kill(stack: Stack, node: str) -> None:
     assert (stack.result()["state"], stack.result()["in_flight"]) == ("MISSION_ENDED", False)
 
 
-def back(stack: Stack, node: str, was: int) -> bool:
-    """Tell whether a node is another process than before."""
-    with contextlib.suppress(OSError, xmlrpc.client.Error, rosgraph.MasterException):
-        return pid_of(stack, node) != was
-    return False
-
-
 @launches.add(processes=(), start=False)
 def planner_that_the_master_ends_in_flight_lands_and_is_not_taken_for_a_pilot(stack: Stack) -> None:
     """As `rosnode kill`, or a node that takes its name."""
@@ -312,10 +305,9 @@ def clock_of_another_computer_that_is_a_second_ahead_is_named_before_takeoff(sta
     """The watchdog runs elsewhere: a process beside the launch, whose wall clock is moved as it starts."""
     (stack.folder / "sitecustomize.py").write_text(AHEAD)
     path = f"{stack.folder}:{os.environ['PYTHONPATH']}"
-    watchdog = ("rosrun", "amaze_autonomy", "watchdog", "__name:=watchdog")
+    words = ("--config", str(stack.folder / "config"), "--overrides", "; ".join(PATIENT))
+    watchdog = ("rosrun", "amaze_autonomy", "watchdog", "__name:=watchdog", *words)
     with flown(stack, "watchdog:=false", "mission:=hop", "require_go:=true"):
-        for name, value in (("config", str(stack.folder / "config")), ("overrides", list(PATIENT))):
-            rospy.set_param(f"/{stack.name}/watchdog/{name}", value)
         with process(*watchdog, ROS_NAMESPACE=f"/{stack.name}", PYTHONPATH=path):
             apart = lambda: [row for row in rows(stack, "clocks: watchdog") if row.verdict == row.FAIL]  # noqa: E731
             row = wait(stack, apart, "the row")[0]

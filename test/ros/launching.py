@@ -205,6 +205,13 @@ def pid_of(stack: Stack, node: str) -> int:
     return int(xmlrpc.client.ServerProxy(uri).getPid("/test")[2])
 
 
+def back(stack: Stack, node: str, was: int) -> bool:
+    """Tell whether a node is another process than before."""
+    with contextlib.suppress(OSError, xmlrpc.client.Error, rosgraph.MasterException):
+        return pid_of(stack, node) != was
+    return False
+
+
 def names_outside(stack: Stack) -> Set[str]:
     """Return topics and services out of the namespace of a stack that its nodes publish, hear or offer."""
     inside = f"/{stack.name}/"

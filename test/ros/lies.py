@@ -13,17 +13,21 @@ import sys
 import threading
 import time
 from typing import Any, Iterator, List
+from xmlrpc.client import ServerProxy
 
+import rosgraph
 import rospy
 from behaviours import Behaviours
 from hitches import allowed_s
 from launching import (
     AT_ONCE,
     LIMIT_S,
+    back,
     ended,
     flown,
     free_ports,
     in_flight,
+    pid_of,
     process,
     roslaunch,
     rows,
@@ -35,7 +39,7 @@ from px4_vehicle import Px4Vehicle
 from pymavlink.dialects.v20 import common as mavlink
 from stack import Stack
 
-from amaze_autonomy import msg
+from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import AutopilotStatus, MissionPhase, MissionStatus, VehicleLanded, WatchdogAction
 from amaze_autonomy.engine.rules import Code
@@ -45,6 +49,27 @@ DONE, REFUSED = 1, 2
 NS = 1_000_000_000
 MISSION, LAND = "AUTO.MISSION", "AUTO.LAND"
 lies = Behaviours()
+
+
+@lies.add(processes=(), start=False)
+def parameter_of_a_stranger_is_no_command_of_a_node_that_is_started_again(stack: Stack) -> None:
+    """Who reaches the master sets a driver's command in the watchdog's name, and has it started again."""
+    roslaunch(stack, "flight:=simulated", "recorder:=simulated")
+    wait(stack, lambda: stack.state == "MISSION_INPUT" and back(stack, "watchdog", 0), "the launch")
+    bait, was = stack.folder / "run by the watchdog", pid_of(stack, "watchdog")
+    driver = f"sensors.components.lrf.driver=[touch, '{bait}']"
+    rospy.set_param(f"/{stack.name}/watchdog/overrides", driver)
+    watchdog = ServerProxy(rosgraph.Master("/test").lookupNode(f"/{stack.name}/watchdog"))
+    with contextlib.suppress(OSError):  # it may end before it answers
+        watchdog.shutdown("/test", "by a stranger")
+    wait(stack, lambda: back(stack, "watchdog", was), "the watchdog again")
+    named = f"The parameter /{stack.name}/watchdog/overrides is ignored"
+    wait(stack, lambda: bait.exists() or named in stack.log(), "what the watchdog makes of it")
+    assert not bait.exists(), "a stranger's command was run"
+    rospy.wait_for_service(f"/{stack.name}/watchdog/start", LIMIT_S)
+    answer = rospy.ServiceProxy(f"/{stack.name}/watchdog/start", srv.StartWatchdog)(2.0, "", [])  # a look at each
+    assert answer.components, answer
+    assert not bait.exists(), "a stranger's command was run"
 
 
 def decisions_since(stack: Stack, t_ns: int) -> List[Decision]:

@@ -46,10 +46,11 @@ class OneNode:
             if text:
                 (self.folder / f"{name}.yaml").write_text(text)
         path = f"{namespace}/{kind}"
-        for name, value in {"config": str(self.folder), "overrides": list(overrides), **parameters}.items():
+        for name, value in parameters.items():
             rospy.set_param(f"{path}/{name}", value)
         self._log = (self.folder / "log").open("wb")
-        command = [roslib.packages.find_node("amaze_autonomy", kind)[0]]
+        command = [roslib.packages.find_node("amaze_autonomy", kind)[0], "--config", str(self.folder)]
+        command += ["--overrides", "; ".join(overrides)]
         environment = {**os.environ, "ROS_NAMESPACE": namespace or "/"}
         if modules:
             environment["PYTHONPATH"] = f"{modules}:{environment.get('PYTHONPATH', '')}"

@@ -140,11 +140,9 @@ class Recorders:
             self._changed.notify_all()
 
     def start_node(self, platform: str, **environment: str) -> None:
-        path = f"/{self.name}/data_recorder_{platform}"
-        parameters = {"config": str(self._config), "platform": platform, "folder": str(self.storage / platform)}
-        for key, value in parameters.items():
-            rospy.set_param(f"{path}/{key}", value)
+        rospy.set_param(f"/{self.name}/data_recorder_{platform}/platform", platform)
         command = [roslib.packages.find_node("amaze_autonomy", "data_recorder")[0], f"__name:=data_recorder_{platform}"]
+        command += ["--config", str(self._config), "--folder", str(self.storage / platform)]
         variables = {**os.environ, "ROS_NAMESPACE": f"/{self.name}", **environment}
         with (self.folder / f"{platform}.log").open("ab") as log:
             self.nodes[platform] = self._spawn(platform, command, env=variables, stdout=log, stderr=log)

@@ -115,7 +115,7 @@ class Stack:
         self.output = self.folder / "out"
         self.config, self._faults = config, self.folder / "faults.yaml"
         self._faults.write_text(faults or "description: nothing goes wrong\n")
-        self.parameters: Dict[str, Any] = {"mission": mission, "output": str(self.output), **(parameters or {})}
+        self.parameters: Dict[str, Any] = {"mission": mission, **(parameters or {})}
         self._overrides = [*QUICK, *overrides]
         self._processes, self._rules = processes, rules
         self.engine: Optional[subprocess.Popen[bytes]] = None
@@ -135,29 +135,25 @@ class Stack:
         return self
 
     def start_engine(self) -> None:
-        self._set("autonomy", {"config": str(self.config), "overrides": self._overrides, **self.parameters})
+        self._set("autonomy", self.parameters)
         arguments = ["__name:=autonomy", *(f"--without-rule={rule}" for rule in self._rules)]
+        arguments += [*self._configured(), "--output", str(self.output)]
         kind = ["amaze_autonomy", "autonomy"] if not self._rules else [str(HERE / "crippled_autonomy.py")]
         self.engine = self._spawn("autonomy", kind, arguments)
 
     def start_peers(self, number: int) -> None:
         name = f"simulation{number}"
-        self._set(
-            name,
-            {
-                "config": str(self.config),
-                "overrides": self._overrides,
-                "faults": str(self._faults),
-                "peers": self._processes[number],
-                "sensors": False,
-                "received": str(self.folder / "received.jsonl"),
-            },
-        )
-        process = self._spawn(name, ["amaze_autonomy", "simulation"], [f"__name:={name}"])
+        self._set(name, {"peers": self._processes[number], "sensors": False})
+        files = ["--faults", str(self._faults), "--received", str(self.folder / "received.jsonl")]
+        words = [f"__name:={name}", *self._configured(), *files]
+        process = self._spawn(name, ["amaze_autonomy", "simulation"], words)
         if number < len(self.peers):
             self.peers[number] = process
         else:
             self.peers.append(process)
+
+    def _configured(self) -> List[str]:
+        return ["--config", str(self.config), "--overrides", "; ".join(self._overrides)]
 
     def _set(self, node: str, parameters: Dict[str, Any]) -> None:
         for name, value in parameters.items():

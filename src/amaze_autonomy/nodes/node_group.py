@@ -4,7 +4,9 @@ A node of ours is a Python of 55 MB, of which rospy, numpy and our modules are m
 they are imported once, and each node is a fork: its name, parameters, topics and log are its own, it can be killed
 alone, and none holds another one up. What they share is counted once by the kernel (PSS), by `ps` in each (RSS).
 
-    node_group NODE | NAME=NODE [...] [name:=value ...]
+    node_group NODE | NAME=NODE [...] [--word value ...] [name:=value ...]
+
+Words are those of `arguments.py`: each node is given those that it takes.
 
 The group is no node itself. It starts a node again a second after its end, as `respawn` does, and within a tenth of the
 time, since nothing has to be imported; when it is told to end, its nodes are told, and waited for.
@@ -23,6 +25,9 @@ from pathlib import Path
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence
 
 from ..ros import node_main
+from ..ros.arguments import NODES as TAKEN
+from ..ros.arguments import option, split_words
+from ..ros.errors import StartError
 
 __all__ = ["NODES", "NodeGroup", "arguments_of", "main"]
 
@@ -42,9 +47,11 @@ _END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _START_ERROR = 2
 
 
-def arguments_of(name: str, given: Sequence[str]) -> List[str]:
-    """Return the arguments of a node: those of the group, with a name and a log of its own."""
-    own = [f"__name:={name}"]
+def arguments_of(name: str, node: str, given: Sequence[str]) -> List[str]:
+    """Return the arguments of a node: those of the group that it takes, with a name and a log of its own."""
+    named, _ = split_words(given)
+    own = [f"{option(word)}={value}" for word, value in named.items() if word in TAKEN[node]]
+    own.append(f"__name:={name}")
     for each in given:
         key, mark, value = each.partition(":=")
         if key == "__log" and mark:
@@ -99,7 +106,7 @@ class NodeGroup:
             if pid == 0:
                 for number in _END_SIGNALS:
                     signal.signal(number, signal.SIG_DFL)
-                sys.argv[1:] = arguments_of(name, self._given)
+                sys.argv[1:] = arguments_of(name, self._nodes[name], self._given)
                 return None
             self._running[pid] = name
             del self._due_s[name]
@@ -141,11 +148,27 @@ def main() -> int:
     if {"-h", "--help"}.intersection(sys.argv[1:]):
         print(f"{__doc__}\nNodes: {', '.join(NODES)}")
         return 0
-    named = [each.rpartition("=") for each in sys.argv[1:] if ":=" not in each]
-    nodes = {name or node: node for name, _, node in named}
+    try:
+        nodes = _nodes(sys.argv[1:])
+    except StartError as error:
+        print(f"node_group: {error}", file=sys.stderr)
+        return _START_ERROR
+    return NodeGroup(nodes, sys.argv[1:]).run()
+
+
+def _nodes(given: Sequence[str]) -> Dict[str, str]:
+    """Return the nodes that the arguments name, by their own names.
+
+    Raises:
+        StartError: There is no such node, or none takes a word.
+    """
+    words, named = split_words(given)
+    nodes = {name or node: node for name, _, node in (each.rpartition("=") for each in named)}
     unknown = [node for node in nodes.values() if node not in NODES]
     if unknown or not nodes:
         wrong = f"there is no node {', '.join(unknown)}" if unknown else "no node is named"
-        print(f"node_group: {wrong}; name some of {', '.join(NODES)}", file=sys.stderr)
-        return _START_ERROR
-    return NodeGroup(nodes, sys.argv[1:]).run()
+        raise StartError(f"{wrong}; name some of {', '.join(NODES)}")
+    for word in words:
+        if not any(word in TAKEN[node] for node in nodes.values()):
+            raise StartError(f"no node of it takes {option(word)}")
+    return nodes

@@ -1,9 +1,9 @@
 """What the nodes beside the engine have in common: their start, their parameters, their end.
 
-~config      folder of the configuration; empty: the one that ships with the package
-~overrides   keys of the configuration that are to be different, with semicolons between
 ~startup_time  seconds after its start in which a check says of what was not heard yet that it comes by itself
 ~nice        niceness of the process, where the system permits it
+
+What names a path, a command or the configuration is no parameter: `arguments.py`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import threading
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Optional, Protocol, Sequence, Tuple
+from typing import Any, Callable, Protocol, Sequence, Tuple
 
 import rospy
 
 from amaze_autonomy.config import ConfigError, Configuration, load_configuration
 from amaze_autonomy.monitoring.errors import MonitoringError
-from amaze_autonomy.paths import config_folder
 
 from ..engine.events import Check, Verdict
+from .arguments import NODES, answer_words, configuration_folder, given, overrides, parameter_words
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 from .reconnector import Reconnector
@@ -37,20 +37,19 @@ __all__ = [
     "Parameters",
     "RunningNode",
     "Startup",
-    "answer_words",
-    "configuration_folder",
-    "overrides",
     "read_parameters",
     "run_node",
     "settle",
     "survive_a_closed_terminal",
     "take_precedence",
     "take_precedence_or_say",
+    "warn_of_parameters",
 ]
 
 _START_ERROR = 2
 UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640
 _LONGEST_S = 3600.0
+_SHOWN = 100  # characters of what a stranger has set
 _LEAVE_S = 1.0  # for the last words of a node that the master ends, e.g. that it lands; the master waits meanwhile
 
 
@@ -90,6 +89,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
         signal.signal(number, end)
     rospy.on_shutdown(leave)  # called before the topics are closed
     try:
+        warn_of_parameters(name)
         take_precedence_or_say(_nice())
         configuration = load_configuration(configuration_folder(), overrides())
         wait_for_time(stopped)
@@ -108,27 +108,22 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     return 0
 
 
-def answer_words(name: str, *about: Optional[str]) -> Optional[int]:
-    """Answer who asks for help on the command line, or says what no node takes; return the exit status.
-
-    A node that started all the same would end the one of its name that runs: that is how ROS has it.
+def warn_of_parameters(node: str) -> None:
+    """Name the parameters of this node that stand in the place of words of its command line: they are ignored.
 
     Args:
-        name: of the node.
-        about: what it is, and its parameters.
-
-    Returns:
-        None: there are no such words, and the node may start.
+        node: which one it is, as `arguments.NODES` calls it.
     """
-    words = [each for each in sys.argv[1:] if ":=" not in each]
-    if not words:
-        return None
-    if {"-h", "--help"}.intersection(words):
-        usage = f"usage: rosrun amaze_autonomy {name} [_PARAMETER:=VALUE ...]    e.g. _config:=my_config _nice:=0"
-        print("\n\n".join([usage, *(each.strip() for each in about if each)]))
-        return 0
-    print(f"{name}: it takes _PARAMETER:=VALUE, and no {words[0]!r}; --help has more", file=sys.stderr, flush=True)
-    return _START_ERROR
+    path = rospy.get_name()
+    there = rospy.get_param(path, {})
+    for name in NODES[node] if isinstance(there, dict) else ():
+        value = there.get(name)
+        said = "; ".join(map(str, value)) if isinstance(value, list) else str(value)
+        if value is not None and said != given(name):
+            shown = repr(said if len(said) <= _SHOWN else f"{said[:_SHOWN]}...")
+            right = parameter_words(name)
+            text = "The parameter %s/%s is ignored (%s): anybody may set one. In a launch file %s."
+            rospy.logwarn(text, path, name, shown, right)
 
 
 class Startup:
@@ -169,12 +164,12 @@ def _nice() -> int:
 
 
 # --- parameters -------------------------------------------------------------------------------------------------------
-# The private parameters of the autonomy node.
+# The private parameters of the autonomy node, and its words.
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """What the launch file says to the node.
+    """What the launch file says to the node: by words the first two, output and runs, by private parameters the rest.
 
     Args:
         config: folder of the configuration.
@@ -224,24 +219,8 @@ def _seconds(name: str, default: float) -> float:
     return float(value)
 
 
-def configuration_folder() -> Path:
-    """Return the folder that ~config names, or the one that ships with the package."""
-    config = str(rospy.get_param("~config", ""))
-    return Path(config).expanduser() if config else config_folder()
-
-
-def overrides() -> Tuple[str, ...]:
-    """Return ~overrides, a list or one text with semicolons, with ~require_go among them when it is set."""
-    value = rospy.get_param("~overrides", "")
-    given = [str(each) for each in value] if isinstance(value, (list, tuple)) else str(value).split(";")
-    require_go = str(rospy.get_param("~require_go", "")).lower()
-    if require_go:
-        given.append(f"autonomy.require_go={require_go}")
-    return tuple(each.strip() for each in given if each.strip())
-
-
 def read_parameters() -> Parameters:
-    """Read them from the parameter server.
+    """Read them from the parameter server, and what is none from the command line.
 
     Raises:
         StartError: One is not of its kind.
@@ -253,8 +232,8 @@ def read_parameters() -> Parameters:
         config=configuration_folder(),
         overrides=overrides(),
         missions=_words("mission", rospy.get_param("~mission", "")),
-        output=str(rospy.get_param("~output", "")),
-        runs=str(rospy.get_param("~runs", "")),
+        output=given("output"),
+        runs=given("runs"),
         exit_when_ended=_flag("exit_when_ended", default=False),
         unattended=_flag("unattended", default=False),
         peers_limit_s=_seconds("peers_limit", 15.0),

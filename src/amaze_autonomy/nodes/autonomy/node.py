@@ -50,6 +50,7 @@ from amaze_autonomy.ros.clock import Clock, make_clock, wait_for_time
 from ...journal import journal as codec
 from ...journal.report import MessageLog
 from ...ros import node_main
+from ...ros.arguments import answer_words
 from ...ros.errors import NodeError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class
 from ...ros.node_main import Parameters, read_parameters
@@ -370,6 +371,7 @@ def _propose_forks() -> None:
 
 
 def _make(stopped: threading.Event) -> AutonomyNode:
+    node_main.warn_of_parameters("autonomy")
     parameters = read_parameters()
     node_main.take_precedence_or_say(parameters.nice)
     _propose_forks()
@@ -385,7 +387,7 @@ def _make(stopped: threading.Event) -> AutonomyNode:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    answered = node_main.answer_words("autonomy", __doc__, node_main.__doc__, node_main.Parameters.__doc__)
+    answered = answer_words("autonomy", __doc__, node_main.__doc__, node_main.Parameters.__doc__)
     if answered is not None:
         return answered
     node_main.survive_a_closed_terminal()

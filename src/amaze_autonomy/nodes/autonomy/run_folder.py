@@ -96,7 +96,7 @@ def make_folder(output: str, label: str, runs: str = "") -> Path:
             return folder
         return _fresh(_parent(runs), label)
     except OSError as error:
-        raise StartError(f"cannot make the output folder: {error}; name another one with ~output") from error
+        raise StartError(f"cannot make the output folder: {error}; name another one with --output") from error
 
 
 def _parent(runs: str) -> Path:
@@ -363,7 +363,7 @@ def create(folder: Path, header: str, elsewhere: Callable[[], Path] = _default_p
         half.replace(path)
         sync_folder(folder)
     except OSError as error:
-        raise StartError(f"cannot write {path}: {error.strerror}; name another folder with ~output") from error
+        raise StartError(f"cannot write {path}: {error.strerror}; name another folder with --output") from error
     return JournalFile(path, descriptor, 1, elsewhere)
 
 

@@ -1,11 +1,10 @@
 """The node that stands between our engine and nodes of the CNS Flight Stack: peers:=cns.
 
 It offers the services and statuses of the peers that those nodes are (`cns/tables.py` has their names and types), and
-is pure apart from this shell. Their messages are imported at the start, from the user's workspace. Parameters, besides
-those of `node_main.py` and `names.py`:
+is pure apart from this shell. Their messages are imported at the start, from the user's workspace. Where their recorder
+writes is a word: `arguments.py`. Parameters, besides those of `node_main.py` and `names.py`:
 
 ~peers               which of them, with commas between; empty: all five
-~recordings          where their recorder writes: platform=[host:]folder, with semicolons between; empty: recording.yaml
 ~bounds              of the sequencer's waypoints: least x, y, z and most x, y, z in metres; empty: not checked
 ~waypoint_reference  what its waypoints count from, as its message numbers it; 1 is where it started
 
@@ -49,6 +48,7 @@ from amaze_autonomy.monitoring.readings import estimate_reader
 from amaze_autonomy.ros.clock import Clock, Periodic, Workers
 
 from ...autopilot.link.state_files import read_kept
+from ...ros.arguments import given
 from ...ros.errors import CallError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, ros_time, status_message
 from ...ros.node_main import run_node
@@ -320,8 +320,8 @@ class Memory:
 # --- parameters -------------------------------------------------------------------------------------------------------
 
 
-def _bounds(given: Any) -> Bounds:
-    words = str(given).replace(" ", "").strip("[]").split(",")
+def _bounds(value: Any) -> Bounds:
+    words = str(value).replace(" ", "").strip("[]").split(",")
     if words == [""]:
         return ANYWHERE
     try:
@@ -329,18 +329,18 @@ def _bounds(given: Any) -> Bounds:
     except ValueError:
         numbers = []
     if len(numbers) != _CORNERS or not all(low < high for low, high in zip(numbers, numbers[3:])):
-        raise StartError(f"~bounds is {given!r}, must be least x,y,z and most x,y,z in metres, e.g. -5,-5,0,5,5,3")
+        raise StartError(f"~bounds is {value!r}, must be least x,y,z and most x,y,z in metres, e.g. -5,-5,0,5,5,3")
     return Bounds((numbers[0], numbers[1], numbers[2]), (numbers[3], numbers[4], numbers[5]))
 
 
 def _folders(configuration: Configuration) -> Dict[str, str]:
     recording = configuration.recording
-    given = str(rospy.get_param("~recordings", "")) or f"{recording.collector}={recording.folder}"
+    places = given("recordings") or f"{recording.collector}={recording.folder}"
     found: Dict[str, str] = {}
-    for part in filter(None, (each.strip() for each in given.split(";"))):
+    for part in filter(None, (each.strip() for each in places.split(";"))):
         platform, equals, place = part.partition("=")
         if not equals or not platform or not place:
-            raise StartError(f"~recordings has {part!r}, must be platform=[host:]folder")
+            raise StartError(f"--recordings has {part!r}, must be platform=[host:]folder")
         found[platform] = place
     return found
 

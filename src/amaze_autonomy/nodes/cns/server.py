@@ -2,7 +2,7 @@
 
 It offers the names and types of those that are served (`cns/tables.py`) and is pure apart from this shell
 (`cns/served.py`, `cns/served_planner.py`). Their messages are imported at the start, from the user's workspace.
-Parameters, besides those of `node_main.py` and `names.py`:
+Words: `arguments.py`. Parameters, besides those of `node_main.py` and `names.py`:
 
 ~served         which of our nodes, with commas between; empty: all five
 ~entities       what its missions call our components, where that is another name: component=entity; ...

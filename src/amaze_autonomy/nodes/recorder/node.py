@@ -14,11 +14,9 @@ On the collector, for the engine:
     data_recorder/status                       RecordingStatus of all platforms, 2 Hz and at once on a change
     autonomy/state                             AutonomyState: the end of a mission completes the copy of the journal
 
-Parameters: `node_main.py`, and
+Words: `arguments.py`. Parameters: `node_main.py`, and
 
     ~platform   its name; empty: the collector
-    ~folder     folder of the recordings; empty: the one of recording.yaml
-    ~transfer   rsync, shared or here: fetch the others' parts in this way; empty: as recording.yaml says
 
 A node that was killed goes on where it was: recorders that run are kept, jobs are started again. docs/recording.md.
 """

@@ -1,4 +1,4 @@
-"""What the recorder node is told: by recording.yaml, and by its parameters."""
+"""What the recorder node is told: by recording.yaml, its words and its parameters."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from amaze_autonomy.recording import Answer, CollectorSetup, GroupSetup, Platfor
 from amaze_autonomy.recording.storage import reserve_bytes
 from amaze_autonomy.ros.clock import MonotonicClock, Workers
 
+from ...ros.arguments import given
 from ...ros.errors import StartError
 from .processes import RecorderJobs
 
@@ -38,30 +39,30 @@ def platform_name(configuration: Configuration) -> str:
 
 
 def recordings_folder(configuration: Configuration) -> Path:
-    """Return ~folder, or that of recording.yaml; it is made.
+    """Return --folder, or that of recording.yaml; it is made.
 
     Raises:
         StartError: It cannot be made.
     """
-    folder = Path(str(rospy.get_param("~folder", "")) or configuration.recording.folder).expanduser()
+    folder = Path(given("folder") or configuration.recording.folder).expanduser()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StartError(f"{folder}: cannot be made ({error.strerror}); name another one with ~folder") from error
+        raise StartError(f"{folder}: cannot be made ({error.strerror}); name another one with --folder") from error
     return folder.resolve()
 
 
 def transfers(configuration: Configuration) -> Dict[str, Transfer]:
-    """Return how the part of each platform is fetched: as ~transfer says, or recording.yaml.
+    """Return how the part of each platform is fetched: as --transfer says, or recording.yaml.
 
     Raises:
         StartError: There is no such way.
     """
-    given = str(rospy.get_param("~transfer", ""))
-    if given not in _TRANSFERS:
-        raise StartError(f"~transfer is {given!r}, must be one of {', '.join(_TRANSFERS[1:])}, or empty")
+    way = given("transfer")
+    if way not in _TRANSFERS:
+        raise StartError(f"--transfer is {way!r}, must be one of {', '.join(_TRANSFERS[1:])}, or empty")
     known = {each.name: each.transfer for each in configuration.recording.platforms}
-    return {name: replace(each, by=given) if given else each for name, each in known.items()}
+    return {name: replace(each, by=way) if way else each for name, each in known.items()}
 
 
 def collector_setup(configuration: Configuration) -> CollectorSetup:

@@ -9,12 +9,10 @@ Offers the services and publishes the status topics of `interface/` for the peer
     ~mavlink    the vehicle speaks MAVLink, where autopilot.yaml says that the nodes wait for it (default: false)
     ~vehicle    which autopilot it has then: px4 or ardupilot (default: px4); external: none, the sensors follow a
                 vehicle that is flown elsewhere
-    ~vehicle_url  where that one is heard (default: udpin:127.0.0.1:14550)
     ~rates      of its messages: onboard or gcs (default: gcs; the nodes ask for what they need)
-    ~faults     file with a scenario; empty: nothing goes wrong
     ~seed       of noise and latencies (default: 0)
-    ~received   file that gets a line of JSON for each request that arrived
-    ~config     folder of the configuration; ~overrides as for the autonomy node
+
+Its files, the configuration and where that vehicle is heard are words: `arguments.py`.
 
 A second process may play a part of the peers, so that it can be killed. Each process then has a world of its own from
 the same seed and faults; the vehicle that obeys is that of the process that plays mission_planner, or speaks MAVLink.
@@ -52,6 +50,7 @@ from amaze_autonomy.simulation.vehicle.vehicle import VehicleSettings
 
 from ...autopilot.link.dialect import mavlink
 from ...ros import node_main
+from ...ros.arguments import answer_words, configuration_folder, given, overrides
 from ...ros.errors import NodeError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, status_message
 from ...ros.rospy_flaws import mend_rospy
@@ -241,9 +240,10 @@ def _names(parameter: str, default: Tuple[str, ...]) -> Tuple[str, ...]:
 
 
 def _make(stopped: threading.Event) -> SimulationNode:
-    configuration = load_configuration(node_main.configuration_folder(), node_main.overrides())
+    node_main.warn_of_parameters("simulation")
+    configuration = load_configuration(configuration_folder(), overrides())
     peers, real = _names("~peers", PEERS), _names("~real", ())
-    faults = str(rospy.get_param("~faults", ""))
+    faults = given("faults")
     scenario = load_scenario(faults) if faults else None
     wait_for_time(stopped)
     clock = make_clock()
@@ -257,7 +257,7 @@ def _make(stopped: threading.Event) -> SimulationNode:
         world, serve = _flown(configuration, scenario, seed, start_ns)
     else:
         world = World(configuration, seed, scenario, start_ns=start_ns, live=True)
-    received = Received(str(rospy.get_param("~received", "")))
+    received = Received(given("received"))
     sensors = bool(rospy.get_param("~sensors", True)) and ("mission_planner" in peers or over_mavlink)
     drivers = bool(rospy.get_param("~drivers", False))
     nodes = {name: name for name in real}
@@ -302,11 +302,10 @@ def _observing(
         raise StartError("~vehicle is external, but nothing flies it: autopilot and planner must be real nodes")
     seen = Observer()
     own = Identity(configuration.autopilot.link.system_id, _OBSERVER, configuration.autopilot.link.vehicle_id)
-    url = str(rospy.get_param("~vehicle_url", "udpin:127.0.0.1:14550"))
     try:
-        link = Connection(url, own, seen, wanted=WANTED, now_ns=clock.now_ns, complain=rospy.logerr)
+        link = Connection(given("vehicle_url"), own, seen, wanted=WANTED, now_ns=clock.now_ns, complain=rospy.logerr)
     except EndpointError as error:
-        raise StartError(f"~vehicle_url: {error}") from None
+        raise StartError(f"--vehicle-url: {error}") from None
 
     def follow(settings: VehicleSettings, t_ns: int) -> ExternalVehicle:
         return ExternalVehicle(settings, t_ns, seen)
@@ -328,7 +327,7 @@ def _server(configuration: Configuration, world: World, px4: Px4, live: LiveWorl
 
 def main() -> int:
     """Run the node; return its exit status."""
-    answered = node_main.answer_words("simulation", __doc__)
+    answered = answer_words("simulation", __doc__)
     if answered is not None:
         return answered
     node_main.survive_a_closed_terminal()

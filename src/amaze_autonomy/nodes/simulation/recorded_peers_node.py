@@ -5,13 +5,13 @@ topic of the recording that it reads. Services of peers that are only a recordin
 autopilot, planner and recorder. Their statuses are played as recorded; those that carry a session come by
 recorded/..., and go on with the session of the running engine, as the offline replay does it.
 
-    ~bag          the recording
     ~player       name of the node that plays; default: player
     ~listeners    nodes that must be connected before it begins
     ~missions     ids to select, with commas between
     ~select_at_s  when, from the start of the recording
-    ~result       file that gets, as JSON, how many messages of each topic each listener has received
     ~limit_s      wall time in which everything must be connected; default: 20
+
+The recording and the file with what was received are words: `arguments.py`.
 
 It ends when the recording does: exit status 0, or 1 and a line that says what did not come about.
 """
@@ -35,6 +35,7 @@ from amaze_autonomy.ros.liveness import call
 from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
 from ...ros import node_main
+from ...ros.arguments import answer_words, given
 from ...ros.errors import BrokenCallError, CallError, NodeError, StartError
 
 __all__ = ["Reception", "RecordedPeers", "main", "receptions", "unconnected"]
@@ -67,7 +68,7 @@ class RecordedPeers:
     def __init__(self) -> None:
         self._player = rospy.resolve_name(rospy.get_param("~player", "player"))
         self._listeners = tuple(rospy.resolve_name(name) for name in rospy.get_param("~listeners").split(","))
-        with Recording(Path(rospy.get_param("~bag"))) as recording:
+        with Recording(Path(given("bag"))) as recording:
             self._span_ns = int(recording.start_ns or 0), int(recording.end_ns or 0)
         self._session = ""
         self._sessions: Dict[str, str] = {}
@@ -185,7 +186,7 @@ class RecordedPeers:
             time.sleep(0.005)
 
     def _write(self) -> None:
-        path = str(rospy.get_param("~result", ""))
+        path = given("result")
         if path:
             rows = [each._asdict() for each in self._receptions()]
             Path(path).write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
@@ -196,12 +197,13 @@ class RecordedPeers:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    answered = node_main.answer_words("recorded_peers", __doc__)
+    answered = answer_words("recorded_peers", __doc__)
     if answered is not None:
         return answered
     mend_rospy()
     rospy.init_node("recorded_peers")
     try:
+        node_main.warn_of_parameters("recorded_peers")
         RecordedPeers().play()
     except (NodeError, BagError, rospy.ROSException, rospy.ServiceException) as error:
         if not rospy.is_shutdown():

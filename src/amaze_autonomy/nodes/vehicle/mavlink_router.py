@@ -1,6 +1,6 @@
 """Starts mavlink-router, which shares the autopilot's serial port among the links of autopilot.yaml.
 
-    mavlink_router DEVICE[:BAUD] [--config FOLDER] [--overrides "file.key=value; ..."]
+    mavlink_router DEVICE[:BAUD] [--config FOLDER] [--overrides "FILE.KEY=VALUE; ..."]
 
 It becomes `mavlink-routerd` (https://github.com/mavlink-router/mavlink-router) with an endpoint for each udpin: URL of
 `link` and `planner_link`. ROS arguments (name:=value) are left alone.
@@ -8,22 +8,22 @@ It becomes `mavlink-routerd` (https://github.com/mavlink-router/mavlink-router) 
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import sys
-from typing import List, Optional, Sequence
+from typing import List
 
 from amaze_autonomy.autopilot import EndpointError
 from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configuration
-from amaze_autonomy.paths import config_folder
 
 from ...autopilot.link.ports import EndpointKind, parse_endpoint
+from ...ros.arguments import answer_words, configuration_folder, overrides, read_words
 
 __all__ = ["arguments_of", "main"]
 
 PROGRAM = "mavlink-routerd"
 _ERROR = 2
+_PLACES = ("device",)
 _ANYWHERE = ("0.0.0.0", "::")  # noqa: S104 - where a link listens everywhere, this computer is one of the places
 
 
@@ -45,18 +45,15 @@ def arguments_of(device: str, settings: AutopilotSettings) -> List[str]:
     return [*command, f"{serial.address}:{serial.number}"]
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> int:
+def main() -> int:
     """Become the router; return an exit status only when that fails."""
-    given = [each for each in (sys.argv[1:] if arguments is None else arguments) if ":=" not in each]
-    parser = argparse.ArgumentParser(prog="mavlink_router", description="Shares the autopilot's serial port.")
-    parser.add_argument("device", help="serial device and baud rate, e.g. /dev/ttyACM0:921600")
-    parser.add_argument("--config", default="", help="folder of the configuration; default: the one that ships")
-    parser.add_argument("--overrides", default="", help="keys that are to be different, semicolons between")
-    options = parser.parse_args(given)
-    overrides = [each.strip() for each in options.overrides.split(";") if each.strip()]
+    answered = answer_words("mavlink_router", __doc__, places=_PLACES)
+    if answered is not None:
+        return answered
+    device = read_words("mavlink_router", sys.argv[1:], *_PLACES)["device"]
     try:
-        configuration = load_configuration(options.config or config_folder(), overrides)
-        command = arguments_of(options.device, configuration.autopilot)
+        configuration = load_configuration(configuration_folder(), overrides())
+        command = arguments_of(device, configuration.autopilot)
     except (ConfigError, EndpointError) as error:
         return _refuse(str(error))
     program = shutil.which(PROGRAM)
