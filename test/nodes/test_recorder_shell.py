@@ -20,10 +20,10 @@ from replay_bags import flight_rows, write_bag
 
 from amaze_autonomy import msg
 from amaze_autonomy.config.loader import load_configuration
-from amaze_autonomy.config.schemas.recording import Storage, TopicGroup
+from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
 from amaze_autonomy.engine.events import EngineStarted, RecordingPhase, Shutdown
 from amaze_autonomy.journal.journal import encode_event, encode_header, make_header
-from amaze_autonomy.nodes.autonomy.run_folder import create, register, registered
+from amaze_autonomy.nodes.autonomy.run_folder import Place, create, register, registered
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection, read_status
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
@@ -131,6 +131,27 @@ def test_the_request_to_collect_names_what_is_fetched_and_what_lies_here(tmp_pat
     assert told == {"stopped_ns": 5, "flights": [[1, 4]], "tolerated_topics": (), "absent": ["third"]}
 
 
+@pytest.mark.parametrize("by", ["rsync", "shared", "here"])
+def test_what_a_stranger_says_of_a_parts_place_is_neither_fetched_nor_merged(tmp_path, monkeypatch, by):
+    jobs = processes.RecorderJobs()
+    monkeypatch.setattr(jobs, "_start", lambda *_, **__: pytest.fail("a program is started"))
+    session, elsewhere = tmp_path / "s1_m", tmp_path / "else" / "where"
+    elsewhere.mkdir(parents=True)
+    (elsewhere / "parts.json").write_text("{}")
+    words = f"it is said to lie in '{elsewhere}', which is no absolute path of a folder s1_m/second"
+    transfer = Transfer(by, "second")
+    assert jobs.fetch(transfer, str(elsewhere), session / "second", lambda _: None) == words
+    assert not session.exists()
+    view = SimpleNamespace(offsets={}, part=PlatformStatus("second", location=str(elsewhere)))
+    collector = SimpleNamespace(views={"second": view}, setup=SimpleNamespace(own="main"))
+    collection = Collection(load_configuration(config_folder()), {"second": transfer})
+    assert collection.source(session, collector, "second")["folder"] == str(session / "second")
+    view.part = PlatformStatus("second", location=f"{tmp_path}/disk/s1_m/second")
+    here = by == "here"
+    place = f"{tmp_path}/disk/s1_m/second" if here else str(session / "second")
+    assert collection.source(session, collector, "second")["folder"] == place
+
+
 def test_open_bags_and_the_names_of_files_are_put_on_the_disk_when_they_have_changed(tmp_path, monkeypatch):
     kept = []
     monkeypatch.setattr(processes, "_sync_file", lambda path: kept.append(path.name))
@@ -200,7 +221,7 @@ def test_the_journal_of_a_session_is_found_by_its_label_and_copied(tmp_path):
     run, session = tmp_path / "run", tmp_path / "s1_m"
     run.mkdir()
     session.mkdir()
-    journal = create(run, '{"kind":"header","version":1}')
+    journal = create(run, '{"kind":"header","version":1}', Place().elsewhere)
     register("20261121T041730", journal.path)
     collection = Collection(load_configuration(config_folder()), {})
     collection.copy_journal(session, "20261121T041730-002", again=True)

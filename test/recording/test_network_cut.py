@@ -30,6 +30,7 @@ NAME = f"amaze{os.getpid() % 10000}"
 HOST, OTHER = "10.213.7.1", "10.213.7.2"
 RATE_MB_S = 8
 MEGABYTES = 24
+PART = "s1_m/second"
 S = 1_000_000_000
 
 
@@ -130,7 +131,7 @@ def hosts(tmp_path, monkeypatch):
 
 def source_of(folder, monkeypatch):
     """Return a part with one large file of random bytes, which no link compresses."""
-    folder.mkdir()
+    folder.mkdir(parents=True)
     (folder / "realsense-01.bag").write_bytes(os.urandom(MEGABYTES << 20))
     monkeypatch.setattr(parts_module, "_is_good", lambda _: True)
     entry = {"file": "realsense-01.bag", "bytes": MEGABYTES << 20, "sha256": digest(folder / "realsense-01.bag")}
@@ -140,7 +141,7 @@ def source_of(folder, monkeypatch):
 
 def test_a_transfer_over_a_network_that_is_cut_goes_on_where_it_was(hosts, monkeypatch):
     far, folder = hosts
-    source, target = source_of(folder / "a part", monkeypatch), folder / "here"
+    source, target = source_of(folder / "a disk" / PART, monkeypatch), folder / "here" / PART
     transfer = Transfer("rsync", OTHER, 2222, str(folder / "user"), "", RATE_MB_S, 2 * S)
     jobs, seen, problems = RecorderJobs(), [0.0], []
 
@@ -181,6 +182,6 @@ def test_a_host_that_is_not_there_is_a_problem_within_the_limit(hosts):
     ip("-n", NAME, "link", "set", far, "down")
     began = time.monotonic()
     transfer = Transfer("rsync", OTHER, 2222, str(folder / "user"), "", 0, 2 * S)
-    problem = RecorderJobs().fetch(transfer, "/rec", folder / "here", lambda _: None)
+    problem = RecorderJobs().fetch(transfer, f"/rec/{PART}", folder / "here" / PART, lambda _: None)
     assert problem.startswith("rsync: ")
     assert time.monotonic() - began < 10.0

@@ -140,6 +140,19 @@ def test_without_space_for_a_recovered_bag_the_open_one_is_listed_and_made_whole
         assert len(contents(found.path)) == 3000
 
 
+@pytest.mark.parametrize("name", ["/{}/main/a-01.bag", "../main/a-01.bag", "", "x/../../main/a-01.bag"])
+def test_a_list_that_names_a_file_of_somebody_else_is_refused_and_touches_nothing(tmp_path, name):
+    main = part(tmp_path / "main", ("a-01.bag", [rows("/a", 50)]))
+    before = digest(main / "a-01.bag")
+    (tmp_path / "second").mkdir()
+    named = name.format(tmp_path)
+    forged = {"parts": 1, "files": [{"file": named, "bytes": 1, "sha256": "0"}]}
+    (tmp_path / "second" / PARTS).write_text(json.dumps(forged))
+    with pytest.raises(TransferError, match="names a file that is none of this part"):
+        check_arrived(tmp_path / "second")
+    assert digest(main / "a-01.bag") == before
+
+
 def test_what_did_not_arrive_or_is_different_is_named_and_put_aside(tmp_path):
     folder = part(tmp_path / "second", ("a-01.bag", [rows("/a", 50)]))
     assert check_arrived(folder)["session_id"] == "s1"

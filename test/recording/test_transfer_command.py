@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from amaze_autonomy.config.schemas.recording import Transfer
-from amaze_autonomy.recording.programs import problem_of, progress_of, transfer_command
+from amaze_autonomy.recording.programs import misplaced, problem_of, progress_of, transfer_command
 
 pytestmark = pytest.mark.live
 
@@ -45,6 +45,29 @@ def test_a_key_file_never_breaks_out_of_its_word(tmp_path, name):
 def test_from_a_mounted_folder():
     assert transfer_command(Transfer("shared"), "/rec/s/second", TARGET, NAMES)[-2:] == ["/rec/s/second/", "/here/"]
     assert transfer_command(Transfer("shared", mount="/mnt"), "/rec/s/second", TARGET, NAMES)[-2] == "/mnt/s/second/"
+
+
+HERE = Path("/here/s1_m/second")
+
+
+@pytest.mark.parametrize("location", ["/rec/s1_m/second", "/rec of me/ü/s1_m/second", "/mnt/usb:1/s1_m/second/"])
+def test_a_part_lies_in_the_folder_of_its_platform_in_that_of_the_session(location):
+    assert misplaced(location, HERE) == ""
+
+
+@pytest.mark.parametrize(
+    "location",
+    [
+        "/rec/s0_m/second", "/rec/s1_m/main", "/rec/s1_m", "/etc", "/", "/second",  # another one's
+        "rec/s1_m/second", "host:/s1_m/second", ":module/s1_m/second", "rsync://host/s1_m/second", "./s1_m/second",
+        "-e sh/s1_m/second", "--rsh=sh/s1_m/second", "~/s1_m/second",
+        "/rec/../s1_m/second", "/rec/s1_m/second/..", "/rec/s1_m/second/../../s1_m/second",
+        "/rec/s1_m/second\n", "/re\0c/s1_m/second", "/rec\x1b[2J/s1_m/second",
+    ],
+)  # fmt: skip
+def test_what_a_stranger_says_is_no_location_of_a_part_and_is_not_fetched(location):
+    words = f"it is said to lie in {location!r}, which is no absolute path of a folder s1_m/second"
+    assert misplaced(location, HERE) == words
 
 
 def test_nothing_is_ever_removed_at_the_source():

@@ -208,6 +208,8 @@ def check_arrived(folder: Path, *, checksums: bool = True) -> Dict[str, Any]:
         )
     for entry in content["files"]:
         path = folder / str(entry["file"])
+        if path.name != entry["file"]:
+            raise TransferError(f"{folder / PARTS}: names a file that is none of this part, {entry['file']!r}")
         if not path.is_file():
             raise TransferError(f"{path}: did not arrive; retry, and it is transferred again")
         if path.stat().st_size != entry["bytes"] or (checksums and sha256_of(path) != entry["sha256"]):

@@ -24,6 +24,7 @@ __all__ = [
     "files_of",
     "last_number",
     "log_name",
+    "misplaced",
     "mounted",
     "problem_of",
     "progress_of",
@@ -153,6 +154,19 @@ def transfer_command(transfer: Transfer, location: str, target: Path, names: Pat
         command += ["--rsh", _ssh(transfer, stall_s)]
         return [*command, "--", f"{transfer.host}:{location}/", f"{target}/"]
     return [*command, "--", f"{mounted(transfer, location)}/", f"{target}/"]
+
+
+def misplaced(location: str, target: Path) -> str:
+    """Return why a part does not lie where its platform's status says; an empty text when it may.
+
+    The status may be a stranger's. An absolute path is no option, no host and no module of rsync; that of a part ends
+    as the folder that it is fetched to: with session and platform.
+    """
+    parts = Path(location).parts
+    if location.startswith("/") and location.isprintable() and ".." not in parts and parts[-2:] == target.parts[-2:]:
+        return ""
+    place = f"{target.parent.name}/{target.name}"
+    return f"it is said to lie in {location!r}, which is no absolute path of a folder {place}"
 
 
 def mounted(transfer: Transfer, location: str) -> str:

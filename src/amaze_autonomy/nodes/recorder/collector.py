@@ -20,6 +20,7 @@ from amaze_autonomy.engine.events import RecordingPhase
 from amaze_autonomy.recording import Answer, Collector, Command, PlatformStatus, RecordingError, Status
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
+from amaze_autonomy.recording.programs import misplaced
 from amaze_autonomy.recording.storage import read_json, remove_part, session_name, write_json
 from amaze_autonomy.whole_file import sync_folder
 
@@ -387,7 +388,7 @@ class Collection:
     def source(self, folder: Path, collector: Collector, name: str) -> Dict[str, Any]:
         """Return what the job is told of a platform's part."""
         view, own = collector.views[name], name == collector.setup.own
-        in_place = own or self.transfers[name].by == "here"
+        in_place = own or (self.transfers[name].by == "here" and not misplaced(view.part.location, folder / name))
         correction = correction_ns(view.offsets.get("start"), view.offsets.get("stop"))
         return {
             "platform": name,

@@ -28,6 +28,7 @@ from amaze_autonomy.recording.programs import (
     files_of,
     last_number,
     log_name,
+    misplaced,
     mounted,
     problem_of,
     progress_of,
@@ -389,6 +390,9 @@ class RecorderJobs:
         """
         if not location:
             return "the platform did not say where its part lies"
+        problem = misplaced(location, target)
+        if problem:
+            return problem
         if transfer.by == "here":
             return "" if (Path(location) / PARTS).is_file() else f"{location} is not on this computer"
         source = mounted(transfer, location)
