@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
 
 from amaze_autonomy import doctor, paths
+from amaze_autonomy.cli import main
+from amaze_autonomy.cns import tables as cns
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.doctor import Finding, Graph, SeenService, SeenTopic, examine, examine_host
-from amaze_autonomy.interface import SERVICES
+from amaze_autonomy.doctor import Arrangement, Finding, Graph, SeenService, SeenTopic, examine, examine_host, wanted
+from amaze_autonomy.interface import SERVICES, STATUSES
 
 KINDS = {"/lrf/range": "sensor_msgs/Range", "/odometry": "nav_msgs/Odometry", "/px4/imu": "sensor_msgs/Imu"}
 
@@ -174,6 +178,254 @@ def test_a_computer_that_others_cannot_find_is_told(shipped, healthy):
             "in the shell of each node: export ROS_IP=ADDRESS",
         )
     ]
+
+
+def test_another_version_of_a_type_of_ours_is_named_by_its_md5_sum(shipped, healthy):
+    kind = "amaze_autonomy/AutopilotStatus"
+    services = dict(healthy.services)
+    services["watchdog/start"] = replace(services["watchdog/start"], md5="0ld")
+    topics = {**healthy.topics, "/autopilot/status": SeenTopic((kind,), ("/autopilot",), 3, md5s=("0ld",))}
+    topics["/lrf/range"] = replace(topics["/lrf/range"], md5s=("0ld",))
+    md5s = {"amaze_autonomy/StartWatchdog": "n3w", kind: "n3w", "sensor_msgs/Range": "n3w"}
+    again = "build the same {} on both computers"
+    assert bad(shipped, replace(healthy, services=services, topics=topics, md5s=md5s)) == [
+        Finding(
+            "wrong",
+            "landing_detection",
+            "/lrf/range is sensor_msgs/Range with the md5 sum 0ld, read is n3w: another version",
+            again.format("sensor_msgs"),
+        ),
+        Finding(
+            "wrong",
+            "watchdog",
+            "/watchdog/start of /watchdog is amaze_autonomy/StartWatchdog with the md5 sum 0ld, asked is n3w: "
+            "another version",
+            again.format("amaze_autonomy"),
+        ),
+        Finding(
+            "wrong",
+            "autopilot/status",
+            f"/autopilot/status of /autopilot is {kind} with the md5 sum 0ld, read is n3w: another version",
+            again.format("amaze_autonomy"),
+        ),
+    ]
+
+
+# --- beside the CNS Flight Stack --------------------------------------------------------------------------------------
+
+
+FIVE = Arrangement(peers=cns.PEERS)
+SERVED = Arrangement(served=cns.PEERS)
+
+
+def with_names(graph, arrangement, *without):
+    """Return the graph with every name that is wanted of it, offered as it should be."""
+    topics, services, listeners = dict(graph.topics), {}, {}
+    for row in wanted(load_configuration(paths.config_folder()), arrangement):
+        name = graph.resolved(row.name)
+        if row.name in without:
+            continue
+        if row.way is doctor.Way.OFFERED:
+            services[row.name] = SeenService(name, row.kind, "/theirs", row.md5)
+        elif row.way is doctor.Way.PUBLISHED:
+            topics[name] = SeenTopic((row.kind,), ("/theirs",), md5s=(row.md5,))
+        else:
+            listeners[name] = ("/theirs",)
+    return replace(graph, topics=topics, services=services, listeners=listeners)
+
+
+def test_names_of_its_nodes_are_wanted_as_its_tables_have_them():
+    names = {row.name: (row.kind, row.md5) for row in wanted(load_configuration(paths.config_folder()), FIVE)}
+    for each in (*cns.TOPICS.values(), *cns.SERVICES.values()):
+        assert names[each.name] == (each.type, each.md5)
+    assert "watchdog/start" not in names
+    assert "watchdog/action" not in names
+    assert {"cns_peers/watchdog/start", "cns_peers/watchdog/action", "cns_peers/watchdog/info"} <= set(names)
+    assert {"mission_planner/load", "data_recorder/start", "autopilot/land"} <= set(names)
+
+
+@pytest.mark.parametrize("arrangement", [FIVE, SERVED, replace(FIVE, namespace="/cns"), replace(SERVED, namespace="x")])
+def test_a_stack_that_is_arranged_as_it_should_be_has_nothing_wrong(shipped, healthy, arrangement):
+    graph = with_names(healthy, arrangement)
+    found = [each for each in examine(shipped, graph, arrangement) if each.level != "good"]
+    assert [each for each in found if not each.about.startswith("recording ")] == []
+    good = {each.said for each in examine(shipped, graph, arrangement)}
+    prefix = {"": "", "/cns": "/cns", "x": "/x"}[arrangement.namespace]
+    assert f"{prefix}/watchdog/service/start is offered by /theirs" in good
+    assert f"{prefix}/watchdog/status is published by /theirs" in good
+    if arrangement.peers:
+        assert f"{prefix}/autonomy/request is heard by /theirs" in good
+
+
+def test_its_topic_of_the_name_of_ours_is_nothing_wrong_where_the_launch_file_remaps(shipped, healthy):
+    graph = with_names(healthy, FIVE)
+    theirs = SeenTopic(("watchdog_msgs/ActionStamped",), ("/operator",), 3)
+    graph = replace(graph, topics={**graph.topics, "/watchdog/action": theirs})
+    assert [each for each in examine(shipped, graph, FIVE) if each.level != "good"] == []
+
+
+def test_its_nodes_that_are_not_there_are_named_one_by_one(shipped, healthy):
+    without = ("/estimator_supervisor/service/supervision", "/watchdog/service/start", "/watchdog/log")
+    without += ("/autonomy/request", "/mission_sequencer/waypoint_list", "mission_planner/load")
+    graph = with_names(healthy, FIVE, *without)
+    start = "of the CNS Flight Stack"
+    assert [each for each in examine(shipped, graph, FIVE) if each.level != "good"] == [
+        Finding("warning", "mission_planner", "nobody offers /mission_planner/load: start cns_peers"),
+        Finding("warning", "watchdog", f"nobody publishes /watchdog/log: start the watchdog {start}"),
+        Finding(
+            "warning",
+            "mission_planner",
+            "nobody listens to /autonomy/request, /mission_sequencer/waypoint_list: start the mission_planner " + start,
+        ),
+        Finding("warning", "watchdog", f"nobody offers /watchdog/service/start: start the watchdog {start}"),
+        Finding(
+            "warning",
+            "state_estimation",
+            f"nobody offers /estimator_supervisor/service/supervision: start the state_estimation {start}",
+        ),
+    ]
+
+
+def test_its_types_of_another_version_are_named_with_both_md5_sums(shipped, healthy):
+    graph = with_names(healthy, FIVE)
+    services, topics = dict(graph.services), dict(graph.topics)
+    start = cns.SERVICES["watchdog_start"]
+    services[start.name] = replace(services[start.name], md5="0ld")
+    topics["/autonomy/response"] = replace(topics["/autonomy/response"], md5s=("0ld",))
+    graph = replace(graph, services=services, topics=topics)
+    assert [(each.about, each.said, each.line) for each in examine(shipped, graph, FIVE) if each.level == "wrong"] == [
+        (
+            "mission_planner",
+            "/autonomy/response of /theirs is mission_sequencer/MissionResponse with the md5 sum 0ld, read is "
+            f"{cns.TOPICS['response'].md5}: another version",
+            "build the same mission_sequencer on both computers",
+        ),
+        (
+            "watchdog",
+            f"/watchdog/service/start of /theirs is watchdog_msgs/Start with the md5 sum 0ld, asked is {start.md5}: "
+            "another version",
+            "build the same watchdog_msgs on both computers",
+        ),
+    ]
+
+
+def test_some_of_its_nodes_leave_the_others_ours(shipped):
+    rows = wanted(shipped, Arrangement(peers=("mission_planner",)))
+    names = {row.name for row in rows}
+    assert {"watchdog/start", "watchdog/action", "/autonomy/request", "/autonomy/response"} <= names
+    assert not {"/watchdog/service/start", "/data_recorder/record"} & names
+
+
+def test_what_nodes_of_theirs_do_not_read_is_not_looked_at(shipped, healthy):
+    topics = {name: each for name, each in healthy.topics.items() if name not in ("/lrf/range", "/px4/imu")}
+    graph = with_names(replace(healthy, topics=topics), FIVE)
+    about = {each.about for each in examine(shipped, graph, FIVE) if each.level != "good"}
+    assert about == {"lrf", "imu"}  # the topics are watched all the same
+    assert not any(each.about.startswith("recording") for each in examine(shipped, graph, FIVE))
+
+
+def test_the_heading_is_looked_at_where_its_sequencer_flies_missions_that_are_turned_by_it(shipped, healthy):
+    topics = {name: each for name, each in healthy.topics.items() if name != "/odometry"}
+    plans = [replace(plan, trajectories=()) for plan in shipped.plans]
+    graph = with_names(replace(healthy, topics=topics), FIVE)
+    assert [each.said for each in examine(shipped, graph, FIVE) if each.level == "wrong"] == [
+        "nobody publishes /odometry"
+    ]
+    ahead = replace(shipped, plans=tuple(plans))
+    assert [each for each in examine(ahead, graph, FIVE) if each.level == "wrong"] == []
+
+
+def test_under_its_engine_only_what_serves_it_is_wanted(shipped):
+    names = {row.name: row for row in wanted(shipped, Arrangement(served=("watchdog", "data_recorder")))}
+    assert {"watchdog/start", "data_recorder/start", "autopilot/land", "cns_server/watchdog/action"} <= set(names)
+    assert not {"mission_planner/load", "/autonomy/request", "watchdog/action"} & set(names)
+    assert names["/watchdog/service/start"].start == "cns_server"
+    whole = {row.name: row for row in wanted(shipped, SERVED)}
+    assert whole["/autonomy/request"].start == "the engine of the CNS Flight Stack"
+
+
+def test_the_launch_file_remaps_what_is_wanted_under_another_name(shipped):
+    launch = ET.parse(Path(__file__).parents[1] / "launch" / "autonomy.launch")
+    remapped = {(each.get("from"), each.get("to")) for each in launch.iter("remap")}
+    ours = {row.name for row in wanted(shipped, Arrangement())}
+    for arrangement in (FIVE, SERVED):
+        names = {row.name for row in wanted(shipped, arrangement)}
+        for name in ours - names:
+            ((other,),) = [tuple(to for at, to in remapped if at == name and to in names)]
+            assert other.endswith(name)
+    assert {status.topic for status in STATUSES} <= ours
+
+
+# --- the vehicle and its estimator ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def mavros():
+    overrides = ("autopilot.land_switch.channel=7", "sensors.initialisation.service=/estimator/init_service")
+    types = ("sensors.initialisation.type=set_bool", "sensors.initialisation.in_flight_service=/estimator/second")
+    return load_configuration(paths.config_folder() / "mavros", (*overrides, *types))
+
+
+def test_what_is_asked_of_mavros_and_of_an_estimator_is_wanted(mavros):
+    rows = {row.name: (row.kind, row.level) for row in wanted(mavros, Arrangement())}
+    assert {name: row for name, row in rows.items() if name.startswith(("/mavros/", "/estimator/"))} == {
+        "/mavros/set_mode": ("mavros_msgs/SetMode", "wrong"),
+        "/mavros/cmd/command": ("mavros_msgs/CommandLong", "wrong"),
+        "/mavros/param/get": ("mavros_msgs/ParamGet", "wrong"),
+        "/mavros/mission/push": ("mavros_msgs/WaypointPush", "wrong"),
+        "/mavros/mission/pull": ("mavros_msgs/WaypointPull", "wrong"),
+        "/mavros/mission/set_current": ("mavros_msgs/WaypointSetCurrent", "wrong"),
+        "/mavros/state": ("mavros_msgs/State", "wrong"),
+        "/mavros/rc/in": ("mavros_msgs/RCIn", "wrong"),
+        "/estimator/init_service": ("std_srvs/SetBool", "wrong"),
+        "/estimator/second": ("std_srvs/Trigger", "wrong"),
+    }
+    theirs = {row.name for row in wanted(mavros, Arrangement(peers=("mission_planner",)))}
+    assert not any(name.startswith("/mavros/mission/") for name in theirs)  # that planner has a way of its own
+    none = load_configuration(paths.config_folder() / "mavros")
+    assert "/mavros/rc/in" not in {row.name for row in wanted(none, Arrangement())}
+
+
+def test_mavros_elsewhere_is_proposed_and_a_silent_transmitter_is_named(mavros):
+    rc_in = SeenTopic(("mavros_msgs/RCIn",), ("/mavros",), 0)
+    offered = frozenset(f"/uav1/mavros/{name}" for name in ("set_mode", "cmd/command", "param/get"))
+    graph = Graph({"/mavros/rc/in": rc_in}, {}, offered=offered)
+    found = [each for each in examine(mavros, graph) if each.about in ("mavros", "initialisation", "land_switch")]
+    assert found == [
+        Finding("wrong", "land_switch", "/mavros/rc/in of /mavros is silent"),
+        Finding(
+            "wrong",
+            "mavros",
+            "nobody offers /mavros/set_mode, /mavros/cmd/command, /mavros/param/get, /mavros/mission/push, "
+            "/mavros/mission/pull, /mavros/mission/set_current: start mavros",
+            "autopilot.yaml: mavros: /uav1/mavros",
+        ),
+        Finding(
+            "wrong",
+            "mavros",
+            "nobody publishes /mavros/state: start mavros",
+            "autopilot.yaml: mavros: /uav1/mavros",
+        ),
+        Finding(
+            "wrong",
+            "initialisation",
+            "nobody offers /estimator/init_service, /estimator/second: start the estimator",
+            "sensors.yaml: initialisation",
+        ),
+    ]
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (("--peers", "cns", "--serve", "cns"), "one engine alone is started"),
+        (("--cns-peers", "watchdog,pilot"), "pilot is none of watchdog, landing_detection, state_estimation, "),
+        (("--cns-served", "autopilot"), "autopilot is none of watchdog, "),
+    ],
+)
+def test_an_arrangement_that_cannot_be_is_wrong_use(capsys, words, said):
+    assert main(["doctor", *words]) == 2
+    assert said in capsys.readouterr().err
 
 
 # --- this computer ----------------------------------------------------------------------------------------------------

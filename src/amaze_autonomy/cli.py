@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from . import paths
 from .bags.cli import add_memory
@@ -66,6 +66,8 @@ examples:
   amaze-autonomy doctor ~/flight/config
   amaze-autonomy doctor --for 20 --json
   ROS_NAMESPACE=/amaze amaze-autonomy doctor
+  amaze-autonomy doctor ~/flight/config --peers cns
+  amaze-autonomy doctor ~/flight/config --cns-served watchdog,data_recorder --cns-namespace /cns
 
 exit status:
   0  nothing is wrong (there may be warnings)
@@ -115,6 +117,12 @@ def _parser() -> argparse.ArgumentParser:
     doctor = commands.add_parser("doctor", help=words, description=words, epilog=_DOCTOR_EXAMPLES, formatter_class=_RAW)
     doctor.add_argument("folder", nargs="?", type=Path, metavar="FOLDER", help=_FOLDER)
     doctor.add_argument("--for", type=float, default=10.0, dest="for_s", metavar="SECONDS", help=_FOR)
+    of_cns = doctor.add_argument_group("beside the CNS Flight Stack, as the arguments of autonomy.launch say")
+    of_cns.add_argument("--peers", choices=["cns"], help="its nodes are peers of our engine")
+    of_cns.add_argument("--cns-peers", type=_names, default=(), metavar="NAMES", help="which of them, with commas")
+    of_cns.add_argument("--serve", choices=["cns"], help="our nodes serve its engine")
+    of_cns.add_argument("--cns-served", type=_names, default=(), metavar="NAMES", help="which of them, with commas")
+    of_cns.add_argument("--cns-namespace", default="", metavar="NAMESPACE", help="that its names are in, e.g. /cns")
     _add_common(doctor)
     doctor.set_defaults(command=_doctor)
 
@@ -137,6 +145,11 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser("simulate", help="fly missions in the simulated world, in virtual time", add_help=False)
     commands.add_parser("vehicle", help="a simulated PX4 that speaks MAVLink on UDP, in real time", add_help=False)
     return parser
+
+
+def _names(text: str) -> Tuple[str, ...]:
+    """Return names with commas between."""
+    return tuple(name for name in text.replace(" ", "").split(",") if name)
 
 
 def _layout(examples: str) -> Dict[str, Any]:
@@ -274,22 +287,27 @@ def _propose_config(options: argparse.Namespace) -> int:
 
 def _doctor(options: argparse.Namespace) -> int:
     """Say what is wrong, and which line would put it right."""
+    from .cns.tables import PEERS  # noqa: PLC0415 (--help stays quick)
+    from .doctor import GOOD, Arrangement, ArrangementError, Way, examine, examine_host, wanted  # noqa: PLC0415
+    from .doctor import WRONG as IS_WRONG  # noqa: PLC0415
+
+    peers, served = options.cns_peers or PEERS * bool(options.peers), options.cns_served or PEERS * bool(options.serve)
+    try:
+        arrangement = Arrangement(peers, served, options.cns_namespace)
+    except ArrangementError as error:
+        return say_wrong("doctor", str(error), USAGE)
     configuration = _load(options)
     if configuration is None:
         return WRONG
-    from .doctor import GOOD, examine, examine_host  # noqa: PLC0415 (--help stays quick)
-    from .doctor import WRONG as IS_WRONG  # noqa: PLC0415
-    from .interface import SERVICES  # noqa: PLC0415
-
     try:
         from .ros.graph import GraphError, look  # noqa: PLC0415 (it needs ROS)
     except ImportError as error:
         return say_wrong("doctor", f"there is no ROS here ({error}): source its setup.bash", NOBODY)
     try:
-        graph = look(options.for_s, tuple(SERVICES))
+        graph = look(options.for_s, [row.name for row in wanted(configuration, arrangement) if row.way is Way.OFFERED])
     except GraphError as error:
         return say_wrong("doctor", str(error), NOBODY)
-    findings = (*examine(configuration, graph), *examine_host(configuration))
+    findings = (*examine(configuration, graph, arrangement), *examine_host(configuration))
     if options.json:
         _print_json({"findings": [vars(each) for each in findings]})
     else:

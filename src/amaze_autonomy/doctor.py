@@ -1,24 +1,47 @@
 """What is wrong between a configuration, the graph that runs and this computer; and the lines that would put it right.
 
-`examine` is pure: a configuration and a `Graph` in, findings out. `examine_host` looks at this computer: storage, ssh
-to the other platforms, time. What runs is looked at by `ros/graph.py`.
+`examine` is pure: a configuration and a `Graph` in, findings out. `wanted` is the table of the names that the nodes of
+an arrangement ask, read and send: ours, those of the CNS Flight Stack, of mavros, of an estimator. `examine_host` looks
+at this computer: storage, ssh to the other platforms, time. What runs is looked at by `ros/graph.py`.
 """
 
 from __future__ import annotations
 
 import difflib
+import enum
 import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Dict, FrozenSet, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
+from .autopilot.mavros.messages import STATE, sources_of
+from .autopilot.mavros.requests import MISSION_SERVICES
+from .autopilot.mavros.requests import SERVICES as MAVROS_SERVICES
+from .cns import tables as cns
 from .config import Configuration
 from .interface import SERVICES, STATUSES
+from .missions import Frame
+from .monitoring.initialisation import InitialisationType
 from .monitoring.specs import EstimateSource, RangeSource, TopicSpec
 from .recording.storage import needed_bytes, space_of, too_little
 
-__all__ = ["GOOD", "WARNING", "WRONG", "Finding", "Graph", "SeenService", "SeenTopic", "examine", "examine_host"]
+__all__ = [
+    "GOOD",
+    "WARNING",
+    "WRONG",
+    "Arrangement",
+    "ArrangementError",
+    "Finding",
+    "Graph",
+    "SeenService",
+    "SeenTopic",
+    "Wanted",
+    "Way",
+    "examine",
+    "examine_host",
+    "wanted",
+]
 
 GOOD, WARNING, WRONG = "good", "warning", "wrong"
 _S = 1_000_000_000
@@ -49,6 +72,7 @@ class SeenTopic:
         count: messages that were heard.
         rate_hz: of them; None: fewer than two.
         age_s: of their stamps on arrival, the median; None: they have none.
+        md5s: of its types, as its publishers say; empty: none said it.
     """
 
     kinds: Tuple[str, ...]
@@ -56,15 +80,17 @@ class SeenTopic:
     count: int = 0
     rate_hz: Optional[float] = None
     age_s: Optional[float] = None
+    md5s: Tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class SeenService:
-    """A service that is offered."""
+    """A service that is offered; without an md5 sum where its node did not say it."""
 
     name: str
     kind: str
     node: str
+    md5: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,12 +99,15 @@ class Graph:
 
     Args:
         topics: that somebody publishes, by their names.
-        services: of ours that are offered, by their names in the code.
+        services: of the wanted ones that are offered, by their names in the code.
         nodes: names of all that answer.
         gone: names of those on the master's list that do not.
         namespace: in which our names are resolved, with a slash at its end.
         master_host: where the master is.
         named: others can reach this computer: ROS_IP or ROS_HOSTNAME is set, or the master is here.
+        listeners: nodes that listen to a topic, by its name.
+        offered: names of all services.
+        md5s: of types as they are on this computer, of those that were seen and are here.
     """
 
     topics: Mapping[str, SeenTopic]
@@ -88,6 +117,9 @@ class Graph:
     namespace: str = "/"
     master_host: str = "localhost"
     named: bool = True
+    listeners: Mapping[str, Tuple[str, ...]] = field(default_factory=dict)
+    offered: FrozenSet[str] = frozenset()
+    md5s: Mapping[str, str] = field(default_factory=dict)
 
     def resolved(self, name: str) -> str:
         """Return the name that a name of the configuration has in the graph."""
@@ -111,15 +143,17 @@ class Finding:
     line: str = ""
 
 
-def examine(configuration: Configuration, graph: Graph) -> Tuple[Finding, ...]:
-    """Compare a configuration with what runs."""
+def examine(
+    configuration: Configuration, graph: Graph, arrangement: Optional[Arrangement] = None
+) -> Tuple[Finding, ...]:
+    """Compare a configuration with what runs; without an arrangement all nodes are to be ours."""
+    arrangement = arrangement or Arrangement()
     return (
         *_network(graph),
         *_components(configuration, graph),
-        *_checks(configuration, graph),
-        *_recorded(configuration, graph),
-        *_services(graph),
-        *_statuses(graph),
+        *_checks(configuration, graph, arrangement),
+        *(_recorded(configuration, graph, arrangement) if "data_recorder" in arrangement.ours else ()),
+        *_names(wanted(configuration, arrangement), graph),
     )
 
 
@@ -188,17 +222,21 @@ def _alike(topic: str, graph: Graph, known: Iterable[str]) -> str:
     return close[0] if close else ""
 
 
-def _checks(configuration: Configuration, graph: Graph) -> Iterator[Finding]:
-    landing, states = configuration.landing, configuration.state_estimation
-    wanted = (
-        ("landing_detection", "topic", landing.topic, _RANGE_TYPES[landing.source]),
-        ("state_estimation", "topic", states.topic, _ESTIMATE_TYPES[states.source]),
-        ("state_estimation", "imu_topic", states.imu_topic, _IMU),
+def _checks(configuration: Configuration, graph: Graph, arrangement: Arrangement) -> Iterator[Finding]:
+    landing, states, ours = configuration.landing, configuration.state_estimation, arrangement.ours
+    frames = {trajectory.frame for plan in configuration.plans for trajectory in plan.trajectories}
+    turns = "mission_planner" in arrangement.peers and Frame.EAST_NORTH in frames  # by the heading of the estimate
+    lands, judges = "landing_detection" in ours, "state_estimation" in ours
+    rows = (
+        ("landing_detection", "topic", landing.topic, _RANGE_TYPES[landing.source], lands),
+        ("state_estimation", "topic", states.topic, _ESTIMATE_TYPES[states.source], judges or turns),
+        ("state_estimation", "imu_topic", states.imu_topic, _IMU, judges),
     )
-    for check, key, topic, kind in wanted:
-        if not topic:
+    for check, key, topic, kind, read in rows:
+        if not topic or not read:
             continue
         seen, line = graph.topics.get(graph.resolved(topic)), f"sensors.yaml, {check}.{key}: "
+        version = _other_version(seen.md5s, graph.md5s.get(kind, "")) if seen is not None else ""
         if seen is None:
             those = sorted(name for name, each in graph.topics.items() if kind in each.kinds)
             close = difflib.get_close_matches(topic, those, n=1, cutoff=0.0)
@@ -206,6 +244,8 @@ def _checks(configuration: Configuration, graph: Graph) -> Iterator[Finding]:
         elif seen.kinds != (kind,):
             said = f"{topic} is {', '.join(seen.kinds)}, read is {kind}"
             yield Finding(WRONG, check, said, _of_source(check, key, seen))
+        elif version:
+            yield Finding(WRONG, check, f"{topic} is {kind} {version}", _same(kind))
         elif seen.count == 0:
             yield Finding(WRONG, check, f"{topic} of {', '.join(seen.nodes)} is silent")
         else:
@@ -222,8 +262,8 @@ def _of_source(check: str, key: str, seen: SeenTopic) -> str:
     return f"sensors.yaml, {check}: source: {found[0]}" if len(found) == 1 and len(seen.kinds) == 1 else ""
 
 
-def _recorded(configuration: Configuration, graph: Graph) -> Iterator[Finding]:
-    ours = {graph.resolved(status.topic) for status in STATUSES}
+def _recorded(configuration: Configuration, graph: Graph, arrangement: Arrangement) -> Iterator[Finding]:
+    ours = {graph.resolved(row.name) for row in wanted(configuration, arrangement)}
     for group in configuration.recording.groups:
         nobody = [t for t in group.topics if t.startswith("/") and t not in graph.topics and t not in ours]
         if nobody:
@@ -231,32 +271,214 @@ def _recorded(configuration: Configuration, graph: Graph) -> Iterator[Finding]:
             yield Finding(WARNING, f"recording {group.name}", said)
 
 
-# --- our names --------------------------------------------------------------------------------------------------------
+# --- names ------------------------------------------------------------------------------------------------------------
+# What is asked, read and sent by the nodes of an arrangement; `launch/autonomy.launch` has the same renames.
 
 
-def _services(graph: Graph) -> Iterator[Finding]:
-    missing: Dict[str, List[str]] = {}
+class Way(enum.Enum):
+    """What somebody does with a name: in words, of nobody and of a node; and what is done with it here."""
+
+    OFFERED = ("nobody offers", "is offered by", "asked")
+    PUBLISHED = ("nobody publishes", "is published by", "read")
+    HEARD = ("nobody listens to", "is heard by", "sent")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One name.
+
+    Args:
+        about: what it belongs to.
+        name: as it stands in the code or the configuration.
+        kind: package and type.
+        way: what is wanted of it.
+        start: what offers, publishes or hears it, for people.
+        level: of a name that nobody has; empty: nothing is said of it.
+        md5: of the type; empty: as it is on this computer.
+        talks: something must be heard on it.
+        line: the line to change when nobody has it.
+    """
+
+    about: str
+    name: str
+    kind: str
+    way: Way
+    start: str
+    level: str = WARNING
+    md5: str = ""
+    talks: bool = False
+    line: str = ""
+
+
+_THEIRS, _ENGINE = "of the CNS Flight Stack", "the engine of the CNS Flight Stack"
+_RENAMED_PEERS: Mapping[str, str] = {
+    name: f"cns_peers/{name}" for name in ("watchdog/start", "watchdog/action", "watchdog/info")
+}
+_RENAMED_SERVER: Mapping[str, str] = {"watchdog/action": "cns_server/watchdog/action"}
+_INITIALISES: Mapping[InitialisationType, str] = {
+    InitialisationType.TRIGGER: "std_srvs/Trigger",
+    InitialisationType.SET_BOOL: "std_srvs/SetBool",
+    InitialisationType.EMPTY: "std_srvs/Empty",
+}
+
+
+class ArrangementError(ValueError):
+    """Nodes cannot be arranged so."""
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Which nodes stand where, as the arguments of autonomy.launch say.
+
+    Args:
+        peers: of our engine that are nodes of the CNS Flight Stack (`cns_peers`).
+        served: nodes of ours that serve its engine (`cns_served`); ours is not started.
+        namespace: that its names are in (`cns_namespace`).
+
+    Raises:
+        ArrangementError: when made: a name is none of the five, or both engines would be started.
+    """
+
+    peers: Tuple[str, ...] = ()
+    served: Tuple[str, ...] = ()
+    namespace: str = ""
+
+    def __post_init__(self) -> None:
+        strange = next((name for name in (*self.peers, *self.served) if name not in cns.PEERS), None)
+        if strange is not None:
+            raise ArrangementError(f"{strange} is none of {', '.join(cns.PEERS)}")
+        if self.peers and self.served:
+            raise ArrangementError("one engine alone is started: peers are for ours, served is for the one of CNS")
+
+    @property
+    def ours(self) -> FrozenSet[str]:
+        """Those of the five that are nodes of ours."""
+        return frozenset(self.served or cns.PEERS).difference(self.peers)
+
+    def named(self, name: str) -> str:
+        """Return the name that a name of ours has here."""
+        if self.served:
+            return _RENAMED_SERVER.get(name, name)
+        return _RENAMED_PEERS.get(name, name) if "watchdog" in self.peers else name
+
+    def has(self, peer: str) -> bool:
+        """Return whether the names of ours of a peer are wanted."""
+        return not self.served or peer in self.served or peer not in cns.PEERS
+
+    def start(self, peer: str) -> str:
+        """Return what offers the names of ours of a peer."""
+        return "cns_peers" if peer in self.peers else f"the {peer}"
+
+
+def wanted(configuration: Configuration, arrangement: Arrangement) -> Tuple[Wanted, ...]:
+    """Return the names that are asked, read and sent."""
+    return (
+        *_of_ours(arrangement),
+        *_of_cns(arrangement),
+        *(_of_mavros(configuration, arrangement) if configuration.autopilot.backend == "mavros" else ()),
+        *_of_estimator(configuration),
+    )
+
+
+def _of_ours(arrangement: Arrangement) -> Iterator[Wanted]:
     for name, service in SERVICES.items():
-        seen = graph.services.get(name)
-        package = "std_srvs" if service.type == "Trigger" else "amaze_autonomy"
-        if seen is None:
-            missing.setdefault(service.peer, []).append(name)
-        elif seen.kind != f"{package}/{service.type}":
-            said = f"{seen.name} of {seen.node} is {seen.kind}, asked is {package}/{service.type}"
-            yield Finding(WRONG, service.peer, said, "rename or remap one of them")
-        else:
-            yield Finding(GOOD, service.peer, f"{seen.name} is offered by {seen.node}")
-    for peer, names in missing.items():
-        yield Finding(WARNING, peer, f"nobody offers {', '.join(map(graph.resolved, names))}: start the {peer}")
-
-
-def _statuses(graph: Graph) -> Iterator[Finding]:
+        peer, package = service.peer, "std_srvs" if service.type == "Trigger" else "amaze_autonomy"
+        if arrangement.has(peer):
+            kind = f"{package}/{service.type}"
+            yield Wanted(peer, arrangement.named(name), kind, Way.OFFERED, arrangement.start(peer))
     for status in STATUSES:
-        topic, kind = graph.resolved(status.topic), f"amaze_autonomy/{status.shape.message}"
-        seen = graph.topics.get(topic)
-        if seen is not None and seen.kinds != (kind,):
-            said = f"{topic} of {', '.join(seen.nodes)} is {', '.join(seen.kinds)}, read is {kind}"
-            yield Finding(WRONG, status.topic, said, "rename or remap one of them, or start one stack in a namespace")
+        peer, kind = status.topic.split("/")[0], f"amaze_autonomy/{status.shape.message}"
+        if arrangement.has(peer):
+            start, name = arrangement.start(peer), arrangement.named(status.topic)
+            yield Wanted(name, name, kind, Way.PUBLISHED, start, level="")
+
+
+def _of_cns(arrangement: Arrangement) -> Iterator[Wanted]:
+    for each in (*cns.TOPICS.values(), *cns.SERVICES.values()):
+        if each.peer not in (*arrangement.peers, *arrangement.served):
+            continue
+        sent = each in cns.TOPICS.values() and not each.heard
+        way = Way.OFFERED if each in cns.SERVICES.values() else Way.PUBLISHED
+        if arrangement.served:
+            start = _ENGINE if sent else "cns_server"
+        else:
+            start, way = f"the {each.peer} {_THEIRS}", Way.HEARD if sent else way
+        yield Wanted(each.peer, arrangement.namespace.rstrip("/") + each.name, each.type, way, start, md5=each.md5)
+
+
+def _of_mavros(configuration: Configuration, arrangement: Arrangement) -> Iterator[Wanted]:
+    """Yield what the autopilot node and our planner need of mavros."""
+    settings, flies = configuration.autopilot, "mission_planner" in arrangement.ours
+    for name, kind in (*MAVROS_SERVICES.items(), *(MISSION_SERVICES.items() if flies else ())):
+        named = f"{settings.mavros}/{name}"
+        yield Wanted("mavros", named, f"mavros_msgs/{kind}", Way.OFFERED, "mavros", level=WRONG)
+    topics = [("mavros", STATE), *(("land_switch", each) for each in sources_of(("RC_CHANNELS",)))]
+    for about, source in topics if settings.land_switch.channel else topics[:1]:
+        named = f"{settings.mavros}/{source.topic}"
+        yield Wanted(about, named, source.kind, Way.PUBLISHED, "mavros", level=WRONG, talks=True)
+
+
+def _of_estimator(configuration: Configuration) -> Iterator[Wanted]:
+    spec, line = configuration.initialisation, "sensors.yaml: initialisation"
+    for name, kind in ((spec.service, spec.type), (spec.in_flight_service, spec.in_flight_type)):
+        if name:
+            start = "the estimator"
+            yield Wanted("initialisation", name, _INITIALISES[kind], Way.OFFERED, start, level=WRONG, line=line)
+
+
+def _names(rows: Iterable[Wanted], graph: Graph) -> Iterator[Finding]:
+    """Compare names with what runs; those that nobody has come last, together."""
+    missing: Dict[Tuple[str, ...], List[str]] = {}
+    for row in rows:
+        name, kinds, md5s, nodes = _seen(row, graph)
+        nobody, by, done = row.way.value
+        whose = f"{name} of {', '.join(nodes)}"
+        version = _other_version(md5s, row.md5 or graph.md5s.get(row.kind, ""), done)
+        if not nodes:
+            if row.level:
+                line = row.line or _elsewhere(row, graph)
+                missing.setdefault((row.level, row.about, nobody, row.start, line), []).append(name)
+        elif kinds != (row.kind,):
+            line = "rename or remap one of them" + ", or start one stack in a namespace" * (row.way is not Way.OFFERED)
+            yield Finding(WRONG, row.about, f"{whose} is {', '.join(kinds)}, {done} is {row.kind}", line)
+        elif version:
+            yield Finding(WRONG, row.about, f"{whose} is {row.kind} {version}", _same(row.kind))
+        elif row.talks and graph.topics[name].count == 0:
+            yield Finding(WRONG, row.about, f"{whose} is silent")
+        elif row.level:
+            yield Finding(GOOD, row.about, f"{name} {by} {', '.join(nodes)}")
+    for (level, about, nobody, start, line), names in missing.items():
+        yield Finding(level, about, f"{nobody} {', '.join(names)}: start {start}", line)
+
+
+def _seen(row: Wanted, graph: Graph) -> Tuple[str, Tuple[str, ...], Tuple[str, ...], Tuple[str, ...]]:
+    """Return what a name is in the graph: its name, types, their md5 sums, nodes; no nodes: nobody has it."""
+    name, service = graph.resolved(row.name), graph.services.get(row.name)
+    topic = graph.topics.get(name)
+    if row.way is Way.HEARD:  # of who listens no type is known
+        return name, (row.kind,), (), graph.listeners.get(name, ())
+    if row.way is Way.OFFERED and service is not None:
+        return service.name, (service.kind,), (service.md5,), (service.node,)
+    if row.way is Way.PUBLISHED and topic is not None:
+        return name, topic.kinds, topic.md5s, topic.nodes
+    return name, (), (), ()
+
+
+def _elsewhere(row: Wanted, graph: Graph) -> str:
+    """Return the line that names the namespace in which mavros is instead; empty: none."""
+    end = next(iter(MAVROS_SERVICES))
+    others = sorted(name[: -len(end) - 1] for name in graph.offered if name.endswith(f"/{end}"))
+    return f"autopilot.yaml: mavros: {others[0]}" if row.start == "mavros" and others else ""
+
+
+def _other_version(md5s: Iterable[str], ours: str, done: str = Way.PUBLISHED.value[2]) -> str:
+    """Return how a type of the right name is another one; empty: it is that."""
+    others = [md5 for md5 in md5s if md5 not in ("", "*", ours)]
+    return f"with the md5 sum {others[0]}, {done} is {ours}: another version" if ours and others else ""
+
+
+def _same(kind: str) -> str:
+    return f"build the same {kind.split('/')[0]} on both computers"
 
 
 # --- this computer ----------------------------------------------------------------------------------------------------

@@ -320,21 +320,21 @@ def test_only_topics_of_wanted_messages_are_listened_to():
 
 
 def test_requests_of_the_client_are_services():
-    assert request_of(set_mode(1, 1, 4, 6), PX4) == Request(
-        "set_mode", "SetMode", {"base_mode": 0, "custom_mode": "AUTO.LAND"}, 176, Lane.URGENT
-    )
+    land = request_of(set_mode(1, 1, 4, 6), PX4)
+    assert land == Request("set_mode", {"base_mode": 0, "custom_mode": "AUTO.LAND"}, 176, Lane.URGENT)
+    assert land.kind == "SetMode"
     disarm = request_of(command_long(1, 1, 400, 0.0), PX4)
     assert (disarm.service, disarm.fields["command"], disarm.fields["param1"]) == ("cmd/command", 400, 0.0)
     assert (disarm.lane, request_of(command_long(1, 1, 511, 0.0), PX4).lane) == (Lane.URGENT, Lane.REST)
     asked = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_LOW_BAT_ACT", -1)
-    assert request_of(asked, PX4) == Request("param/get", "ParamGet", {"param_id": "COM_LOW_BAT_ACT"})
+    assert request_of(asked, PX4) == Request("param/get", {"param_id": "COM_LOW_BAT_ACT"})
     assert request_of(mavlink.MAVLink_timesync_message(0, 1), PX4) is None
 
 
 @pytest.mark.parametrize("mode, name", [(9, "LAND"), (3, "AUTO"), (4, "GUIDED"), (17, "BRAKE")])
 def test_an_ardupilot_is_asked_for_a_mode_by_mavros_name_of_it(mode, name):
     fields = {"base_mode": 0, "custom_mode": name}
-    assert request_of(set_mode(1, 1, mode, 0), ARDUPILOT) == Request("set_mode", "SetMode", fields, 176, Lane.URGENT)
+    assert request_of(set_mode(1, 1, mode, 0), ARDUPILOT) == Request("set_mode", fields, 176, Lane.URGENT)
 
 
 def test_a_set_point_is_published_east_north_up():

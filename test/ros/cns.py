@@ -27,7 +27,7 @@ from std_srvs.srv import SetBool, SetBoolResponse
 
 from amaze_autonomy import msg
 from amaze_autonomy.cns.importer import import_folder
-from amaze_autonomy.cns.tables import PEERS
+from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.engine.events import AutopilotStatus, CheckReply, Reply
 from amaze_autonomy.interface import SERVICES as OURS
@@ -127,6 +127,13 @@ def launch(*arguments: str, modules: str) -> Tuple[subprocess.Popen, Path]:
         return subprocess.Popen(command, env=environment, stdout=file, stderr=file), log
 
 
+def doctor(*words: str) -> List[Dict[str, str]]:
+    """Return what the doctor finds."""
+    options = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
+    command = ["amaze-autonomy", "doctor", str(FOLDER / "config"), "--for", "2", "--json", *options, *words]
+    return json.loads(subprocess.run(command, capture_output=True, check=False).stdout)["findings"]
+
+
 class TestCns(unittest.TestCase):
     @classmethod
     def setUpClass(cls) -> None:
@@ -178,6 +185,30 @@ class TestCns(unittest.TestCase):
         flown = ["PREFLIGHT", "START_RECORDING", "LOAD_MISSION", "TAKEOFF", "MISSION"]  # READY is passed at once
         self.assertEqual([name for name in states if name in flown], flown)
         self.assertEqual(states[-1], "MISSION_ENDED")
+
+    def test_the_doctor_finds_every_name_of_both_sides_and_another_type_by_its_md5_sum(self) -> None:
+        process, log = launch("peers:=cns", modules=MODULES)
+        try:
+            words = "nodes of the CNS Flight Stack are the engine's"
+            wait_for(lambda: words in log.read_text(), lambda: log.read_text()[-3000:], 30.0)
+            found = doctor("--peers", "cns")
+            self.assertEqual([each for each in found if each["about"] in PEERS and each["level"] != "good"], [])
+            good = [each["said"] for each in found]
+            for name in (*TOPICS.values(), *SERVICES.values()):
+                self.assertTrue(any(said.startswith(f"{name.name} is ") for said in good), name.name)
+            self.assertIn("/cns_peers/watchdog/start is offered by /cns_peers", good)
+            self.assertIn("/mars/init_service is offered by /cns", good)
+            self.assertIn("/autonomy/request is heard by /cns", good)
+            other = subprocess.Popen(["rostopic", "pub", "-r", "5", "/watchdog/log", "std_msgs/String", "x"])
+            wrong = [each["said"] for each in doctor("--peers", "cns") if each["about"] == "watchdog"]
+            other.terminate()
+            log_of_it = next(said for said in wrong if said.startswith("/watchdog/log of "))
+            self.assertIn(
+                "is std_msgs/String, watchdog_msgs/StatusChangesArrayStamped, read is watchdog_msgs/", log_of_it
+            )
+        finally:
+            process.terminate()
+            process.wait(10.0)
 
     def test_missing_messages_are_named_with_their_package(self) -> None:
         arguments = ("cns_peers:=watchdog,mission_planner", "autonomy:=false", "state_estimation:=false")

@@ -1,7 +1,8 @@
 """Looks at a running graph: who publishes what, how often, with which stamps; which services are offered.
 
 Every topic is listened to for some seconds, of whatever type it is; nothing is published, nothing is asked of anybody
-but the types of services. What was heard reads like a recording, so that a configuration can be proposed of it.
+but the types of services. Types come with their md5 sums, as nodes say them when they are connected to. What was heard
+reads like a recording, so that a configuration can be proposed of it.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, Dict, FrozenSet, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 from urllib.parse import urlparse
 
 import genpy
@@ -20,6 +21,7 @@ import rosgraph
 import roslib.message
 import rospy
 import rosservice
+from rosgraph.network import ROSHandshakeException
 
 from ..bags.errors import UndecodableError
 from ..doctor import Graph, SeenService, SeenTopic
@@ -54,6 +56,12 @@ class Heard:
         self._kinds: Dict[str, List[str]] = {}
         self._entries: Dict[str, List[Tuple[int, Optional[bytes], str]]] = {}
         self.ages_s: Dict[str, List[float]] = {}
+        self.types: Dict[str, List[Tuple[str, str]]] = {}
+
+    def connected(self, topic: str, headers: Iterable[Optional[Mapping[str, str]]]) -> None:
+        """Take what the publishers of a topic said of its type when they connected: that of a silent one, too."""
+        found = {(each.get("type", "?"), each.get("md5sum", "")) for each in headers if each}
+        self.types[topic] = sorted(found)
 
     def take(self, topic: str, message: Any) -> None:
         """Take a message of any type."""
@@ -132,13 +140,14 @@ def _listen(master: Any, for_s: float) -> Tuple[Heard, FrozenSet[str]]:
     """Listen for some seconds; return what was heard, and the nodes that are gone: nobody waits for them."""
     published, _, offered = master.getSystemState()
     heard, gone = Heard(), _gone({node for rows in (published, offered) for _, each in rows for node in each})
-    subscribers = [
-        rospy.Subscriber(topic, rospy.AnyMsg, partial(heard.take, topic), tcp_nodelay=True)
+    subscribers = {
+        topic: rospy.Subscriber(topic, rospy.AnyMsg, partial(heard.take, topic), tcp_nodelay=True)
         for topic, nodes in published
         if not gone.union((rospy.get_name(),)).issuperset(nodes)
-    ]
+    }
     time.sleep(for_s)
-    for each in subscribers:
+    for topic, each in subscribers.items():
+        heard.connected(topic, [connection.header for connection in tuple(each.impl.connections)])
         each.unregister()
     return heard, gone
 
@@ -171,35 +180,62 @@ def look(for_s: float, services: Sequence[str]) -> Graph:
     """
     master = _begin()
     heard, gone = _listen(master, for_s)
-    published, _, offered = master.getSystemState()
+    published, subscribed, offered = (_others(rows, gone) for rows in master.getSystemState())
     declared = dict(master.getTopicTypes())
-    topics = {}
-    for topic, nodes in published:
-        others = tuple(node for node in nodes if node not in gone and node != rospy.get_name())
-        if others:
-            topics[topic] = _topic(heard, topic, declared.get(topic, "?"), others)
-    asked = {name: rospy.resolve_name(name) for name in services}
-    providers = {name: nodes[0] for name, nodes in offered if nodes}
-    found = {
-        name: SeenService(resolved, rosservice.get_service_type(resolved) or "?", providers[resolved])
-        for name, resolved in asked.items()
-        if resolved in providers
-    }
-    nodes = {node for rows in (published, offered) for _, each in rows for node in each} - gone
+    topics = {topic: _topic(heard, topic, declared.get(topic, "?"), nodes) for topic, nodes in published.items()}
+    resolved = {name: rospy.resolve_name(name) for name in services}
+    asked = {name: found for name, found in resolved.items() if found in offered}
+    found = {name: _service(master, each, offered[each][0]) for name, each in asked.items()}
     host = urlparse(rosgraph.get_master_uri()).hostname or ""
     local = host in ("localhost", "127.0.0.1", "::1")
-    named = local or bool(os.environ.get("ROS_IP") or os.environ.get("ROS_HOSTNAME"))
-    return Graph(topics, found, frozenset(nodes), gone, rospy.get_namespace(), host, named=named)
+    return Graph(
+        topics=topics,
+        services=found,
+        nodes=frozenset(node for rows in (published, subscribed, offered) for each in rows.values() for node in each),
+        gone=gone,
+        namespace=rospy.get_namespace(),
+        master_host=host,
+        named=local or bool(os.environ.get("ROS_IP") or os.environ.get("ROS_HOSTNAME")),
+        listeners=subscribed,
+        offered=frozenset(offered),
+        md5s={
+            **_md5s(roslib.message.get_message_class, (kind for each in topics.values() for kind in each.kinds)),
+            **_md5s(roslib.message.get_service_class, (each.kind for each in found.values())),
+        },
+    )
+
+
+def _others(rows: Iterable[Tuple[str, List[str]]], gone: FrozenSet[str]) -> Dict[str, Tuple[str, ...]]:
+    """Return names with their nodes, but those that are gone, and this one."""
+    others = {name: tuple(node for node in nodes if node not in (*gone, rospy.get_name())) for name, nodes in rows}
+    return {name: nodes for name, nodes in others.items() if nodes}
+
+
+def _service(master: Any, name: str, node: str) -> SeenService:
+    """Return a service with its type, as its node says it; unknown where it has ended since, or hangs."""
+    try:
+        header = rosservice.get_service_headers(name, master.lookupService(name))
+    except (OSError, rosgraph.MasterException, rosservice.ROSServiceException, ROSHandshakeException):
+        header = {}
+    return SeenService(name, header.get("type", "?"), node, header.get("md5sum", ""))
+
+
+def _md5s(class_of: Callable[[str], Any], kinds: Iterable[str]) -> Dict[str, str]:
+    """Return the md5 sums of types as they are on this computer."""
+    classes = {kind: class_of(kind) for kind in sorted(set(kinds)) if kind.count("/") == 1}
+    return {kind: str(found._md5sum) for kind, found in classes.items() if found is not None}
 
 
 def _topic(heard: Heard, topic: str, declared: str, nodes: Tuple[str, ...]) -> SeenTopic:
     times, ages = [entry[0] for entry in heard.entries(topic)], sorted(heard.ages_s.get(topic, ()))
     span_s = (times[-1] - times[0]) / _S if times else 0.0
-    kinds = {kind for _, _, kind in heard.entries(topic)} or {declared}
+    types = heard.types.get(topic, [])
+    kinds = {kind for _, _, kind in heard.entries(topic)}.union(kind for kind, _ in types) or {declared}
     return SeenTopic(
         kinds=tuple(sorted(kinds)),
         nodes=nodes,
         count=len(times),
         rate_hz=(len(times) - 1) / span_s if span_s > 0.0 else None,
         age_s=ages[len(ages) // 2] if ages else None,
+        md5s=tuple(md5 for _, md5 in types),
     )

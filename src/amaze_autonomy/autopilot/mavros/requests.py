@@ -13,8 +13,28 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tup
 from ..link.dialect import Message, mavlink
 from ..vehicle.modes import mavros_name
 
-__all__ = ["Lane", "MavrosMission", "Publication", "Request", "Taken", "publication_of", "request_of"]
+__all__ = [
+    "MISSION_SERVICES",
+    "SERVICES",
+    "Lane",
+    "MavrosMission",
+    "Publication",
+    "Request",
+    "Taken",
+    "publication_of",
+    "request_of",
+]
 
+_SET_MODE, _COMMAND, _PARAMETER = "set_mode", "cmd/command", "param/get"
+_PUSH, _PULL, _SET_CURRENT = "mission/push", "mission/pull", "mission/set_current"
+SERVICES: Mapping[str, str] = {_SET_MODE: "SetMode", _COMMAND: "CommandLong", _PARAMETER: "ParamGet"}
+"""What is called below mavros' namespace, with its type in mavros_msgs."""
+MISSION_SERVICES: Mapping[str, str] = {
+    _PUSH: "WaypointPush",
+    _PULL: "WaypointPull",
+    _SET_CURRENT: "WaypointSetCurrent",
+}
+"""The same, by who flies missions."""
 _URGENT = (mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
 
 
@@ -31,17 +51,20 @@ class Request(NamedTuple):
 
     Args:
         service: below the namespace.
-        kind: type of it in mavros_msgs.
         fields: of the request; waypoints as dictionaries of their fields.
         command: MAV_CMD that the answer acknowledges; 0: none.
         lane: what it waits for.
     """
 
     service: str
-    kind: str
     fields: Dict[str, Any]
     command: int = 0
     lane: Lane = Lane.REST
+
+    @property
+    def kind(self) -> str:
+        """Its type in mavros_msgs."""
+        return SERVICES.get(self.service) or MISSION_SERVICES[self.service]
 
 
 class Publication(NamedTuple):
@@ -70,7 +93,7 @@ def request_of(message: Message, autopilot: int) -> Optional[Request]:
 
 
 def _parameter(message: Message, _: int) -> Request:
-    return Request("param/get", "ParamGet", {"param_id": message.param_id})
+    return Request(_PARAMETER, {"param_id": message.param_id})
 
 
 def _command(message: Message, autopilot: int) -> Request:
@@ -79,10 +102,10 @@ def _command(message: Message, autopilot: int) -> Request:
         main, sub = int(message.param2), int(message.param3)
         number = main if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA else sub << 24 | main << 16
         fields = {"base_mode": 0, "custom_mode": mavros_name(autopilot, number)}
-        return Request("set_mode", "SetMode", fields, message.command, lane)
+        return Request(_SET_MODE, fields, message.command, lane)
     parameters = {f"param{number}": getattr(message, f"param{number}") for number in range(1, 8)}
     long = {"broadcast": False, "command": message.command, "confirmation": 0, **parameters}
-    return Request("cmd/command", "CommandLong", long, message.command, lane)
+    return Request(_COMMAND, long, message.command, lane)
 
 
 _REQUESTS: Mapping[str, Callable[[Message, int], Request]] = {
@@ -127,7 +150,6 @@ def publication_of(message: Message) -> Optional[Publication]:
 
 _RELATIVE = 3  # mavros' name of both relative frames; it makes integers of the places by itself
 _DEG7 = 1e7
-_PUSH, _PULL = "mission/push", "mission/pull"
 
 
 class Taken(NamedTuple):
@@ -192,13 +214,13 @@ class MavrosMission:
         if missing is not None:
             return Taken((mavlink.MAVLink_mission_request_int_message(0, 0, missing),))
         waypoints = tuple(_waypoint(self._items[number]) for number in range(self._count))
-        return self._call(Request(_PUSH, "WaypointPush", {"start_index": 0, "waypoints": waypoints}, 0, Lane.MISSION))
+        return self._call(Request(_PUSH, {"start_index": 0, "waypoints": waypoints}, 0, Lane.MISSION))
 
     def _list(self, _: Message) -> Taken:
         if self._busy:
             return Taken()
         self._listed = self._pulled = None
-        return self._call(Request(_PULL, "WaypointPull", {}, 0, Lane.MISSION))
+        return self._call(Request(_PULL, {}, 0, Lane.MISSION))
 
     def _call(self, request: Request) -> Taken:
         self._busy = request.service
@@ -211,7 +233,7 @@ class MavrosMission:
 
     def _set_current(self, message: Message) -> Taken:
         fields = {"wp_seq": message.seq}
-        return Taken((), (Request("mission/set_current", "WaypointSetCurrent", fields, 0, Lane.MISSION),))
+        return Taken((), (Request(_SET_CURRENT, fields, 0, Lane.MISSION),))
 
     def _end(self, _: Message) -> Taken:
         return Taken()  # mavros acknowledges by itself

@@ -22,7 +22,16 @@ from amaze_autonomy.autopilot import Client, LinkState
 from ...autopilot.link.connection import ClientHost
 from ...autopilot.link.dialect import Message, mavlink
 from ...autopilot.mavros.messages import EKF, RECEIVED, STATE, VEHICLE, WAYPOINTS, Converter, Source, sources_of
-from ...autopilot.mavros.requests import Lane, MavrosMission, Publication, Request, publication_of, request_of
+from ...autopilot.mavros.requests import (
+    MISSION_SERVICES,
+    SERVICES,
+    Lane,
+    MavrosMission,
+    Publication,
+    Request,
+    publication_of,
+    request_of,
+)
 from ...ros.errors import StartError
 
 __all__ = ["MavrosLink"]
@@ -31,8 +40,6 @@ _QUEUE, _RECEIVED = 20, 200
 _WAKE_S = 0.05
 _WAITING = 16
 _HOW = "install mavros for this ROS, or use backend: mavlink through mavros' GCS port (docs/autopilot.md)"
-_SERVICES = ("SetMode", "CommandLong", "ParamGet")
-_MISSION = ("WaypointPush", "WaypointPull", "WaypointSetCurrent")
 _TYPES = ("mavros_msgs/Waypoint", "mavros_msgs/PositionTarget")
 
 
@@ -68,7 +75,8 @@ class MavrosLink(ClientHost):
         self._publishers: Dict[str, Any] = {}
         self._kinds = {source: _message(source.kind) for source in sources_of(wanted)}
         flies = WAYPOINTS in self._kinds
-        self._services = {name: _service(name) for name in (*_SERVICES, *(_MISSION if flies else ()))}
+        called = (*SERVICES.values(), *(MISSION_SERVICES.values() if flies else ()))
+        self._services = {name: _service(name) for name in called}
         self._types = {name: _message(name) for name in (_TYPES if flies else ())}
 
     def start(self) -> None:
