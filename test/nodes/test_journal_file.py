@@ -16,7 +16,7 @@ from amaze_autonomy.engine.events import WatchdogAction
 from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.journal.journal import DeltaEncoder, read
 from amaze_autonomy.nodes.autonomy import run_folder
-from amaze_autonomy.nodes.autonomy.run_folder import create, reopen
+from amaze_autonomy.nodes.autonomy.run_folder import Place, create, reopen
 from amaze_autonomy.ros.errors import StartError
 
 HEADER = '{"kind":"header"}'
@@ -24,7 +24,7 @@ HEADER = '{"kind":"header"}'
 
 @pytest.fixture
 def journal(tmp_path):
-    made = create(tmp_path, HEADER)
+    made = create(tmp_path, HEADER, Place().elsewhere)
     yield made
     made.close()
 
@@ -50,7 +50,7 @@ def test_it_goes_on_after_the_last_whole_line(tmp_path, journal):
     journal.close()
     with (tmp_path / "journal.jsonl").open("a") as file:
         file.write('{"half')
-    again = reopen(tmp_path / "journal.jsonl")
+    again = reopen(tmp_path / "journal.jsonl", Place().elsewhere)
     assert again.append("b") == 2
     again.close()
     assert lines(tmp_path) == [HEADER, "a", "b", ""]
@@ -62,14 +62,14 @@ def test_two_nodes_do_not_write_one_journal(tmp_path):
     program = "import sys; from pathlib import Path; from amaze_autonomy.nodes.autonomy import run_folder as j\n"
     program += "j._lock.__defaults__ = (0.1,)\n"
     program += "from amaze_autonomy.ros.errors import StartError\n"
-    program += "try: j.reopen(Path(sys.argv[1]))\nexcept StartError as error: print(error)\n"
+    program += "try: j.reopen(Path(sys.argv[1]), j.Place().elsewhere)\nexcept StartError as error: print(error)\n"
     command = [sys.executable, "-c", program, str(tmp_path / "journal.jsonl")]
     assert "is written by another node" in subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
 def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
     with pytest.raises(StartError, match="name another folder with --output"):
-        create(tmp_path / "missing", HEADER)
+        create(tmp_path / "missing", HEADER, Place().elsewhere)
 
 
 class FullDisk:
@@ -118,7 +118,7 @@ def test_it_does_not_try_a_full_disk_at_every_line(tmp_path, journal, monkeypatc
 
 
 def test_what_is_kept_for_a_disk_has_a_limit_and_what_is_behind_the_gap_can_be_read(tmp_path, monkeypatch):
-    journal, encoder = create(tmp_path, '{"kind":"header","version":1}'), DeltaEncoder()
+    journal, encoder = create(tmp_path, '{"kind":"header","version":1}', Place().elsewhere), DeltaEncoder()
     disk = FullDisk(monkeypatch, 0)
     monkeypatch.setattr(run_folder, "_MOST_KEPT", 1000)
     heartbeats = [WatchdogAction(t_ns=n, sequence=n, loop_counter=n, code=Code.NOMINAL) for n in range(100, 150)]
@@ -153,18 +153,24 @@ def replaced(folder):
 @pytest.mark.parametrize("happens", [removed, moved, replaced])
 def test_a_journal_that_is_removed_goes_on_elsewhere_and_is_whole(tmp_path, happens):
     (tmp_path / "run").mkdir()
-    (tmp_path / "other").mkdir()
-    journal = create(tmp_path / "run", HEADER, lambda: tmp_path / "other")
+    for place in ("full", "other"):
+        (tmp_path / place).mkdir()
+    (tmp_path / "full" / "journal.jsonl").write_text("of another run")
+    journal = create(tmp_path / "run", HEADER, lambda: [tmp_path / "full", tmp_path / "other"])
     journal.append("a" * 3_000_000)
     journal.flush()
-    assert not journal.follow(), "it is there"
+    assert (journal.follow(), journal.remark) == (False, ""), "it is there"
     happens(tmp_path / "run")
     journal.append("b")
     assert journal.follow()
     journal.flush()
     assert (journal.path, journal.problem) == (tmp_path / "other" / "journal.jsonl", "")
     assert lines(tmp_path / "other") == [HEADER, "a" * 3_000_000, "b", ""]
+    assert (tmp_path / "full" / "journal.jsonl").read_text() == "of another run"
     assert not journal.follow(), "once"
+    assert journal.remark == (
+        f"The journal was removed: {tmp_path}/run/journal.jsonl. It goes on, whole, at {tmp_path}/other/journal.jsonl."
+    )
     with pytest.raises(StartError, match="written by another node"):
         run_folder._lock(os.open(journal.path, os.O_RDWR), journal.path, 0.1)
     journal.close()
@@ -174,6 +180,7 @@ def test_a_journal_that_has_no_other_place_says_so_and_writes_on(tmp_path):
     (tmp_path / "run").mkdir()
 
     def nowhere():
+        yield tmp_path / "run" / "not there"
         raise StartError("cannot make the output folder")
 
     journal = create(tmp_path / "run", HEADER, nowhere)

@@ -14,7 +14,7 @@ pytest.importorskip("rospy")
 from amaze_autonomy import msg
 from amaze_autonomy.nodes.autonomy import journal_topic
 from amaze_autonomy.nodes.autonomy.journal_topic import Cursor, JournalLines, JournalTopic
-from amaze_autonomy.nodes.autonomy.run_folder import create
+from amaze_autonomy.nodes.autonomy.run_folder import Place, create
 
 HEADER = '{"kind":"header"}'
 
@@ -23,7 +23,7 @@ class Journal:
     """A journal in a folder, and its lines as listeners read them."""
 
     def __init__(self, folder):
-        self.file = create(folder, HEADER)
+        self.file = create(folder, HEADER, Place().elsewhere)
         self.lines = JournalLines(lambda: self.file.path, lambda: self.file.written, self.file.lines)
 
     def write(self, *lines, flush=True):

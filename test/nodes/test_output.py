@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
@@ -15,13 +18,15 @@ from amaze_autonomy.engine.events import EngineStarted, Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.journal import journal as codec
 from amaze_autonomy.nodes.autonomy import run_folder
+from amaze_autonomy.nodes.autonomy.run_folder import Place
 from amaze_autonomy.ros.errors import StartError
 
 EVENTS = [EngineStarted(t_ns=5), Tick(t_ns=9)]
 
 
-def write_journal(folder, boot_id=None, more=""):
-    header = codec.make_header(Rules(), {}, "hash", boot_id=boot_id or run_folder.boot_id())
+def write_journal(folder, boot_id=None, more="", place=None):
+    told = (place or Place(str(folder))).facts()
+    header = codec.make_header(Rules(), {}, "hash", boot_id=boot_id or run_folder.boot_id(), **told)
     text = "".join(line + "\n" for line in [codec.encode_header(header), *map(codec.encode_event, EVENTS)])
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "journal.jsonl").write_text(text + more)
@@ -34,19 +39,19 @@ def home(tmp_path, monkeypatch):
 
 
 def test_a_run_without_a_folder_gets_a_new_one_of_its_label(home):
-    assert run_folder.make_folder("", "20261121T101500") == home / "20261121T101500"
-    assert run_folder.make_folder("", "20261121T101500") == home / "20261121T101500-2"
+    assert run_folder.make_folder(Place(), "20261121T101500") == home / "20261121T101500"
+    assert run_folder.make_folder(Place(), "20261121T101500") == home / "20261121T101500-2"
 
 
 def test_a_named_folder_is_made(tmp_path):
-    assert run_folder.make_folder(str(tmp_path / "a" / "b"), "label") == tmp_path / "a" / "b"
+    assert run_folder.make_folder(Place(str(tmp_path / "a" / "b")), "label") == tmp_path / "a" / "b"
 
 
 def test_what_an_earlier_run_left_in_a_named_folder_is_kept(tmp_path):
     for number in ("first", "second"):
         (tmp_path / "journal.jsonl").write_text(number)
         (tmp_path / "result.json").write_text(number)
-        run_folder.make_folder(str(tmp_path), "label")
+        run_folder.make_folder(Place(str(tmp_path)), "label")
     assert (tmp_path / "earlier" / "journal.jsonl").read_text() == "first"
     assert (tmp_path / "earlier-2" / "result.json").read_text() == "second"
     assert not (tmp_path / "journal.jsonl").exists()
@@ -55,12 +60,12 @@ def test_what_an_earlier_run_left_in_a_named_folder_is_kept(tmp_path):
 def test_a_folder_that_cannot_be_made_is_one_clear_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(StartError, match="name another one with --output"):
-        run_folder.make_folder(str(tmp_path / "file" / "folder"), "label")
+        run_folder.make_folder(Place(str(tmp_path / "file" / "folder")), "label")
 
 
 def test_a_journal_without_an_end_is_found_with_its_events(tmp_path):
     write_journal(tmp_path, more='{"half')
-    found = run_folder.find_unfinished(str(tmp_path))
+    found = run_folder.find_unfinished(Place(str(tmp_path)))
     assert (found.path, found.events, found.last_ns) == (tmp_path / "journal.jsonl", EVENTS, 9)
     assert found.header["hash"] == "hash"
 
@@ -68,36 +73,135 @@ def test_a_journal_without_an_end_is_found_with_its_events(tmp_path):
 def test_a_run_that_ended_is_not_unfinished(tmp_path):
     write_journal(tmp_path)
     run_folder.write_result(tmp_path, {"in_flight": False})
-    assert run_folder.find_unfinished(str(tmp_path)) is None
+    assert run_folder.find_unfinished(Place(str(tmp_path))) is None
 
 
 def test_a_run_that_was_ended_in_flight_is(tmp_path):
     write_journal(tmp_path)
     run_folder.write_result(tmp_path, {"in_flight": True})
-    assert run_folder.find_unfinished(str(tmp_path)) is not None
+    assert run_folder.find_unfinished(Place(str(tmp_path))) is not None
 
 
 def test_a_journal_of_another_boot_is_no_use(tmp_path):
     write_journal(tmp_path, boot_id="another")
-    assert run_folder.find_unfinished(str(tmp_path)) is None
+    assert run_folder.find_unfinished(Place(str(tmp_path))) is None
 
 
 def test_without_a_named_folder_the_newest_run_counts(home):
     for number, name in enumerate(("b", "a")):
-        write_journal(home / name)
+        write_journal(home / name, place=Place())
         os.utime(home / name / "journal.jsonl", (number, number))
-    assert run_folder.find_unfinished("").path == home / "a" / "journal.jsonl"
+    assert run_folder.find_unfinished(Place()).path == home / "a" / "journal.jsonl"
     run_folder.write_result(home / "a", {"in_flight": False})
-    assert run_folder.find_unfinished("") is None, "an older run is not the one that was interrupted"
+    assert run_folder.find_unfinished(Place()) is None, "an older run is not the one that was interrupted"
 
 
 def test_a_simulated_run_that_did_not_end_is_none_that_a_flight_goes_on_with(home):
-    runs = str(home / "simulated")
-    folder = run_folder.make_folder("", "a", runs)
+    simulated = Place(runs=str(home / "simulated"))
+    folder = run_folder.make_folder(simulated, "a")
     assert folder == home / "simulated" / "a"
-    write_journal(folder)
-    assert run_folder.find_unfinished("", runs).path == folder / "journal.jsonl"
-    assert run_folder.find_unfinished("") is None
+    write_journal(folder, place=simulated)
+    assert run_folder.find_unfinished(simulated).path == folder / "journal.jsonl"
+    assert run_folder.find_unfinished(Place()) is None
+
+
+# --- a run whose folder is removed ------------------------------------------------------------------------------------
+
+
+class Run:
+    """A journal that is written in a place; `removed`: its folder goes in flight, and what was written goes on."""
+
+    def __init__(self, place):
+        self.place = place
+        self.folder = run_folder.make_folder(place, "run")
+        header = codec.make_header(Rules(), {}, "hash", boot_id=run_folder.boot_id(), **place.facts())
+        self.journal = run_folder.create(self.folder, codec.encode_header(header), place.elsewhere)
+        for event in EVENTS:
+            self.journal.append(codec.encode_event(event))
+        self.journal.flush()
+
+    def removed(self, remove=lambda folder: shutil.rmtree(folder)):
+        remove(self.folder)
+        assert self.journal.follow(), self.journal.problem
+        self.journal.close()  # as a kill: there is no result
+        return self.journal.path.parent
+
+
+@pytest.fixture
+def simulated(home):
+    return Place(runs=str(home / "simulated"))
+
+
+def test_a_simulated_run_whose_folder_is_removed_never_goes_on_among_the_flights(home, simulated):
+    folder = Run(simulated).removed()
+    assert folder.parent == home / "simulated"
+    assert run_folder.find_unfinished(Place()) is None
+    assert run_folder.find_unfinished(simulated).path == folder / "journal.jsonl"
+    assert run_folder.find_unfinished(simulated).events == EVENTS
+
+
+def test_a_run_whose_named_folder_is_removed_goes_on_there_and_is_found_there(tmp_path, home):
+    place = Place(str(tmp_path / "out"))
+    assert Run(place).removed() == tmp_path / "out"
+    assert run_folder.find_unfinished(place).events == EVENTS
+    assert not home.exists(), "nothing lies among the runs"
+
+
+def occupied(folder):
+    (folder / "journal.jsonl").unlink()
+    write_journal(folder, place=Place(str(folder), node="/another"))
+
+
+def forbidden(folder):
+    shutil.rmtree(folder)
+    folder.write_text("a file in its place")
+
+
+@pytest.mark.parametrize("remove", [occupied, forbidden])
+@pytest.mark.parametrize("where", ["", "simulated"])
+def test_where_the_named_folder_cannot_be_had_again_the_run_is_found_among_its_runs(tmp_path, home, remove, where):
+    place = Place(str(tmp_path / "out"), str(home / where) if where else "", "/autonomy")
+    folder = Run(place).removed(remove)
+    assert folder.parent == home / where
+    assert folder.name.startswith("removed-")
+    assert run_folder.find_unfinished(place).path == folder / "journal.jsonl"
+    for other in (
+        replace(place, output=""),
+        replace(place, output=str(tmp_path / "other")),
+        replace(place, runs="" if where else str(home / "simulated")),
+        replace(place, node="/uav2/autonomy"),
+    ):
+        assert run_folder.find_unfinished(other) is None, other
+
+
+def test_a_simulated_run_in_a_named_folder_is_none_that_a_flight_in_it_goes_on_with(tmp_path, simulated):
+    in_it = replace(simulated, output=str(tmp_path / "out"))
+    Run(in_it).journal.close()
+    assert run_folder.find_unfinished(Place(str(tmp_path / "out"))) is None
+    assert run_folder.find_unfinished(in_it).events == EVENTS
+
+
+def test_a_journal_that_does_not_say_whose_it_is_is_not_taken_up(tmp_path, home):
+    for folder in (tmp_path / "out", home / "removed-1"):
+        write_journal(folder, place=Mock(facts=dict))
+    assert run_folder.find_unfinished(Place(str(tmp_path / "out"))) is None
+    assert run_folder.find_unfinished(Place()) is None
+
+
+def test_what_another_engine_of_this_computer_left_is_not_taken_up(home):
+    for number, node in enumerate(("/uav1/autonomy", "/uav2/autonomy")):
+        write_journal(home / node[1:5], place=Place(node=node))
+        os.utime(home / node[1:5] / "journal.jsonl", (number, number))
+    assert run_folder.find_unfinished(Place(node="/uav1/autonomy")).path == home / "uav1" / "journal.jsonl"
+    assert run_folder.find_unfinished(Place(node="/uav2/autonomy")).path == home / "uav2" / "journal.jsonl"
+    assert run_folder.find_unfinished(Place(node="/uav3/autonomy")) is None
+
+
+def test_a_run_that_went_on_elsewhere_and_has_ended_is_not_unfinished(tmp_path):
+    place = Place(str(tmp_path / "out"))
+    folder = Run(place).removed(forbidden)
+    run_folder.write_result(folder, {"in_flight": False})
+    assert run_folder.find_unfinished(place) is None
 
 
 @pytest.mark.parametrize(
@@ -120,14 +224,14 @@ def test_what_is_simulated_never_lies_among_the_flights(given, runs, recordings,
 
 @pytest.mark.usefixtures("home")
 def test_where_nothing_is_nothing_is_found(tmp_path):
-    assert run_folder.find_unfinished("") is None
-    assert run_folder.find_unfinished(str(tmp_path / "nowhere")) is None
+    assert run_folder.find_unfinished(Place()) is None
+    assert run_folder.find_unfinished(Place(str(tmp_path / "nowhere"))) is None
 
 
 def test_a_damaged_journal_is_said(tmp_path):
     write_journal(tmp_path, more="nonsense\n")
     with pytest.raises(StartError, match="cannot be read: line 4: not JSON"):
-        run_folder.find_unfinished(str(tmp_path))
+        run_folder.find_unfinished(Place(str(tmp_path)))
 
 
 def test_the_result_is_whole_or_not_there(tmp_path):

@@ -63,7 +63,7 @@ from .ending import Ended, Ending, Farewell
 from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
-from .run_folder import JournalFile, create, reopen
+from .run_folder import JournalFile, Place, create, reopen
 from .users import Unattended, UserDesk, choose
 
 __all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "data_outcome", "exit_status", "main", "outcome"]
@@ -99,6 +99,7 @@ class AutonomyNode:
     ) -> None:
         self._parameters, self._configuration, self._clock = parameters, configuration, clock
         self._label, self._resumed = label, unfinished
+        self._place = _place(parameters)
         self._reasons: SimpleQueue[str] = SimpleQueue()
         self._rejected: Dict[str, int] = {}
         self._warned: Set[Tuple[str, str]] = set()
@@ -159,7 +160,7 @@ class AutonomyNode:
 
     def _open_journal(self) -> JournalFile:
         if self._resumed is not None:
-            return reopen(self._resumed.path)
+            return reopen(self._resumed.path, self._place.elsewhere)
         header = codec.make_header(
             self._configuration.rules,
             self._configuration.effective,
@@ -167,13 +168,13 @@ class AutonomyNode:
             boot_id=run_folder.boot_id(),
             clock="ROS time" if not rospy.rostime.is_wallclock() else "monotonic",
             label=self._label,
-            node=rospy.get_name(),
+            **self._place.facts(),
             python=sys.version.split()[0],
             started=datetime.now(timezone.utc).isoformat(timespec="seconds"),
             written_by="autonomy node",
         )
-        folder = run_folder.make_folder(self._parameters.output, self._label, self._parameters.runs)
-        return create(folder, codec.encode_header(header))
+        folder = run_folder.make_folder(self._place, self._label)
+        return create(folder, codec.encode_header(header), self._place.elsewhere)
 
     def _run_label(self) -> str:
         """Return the name of the run whose messages go on: that of the journal."""
@@ -345,13 +346,17 @@ def _check_missions(parameters: Parameters, configuration: Configuration) -> Non
         raise StartError(f"mission {event.mission_id!r}: {event.error}")
 
 
+def _place(parameters: Parameters) -> Place:
+    return Place(parameters.output, parameters.runs, rospy.get_name())
+
+
 def _unfinished(parameters: Parameters, configuration: Configuration) -> Optional[run_folder.Unfinished]:
     """Return the journal to go on with, unless it cannot be read or was decided by other rules than ours.
 
     Neither is a reason not to start: the vehicle may be in the air, and an engine that finds it armed lands it.
     """
     try:
-        found = run_folder.find_unfinished(parameters.output, parameters.runs) if parameters.resume else None
+        found = run_folder.find_unfinished(_place(parameters)) if parameters.resume else None
     except StartError as error:
         rospy.logerr("%s. It is kept, and a new one begins.", error)
         return None

@@ -1,4 +1,9 @@
-"""The folder of one run: journal, report, result; and the journal that an unfinished run left behind."""
+"""The folder of one run: journal, report, result; and the journal that an unfinished run left behind.
+
+A run that did not end is gone on with by the engine that it was of, and by no other: of the same name, told the same
+folders. So a simulated run is none that a real flight goes on with, wherever it lies, and an engine finds its own run
+where that went on when its folder was removed.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
 import rospkg
 
@@ -25,6 +30,7 @@ __all__ = [
     "REPORT_NAME",
     "RESULT_NAME",
     "JournalFile",
+    "Place",
     "Unfinished",
     "boot_id",
     "create",
@@ -39,6 +45,7 @@ __all__ = [
 RESULT_NAME = "result.json"
 _REGISTER = "journals"
 _LONGEST_HEADER = 1 << 20
+_LOOKED_AT = 50  # journals of other engines or of other flights, before the search for the own one is given up
 REPORT_NAME = "report.txt"
 
 
@@ -77,30 +84,66 @@ def default_parent() -> Path:
     return Path(rospkg.get_ros_home()) / "amaze_autonomy"
 
 
-def make_folder(output: str, label: str, runs: str = "") -> Path:
-    """Return an empty place for a new run; what an earlier run left in a named folder is kept under its own name.
+@dataclass(frozen=True)
+class Place:
+    """Where an engine is told to keep its runs, and its name: who it is.
 
     Args:
-        output: the folder; empty: a new one in `runs`.
+        output: folder of the run; empty: a new one in `runs`.
+        runs: folder of the runs; empty: `default_parent`.
+        node: name of the engine.
+    """
+
+    output: str = ""
+    runs: str = ""
+    node: str = ""
+
+    @property
+    def named(self) -> Optional[Path]:
+        """The folder that is named for the run."""
+        return Path(self.output).expanduser().absolute() if self.output else None
+
+    @property
+    def parent(self) -> Path:
+        """The folder of the runs."""
+        return Path(self.runs).expanduser().absolute() if self.runs else default_parent().absolute()
+
+    def facts(self) -> Dict[str, str]:
+        """Return what the header of a journal says of it."""
+        return {"node": self.node, "output": str(self.named or ""), "runs": str(self.parent)}
+
+    def has(self, path: Path, header: Mapping[str, Any]) -> bool:
+        """Tell whether a journal is of this engine, by its header; one that lies in the named folder is of its run."""
+        lies_there = path.parent == self.named
+        return all(header.get(key) == value or (key == "output" and lies_there) for key, value in self.facts().items())
+
+    def elsewhere(self) -> Iterator[Path]:
+        """Make places to go on in when the folder of a run is removed: the named one again, then one among the runs."""
+        if self.named is not None:
+            with suppress(OSError):  # who goes on there finds out that it is not there
+                self.named.mkdir(parents=True, exist_ok=True)
+            yield self.named
+        yield _fresh(self.parent, f"removed-{time.strftime('%Y%m%dT%H%M%S')}")
+
+
+def make_folder(place: Place, label: str) -> Path:
+    """Return an empty folder for a new run; what an earlier run left in a named one is kept under its own name.
+
+    Args:
+        place: where the engine keeps its runs.
         label: its name there.
-        runs: empty: `default_parent`.
 
     Raises:
         StartError: It cannot be made.
     """
     try:
-        if output:
-            folder = Path(output).expanduser()
-            folder.mkdir(parents=True, exist_ok=True)
-            _keep_earlier(folder)
-            return folder
-        return _fresh(_parent(runs), label)
+        if place.named is None:
+            return _fresh(place.parent, label)
+        place.named.mkdir(parents=True, exist_ok=True)
+        _keep_earlier(place.named)
     except OSError as error:
         raise StartError(f"cannot make the output folder: {error}; name another one with --output") from error
-
-
-def _parent(runs: str) -> Path:
-    return Path(runs).expanduser() if runs else default_parent()
+    return place.named
 
 
 def _fresh(parent: Path, label: str) -> Path:
@@ -158,31 +201,48 @@ def registered(session_id: str) -> Optional[Path]:
     return path if header else None
 
 
-def find_unfinished(output: str, runs: str = "") -> Optional[Unfinished]:
-    """Return the journal to go on with: of this boot, in the named folder or the newest in that of the runs.
+def find_unfinished(place: Place) -> Optional[Unfinished]:
+    """Return the journal to go on with: the last of this engine, when it is of this boot and has not ended.
 
     Raises:
         StartError: There is one, and it is damaged.
     """
-    folder = Path(output).expanduser() if output else _newest(_parent(runs))
-    if folder is None or not (folder / JOURNAL_NAME).is_file() or _ended(folder / RESULT_NAME):
-        return None
-    path = folder / JOURNAL_NAME
-    try:
-        data = path.read_bytes()
-        first = codec.decode(data.split(b"\n", 1)[0].decode())
-        if first.kind != "header" or not isinstance(first.payload, dict) or first.payload.get("boot_id") != boot_id():
-            return None
-        journal = codec.read(data[: codec.whole_lines(data)].decode())
-    except (OSError, UnicodeDecodeError, codec.JournalError) as error:
-        raise StartError(f"{path} is of a run that did not end, and cannot be read: {error}") from error
-    events = [line.payload for line in journal.lines if isinstance(line.payload, Event)]
-    return Unfinished(path, first.payload, events)
+    for path in _newest_first(place):
+        try:
+            header = _header(path)
+            if not place.has(path, header):
+                continue
+            if _ended(path.parent / RESULT_NAME) or header.get("boot_id") != boot_id():
+                return None
+            data = path.read_bytes()
+            journal = codec.read(data[: codec.whole_lines(data)].decode())
+        except (OSError, UnicodeDecodeError, codec.JournalError) as error:
+            raise StartError(f"{path} is of a run that did not end, and cannot be read: {error}") from error
+        return Unfinished(path, header, [line.payload for line in journal.lines if isinstance(line.payload, Event)])
+    return None
 
 
-def _newest(parent: Path) -> Optional[Path]:
-    journals = sorted(parent.glob(f"*/{JOURNAL_NAME}"), key=lambda path: path.stat().st_mtime)
-    return journals[-1].parent if journals else None
+def _newest_first(place: Place) -> List[Path]:
+    """Return the journals where a run of this engine may be: in the named folder, and where it may have gone on."""
+    there = [place.named / JOURNAL_NAME] if place.named is not None else []
+    there += place.parent.glob(f"{'removed-*' if place.output else '*'}/{JOURNAL_NAME}")
+    written: List[Tuple[float, Path]] = []
+    for path in there:
+        with suppress(OSError):  # it is not there, or no more
+            if path.is_file():
+                written.append((path.stat().st_mtime, path))
+    return [path for _, path in sorted(written, reverse=True)[:_LOOKED_AT]]
+
+
+def _header(path: Path) -> Dict[str, Any]:
+    """Return what the first line of a journal says; nothing where it is no header.
+
+    Raises:
+        OSError, UnicodeDecodeError, JournalError: It cannot be read.
+    """
+    with path.open("rb") as file:
+        first = codec.decode(file.readline(_LONGEST_HEADER).decode())
+    return first.payload if first.kind == "header" and isinstance(first.payload, dict) else {}
 
 
 def _ended(result: Path) -> bool:
@@ -215,6 +275,9 @@ _PIECE = 1024 * 1024
 _MODE = 0o640
 
 
+Elsewhere = Callable[[], Iterable[Path]]
+
+
 class JournalFile:
     """An open journal. Used by one thread.
 
@@ -222,12 +285,16 @@ class JournalFile:
         path: of the file.
         descriptor: open for reading and writing, at its end, locked.
         lines: how many lines it holds.
-        elsewhere: makes a folder to go on in when this one is removed.
+        elsewhere: makes folders to go on in when this one is removed, one after the other.
+
+    Attributes:
+        problem: why it cannot be written; empty: it can.
+        remark: that it was removed and where it goes on; empty: it was not.
     """
 
-    def __init__(self, path: Path, descriptor: int, lines: int, elsewhere: Callable[[], Path]) -> None:
+    def __init__(self, path: Path, descriptor: int, lines: int, elsewhere: Elsewhere) -> None:
         self.path, self.lines = path, lines
-        self.problem = ""
+        self.problem = self.remark = ""
         self._elsewhere = elsewhere
         self.gap = False
         self._descriptor = descriptor
@@ -286,21 +353,37 @@ class JournalFile:
 
     def follow(self) -> bool:
         """Go on elsewhere when the file was removed or moved; return whether it was. What was written goes along."""
+        if not self._gone():
+            return False
+        before, why = self.path, ""
+        try:
+            for folder in self._elsewhere():
+                why = self._tried(folder)
+                if not why:
+                    self.remark = f"The journal was removed: {before}. It goes on, whole, at {self.path}."
+                    return True
+        except (OSError, StartError) as error:
+            why = str(error)
+        self.problem = f"{before} was removed, and there is no other place ({why})"
+        return False
+
+    def _gone(self) -> bool:
         try:
             there = self.path.stat()
-            gone = (there.st_dev, there.st_ino) != _identity(self._descriptor)
+            return (there.st_dev, there.st_ino) != _identity(self._descriptor)
         except OSError:
-            gone = True
-        if not gone:
-            return False
+            return True
+
+    def _tried(self, folder: Path) -> str:
+        """Go on in a folder; return why that is not possible, empty when it was."""
         try:
-            path = self._elsewhere() / JOURNAL_NAME
-            self._go_on_in(path)
+            self._go_on_in(folder / JOURNAL_NAME)
         except (OSError, StartError) as error:
-            self.problem = f"{self.path} was removed, and there is no other place ({error})"
-            return False
-        self.path = path
-        return True
+            with suppress(OSError):
+                folder.rmdir()  # it was made for nothing
+            return str(error)
+        self.path = folder / JOURNAL_NAME
+        return ""
 
     def _go_on_in(self, path: Path) -> None:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
@@ -344,11 +427,7 @@ def _identity(descriptor: int) -> Tuple[int, int]:
     return found.st_dev, found.st_ino
 
 
-def _default_place() -> Path:
-    return make_folder("", f"removed-{time.strftime('%Y%m%dT%H%M%S')}")
-
-
-def create(folder: Path, header: str, elsewhere: Callable[[], Path] = _default_place) -> JournalFile:
+def create(folder: Path, header: str, elsewhere: Elsewhere) -> JournalFile:
     """Make a journal with its header in a folder that has none. It appears whole or not at all.
 
     Raises:
@@ -367,7 +446,7 @@ def create(folder: Path, header: str, elsewhere: Callable[[], Path] = _default_p
     return JournalFile(path, descriptor, 1, elsewhere)
 
 
-def reopen(path: Path) -> JournalFile:
+def reopen(path: Path, elsewhere: Elsewhere) -> JournalFile:
     """Open a journal to write on after its last whole line.
 
     Raises:
@@ -380,7 +459,7 @@ def reopen(path: Path) -> JournalFile:
         os.ftruncate(descriptor, codec.whole_lines(data))
     except OSError as error:
         raise StartError(f"cannot go on with {path}: {error.strerror}") from error
-    return JournalFile(path, descriptor, data.count(b"\n"), _default_place)
+    return JournalFile(path, descriptor, data.count(b"\n"), elsewhere)
 
 
 def _lock(descriptor: int, path: Path, limit_s: float = 3.0) -> None:
