@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
+from queue import SimpleQueue
 
 import pytest
 
@@ -18,8 +22,9 @@ from amaze_autonomy.engine.commands import (
 )
 from amaze_autonomy.engine.events import Mission, Outcome, Reply, Shutdown, Tick
 from amaze_autonomy.engine.state import DataResult, EngineState, Flight, Result, Session, State
-from amaze_autonomy.nodes.autonomy.ending import Ended, Ending, Farewell
-from amaze_autonomy.nodes.autonomy.node import data_outcome, exit_status, outcome
+from amaze_autonomy.nodes.autonomy import ending as endings
+from amaze_autonomy.nodes.autonomy.ending import ENGINE_ENDED, Ended, Ending, Farewell, first_reason, start_anew
+from amaze_autonomy.nodes.autonomy.node import EXIT_STATUS, data_outcome, exit_status, outcome
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
 SECOND = AutopilotLand(id=2, limit_ns=1)
@@ -56,6 +61,14 @@ def test_it_waits_until_both_routes_have_accepted():
     assert waits(farewell)
     farewell.see(reply(2), ())
     assert not waits(farewell, 5.0)
+    assert farewell.text() == "mission planner: accepted, autopilot: accepted"
+
+
+def test_who_waits_can_do_meanwhile_what_brings_the_replies():
+    """Where the thread that decides has ended, nobody else reads them."""
+    farewell, came = Farewell(), [(SHUTDOWN, (LAND, SECOND)), (reply(1), ()), (reply(2), ())]
+    farewell.wait(5.0, lambda: farewell.see(*came.pop(0)))
+    assert came == []
     assert farewell.text() == "mission planner: accepted, autopilot: accepted"
 
 
@@ -164,3 +177,66 @@ def test_the_exit_status_is_the_worst_that_happened(results, state, words, statu
 )
 def test_what_became_of_the_data_is_said_apart_and_has_a_status_of_its_own(results, state, words, data, status):
     assert (outcome(results, state), data_outcome(results), exit_status(results, state)) == (words, data, status)
+
+
+# --- the end of the thread that decides -------------------------------------------------------------------------------
+
+
+def test_a_reason_to_end_is_waited_for():
+    reasons = SimpleQueue()
+    threading.Timer(0.05, lambda: reasons.put("SIGINT")).start()
+    assert first_reason(reasons, lambda: True) == "SIGINT"
+
+
+def test_the_first_reason_counts_also_beside_a_thread_that_has_ended():
+    reasons = SimpleQueue()
+    for reason in ("SIGTERM", "SIGINT"):
+        reasons.put(reason)
+    assert first_reason(reasons, lambda: False) == "SIGTERM"
+
+
+def test_the_end_of_the_thread_that_decides_is_noticed_within_a_quarter_of_a_second():
+    alive = [True]
+    threading.Timer(0.05, alive.clear).start()
+    began_s = time.monotonic()
+    assert first_reason(SimpleQueue(), lambda: bool(alive)) == ENGINE_ENDED
+    assert time.monotonic() - began_s < 0.05 + 0.25 + 0.2
+
+
+ANEW = """\
+import fcntl, os, sys, threading
+sys.argv[1:2] == ["a word"] or sys.exit("its words are lost")
+print("born", os.getpid(), flush=True)
+lock = os.open("lock", os.O_RDWR | os.O_CREAT)
+fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+if "AGAIN" not in os.environ:
+    os.environ["AGAIN"] = "yes"
+    threading.Thread(target=threading.Event().wait).start()
+    from amaze_autonomy.nodes.autonomy.ending import start_anew
+    start_anew()
+print("ended", threading.active_count())
+"""
+
+
+def test_a_process_that_starts_anew_keeps_its_id_and_words_and_nothing_else(tmp_path):
+    (tmp_path / "program.py").write_text(ANEW, encoding="utf-8")
+    command = [sys.executable, "program.py", "a word", "ä b"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, cwd=tmp_path, **pipes) as process:
+        said = process.communicate(timeout=30.0)[0]
+    assert said == f"born {process.pid}\nborn {process.pid}\nended 1\n"
+    assert process.returncode == 0
+
+
+def test_a_process_that_cannot_start_anew_says_so_and_goes_on_to_its_end(monkeypatch, capsys):
+    def refuse(*_):
+        raise OSError(12, os.strerror(12))
+
+    monkeypatch.setattr(endings.os, "execv", refuse)
+    start_anew()
+    assert capsys.readouterr().err == "autonomy: it cannot start anew: Cannot allocate memory\n"
+
+
+def test_an_engine_that_has_failed_has_a_status_of_its_own():
+    assert EXIT_STATUS["ENGINE_FAILED"] == 9
+    assert sorted(EXIT_STATUS.values()) == sorted(set(EXIT_STATUS.values()))

@@ -1,27 +1,77 @@
 #!/usr/bin/env python3
-"""The autonomy node with rules of its transition table taken out: a test of such an engine must fail."""
+"""The autonomy node with something wrong that no input brings about: a test of such an engine must fail, or shows what
+becomes of it.
+
+    --without-rule=RULE         a row is taken out of the transition table
+    --thread-ends-at=FILE       the thread that decides ends once FILE is there; FILE is removed
+    --no-threads-at=FILE        no thread can be started while FILE is there
+"""
 
 from __future__ import annotations
 
 import sys
+import threading
+from pathlib import Path
+from typing import List
 
 from amaze_autonomy.engine import transitions
+from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread
 
 
-def cripple(rules: list[str]) -> None:
-    """Take rows out of the table that `decide` reads."""
-    known = {row.rule for row in transitions.TRANSITIONS}
-    unknown = set(rules) - known
-    if unknown:
-        raise SystemExit(f"no such rules: {', '.join(sorted(unknown))}")
+def without_rule(rule: str) -> None:
+    """Take a row out of the table that `decide` reads."""
+    if rule not in {row.rule for row in transitions.TRANSITIONS}:
+        raise SystemExit(f"no such rule: {rule}")
     for place, rows in transitions.ROWS_AT.items():
-        transitions.ROWS_AT[place] = tuple(row for row in rows if row.rule not in rules)
+        transitions.ROWS_AT[place] = tuple(row for row in rows if row.rule != rule)
+
+
+def thread_ends_at(file: str) -> None:
+    """Have the thread that decides end as nothing that is known ends it."""
+    turn = EngineThread._turn
+
+    def end_or_turn(engine: EngineThread, limit_s: float) -> None:
+        if Path(file).exists():
+            Path(file).unlink()
+            raise SystemExit
+        turn(engine, limit_s)
+
+    EngineThread._turn = end_or_turn  # type: ignore[method-assign]
+
+
+def no_threads_at(file: str) -> None:
+    """Have the system refuse new threads, as under a limit of processes."""
+    start = threading.Thread.start
+
+    def refuse_or_start(thread: threading.Thread) -> None:
+        if Path(file).exists():
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    threading.Thread.start = refuse_or_start  # type: ignore[method-assign]
+
+
+OPTIONS = {
+    "--without-rule": without_rule,
+    "--thread-ends-at": thread_ends_at,
+    "--no-threads-at": no_threads_at,
+}
+
+
+def cripple(words: List[str]) -> List[str]:
+    """Do what the words say; return those that are the node's."""
+    rest = []
+    for word in words:
+        option, _, value = word.partition("=")
+        if option in OPTIONS:
+            OPTIONS[option](value)
+        else:
+            rest.append(word)
+    return rest
 
 
 if __name__ == "__main__":
-    OPTION = "--without-rule="
-    cripple([word[len(OPTION) :] for word in sys.argv if word.startswith(OPTION)])
-    sys.argv = [word for word in sys.argv if not word.startswith(OPTION)]
+    sys.argv = cripple(sys.argv)
     from amaze_autonomy.nodes.autonomy.node import main
 
     raise SystemExit(main())

@@ -125,6 +125,61 @@ def killed_engine_goes_on_where_it_was(stack: Stack) -> None:
     assert stack.states[-1].session_id == stack.states[seen - 1].session_id
 
 
+@ends.add(mission="long", crippled=("--thread-ends-at=FOLDER/end",))
+def engine_whose_thread_ends_in_flight_lands_by_both_routes_and_goes_on_as_another(stack: Stack) -> None:
+    stack.wait_state("MISSION")
+    assert stack.engine is not None
+    ended_ns = time.monotonic_ns()
+    (stack.folder / "end").touch()
+    stack.wait(lambda: len(stack.events(EngineStarted)) == 2, "the engine to start anew")
+    delays = stack.routes_after(ended_ns)
+    assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
+    assert all(0.0 <= delay < allowed_s(0.5, ended_ns / 1e9) for delay in delays.values()), (
+        f"landing was sent after {delays}"
+    )
+    stack.wait_state("MISSION_ENDED")
+    assert [event.resumed for event in stack.events(EngineStarted)] == [False, True]
+    assert [event.signal for event in stack.events(Shutdown)] == ["a failure of the engine's thread"]
+    assert "autonomy: ended by a failure of the engine's thread IN FLIGHT in MISSION" in stack.log()
+    assert "autonomy: LAND was sent (mission planner: accepted, autopilot: accepted)" in stack.log()
+    assert stack.states[-1].result == "LANDED_EARLY"
+    assert set(stack.commands()) == {*BEFORE, "TAKEOFF", "LAND", "autopilot/land", "data_recorder/stop"}
+    stack.signal_engine(signal.SIGINT)
+    assert stack.wait_end(10.0) == 3
+
+
+@ends.add(mission="long", crippled=("--thread-ends-at=FOLDER/end",), overrides=("autonomy.require_go=true",))
+def engine_whose_thread_ends_on_the_ground_goes_on_as_another_where_it_was(stack: Stack) -> None:
+    stack.wait_state("READY")
+    session = stack.states[-1].session_id
+    (stack.folder / "end").touch()
+    stack.wait(lambda: len(stack.events(EngineStarted)) == 2, "the engine to start anew")
+    stack.wait_state("READY")
+    assert stack.events(Shutdown) == []
+    assert stack.states[-1].session_id == session
+    assert stack.commands() == []
+    assert "autonomy: ended by a failure of the engine's thread in READY" in stack.log()
+
+
+@ends.add(
+    mission="long",
+    crippled=("--no-threads-at=FOLDER/full",),
+    overrides=("autonomy.commands.command_reply_limit_s=5.0",),
+    faults="description: imu fails, and for four seconds nobody answers\nfaults:\n"
+    "  - {service: mission_planner/command, fault: hangs, after: {event: mission, delay_s: 0.5}}\n"
+    "  - {service: autopilot/land, fault: hangs, after: {event: mission, delay_s: 0.5}, for_s: 5.5}\n"
+    "  - {component: imu, fault: unhealthy, after: {event: mission, delay_s: 2.0}}\n",
+)
+def engine_that_gets_no_new_thread_in_flight_lands_and_ends_the_mission(stack: Stack) -> None:
+    """Some fifteen landings wait for an answer at the same time."""
+    stack.wait_state("MISSION")
+    (stack.folder / "full").touch()
+    stack.wait_received("autopilot/land")
+    stack.wait_received("data_recorder/stop")
+    stack.wait_state("MISSION_ENDED")
+    assert stack.states[-1].result == "LANDED_EARLY"
+
+
 @ends.add("started_armed", mission="long")
 def engine_whose_journal_is_damaged_lands_what_flies(stack: Stack) -> None:
     stack.wait_state("MISSION")

@@ -95,6 +95,7 @@ class Stack:
         parameters: private ones of the autonomy node.
         processes: which peers each simulation process plays; empty text: all.
         rules: rules of the transition table that are taken out of the engine.
+        crippled: options of `crippled_autonomy.py` besides, "FOLDER" being the folder of the test.
         patience_s: how long anything is waited for.
     """
 
@@ -108,6 +109,7 @@ class Stack:
         parameters: Optional[Dict[str, Any]] = None,
         processes: Sequence[str] = ("",),
         rules: Sequence[str] = (),
+        crippled: Sequence[str] = (),
         patience_s: float = LIMIT_S,
     ) -> None:
         self.name, self.patience_s = name, patience_s
@@ -117,7 +119,9 @@ class Stack:
         self._faults.write_text(faults or "description: nothing goes wrong\n")
         self.parameters: Dict[str, Any] = {"mission": mission, **(parameters or {})}
         self._overrides = [*QUICK, *overrides]
-        self._processes, self._rules = processes, rules
+        self._processes = processes
+        self._crippled = [f"--without-rule={rule}" for rule in rules]
+        self._crippled += [option.replace("FOLDER", str(self.folder)) for option in crippled]
         self.engine: Optional[subprocess.Popen[bytes]] = None
         self._again_s = 0.0
         self.launched = False
@@ -136,9 +140,9 @@ class Stack:
 
     def start_engine(self) -> None:
         self._set("autonomy", self.parameters)
-        arguments = ["__name:=autonomy", *(f"--without-rule={rule}" for rule in self._rules)]
+        arguments = ["__name:=autonomy", *self._crippled]
         arguments += [*self._configured(), "--output", str(self.output)]
-        kind = ["amaze_autonomy", "autonomy"] if not self._rules else [str(HERE / "crippled_autonomy.py")]
+        kind = ["amaze_autonomy", "autonomy"] if not self._crippled else [str(HERE / "crippled_autonomy.py")]
         self.engine = self._spawn("autonomy", kind, arguments)
 
     def start_peers(self, number: int) -> None:

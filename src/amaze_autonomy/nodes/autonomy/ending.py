@@ -1,18 +1,60 @@
-"""When the node ends, and what has to be true before it may."""
+"""When the node ends, and what has to be true before it may; and what becomes of it when its thread that decides ends.
+
+Nothing is known that ends that thread. Should it end all the same, a node that publishes on would look as if all were
+well. So the main thread watches it: it lands what flies, in the place of that thread, and has the process start anew.
+The new one finds the journal that has no end, and goes on with the flight, as after a kill. That is not roslaunch's
+affair: for it the engine is required, since neither a wrong configuration nor a mission that was flown may begin again
+and again; and a limit of processes that has ended a thread would keep it from starting one.
+"""
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Callable, Dict, List, NamedTuple, Tuple
 
 from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction, MissionCommand
 from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 
-__all__ = ["Ended", "Ending", "Farewell"]
+__all__ = ["ENGINE_ENDED", "Ended", "Ending", "Farewell", "first_reason", "start_anew"]
+
+#: The reason to end that nobody gives.
+ENGINE_ENDED = "a failure of the engine's thread"
 
 _ROUTES = ("mission planner", "autopilot")
+_LOOK_S = 0.2  # between two looks at the thread that decides
+_SLICE_S = 0.05
+
+
+def first_reason(reasons: SimpleQueue[str], alive: Callable[[], bool]) -> str:
+    """Wait for a reason to end.
+
+    Args:
+        reasons: that are given.
+        alive: tells whether the thread that decides still does.
+    """
+    while True:
+        with suppress(Empty):
+            return reasons.get(timeout=_LOOK_S)
+        if not alive():
+            return ENGINE_ENDED
+
+
+def start_anew() -> None:
+    """Become a new process of the same id, name and words; nothing else is left of this one. Returns when it cannot."""
+    words = Path("/proc/self/cmdline").read_bytes().split(b"\0")[:-1]
+    with suppress(OSError):
+        sys.stdout.flush()
+    try:
+        os.execv(sys.executable, words)  # noqa: S606 - as it was started
+    except OSError as error:
+        print(f"autonomy: it cannot start anew: {error.strerror}", file=sys.stderr, flush=True)
 
 
 class Ended(NamedTuple):
@@ -80,15 +122,21 @@ class Farewell:
         if self._sent[route] != Outcome.ACCEPTED.value:
             self._sent[route] = reply.outcome.value
 
-    def wait(self, limit_s: float) -> None:
-        """Wait until the shutdown was decided on, and where it led to a landing, until both routes have accepted it."""
+    def wait(self, limit_s: float, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Wait until the shutdown was decided on, and where it led to a landing, until both routes have accepted it.
+
+        Args:
+            limit_s: for so long.
+            meanwhile: called again and again while it waits.
+        """
         deadline_s = time.monotonic() + limit_s
-        with self._lock:
-            while not self._over():
+        while True:
+            meanwhile()
+            with self._lock:
                 left_s = deadline_s - time.monotonic()
-                if left_s <= 0.0:
+                if self._over() or left_s <= 0.0:
                     return
-                self._lock.wait(left_s)
+                self._lock.wait(min(left_s, _SLICE_S))
 
     def _over(self) -> bool:
         if not self._seen:

@@ -16,6 +16,7 @@ Parameters: `node_main.py`. Exit status: the results at the end.
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -51,7 +52,7 @@ from ...journal import journal as codec
 from ...journal.report import MessageLog
 from ...ros import node_main
 from ...ros.arguments import answer_words
-from ...ros.errors import NodeError, StartError
+from ...ros.errors import NodeError, StartError, report
 from ...ros.interface import SERVICE_CLASSES, message_class
 from ...ros.node_main import Parameters, read_parameters
 from ...ros.reconnector import Reconnector
@@ -59,7 +60,7 @@ from ...ros.rospy_flaws import mend_rospy
 from ...ros.service_client import ServiceClient
 from ...ros.topic_reader import ALL, Tally, subscribe
 from . import run_folder
-from .ending import Ended, Ending, Farewell
+from .ending import ENGINE_ENDED, Ended, Ending, Farewell, first_reason, start_anew
 from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
@@ -68,7 +69,9 @@ from .users import Unattended, UserDesk, choose
 
 __all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "data_outcome", "exit_status", "main", "outcome"]
 
+_log = logging.getLogger(__name__)
 _FAREWELL_LIMIT_S = 5.0
+_LAST_LANDING_LIMIT_S = 1.0  # the process that follows asks again
 _MASTER_LIMIT_S = 1.0
 _LOOK_AGAIN_S = 0.2
 _LONGEST_STATUS = 1 << 22  # bytes
@@ -282,10 +285,11 @@ class AutonomyNode:
 
     def run(self) -> int:
         """Work until there is a reason to end; return the exit status."""
-        reason = self._reasons.get()
+        reason = first_reason(self._reasons, lambda: self._engine.alive)
+        if reason == ENGINE_ENDED:
+            return self._hand_over()
         if reason != "mission ended":
-            self.put(Shutdown(t_ns=self._clock.now_ns(), signal=reason))
-            self._farewell.wait(_FAREWELL_LIMIT_S)
+            self._say_farewell(reason, _FAREWELL_LIMIT_S)
         self._reconnector.stop()
         self._engine.stop()
         state = self._engine.state
@@ -295,6 +299,32 @@ class AutonomyNode:
         time.sleep(_LAST_WORDS_S)
         self._requests.close()
         return status
+
+    def _say_farewell(self, reason: str, limit_s: float) -> None:
+        """Have the engine decide about the end, in flight by a landing; on this thread where its own has ended."""
+        self.put(Shutdown(t_ns=self._clock.now_ns(), signal=reason))
+        self._farewell.wait(limit_s, self._engine.stand_in)
+
+    def _hand_over(self) -> int:
+        """Land what flies, for the thread that decides has ended, and start anew; return when that cannot be.
+
+        There is no result yet, so that the journal is gone on with.
+        """
+        state = self._engine.state
+        for part in (self._land_without_its_thread, self._engine.stop, self._outbox.stop):
+            try:
+                part()
+            except Exception:
+                report(_log, "%s failed", part.__name__)
+        lines = [*self._cause(ENGINE_ENDED, state), f"autonomy: it starts anew and goes on with {self._journal.path}"]
+        print("\n".join(lines), flush=True)
+        if self._reasons.empty():  # else somebody has told it to end meanwhile
+            start_anew()
+        return EXIT_STATUS["ENGINE_FAILED"]
+
+    def _land_without_its_thread(self) -> None:
+        if self._engine.state.flight.active:
+            self._say_farewell(ENGINE_ENDED, _LAST_LANDING_LIMIT_S)
 
     def _write_result(self, state: EngineState) -> int:
         status = exit_status(self._ending.results, state)
@@ -321,13 +351,15 @@ class AutonomyNode:
     def _folder(self) -> Path:
         return self._journal.path.parent
 
+    def _cause(self, reason: str, state: EngineState) -> List[str]:
+        flight = " IN FLIGHT" if state.flight.active else ""
+        lines = [f"autonomy: ended by {reason}{flight} in {state.state.value}"]
+        if self._farewell.text():
+            lines.append(f"autonomy: LAND was sent ({self._farewell.text()})")
+        return lines
+
     def _print_end(self, reason: str, state: EngineState) -> None:
-        lines: List[str] = []
-        if reason != "mission ended":
-            flight = " IN FLIGHT" if state.flight.active else ""
-            lines.append(f"autonomy: ended by {reason}{flight} in {state.state.value}")
-            if self._farewell.text():
-                lines.append(f"autonomy: LAND was sent ({self._farewell.text()})")
+        lines = self._cause(reason, state) if reason != "mission ended" else []
         lines.append(f"autonomy: result   {outcome(self._ending.results, state)}")
         lines.append(f"autonomy: bag      {state.recording.location or 'none'}")
         data = data_outcome(self._ending.results).value
@@ -437,6 +469,7 @@ EXIT_STATUS: Mapping[str, int] = {
     "DATA_INCOMPLETE": 6,  # flown or not, something of a flight was not recorded, or the data was given up
     "INTERRUPTED": 7,  # the node was ended while a mission was under way, on the ground
     "INTERRUPTED_IN_FLIGHT": 8,  # ... and in flight: LAND was sent
+    "ENGINE_FAILED": 9,  # its thread that decides has ended, in flight LAND was sent; and it could not start anew
 }
 
 _NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
