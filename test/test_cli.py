@@ -54,6 +54,31 @@ def test_a_topic_that_is_watched_and_not_recorded_is_said_with_the_line_to_add(c
     assert len(capsys.readouterr().out.splitlines()) == 1
 
 
+def test_a_recorded_topic_that_nothing_names_is_said_in_one_line(capsys, folder):
+    recording = (folder / "recording.yaml").read_text()
+    known = ("/rosout", "/autonomy/journal", "/uav1/mission_planner/status", "/mavros/altitude", "/autonomy/response")
+    rows = "\n      ".join(f"- {topic}" for topic in known)
+    (folder / "recording.yaml").write_text(recording.replace("- /rosout", rows))
+    assert main(["check-config", str(folder)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1
+    (folder / "recording.yaml").write_text(recording.replace("- /rosout", "- /rosout\n      - /rosin"))
+    assert main(["check-config", str(folder)]) == 0
+    assert capsys.readouterr().out.splitlines()[1:] == [
+        "  warning: groups.states of recording.yaml records /rosin, which no sensor, no node of ours and no map names: "
+        "is each spelled as its node has it?"
+    ]
+    (folder / "map.yaml").write_text("about: mine\nreadings: {armed: {topic: /rosin}}\n")
+    assert main(["check-config", str(folder)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1
+
+
+def test_mavros_in_a_namespace_has_its_topics_there(capsys):
+    words = ("--json", "--set", "autopilot.mavros=/uav1/mavros")
+    assert main(["check-config", str(paths.config_folder() / "mavros"), *words]) == 0
+    (line,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert line.startswith("autopilot.yaml says that mavros is at /uav1/mavros, and sensors.yaml and recording.yaml ")
+
+
 def test_a_mistake_is_one_line_and_status_1(capsys, folder):
     (folder / "autonomy.yaml").write_text("checks:\n  ready_limit_min: 1\n")
     assert main(["check-config", str(folder)]) == 1

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 from . import paths
 from .bags.cli import add_memory
@@ -75,6 +76,7 @@ exit status:
   2  wrong use of the command
   3  there is no ROS master to ask, or no ROS here
 """
+_OURS = ("~journal", "~state", "~messages", "~state_name", "/diagnostics", "/rosout", "/tf", "/tf_static", "/clock")
 _FOLDER = "folder of the configuration (default: the one that ships with the package)"
 
 
@@ -185,19 +187,50 @@ def _check_config(options: argparse.Namespace) -> int:
     configuration = _load(options)
     if configuration is None:
         return WRONG
-    from .config.consistency import contradictions, unrecorded_topics  # noqa: PLC0415 (--help stays quick)
-
-    effective = configuration.effective
-    warnings = [*contradictions(effective), *unrecorded_topics(effective["sensors"], effective["recording"])]
+    warnings = _warnings(configuration)
     if options.json:
         found = {"folder": str(configuration.folder), "hash": configuration.hash, "effective": configuration.effective}
         _print_json({"valid": True, "warnings": warnings, **found})
         return OK
     counts = f"{len(configuration.components)} components, {len(configuration.plans)} missions"
     print(f"{configuration.folder}: good: {counts}, hash {configuration.hash[:12]}")
+    _print_warnings(warnings)
+    return OK
+
+
+def _warnings(configuration: Any) -> List[str]:
+    """Return what files may say and do not mean together, and topics that nobody would miss."""
+    from .config.consistency import contradictions, unnamed_topics, unrecorded_topics  # noqa: PLC0415
+
+    effective = configuration.effective
+    return [
+        *contradictions(effective),
+        *unrecorded_topics(effective["sensors"], effective["recording"]),
+        *unnamed_topics(effective, _named(configuration)),
+    ]
+
+
+def _named(configuration: Any) -> Set[str]:
+    """Return the topics that nodes of ours, a CNS Flight Stack, mavros or maps name."""
+    from .autopilot.mavros.messages import RECEIVED, SOURCES  # noqa: PLC0415 (--help stays quick)
+    from .cns.tables import TOPICS  # noqa: PLC0415
+    from .config import ConfigError  # noqa: PLC0415
+    from .interface import STATUSES  # noqa: PLC0415
+    from .replay.maps.topic_map import load_map, map_names  # noqa: PLC0415
+
+    maps = [load_map(name) for name in map_names()]
+    with suppress(ConfigError):
+        maps.append(load_map(str(configuration.folder / "map.yaml")))
+    topics = {topic for each in maps for topic in each.topics}
+    topics.update(f"/{source.topic}" if source is RECEIVED else f"/mavros/{source.topic}" for source in SOURCES)
+    at = configuration.autopilot.mavros
+    below = {topic.replace("/mavros", at, 1) for topic in topics if topic.startswith("/mavros/")}
+    return {*_OURS, *below, *topics, *(each.topic for each in STATUSES), *(each.name for each in TOPICS.values())}
+
+
+def _print_warnings(warnings: Iterable[str]) -> None:
     for line in warnings:
         print(f"  warning: {line}")
-    return OK
 
 
 def _missions(options: argparse.Namespace) -> int:
@@ -248,6 +281,7 @@ def _import_cns(options: argparse.Namespace) -> int:
         return say_wrong("import-cns", f"written, and to be corrected: {error}", WRONG)
     counts = f"{len(configuration.components)} components, {len(configuration.plans)} missions"
     print(f"\n{options.output}: good: {counts}; read what was assumed: {options.output / 'import.txt'}")
+    _print_warnings(_warnings(configuration))
     return OK
 
 
@@ -282,6 +316,7 @@ def _propose_config(options: argparse.Namespace) -> int:
     except ConfigError as error:
         return say_wrong("propose-config", f"written, and to be corrected: {error}", WRONG)
     print(f"\n{options.output}: good: {len(configuration.components)} components; look at {options.output}/propose.txt")
+    _print_warnings(_warnings(configuration))
     return OK
 
 

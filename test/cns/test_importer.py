@@ -411,6 +411,16 @@ def test_the_command_reports_checks_and_keeps_its_report(folder, tmp_path, capsy
     assert main(["check-config", str(output)]) == 0
 
 
+def test_the_command_says_what_check_config_warns_of(folder, tmp_path, capsys):
+    output = tmp_path / "config"
+    write_folder(folder, topics="/lidar/range: {entity_id: lidar, rate: 20, margin: 0.3}\n")
+    assert main(["import-cns", str(folder), "--output", str(output)]) == 0
+    warnings = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  warning: ")]
+    assert main(["check-config", str(output)]) == 0
+    assert warnings == capsys.readouterr().out.splitlines()[1:]
+    assert warnings[0].startswith("  warning: landing_detection.topic is /lrf/range, and no component has that topic")
+
+
 def test_what_was_written_and_cannot_be_flown_is_named_with_status_1(folder, tmp_path, capsys):
     write_folder(folder, ahead="x,y,z,yaw,holdtime\n0,0,2,0,0\n400,0,2,0,2\n")
     assert main(["import-cns", str(folder), "--output", str(tmp_path / "config")]) == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.config.consistency import contradictions, unrecorded_topics
+from amaze_autonomy.config.consistency import contradictions, unnamed_topics, unrecorded_topics
 
 
 def test_a_restart_must_end_before_the_fix_is_given_up(mistake, small_file):
@@ -245,3 +245,78 @@ def test_what_files_do_not_mean_together_is_said(small, limit, group, overrides,
     recording = (small / "recording.yaml").read_text().replace("[/camera/image]", group)
     (small / "recording.yaml").write_text(recording)
     assert contradictions(load_configuration(small, overrides).effective) == expected
+
+
+MAVROS = """\
+  imu:
+    group: px4
+    severity: highest
+    topics:
+      /mavros/imu/data_raw: {rate_hz: 50.0}
+"""
+
+
+@pytest.mark.parametrize(
+    "overrides, expected",
+    [
+        ((), []),
+        (("autopilot.backend=mavros",), []),
+        (("autopilot.mavros=/uav1/mavros",), []),  # it is not used
+        (
+            ("autopilot.backend=mavros", "autopilot.mavros=/uav1/mavros"),
+            [
+                "autopilot.yaml says that mavros is at /uav1/mavros, and sensors.yaml and recording.yaml have "
+                "/mavros/imu/data_raw, /mavros/state: is it that of another vehicle, or is one of the two names wrong?"
+            ],
+        ),
+        (
+            (
+                "autopilot.backend=mavros",
+                "autopilot.mavros=/uav1/mavros",
+                "sensors.landing_detection.topic=/camera/image",
+                "sensors.state_estimation.topic=/uav1/mavros/local_position/odom",
+                "sensors.state_estimation.imu_topic=/uav2/mavros/imu/data",
+            ),
+            [
+                "autopilot.yaml says that mavros is at /uav1/mavros, and sensors.yaml and recording.yaml have "
+                "/mavros/imu/data_raw, /mavros/state, /uav2/mavros/imu/data: is it that of another vehicle, or is one "
+                "of the two names wrong?"
+            ],
+        ),
+    ],
+)
+def test_mavros_at_another_name_than_its_topics_is_said(small, overrides, expected):
+    (small / "sensors.yaml").write_text((small / "sensors.yaml").read_text() + MAVROS)
+    recording = (small / "recording.yaml").read_text().replace("[/camera/image]", "[/camera/image, /mavros/state]")
+    (small / "recording.yaml").write_text(recording)
+    found = contradictions(load_configuration(small, overrides).effective)
+    assert [line for line in found if "mavros" in line] == expected
+
+
+@pytest.mark.parametrize(
+    "group, expected",
+    [
+        ("[/camera/image, /lrf/range, /odometry, /px4/imu]", []),
+        ("[/camera/image, watchdog/action, /uav1/watchdog/action, ~journal, /tf]", []),
+        ("[/camera/image, /odometri]", []),  # that is said already, with what was meant
+        (
+            "[/camera/image, wachdog/action, /somebody/elses]",
+            [
+                "groups.all of recording.yaml records wachdog/action, /somebody/elses, which no sensor, no node of "
+                "ours and no map names: is each spelled as its node has it?"
+            ],
+        ),
+        (
+            "[/t1, /t2, /t3, /t4, /t5, /t6, /t7, /t8, /t9]",
+            [
+                "groups.all of recording.yaml records /t1, /t2, /t3, /t4, /t5, /t6, /t7 and 2 more, which no sensor, "
+                "no node of ours and no map names: is each spelled as its node has it?"
+            ],
+        ),
+    ],
+)
+def test_what_is_recorded_and_nothing_names_is_said(small, group, expected):
+    recording = (small / "recording.yaml").read_text().replace("[/camera/image]", group)
+    (small / "recording.yaml").write_text(recording)
+    named = ("watchdog/action", "~journal", "/tf")
+    assert unnamed_topics(load_configuration(small).effective, named) == expected

@@ -23,6 +23,7 @@ __all__ = [
     "check_planner",
     "check_recording",
     "contradictions",
+    "unnamed_topics",
     "unrecorded_topics",
     "waits",
 ]
@@ -162,6 +163,8 @@ def unrecorded_topics(sensors: Mapping[str, Any], recording: Mapping[str, Any]) 
 _STATE_TOPICS = ("topic", "imu_topic")
 _MOST_PERIODS = 100
 _ALIKE = 0.85
+_MAVROS = re.compile(r"(.*/mavros)/.+")
+_SHOWN = 7
 
 
 def contradictions(effective: Mapping[str, Any]) -> List[str]:
@@ -178,7 +181,8 @@ def contradictions(effective: Mapping[str, Any]) -> List[str]:
     return [
         *_never_silent(topics),
         *_blind_landing(sensors, topics),
-        *_misspelled(sensors, recording, topics),
+        *_misspelled(sensors, recording),
+        *_mavros_elsewhere(effective["autopilot"], sensors, recording),
         *_loaded_too_soon(effective["autonomy"]),
     ]
 
@@ -202,16 +206,62 @@ def _blind_landing(sensors: Mapping[str, Any], topics: Mapping[str, Any]) -> Ite
         )
 
 
-def _misspelled(sensors: Mapping[str, Any], recording: Mapping[str, Any], topics: Iterable[str]) -> Iterator[str]:
-    checked = {sensors["landing_detection"]["topic"], *(sensors["state_estimation"][key] for key in _STATE_TOPICS)}
-    known = {*topics, *checked} - {""}
-    groups = recording["groups"]
-    lost = [topic for topic in sorted(known) if not any(_records(group, topic) for group in groups.values())]
-    for name, group in groups.items():
-        for topic in group["topics"]:
-            close = [] if topic in known else difflib.get_close_matches(topic, lost, n=1, cutoff=_ALIKE)
-            if close:
-                yield f"groups.{name} of recording.yaml records {topic}, which nobody has: did you mean {close[0]}?"
+def unnamed_topics(effective: Mapping[str, Any], named: Iterable[str]) -> List[str]:
+    """Return a line for each group that records what nothing names: nobody would miss it.
+
+    Args:
+        effective: the configuration.
+        named: what nodes of ours and maps name, as they do; it may be in a namespace.
+    """
+    sensors, recording = effective["sensors"], effective["recording"]
+    meant, names = _meant_by(sensors, recording), [*_known(sensors), *named]
+    ends = tuple(f"/{name.replace('~', 'autonomy/').lstrip('/')}" for name in names if not name.startswith("/"))
+    lines = []
+    for group, values in recording["groups"].items():
+        left = [each for each in values["topics"] if each not in (*names, *meant) and not each.endswith(ends or "\n")]
+        if left:
+            more = f" and {len(left) - _SHOWN} more" if len(left) > _SHOWN else ""
+            lines.append(
+                f"groups.{group} of recording.yaml records {', '.join(left[:_SHOWN])}{more}, which no sensor, no node "
+                "of ours and no map names: is each spelled as its node has it?"
+            )
+    return lines
+
+
+def _known(sensors: Mapping[str, Any]) -> List[str]:
+    """Return the topics that sensors.yaml names."""
+    checked = (sensors["landing_detection"]["topic"], *(sensors["state_estimation"][key] for key in _STATE_TOPICS))
+    watched = (topic for component in sensors["components"].values() for topic in component["topics"])
+    return sorted({*watched, *checked} - {""})
+
+
+def _meant_by(sensors: Mapping[str, Any], recording: Mapping[str, Any]) -> Dict[str, str]:
+    """Return the recorded topics that nothing of sensors.yaml is, with that which each resembles and nobody records."""
+    groups, known = recording["groups"].values(), _known(sensors)
+    lost = [topic for topic in known if not any(_records(group, topic) for group in groups)]
+    recorded = [topic for group in groups for topic in group["topics"] if topic not in known]
+    close = {topic: difflib.get_close_matches(topic, lost, n=1, cutoff=_ALIKE) for topic in recorded}
+    return {topic: found[0] for topic, found in close.items() if found}
+
+
+def _misspelled(sensors: Mapping[str, Any], recording: Mapping[str, Any]) -> Iterator[str]:
+    meant = _meant_by(sensors, recording)
+    for name, group in recording["groups"].items():
+        for topic in (topic for topic in group["topics"] if topic in meant):
+            yield f"groups.{name} of recording.yaml records {topic}, which nobody has: did you mean {meant[topic]}?"
+
+
+def _mavros_elsewhere(
+    autopilot: Mapping[str, Any], sensors: Mapping[str, Any], recording: Mapping[str, Any]
+) -> Iterator[str]:
+    recorded = (topic for group in recording["groups"].values() for topic in group["topics"])
+    found = ((topic, _MAVROS.fullmatch(topic)) for topic in sorted({*_known(sensors), *recorded}))
+    others = [topic for topic, match in found if match is not None and match[1] != autopilot["mavros"]]
+    if autopilot["backend"] == "mavros" and others:
+        yield (
+            f"autopilot.yaml says that mavros is at {autopilot['mavros']}, and sensors.yaml and recording.yaml have "
+            f"{', '.join(others)}: is it that of another vehicle, or is one of the two names wrong?"
+        )
 
 
 def _loaded_too_soon(autonomy: Mapping[str, Any]) -> Iterator[str]:

@@ -54,6 +54,19 @@ def test_what_comes_over_mavros_is_of_the_autopilot_and_flown_through_it(capsys,
     assert "landing_detection: no range finder" in said
 
 
+def test_what_check_config_warns_of_is_said_at_once(capsys, tmp_path):
+    raw = [(t, "/imu", imu(t)) for t in range(START_NS, START_NS + 5 * S, S // 50)]
+    once = [(START_NS, "/somebody/elses", magnetic(START_NS))]
+    status, said, folder = proposed(capsys, tmp_path, write_bag(tmp_path / "x.bag", (*once, *raw)))
+    assert status == 0, said
+    warnings = [line for line in said.splitlines() if line.startswith("  warning: ")]
+    assert cli.main(["check-config", str(folder)]) == 0
+    assert warnings == capsys.readouterr().out.splitlines()[1:]
+    assert any(
+        "records /somebody/elses, which no sensor, no node of ours and no map names" in line for line in warnings
+    )
+
+
 def _pose(t_ns):
     position = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
     orientation = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)

@@ -16,7 +16,18 @@ from amaze_autonomy.monitoring.gravity import up_of_quaternion
 from ..link.dialect import Message, mavlink
 from ..vehicle.modes import autopilot_of, mavros_number
 
-__all__ = ["EKF", "RECEIVED", "STATE", "VEHICLE", "WAYPOINTS", "Behind", "Converter", "Source", "sources_of"]
+__all__ = [
+    "EKF",
+    "RECEIVED",
+    "SOURCES",
+    "STATE",
+    "VEHICLE",
+    "WAYPOINTS",
+    "Behind",
+    "Converter",
+    "Source",
+    "sources_of",
+]
 
 VEHICLE = (1, 1)
 EKF = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
@@ -251,7 +262,7 @@ RECEIVED = Source("mavlink/from", "mavros_msgs/Mavlink", "EKF_STATUS_REPORT", _e
 """Beside mavros' namespace, not below it; of ArduPilot alone, since each message that mavros receives costs time."""
 WAYPOINTS = Source("mission/waypoints", "mavros_msgs/WaypointList", "MISSION_CURRENT", _apart)
 """What `MavrosMission` reads."""
-_SOURCES: Tuple[Source, ...] = (
+SOURCES: Tuple[Source, ...] = (
     STATE,
     RECEIVED,
     Source("extended_state", "mavros_msgs/ExtendedState", "EXTENDED_SYS_STATE", _extended_state),
@@ -275,7 +286,7 @@ _SOURCES: Tuple[Source, ...] = (
 def sources_of(wanted: Iterable[str]) -> Tuple[Source, ...]:
     """Return the topics of which the wanted messages are made."""
     names = frozenset(wanted)
-    return tuple(source for source in _SOURCES if source.makes in names)
+    return tuple(source for source in SOURCES if source.makes in names)
 
 
 class Converter:
