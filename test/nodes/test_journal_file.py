@@ -169,7 +169,7 @@ def test_a_journal_that_is_removed_goes_on_elsewhere_and_is_whole(tmp_path, happ
     assert (tmp_path / "full" / "journal.jsonl").read_text() == "of another run"
     assert not journal.follow(), "once"
     assert journal.remark == (
-        f"The journal was removed: {tmp_path}/run/journal.jsonl. It goes on, whole, at {tmp_path}/other/journal.jsonl."
+        f"The journal was removed: {tmp_path}/run/journal.jsonl. It goes on at {tmp_path}/other/journal.jsonl, whole."
     )
     with pytest.raises(StartError, match="written by another node"):
         run_folder._lock(os.open(journal.path, os.O_RDWR), journal.path, 0.1)

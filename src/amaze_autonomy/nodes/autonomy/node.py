@@ -117,7 +117,7 @@ class AutonomyNode:
         self._reconnector = Reconnector()
         least_free = configuration.recording.storage.min_free_fraction
         self._state_publisher = StatePublisher(
-            configuration.rules, clock, self._foreign, self._run_label(), messages, least_free
+            configuration.rules, clock, self._remarks, self._run_label(), messages, least_free
         )
         self._outbox = Outbox(
             self._journal,
@@ -232,6 +232,10 @@ class AutonomyNode:
         """Return a line for each publisher of another type on a topic of ours."""
         return tuple(map(str, self._reconnector.foreign))
 
+    def _remarks(self) -> Tuple[str, ...]:
+        """Return what the node itself has to say to the operator: not what the engine decided."""
+        return (*self._foreign(), *self._journal.remarks)
+
     def _reject(self, topic: str, error: Any) -> None:
         """Count an invalid message; warn once per topic and field."""
         self._rejected[topic] = self._rejected.get(topic, 0) + 1
@@ -273,7 +277,7 @@ class AutonomyNode:
                 self.put(UserRequest(t_ns=state.t_ns, command=command))
 
     def _housekeeping(self) -> None:
-        self._timeline.note_once(self._clock.now_ns(), self._foreign())
+        self._timeline.note_once(self._clock.now_ns(), self._remarks())
         self._diagnostics.publish()
         self._requests.keep_connected()
 

@@ -118,14 +118,13 @@ class Outbox:
             _log.exception("the outbox failed")
 
     def _periodic(self) -> None:
-        before = self._journal.path
+        self._publish_state(self.state)  # before anything that a disk may hold up
         if self._journal.follow():
-            rospy.logerr("The journal was removed: %s. It goes on, whole, at %s.", before, self._journal.path)
+            rospy.logerr("%s", self._journal.remark)
             self._moved()
         self._journal.flush()
         self._journal.sync()
         self._say_problem()
-        self._publish_state(self.state)
         self._housekeeping()
 
     def _take(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
@@ -158,7 +157,7 @@ class Outbox:
             return
         self._said = problem
         if problem:
-            rospy.logerr("The journal cannot be written: %s. The engine goes on; make room on the disk.", problem)
+            rospy.logerr("%s", self._journal.remarks[0])
         else:
             rospy.logwarn("The journal is written again%s.", ", with a gap" if self._journal.gap else ", without a gap")
 
@@ -173,7 +172,7 @@ class StatePublisher:
     Args:
         rules: that the engine decides by.
         clock: for the time that is left.
-        foreign: returns a line for each publisher of another type on a topic of ours; they follow the advice.
+        remarks: returns what the node itself has to say; it follows the advice.
         run: names the run of the engine whose messages are numbered.
         log: its messages so far.
         least_free: fraction of a storage below which no recording starts.
@@ -183,12 +182,12 @@ class StatePublisher:
         self,
         rules: Rules,
         clock: Clock,
-        foreign: Callable[[], Tuple[str, ...]],
+        remarks: Callable[[], Tuple[str, ...]],
         run: str,
         log: MessageLog,
         least_free: float,
     ) -> None:
-        self._rules, self._clock, self._foreign, self._least_free = rules, clock, foreign, least_free
+        self._rules, self._clock, self._remarks, self._least_free = rules, clock, remarks, least_free
         self._recorder: Optional[RecordingStatus] = None
         self._run, self._log = run, log
         self._messages = rospy.Publisher("~messages", msg.OperatorMessages, latch=True, queue_size=10)
@@ -208,7 +207,7 @@ class StatePublisher:
         silent = said is None or now_ns - said.t_ns > self._rules.limits.recorder_status_limit_ns
         rows = () if said is None or silent else computer_rows(said, self._least_free, self._rules.limits)
         message = state_message(report(state, self._rules, rows), now_ns, self._clock.ros_ns())
-        message.advice = " ".join(each for each in (message.advice, *self._foreign()) if each)
+        message.advice = " ".join(each for each in (message.advice, *self._remarks()) if each)
         self._publisher.publish(message)
         if message.state != self._named:
             self._named = message.state
@@ -425,7 +424,8 @@ class Diagnostics:
 
     def _disk(self, status: Any) -> Any:
         journal = self._journal
-        status.summary(_ERROR if journal.problem else _OK, journal.problem or str(journal.path))
+        level = _ERROR if journal.problem else _WARN if journal.remark else _OK
+        status.summary(level, journal.problem or journal.remark or str(journal.path))
         status.add("lines", str(journal.lines))
         status.add("gap", str(journal.gap))
         return status

@@ -11,10 +11,13 @@ import fcntl
 import json
 import os
 import stat
+import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 
 import rospkg
@@ -262,7 +265,7 @@ def write_result(folder: Path, result: Dict[str, Any]) -> None:
 
 
 # --- journal file -----------------------------------------------------------------------------------------------------
-# The journal on disk: appended line by line, flushed at each decision, on the disk within a second.
+# The journal on disk: appended line by line, flushed at each decision, on the disk within a second where that can.
 #  A disk that is full or gone is not a reason to stop an engine in flight: what could not be written is kept, said,
 # and written as soon as it can be. The file then has no gap, unless so much was kept that it had to go.
 
@@ -278,6 +281,63 @@ _MODE = 0o640
 Elsewhere = Callable[[], Iterable[Path]]
 
 
+class DiskSync:
+    """Has a disk keep what was written, which may take it seconds: on a thread of its own, once at a time, none waits.
+
+    Attributes:
+        problem: why the last one failed; empty: it did not.
+    """
+
+    def __init__(self) -> None:
+        self.problem = ""
+        self._jobs: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
+        self._thread: Optional[threading.Thread] = None
+        self._busy = False
+
+    def begin(self, descriptor: int, folder: Optional[Path]) -> bool:
+        """Begin with a file, and with the folder that it is new in; return False where it could not, e.g. is at it."""
+        if self._busy:
+            return False
+        try:
+            if self._thread is None:
+                thread = threading.Thread(target=self._run, name="journal on disk", daemon=True)
+                thread.start()
+                self._thread = thread
+            own = os.dup(descriptor)
+        except (OSError, RuntimeError) as error:  # too many files, or threads
+            self.problem = str(error)
+            return False
+        self._busy = True
+        self._jobs.put(partial(_keep, own, folder))
+        return True
+
+    def end(self) -> None:
+        """Begin no more; one that is under way goes on."""
+        self._jobs.put(None)
+
+    def _run(self) -> None:
+        while True:
+            job = self._jobs.get()
+            if job is None:
+                return
+            try:
+                job()
+                self.problem = ""
+            except OSError as error:
+                self.problem = error.strerror or str(error)
+            self._busy = False
+
+
+def _keep(descriptor: int, folder: Optional[Path]) -> None:
+    """Have the disk keep a file, whose descriptor is closed, and the name of it in a folder."""
+    try:
+        os.fdatasync(descriptor)
+        if folder is not None:
+            sync_folder(folder)
+    finally:
+        os.close(descriptor)
+
+
 class JournalFile:
     """An open journal. Used by one thread.
 
@@ -288,14 +348,16 @@ class JournalFile:
         elsewhere: makes folders to go on in when this one is removed, one after the other.
 
     Attributes:
-        problem: why it cannot be written; empty: it can.
         remark: that it was removed and where it goes on; empty: it was not.
+        gap: lines are missing in it.
     """
 
     def __init__(self, path: Path, descriptor: int, lines: int, elsewhere: Elsewhere) -> None:
         self.path, self.lines = path, lines
-        self.problem = self.remark = ""
+        self.remark = self._problem = ""
         self._elsewhere = elsewhere
+        self._disk = DiskSync()
+        self._new_in: Optional[Path] = None
         self.gap = False
         self._descriptor = descriptor
         self._good = os.lseek(descriptor, 0, os.SEEK_END)
@@ -303,6 +365,18 @@ class JournalFile:
         self._kept_bytes = 0
         self._synced_s = self._retry_s = 0.0
         self._dirty = False
+
+    @property
+    def problem(self) -> str:
+        """Return why it cannot be written; empty: it can."""
+        kept = self._disk.problem
+        return self._problem or (f"{self.path}: {kept}" if kept else "")
+
+    @property
+    def remarks(self) -> Tuple[str, ...]:
+        """Return what people are to know of it."""
+        trouble = f"The journal cannot be written: {self.problem}. The engine goes on; make room on the disk."
+        return tuple(each for each in (trouble if self.problem else "", self.remark) if each)
 
     @property
     def written(self) -> int:
@@ -327,7 +401,7 @@ class JournalFile:
 
     def flush(self, *, force: bool = False) -> None:
         """Write what was taken; a failure is kept in `problem` and tried again later."""
-        if not self._kept or (self.problem and not force and time.monotonic() < self._retry_s):
+        if not self._kept or (self._problem and not force and time.monotonic() < self._retry_s):
             return
         data = b"".join(self._kept)
         try:
@@ -339,17 +413,17 @@ class JournalFile:
             return
         self._good += written
         self._kept, self._kept_bytes = [], 0
-        self._dirty, self.problem = True, ""
+        self._dirty, self._problem = True, ""
 
     def _failed(self, error: OSError) -> None:
         """Take back half-written lines, so that the file ends with a whole one."""
-        self.problem = f"{self.path}: {error.strerror or error}"
+        self._problem = f"{self.path}: {error.strerror or error}"
         self._retry_s = time.monotonic() + _RETRY_PERIOD_S
         try:
             os.ftruncate(self._descriptor, self._good)
             os.lseek(self._descriptor, self._good, os.SEEK_SET)
         except OSError as again:
-            self.problem = f"{self.path}: {again.strerror or again}"
+            self._problem = f"{self.path}: {again.strerror or again}"
 
     def follow(self) -> bool:
         """Go on elsewhere when the file was removed or moved; return whether it was. What was written goes along."""
@@ -360,11 +434,12 @@ class JournalFile:
             for folder in self._elsewhere():
                 why = self._tried(folder)
                 if not why:
-                    self.remark = f"The journal was removed: {before}. It goes on, whole, at {self.path}."
+                    there = "is there again" if self.path == before else f"goes on at {self.path}"
+                    self.remark = f"The journal was removed: {before}. It {there}, whole."
                     return True
         except (OSError, StartError) as error:
             why = str(error)
-        self.problem = f"{before} was removed, and there is no other place ({why})"
+        self._problem = f"{before} was removed, and there is no other place ({why})"
         return False
 
     def _gone(self) -> bool:
@@ -394,7 +469,6 @@ class JournalFile:
                 if not piece:
                     break
                 place += os.write(descriptor, piece)
-            os.fsync(descriptor)
             _lock(descriptor, path)
         except (OSError, StartError):
             os.close(descriptor)
@@ -402,23 +476,22 @@ class JournalFile:
             raise
         os.close(self._descriptor)
         self._descriptor, self._good = descriptor, place
-        sync_folder(path.parent)
+        self._dirty, self._synced_s, self._new_in = True, 0.0, path.parent
 
-    def sync(self, *, force: bool = False) -> None:
-        """Have the disk keep what was written, at most once a second unless forced."""
+    def sync(self) -> None:
+        """Have the disk keep what was written, at most once a second; nobody waits until it has."""
         now_s = time.monotonic()
-        if not self._dirty or (not force and now_s < self._synced_s + _FSYNC_PERIOD_S):
+        if not self._dirty or now_s < self._synced_s + _FSYNC_PERIOD_S:
             return
-        self._synced_s, self._dirty = now_s, False
-        try:
-            os.fdatasync(self._descriptor)
-        except OSError as error:
-            self.problem = f"{self.path}: {error.strerror or error}"
+        if self._disk.begin(self._descriptor, self._new_in):
+            self._synced_s, self._dirty, self._new_in = now_s, False, None
 
     def close(self) -> None:
-        """Write the rest and close."""
+        """Write the rest, wait until the disk has it, and close."""
         self.flush(force=True)
-        self.sync(force=True)
+        self._disk.end()
+        with suppress(OSError):
+            os.fdatasync(self._descriptor)
         os.close(self._descriptor)
 
 

@@ -1,0 +1,192 @@
+"""What was decided goes out whatever the disk does; what the node itself has to say reaches the operator, too."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("rospy")
+
+from amaze_autonomy.engine.events import Tick
+from amaze_autonomy.engine.rules import Rules
+from amaze_autonomy.engine.state import EngineState
+from amaze_autonomy.journal.report import MessageLog
+from amaze_autonomy.nodes.autonomy import outbox, run_folder
+from amaze_autonomy.nodes.autonomy.outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
+from amaze_autonomy.nodes.autonomy.run_folder import Place, create
+from amaze_autonomy.ros.clock import SimulatedClock
+
+CLOCK = SimulatedClock(lambda: 10**9)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(outbox, "JournalTopic", lambda *_: SimpleNamespace(close=lambda _: None))
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return create(folder, '{"kind":"header","version":1}', Place(str(folder)).elsewhere)
+
+
+class Outboxes:
+    """An outbox that notes when it has published the state."""
+
+    def __init__(self, journal):
+        self.published_s, self.moved = [], []
+        self.made = Outbox(
+            journal,
+            Timeline(),
+            CLOCK,
+            lambda _: self.published_s.append(time.monotonic()),
+            lambda *_: None,
+            lambda: None,
+            lambda: self.moved.append(journal.path),
+        )
+
+    def longest_gap_s(self):
+        return max(after - before for before, after in zip(self.published_s, self.published_s[1:]))
+
+
+class SlowDisk:
+    """A disk that takes its time to keep what was written."""
+
+    def __init__(self, monkeypatch, takes_s):
+        self.descriptors, self.at_once, self.most = [], 0, 0
+        self._takes_s, self._lock = takes_s, threading.Lock()
+        monkeypatch.setattr(run_folder.os, "fdatasync", self.sync)
+
+    def sync(self, descriptor):
+        with self._lock:
+            self.descriptors.append(descriptor)
+            self.at_once += 1
+            self.most = max(self.most, self.at_once)
+        time.sleep(self._takes_s)
+        with self._lock:
+            self.at_once -= 1
+
+
+@pytest.mark.live
+def test_a_disk_that_takes_seconds_silences_no_state(run, monkeypatch):
+    disk = SlowDisk(monkeypatch, 3.1)
+    box = Outboxes(run)
+    began_s = time.monotonic()
+    box.made.start(EngineState())
+    for number in range(40):
+        box.made.put(Tick(t_ns=number), EngineState(), ())
+        time.sleep(0.1)
+    assert box.longest_gap_s() < 2.0
+    assert disk.most == 1, "one at a time"
+    assert 2 <= len(disk.descriptors) <= 1 + (time.monotonic() - began_s) / 3.1, "none waits for its turn"
+    box.made.stop()
+
+
+@pytest.mark.parametrize("trouble", [OSError(24, "Too many open files"), RuntimeError("can't start new thread")])
+def test_a_disk_that_cannot_be_asked_is_said_and_asked_again(run, monkeypatch, trouble):
+    def refused(*_, **__):
+        raise trouble
+
+    run.append("a")
+    run.flush()
+    with monkeypatch.context() as patched:
+        patched.setattr(run_folder.os, "dup", refused)
+        if isinstance(trouble, RuntimeError):
+            patched.setattr(run_folder.threading, "Thread", refused)
+        run.sync()
+    assert run.problem == f"{run.path}: {trouble}"
+    run.sync()
+    wait_for(lambda: run.problem == "")
+    run.close()
+
+
+def wait_for(condition):
+    until_s = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
+def test_the_state_goes_out_before_the_disk_is_asked(run, monkeypatch):
+    box, order = Outboxes(run), []
+    box.made._publish_state = lambda _: order.append("state")
+    for name in ("follow", "flush", "sync"):
+        monkeypatch.setattr(run, name, lambda name=name: order.append(name))
+    box.made._periodic()
+    assert order == ["state", "follow", "flush", "sync"]
+    box.made._topic.close(0.0)
+
+
+# --- what the node says itself ----------------------------------------------------------------------------------------
+
+
+def test_a_folder_that_is_removed_in_flight_is_told_to_the_operator(run, tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr(outbox.rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=said.append))
+    monkeypatch.setattr(outbox.diagnostic_updater, "Updater", Updater)
+    publisher = StatePublisher(Rules(), CLOCK, lambda: run.remarks, "run", MessageLog(), 0.0)
+    diagnostics = Diagnostics(EngineState, run, {}, lambda: 0, PeerClocks(Rules().limits), tuple)
+    box = Outboxes(run)
+    shutil.rmtree(tmp_path / "out")
+    box.made._periodic()
+    assert box.moved == [run.path] == [tmp_path / "out" / "journal.jsonl"]
+    words = f"The journal was removed: {run.path}. It is there again, whole."
+    publisher.publish(EngineState())
+    assert [each.advice for each in said if hasattr(each, "advice")] == [words]
+    assert diagnostics._updater.row("journal") == (1, words)
+
+
+def test_a_disk_that_cannot_be_written_is_told_to_the_operator(run, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    assert run.remarks == ()
+    run.append("a")
+    with monkeypatch.context() as patched:
+        patched.setattr(run_folder.os, "write", full)
+        run.flush()
+    assert run.remarks == (
+        f"The journal cannot be written: {run.path}: No space left on device."
+        " The engine goes on; make room on the disk.",
+    )
+    run.flush(force=True)
+    assert run.remarks == ()
+
+
+class Updater:
+    """In the place of the one of diagnostic_updater."""
+
+    def __init__(self):
+        self._rows = {}
+
+    def setHardwareID(self, _):  # noqa: N802
+        """Be told."""
+
+    def add(self, name, row):
+        self._rows[name] = row
+
+    def row(self, name):
+        status = SimpleNamespace(add=lambda *_: None)
+        status.summary = lambda level, words: setattr(status, "said", (level, words))
+        self._rows[name](status)
+        return status.said
+
+
+def test_what_the_disk_could_not_keep_is_said_until_it_can(run, monkeypatch):
+    failing = threading.Event()
+
+    def sync(_descriptor):
+        if failing.is_set():
+            raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(run_folder.os, "fdatasync", sync)
+    for fails, problem in ((True, f"{run.path}: Input/output error"), (False, "")):
+        (failing.set if fails else failing.clear)()
+        run.append("a")
+        run.flush()
+        run._synced_s = 0.0
+        run.sync()
+        wait_for(lambda problem=problem: run.problem == problem)
+    run.close()
