@@ -56,39 +56,62 @@ class StandIn:
 
 
 class Watchdog(StandIn):
-    """Blocks its start call, beats at 2 Hz from then on, and says only changes; a second start begins anew."""
+    """Blocks its start call, beats at its rate from then on, and says only changes; a second start begins anew.
+
+    Args:
+        vehicle: the simulated one.
+        entities: that it watches.
+        rate_hz: of its checks.
+        starting_s: how long each is STARTING.
+    """
 
     peer = "watchdog"
-    RATE_HZ = 2.0
 
-    def __init__(self, vehicle: Any, entities: Tuple[str, ...] = (), **faults: Any) -> None:
+    def __init__(
+        self,
+        vehicle: Any,
+        entities: Tuple[str, ...] = (),
+        rate_hz: float = 2.0,
+        starting_s: float = 1.0,
+        **faults: Any,
+    ) -> None:
         super().__init__(vehicle, **faults)
         self._rows = dict.fromkeys(entities, STARTING)
+        self._rate_hz, self._starting_s = rate_hz, starting_s
         self._started_ns: Optional[int] = None
         self._next_ns = 0
         self.failing: Dict[str, int] = {}
+        self.answers: List[bool] = []
 
     def call(self, t_ns: int, key: str, fields: Dict[str, Any]) -> None:
         super().call(t_ns, key, fields)
         self._started_ns = self._next_ns = t_ns
         self._rows = dict.fromkeys(self._rows, STARTING)
         startup_s = self.faults.get("startup_s", fields["startup_time"])
-        end_ns = t_ns + round((startup_s + 2 / self.RATE_HZ) * S)
-        self._due.append((end_ns, key, {"successful": True, "status": {}, "entity_ids": []}))
+        end_ns = t_ns + round((startup_s + 2 / self._rate_hz) * S)
+        self._due.append((end_ns, key, {"successful": None, "status": {}, "entity_ids": []}))
+
+    def _answer(self, t_ns: int) -> None:
+        """Say yes at the end of a call where the worst is NOMINAL or DEFECT at that instant."""
+        for due_ns, _, fields in self._due:
+            if t_ns >= due_ns:
+                fields["successful"] = all(status in (NOMINAL, DEFECT) for status in self._rows.values())
+                self.answers.append(fields["successful"])
 
     def _status(self, entity: str) -> Dict[str, Any]:
         info = "rate 0" if self._rows[entity] == ERROR else ""
         return {"entity": entity, "type": 1, "status": self._rows[entity], "name": f"/{entity}", "info": info}
 
     def step(self, t_ns: int) -> None:
+        self._answer(t_ns)
         super().step(t_ns)
         if self._started_ns is None or t_ns < self._next_ns:
             return
         first = self._next_ns == self._started_ns
-        self._next_ns += round(S / self.RATE_HZ)
+        self._next_ns += round(S / self._rate_hz)
         before = dict(self._rows)
         for entity in self._rows:
-            up = NOMINAL if t_ns - self._started_ns >= S else STARTING
+            up = NOMINAL if t_ns - self._started_ns >= self._starting_s * S else STARTING
             self._rows[entity] = self.failing.get(entity, up)
         changed = [entity for entity in self._rows if first or self._rows[entity] != before[entity]]
         if changed:

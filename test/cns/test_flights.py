@@ -9,7 +9,7 @@ from math import dist, radians
 import pytest
 from cns_folder import write_folder
 from flight import Flight, S
-from stand_ins import ABORT, ARM, DEFECT, DISARM, ERROR, HOLD, LAND, RESUME, TAKEOFF, namespace
+from stand_ins import ABORT, ARM, DEFECT, DISARM, ERROR, HOLD, LAND, RESUME, TAKEOFF, Watchdog, namespace
 
 from amaze_autonomy.cns.importer import import_folder
 from amaze_autonomy.cns.sequencer import Bounds, Sequencer
@@ -266,6 +266,59 @@ def test_a_landing_that_is_asked_of_a_node_started_again_reaches_its_sequencer(m
     flight.end()
     assert flight.requests() == [ARM, TAKEOFF, LAND, DISARM]
     assert flight.state.session.result is Result.LANDED_EARLY
+
+
+def test_a_watchdog_that_checks_every_two_seconds_is_flown_with_and_tells_a_failure_that_much_later(make):
+    flight = make(watchdog={"rate_hz": 0.5})
+    flying(flight)
+    flight.run(10 * S)  # between two of its beats nothing is missed
+    assert flight.state.state is State.MISSION
+    flight.nodes["watchdog"].failing["px4_imu"] = ERROR
+    began_ns = flight.t_ns
+    flight.until(lambda: LAND in flight.requests())
+    assert flight.t_ns - began_ns <= 2.1 * S
+    flight.end()
+    assert flight.state.session.result is Result.LANDED_EARLY
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 2.0])
+def test_a_mission_is_flown_to_its_end_at_whatever_rate_its_watchdog_checks(make, rate_hz):
+    flight = make(watchdog={"rate_hz": rate_hz})
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert len(flight.calls("watchdog")) == 1
+
+
+def test_at_half_a_hertz_a_watchdog_that_stops_beating_lands_after_the_limit_that_is_imported(make, configuration):
+    flight = make(watchdog={"rate_hz": 0.5})
+    flying(flight)
+    flight.nodes["watchdog"].faults["silent"] = True
+    began_ns = flight.t_ns
+    flight.until(lambda: LAND in flight.requests())
+    limit_ns = configuration.rules.limits.watchdog_heartbeat_limit_ns
+    assert limit_ns - 2 * S <= flight.t_ns - began_ns <= limit_ns + S
+
+
+@pytest.mark.parametrize("rate_hz", [0.5, 2.0])
+def test_a_start_that_says_no_while_entities_start_is_not_asked_again_and_waited_for(make, configuration, rate_hz):
+    wait_s = configuration.rules.limits.watchdog_startup_time_ns / S + 2 / rate_hz
+    flight = make(watchdog={"rate_hz": rate_hz, "starting_s": wait_s + 10.0})
+    watchdog = flight.nodes["watchdog"]
+    flight.until(lambda: watchdog.answers)
+    assert watchdog.answers == [False]
+    assert flight.state.state is State.PREFLIGHT
+    assert flight.end() == "MISSION_ENDED"
+    assert flight.state.session.result is Result.COMPLETE, "\n".join(flight.notices)
+    assert len(flight.calls("watchdog")) == 1
+
+
+def test_a_second_start_of_the_stand_in_begins_anew_and_says_no():
+    watchdog = Watchdog(None, ("lrf",), starting_s=2.0)
+    for second in (0, 10):
+        watchdog.call(second * S, "watchdog_start", {"startup_time": 0.0 if second else 5.0})
+        for half in range(19):
+            watchdog.step(second * S + half * S // 2)
+    assert watchdog.answers == [True, False]
 
 
 def test_a_watchdog_that_stops_beating_in_flight_lands(make):
