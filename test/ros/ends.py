@@ -194,7 +194,10 @@ def engine_whose_journal_is_damaged_lands_what_flies(stack: Stack) -> None:
     assert stack.commands()[:3] == [*BEFORE, "TAKEOFF"]
     assert {"LAND", "autopilot/land"} >= set(stack.commands()[3:5])
     assert "It is kept, and a new one begins." in stack.log()
-    assert (stack.output / "earlier" / "journal.jsonl").read_text().endswith("damaged\n")
+    earlier = stack.output / "earlier" / "journal.jsonl"
+    whole, damage, rest = earlier.read_text().rpartition("damaged\n")
+    assert (damage, rest) == ("damaged\n", "")
+    earlier.write_text(whole)  # its flight kept the laws, too
 
 
 @ends.add("shutdown_in_flight", mission="long")
