@@ -179,6 +179,50 @@ def test_a_demo_whose_simulated_world_does_not_start_ends_at_once_and_is_no_succ
     assert not (programs / "slept").exists(), "it waited for the page of a recording that there is not"
 
 
+def check_laws(folder: Path, status: int = 0) -> subprocess.CompletedProcess:
+    """Do what the demo does when it has ended; the laws' own command ends with a status and names what it was given."""
+    programs = folder / "programs"
+    programs.mkdir()
+    (programs / "amaze-replay").write_text(f'#!/bin/sh\necho "$@"\nexit {status}\n')
+    (programs / "amaze-replay").chmod(0o755)
+    parts = "sed -n '/^say()/p; /^die()/p; /^check_laws()/,/^}/p' run"
+    return subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", f'eval "$({parts})"; check_laws "$1"', "bash", str(folder)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"},
+    )
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_the_laws_are_checked_on_every_journal_of_a_demo(tmp_path, status):
+    for name in ("journal.jsonl", "journal-2.jsonl", "result.json"):
+        (tmp_path / name).touch()
+
+    done = check_laws(tmp_path, status)
+
+    assert done.stdout == f"laws {tmp_path}/journal-2.jsonl\nlaws {tmp_path}/journal.jsonl\n"
+    assert done.returncode == status, done.stderr
+
+
+def test_a_demo_with_a_result_and_no_journal_keeps_no_laws(tmp_path):
+    (tmp_path / "result.json").touch()
+
+    done = check_laws(tmp_path)
+
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.splitlines()[-1] == f"run: the flight left no journal in {tmp_path}: its laws cannot be checked"
+
+
+def test_a_demo_that_ended_before_a_mission_was_begun_has_no_laws_to_keep_and_that_is_said(tmp_path):
+    done = check_laws(tmp_path)
+
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr.splitlines()[-1] == "== it ended before a mission was begun: no law to check"
+
+
 @pytest.mark.builds
 def test_a_demo_whose_engine_does_not_start_fails_and_says_so(tmp_path):
     pytest.importorskip("rospy", reason="needs ROS")
