@@ -350,3 +350,28 @@ def test_down_and_then_in_the_air_without_knowing_whether_it_is_armed_is_in_flig
     story.say(armed=None, landed=ev.VehicleLanded.IN_AIR)
     assert story.state.flight.active
     story.fail("imu", 16).expect("LAND")
+
+
+@pytest.mark.parametrize("between", ["a silence", "a restart of the engine"])
+def test_two_wrong_statuses_far_apart_disarm_nothing(between):
+    """One before, one after: nothing is known of what was meanwhile."""
+    story = at("LAND descending")
+    story.vehicle.height, story.vehicle.speed, story.vehicle.obeys = 5.0, 0.0, False
+    story.silent += ["landing", "autopilot"]
+    lie = {"landed": ev.VehicleLanded.ON_GROUND, "height_m": 0.0}
+    story.say(**lie).after(4.5)
+    if between == "a restart of the engine":
+        story.feed(ev.EngineStarted, label="again", resumed=True)
+    story.look().say(**lie)
+    assert story.vehicle.armed
+    assert "AutopilotDisarm" not in story.requests
+
+
+def test_a_landing_of_which_nothing_is_known_any_more_may_be_given_up():
+    """The link lives, but whether it is armed and has landed never comes again."""
+    story = at("LAND commanding")
+    story.say(armed=None, landed=ev.VehicleLanded.UNKNOWN, mode="", height_m=None).after(4.0)
+    assert story.user("acknowledge")[0] == "REFUSED"
+    story.after(2.5)
+    assert story.user("acknowledge")[0] == "DONE"
+    story.expect("DATA_CLEANUP")

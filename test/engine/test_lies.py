@@ -151,12 +151,44 @@ def test_a_landing_that_was_due_in_that_moment_goes_out_when_the_vehicle_is_ours
     assert story.motions[0] == "LAND"
 
 
-def test_a_user_is_asked_to_ask_again_in_that_moment():
-    story = at("MISSION flying")
-    lie(story, mode="POSCTL")
-    assert story.user("land")[0] == "REFUSED"
-    story.after(0.25)
+@pytest.mark.parametrize("command", ["land", "abort"])
+@pytest.mark.parametrize("place", ["TAKEOFF climbing", "MISSION flying", "HOLD holding"])
+def test_a_landing_that_the_user_asks_for_in_that_moment_is_not_forgotten(place, command):
+    story = at(place)
+    lie(story, mode="POSCTL").look()
+    assert story.user(command) == ("DONE", "Landing as soon as it is clear who has control of the vehicle.")
+    assert story.motions == []
+    story.after(0.25).expect("LAND")
+    assert story.motions[0] == "LAND"
+
+
+def test_nothing_is_landed_for_a_user_where_it_was_the_pilot():
+    story = at("MISSION flying").say(mode="POSCTL").look()
     assert story.user("land")[0] == "DONE"
+    story.after(0.35).expect("PILOT")
+    story.vehicle.says.clear()
+    story.after(2.0).expect("PILOT")
+    assert story.motions == []
+
+
+def test_what_else_a_user_asks_for_in_that_moment_is_asked_again():
+    story = at("MISSION flying")
+    lie(story, mode="POSCTL").look()
+    assert story.user("hold")[0] == "REFUSED"
+    story.after(0.25).expect("MISSION")
+    assert story.user("hold")[0] == "DONE"
+
+
+def test_a_landing_that_was_asked_for_outweighs_what_is_asked_for_later():
+    """The doubt ends by time alone, with the very request."""
+    story = at("MISSION flying").say(mode="POSCTL").look()
+    story.silent.append("autopilot")
+    story.user("land")
+    story.ticking = False
+    story.after(0.1)
+    silent_ns = story.state.peers.autopilot_ns + story.rules.limits.autopilot_status_limit_ns + 1
+    story.feed(ev.Tick, t_ns=silent_ns)
+    story.expect("LAND")
 
 
 def test_the_end_of_the_process_in_that_moment_still_lands():
@@ -177,6 +209,46 @@ def test_armed_and_airborne_again_after_a_believed_end_is_still_our_flight():
     story.after(0.5)
     assert story.state.flight.active
     story.fail("imu", 16).expect("LAND")
+
+
+def _seems_down(story: Story) -> Story:
+    """Let the autopilot say for a second that it is down, where nothing else knows better."""
+    story.landing_says = ev.Landed.UNKNOWN
+    return story.say(armed=False, landed=ev.VehicleLanded.ON_GROUND, height_m=None)
+
+
+def _is_back(story: Story) -> Story:
+    """Let the truth be back: it is in the air, armed, in a mode of ours."""
+    story.look().vehicle.says.clear()
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.IN_AIR, height_m=2.0, mode="AUTO.MISSION")
+    story.landing_says = ev.Landed.AIRBORNE
+    return story.after(0.5)
+
+
+def test_a_vehicle_that_is_in_the_air_between_two_files_is_landed():
+    story = at("MISSION touchdown")
+    story.state.flight.was_airborne or pytest.fail("it has flown the first file")
+    _is_back(story).expect("LAND")
+    assert story.motions[:2] == ["LAND", "AutopilotLand"]
+
+
+def test_a_flight_that_was_never_ours_and_seemed_over_is_landed_again():
+    """An engine that was started in the air has nothing to collect: its mission ends at once."""
+    story = Story()
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.IN_AIR, height_m=2.0, mode="AUTO.MISSION")
+    story.start()
+    story.disobeyed += ["LAND", "AutopilotLand"]
+    story.after(2.0).expect("LAND")
+    _seems_down(story).until("MISSION_ENDED")
+    _is_back(story).expect("LAND")
+    assert story.motions[:2] == ["LAND", "AutopilotLand"]
+
+
+def test_who_arms_it_on_the_ground_after_the_mission_may_fly_it():
+    story = at("MISSION_ENDED")
+    story.say(armed=True).after(1.0)
+    story.say(landed=ev.VehicleLanded.IN_AIR, height_m=2.0, mode="AUTO.MISSION").after(5.0).expect("MISSION_ENDED")
+    assert story.motions == []
 
 
 def test_a_vehicle_that_is_in_the_air_while_its_data_is_collected_is_landed():
@@ -361,6 +433,16 @@ def test_each_publishers_counter_beats_by_itself():
         story.feed(ev.WatchdogAction, sequence=1, loop_counter=5 + beat, code=Code.NOMINAL, publisher="/alive")
         story.after(0.1)
     story.expect("MISSION", "flying")
+
+
+def test_two_standing_counters_behind_one_name_are_no_heartbeat():
+    """As a relay of two watchdogs shows them: what falls has to grow twice in a row."""
+    story = at("MISSION flying")
+    story.silent.append("watchdog")
+    for beat in range(8):
+        story.feed(ev.WatchdogAction, sequence=beat, loop_counter=900 + beat % 2, code=Code.NOMINAL)
+        story.after(0.1)
+    story.expect("LAND")
 
 
 def test_a_watchdog_that_was_restarted_beats_on_from_its_second_message():

@@ -61,6 +61,11 @@ def planner_failed(story: Story) -> None:
     story.planner.says["phase"] = ev.MissionPhase.FAILED
 
 
+def planner_says_nothing_is_flown(story: Story) -> None:
+    """As after a lie of the vehicle to the planner alone: it has landed, for the planner."""
+    story.planner.says["phase"] = ev.MissionPhase.LANDED
+
+
 def flight_time(story: Story) -> None:
     """Let the limit be 0.3 s from now."""
     so_far = story.now - story.state.flight.started_ns
@@ -78,8 +83,10 @@ def recorder_does_not_grow(story: Story) -> None:
 EXPECTED: Dict[str, Loss] = {
     "watchdog_heartbeat": Loss(silent("watchdog"), 0.6, "LAND", ONE),
     "planner_status": Loss(silent("planner"), 1.0, "LAND", BOTH),
+    "planner_idle": Loss(planner_says_nothing_is_flown, 1.2, "LAND", BOTH),
     "planner_failed": Loss(planner_failed, 0.2, "LAND", BOTH),
     "autopilot_status": Loss(silent("autopilot"), 1.0, "LAND", BOTH, alarm=True),
+    "vehicle_unknown": Loss(says(armed=None, landed=ev.VehicleLanded.UNKNOWN), 5.0, "LAND", BOTH, alarm=True),
     "clock": Loss(lambda story: story.feed(ev.ClockStatus, stalled_s=1.01), 0.0, "LAND", BOTH),
     "battery_unknown": Loss(says(battery_fraction=nan), 10.0, "LAND", ONE),
     "battery_critical": Loss(says(battery_fraction=0.15), 0.0, "LAND", ONE),
@@ -92,9 +99,9 @@ EXPECTED: Dict[str, Loss] = {
     "recorder_dead": Loss(recorder_failed, 0.2, "CONTINUE"),
     "landing_detection": Loss(silent("landing"), 1.0, "CONTINUE"),
 }
-"""Heartbeat -> land; planner, clock -> both routes; autopilot -> both routes and alarm; battery unknown or critical,
-flight time, height, distance, tilt -> land; tilt beyond the warning, position unknown, recorder dead, landing detection
-silent -> continue, warned."""
+"""Heartbeat -> land; planner, clock -> both routes; autopilot, vehicle unknown -> both routes and alarm; battery unknown
+or critical, flight time, height, distance, tilt -> land; tilt beyond the warning, position unknown, recorder dead,
+landing detection silent -> continue, warned."""
 
 
 def test_the_table_has_these_rows_and_no_others():

@@ -95,7 +95,7 @@ def test_landed_without_the_last_waypoint_is_not_complete():
 def test_landed_of_the_planner_alone_is_not_landed():
     story = at("MISSION flying")
     story.planner.says.update(phase=ev.MissionPhase.LANDED, waypoint=3)
-    story.after(3.0).expect("MISSION", "flying")
+    story.after(0.9).expect("MISSION", "flying")
 
 
 def test_a_flight_that_was_flown_without_a_component_does_not_take_off_again_without_it():

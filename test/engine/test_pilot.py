@@ -263,3 +263,22 @@ def test_a_takeoff_that_comes_after_it_was_cancelled_is_landed():
     story.after(0.3).expect("DATA_CLEANUP").look()
     story.say(armed=True, landed=ev.VehicleLanded.TAKING_OFF).until("LAND", limit_s=0.5)
     assert story.motions[:1] == ["LAND"]
+
+
+@pytest.mark.parametrize("heard", ["the node is dead", "the link is dead"])
+def test_a_vehicle_that_fell_silent_in_the_pilots_hands_may_be_given_up(heard):
+    """As after a crash: its last word was that it flies, and there will be no other one."""
+    story = at("PILOT")
+    story.say(armed=True, landed=ev.VehicleLanded.IN_AIR).look()
+    if heard == "the node is dead":
+        story.silent.append("autopilot")
+        story.after(29.0)
+    else:
+        story.say(link_age_s=29.0)
+        story.silent.append("autopilot")
+    assert story.user("acknowledge")[0] == "REFUSED"
+    story.after(1.5)
+    words = "Acknowledged; whether it has landed and is disarmed is not known."
+    assert story.user("acknowledge") == ("DONE", words)
+    story.expect("DATA_CLEANUP")
+    assert story.motions == []

@@ -60,6 +60,9 @@ def _caps(rules: Rules) -> Dict[str, int]:
         "peers.heartbeat_ns": units(at.watchdog_heartbeat_limit_ns),
         "peers.watchdog_started_ns": units(at.watchdog_heartbeat_limit_ns),
         "peers.planner_ns": units(at.planner_status_limit_ns),
+        "peers.planner_idle_ns": units(at.planner_idle_limit_ns),
+        "peers.vehicle_unknown_ns": units(at.vehicle_unknown_limit_ns),
+        "silent": units(at.pilot_silence_limit_ns),
         "peers.recorder_ns": units(at.recorder_status_limit_ns),
         "peers.autopilot_ns": units(at.autopilot_status_limit_ns, at.autopilot_link_limit_ns),
         "peers.battery_ns": units(at.battery_age_limit_ns),
@@ -111,7 +114,9 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         state.session.outreach,
         state.preflight.rounds,
         state.shutting_down,
-        state.armed_at_start,
+        (state.armed_at_start, _start(state)) if state.sessions == 0 else (),
+        state.land_deferred,
+        tuple([growths for _, _, growths in state.peers.loop_counters]),
         state.recording.asked,
         state.peers.watchdog_started_ns is None or _age(state, caps, "peers.watchdog_started_ns"),
         _age(state, caps, "peers.heartbeat_ns"),
@@ -147,6 +152,13 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
     )
 
 
+def _start(state: EngineState) -> Key:
+    """Return what is known so far of whether the vehicle was armed at the start."""
+    if state.armed_at_start is not None or state.started_ns is None:
+        return ()
+    return _agreed(state, "vehicle.motors", 0), _agreed(state, "vehicle.disarmed", 0)
+
+
 def _after_flight(state: EngineState, caps: Dict[str, int]) -> Key:
     """Return what is left of a flight: how long an ARM of a takeoff that was called off may still take effect."""
     late = (
@@ -159,7 +171,11 @@ def _after_flight(state: EngineState, caps: Dict[str, int]) -> Key:
         if late
         else ()
     )
-    return (state.flight.was_airborne, state.session.flown, shown, _agreed(state, "vehicle.motors", 0) if late else ())
+    motors, aloft = state.vehicle.motors, state.vehicle.aloft
+    armed_before = motors is not None and aloft is not None and motors.since_ns < aloft.since_ns
+    flown = (armed_before, state.flight.mode_before, state.flight.confirmed) if state.flight.was_airborne else ()
+    armed = _agreed(state, "vehicle.motors", 0) if late else ()
+    return (state.flight.was_airborne, state.session.flown, flown, shown, armed)
 
 
 def _agreed(state: EngineState, field: str, cap: int) -> Key:
@@ -267,6 +283,9 @@ def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
             planner.file_index,
         ),
         _age(state, caps, "peers.planner_ns"),
+        _age(state, caps, "peers.planner_idle_ns"),
+        _age(state, caps, "peers.vehicle_unknown_ns"),
+        _silence(state, caps["silent"]) if state.state is State.PILOT else 0,
         _age(state, caps, "flight.started_ns") if caps["flown"] or _unheard(state) else 0,
         _age(state, caps, "flight.grounded_ns") if state.state is not State.PILOT else 0,
         _age(state, caps, "flight.user_hold_ns"),
@@ -277,6 +296,11 @@ def _flight(state: EngineState, caps: Dict[str, int]) -> Key:
         _age(state, caps, "vehicle.descending_ns"),
         _age(state, caps, "peers.landing_ns"),
     )
+
+
+def _silence(state: EngineState, cap: int) -> Optional[int]:
+    heard_ns = state.peers.autopilot_ns
+    return None if heard_ns is None else min(cap, (state.t_ns - heard_ns) // UNIT)
 
 
 def _unheard(state: EngineState) -> bool:

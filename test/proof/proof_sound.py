@@ -237,7 +237,9 @@ def _(s: EngineState) -> bool:
 @_is("Statuses that agree came one after the other, up to the last one that was heard.")
 def _(s: EngineState) -> bool:
     agreed = [
-        each for each in (s.vehicle.down, s.vehicle.aloft, s.vehicle.motors, s.vehicle.takeover) if each is not None
+        each
+        for each in (s.vehicle.down, s.vehicle.aloft, s.vehicle.motors, s.vehicle.disarmed, s.vehicle.takeover)
+        if each is not None
     ]
     return all(each.since_ns <= each.until_ns <= s.t_ns and each.statuses in (1, 2) for each in agreed)
 
@@ -248,6 +250,17 @@ def _(s: EngineState) -> bool:
         s.flight.takeover_noted and s.vehicle.takeover is None and s.state in FLIGHT and s.step is not Step.TOUCHDOWN
     )
     return (s.vehicle.down is None or (s.vehicle.aloft is None and s.vehicle.motors is None)) and not noted
+
+
+@_is("What is armed is not disarmed, and what is down is.")
+def _(s: EngineState) -> bool:
+    at = s.vehicle
+    return (at.motors is None or at.disarmed is None) and (at.down is None or at.disarmed is not None)
+
+
+@_is("A landing is put off only while somebody else seems to have control of a flight.")
+def _(s: EngineState) -> bool:
+    return not s.land_deferred or (s.vehicle.takeover is not None and s.state in FLIGHT)
 
 
 @_is("The last command is the one that the step is about.")
@@ -361,6 +374,14 @@ def _(s: EngineState) -> bool:
     return (s.vehicle.descending_ns is None or sinks) and (
         s.vehicle.moving_ns is None or (moves and status.horizontal_speed_m_s > 0)
     )
+
+
+@_is("The planner is idle, and the vehicle unknown, only as their last statuses say.")
+def _(s: EngineState) -> bool:
+    planner, vehicle = s.peers.planner, s.peers.autopilot
+    idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED")
+    unknown = vehicle is not None and (vehicle.armed is None or vehicle.landed.name == "UNKNOWN")
+    return (s.peers.planner_idle_ns is None or idle) and (s.peers.vehicle_unknown_ns is None or unknown)
 
 
 @_is("A component is known once.")

@@ -56,8 +56,35 @@ STORIES: Sequence[Told] = (
         ("takeover_by_sticks", "takeover_by_return"),
     ),
     Told(
-        "Armed and in the air again after an end that was believed is our flight.",
-        (f"{_LIES}armed_and_airborne_again_after_a_believed_end_is_still_our_flight",),
+        "A landing that the operator asks for in that moment is not forgotten: it goes out when the vehicle is ours.",
+        (f"{_LIES}a_landing_that_the_user_asks_for_in_that_moment_is_not_forgotten",),
+    ),
+    Told(
+        "A vehicle in the air of which the planner says that nothing is flown, or of which nothing is known, is landed.",
+        (
+            "engine/test_losses.py::test_lost_in_flight",
+            "engine/test_landing.py::test_a_landing_of_which_nothing_is_known_any_more_may_be_given_up",
+        ),
+    ),
+    Told(
+        "A vehicle that falls silent in the pilot's hands may be given up: there is a way out of every state.",
+        ("engine/test_pilot.py::test_a_vehicle_that_fell_silent_in_the_pilots_hands_may_be_given_up",),
+    ),
+    Told(
+        "Two wrong statuses far apart disarm nothing, and one does not tell whether it was armed at the start.",
+        (
+            "engine/test_landing.py::test_two_wrong_statuses_far_apart_disarm_nothing",
+            "engine/test_ending.py::test_one_wrong_status_does_not_tell_whether_it_was_armed_at_the_start",
+        ),
+    ),
+    Told(
+        "Armed and in the air again after an end that was believed is our flight, also between two files and at the end.",
+        (
+            f"{_LIES}armed_and_airborne_again_after_a_believed_end_is_still_our_flight",
+            f"{_LIES}a_vehicle_that_is_in_the_air_between_two_files_is_landed",
+            f"{_LIES}a_flight_that_was_never_ours_and_seemed_over_is_landed_again",
+            f"{_LIES}who_arms_it_on_the_ground_after_the_mission_may_fly_it",
+        ),
     ),
     Told(
         "Nothing holds a landing: no failure, no operator, whoever lands.",

@@ -484,6 +484,29 @@ _ALL: Tuple[World, ...] = (
         stop=_GROUNDED,
     ),
     World(
+        name="left alone",
+        words="in somebody else's hands the vehicle falls silent, for good or for a while; a person gives it up or not",
+        seeds=(script(f"{_FLYING} vehicle:pilot wait"),),
+        scenes={"pilot": ("ground",), "ground": ("pilot",)},
+        silences=("autopilot",),
+        users=("acknowledge",),
+        motion=(),
+        restart=True,
+        stop=_GROUNDED,
+    ),
+    World(
+        name="led by nobody",
+        words="the planner says that nothing is flown, or nothing is known of the vehicle for long, while it flies",
+        seeds=(SEEDS["flying"],),
+        scenes=_FLIES,
+        anytime=("unknown",),
+        planner=("FLYING", "LANDED", "IDLE", "LOADED"),
+        users=("acknowledge", "hold"),
+        motion=("ACCEPTED",),
+        restart=True,
+        stop=_GROUNDED,
+    ),
+    World(
         name="touchdown",
         words="on the ground between two files: checks, loading, failures, the next takeoff",
         seeds=(SEEDS["touchdown"],),
@@ -511,7 +534,10 @@ _ALL: Tuple[World, ...] = (
     World(
         name="last file",
         words="the end of a mission: the planner lands and says so, or not; armed or not; it may lift off again",
-        seeds=(SEEDS["flying"],),
+        seeds=(
+            SEEDS["flying"],
+            script(f"{_FLYING} planner:LANDING vehicle:landing detection:ON_GROUND vehicle:touched wait"),
+        ),
         scenes={
             "flying": ("landing",),
             "landing": ("touched", "ground"),

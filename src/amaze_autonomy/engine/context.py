@@ -145,10 +145,20 @@ class Context:
         fresh = age_ns <= self.limits.autopilot_status_limit_ns and link_ns <= self.limits.autopilot_link_limit_ns
         return status if fresh else None
 
+    def silent_for(self, limit_ns: int) -> bool:
+        """Return True when neither the autopilot's status nor the vehicle behind it was heard for so long."""
+        heard = [each for each in (self.state.peers.autopilot_ns, self.state.peers.link_ns) if each is not None]
+        return not heard or self.now - min(heard) >= limit_ns
+
     def armed(self) -> bool:
         """Return True when the vehicle says, freshly, that it is armed."""
         status = self.vehicle()
         return status is not None and status.armed is True
+
+    def disarmed(self) -> bool:
+        """Return True when the vehicle says, freshly, that it is disarmed."""
+        status = self.vehicle()
+        return status is not None and status.armed is False
 
     def down(self) -> bool:
         """Return True when the vehicle says, freshly, both disarmed and ON_GROUND. Unknown is not down."""
@@ -243,6 +253,12 @@ class Context:
         """Return True when the vehicle says, freshly, that it has left the ground."""
         status = self.vehicle()
         return status is not None and status.landed not in (VehicleLanded.ON_GROUND, VehicleLanded.UNKNOWN)
+
+    def never_landed(self) -> bool:
+        """Return True where a flight that seemed over goes on: in the air, and not armed on the ground before that."""
+        aloft, motors = self.state.vehicle.aloft, self.state.vehicle.motors
+        on_the_ground_before = motors is not None and aloft is not None and motors.since_ns < aloft.since_ns
+        return self.state.flight.was_airborne and self.airborne() and not on_the_ground_before
 
     def flies_again(self) -> bool:
         """Return True when the vehicle says, freshly, what contradicts that its flight is over."""

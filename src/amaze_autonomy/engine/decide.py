@@ -34,6 +34,7 @@ from .update import update
 __all__ = [
     "ANSWERS",
     "CONDITIONS",
+    "DEFERRED",
     "IN_DOUBT",
     "MAX_ROWS",
     "OTHERWISE",
@@ -77,6 +78,7 @@ CONDITIONS: Mapping[str, Callable[[Context], bool]] = {
     "resuming": lambda context: context.state.step is Step.RESUMING,
     "landing": lambda context: context.lands(),
     "the pilot was alarmed and the vehicle is silent": lambda context: nobody_knows(context) is not None,
+    "the vehicle has been silent for long": lambda context: context.silent_for(context.limits.pilot_silence_limit_ns),
     "last heard on the ground and disarmed": lambda context: context.last_heard_down(),
 }
 
@@ -86,6 +88,7 @@ _END = (Case(_DONE, "Given up: no takeoff."),)
 _NO_HOLD = (Case(_NO, "It is landing: a hold never interrupts that.", "landing"),)
 _LANDING = (Case(_SO, "It is landing."),)
 _PILOT = (Case(_NO, "The pilot or the autopilot has control; nothing is commanded."),)
+_UNKNOWN_END = "Acknowledged; whether it has landed and is disarmed is not known."
 _UNDER_WAY = (Case(_SO, "The mission is under way."),)
 
 OTHERWISE: Mapping[UserCommand, str] = {
@@ -133,7 +136,11 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
             Case(_NO, "Not airborne yet: abort cancels the takeoff."),
         ),
         State.MISSION: (*_NO_HOLD, Case(_DONE, "Holding.", "airborne")),
-        State.HOLD: (Case(_SO, "It holds as you asked.", "the user holds"), Case(_DONE, "It holds until you resume.")),
+        State.HOLD: (
+            *_NO_HOLD,
+            Case(_SO, "It holds as you asked.", "the user holds"),
+            Case(_DONE, "It holds until you resume."),
+        ),
         State.LAND: (Case(_NO, "A hold never interrupts a landing."),),
         State.PILOT: _PILOT,
     },
@@ -178,15 +185,12 @@ ANSWERS: Mapping[UserCommand, Mapping[State, Tuple[Case, ...]]] = {
     },
     UserCommand.ACKNOWLEDGE: {
         State.LAND: (
-            Case(
-                _DONE,
-                "Acknowledged; whether it has landed and is disarmed is not known.",
-                "the pilot was alarmed and the vehicle is silent",
-            ),
+            Case(_DONE, _UNKNOWN_END, "the pilot was alarmed and the vehicle is silent"),
             Case(_NO, "It is landing."),
         ),
         State.PILOT: (
             Case(_DONE, "Acknowledged.", "last heard on the ground and disarmed"),
+            Case(_DONE, _UNKNOWN_END, "the vehicle has been silent for long"),
             Case(_NO, "Not on the ground and disarmed yet, or not known to be."),
         ),
     },
@@ -200,7 +204,12 @@ SELECT: Mapping[State, Case] = {
 
 
 IN_DOUBT = Case(_NO, "Somebody else seems to have control of the vehicle: ask again in a moment.")
-"""The answer to everything for the moment in which that is not clear."""
+"""The answer to everything but a landing for the moment in which that is not clear."""
+
+DEFERRED = Case(_DONE, "Landing as soon as it is clear who has control of the vehicle.")
+"""The answer to what lands, in that moment: it is not forgotten, and nobody has to ask again."""
+_LANDS = (UserCommand.LAND, UserCommand.ABORT)
+_ASKED_BEFORE = Case(_NO, "It is landing: you asked for that before.")
 
 
 def answer_to(context: Context, command: UserCommand) -> Case:
@@ -240,6 +249,7 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
     context = Context(state, event, rules)
     context.now = max(event.t_ns, state.t_ns)
     update(context)
+    _take_up(context)
     decisions: List[Decision] = []
     _answer(context)
     _update_failures(context, decisions)
@@ -254,6 +264,13 @@ def decide(state: EngineState, event: Event, rules: Rules) -> Tuple[EngineState,
     if not context.commands and not decisions:
         return context.state, ()
     return context.state, (*sorted(context.commands, key=_rank), *decisions)
+
+
+def _take_up(context: Context) -> None:
+    """Take up a landing that the user asked for while it was not clear who has control; in a pilot's hands none is."""
+    if context.state.land_deferred and not context.suspected():
+        context.set(land_deferred=False)
+        context.user = context.user if context.taken() else UserCommand.LAND
 
 
 def _rank(command: Command) -> int:
@@ -278,8 +295,14 @@ def _answer(context: Context) -> None:
     if not isinstance(event, (UserRequest, MissionSelected)):
         return
     case = answer_to(context, event.command) if isinstance(event, UserRequest) else SELECT[context.state.state]
-    case = IN_DOUBT if context.suspected() else case
-    if case.answer is not AnswerKind.DONE:
+    if context.suspected():
+        defers = case.answer is AnswerKind.DONE and context.user in _LANDS and context.state.flight.active
+        context.set(land_deferred=defers or context.state.land_deferred)
+        case = DEFERRED if defers else IN_DOUBT
+        context.consume()
+    elif isinstance(event, UserRequest) and context.user is not event.command:
+        case = _ASKED_BEFORE
+    elif case.answer is not AnswerKind.DONE:
         context.consume()
     context.commands.append(Answer(request_id=event.request_id, answer=case.answer, message=case.text))
 

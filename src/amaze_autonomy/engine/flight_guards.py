@@ -6,7 +6,7 @@ from typing import Optional
 
 from . import failsafe
 from .commands import Seen, Value, because
-from .context import LANDING_MODES, Context, ours
+from .context import LANDING_MODES, Context
 from .events import MissionPhase, Outcome, VehicleLanded
 from .failsafe import FAILSAFE_CONDITIONS
 from .guards import Guard, holds_if
@@ -105,16 +105,11 @@ def armed_by_others(context: Context) -> Optional[Seen]:
 def still_flies(context: Context) -> Optional[Seen]:
     """Its flight seemed over, and it says that it is in the air, armed: it never landed, for nobody arms it there."""
     state, status = context.state, context.vehicle()
-    if (
-        state.flight.active
-        or not state.flight.was_airborne
-        or status is None
-        or not (context.armed() and context.airborne())
-    ):
+    if state.flight.active or status is None or not (context.armed() and context.never_landed()):
         return None
     sure = state.vehicle.aloft is not None and state.vehicle.aloft.statuses > 1
-    mine = ours(status.mode, state.flight.commanded, state.flight.confirmed, lands=True) and not status.pilot_in_control
     landed = Value("landed", status.landed.name)
+    mine = state.vehicle.takeover is None
     return because("reason", "it is still in the air", landed) if sure and mine else None
 
 
@@ -152,9 +147,10 @@ def hold_not_repeated(context: Context) -> Optional[Seen]:
 
 
 def nobody_knows(context: Context) -> Optional[Seen]:
-    """The pilot was alarmed, and the vehicle is not heard any more."""
-    status = context.state.peers.autopilot
-    silent = context.state.landing.alarmed and context.vehicle() is None
+    """The pilot was alarmed, and the vehicle is not heard any more, or not whether it is armed and has landed."""
+    state, status = context.state, context.state.peers.autopilot
+    unknown = passed("vehicle_unknown_limit", state, context.rules, context.now)
+    silent = state.landing.alarmed and (context.vehicle() is None or unknown)
     return holds_if(silent, Value("last heard armed", status.armed if status is not None else None))
 
 

@@ -363,7 +363,7 @@ class Vehicle:
     """What the autopilot's statuses say in a row; none of it is known when they begin anew.
 
     Args:
-        down, aloft, motors: how long they agree on disarmed and on the ground, in the air, armed.
+        down, aloft, motors, disarmed: how long they agree on disarmed and on the ground, in the air, armed, disarmed.
         takeover: how long they agree that somebody else has control.
         takeover_reason: and why, in words.
         moving_ns, descending_ns: since when it flies on, and sinks.
@@ -372,6 +372,7 @@ class Vehicle:
     down: Optional[Agreement] = None
     aloft: Optional[Agreement] = None
     motors: Optional[Agreement] = None
+    disarmed: Optional[Agreement] = None
     takeover: Optional[Agreement] = None
     takeover_reason: str = ""
     moving_ns: Optional[int] = None
@@ -380,19 +381,26 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Peers:
-    """The last status of each peer as it came, and when; what it means is computed from it at each event."""
+    """The last status of each peer as it came, and when; what it means is computed from it at each event.
+
+    Of each watchdog its last loop counter is kept, and how often in a row it has grown, up to two. Since when something
+    is so: `planner_idle_ns`, that the planner says of a vehicle in the air that nothing is flown; `vehicle_unknown_ns`,
+    that it is not known whether the vehicle is armed, or on the ground.
+    """
 
     action: Optional[WatchdogAction] = None
     heartbeat_ns: Optional[int] = None
-    loop_counters: Tuple[Tuple[str, int], ...] = ()
+    loop_counters: Tuple[Tuple[str, int, int], ...] = ()
     watchdog_started_ns: Optional[int] = None
     components: Tuple[ComponentStatus, ...] = ()
     planner: Optional[MissionStatus] = None
     planner_ns: Optional[int] = None
+    planner_idle_ns: Optional[int] = None
     recorder: Optional[RecordingStatus] = None
     recorder_ns: Optional[int] = None
     autopilot: Optional[AutopilotStatus] = None
     autopilot_ns: Optional[int] = None
+    vehicle_unknown_ns: Optional[int] = None
     battery_ns: Optional[int] = None
     position_ns: Optional[int] = None
     landing: Optional[LandedStatus] = None
@@ -426,13 +434,14 @@ class EngineState:
     Args:
         t_ns: of the last event.
         state, step: where it is; `entered_ns` and `step_ns`: since when.
-        started_ns: when its process began; `armed_at_start`: what the first status said then.
+        started_ns: when its process began; `armed_at_start`: what the first statuses that agree said then.
         next_id, decisions: of the next request, and how many there were.
         label, sessions: session ids are made of them.
         queue: the missions that were selected and have not begun.
         cause: why the last row fired.
         failures: all that is wrong now.
         shutting_down, signal: the process was told to end; the signal while nobody has answered it.
+        land_deferred: the user asked for a landing while it was not clear who has control.
         shown: the last message to the user.
 
     The rest are parts, each of which begins anew by one assignment.
@@ -454,6 +463,7 @@ class EngineState:
     failures: Tuple[Failure, ...] = ()
     shutting_down: bool = False
     signal: str = ""
+    land_deferred: bool = False
     shown: Notify = _NOTHING
 
     session: Session = Session()

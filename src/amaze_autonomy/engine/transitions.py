@@ -123,7 +123,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("pilot_took_over", (*_FLIGHT, State.LAND), flight.taken_over, PILOT, "pilot", _BY_PILOT, words="the pilot, or a failsafe of the autopilot, has control"),
     T("pilot_had_control_at_start", (INPUT,), both(flight.started_armed, flight.taken_over), PILOT, "pilot", _BY_PILOT, do.adopt_flight, "started while armed, pilot in control"),
     T("started_armed", (INPUT,), flight.started_armed, COMMANDING, "land", _EARLY, do.adopt_flight, "started while armed, no flight to resume"),
-    T("still_flying", (CLEANUP, OUTREACH), flight.still_flies, COMMANDING, "land", _EARLY, do.adopt_flight, "its flight seemed over, and it is still in the air"),
+    T("still_flying", (TOUCHDOWN, CLEANUP, OUTREACH, ENDED), flight.still_flies, COMMANDING, "land", _EARLY, do.adopt_flight, "its flight seemed over, and it is still in the air"),
     T("armed_late", (INPUT, OUTREACH, CLEANUP, ENDED, *_BEFORE), flight.armed_late, COMMANDING, "land", _EARLY, do.adopt_late_arming, "an ARM of ours took effect after its takeoff was called off: disarmed on the ground, landed in the air"),
     T("armed_after_flight", (CLEANUP,), flight.armed_by_others, PILOT, "pilot", words="armed while the data is collected, and not by us; the flight keeps its result"),
     T("armed_before_data_is_complete", (OUTREACH,), both(flight.armed_by_others, outreach_for(OutreachKind.DATA)), PILOT, "pilot", words="armed while the data waits for a person; the flight keeps its result"),

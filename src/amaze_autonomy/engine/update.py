@@ -26,6 +26,7 @@ from .events import (
     RecordingStatus,
     Reply,
     Shutdown,
+    VehicleLanded,
     WatchdogAction,
     WatchdogInfo,
 )
@@ -38,7 +39,10 @@ __all__ = ["update"]
 
 _NS = 1_000_000_000
 _WATCHDOGS = 4  # whose loop counters are remembered
-_AFTER_FLIGHT = (State.DATA_CLEANUP, State.OUTREACH)
+_GROWTHS = 2
+"""So often in a row a loop counter grows before it is believed again that has fallen: a restart costs one beat more."""
+_AFTER_FLIGHT = (State.DATA_CLEANUP, State.OUTREACH, State.MISSION_ENDED)
+_IDLE = (MissionPhase.IDLE, MissionPhase.LOADED, MissionPhase.LANDED)
 
 
 def update(context: Context) -> None:
@@ -106,6 +110,7 @@ def _engine_started(context: Context, event: EngineStarted) -> None:
         return
     context.set(vehicle=Vehicle(), peers=state.peers.after_restart(context.now))
     context.put("recording", since_ns=None)
+    _forget_ground(context)
     if state.flight.active or state.state is not State.MISSION_INPUT:
         context.notify("resumed", state=state.state.value)
 
@@ -134,13 +139,21 @@ def _watchdog_action(context: Context, event: WatchdogAction) -> None:
 
 
 def _heartbeat(context: Context, event: WatchdogAction) -> None:
-    """Take a loop counter that has grown for a heartbeat: each publisher's own, so that two do not keep one alive."""
-    known = dict(context.state.peers.loop_counters)
-    before = known.pop(event.publisher, None)
-    if before is None or event.loop_counter != before:
-        others = tuple(known.items())[1 - _WATCHDOGS :]
-        context.put("peers", loop_counters=(*others, (event.publisher, event.loop_counter)))
-    if event.loop_counter > before if before is not None else not known:
+    """Take a loop counter that has grown for a heartbeat: each publisher's own, so that two do not keep one alive.
+
+    Two of them behind one name rise and fall: one that has fallen grows twice in a row before it is believed again.
+    """
+    known = context.state.peers.loop_counters
+    others = tuple(each for each in known if each[0] != event.publisher)
+    begins = 1 if others else _GROWTHS
+    before, growths = next((each[1:] for each in known if each[0] == event.publisher), (None, begins))
+    if before == event.loop_counter:
+        return
+    if before is not None:
+        growths = min(growths + 1, _GROWTHS) if event.loop_counter > before else 0
+    entry = (event.publisher, event.loop_counter, growths)
+    context.put("peers", loop_counters=(*others[1 - _WATCHDOGS :], entry))
+    if growths >= _GROWTHS:
         context.put("peers", heartbeat_ns=context.now)
 
 
@@ -241,6 +254,7 @@ def _mission_status(context: Context, event: MissionStatus) -> None:
         and _credible(context, "planner", event.age_ns)
     ):
         context.put("peers", planner=event, planner_ns=context.now)
+        _planner_idles(context)
         if context.state.vehicle.takeover is not None and context.state.peers.autopilot is not None:
             _control(
                 context, context.state.peers.autopilot, again=True
@@ -265,7 +279,9 @@ def _recording_status(context: Context, event: RecordingStatus) -> None:
 def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
     if not _credible(context, "autopilot", event.age_ns):
         return
+    _after_silence(context)
     peers, vehicle, now = context.state.peers, context.state.vehicle, context.now
+    unknown = event.armed is None or event.landed is VehicleLanded.UNKNOWN
     speed = event.vertical_speed_m_s
     descending = speed is not None and speed <= -context.limits.descent_speed_m_s
     known = None not in (event.height_m, event.position_x_m, event.position_y_m)
@@ -273,6 +289,7 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         "peers",
         autopilot=event,
         autopilot_ns=now,
+        vehicle_unknown_ns=_since(peers.vehicle_unknown_ns, now, says=unknown),
         battery_ns=_battery_known_ns(event, now, peers.battery_ns),
         position_ns=now if known else peers.position_ns,
     )
@@ -281,11 +298,46 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
         descending_ns=_since(vehicle.descending_ns, now, says=descending),
         moving_ns=_since(vehicle.moving_ns, now, says=_moves(context, event)),
     )
-    if context.state.armed_at_start is None and context.state.started_ns is not None:
-        context.set(armed_at_start=event.armed)
     _flight(context)
+    _armed_at_start(context)
+    _planner_idles(context)
     _command_shown(context, event)
     _control(context, event)
+
+
+def _after_silence(context: Context) -> None:
+    """Forget since when it stands on the ground where it was silent meanwhile: two lies far apart disarm nobody."""
+    state = context.state
+    silent = state.peers.autopilot_ns is None or context.now - state.peers.autopilot_ns > (
+        context.limits.autopilot_status_limit_ns
+    )
+    if silent:
+        _forget_ground(context)
+
+
+def _forget_ground(context: Context) -> None:
+    if context.state.flight.active and context.state.flight.grounded_ns is not None:
+        context.put("flight", grounded_ns=None)
+        context.put("landing", disarm_sent_ns=None)
+
+
+def _armed_at_start(context: Context) -> None:
+    """Note whether it was armed when this engine began: what the first two statuses in a row say that agree."""
+    state = context.state
+    if state.armed_at_start is not None or state.started_ns is None:
+        return
+    for agreed, says in ((state.vehicle.motors, True), (state.vehicle.disarmed, False)):
+        if agreed is not None and agreed.statuses > 1:
+            context.set(armed_at_start=says)
+
+
+def _planner_idles(context: Context) -> None:
+    """Note since when the planner says of a vehicle in the air that nothing is flown."""
+    peers = context.state.peers
+    idles = peers.planner is not None and peers.planner.phase in _IDLE and context.armed() and context.airborne()
+    since_ns = _since(peers.planner_idle_ns, context.now, says=idles)
+    if since_ns != peers.planner_idle_ns:
+        context.put("peers", planner_idle_ns=since_ns)
 
 
 def _since(since_ns: Optional[int], now_ns: int, *, says: bool) -> Optional[int]:
@@ -339,21 +391,22 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
     if event.failsafe and event.mode not in direct:
         return "a failsafe of the autopilot is active"
     if not state.flight.active:
-        if (
-            context.airborne()
-            and state.flight.was_airborne
-            and state.state in _AFTER_FLIGHT
-            and _is_ours(context, event, lands=True)
-        ):
+        after = state.state in _AFTER_FLIGHT or state.step is Step.TOUCHDOWN
+        mine = _is_ours(context, event, lands=True) or _unchanged(context, event)
+        if after and context.never_landed() and mine:
             return ""  # it never landed: see the row still_flying
         if context.may_arm_late() and _is_ours(context, event, lands=False):
             return ""  # see the row armed_late
         at_start = state.sessions == 0 and state.armed_at_start is not False
         return "it was armed, and not by us" if event.armed and not at_start else ""
-    if _is_ours(context, event, lands=_planner_lands(context)):
-        return ""
-    unchanged = state.flight.confirmed is None and event.mode == state.flight.mode_before  # nothing has answered yet
-    return "" if unchanged else f"flight mode {event.mode} was not commanded"
+    mine = _is_ours(context, event, lands=_planner_lands(context)) or _unchanged(context, event)
+    return "" if mine else f"flight mode {event.mode} was not commanded"
+
+
+def _unchanged(context: Context, event: AutopilotStatus) -> bool:
+    """Return True while it is in the mode of before our commands, and nothing has answered them yet."""
+    flight = context.state.flight
+    return flight.confirmed is None and event.mode == flight.mode_before
 
 
 def _is_ours(context: Context, event: AutopilotStatus, *, lands: bool) -> bool:
@@ -374,6 +427,7 @@ def _flight(context: Context) -> None:
         down=_follow(state.vehicle.down, context.now, says=context.down()),
         aloft=_follow(state.vehicle.aloft, context.now, says=context.airborne()),
         motors=_follow(state.vehicle.motors, context.now, says=context.armed()),
+        disarmed=_follow(state.vehicle.disarmed, context.now, says=context.disarmed()),
     )
     if context.down():
         if state.flight.grounded_ns is None:

@@ -61,30 +61,41 @@ def losses_are_landed_for(m: Moment) -> Verdict:
 
 def _lost(m: Moment) -> str:
     """Return what is lost, by the witness's own clocks; empty: nothing."""
-    saw, limits, now = m.saw, m.rules.limits, m.saw.now
-    status = saw.vehicle
-    started = saw.flight_ns
-    if saw.stalled_s * _NS > limits.clock_stall_limit_ns:
+    if m.saw.stalled_s * _NS > m.rules.limits.clock_stall_limit_ns:
         return "the clock stands"
+    return _lost_peer(m) or _battery_or_time(m) or _out_of_bounds(m)
+
+
+def _lost_peer(m: Moment) -> str:
+    saw, limits, now = m.saw, m.rules.limits, m.saw.now
     if now - max(saw.beat_ns or 0, 0) > limits.watchdog_heartbeat_limit_ns and saw.watching:
         return "the watchdog's heartbeat is lost"
     if now - saw.planner_ns > limits.planner_status_limit_ns and saw.planner_ns:
         return "the planner is silent"
     if saw.planner is not None and saw.planner.phase is ev.MissionPhase.FAILED:
         return "the planner failed"
-    silent = status is not None or now - saw.vehicle_ns > limits.autopilot_status_limit_ns
+    if saw.idle_ns is not None and now - saw.idle_ns > limits.planner_idle_limit_ns:
+        return "the planner says that nothing is flown"
+    silent = saw.vehicle is not None or now - saw.vehicle_ns > limits.autopilot_status_limit_ns
     if silent and saw.fresh(limits) is None:
         return "the autopilot is silent"
+    unknown = saw.airborne and saw.is_unknown(limits)
+    return "the autopilot does not say whether it is armed and on the ground" if unknown else ""
+
+
+def _battery_or_time(m: Moment) -> str:
+    saw, limits, now = m.saw, m.rules.limits, m.saw.now
+    status, started = saw.vehicle, saw.flight_ns
     if now - (started if saw.battery_ns is None else saw.battery_ns) > limits.battery_age_limit_ns:
         return "the battery level is unknown"
     if status is not None and status.battery_critical:
-        return "the autopilot calls the battery critical"
+        return "the battery is critical, says the autopilot"
     level = status.battery_fraction if status is not None else None
     if level is not None and not level > limits.battery_critical_fraction:
         return "the battery is critical"
     if now - started >= m.limit("max_flight_time_ns"):
         return "the flight time is over"
-    return _out_of_bounds(m)
+    return ""
 
 
 def _out_of_bounds(m: Moment) -> str:
@@ -106,16 +117,17 @@ def both_routes_when_planner_or_autopilot_is_lost(m: Moment) -> Verdict:
     if m.saw.flight != "armed" or _handed_over(m):
         return None
     lost = _lost(m)
-    if not lost.startswith(("the planner", "the autopilot is silent", "the clock")):
+    if not lost.startswith(("the planner", "the autopilot ", "the clock")):
         return None
     return True if m.seen.second else f"{lost}, and the second route was not used"
 
 
 @law("4 losses", "When the autopilot is lost in flight, the pilot is alarmed at once.", always=True)
 def autopilot_lost_alarms(m: Moment) -> Verdict:
-    if m.saw.flight != "armed" or _handed_over(m) or _lost(m) != "the autopilot is silent":
+    lost = _lost(m)
+    if m.saw.flight != "armed" or _handed_over(m) or not lost.startswith("the autopilot "):
         return None
-    return True if m.seen.alarmed else "the autopilot is silent, and the pilot was not alarmed"
+    return True if m.seen.alarmed else f"{lost}, and the pilot was not alarmed"
 
 
 @law(
@@ -284,14 +296,34 @@ def _not_ours(m: Moment) -> bool:
 _ANY_OF_OURS = frozenset(mode for modes in OURS.values() for mode in modes)
 
 
-@law("5 PILOT", "PILOT ends only acknowledged by a person, when the last word of the vehicle was that it is down.")
+@law("4.3", "A landing that was asked for while control was in doubt goes out when the doubt is over.", always=True)
+def a_landing_asked_for_is_not_forgotten(m: Moment) -> Verdict:
+    if not m.before.land_deferred or m.in_doubt or m.before.state not in FLIGHT:
+        return None
+    return _is_landed_for(m, "the user asked for it")
+
+
+@law("4.5, 5 PILOT", "A vehicle that stays silent in somebody else's hands may be given up: PILOT has a way out.")
+def a_silent_vehicle_may_be_given_up(m: Moment) -> Verdict:
+    if m.before.state is not State.PILOT or not _asks_to_end(m):
+        return None
+    silent = m.saw.silent_ns() >= m.rules.limits.pilot_silence_limit_ns
+    return None if not silent else (True if m.moved else "it has been silent for long, and nothing leads out of PILOT")
+
+
+def _asks_to_end(m: Moment) -> bool:
+    return isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
+
+
+@law("5 PILOT", "PILOT ends acknowledged by a person alone: it last said that it is down, or it is silent for long.")
 def pilot_ends_acknowledged(m: Moment) -> Verdict:
     if m.before.state is not State.PILOT or not m.moved:
         return None
-    asked = isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
     last = m.saw.vehicle
     down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
-    return True if asked and down else "left without an acknowledgement, or its last word was not that it is down"
+    silent = m.saw.silent_ns() >= m.rules.limits.pilot_silence_limit_ns
+    ended = _asks_to_end(m) and (down or silent)
+    return True if ended else "left without an acknowledgement, or its last word was not that it is down"
 
 
 @law("4, 5", "On the ground no motion but the one TAKEOFF, and what cancels it before lift-off.")
@@ -315,7 +347,8 @@ def no_motion_on_the_ground(m: Moment) -> Verdict:
 
 def _still_flies(m: Moment) -> bool:
     """Return True where a landing begins on the ground: started while it flies, or its flight seemed over."""
-    over = m.before.state in (State.DATA_CLEANUP, State.OUTREACH) and m.saw.flies(m.rules.limits)
+    seemed = (State.DATA_CLEANUP, State.OUTREACH, State.MISSION_ENDED)
+    over = m.before.state in seemed and m.saw.flies(m.rules.limits)
     return over or m.before.state is State.MISSION_INPUT or _armed_late(m)
 
 

@@ -294,11 +294,15 @@ def a_flight_ends_on_the_ground(m: Moment) -> Verdict:
 
 
 def _given_up(m: Moment) -> bool:
-    """Return True when a person ends it: after the alarm, or by its last word that it is down; it is not heard."""
+    """Return True when a person ends it: after the alarm, by its last word that it is down, or silent for long."""
     asked = isinstance(m.event, ev.UserRequest) and m.event.command is ev.UserCommand.ACKNOWLEDGE
     last = m.saw.vehicle
     down = last is not None and last.armed is False and last.landed is ev.VehicleLanded.ON_GROUND
-    return asked and m.saw.fresh(m.rules.limits) is None and (m.was.alarmed or down)
+    limits = m.rules.limits
+    if m.before.state is State.PILOT and m.saw.silent_ns() >= limits.pilot_silence_limit_ns:
+        return asked
+    nothing_known = m.saw.fresh(limits) is None or m.saw.is_unknown(limits)
+    return asked and nothing_known and (m.was.alarmed or down)
 
 
 @law("5 MISSION", "A mission is complete only when the planner says so, it was the last file, and it has landed.")

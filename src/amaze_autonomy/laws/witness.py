@@ -72,10 +72,12 @@ class Witness:
     detection: ev.Landed = ev.Landed.UNKNOWN
     detection_ns: int = 0
     beat_ns: Optional[int] = None
-    counters: Tuple[Tuple[str, int], ...] = ()
+    counters: Tuple[Tuple[str, int, int], ...] = ()
     watching: bool = False
     planner: Optional[ev.MissionStatus] = None
     planner_ns: int = 0
+    idle_ns: Optional[int] = None
+    unknown_ns: Optional[int] = None
     recorder: Optional[ev.RecordingStatus] = None
     recorder_ns: int = 0
     growing_ns: Optional[int] = None
@@ -152,6 +154,15 @@ class Witness:
         sinks = self.descending_ns is not None and self.now - self.descending_ns >= limits.descent_time_ns
         return status.mode in _LANDING_MODES or status.landed is ev.VehicleLanded.LANDING or (low and sinks)
 
+    def silent_ns(self) -> int:
+        """Return for how long neither the autopilot's status nor the vehicle behind it was heard."""
+        link_s = self.vehicle.link_age_s if self.vehicle is not None else None
+        return self.now - self.vehicle_ns + int((link_s or 0.0) * _SECOND)
+
+    def is_unknown(self, limits: Limits) -> bool:
+        """Return True when it was unknown for too long whether it is armed, or on the ground."""
+        return self.unknown_ns is not None and self.now - self.unknown_ns > limits.vehicle_unknown_limit_ns
+
     def is_taken(self, limits: Limits) -> bool:
         """Return True when several statuses agree that somebody else has control."""
         return self.taken > 1 and self.now - self.taken_ns >= limits.pilot_confirm_ns
@@ -195,6 +206,9 @@ def _autopilot(
     if previous is None or previous.mode != event.mode:
         changes["mode_ns"] = now
     unchanged = event.mode == witness.mode_before and not witness.answered  # since before the flight
+    unknown = event.armed is None or event.landed is ev.VehicleLanded.UNKNOWN
+    changes["unknown_ns"] = (now if witness.unknown_ns is None else witness.unknown_ns) if unknown else None
+    changes["idle_ns"] = _idle_since(witness, witness.planner, event, now, limits)
     changes["foreign"] = changed and event.mode in NEVER_OURS and not unchanged
     _count_taken(witness, event, now, changes, state, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
@@ -219,6 +233,16 @@ def _autopilot(
     changes["aloft"] = witness.aloft + 1 if flies else 0
     if flies and (witness.flight != "none" or (event.armed is True and state.state is State.LAND)):
         changes.update(flight="armed", airborne=witness.airborne or witness.aloft > 0)  # one status is not believed
+
+
+def _idle_since(witness: Witness, planner: Any, vehicle: Any, now: int, limits: Limits) -> Optional[int]:
+    """Return since when the planner says of a vehicle in the air that nothing is flown."""
+    heard_ns = now if vehicle is not witness.vehicle else witness.vehicle_ns
+    seen = evolve(witness, now=now, vehicle=vehicle, vehicle_ns=heard_ns)
+    status = seen.fresh(limits)
+    flies = status is not None and status.armed is True and status.landed in _FLIES
+    idle = planner is not None and planner.phase.name in ("IDLE", "LOADED", "LANDED")
+    return (now if witness.idle_ns is None else witness.idle_ns) if flies and idle else None
 
 
 def _count_taken(
@@ -257,12 +281,16 @@ NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
 
 
 def _action(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
-    known = dict(witness.counters)
-    before = known.get(event.publisher)
-    if event.loop_counter > before if before is not None else not known:
+    known = {name: (counter, rises) for name, counter, rises in witness.counters}
+    before, rises = known.get(event.publisher, (None, 1 if known else 2))
+    if before is not None and event.loop_counter != before:  # one that has fallen rises twice before it is believed
+        rises = rises + 1 if event.loop_counter > before else 0
+        if rises > 1:
+            changes["beat_ns"] = now
+    elif before is None and not known:
         changes["beat_ns"] = now
-    known[event.publisher] = event.loop_counter
-    changes["counters"] = tuple(known.items())
+    known[event.publisher] = (event.loop_counter, min(rises, 2))
+    changes["counters"] = tuple((name, *each) for name, each in known.items())
     listed: Dict[str, int] = {}
     for status in event.components:
         listed[status.name] = max(listed.get(status.name, 0), int(status.code))
@@ -282,9 +310,12 @@ def _info(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_: 
     changes["codes"] = tuple(sorted({**told, **acted}.items()))
 
 
-def _planner(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+def _planner(
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], _state: EngineState, limits: Limits
+) -> None:
     if event.session_id and event.session_id == witness.session:
         changes.update(planner=event, planner_ns=now)
+        changes["idle_ns"] = _idle_since(witness, event, witness.vehicle, now, limits)
         status = witness.vehicle
         lands = event.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
         if lands and status is not None and status.mode in _LANDING_MODES and not status.pilot_in_control:
@@ -332,6 +363,7 @@ def _started(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
+        changes.update(idle_ns=None, unknown_ns=None)
         changes.update(
             growing_ns=None, descending_ns=None, down_ns=None, ground_ns=None, taken=0, armed_late=0, stalled_s=0.0
         )
@@ -385,7 +417,7 @@ def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> Non
         changes.update(landing=False, alarms=())
     if after.session.id != witness.session:
         changes["session"] = after.session.id
-        changes.update(planner=None, recorder=None, growing_ns=None, load=None)
+        changes.update(planner=None, idle_ns=None, recorder=None, growing_ns=None, load=None)
         if after.session.id:
             changes["recording"] = "none"
     if after.state is State.HOLD and after.flight.user_hold_ns is not None:
