@@ -99,7 +99,7 @@ EXPECTED: Dict[str, Loss] = {
     "recorder_dead": Loss(recorder_failed, 0.2, "CONTINUE"),
     "landing_detection": Loss(silent("landing"), 1.0, "CONTINUE"),
 }
-"""Heartbeat -> land; planner, clock -> both routes; autopilot, vehicle unknown -> both routes and alarm; battery unknown
+"""Heartbeat -> land; planner, clock -> both routes; autopilot, vehicle unknown -> both routes, alarm; battery unknown
 or critical, flight time, height, distance, tilt -> land; tilt beyond the warning, position unknown, recorder dead,
 landing detection silent -> continue, warned."""
 

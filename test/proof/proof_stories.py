@@ -60,7 +60,7 @@ STORIES: Sequence[Told] = (
         (f"{_LIES}a_landing_that_the_user_asks_for_in_that_moment_is_not_forgotten",),
     ),
     Told(
-        "A vehicle in the air of which the planner says that nothing is flown, or of which nothing is known, is landed.",
+        "A vehicle in the air is landed when the planner says that nothing is flown, or nothing is known of it.",
         (
             "engine/test_losses.py::test_lost_in_flight",
             "engine/test_landing.py::test_a_landing_of_which_nothing_is_known_any_more_may_be_given_up",
@@ -78,7 +78,7 @@ STORIES: Sequence[Told] = (
         ),
     ),
     Told(
-        "Armed and in the air again after an end that was believed is our flight, also between two files and at the end.",
+        "Armed and in the air again after an end that was believed is our flight, wherever its end was believed.",
         (
             f"{_LIES}armed_and_airborne_again_after_a_believed_end_is_still_our_flight",
             f"{_LIES}a_vehicle_that_is_in_the_air_between_two_files_is_landed",
