@@ -23,6 +23,7 @@ from recorded import recording
 from amaze_autonomy import cli
 from amaze_autonomy.bags import cli as bags_cli
 from amaze_autonomy.engine.events import UserCommand
+from amaze_autonomy.interface import SERVICES
 from amaze_autonomy.ros.arguments import NODES, read_words
 from amaze_autonomy.simulation import cli as simulation_cli
 from amaze_autonomy.simulation import px4_udp as vehicle_cli
@@ -114,7 +115,8 @@ def there_is_node(package, node, *words):
 
 def there_is_service(verb, name, *_):
     offered = {"list_missions", "select_mission", "command", *(each.value for each in UserCommand)}
-    return verb == "call" and name in {f"/autonomy/{each}" for each in offered}
+    peers = {*SERVICES, "mission_planner/load_waypoints"}
+    return verb == "call" and name in {*(f"/autonomy/{each}" for each in offered), *(f"/{each}" for each in peers)}
 
 
 def there_is_topic(verb, name):

@@ -3,26 +3,22 @@
 
 from __future__ import annotations
 
-import re
-import shlex
-from pathlib import Path
-from typing import Any, Dict
+from typing import Any, Dict, List
 
 import rospy
-import rosservice
-import yaml
 from behaviours import Behaviours
-from genpy.message import fill_message_args
+from documented import OURS, calls
 from hitches import allowed_s
-from stack import Stack
+from stack import CHECKS, Stack, without_repetitions
 
 from amaze_autonomy import msg
+from amaze_autonomy.interface import SERVICES
 
 DONE, REFUSED = 1, 2
 BEFORE = ["data_recorder/start", "mission_planner/load"]
 FLIGHT = [*BEFORE, "TAKEOFF", "data_recorder/stop"]
 PASSING = (1, 2)
-INTEGRATOR = Path(__file__).resolve().parents[2] / "docs" / "integrator.md"
+YES = ("accepted", "success", *(row.ok for row in SERVICES.values() if row.check is not None))
 ground = Behaviours()
 
 
@@ -225,20 +221,15 @@ def go_is_waited_for(stack: Stack) -> None:
 
 @ground.add(mission="", overrides=("autonomy.require_go=true",))
 def services_are_called_as_the_documentation_says(stack: Stack) -> None:
-    """Each `rosservice call` of docs/integrator.md, in its order, read as rosservice reads it."""
+    """Each `rosservice call` of docs/integrator.md to the engine, in its order."""
     stack.wait_peers()
     said: Dict[str, Any] = {}
     before = {"go": "READY", "hold": "MISSION", "resume": "HOLD", "land": "MISSION"}
-    for line in re.findall(r"^rosservice call (.*?)(?: +#.*)?$", INTEGRATOR.read_text(encoding="utf-8"), re.MULTILINE):
-        name, *given = shlex.split(line.replace("'1'", "'long'"))
-        word = name.rsplit("/", 1)[1]
-        if word in before:
-            stack.wait_state(before[word])
-        service = f"/{stack.name}{name}"
-        kind = rosservice.get_service_class_by_name(service)
-        request = kind._request_class()
-        fill_message_args(request, [yaml.safe_load(each) for each in given])
-        said[word] = rospy.ServiceProxy(service, kind)(request)
+    for call in calls("long"):
+        if call.name.startswith(OURS):
+            if call.word in before:
+                stack.wait_state(before[call.word])
+            said[call.word] = call.ask(f"/{stack.name}")
     assert said["select_mission"].accepted, said["select_mission"].message
     done = {word for word, answer in said.items() if getattr(answer, "success", False)}
     assert done == {"go", "hold", "resume", "land", "abort"}, said
@@ -246,6 +237,36 @@ def services_are_called_as_the_documentation_says(stack: Stack) -> None:
     assert said["command"].answer == 3, "it lands already"
     others = {"list_missions", "select_mission", "retry", "give_up", "acknowledge", "command"}
     assert set(said) == done | others, "services without an example"
+
+
+@ground.add(start=False)
+def peers_are_asked_as_the_documentation_says(stack: Stack) -> None:
+    """Each `rosservice call` of docs/integrator.md to a peer, in its order and without an engine: a flight by hand."""
+    space = f"/{stack.name}"
+    stack.start_peers(0)
+    rospy.wait_for_service(f"{space}/watchdog/start", 40.0)
+    phases: List[int] = []
+    rospy.Subscriber(f"{space}/mission_planner/status", msg.MissionStatus, lambda status: phases.append(status.phase))
+    said: Dict[str, Any] = {}
+    asked = [call for call in calls("long") if not call.name.startswith(OURS)]
+    for call in asked:
+        if call.name == "/autopilot/land":
+            stack.wait(lambda: phases[-1:] == [msg.MissionStatus.FLYING], "the mission", alive=False)
+        if call.word != "load_waypoints":  # our planner alone takes them: mission_planner.py
+            said[call.name] = stack.wait(lambda call=call: yes(call.ask(space)), call.name, alive=False)
+    assert {name.lstrip("/") for name in said} == set(SERVICES), "services without an example"
+    assert [call.word for call in asked].count("load_waypoints") == 1
+    rows = [row for answer in said.values() for row in getattr(answer, "checks", ())]
+    assert rows, "no check says what it looked at"
+    assert [row for row in rows if row.verdict not in PASSING] == [], "a check says yes with a row that failed"
+    received = without_repetitions([each.name for each in stack.received() if each.service not in CHECKS])
+    flown = ["mission_planner/load", "TAKEOFF", "autopilot/land", "autopilot/disarm"]
+    assert received == ["data_recorder/start", *flown, "data_recorder/stop"], received
+
+
+def yes(answer: Any) -> Any:
+    """Return an answer that says yes, or nothing: a check takes a moment, a disarming waits for the ground."""
+    return answer if any(getattr(answer, name, False) for name in YES) else None
 
 
 @ground.add(mission="long")

@@ -13,6 +13,7 @@ import unittest
 import rospy
 import rostest
 from at_once import at_once
+from documented import calls
 from hitches import allowed_s
 from one_node import OneNode, wait_for
 from px4_vehicle import MISSIONS, Px4Vehicle
@@ -238,6 +239,19 @@ class TestMissionPlanner(unittest.TestCase):
         self.wait_phase(STATUS.FLYING)
         self.assertIn("the vehicle is armed", answer().message)
         self.assert_flown()
+
+    def test_waypoints_are_loaded_and_flown_as_the_documentation_says(self):
+        (call,) = [each for each in calls() if each.word == "load_waypoints"]
+        wait_for(lambda: self.statuses and not self.status.message, "a vehicle that speaks")
+        wait_for(lambda: call.ask(self.space).accepted, "loaded waypoints", period_s=1.0)
+        self.wait_phase(STATUS.LOADED)
+        given = call.given[0]
+        self.assertEqual((self.status.session_id, self.status.mission_id), (given["session_id"], given["mission_id"]))
+        self.assertEqual(self.status.waypoints, len(given["waypoints"]))
+        (command,) = [each for each in calls() if each.name == "/mission_planner/command"]
+        self.assertTrue(command.ask(self.space).accepted)
+        self.wait_phase(STATUS.LANDED)
+        self.assertEqual(self.status.waypoint, self.status.waypoints)
 
     def test_requests_that_cannot_be_are_refused_with_the_reason(self):
         answer = self.load("s1", "9", 0, 0)

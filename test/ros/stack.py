@@ -288,6 +288,8 @@ class Stack:
 
     def check_laws(self) -> None:
         """Assert that there is a journal, and that no law was broken at any event of any journal of this test."""
+        if self.engine is None:
+            return  # the story is one of the peers alone
         paths = sorted(path for place in (".", "earlier*") for path in self.output.glob(f"{place}/journal*.jsonl"))
         if not paths and self.engine is not None and self.engine.returncode == START_ERROR:
             print(f"{self.name}: it ended before a mission was begun: no law to check", flush=True)
