@@ -396,6 +396,17 @@ def test_the_flight_is_from_the_last_status_on_the_ground_to_the_first_one_after
     assert fleet.collector.flights == [[2 * S, 6 * S], [6 * S, None]], "it is busy with the one before"
 
 
+def test_what_is_kept_for_the_next_process_does_not_change_afterwards():
+    """Else it is not written: a node that is killed in flight would not know when that began."""
+    fleet = recording()
+    kept = [fleet.collector.memory()]
+    for in_flight in (False, True, False):
+        engine(fleet, "s1", in_flight=in_flight)
+        kept.append(fleet.collector.memory())
+    now_ns = fleet.now_ns
+    assert [each["flights"] for each in kept] == [None, [], [[now_ns, None]], [[now_ns, now_ns]]]
+
+
 def test_a_takeoff_that_nobody_saw_is_as_old_as_the_recording():
     fleet = Fleet()
     fleet.start()

@@ -570,7 +570,7 @@ class Collector:
             "message": self._message,
             "summary": dict(self._summary),
             "stopped_ns": self.stopped_ns,
-            "flights": self.flights,
+            "flights": None if self.flights is None else [list(each) for each in self.flights],
             "platforms": {view.name: view.memory() for view in self.views.values()},
         }
 

@@ -110,7 +110,8 @@ class Group:
         self._seen = GroupStatus(running=False)
         self._asked_ns: Optional[int] = None
         self._ended_ns: Optional[int] = None
-        self._born_size: Optional[int] = None
+        self._born_size: Optional[int] = None  # of what lay there before its recorder
+        self._asked_size = 0
         self._grew_ns: Optional[int] = None
         self._gap_ns: Optional[int] = None
         self._full_size = 0
@@ -138,6 +139,7 @@ class Group:
         self.number += 1
         self._began_ns = t_ns if self._began_ns is None else self._began_ns
         self._asked_ns, self._born_size, self.writes = t_ns, None, False
+        self._asked_size = self._seen.size
         return self.number
 
     def stop_for_space(self, t_ns: int) -> bool:
@@ -198,9 +200,9 @@ class Group:
             self._close_gap(t_ns)  # it would write if anybody published
 
     def _came(self, t_ns: int, size: int) -> None:
-        if self._asked_ns is None:  # it was there before this process
-            self._asked_ns = t_ns
-        self._born_size, self._ended_ns = size, None
+        if self._asked_ns is None:  # it was there before this process, and has written its head
+            self._asked_ns, self._asked_size = t_ns, max(0, size - _HEAD_BYTES)
+        self._born_size, self._ended_ns = self._asked_size, None
 
     def _died(self, t_ns: int, *, writing: bool) -> None:
         self._ended_ns, self._born_size, self.writes = t_ns, None, False
