@@ -25,7 +25,9 @@ from amaze_autonomy.interface import (
     peer_of,
     service_of,
 )
-from amaze_autonomy.interface.fields import MOST_TEXT, text
+from amaze_autonomy.interface.fields import MOST_ITEMS, MOST_TEXT, text
+from amaze_autonomy.interface.tables import PLATFORM
+from amaze_autonomy.journal.codec import field_types, tuple_items
 from amaze_autonomy.journal.journal import encode_event
 
 ROOT = Path(__file__).parents[2]
@@ -159,6 +161,90 @@ def test_texts_of_peers_are_cut_in_statuses_lists_and_parts():
     found = next(each for each in STATUSES if each.topic == "watchdog/info").read(message, 5, 0)
     assert [len(each) for each in (found.changed[0], found.components[0].reason)] == [MOST_TEXT, MOST_TEXT]
     assert len(encode_event(found)) < 3 * MOST_TEXT
+
+
+# --- long lists -------------------------------------------------------------------------------------------------------
+
+
+def component(number, code):
+    return SimpleNamespace(name=f"c{number}", code=code, restart=0, until=nan, reason="x" * 900)
+
+
+def row(number, verdict):
+    return SimpleNamespace(
+        **{**vars(CHECK_ROW.written(Check(f"r{number}", Verdict.PASS), T, classes)), "verdict": verdict}
+    )
+
+
+def platform(number, growing):
+    return PLATFORM.written(ev.PlatformRecording(platform=f"p{number}", growing=growing), T, classes)
+
+
+@pytest.mark.parametrize("topic", ["watchdog/action", "watchdog/info"])
+def test_of_a_long_list_of_components_the_worst_are_kept_in_their_order(topic):
+    status = next(each for each in STATUSES if each.topic == topic)
+    codes = [1] * 700 + [8] + [2] * 500 + [16] + [4] * 600 + [8, 16] + [1] * 200
+    parts = [component(number, code) for number, code in enumerate(codes)]
+    message = status.write(status.event(t_ns=T, sequence=1, **OWN[topic]), classes)
+    message.components, message.changed = parts, [each.name for each in parts]
+    found = status.read(message, T, 0)
+    assert len(found.components) == MOST_ITEMS
+    kept = [int(each.name[1:]) for each in found.components]
+    assert kept == sorted(kept)
+    assert sorted((codes[each] for each in kept), reverse=True) == sorted(codes, reverse=True)[:MOST_ITEMS]
+    assert [each for each in kept if codes[each] >= 8] == [700, 1201, 1802, 1803]
+    assert len(encode_event(found)) < 2 * MOST_ITEMS * MOST_TEXT
+    cut = len(codes) - MOST_ITEMS
+    assert status.left_out(message) == {"components": cut, **({"changed": cut} if topic == "watchdog/info" else {})}
+
+
+NOTHING = {"changed": (), "components": ()}
+OWN = {"watchdog/action": {"loop_counter": 1, "code": Code.ABORT}, "watchdog/info": NOTHING}
+
+
+def test_more_of_the_worst_than_can_be_kept_leave_nothing_else():
+    status = next(each for each in STATUSES if each.event is ev.WatchdogInfo)
+    message = status.write(ev.WatchdogInfo(t_ns=T, sequence=1, **NOTHING), classes)
+    message.components = [component(number, 16 if number % 2 else 8) for number in range(2 * MOST_ITEMS + 2)]
+    assert {each.code for each in status.read(message, T, 0).components} == {Code.ABORT}
+
+
+def test_of_a_long_check_no_row_that_has_failed_is_left_out_for_one_that_passed():
+    service = CHECK_SERVICES[CheckName.WATCHDOG]
+    reply = ev.CheckReply(t_ns=T, command_id=5, check=CheckName.WATCHDOG, outcome=ev.Outcome.ACCEPTED, message="no")
+    answer = SimpleNamespace(**service.answer(reply, T, classes))
+    answer.checks = [row(number, 1) for number in range(500)] + [row(500, 3), row(501, 4), row(502, 2)]
+    found = service.reply(answer, 5, T)
+    assert (len(found.checks), [each.name for each in found.checks[-3:]]) == (MOST_ITEMS, ["r500", "r501", "r502"])
+    assert found.message == f"no ({503 - MOST_ITEMS} of 503 checks are left out)"
+
+
+def test_of_a_long_list_of_platforms_none_that_does_not_record_is_left_out():
+    status = next(each for each in STATUSES if each.event is ev.RecordingStatus)
+    event = ev.RecordingStatus(t_ns=T, session_id="s", phase=ev.RecordingPhase.RECORDING)
+    message = status.write(event, classes)
+    message.platforms = [platform(number, growing=number != 400) for number in range(500)]
+    found = status.read(message, T, 0)
+    assert (len(found.platforms), found.platforms[-1].platform) == (MOST_ITEMS, "p400")
+    assert status.left_out(message) == {"platforms": 500 - MOST_ITEMS}
+
+
+@pytest.mark.parametrize("status", STATUSES, ids=lambda status: status.topic)
+def test_no_list_of_any_status_is_longer_than_the_limit(status):
+    """Also of one that comes later: its fields are those of the event."""
+    lists = [name for name, hint in field_types(status.event).items() if tuple_items(hint) is not None]
+    assert set(lists) == set(status.shape.lists)
+    message = SimpleNamespace(**dict.fromkeys(status.shape.lists, range(MOST_ITEMS + 7)))
+    assert status.left_out(message) == dict.fromkeys(status.shape.lists, 7)
+
+
+def test_a_list_that_is_not_too_long_is_read_as_it_is():
+    status = next(each for each in STATUSES if each.event is ev.WatchdogInfo)
+    message = status.write(ev.WatchdogInfo(t_ns=T, sequence=1, **NOTHING), classes)
+    message.components = [component(number, (16, 1)[number % 2]) for number in range(MOST_ITEMS)]
+    found = status.read(message, T, 0)
+    assert [each.name for each in found.components] == [f"c{number}" for number in range(MOST_ITEMS)]
+    assert status.left_out(message) == {}
 
 
 def test_numbers_are_published_in_steps_that_mean_something():

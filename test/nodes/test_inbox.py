@@ -15,6 +15,7 @@ from amaze_autonomy import msg
 from amaze_autonomy.engine.events import AutopilotStatus, ClockStatus, LandedStatus, Tick, WatchdogAction
 from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.interface import STATUSES
+from amaze_autonomy.interface.fields import MOST_ITEMS
 from amaze_autonomy.nodes.autonomy.engine_thread import Inbox, Stall
 from amaze_autonomy.ros.clock import Clock
 from amaze_autonomy.ros.interface import ros_time
@@ -49,12 +50,13 @@ class Desk:
 
     def __init__(self):
         self.clock = HandClock()
-        self.rejected, self.stalls = [], []
+        self.rejected, self.stalls, self.shortened = [], [], []
         self.inbox = Inbox(
             self.clock,
             lambda topic, error: self.rejected.append((topic, error.field)),
             self.stalls.append,
             self.clock.now_ns,
+            lambda *said: self.shortened.append(said),
         )
 
     def publisher(self, name, callerid="/somebody"):
@@ -203,6 +205,15 @@ def test_after_a_long_time_some_of_each_publisher_are_read_the_last_and_each_cod
     assert len(actions) == 21
     assert [event.loop_counter for event in actions if event.code is Code.ABORT] == [17]
     assert desk.stalls == [Stall(60.0, 600, 559)]
+
+
+def test_a_message_with_too_long_a_list_is_read_and_what_is_left_out_is_counted(desk):
+    watchdog = desk.publisher("watchdog/action")
+    parts = [msg.ComponentState(name=f"c{number}", code=1) for number in range(2000)]
+    desk.send(watchdog, msg.WatchdogAction(code=16, components=[*parts, msg.ComponentState(name="imu", code=16)]))
+    (event,) = desk.take()
+    assert (len(event.components), event.components[-1].name) == (MOST_ITEMS, "imu")
+    assert (desk.shortened, desk.rejected) == ([("watchdog/action", "components", 2001 - MOST_ITEMS)], [])
 
 
 def test_what_is_no_message_is_rejected_by_its_topic_and_field(desk):

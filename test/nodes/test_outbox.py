@@ -11,6 +11,8 @@ import pytest
 
 pytest.importorskip("rospy")
 
+from diagnostic_updater import DiagnosticStatusWrapper
+
 from amaze_autonomy.engine.events import Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
@@ -127,7 +129,7 @@ def test_a_folder_that_is_removed_in_flight_is_told_to_the_operator(run, tmp_pat
     monkeypatch.setattr(outbox.rospy, "Publisher", lambda *_, **__: SimpleNamespace(publish=said.append))
     monkeypatch.setattr(outbox.diagnostic_updater, "Updater", Updater)
     publisher = StatePublisher(Rules(), CLOCK, lambda: run.remarks, "run", MessageLog(), 0.0)
-    diagnostics = Diagnostics(EngineState, run, {}, lambda: 0, PeerClocks(Rules().limits), tuple)
+    diagnostics = Diagnostics(EngineState, run, {}, {}, lambda: 0, PeerClocks(Rules().limits), tuple)
     box = Outboxes(run)
     shutil.rmtree(tmp_path / "out")
     box.made._periodic()
@@ -136,6 +138,17 @@ def test_a_folder_that_is_removed_in_flight_is_told_to_the_operator(run, tmp_pat
     publisher.publish(EngineState())
     assert [each.advice for each in said if hasattr(each, "advice")] == [words]
     assert diagnostics._updater.row("journal") == (1, words)
+
+
+def test_what_is_left_out_of_long_lists_is_counted_on_diagnostics(run, monkeypatch):
+    monkeypatch.setattr(outbox.diagnostic_updater, "Updater", Updater)
+    left_out = {"watchdog/info components": 1900}
+    diagnostics = Diagnostics(EngineState, run, {}, left_out, lambda: 0, PeerClocks(Rules().limits), tuple)
+    assert diagnostics._updater.row("inputs") == (1, "entries of too long lists were left out")
+    assert diagnostics._updater.rows["inputs"] == {
+        "left out on watchdog/info components": "1900",
+        "calls that wait": "0",
+    }
 
 
 def test_a_disk_that_cannot_be_written_is_told_to_the_operator(run, monkeypatch):
@@ -159,7 +172,7 @@ class Updater:
     """In the place of the one of diagnostic_updater."""
 
     def __init__(self):
-        self._rows = {}
+        self._rows, self.rows = {}, {}
 
     def setHardwareID(self, _):  # noqa: N802
         """Be told."""
@@ -168,10 +181,10 @@ class Updater:
         self._rows[name] = row
 
     def row(self, name):
-        status = SimpleNamespace(add=lambda *_: None)
-        status.summary = lambda level, words: setattr(status, "said", (level, words))
+        status = DiagnosticStatusWrapper()
         self._rows[name](status)
-        return status.said
+        self.rows[name] = {each.key: each.value for each in status.values}
+        return status.level if isinstance(status.level, int) else status.level[0], status.message
 
 
 def test_what_the_disk_could_not_keep_is_said_until_it_can(run, monkeypatch):

@@ -11,7 +11,7 @@ A field is called in the message as in the type, without its unit (`height_m`: `
 | the same in degrees (`_deg`) | radians, read as whole degrees | the same |
 | `int` in nanoseconds (`_ns`) | seconds | |
 | `Optional[int]` in nanoseconds | seconds from now | NaN, infinity and decades are None; None is NaN |
-| `Tuple[X, ...]` | a list | |
+| `Tuple[X, ...]` | a list, cut at `MOST_ITEMS` entries: the worst are kept where one can be worse, else the first | |
 
 A *shape* adds what annotations do not say: other names, and flags by which a message says that a field is known.
 A message of before lacks the fields that came later: they are what the type says of them without being told.
@@ -23,12 +23,12 @@ from dataclasses import MISSING, fields
 from enum import Enum
 from functools import lru_cache
 from math import degrees, isfinite, nan, radians
-from typing import Any, Callable, Dict, Generic, List, Mapping, Optional, Tuple, Type, TypeVar
+from typing import Any, Callable, Dict, Generic, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
 
 from ..engine.events import Verdict
 from ..journal.codec import field_types, optional_item, tuple_items
 
-__all__ = ["MOST_TEXT", "InvalidMessageError", "Shape", "message_name", "text"]
+__all__ = ["MOST_ITEMS", "MOST_TEXT", "InvalidMessageError", "Shape", "message_name", "text"]
 
 T = TypeVar("T")
 Read = Callable[[Any, int], Any]
@@ -36,9 +36,14 @@ Read = Callable[[Any, int], Any]
 Classes = Callable[[str], Callable[..., Any]]
 """Returns a class of messages by its name."""
 Write = Callable[[Any, int, Classes], Any]
+Badness = Callable[[Any], int]
+"""Returns how bad an entry of a list in a message is, the worse the more."""
 
 MOST_TEXT = 1000
 """Characters of a text of a peer that are kept: each stands in the journal, and in what people are shown."""
+
+MOST_ITEMS = 100
+"""Entries of a list of a peer that are kept, the worst where one is worse than another: each stands in the journal."""
 
 _UNITS = ("_m_s", "_ns", "_m", "_s", "_v", "_deg")
 _STEPS: Mapping[str, int] = {"_m": 3, "_m_s": 3, "_s": 3, "_v": 3, "_fraction": 4, "_rate": 0}
@@ -86,6 +91,7 @@ class Shape(Generic[T]):
         known_by: fields that are known only when a flag of the message says so.
         parts: shapes of what stands in its lists.
         needed: fields that must not be empty, with the words for what they must be.
+        badness: how bad an entry of a list of them is; of too long a list the worst are kept. None: the first are.
     """
 
     def __init__(
@@ -98,12 +104,14 @@ class Shape(Generic[T]):
         known_by: Optional[Mapping[str, str]] = None,
         parts: Tuple[Shape[Any], ...] = (),
         needed: Optional[Mapping[str, str]] = None,
+        badness: Optional[Badness] = None,
     ) -> None:
-        self.kind, self.message = kind, message
+        self.kind, self.message, self.badness = kind, message, badness
         self._flags, self._needed = dict(known_by or {}), dict(needed or {})
         shapes = {each.kind: each for each in parts}
         hints = {name: hint for name, hint in field_types(kind).items() if name not in without}
         self.names: Dict[str, str] = {name: (named or {}).get(name) or message_name(name) for name in hints}
+        self.lists = tuple(at for name, at in self.names.items() if tuple_items(hints[name]) is not None)
         self._plan: List[Tuple[str, str, Read, Write]] = [
             (name, self.names[name], *_ways(hint, name, self.names[name], shapes)) for name, hint in hints.items()
         ]
@@ -116,9 +124,11 @@ class Shape(Generic[T]):
     @property
     def flat(self) -> Tuple[str, ...]:
         """The fields of the message, with the flags that say what is known; empty where a list is among them."""
-        hints = field_types(self.kind)
-        lists = any(tuple_items(hints[name]) is not None for name in self.names)
-        return () if lists else (*self.names.values(), *dict.fromkeys(self._flags.values()))
+        return () if self.lists else (*self.names.values(), *dict.fromkeys(self._flags.values()))
+
+    def left_out(self, message: Any) -> Dict[str, int]:
+        """Return how many entries of each list of a message are not read, where it is too long."""
+        return {at: count - MOST_ITEMS for at in self.lists for count in [_length(message, at)] if count > MOST_ITEMS}
 
     def _is_of_before(self, message: Any) -> bool:
         """Return whether a recorded message has this type's name, and all that it must tell."""
@@ -235,16 +245,31 @@ def _enum(kind: Type[Enum], at: str) -> Tuple[Read, Write]:
     return read, lambda member, *_: numbers[member]
 
 
+def _length(message: Any, at: str) -> int:
+    return len(getattr(message, at, ()))  # a message of before lacks it
+
+
+def _kept(values: Sequence[Any], badness: Optional[Badness]) -> Sequence[Any]:
+    """Return the entries of a list that are read, in their order."""
+    if len(values) <= MOST_ITEMS:
+        return values
+    places: Sequence[int] = range(len(values))
+    if badness is not None:
+        bad = list(map(badness, values))
+        places = sorted(places, key=lambda place: -bad[place])  # of equal ones the first come first
+    return [values[place] for place in sorted(places[:MOST_ITEMS])]
+
+
 def _list(item: Any, at: str, shapes: Mapping[Any, Shape[Any]]) -> Tuple[Read, Write]:
     shape = shapes.get(item)
     if shape is None:
         make = text if item is str else item
-        return lambda value, _: tuple(map(make, value)), lambda value, *_: list(value)
+        return lambda value, _: tuple(map(make, _kept(value, None))), lambda value, *_: list(value)
     inner = shape
 
     def read(values: List[Any], from_ns: int) -> Tuple[Any, ...]:
         try:
-            return tuple([inner.make(each, from_ns) for each in values])
+            return tuple([inner.make(each, from_ns) for each in _kept(values, inner.badness)])
         except InvalidMessageError as error:
             raise InvalidMessageError(f"{at}.{error.field}", error.value, error.expected) from None
 

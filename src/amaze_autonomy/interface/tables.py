@@ -36,7 +36,7 @@ from amaze_autonomy.engine.events import (
 )
 
 from ..engine.events import CHECKS, Check, CheckName, made
-from .fields import Classes, Shape
+from .fields import Classes, Shape, text
 
 __all__ = [
     "CHECK_ROW",
@@ -57,9 +57,19 @@ __all__ = [
 # --- statuses ---------------------------------------------------------------------------------------------------------
 
 
-CHECK_ROW = Shape(Check, "Check")
-COMPONENT = Shape(ComponentStatus, "ComponentState", needed={"name": "the name of a component"})
-PLATFORM = Shape(PlatformRecording, "PlatformRecording", named={"written_bytes": "bytes"})
+CHECK_ROW = Shape(Check, "Check", badness=lambda row: int(row.verdict))
+COMPONENT = Shape(
+    ComponentStatus,
+    "ComponentState",
+    needed={"name": "the name of a component"},
+    badness=lambda component: int(component.code),
+)
+PLATFORM = Shape(
+    PlatformRecording,
+    "PlatformRecording",
+    named={"written_bytes": "bytes"},
+    badness=lambda platform: not platform.growing,
+)
 _ARRIVAL = ("t_ns", "age_ns", "publisher")
 """What is known of a message by its arrival, not by its fields."""
 
@@ -96,6 +106,10 @@ class Status:
         """
         more = {"publisher": publisher} if self._has_publisher else {}
         return made(self.event, t_ns=t_ns, age_ns=age_ns, **self.shape.read(message, t_ns - age_ns), **more)
+
+    def left_out(self, message: Any) -> Dict[str, int]:
+        """Return how many entries of each list of a message are not in its event, where the list is too long."""
+        return self.shape.left_out(message) if self.shape.lists else {}
 
     def write(self, event: Event, classes: Classes, **more: Any) -> Any:
         """Return the message of an event, without its stamp."""
@@ -225,6 +239,9 @@ class Service:
             InvalidMessageError: A field holds what cannot be.
         """
         ok, said = bool(getattr(answer, self.ok)), _ANSWERED.read(answer, t_ns, *self.answered)
+        left_out = _ANSWERED.left_out(answer)
+        if left_out:
+            said["message"] = text(f"{said.get('message', '')} ({_left_out_words(answer, left_out)})".strip())
         if self.check is None:
             outcome = Outcome.ACCEPTED if ok else Outcome.REFUSED
             return Reply(t_ns=t_ns, command_id=number, outcome=outcome, **said)
@@ -246,6 +263,11 @@ _ASKED: Mapping[Type[Request], Shape[Any]] = {
     for kind in (RunCheck, LoadMission, MissionCommand, StartRecording, StopRecording, AutopilotLand, AutopilotDisarm)
 }
 _ANSWERED = Shape(CheckReply, "", without=_NOT_ANSWERED, parts=(CHECK_ROW, COMPONENT))
+
+
+def _left_out_words(answer: Any, left_out: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} of {len(getattr(answer, name))} {name} are left out" for name, count in left_out.items())
+
 
 _ROWS = ("checks",)
 _HEIGHT, _TILT = {"distance": "m"}, {"tilt": "rad"}

@@ -79,8 +79,8 @@ class _Publisher:
         self.topic, self._header = topic, header
         self._usual_ns: Optional[int] = None  # how old its messages are when they are read in time
 
-    def event(self, data: bytes, now_ns: int, ros_ns: int, looked_ns: Optional[int]) -> Event:
-        """Return what a message says.
+    def event(self, data: bytes, now_ns: int, ros_ns: int, looked_ns: Optional[int]) -> Tuple[Event, Mapping[str, int]]:
+        """Return what a message says, and how many entries of too long lists are not in that.
 
         Args:
             data: the message.
@@ -98,7 +98,8 @@ class _Publisher:
             self._usual_ns, lay_ns = age_ns, 0
         else:
             lay_ns = min(max(age_ns - (self._usual_ns or 0), 0), max(now_ns - looked_ns, 0))
-        return read_status(self.topic, message, now_ns - lay_ns, ros_ns - lay_ns)
+        event = read_status(self.topic, message, now_ns - lay_ns, ros_ns - lay_ns)
+        return event, self.topic.left_out(message)
 
 
 class Inbox:
@@ -109,6 +110,7 @@ class Inbox:
         reject: gets the topic's name and the error of a message that is none; must not wait.
         stalled: gets each time for which the process did not run; must not wait.
         wall_ns: the clock by which it notices that it did not run.
+        shortened: gets topic, list and how many of its entries were left out, where it is too long; must not wait.
     """
 
     def __init__(
@@ -117,7 +119,9 @@ class Inbox:
         reject: Callable[[str, Exception], None] = lambda _topic, _error: None,
         stalled: Callable[[Stall], None] = lambda _stall: None,
         wall_ns: Callable[[], int] = time.monotonic_ns,
+        shortened: Callable[[str, str, int], None] = lambda *_: None,
     ) -> None:
+        self._shortened = shortened
         self.reader = TopicReader(slice_s=0.0)
         self._clock, self._reject, self._stalled, self._wall_ns = clock, reject, stalled, wall_ns
         self._events: SimpleQueue[Event] = SimpleQueue()
@@ -191,7 +195,10 @@ class Inbox:
         events: List[Tuple[_Publisher, Event]] = []
         for publisher, data in came:
             try:
-                events.append((publisher, publisher.event(data, now_ns, ros_ns, looked_ns)))
+                event, left_out = publisher.event(data, now_ns, ros_ns, looked_ns)
+                events.append((publisher, event))
+                for name, count in left_out.items():
+                    self._shortened(publisher.topic.topic, name, count)
             except (InvalidMessageError, InvalidEventError) as error:
                 self._reject(publisher.topic.topic, error)
             except MemoryError:

@@ -48,6 +48,7 @@ from amaze_autonomy.interface import STATUSES, Status
 from amaze_autonomy.monitoring.land_switch import LandRequests
 from amaze_autonomy.ros.clock import Clock, make_clock, wait_for_time
 
+from ...interface.fields import MOST_ITEMS
 from ...journal import journal as codec
 from ...journal.report import MessageLog
 from ...ros import node_main
@@ -105,6 +106,7 @@ class AutonomyNode:
         self._place = _place(parameters)
         self._reasons: SimpleQueue[str] = SimpleQueue()
         self._rejected: Dict[str, int] = {}
+        self._left_out: Dict[str, int] = {}
         self._warned: Set[Tuple[str, str]] = set()
         self._timeline = Timeline()
         self._farewell = Farewell()
@@ -130,7 +132,7 @@ class AutonomyNode:
         )
         self._requests = Requests(self._clients(), self.put, clock.now_ns)
         self._desk = UserDesk(configuration.missions, self.put, clock.now_ns, configuration.battery.minimum_fraction)
-        self._inbox = Inbox(clock, self._reject, self._stalled)
+        self._inbox = Inbox(clock, self._reject, self._stalled, shortened=self._shorten)
         self._engine = EngineThread(
             decide,
             next_deadline,
@@ -147,6 +149,7 @@ class AutonomyNode:
             lambda: self._engine.state,
             self._journal,
             self._rejected,
+            self._left_out,
             lambda: len(self._requests.open),
             self._clocks,
             self._foreign,
@@ -242,6 +245,15 @@ class AutonomyNode:
         if (topic, error.field) not in self._warned:
             self._warned.add((topic, error.field))
             text = f"{rospy.resolve_name(topic)}: invalid message ignored: {error} (said once)"
+            self._outbox.do(partial(rospy.logwarn, text))
+
+    def _shorten(self, topic: str, name: str, count: int) -> None:
+        """Count what is left out of too long a list; warn once per list."""
+        row = f"{topic} {name}"
+        self._left_out[row] = self._left_out.get(row, 0) + count
+        if (topic, name) not in self._warned:
+            self._warned.add((topic, name))
+            text = f"{rospy.resolve_name(topic)}: too many {name}: {count} are left out, {MOST_ITEMS} kept (said once)"
             self._outbox.do(partial(rospy.logwarn, text))
 
     def _stalled(self, stall: Stall) -> None:

@@ -367,6 +367,7 @@ class Diagnostics:
         state: returns the engine's present state.
         journal: on disk.
         rejected: how many messages of each topic were invalid.
+        left_out: how many entries of each list that was too long.
         open_calls: returns how many service calls wait for an answer.
         clocks: of the peers.
         foreign: returns a line for each publisher of another type on a topic of ours.
@@ -377,11 +378,12 @@ class Diagnostics:
         state: Callable[[], EngineState],
         journal: JournalFile,
         rejected: Dict[str, int],
+        left_out: Dict[str, int],
         open_calls: Callable[[], int],
         clocks: PeerClocks,
         foreign: Callable[[], Tuple[str, ...]],
     ) -> None:
-        self._foreign = foreign
+        self._foreign, self._left_out = foreign, left_out
         self._state, self._journal, self._rejected, self._open_calls = state, journal, rejected, open_calls
         self._due_s = 0.0
         self._updater = diagnostic_updater.Updater()
@@ -419,6 +421,9 @@ class Diagnostics:
             status.add(f"another type {number_of}", line)
         for topic, count in sorted(self._rejected.items()):
             status.add(f"invalid on {topic}", str(count))
+        for row, count in sorted(self._left_out.items()):
+            status.mergeSummary(_WARN, "entries of too long lists were left out")
+            status.add(f"left out on {row}", str(count))
         status.add("calls that wait", str(self._open_calls()))
         return status
 
