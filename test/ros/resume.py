@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import time
 from pathlib import Path
 from typing import List
@@ -90,6 +91,19 @@ def killed_before_its_mission_was_selected(stack: Stack) -> None:
     stack.start_peers(0)
     stack.wait_state("MISSION_ENDED")
     assert stack.states[-1].result == "COMPLETE"
+
+
+@resume.add(mission="long")
+def killed_after_its_folder_was_removed_in_flight(stack: Stack) -> None:
+    """The operator is told where the journal goes on, and the next engine finds it."""
+    stack.wait_state("MISSION")
+    shutil.rmtree(stack.output)
+    words = f"The journal was removed: {stack.output}/journal.jsonl. It is there again, whole."
+    stack.wait(lambda: words in stack.states[-1].advice, "the word to the operator")
+    assert words in stack.log()
+    kill_and_start(stack, 0)
+    finish(stack)
+    assert once(stack) == [1, 1, 1]
 
 
 def _add(mission: str, seed: int) -> None:
