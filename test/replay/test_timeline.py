@@ -72,6 +72,15 @@ def test_a_row_that_begins_to_fail_is_noted_once_it_has_stood():
     assert notes(follower, 4) == ["state check: tilt 4.0 deg, limit 10.0 deg, passes, furthest off 41.0 deg"]
 
 
+def test_what_fails_in_flight_is_noted_and_is_no_error_the_check_is_one_before_takeoff():
+    follower = Follower()
+    levels = [note.level for angle in (1, 20, 20, 20) for note in follower.take(tilt(angle), in_flight=True)]
+    assert levels == [0, 0]
+    on_ground = Follower()
+    levels = [note.level for angle in (1, 20, 20, 20) for note in on_ground.take(tilt(angle), in_flight=False)]
+    assert levels == [0, 2]
+
+
 def test_rows_that_are_asked_of_a_vehicle_at_rest_are_not_followed():
     shaking = Check("shaking", Verdict.FAIL, 3.0, 0.5, "m/s^2")
     magnitude = Check("gravity magnitude", Verdict.FAIL, 12.0, 10.3, "m/s^2")
