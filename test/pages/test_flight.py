@@ -132,6 +132,37 @@ def test_the_mission_and_its_fence_are_drawn_where_its_configuration_lies_beside
     assert planned == [[[each.x_m, each.y_m, each.z_m] for each in waypoints]]
 
 
+PLAN = {
+    "fileType": "Plan",
+    "version": 1,
+    "geoFence": {
+        "polygons": [{"polygon": [[46.9, 7.9], [46.9, 8.1], [47.1, 8.1], [47.1, 7.9]], "inclusion": True}],
+        "circles": [{"circle": {"center": [47.0002, 8.0], "radius": 5.0}, "inclusion": False, "version": 1}],
+    },
+    "mission": {
+        "plannedHomePosition": [47.0, 8.0, 400.0],
+        "items": [{"type": "SimpleItem", "command": 16, "frame": 3, "params": [1, 0, 0, None, 47.00005, 8.0, 2]}],
+    },
+}
+
+
+def test_all_fences_of_the_mission_are_drawn_circles_and_those_of_its_plan_too(bag, tmp_path):
+    copied, folder = tmp_path / "flight.bag", tmp_path / "configuration"
+    copied.write_bytes(bag.read_bytes())
+    shutil.copytree(CONFIG, folder)
+    (folder / "trajectories" / "fenced.plan").write_text(json.dumps(PLAN))
+    own = "files: [trajectories/fenced.plan]\n    fence_m: [[-9, -9], [9, -9], [0, 9]]"
+    missions = (folder / "missions.yaml").read_text().replace("files: [trajectories/square.csv]", own)
+    (folder / "missions.yaml").write_text(missions)
+    journal = read_journals(copied)[0]
+    track = journal_page(copied, journal, compare(journal)).content["track"]
+    assert track["fences"][0] == {"in": True, "corners": [[-9, -9], [9, -9], [0, 9]]}
+    assert [(each["in"], len(each["corners"])) for each in track["fences"][1:]] == [(True, 4)]
+    [circle] = track["circles"]
+    assert (circle["in"], circle["radius"]) == (False, 5.0)
+    assert circle["centre"] == pytest.approx([0.0, 22.2], abs=0.1)
+
+
 def test_a_journal_beside_its_bag_has_the_bag_s_sensors_and_begins_with_the_recorded_mission(bag, flown, tmp_path):
     folder = tmp_path / "20261121T041730-002_1"
     folder.mkdir()
@@ -147,6 +178,35 @@ def test_a_journal_beside_its_bag_has_the_bag_s_sensors_and_begins_with_the_reco
     selected = next(line.payload for line in journal.lines if type(line.payload).__name__ == "MissionSelected")
     began = next(line.payload.t_ns for line in journal.lines if getattr(line.payload, "after", "") == "START_RECORDING")
     assert content["begin_s"] == pytest.approx((selected.t_ns - began) / S - 0.5, abs=0.01)
+
+
+@pytest.fixture(scope="module")
+def queued():
+    """Return the journal of a run with two missions, the second of which came out of the queue."""
+    return simulated(mission="2,1")
+
+
+@pytest.mark.parametrize("flight, mission", [(0, "2"), (1, "1")], ids=["first", "second"])
+def test_each_of_two_queued_missions_has_its_own_page_out_of_the_journal_of_both(queued, tmp_path, flight, mission):
+    configuration = load_configuration(CONFIG)
+    folder = tmp_path / f"20261121T041730-00{flight + 1}_{mission}"
+    folder.mkdir()
+    demo_bag(folder / f"{folder.name}.bag", queued, flight=flight)
+    (folder / "configuration").symlink_to(CONFIG)
+    (folder / "journal.jsonl").write_text("\n".join(queued) + "\n")
+    path = folder / "journal.jsonl"
+    journal = read_journals(path)[0]
+    content = journal_page(path, journal, compare(journal)).content
+    moves = [(p.payload.after, p.payload.t_ns) for p in journal.lines if hasattr(p.payload, "after")]
+    begins = [t_ns for after, t_ns in moves if after == "PREFLIGHT"]
+    began = sorted({t_ns for after, t_ns in moves if after == "START_RECORDING"})[flight]
+    assert content["begin_s"] == pytest.approx((begins[flight] - began) / S - 0.5, abs=0.01)
+    ended = sorted({t_ns for after, t_ns in moves if after == "MISSION_ENDED"})[flight]
+    assert content["end_s"] == pytest.approx((ended - began) / S - 0.5, abs=0.2)
+    plan = configuration.plan(mission)
+    assert dict(content["facts"])["Mission"] == f"{mission} {plan.mission.description}".strip()
+    assert len(content["track"]["planned"]) == len(plan.trajectories)
+    assert (content["result"], content["verdict"].split(".")[0]) == ("COMPLETE", "ends in MISSION_ENDED (COMPLETE)")
 
 
 def test_other_rules_are_counterfactual_from_the_first_difference_on(flown, tmp_path):
@@ -376,6 +436,18 @@ def test_a_text_stands_there_once_whether_the_map_reads_it_or_not(tmp_path, read
     content = replayed(recording("px4_battery_drain.tlog"), str(tmp_path / "map.yaml"))
     events = [(each["kind"], each["text"].strip()) for each in content["events"]]
     assert [each for each in events if "Takeoff detected" in each[1]] == [said]
+
+
+def test_texts_that_the_timeline_folds_into_one_line_do_not_stand_there_again():
+    content = replayed(recording("copter_low_battery.tlog"), "copter_low_battery")
+    fix = [(each["kind"], each["times"]) for each in content["events"] if "Need 3D Fix" in each["text"]]
+    assert fix == [("note", 5)]
+
+
+def test_a_tilt_in_flight_is_no_error_of_a_nominal_flight():
+    content = replayed(recording("px4_normal_mission.tlog"), "px4_telemetry")
+    tilts = [each["level"] for each in content["events"] if "state check: tilt" in each["text"]]
+    assert (len(tilts), set(tilts)) == (7, {0})
 
 
 def test_a_real_bag_has_its_shock_and_its_gaps():

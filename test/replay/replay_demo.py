@@ -162,13 +162,14 @@ MESSAGES = {
 
 
 def simulated(scenario=None, mission="1"):
-    """Fly a mission in the simulated world; return its journal's lines."""
+    """Fly a mission, or several as in "2,1", in the simulated world; return the journal's lines."""
     configuration = load_configuration(CONFIG)
-    missions = tuple(each for each in configuration.missions if each.id == mission)
+    known = {each.id: each for each in configuration.missions}
+    missions = tuple(known[each] for each in mission.split(","))
     return run(configuration, missions, scenario or Scenario()).lines
 
 
-def demo_bag(path, lines, *, with_journal=True, planner_phase=None, without=(), action_until_s=math.inf):
+def demo_bag(path, lines, *, with_journal=True, planner_phase=None, without=(), action_until_s=math.inf, flight=0):
     """Write the bag that a recorder would have made of a journal's flight: from START_RECORDING on, with sensors.
 
     Args:
@@ -178,10 +179,13 @@ def demo_bag(path, lines, *, with_journal=True, planner_phase=None, without=(), 
         planner_phase: that every status of the planner holds; None: its own.
         without: topics that are left out.
         action_until_s: from then on, from the start of the bag, no heartbeat is recorded.
+        flight: number of the mission among those of the journal.
     """
     payloads = [line.payload for line in read("\n".join(lines) + "\n").lines]
-    began = next(p.t_ns for p in payloads if type(p).__name__ == "Decision" and p.after == "START_RECORDING")
-    ended = next(p.t_ns for p in payloads if type(p).__name__ == "Decision" and p.after == "DATA_CLEANUP")
+    decisions = [p for p in payloads if type(p).__name__ == "Decision" and p.before != p.after]
+    began, ended = (
+        [p.t_ns for p in decisions if p.after == after][flight] for after in ("START_RECORDING", "DATA_CLEANUP")
+    )
     begins_ns = began + S // 2  # the recorder needs a moment
     shift = START_NS - begins_ns
     rows = []

@@ -12,8 +12,8 @@ from typing import Callable, Deque, Dict, Iterable, List, Optional, Tuple
 
 from ..engine.commands import AnswerKind, Command, Level, Notify
 from ..engine.context import Context
-from ..engine.decide import answer_to
-from ..engine.events import Check, RecordingStatus, Tick, UserCommand, Verdict
+from ..engine.decide import answer_to, decide
+from ..engine.events import Check, Event, RecordingStatus, Tick, UserCommand, Verdict
 from ..engine.failsafe import wait_end, waiting
 from ..engine.rules import Action, Limits, Rules
 from ..engine.state import CheckRecord, EngineState, Failure, FailureKind, State, Step, evolve
@@ -27,6 +27,7 @@ __all__ = [
     "Report",
     "Telemetry",
     "computer_rows",
+    "end_on_the_way",
     "limit_words",
     "report",
 ]
@@ -205,6 +206,23 @@ def report(state: EngineState, rules: Rules, computers: Tuple[Check, ...] = ()) 
         queue=tuple(mission.id for mission in state.queue),
         telemetry=_telemetry(state, rules),
     )
+
+
+def end_on_the_way(before: EngineState, event: Event, after: EngineState, rules: Rules) -> Optional[EngineState]:
+    """Return the state in which a mission ended where one event ended it and began the next in the queue, else None.
+
+    With nothing in the queue the engine stops there, and everything else about the end is the same.
+
+    Args:
+        before: the event.
+        event: that was decided.
+        after: it.
+        rules: by which it was decided.
+    """
+    if not before.queue or not before.session.id or after.session.id in ("", before.session.id):
+        return None
+    ended, _ = decide(evolve(before, queue=()), event, rules)
+    return evolve(ended, queue=before.queue) if ended.state is State.MISSION_ENDED else None
 
 
 def _answers(state: EngineState, rules: Rules) -> Tuple[CommandAnswer, ...]:

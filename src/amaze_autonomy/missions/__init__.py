@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .csv_table import Frame, Said, YawUnit
 from .errors import WaypointError
-from .fence import Circle, Fence, Polygon, check_fence, polygon_problem
+from .fence import Circle, Fence, Polygon, check_fence, outlines, polygon_problem
 from .plan import (
     Bounds,
     Controller,
@@ -62,6 +62,7 @@ __all__ = [
     "leg_s",
     "localize",
     "localize_fence",
+    "outlines",
     "parse_file",
     "parse_trajectory",
     "polygon_problem",

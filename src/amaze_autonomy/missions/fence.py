@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Sequence, Tuple, Union
+from typing import Any, Dict, List, Sequence, Tuple, Union
 
 from .waypoints import Trajectory
 
-__all__ = ["Circle", "Fence", "Point", "Polygon", "check_fence", "polygon_problem"]
+__all__ = ["Circle", "Fence", "Point", "Polygon", "check_fence", "outlines", "polygon_problem"]
 
 Point = Tuple[float, float]
 _LEAST_CORNERS = 3
@@ -86,6 +86,22 @@ class Fence:
         if any(area.meets(start, end) for area in areas if not area.stay_in):
             return "enters an excluded area on the way there"
         return ""
+
+
+def outlines(fences: Sequence[Fence]) -> Dict[str, List[Dict[str, Any]]]:
+    """Return what is drawn of fences, as plain values: polygons under "fences", circles; `in` is where to stay."""
+    return {
+        "fences": [
+            {"in": area.stay_in, "corners": [list(corner) for corner in area.corners]}
+            for fence in fences
+            for area in fence.polygons
+        ],
+        "circles": [
+            {"in": area.stay_in, "centre": list(area.centre), "radius": area.radius_m}
+            for fence in fences
+            for area in fence.circles
+        ],
+    }
 
 
 def _cross(one: Point, other: Point, third: Point) -> float:

@@ -17,14 +17,13 @@ from amaze_autonomy.bags.errors import MessageError
 from amaze_autonomy.engine.events import (
     AutopilotStatus,
     Mission,
-    MissionSelected,
     MissionStatus,
     RecordingStatus,
     VehicleLanded,
 )
 from amaze_autonomy.engine.rules import Limits, Rules
 from amaze_autonomy.engine.state import State
-from amaze_autonomy.missions import MissionPlan
+from amaze_autonomy.missions import Fence, MissionPlan, outlines
 from amaze_autonomy.monitoring.specs import EstimateSource
 
 from ..journal.trace import Span, trace_of
@@ -105,8 +104,9 @@ class Story:
         scripted: what of the vehicle and its nodes is not recorded.
         lead_scripted: what is before the first message is scripted.
         counterfactual_ns: see `Outcome`.
+        mission: that the page is about; None: none was begun.
         plan: of the mission, with its waypoints; None: not known, or not what the vehicle flew.
-        fence: corners of its geofence.
+        fences: of the mission.
         recordings: open; None: there is only a journal.
         sensors: in it.
     """
@@ -119,8 +119,9 @@ class Story:
     scripted: Tuple[str, ...] = ()
     lead_scripted: bool = False
     counterfactual_ns: Optional[int] = None
+    mission: Optional[Mission] = None
     plan: Optional[MissionPlan] = None
-    fence: Sequence[Sequence[float]] = ()
+    fences: Sequence[Fence] = ()
     recordings: Optional[Recordings] = None
     sensors: Sensors = field(default_factory=Sensors)
     facts: List[Tuple[str, str]] = field(default_factory=list)
@@ -132,12 +133,6 @@ class Story:
     def events(self, kind: type) -> List[Any]:
         """Return all events of a kind."""
         return [each for each in self.payloads if isinstance(each, kind)]
-
-    @property
-    def mission(self) -> Optional[Mission]:
-        """Return the mission that was selected last; None: none was."""
-        chosen = self.events(MissionSelected)
-        return chosen[-1].missions[0] if chosen else None
 
 
 def content_of(story: Story, title: str, result: str, words: str, below: Sequence[str]) -> Dict[str, Any]:
@@ -441,7 +436,7 @@ def _track(story: Story, estimates: Optional[Estimates], background: Mapping[str
         "labels": labels,
         "label": [labels.index(spans[place][2]) if place >= 0 else -1 for place in at.tolist()],
         "planned": _planned(story),
-        "fence": [[float(x), float(y)] for x, y in story.fence],
+        **outlines(story.fences),
     }
 
 
@@ -472,7 +467,7 @@ def _planned(story: Story) -> List[List[List[float]]]:
 
 def _events(story: Story) -> List[Dict[str, Any]]:
     """Return the timeline, with the texts of the autopilot and warnings of nodes that the recording holds."""
-    lines = [
+    lines: List[Dict[str, Any]] = [
         {
             "t": story.seconds(line.t_ns),
             "source": line.source.words,
@@ -486,9 +481,16 @@ def _events(story: Story) -> List[Dict[str, Any]]:
         }
         for line in story.lines
     ]
-    known = {(each["t"], part) for each in lines for part in _parts(str(each["text"]))}
-    more = [each for each in _texts(story) if (each["t"], _parts(str(each["text"]))[-1]) not in known]
-    return sorted([*lines, *more], key=lambda each: float(each["t"]))
+    known: Dict[str, List[Tuple[float, float]]] = {}
+    for each in lines:
+        for part in _parts(each["text"]):
+            known.setdefault(part, []).append((each["t"], each["until"] or each["t"]))
+    more = [each for each in _texts(story) if not _within(each["t"], known.get(_parts(each["text"])[-1], ()))]
+    return sorted([*lines, *more], key=lambda each: each["t"])
+
+
+def _within(t_s: float, spans: Iterable[Tuple[float, float]]) -> bool:
+    return any(begin_s <= t_s <= end_s for begin_s, end_s in spans)
 
 
 def _parts(text: str) -> List[str]:

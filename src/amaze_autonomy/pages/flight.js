@@ -75,10 +75,14 @@ function track() {
       made.flat.push({ type: "scatter", x: px, y: py, ...look });
       made.solid.push({ type: "scatter3d", x: px, y: py, z: pz, ...look, showlegend: false, line: { color: soft, dash: "dot", width: 2 }, marker: { size: 3, color: soft } });
     });
-    if (CONTENT.track.fence.length) {
-      const corners = [...CONTENT.track.fence, CONTENT.track.fence[0]];
-      made.flat.push({ type: "scatter", name: "fence", mode: "lines", x: corners.map((each) => each[0]), y: corners.map((each) => each[1]), line: { color: themed("bad"), width: 1.5, dash: "dash" }, hoverinfo: "skip" });
-    }
+    const around = ([east, north], radius) => Array.from({ length: 73 }, (_, at) => at * Math.PI / 36)
+      .map((angle) => [east + radius * Math.cos(angle), north + radius * Math.sin(angle)]);
+    const areas = [...CONTENT.track.fences.map((each) => [each.in, [...each.corners, each.corners[0]]]),
+      ...CONTENT.track.circles.map((each) => [each.in, around(each.centre, each.radius)])];
+    areas.forEach(([inside, corners]) => {
+      const name = inside ? "fence" : "keep out", showlegend = !made.flat.some((each) => each.name === name);
+      made.flat.push({ type: "scatter", name, legendgroup: name, showlegend, mode: "lines", x: corners.map((each) => each[0]), y: corners.map((each) => each[1]), line: { color: themed("bad"), width: 1.5, dash: inside ? "dash" : "dot" }, hoverinfo: "skip" });
+    });
     [...new Set(label)].forEach((number) => {
       const part = parts(number), name = number < 0 ? "no mode" : escaped(labels[number]);
       made.flat.push({ type: "scatter", name, mode: "lines", x: part.x, y: part.y, customdata: part.t, line: line(number), hoverinfo: "none" });

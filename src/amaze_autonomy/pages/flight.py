@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
@@ -24,16 +24,17 @@ from amaze_autonomy.engine.events import (
     EngineStarted,
     Event,
     LandedStatus,
-    MissionSelected,
+    Mission,
     WatchdogInfo,
 )
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, State, evolve
-from amaze_autonomy.missions import MissionPlan
+from amaze_autonomy.missions import Fence, MissionPlan, Polygon
 from amaze_autonomy.monitoring.specs import EstimateSource
 from amaze_autonomy.replay.compare import Comparison
 
 from ..journal.journal import Journal, decode, rules_of
+from ..journal.report import end_on_the_way
 from ..monitoring.gravity import rotation_from_rpy
 from ..replay.plan import Plan
 from ..replay.recordings.journals import JOURNAL_KIND, read_log
@@ -90,8 +91,9 @@ def replay_page(plan: Plan, recordings: Recordings, outcome: Outcome, mission: O
         scripted=outcome.scripted,
         lead_scripted=True,
         counterfactual_ns=outcome.counterfactual_ns,
+        mission=plan.mission,
         plan=mission if own else None,
-        fence=_fence_of(plan.configuration, plan.mission.id) if own else (),
+        fences=_fences_of(mission, plan.configuration, plan.mission.id) if own else (),
         recordings=recordings,
         sensors=_sensors_of_plan(plan),
         facts=[("Map", plan.topic_map.name)],
@@ -158,25 +160,26 @@ def journal_page(
         start_ns = recordings.start_ns if recordings is not None else times[0]
         first = comparison.first
         parted_ns = None if first is None else first.event.t_ns + late_ns - 1
-        since_ns = 0 if recordings is None else _since(payloads, start_ns)
-        lines = [line for line in _decided_lines(payloads, decided, start_ns) if line.t_ns >= since_ns]
+        lines, flown = _decided(payloads, decided, start_ns)
+        part = _part_of(flown, None if recordings is None else start_ns, times[-1])
         story = Story(
-            payloads=[each for each in payloads if getattr(each, "t_ns", 0) >= since_ns],
-            lines=marked(joined(lines), parted_ns),
+            payloads=[each for each in payloads if part.holds(getattr(each, "t_ns", 0))],
+            lines=marked(joined(line for line in lines if part.holds(line.t_ns)), parted_ns),
             start_ns=start_ns,
-            end_ns=max(times[-1], recordings.end_ns if recordings is not None else 0),
+            end_ns=max(part.end_ns, recordings.end_ns if recordings is not None else 0),
             rules=decided,
             counterfactual_ns=parted_ns,
+            mission=part.mission,
             recordings=recordings,
             sensors=sensors,
         )
-        mission = story.mission
-        if mission is not None:
-            story.fence = _fence_of(configuration, mission.id)
-            story.plan = _plan_beside(path, mission.id)
+        if part.mission is not None:
+            story.plan = _plan_beside(path, part.mission.id)
+            story.fences = _fences_of(story.plan, configuration, part.mission.id)
         said = comparison_lines(comparison)
-        result = comparison.final.session.result.value
-        ended = f"ends in {comparison.final.state.value}" + (f" ({result})" if result else "")
+        final = part.ended or comparison.final
+        result = final.session.result.value
+        ended = f"ends in {final.state.value}" + (f" ({result})" if result else "")
         name = path.stem if recordings is None else recordings.bags[0].path.stem
         title = f"Flight {name}"
         return FlightPage(title, content_of(story, title, result, f"{ended}. {said[0]}", said[1:]))
@@ -207,11 +210,31 @@ def _is_bag(path: Path) -> bool:
         return file.read(len(_BAG_MAGIC)) == _BAG_MAGIC
 
 
-def _since(payloads: Sequence[object], start_ns: int) -> int:
-    """Return when the recorded mission was selected: what the engine did before is on the pages of other missions."""
-    return max(
-        (each.t_ns for each in payloads if isinstance(each, MissionSelected) and each.t_ns <= start_ns), default=0
-    )
+@dataclass(frozen=True)
+class _Part:
+    """One mission of a journal, which may hold several: what the engine did before and after is on other pages.
+
+    Args:
+        begin_ns: when its session began.
+        mission: that was flown; None: none was begun.
+        end_ns: when the next one's began.
+        ended: the state that it ended in; None: it is the journal's last.
+    """
+
+    begin_ns: int
+    mission: Optional[Mission]
+    end_ns: int
+    ended: Optional[EngineState] = None
+
+    def holds(self, t_ns: int) -> bool:
+        """Return whether a time lies in it; times that are not known do not."""
+        return self.begin_ns <= t_ns <= self.end_ns
+
+
+def _part_of(flown: Sequence[_Part], recorded_ns: Optional[int], end_ns: int) -> _Part:
+    """Return the mission during which a recording began; without a recording, the whole journal."""
+    begun = [each for each in flown if recorded_ns is not None and each.begin_ns <= recorded_ns]
+    return begun[-1] if begun else _Part(0, flown[-1].mission if flown else None, end_ns)
 
 
 def _later(payload: object, late_ns: int) -> object:
@@ -219,9 +242,14 @@ def _later(payload: object, late_ns: int) -> object:
     return evolve(payload, t_ns=max(0, payload.t_ns + late_ns)) if moves else payload  # type: ignore[attr-defined]
 
 
-def _decided_lines(payloads: Iterable[object], rules: Rules, start_ns: int) -> List[Line]:
-    """Decide all events again; return what was decided and said, and what the monitors said, as a timeline."""
+def _decided(payloads: Iterable[object], rules: Rules, start_ns: int) -> Tuple[List[Line], List[_Part]]:
+    """Decide all events again.
+
+    Returns:
+        What was decided and said, and what the monitors said, as a timeline; and the missions that were begun.
+    """
     lines: List[Line] = []
+    flown: List[_Part] = []
     notes = Notes(lambda t_ns, source, text, level: lines.append(Line(t_ns, source, LineKind.MONITOR, text, level)))
     state = EngineState()
     for event in payloads:
@@ -233,7 +261,9 @@ def _decided_lines(payloads: Iterable[object], rules: Rules, start_ns: int) -> L
             notes.components(event.components, event.t_ns, Source.LOG)
         elif isinstance(event, LandedStatus):
             notes.landed(event.landed, event.reason, event.t_ns, Source.LOG)
+        before = state
         state, commands = decide(state, event, rules)
+        _note_mission(flown, before, event, state, rules)
         for command in commands:
             if isinstance(command, Decision):
                 level = _STATE_LEVELS.get(command.after, 0)
@@ -243,7 +273,18 @@ def _decided_lines(payloads: Iterable[object], rules: Rules, start_ns: int) -> L
             if isinstance(command, Notify):
                 level = {Level.INFO: 0, Level.WARNING: 1}.get(command.level, 2)
                 lines.append(Line(event.t_ns, Source.LOG, LineKind.MESSAGE, f'"{command.text}"', level))
-    return lines
+    return lines, flown
+
+
+def _note_mission(flown: List[_Part], before: EngineState, event: Event, after: EngineState, rules: Rules) -> None:
+    """Note the mission that an event began, and how the one before it ended."""
+    if flown:
+        flown[-1] = replace(flown[-1], end_ns=event.t_ns)
+    if after.session.id in ("", before.session.id):
+        return
+    if flown:
+        flown[-1] = replace(flown[-1], ended=end_on_the_way(before, event, after, rules) or before)
+    flown.append(_Part(event.t_ns, after.session.mission, event.t_ns))
 
 
 _STATE_LEVELS = {State.LAND.value: 2, State.PILOT.value: 2, State.OUTREACH.value: 2, State.HOLD.value: 1}
@@ -271,9 +312,13 @@ def _sensors_of_configuration(configuration: Mapping[str, Any]) -> Sensors:
     return found
 
 
-def _fence_of(configuration: Mapping[str, Any], mission_id: str) -> Sequence[Sequence[float]]:
+def _fences_of(plan: Optional[MissionPlan], configuration: Mapping[str, Any], mission_id: str) -> Sequence[Fence]:
+    """Return the fences of a mission; of one whose files are not there, the one in the effective configuration."""
+    if plan is not None:
+        return plan.fences
     missions = configuration.get("missions", {}).get("missions", {})
-    return list(missions.get(mission_id, {}).get("fence_m", ()))
+    corners = missions.get(mission_id, {}).get("fence_m", ())
+    return [Fence((Polygon(tuple((float(x), float(y)) for x, y in corners)),))] if corners else []
 
 
 def _plan_beside(path: Path, mission_id: str) -> Optional[MissionPlan]:

@@ -24,7 +24,7 @@ from ...console.screen.tables import action_words
 from ...console.wire import clean
 from ...console.words import age, duration, fraction, limits, quantity, readings
 from ...engine.events import Check, UserCommand
-from ...missions import Frame, MissionPlan
+from ...missions import Frame, MissionPlan, outlines
 
 __all__ = ["Board", "Have", "Orders", "plan_of"]
 
@@ -261,16 +261,7 @@ def plan_of(plan: MissionPlan) -> Dict[str, Any]:
             else []  # ahead and left of where it will stand: not known before the takeoff
             for trajectory in plan.trajectories
         ],
-        "fences": [
-            {"in": area.stay_in, "corners": [list(corner) for corner in area.corners]}
-            for fence in plan.fences
-            for area in fence.polygons
-        ],
-        "circles": [
-            {"in": area.stay_in, "centre": list(area.centre), "radius": area.radius_m}
-            for fence in plan.fences
-            for area in fence.circles
-        ],
+        **outlines(plan.fences),
     }
 
 
