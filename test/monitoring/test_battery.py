@@ -107,8 +107,8 @@ def test_without_a_number_of_cells_nobody_looks_at_the_voltage():
 @pytest.mark.parametrize(
     "t_ns,advice",
     [
-        (15 * S + 1, "the battery's last word is 5 s old: check the link to the autopilot"),
-        (4 * S, "the battery's last word is 6 s in the future, clocks differ: check the link to the autopilot"),
+        (15 * S + 1, "the battery's last message is 5 s old: check the link to the autopilot"),
+        (4 * S, "the battery's last message is 6 s in the future, clocks differ: check the link to the autopilot"),
     ],
 )
 def test_an_old_word_and_one_from_the_future_do_not_count(t_ns: int, advice: str):

@@ -186,7 +186,7 @@ def test_nothing_heard_is_unknown():
 def test_a_stale_estimate_and_imu_fail():
     rows = failed(on_the_pad().check(NOW + S))
     assert {"estimate age", "estimate rate", "IMU age"} <= set(rows)
-    assert rows["estimate age"].advice == "the last word on /odometry is 1 s old: did its node stop?"
+    assert rows["estimate age"].advice == "the last message on /odometry is 1 s old: did its node stop?"
     assert rows["IMU age"].value == 1.0
 
 
@@ -194,7 +194,7 @@ def test_a_stamp_from_the_future_or_long_ago_fails_though_the_message_is_fresh()
     monitor = on_the_pad()
     monitor.add_estimate(NOW + 1, LEVEL, stamp_ns=NOW + 10 * S)
     row = failed(monitor.check(NOW + 1))["estimate age"]
-    assert row.advice == "the last word on /odometry is 10 s in the future: compare the clocks of the computers"
+    assert row.advice == "the last message on /odometry is 10 s in the future: compare the clocks of the computers"
     monitor.add_estimate(NOW + 2, LEVEL, stamp_ns=0)
     assert "estimate age" in failed(monitor.check(NOW + 2))
 

@@ -243,7 +243,7 @@ MESSAGES: Mapping[str, Message] = {
     "mission_invalid": Message(
         _E, "Mission {mission_id} cannot be flown: {error}", "Choose another mission, or fix this one."
     ),
-    "resumed": Message(_W, "The engine was restarted and goes on in {state}."),
+    "resumed": Message(_W, "The engine was restarted and continues in {state}."),
     "preflight": Message(_I, "Pre-flight checks of mission {mission_id} are running."),
     "preflight_fixing": Message(_W, "Not ready yet: {reason}", "Wait; the checks are repeated."),
     "ready": Message(_I, "Ready."),
@@ -277,15 +277,15 @@ MESSAGES: Mapping[str, Message] = {
         _W, "No further takeoff: {reason}", "The data is collected; select the mission again to go on."
     ),
     "hold": Message(_W, _HOLDING, "Wait, or land."),
-    "hold_not_kept": Message(_W, "The hold is not kept: {reason} Sending HOLD again.", "Wait, or land."),
+    "hold_not_kept": Message(_W, "The vehicle is not holding: {reason} Sending HOLD again.", "Wait, or land."),
     "user_hold": Message(_I, "Holding position as you asked.", "Resume, or land."),
     "resuming": Message(_I, "Resuming the mission."),
     "resumed_flight": Message(_I, "The mission goes on."),
     "land": Message(_E, "Landing: {reason}", "Watch the vehicle; be ready to take over."),
     "land_user": Message(_W, "Landing as {asked}.", "Watch the vehicle."),
     "land_shown": Message(_I, "Landing confirmed by the autopilot."),
-    "takeover_suspected": Message(_W, "Somebody else seems to have control: {reason} Nothing is commanded."),
-    "takeover_denied": Message(_W, "The vehicle answers to the engine: supervision goes on."),
+    "takeover_suspected": Message(_W, "Possible takeover: {reason} No commands are sent."),
+    "takeover_denied": Message(_W, "The engine has control again."),
     "landing_given_up": Message(
         _A,
         "Acknowledged: whether the vehicle has landed is not known. The recording is stopped and kept.",
@@ -325,9 +325,9 @@ MESSAGES: Mapping[str, Message] = {
     "failure_continue": Message(_W, "Flying on: {reason}"),
     "failure_wait": Message(_W, _HOLDING),
     "failure_while_landing": Message(_W, "While landing: {reason} The landing goes on."),
-    "failure_land": Message(_E, "Another reason to land: {reason}"),
-    "failure_pilot": Message(_W, "While the pilot has control: {reason} Nothing is commanded."),
+    "failure_land": Message(_E, "Also failed: {reason}"),
+    "failure_pilot": Message(_W, "While the pilot has control: {reason} No commands are sent."),
     "failure_back": Message(_I, "{name} is back."),
     "condition_cleared": Message(_I, "Cleared: {reason}"),
-    "flown_without": Message(_W, "Flying on without {name}, which is not back in time."),
+    "flown_without": Message(_W, "{name} did not come back in time: flying on without it."),
 }

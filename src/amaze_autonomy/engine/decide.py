@@ -203,7 +203,7 @@ SELECT: Mapping[State, Case] = {
 }
 
 
-IN_DOUBT = Case(_NO, "Somebody else seems to have control of the vehicle: ask again in a moment.")
+IN_DOUBT = Case(_NO, "Possible takeover of the vehicle: ask again in a moment.")
 """The answer to everything but a landing for the moment in which that is not clear."""
 
 DEFERRED = Case(_DONE, "Landing as soon as it is clear who has control of the vehicle.")

@@ -264,7 +264,7 @@ FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
     F("planner_status", (Silent("planner_ns", "planner_status_limit_ns", _SILENT),), Action.LAND, "no status from the mission planner", both_routes=True, peer="planner"),
     F("planner_idle", (Silent("planner_idle_ns", "planner_idle_limit_ns", "for", since=None),), Action.LAND, "the mission planner says that nothing is flown, and the vehicle flies", both_routes=True),
     F("planner_failed", (Says(_planner_failed),), Action.LAND, "the mission planner failed", both_routes=True),
-    F("autopilot_status", (Silent("autopilot_ns", "autopilot_status_limit_ns", _SILENT), Says(_link_unknown), Silent("link_ns", "autopilot_link_limit_ns", "link silent for", since=None)), Action.LAND, "nothing is heard from the autopilot", both_routes=True, alarm=True, peer="autopilot"),
+    F("autopilot_status", (Silent("autopilot_ns", "autopilot_status_limit_ns", _SILENT), Says(_link_unknown), Silent("link_ns", "autopilot_link_limit_ns", "link silent for", since=None)), Action.LAND, "no status from the autopilot", both_routes=True, alarm=True, peer="autopilot"),
     F("vehicle_unknown", (Silent("vehicle_unknown_ns", "vehicle_unknown_limit_ns", "for", since=None),), Action.LAND, "whether the vehicle is armed and on the ground is unknown", both_routes=True, alarm=True, only="flight.was_airborne"),
     F("clock", (Above("clock_stalled_s", "clock_stall_limit_ns", "standing for"),), Action.LAND, "/clock stands still", both_routes=True),
     F("battery_unknown", (Silent("battery_ns", "battery_age_limit_ns", "unknown for"),), Action.LAND, "the battery level is unknown"),
@@ -448,9 +448,17 @@ def clocks_words(context: Context, peer: str) -> str:
 
 def _words(values: Tuple[Value, ...]) -> str:
     return ", ".join(
-        f"{v.name} {v.value}{' ' + v.unit if v.unit else ''}" + (f", limit {v.limit}" if v.limit is not None else "")
+        f"{v.name} {_said(v.value, v.unit)}"
+        + (f", limit {_said(v.limit, v.unit, of_limit=True)}" if v.limit is not None else "")
         for v in values
     )
+
+
+def _said(value: Any, unit: str, *, of_limit: bool = False) -> str:
+    """Return a value as a person says it: a fraction in percent, anything else with its unit, which a limit shares."""
+    if unit == "fraction" and isinstance(value, float):
+        return f"{value:.0%}"
+    return f"{value} {unit}" if unit and not of_limit else f"{value}"
 
 
 def _user_hold(context: Context) -> List[Failure]:

@@ -99,7 +99,7 @@ def armed_by_others(context: Context) -> Optional[Seen]:
     """The vehicle is armed, and it was not us; several statuses agree."""
     if context.state.flight.active or not (context.taken() and context.armed()):
         return None
-    return because("reason", "it was armed, and not by us")
+    return because("reason", "armed by somebody else")
 
 
 def still_flies(context: Context) -> Optional[Seen]:

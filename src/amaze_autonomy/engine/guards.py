@@ -228,13 +228,13 @@ def not_ready_to_take_off(context: Context) -> Optional[Seen]:
     if context.state.shutting_down:
         return because("reason", "the process was told to end")
     if not context.down():
-        return because("reason", "the vehicle does not say, freshly, that it is disarmed and on the ground")
+        return because("reason", "no recent status that the vehicle is disarmed and on the ground")
     if recording_proven(context) is None:
         return because("reason", "the recorder is silent, does not record, or not for long enough yet")
     if context.state.peers.heartbeat_ns is None:
-        return because("reason", "the watchdog was started and has never beaten")
+        return because("reason", "no heartbeat from the watchdog since it was started")
     if context.state.peers.battery_ns is None:
-        return because("reason", "the battery level was never known")
+        return because("reason", "no battery level since the start")
     return _component(context) or _loss(context)
 
 

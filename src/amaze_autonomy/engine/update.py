@@ -398,7 +398,7 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
         if context.may_arm_late() and _is_ours(context, event, lands=False):
             return ""  # see the row armed_late
         at_start = state.sessions == 0 and state.armed_at_start is not False
-        return "it was armed, and not by us" if event.armed and not at_start else ""
+        return "armed by somebody else" if event.armed and not at_start else ""
     mine = _is_ours(context, event, lands=_planner_lands(context)) or _unchanged(context, event)
     return "" if mine else f"flight mode {event.mode} was not commanded"
 

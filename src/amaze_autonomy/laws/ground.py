@@ -81,7 +81,7 @@ def takeoff_only_when_fit(m: Moment) -> Verdict:
         return None
     limits = m.rules.limits
     if not m.saw.is_down(limits):
-        return "the vehicle does not say, freshly, that it is disarmed on the ground"
+        return "no recent status that the vehicle is disarmed on the ground"
     if m.saw.shutting_down:
         return "the process was told to end"
     bad = [name for name, code in m.saw.codes if lands(m, name, code)]

@@ -220,7 +220,7 @@ class PlannerSpec:
         message_retry_ns: time without an answer after which a message of the mission protocol is sent again.
         command_retry_ns: time without an effect after which a command is sent again.
         command_limit_ns: time in which a command must show its effect.
-        vehicle_age_limit_ns: how old the vehicle's last word may be to be believed.
+        vehicle_age_limit_ns: how old the vehicle's last message may be to be believed.
         setpoint_rate_hz: of the stream of set-points.
         setpoint_lead_ns: how long they are sent before the autopilot is told to follow them.
         pose_age_limit_ns: how old the local position may be to be flown by.

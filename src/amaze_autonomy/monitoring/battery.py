@@ -52,12 +52,12 @@ class BatteryMonitor:
     def _age_row(self, t_ns: int) -> Check:
         limit_s, age_s = self.spec.age_limit_ns / _S, self._age_s(t_ns)
         if age_s is None:
-            advice = "the battery has not said anything: is the autopilot connected?"
+            advice = "no battery status received: is the autopilot connected?"
             return Check("battery age", Verdict.UNKNOWN, None, limit_s, "s", None, advice, heals=True)
         if abs(age_s) <= limit_s:
             return Check("battery age", Verdict.PASS, age_s, limit_s, "s", age_s)
         how = "old" if age_s > 0 else "in the future, clocks differ"
-        advice = f"the battery's last word is {abs(age_s):.3g} s {how}: check the link to the autopilot"
+        advice = f"the battery's last message is {abs(age_s):.3g} s {how}: check the link to the autopilot"
         return Check("battery age", Verdict.FAIL, age_s, limit_s, "s", age_s, advice)
 
     def _fraction_row(self, t_ns: int, required: Optional[float]) -> Check:

@@ -69,7 +69,7 @@ class Estimate(NamedTuple):
 
 
 def age_row(name: str, age_ns: Optional[int], limit_ns: int, topic: str) -> Check:
-    """Judge how old the last word of a topic is; from the future is not fresh either."""
+    """Judge how old the last message of a topic is; from the future is not fresh either."""
     limit_s = limit_ns / _S
     if age_ns is None:
         return Check(name, Verdict.UNKNOWN, None, limit_s, "s", None, f"nothing came on {topic}: is its node running?")
@@ -77,7 +77,7 @@ def age_row(name: str, age_ns: Optional[int], limit_ns: int, topic: str) -> Chec
     if abs(age_ns) <= limit_ns:
         return Check(name, Verdict.PASS, age_s, limit_s, "s", age_s)
     how = "old: did its node stop?" if age_ns > 0 else "in the future: compare the clocks of the computers"
-    advice = f"the last word on {topic} is {abs(age_s):.3g} s {how}"
+    advice = f"the last message on {topic} is {abs(age_s):.3g} s {how}"
     return Check(name, Verdict.FAIL, age_s, limit_s, "s", age_s, advice)
 
 
