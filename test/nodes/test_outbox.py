@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import threading
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -13,14 +14,20 @@ pytest.importorskip("rospy")
 
 from diagnostic_updater import DiagnosticStatusWrapper
 
-from amaze_autonomy.engine.events import Tick
+from amaze_autonomy.config import load_configuration
+from amaze_autonomy.engine.decide import decide
+from amaze_autonomy.engine.events import Event, Tick
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState
-from amaze_autonomy.journal.report import MessageLog
+from amaze_autonomy.journal.journal import read
+from amaze_autonomy.journal.report import MessageLog, end_on_the_way
 from amaze_autonomy.nodes.autonomy import outbox, run_folder
 from amaze_autonomy.nodes.autonomy.outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from amaze_autonomy.nodes.autonomy.run_folder import Place, create
+from amaze_autonomy.paths import config_folder
 from amaze_autonomy.ros.clock import SimulatedClock
+from amaze_autonomy.simulation.run import run as simulate
+from amaze_autonomy.simulation.scenario import Scenario
 
 CLOCK = SimulatedClock(lambda: 10**9)
 
@@ -109,6 +116,30 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < until_s
         time.sleep(0.01)
+
+
+def test_the_end_of_a_mission_goes_out_also_where_one_event_ends_it_and_begins_the_next(run):
+    configuration = load_configuration(config_folder())
+    missions = {each.id: each for each in configuration.missions}
+    lines = simulate(configuration, (missions["2"], missions["1"]), Scenario()).lines
+    published = []
+    ended = partial(end_on_the_way, rules=configuration.rules)
+    box = Outbox(run, Timeline(), CLOCK, published.append, lambda *_: None, lambda: None, ended=ended)
+    state = EngineState()
+    for payload in (line.payload for line in read("\n".join(lines) + "\n").lines):
+        if isinstance(payload, Event):
+            state, commands = decide(state, payload, configuration.rules)
+            box._take(payload, state, commands)
+    states = [
+        (each.state.value, each.session.id, each.session.mission.id, each.session.result.value, len(each.queue))
+        for before, each in zip(published, published[1:])
+        if before.state is not each.state and each.session.mission is not None
+    ]
+    first, second = states[0][1], states[-1][1]
+    at = states.index(("MISSION_ENDED", first, "2", "COMPLETE", 1))
+    assert (states[at - 1][0], states[at + 1]) == ("DATA_CLEANUP", ("PREFLIGHT", second, "1", "", 0))
+    assert states[-1] == ("MISSION_ENDED", second, "1", "COMPLETE", 0)
+    assert [each[0] for each in states].count("MISSION_ENDED") == 2
 
 
 def test_the_state_goes_out_before_the_disk_is_asked(run, monkeypatch):

@@ -247,10 +247,8 @@ def test_no_other_file_is_copied_into_a_session_whoever_names_it(tmp_path, ros_h
     assert [path.name for path in (ros_home / "amaze_autonomy" / "journals").iterdir()] == ["a"]
 
 
-@pytest.fixture
-def session(tmp_path):
-    """The folder of a session whose recording is complete, of a flight that ended before it began."""
-    folder = tmp_path / "20261121T041730-001_1"
+def recorded(folder):
+    """Make the folder of a session whose recording is complete, of a flight that ended before it began."""
     folder.mkdir()
     configuration = load_configuration(config_folder())
     header = encode_header(make_header(configuration.rules, configuration.effective, configuration.hash))
@@ -260,10 +258,15 @@ def session(tmp_path):
     return folder
 
 
-def made(pages, session, said):
-    pages.begin(session)
+@pytest.fixture
+def session(tmp_path):
+    return recorded(tmp_path / "20261121T041730-001_1")
+
+
+def made(pages, session, said, most=1):
+    pages.add(session)
     deadline = time.monotonic() + 120.0
-    while not said and time.monotonic() < deadline:
+    while len(said) < most and time.monotonic() < deadline:
         time.sleep(0.05)
     return said
 
@@ -274,9 +277,27 @@ def test_a_finished_recording_gets_its_page_once_by_a_process_of_its_own(session
     pages = FlightPages(lambda words, there: said.append((words, there)))
     assert made(pages, session, said) == [(str(session / "flight.html"), True)]
     (session / "flight.html").unlink()
-    pages.begin(session)
+    pages.add(session)
     pages.stop()
     assert not (session / "flight.html").exists()
+
+
+@pytest.mark.live
+def test_a_page_that_the_next_recording_stops_is_made_after_that_with_its_own(session, tmp_path):
+    said = []
+    pages = FlightPages(lambda words, there: said.append((words, there)))
+    second = recorded(tmp_path / "20261121T041730-002_2")
+    third = recorded(tmp_path / "20261121T041730-003_3")
+    pages.add(session)
+    pages.stop()  # as for a mission out of the queue: milliseconds later
+    pages.add(second)  # its end is heard when the next recording has begun
+    time.sleep(0.5)
+    waiting = f"no {session / 'flight.html'} yet: it is made after the recording that has begun"
+    assert (said, list(tmp_path.rglob("flight.html"))) == ([(waiting, True)], [])
+    pages.go_on()
+    made(pages, third, said, 4)
+    assert said[1:] == [(str(each / "flight.html"), True) for each in (session, second, third)]
+    assert len(list(tmp_path.rglob("flight.html"))) == 3
 
 
 @pytest.mark.live
@@ -294,7 +315,7 @@ def test_a_page_that_cannot_be_made_is_a_word_and_touches_nothing(session):
 
 def test_a_session_without_a_complete_recording_gets_no_page(tmp_path):
     pages = FlightPages(lambda words, there: pytest.fail(f"{words} {there}"))
-    pages.begin(tmp_path)
+    pages.add(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -117,7 +117,7 @@ class RosLink(Link):
             each.unregister()
         recorder = f"{rosgraph.names.namespace(self._engine)}data_recorder/status"
         self._subscribers = [
-            rospy.Subscriber(f"{self._engine}/state", AutonomyState, self._on_state, queue_size=1),
+            rospy.Subscriber(f"{self._engine}/state", AutonomyState, self._on_state, queue_size=10),
             rospy.Subscriber(f"{self._engine}/messages", OperatorMessages, self._on_messages, queue_size=1),
             rospy.Subscriber(recorder, RecordingStatus, self._on_recording, queue_size=1),
         ]

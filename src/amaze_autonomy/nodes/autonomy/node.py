@@ -50,7 +50,7 @@ from amaze_autonomy.ros.clock import Clock, make_clock, wait_for_time
 
 from ...interface.fields import MOST_ITEMS
 from ...journal import journal as codec
-from ...journal.report import MessageLog
+from ...journal.report import MessageLog, end_on_the_way
 from ...ros import node_main
 from ...ros.arguments import answer_words
 from ...ros.errors import NodeError, StartError, report
@@ -129,6 +129,7 @@ class AutonomyNode:
             self._state_publisher.say,
             self._housekeeping,
             self._name_journal,
+            partial(end_on_the_way, rules=configuration.rules),
         )
         self._requests = Requests(self._clients(), self.put, clock.now_ns)
         self._desk = UserDesk(configuration.missions, self.put, clock.now_ns, configuration.battery.minimum_fraction)

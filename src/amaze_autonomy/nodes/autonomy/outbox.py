@@ -55,6 +55,8 @@ class Outbox:
         say: publishes ~messages; called with the time and the commands of each step that has any, before that.
         housekeeping: called twice a second, after `publish_state`.
         moved: called when the journal goes on at another place.
+        ended: returns of an event, with the states before and after it, the state in which it ended a mission before it
+            began the next in the queue; None: it did not.
     """
 
     def __init__(
@@ -66,7 +68,9 @@ class Outbox:
         say: Callable[[int, Tuple[Command, ...]], None],
         housekeeping: Callable[[], None],
         moved: Callable[[], None] = lambda: None,
+        ended: Callable[[EngineState, Event, EngineState], Optional[EngineState]] = lambda *_: None,
     ) -> None:
+        self._ended = ended
         self._journal, self._timeline, self._clock = journal, timeline, clock
         self._publish_state, self._say, self._housekeeping, self._moved = publish_state, say, housekeeping, moved
         self._queue: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
@@ -128,6 +132,7 @@ class Outbox:
         self._housekeeping()
 
     def _take(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+        ended = self._ended(self.state, event, state)
         self.state = state
         self._line(self._encoder.encode(event))
         for command in commands:
@@ -140,6 +145,8 @@ class Outbox:
             self._journal.flush()
         if commands:
             self._say(event.t_ns, commands)
+            if ended is not None:
+                self._publish_state(ended)
             self._publish_state(state)
         for command in commands:
             if isinstance(command, Notify):

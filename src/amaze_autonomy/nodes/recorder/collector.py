@@ -161,6 +161,7 @@ class RecorderCollector:
         self.machine = Collector(collector_setup(share.configuration))
         self._collection = Collection(share.configuration, transfers(share.configuration))
         self._links: Dict[str, PlatformLink] = {}
+        self._ended = ""  # the session whose end was heard last
         self._pages = FlightPages(
             lambda words, there: (rospy.loginfo if there else rospy.logwarn)("flight page: %s", words)
         )
@@ -184,9 +185,11 @@ class RecorderCollector:
         rospy.Subscriber("autonomy/state", msg.AutonomyState, self._see_engine, queue_size=10)
 
     def _start(self, session_id: str, mission_id: str) -> Answer:
-        self._pages.stop()
         with self._share.lock:
-            return self.machine.start(self._share.now_ns(), session_id, mission_id)
+            answer = self.machine.start(self._share.now_ns(), session_id, mission_id)
+            if answer.accepted:
+                self._pages.stop()
+        return answer
 
     def _stop(self, session_id: str) -> Answer:
         with self._share.lock:
@@ -197,15 +200,26 @@ class RecorderCollector:
             self.machine.heard(self._share.now_ns(), platform, status)
 
     def _see_engine(self, message: Any) -> None:
-        """Note when it flies; at the end copy the journal, with its last decisions, and make the page."""
+        """Note when it flies; at the end copy the journal, with its last decisions, and make the page.
+
+        The next mission of a queue begins with the same event: its recording may have been asked for before the end of
+        this one is heard.
+        """
+        session_id = message.session_id
         with self._share.lock:
-            self.machine.heard_engine(message.header.stamp.to_nsec(), message.session_id, in_flight=message.in_flight)
-        if message.state == "MISSION_ENDED" and message.session_id == self.machine.session_id:
-            self._share.workers.submit(lambda: self._finish(self._folder(), message.session_id))
+            self.machine.heard_engine(message.header.stamp.to_nsec(), session_id, in_flight=message.in_flight)
+        if message.state == "MISSION_ENDED" and session_id not in ("", self._ended):
+            self._ended = session_id
+            folder = self._share.folder / session_name(session_id, message.mission_id)
+            if folder.is_dir():
+                self._share.workers.submit(lambda: self._finish(folder, session_id))
 
     def _finish(self, folder: Path, session_id: str) -> None:
         self._collection.copy_journal(folder, session_id, again=True)
-        self._pages.begin(folder)
+        with self._share.lock:
+            if session_id == self.machine.session_id:
+                self._pages.go_on()
+        self._pages.add(folder)
 
     # --- the work; on the working thread --------------------------------------------------------------------------
 

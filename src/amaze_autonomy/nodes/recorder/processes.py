@@ -474,17 +474,26 @@ class _Tail:
 # --- flight pages -----------------------------------------------------------------------------------------------------
 
 
-_PAGE, _PAGE_LIMIT_S = "flight.html", 600.0
+_PAGE, _PAGE_LIMIT_S = "flight.html", 600
+_EACH = f"""\
+for each; do
+    printf '\\n%s\\n' "$each"
+    timeout --foreground {_PAGE_LIMIT_S} nice -n 19 \\
+        "$0" -m amaze_autonomy.tester.command journal "$each" --html "${{each%/*}}/{_PAGE}"
+done
+"""
+"""One page after the other, in one group of processes: it is ended as a whole, and outlives the node as a whole."""
 
 
 class FlightPages:
-    """Makes the page beside a finished recording: in a process of its own, about which nobody else need know.
+    """Makes the page beside each finished recording: in a process of its own, about which nobody else need know.
 
     It reads what is finished, when nobody else wants the processor, and puts its one file there when it is whole. It
-    goes on for a while when the node ends, and is ended when the next recording begins. What fails is a warning.
+    goes on for a while when the node ends. While something is recorded none is made: what was begun is made after that.
+    What fails is a warning.
 
     Args:
-        say: takes what came of a page, and whether it is there.
+        say: takes what came of a page, and whether all is well.
     """
 
     def __init__(self, say: Callable[[str, bool], None]) -> None:
@@ -492,46 +501,76 @@ class FlightPages:
         self._lock = threading.Lock()
         self._process: Optional[subprocess.Popen[bytes]] = None
         self._begun: Set[Path] = set()
+        self._waiting: List[Path] = []
+        self._stopped, self._killed = False, None  # type: bool, Optional[subprocess.Popen[bytes]]
 
-    def begin(self, folder: Path) -> None:
-        """Make the page of a session's folder, once, where its recording is complete."""
+    def add(self, folder: Path) -> None:
+        """Make the page of a session's folder, once, where its recording is complete and nothing is recorded."""
         bag, journal = folder / f"{folder.name}.bag", folder / "journal.jsonl"
         with self._lock:
             if folder in self._begun or not bag.is_file():
                 return
             self._begun.add(folder)
-        threading.Thread(target=self._make, args=(journal if journal.is_file() else bag,), daemon=True).start()
+            self._waiting.append(journal if journal.is_file() else bag)
+        self._start()
 
     def stop(self) -> None:
         """End what is being made: the next flight needs the computer."""
         with self._lock:
-            process, self._process = self._process, None
+            self._stopped, process = True, self._process
+            self._killed = process or self._killed
         if process is not None:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
 
-    def _make(self, source: Path) -> None:
-        page = source.parent / _PAGE
-        replay = [sys.executable, "-m", "amaze_autonomy.tester.command", "journal", str(source), "--html", str(page)]
-        command = ["timeout", f"{_PAGE_LIMIT_S:.0f}", "nice", "-n", "19", *replay]
-        try:
-            with tempfile.TemporaryFile() as words:  # not a pipe, which would end it with the node
-                with self._lock:
-                    process = self._process = subprocess.Popen(
-                        command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, start_new_session=True
-                    )
-                process.wait()
-                with self._lock:
-                    if self._process is None:
-                        self._say(
-                            f"no {page} yet, the next recording has begun: amaze-replay journal {source} --html", False
-                        )
-                        return
-                    self._process = None
-                words.seek(0)
-                last = words.read().decode("utf-8", "replace").strip().splitlines()[-1:]
-        except OSError as error:
-            self._say(f"no {page}: {error}", False)
-            return
-        there = page.is_file()
-        self._say(str(page) if there else f"no {page}: {''.join(last)[:_LAST_WORDS]}", there)
+    def go_on(self) -> None:
+        """Make what waits: nothing is recorded any more."""
+        with self._lock:
+            self._stopped = False
+        self._start()
+
+    def _start(self) -> None:
+        """Begin with all that waits, unless something is recorded or made."""
+        with self._lock:
+            sources = tuple(self._waiting)
+            if not sources or self._stopped or self._process is not None:
+                return
+            command = ["sh", "-c", _EACH, sys.executable, *map(str, sources)]
+            try:
+                words: Any = tempfile.TemporaryFile()  # noqa: SIM115  # `_wait` closes it; a pipe would end with the node
+                self._process = process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, start_new_session=True
+                )
+            except OSError as error:
+                self._say(f"no {sources[0].parent / _PAGE}: {error}", False)
+                return
+            self._waiting.clear()
+        threading.Thread(target=self._wait, args=(process, sources, words), daemon=True).start()
+
+    def _wait(self, process: Any, sources: Sequence[Path], words: Any) -> None:
+        """Wait for a process; say what came of each page, and go on with what waits."""
+        process.wait()
+        with words:
+            words.seek(0)
+            said = _last_words(words.read().decode("utf-8", "replace"), sources)
+        with self._lock:
+            self._process = None
+            left = [each for each in sources if process is self._killed and not (each.parent / _PAGE).is_file()]
+            self._waiting[:0] = left
+        for source in sources:
+            page = source.parent / _PAGE
+            if source in left:
+                self._say(f"no {page} yet: it is made after the recording that has begun", True)
+            else:
+                there = page.is_file()
+                self._say(str(page) if there else f"no {page}: {said[source][:_LAST_WORDS]}", there)
+        self._start()
+
+
+def _last_words(text: str, sources: Sequence[Path]) -> Dict[Path, str]:
+    """Return the last line that was said of each page."""
+    found: Dict[Path, str] = {}
+    for source in reversed(sources):
+        text, _, own = text.rpartition(f"\n{source}\n")
+        found[source] = "".join(own.strip().splitlines()[-1:])
+    return found
