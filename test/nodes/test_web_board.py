@@ -24,7 +24,7 @@ from amaze_autonomy.console.model import (
 from amaze_autonomy.engine.events import Check, UserCommand
 from amaze_autonomy.engine.events import Verdict as CheckVerdict
 from amaze_autonomy.missions import Circle, Fence, Frame, Polygon
-from amaze_autonomy.nodes.web.board import SAMPLES, Board, Have, Orders, plan_of, state_of
+from amaze_autonomy.nodes.web.board import SAMPLES, TRACK, Board, Have, Orders, plan_of, state_of
 from amaze_autonomy.paths import config_folder
 
 FLYING = Snapshot(state="MISSION", in_flight=True, telemetry=Telemetry(age=0.1, position_x=1.0, position_y=2.0))
@@ -90,8 +90,41 @@ def test_eight_hours_do_not_grow():
         telemetry = replace(FLYING.telemetry, position_x=float(half_second))
         board.take(StateCame(replace(FLYING, telemetry=telemetry)), half_second / 2)
     news, have = board.since(Have(), 8 * 3600.0)
-    assert (len(news["samples"]), have.sample) == (SAMPLES, 8 * 3600 * 2)
+    assert (SAMPLES < len(news["samples"]) < SAMPLES + TRACK, have.sample) == (True, 8 * 3600 * 2)
     assert sorted(news["parts"]) == ["plans", "state"]
+
+
+def moved(board, first, seconds, session):
+    """Fly east, a metre in each second, with two states in it; return what a viewer gets who comes then."""
+    for half_second in range(first * 2, (first + seconds) * 2):
+        telemetry = replace(FLYING.telemetry, position_x=half_second / 2)
+        board.take(StateCame(replace(FLYING, telemetry=telemetry, session_id=session)), half_second / 2)
+    return board.since(Have(), float(first + seconds))[0]
+
+
+def test_who_comes_late_sees_the_track_of_the_whole_flight_and_the_last_minutes_densely():
+    samples = moved(Board("b-1"), 0, 3600, "s-1")["samples"]
+    numbers = [each[0] for each in samples]
+    assert numbers == sorted(set(numbers))
+    places = [each[2] for each in samples]
+    assert (places[0] < 5.0, places[-1]) == (True, 3599.5)
+    steps = [after - before for before, after in zip(places, places[1:])]
+    assert (max(steps), set(steps[1 - SAMPLES :])) == (2.0, {0.5})
+
+
+def test_the_track_begins_anew_with_each_mission_and_stands_until_then():
+    board = Board("b-1")
+    assert moved(board, 0, 60, "s-1")["flight"] == 1
+    assert moved(board, 60, 1, "")["flight"] == 1
+    news = moved(board, 61, 60, "s-2")
+    assert (news["flight"], news["samples"][0][:3]) == (123, [123, 61.0, 61.0])
+
+
+def test_the_waypoint_is_said_while_it_flies():
+    assert "waypoint 2 of 5" in state_of(replace(FLYING, waypoint=2, waypoints=5))["where"]
+    assert not any("waypoint" in each for each in state_of(replace(FLYING, waypoints=0))["where"])
+    landed = replace(FLYING, state="MISSION_ENDED", in_flight=False, waypoint=5, waypoints=5)
+    assert not any("waypoint" in each for each in state_of(landed)["where"])
 
 
 def test_the_missions_are_asked_for_when_they_can_be_selected_and_again_after_a_flight():

@@ -443,10 +443,15 @@ def test_every_scene_of_the_console_is_shown_by_a_light_and_a_dark_page_without_
                 page.wait("alarm" if desk.snapshot.message_level == ALARM else "message", desk.snapshot.message)
                 assert page.driver.execute_script('return $("bar").hidden') == (not desk.snapshot.user_commands)
                 page.until(lambda page=page: page.driver.execute_script(TRACK_IS_WIDE), "track of some metres")
+                flying = desk.snapshot.in_flight and desk.snapshot.waypoints
+                marked = [f"waypoint {desk.snapshot.waypoint} of {desk.snapshot.waypoints}"] if flying else []
+                assert page.driver.execute_script(WAYPOINTS_IN_TRACK) == marked
                 page.picture(f"{name}-820x1180-{shade}")
         assert light.errors() == dark.errors() == []
 
 
+WAYPOINTS_IN_TRACK = """
+return $("track").data.map((each) => each.name).filter((name) => name.startsWith("waypoint"));"""
 TRACK_IS_WIDE = """const plot = $("track")._fullLayout;
 return plot && ["xaxis", "yaxis"].every((each) => plot[each].range[1] - plot[each].range[0] >= 4)"""
 SPEAKER = """

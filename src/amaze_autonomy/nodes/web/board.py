@@ -28,8 +28,9 @@ from ...missions import Frame, MissionPlan, outlines
 
 __all__ = ["Board", "Have", "Orders", "plan_of"]
 
-SAMPLES = 1200
-"""Samples of the flight that are kept: ten minutes at the 2 Hz of the engine's state."""
+SAMPLES, TRACK = 1200, 2400
+"""Samples that are kept: of the last ten minutes, at the 2 Hz of the engine's state; and of the whole flight, thinned.
+page.js keeps as many."""
 _SAMPLE_S = 0.25
 _LIST_AGAIN_S = 5.0
 
@@ -51,6 +52,10 @@ class Have(NamedTuple):
     sample: int = 0
 
 
+_Sample = List[Any]
+"""Number, time, position east and north, altitude, speed, battery, distance."""
+
+
 class Board:
     """What is shown; one thread calls it.
 
@@ -64,7 +69,8 @@ class Board:
         self.desk = Desk()
         self._parts: Dict[str, Any] = {"plans": {plan.mission.id: plan_of(plan) for plan in plans}}
         self._versions: Dict[str, int] = {"plans": 1}
-        self._samples: Deque[List[Optional[float]]] = deque(maxlen=SAMPLES)
+        self._flight = _Flight()
+        self._session = ""
         self._sample = 0
         self._sampled_s = -_SAMPLE_S
         self._listed_s = -_LIST_AGAIN_S
@@ -103,7 +109,6 @@ class Board:
         have = have if have.board == self.id else Have(board=self.id, run=have.run, note=have.note)
         note = have.note if have.run == self.desk.run else 0
         notes = [each for each in self.desk.notes if each.number > note]
-        samples = [each for each in self._samples if (each[0] or 0) > have.sample]
         parts = {name: value for name, value in self._parts.items() if self._versions[name] != have.parts.get(name)}
         silent = None if self.desk.snapshot is None else round(self.desk.age_s(now_s), 2)
         news = {
@@ -113,7 +118,8 @@ class Board:
             "run": self.desk.run,
             "anew": note == 0,
             "notes": [[each.number, each.clock, each.level, each.text, each.advice] for each in notes],
-            "samples": samples,
+            "flight": self._flight.first,
+            "samples": self._flight.after(have.sample),
         }
         last = notes[-1].number if notes else note
         return news, Have(self.id, dict(self._versions), self.desk.run, last, self._sample)
@@ -125,11 +131,40 @@ class Board:
 
     def _add_sample(self, snapshot: Snapshot, now_s: float) -> None:
         said = snapshot.telemetry
+        if snapshot.session_id not in ("", self._session):
+            self._session, self._flight = snapshot.session_id, _Flight(self._sample + 1)
         if said.age is None or now_s - self._sampled_s < _SAMPLE_S:
             return
         self._sample, self._sampled_s = self._sample + 1, now_s
         numbers = (said.position_x, said.position_y, said.altitude, said.speed, said.battery_fraction, said.distance)
-        self._samples.append([self._sample, round(now_s, 2), *(None if n is None else round(n, 3) for n in numbers)])
+        self._flight.add([self._sample, round(now_s, 2), *(None if n is None else round(n, 3) for n in numbers)])
+
+
+class _Flight:
+    """The samples of one mission: all of the last minutes; of what was before, each n-th, so that they do not grow.
+
+    Args:
+        first: number of its first sample; those with a lower one are of another mission.
+    """
+
+    def __init__(self, first: int = 1) -> None:
+        self.first, self._step = first, 1
+        self._last: Deque[_Sample] = deque(maxlen=SAMPLES)
+        self._track: List[_Sample] = []
+
+    def add(self, sample: _Sample) -> None:
+        """Take the next sample."""
+        self._last.append(sample)
+        if sample[0] % self._step == 0:
+            self._track.append(sample)
+        if len(self._track) > TRACK:
+            self._step *= 2
+            self._track = [each for each in self._track if each[0] % self._step == 0]
+
+    def after(self, number: int) -> List[_Sample]:
+        """Return what is kept of the samples after one, in their order."""
+        early = [each for each in self._track if each[0] < self._last[0][0]]
+        return [each for each in (*early, *self._last) if each[0] > number]
 
 
 # --- what is shown ----------------------------------------------------------------------------------------------------
@@ -145,6 +180,7 @@ def state_of(snapshot: Snapshot) -> Dict[str, Any]:
         flown,
         f"file {snapshot.file_index + 1} of {snapshot.files}" if snapshot.files > 1 else "",
         f"repetition {snapshot.repetition + 1} of {snapshot.repetitions}" if snapshot.repetitions > 1 else "",
+        f"waypoint {snapshot.waypoint} of {snapshot.waypoints}" if snapshot.in_flight and snapshot.waypoints else "",
         f"then mission {', '.join(snapshot.queue)}" if snapshot.queue else "",
     ]
     if snapshot.state == "MISSION_ENDED" and snapshot.result:

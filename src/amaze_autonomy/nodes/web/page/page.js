@@ -3,7 +3,7 @@
 "use strict";
 
 const $ = (id) => document.getElementById(id);
-const OLD_S = 3, GIVE_UP_S = 15, AGAIN_S = 2, MOST_PAUSE_S = 4, MOST_MESSAGES = 400, MOST_SAMPLES = 1200;
+const OLD_S = 3, GIVE_UP_S = 15, AGAIN_S = 2, MOST_PAUSE_S = 4, MOST_MESSAGES = 400, MOST_SAMPLES = 1200, MOST_TRACK = 2400;
 const RECORDER = ["START_RECORDING", "DATA_CLEANUP"]; // what it does is what is waited for
 const CHECKED = ["PREFLIGHT", "OUTREACH", "READY", "START_RECORDING", "LOAD_MISSION"];
 const LEVELS = [["", ""], ["WARNING", "warn"], ["ERROR", "bad"], ["ALARM", "bad"]];
@@ -11,7 +11,7 @@ const ANSWERS = { "DONE": "good", "ALREADY": "info", "REFUSED": "bad", "NO ANSWE
 
 const have = { board: "", run: "", note: 0, sample: 0 };
 const orders = new Map();
-let parts = {}, samples = [], socket = null, pauseS = 0.25, connected = false;
+let parts = {}, samples = [], flown = [], step = 1, socket = null, pauseS = 0.25, connected = false;
 let heardMs = 0, stateMs = 0, beat = 0, beatMs = 0, ageS = null;
 let question = null, answer = null, token = "", mayCommand = false, sound = null, soundedMs = 0, chimed = "";
 
@@ -70,17 +70,28 @@ function take(news) {
     mayCommand = news.token;
     return render();
   }
-  if (news.board !== have.board) [parts, samples, have.sample, have.board] = [{}, [], 0, news.board];
+  if (news.board !== have.board) [parts, samples, flown, step, have.sample, have.board] = [{}, [], [], 1, 0, news.board];
   [beat, beatMs, ageS] = [news.beat, heardMs, news.age_s];
   Object.assign(parts, news.parts);
   if (news.parts.state) stateMs = heardMs - ageS * 1000;
   takeNotes(news);
-  for (const sample of news.samples) if (sample[0] > have.sample) { samples.push(sample); have.sample = sample[0]; }
-  samples = samples.slice(-MOST_SAMPLES);
+  takeSamples(news);
   news.answers.forEach(takeAnswer);
   $("viewers").textContent = news.viewers === 1 ? "1 viewer" : `${news.viewers} viewers`;
   render();
   if (news.samples.length || news.parts.state || news.parts.plans) draw();
+}
+
+function takeSamples(news) {
+  if (samples.length && samples[0][0] < news.flight) [samples, flown, step] = [[], [], 1]; // another mission's
+  for (const sample of news.samples) {
+    if (sample[0] <= have.sample) continue;
+    have.sample = sample[0];
+    samples.push(sample);
+    if (sample[0] % step === 0) flown.push(sample); // as the server thins them: all of the flight, and no more
+    if (flown.length > MOST_TRACK) { step *= 2; flown = flown.filter((each) => each[0] % step === 0); }
+  }
+  samples = samples.slice(-MOST_SAMPLES);
 }
 
 function takeNotes(news) {
@@ -398,7 +409,10 @@ function drawTrack(c, state, plan) {
     add(circle([0, 0], state.distance_limit), `lands beyond ${state.distance_limit} m`, "lines",
       { line: { color: c.limit, width: 2, dash: "dash" }, visible: "legendonly" });
   }
-  add(samples.map((each) => [each[2], each[3]]), "flown", "lines", { line: { color: c.track, width: 4 } });
+  const [at, of] = state.waypoint, aim = state.in_flight && of && plan ? (plan.files[state.file] || [])[Math.max(0, at - 1)] : null;
+  if (aim) add([aim], `waypoint ${at} of ${of}`, "markers", { marker: { size: 15, symbol: "circle-open", color: c.plan, line: { width: 3 } } });
+  const first = samples.length ? samples[0][0] : 0, track = [...flown.filter((each) => each[0] < first), ...samples];
+  add(track.map((each) => [each[2], each[3]]), "flown", "lines", { line: { color: c.track, width: 4 } });
   add([[0, 0]], "takeoff place", "markers", { marker: { symbol: "x", size: 13, color: c.home } });
   const last = samples[samples.length - 1], outline = { width: 2, color: c.fore };
   if (last) add([[last[2], last[3]]], "vehicle", "markers", { marker: { size: 16, color: c.track, line: outline } });
