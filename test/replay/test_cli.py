@@ -118,6 +118,14 @@ def test_a_reader_that_has_enough_is_no_error(flight_bag, flight_map):
     assert (done.stderr, done.stdout.splitlines()[-1]) == ("", "0")
 
 
+@pytest.mark.parametrize("verb", ["run", "map", "export"])
+def test_the_help_names_every_kind_of_recording_that_is_read(verb, capsys):
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log" in said
+
+
 def test_the_maps_are_listed(capsys):
     assert main(["maps"]) == 0
     assert "husky_outdoor_drive          Husky rover, outdoors" in capsys.readouterr().out

@@ -38,7 +38,7 @@ from ..replay.faults.stream import FaultedRecordings
 from ..replay.maps.topic_map import TopicMap, load_map, map_names
 from ..replay.plan import Plan, make_plan
 from ..replay.recordings.journals import read_journals
-from ..replay.recordings.sources import Recordings, topics_of
+from ..replay.recordings.sources import RECORDINGS, Recordings, topics_of
 from ..replay.report import comparison_lines, comparison_result, footer_lines, replay_result, timeline_text, verdict
 from ..replay.session import Outcome, Session
 from .terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
@@ -84,10 +84,8 @@ def _parser(*, scenarios: bool) -> argparse.ArgumentParser:
 
 
 def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    run = commands.add_parser("run", help="replay the sensors of one or several bags of one flight")
-    run.add_argument(
-        "bags", nargs="+", type=Path, metavar="FILE", help="ROS 1 bag of version 2.0, or MAVLink log (.tlog)"
-    )
+    run = commands.add_parser("run", help="replay the sensors of one or several recordings of one flight")
+    run.add_argument("bags", nargs="+", type=Path, metavar="FILE", help=f"each {RECORDINGS}")
     run.add_argument("--map", metavar="MAP", help="topic map: name or YAML file; default: the one named as the bag")
     run.add_argument("--mission", metavar="ID", help="mission of the configuration; default: its first")
     run.add_argument("--flight", type=int, metavar="N", help="judge the N-th arming by itself, from 1")
@@ -115,7 +113,7 @@ def _seconds(text: str) -> float:
 
 def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     proposed = commands.add_parser("map", help="propose a topic map for recordings that nobody described yet")
-    proposed.add_argument("bags", nargs="+", type=Path, metavar="FILE", help="ROS 1 bags of one flight")
+    proposed.add_argument("bags", nargs="+", type=Path, metavar="FILE", help=f"of one flight, each {RECORDINGS}")
     proposed.add_argument("--out", type=Path, metavar="FILE", help="write it there; default: print it")
     add_memory(proposed)
     proposed.set_defaults(command=_propose)
@@ -124,7 +122,7 @@ def _add_map(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
 def _add_export(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     words = "write recordings for other programs: MCAP, tables in CSV, the track as KML"
     exported = commands.add_parser("export", help=words)
-    exported.add_argument("bags", nargs="+", type=Path, metavar="FILE", help="recordings of one flight")
+    exported.add_argument("bags", nargs="+", type=Path, metavar="FILE", help=f"of one flight, each {RECORDINGS}")
     words = "x.mcap, x.kml, or a folder: there a table x.csv for each topic"
     exported.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help=words)
     words = "topics that are wanted, as '/camera/*'; default: all"

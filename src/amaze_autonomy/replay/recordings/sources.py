@@ -28,6 +28,7 @@ from .statuses import sent_by, status_rows, taped_statuses
 
 __all__ = [
     "MAVLINK_KIND",
+    "RECORDINGS",
     "Damage",
     "Recordings",
     "Sample",
@@ -373,6 +374,8 @@ def _figures(topic: str, times: Any) -> TopicFigures:
 
 
 MAVLINK_KIND = "mavros_msgs/Mavlink"
+RECORDINGS = "a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log"
+"""What can be replayed."""
 CNS_PACKAGES = ("watchdog_msgs/", "mission_sequencer/")
 _LOG = ".tlog"
 
@@ -395,7 +398,7 @@ def recordings_of(path: Path, memory: int = MEMORY) -> List[Any]:
         cause = error.__cause__
         if not isinstance(cause, NotABagError) or cause.other:
             raise
-        right = "name a ROS 1 bag, a ROS 2 bag, an MCAP file, a ULog or a telemetry log"  # more than bags are read here
+        right = f"name {RECORDINGS}"  # more than bags are read here
         raise BagError(str(path), "is empty" if cause.empty else "is no recording", right) from error
     topics = [topic.name for topic in bag.topics if topic.kind == MAVLINK_KIND]
     made: List[Any] = _of_cns(bag)
