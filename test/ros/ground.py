@@ -200,6 +200,19 @@ def incomplete_data_is_given_up(stack: Stack) -> None:
     assert (stack.states[-1].result, stack.states[-1].data_result) == ("COMPLETE", "INCOMPLETE")
 
 
+INITIALISED = "sensors.initialisation.service=/{}/estimator/init_service"
+LIMIT = "sensors.initialisation.limit_s=3.0"
+
+
+@ground.add(
+    "checks_failed",
+    faults=scenario("fault: not_initialised, for_s: 12"),
+    overrides=(INITIALISED.format("simulated_estimator_is_initialised_on_a_retry"), LIMIT),
+)
+def simulated_estimator_is_initialised_on_a_retry(stack: Stack) -> None:
+    outreach_then_fly(stack, "estimator initialisation")
+
+
 @ground.add("give_up_unrecorded", faults=scenario("fault: tilted, tilt_deg: 25"))
 def user_gives_up_before_anything_was_recorded(stack: Stack) -> None:
     stack.wait_state("OUTREACH")

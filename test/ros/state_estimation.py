@@ -131,6 +131,19 @@ class TestStateEstimation(unittest.TestCase):
             "sensors.initialisation.always=true",
         ]
         cls.nodes.append(OneNode("state_estimation", "/always", overrides, parameters={"startup_time": 0.0}))
+        overrides = [
+            "sensors.state_estimation.topic=/simulated/odometry",
+            "sensors.state_estimation.imu_topic=/simulated/imu",
+            "sensors.initialisation.service=/simulated/estimator/initialise",
+            "sensors.initialisation.type=set_bool",
+        ]
+        cls.begun = []
+        rospy.Subscriber("/simulated/odometry", Odometry, cls.begun.append)
+        for name, parameters in (
+            ("simulation", {"peers": "autopilot,mission_planner"}),
+            ("state_estimation", {"startup_time": 0.0}),
+        ):
+            cls.nodes.append(OneNode(name, "/simulated", overrides, parameters=parameters))
         for kind in KINDS:
             rospy.wait_for_service(f"/{kind}/state_estimation/check", 20.0)
             cls.checks[kind] = rospy.ServiceProxy(f"/{kind}/state_estimation/check", srv.CheckState)
@@ -234,6 +247,14 @@ class TestStateEstimation(unittest.TestCase):
             "in flight",
         )
         self.assertEqual(self.estimator.calls[2], "in flight")
+
+    def test_the_simulated_estimator_is_silent_until_it_is_told_to_begin(self):
+        rospy.wait_for_service("/simulated/state_estimation/check", 20.0)
+        rospy.wait_for_service("/simulated/estimator/initialise", 20.0)
+        check = rospy.ServiceProxy("/simulated/state_estimation/check", srv.CheckState)
+        self.assertEqual(self.begun, [])
+        wait_for(lambda: check().valid, "valid states", period_s=0.2)
+        self.assertNotEqual(self.begun, [])
 
     def test_an_estimator_whose_states_are_valid_is_told_to_begin_anew_once_in_each_pre_flight(self):
         rospy.wait_for_service("/always/state_estimation/check", 20.0)

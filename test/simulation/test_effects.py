@@ -130,5 +130,6 @@ def test_every_fault_of_the_world_has_its_effect_tested():
     elsewhere = {"battery_drops", "pilot_arms", "autopilot_failsafe", "gps_lost"}  # above
     elsewhere |= {"pilot_disarms", "estimate_off", "ground_unknown", "seems_landed"}  # above
     elsewhere |= {"autopilot_link_lost", "land_switch"}  # test_autopilot.py
+    elsewhere |= {"not_initialised"}  # test_initialisation.py
     elsewhere |= {"data_incomplete", "recording_does_not_grow", "recording_fails"}  # test_recorder.py
     assert {name for subject, name in KINDS if subject == Subject.WORLD} == {*UNDONE, *elsewhere}

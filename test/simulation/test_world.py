@@ -132,6 +132,7 @@ NO_EFFECT = (
     ("component: gps, fault: slow, rate_fraction: 0.5", "this component has no topics"),
     ("component: camera, fault: reads, value_m: 1", "it is not the range sensor (/lrf/range)"),
     ("fault: land_switch", "no channel means land; set land_switch.channel in autopilot.yaml"),
+    ("fault: not_initialised", "no estimator is initialised; set initialisation.service in sensors.yaml"),
 )
 
 

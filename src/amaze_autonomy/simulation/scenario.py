@@ -189,6 +189,16 @@ _KINDS: Tuple[FaultKind, ...] = (
             Parameter("position_m", 0.0, "added to the position, along x", low=-10_000.0, high=10_000.0),
         ),
     ),
+    FaultKind(
+        Subject.WORLD,
+        "not_initialised",
+        "the estimator does not begin when it is told to (`initialisation` of sensors.yaml)",
+        (
+            Parameter(
+                "how", "refuses", "what its service does; lies: it says yes", choices=("refuses", "hangs", "lies")
+            ),
+        ),
+    ),
     FaultKind(Subject.WORLD, "seems_landed", "the autopilot says in flight that it is on the ground"),
     FaultKind(Subject.WORLD, "ground_unknown", "the autopilot does not know whether it is on the ground"),
     FaultKind(

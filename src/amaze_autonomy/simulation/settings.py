@@ -8,6 +8,7 @@ from typing import Dict, Mapping, Optional, Tuple, Union
 from amaze_autonomy.config.model import Configuration
 from amaze_autonomy.config.schemas.autonomy import Streams
 from amaze_autonomy.missions import Trajectory
+from amaze_autonomy.monitoring.initialisation import InitialisationSpec
 from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 from amaze_autonomy.monitoring.preflight_specs import (
     BatterySpec,
@@ -61,6 +62,7 @@ class Settings:
         trajectories: of each mission by id, one for each of its files.
         landing: how the distance to the ground is measured.
         state_estimation: when states are valid.
+        initialisation: of an estimator that must be told to begin.
         battery: when the battery is enough.
         land_switch: the channel of the transmitter that means land.
         platforms: names of the computers that record.
@@ -75,6 +77,7 @@ class Settings:
     trajectories: Mapping[str, Tuple[Trajectory, ...]] = field(default_factory=dict)
     landing: LandingSpec = field(default_factory=LandingSpec)
     state_estimation: StateEstimationSpec = field(default_factory=StateEstimationSpec)
+    initialisation: InitialisationSpec = field(default_factory=InitialisationSpec)
     battery: BatterySpec = field(default_factory=BatterySpec)
     land_switch: LandSwitchSpec = field(default_factory=LandSwitchSpec)
     platforms: Tuple[str, ...] = ("main", "second")
@@ -132,6 +135,7 @@ def settings_of(configuration: Union[Configuration, Settings]) -> Settings:
         trajectories={plan.mission.id: plan.trajectories for plan in configuration.plans},
         landing=configuration.landing,
         state_estimation=configuration.state_estimation,
+        initialisation=configuration.initialisation,
         battery=configuration.battery,
         land_switch=configuration.autopilot.land_switch,
         platforms=tuple(platform.name for platform in configuration.recording.platforms),

@@ -147,8 +147,14 @@ class World:
         self._site.restarts.begin(self.now_ns, component)
 
     def observe_state(self, t_ns: int, state: str) -> None:
-        """Take notice of a state of the engine, for triggers that wait for it."""
+        """Take notice of a state of the engine, for triggers and peers that wait for it."""
         self._faults.observe(t_ns, state=state)
+        for peer in self._peers.values():
+            peer.entered(state)
+
+    def initialise(self) -> Optional[str]:
+        """Tell the estimator to begin, as its service does; return why not, or nothing; None: there is no answer."""
+        return self._site.estimator.initialise()
 
     def note(self, event: str) -> None:
         """Take notice of something that a real node did in the place of a peer, for triggers that wait for it."""
@@ -255,7 +261,8 @@ class World:
         self.now_ns = t_ns
         for topic, stream in self._site.streams.items():
             batch = stream.take(t_ns, self._faults)
-            if batch is not None:
+            speaks = self._site.estimator.runs or topic != self._site.settings.state_estimation.topic
+            if batch is not None and speaks:
                 self._site.batches.setdefault(topic, []).append(batch)
                 if self._live:
                     self._batches.append((topic, batch))
@@ -363,6 +370,8 @@ def _without_effect(settings: Settings, fault: Fault) -> Optional[str]:
         return "the engine would never be started again; say for how long with for_s"
     if fault.kind.name == "land_switch" and not settings.land_switch.channel:
         return "no channel means land; set land_switch.channel in autopilot.yaml"
+    if fault.kind.name == "not_initialised" and not settings.initialisation.service:
+        return "no estimator is initialised; set initialisation.service in sensors.yaml"
     if fault.kind.subject != Subject.COMPONENT:
         return None
     component = next(each for each in settings.components if each.name == fault.target)

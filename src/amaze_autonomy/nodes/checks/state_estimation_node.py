@@ -39,16 +39,17 @@ from ...ros.service_client import ServiceClient
 from .diagnostics import CheckDiagnostics
 from .landing_detection_node import ESTIMATE_MESSAGES
 
-__all__ = ["Estimator", "StateEstimationNode", "main"]
+__all__ = ["INITIALISES", "Estimator", "StateEstimationNode", "main"]
 
 # --- the estimator that must be told to begin -------------------------------------------------------------------------
 
 
-_TYPES: Mapping[InitialisationType, Tuple[Type[Any], Mapping[str, Any]]] = {
+INITIALISES: Mapping[InitialisationType, Tuple[Type[Any], Mapping[str, Any]]] = {
     InitialisationType.TRIGGER: (Trigger, {}),
     InitialisationType.SET_BOOL: (SetBool, {"data": True}),
     InitialisationType.EMPTY: (Empty, {}),
 }
+"""Classes of services that initialise, with the fields of the request."""
 
 
 class Estimator:
@@ -111,7 +112,7 @@ class Estimator:
 
     def _ask(self, name: str, kind: InitialisationType) -> str:
         """Call a service; return why it did not do it, or nothing."""
-        service, fields = _TYPES[kind]
+        service, fields = INITIALISES[kind]
         client = ServiceClient(rospy.resolve_name(name), service, rosgraph.get_master_uri(), rospy.get_name())
         try:
             request = client.serialize(service._request_class(**fields))

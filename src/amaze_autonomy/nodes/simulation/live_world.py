@@ -133,6 +133,10 @@ class LiveWorld:
         with self._lock:
             self._world.restart(component)
 
+    def initialise(self) -> Optional[str]:
+        """Tell the estimator to begin; return why it does not, or nothing; None: there is no answer."""
+        return self.exchange(lambda _: self._world.initialise())
+
     def exchange(self, act: Callable[[int], T]) -> T:
         """Bring the world to the present time and call a function with it, while nobody else touches the world."""
         with self._lock:

@@ -1,6 +1,7 @@
 """The simulated world behind real services and topics: everything the engine talks to, for a laptop without a vehicle.
 
-Offers the services and publishes the status topics of `interface/` for the peers it plays, and the sensors' topics.
+Offers the services and publishes the status topics of `interface/` for the peers it plays, and the sensors' topics;
+with these, where `initialisation` of sensors.yaml names one, the service that has the estimator begin.
 
     ~peers      which peers it plays: a mapping of name to true or false, or names with commas; default all
     ~sensors    publish the sensors' samples (default: true)
@@ -37,6 +38,7 @@ from amaze_autonomy.engine import events
 from amaze_autonomy.engine.commands import Request
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 from amaze_autonomy.interface import PEERS, SERVICES, STATUSES, peer_of, status_of
+from amaze_autonomy.monitoring.initialisation import InitialisationType
 from amaze_autonomy.ros.clock import Clock, make_clock, wait_for_time
 from amaze_autonomy.simulation import Scenario, SimulationError, Subject, World
 from amaze_autonomy.simulation.ardupilot import AUTOPILOTS
@@ -54,6 +56,7 @@ from ...ros.arguments import answer_words, configuration_folder, given, override
 from ...ros.errors import NodeError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, status_message
 from ...ros.rospy_flaws import mend_rospy
+from ..checks.state_estimation_node import INITIALISES
 from .drivers import SensorPublisher, SimulatedDrivers
 from .live_world import LiveWorld, RealPeers, Received, Turn
 
@@ -119,6 +122,10 @@ class SimulationNode:
             self._switch = rospy.Publisher("autopilot/land_switch", Bool, queue_size=10, tcp_nodelay=True)
         self._switch_cadence = Cadence(_SWITCH_HZ)
         self._engine_state = ""
+        self._ended = threading.Event()
+        spec = world.settings.initialisation
+        services = ((spec.service, spec.type), (spec.in_flight_service, spec.in_flight_type))
+        self._initialises = tuple((name, kind) for name, kind in services if name)
 
     def start(self) -> None:
         """Let the world begin."""
@@ -127,6 +134,10 @@ class SimulationNode:
             rospy.Subscriber("watchdog/action", msg.WatchdogAction, self._see_watchdog, queue_size=10)
         if self._drivers is not None:
             self._jobs.append(self._drivers.start)
+        if self._sensors is not None:  # whose estimates are of this process
+            for name, kind in self._initialises:
+                handler = functools.partial(self._initialise, kind)
+                rospy.Service(name, INITIALISES[kind][0], handler, error_handler=_say_nothing)
         if self._observed is not None:
             self._observed.start()
         self._live.start()
@@ -182,6 +193,16 @@ class SimulationNode:
                 handler = functools.partial(self._serve, name)
                 self._services[name] = rospy.Service(name, SERVICE_CLASSES[name], handler, error_handler=_say_nothing)
 
+    def _initialise(self, kind: InitialisationType, _: Any) -> Any:
+        """Have the estimator begin, or not, as its fault says; on a service thread."""
+        why = self._live.initialise()
+        if why is None:
+            self._ended.wait()  # there is no answer
+        empty = kind is InitialisationType.EMPTY
+        if why is None or (why and empty):
+            raise rospy.ServiceException(why or "the node ends")
+        return INITIALISES[kind][0]._response_class(**({} if empty else {"success": not why, "message": why}))
+
     def _serve(self, name: str, request: Any) -> Any:
         """Answer a request; on a service thread."""
         asked: List[Request] = []
@@ -201,6 +222,7 @@ class SimulationNode:
 
     def end(self) -> None:
         """End; a vehicle in the air does not vanish because of a Ctrl-C: it gets the time to land."""
+        self._ended.set()
         deadline_s = time.monotonic() + _LANDING_LIMIT_S
         flies = "mission_planner" in self._peers or self._server is not None
         while flies and self._live.in_the_air and time.monotonic() < deadline_s:

@@ -8,6 +8,7 @@ from typing import Deque, Dict, List, NamedTuple, Optional, Tuple
 from amaze_autonomy.engine.commands import Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, LandedStatus, Outcome, WatchdogAction
 from amaze_autonomy.engine.state import evolve
+from amaze_autonomy.monitoring.initialisation import Initialisation
 from amaze_autonomy.monitoring.landing import LandingDetector
 from amaze_autonomy.monitoring.restart import RestartRequest
 from amaze_autonomy.monitoring.specs import AutopilotSensor, ComponentSpec
@@ -206,6 +207,7 @@ class LandingDetection(Peer):
 
 
 _MORE_NS = 2 * _S  # than the monitor looks back: its rate needs a while to be known
+_ANSWER_NS = _S // 5  # of the service that initialises the estimator
 
 
 class _Seen(NamedTuple):
@@ -217,7 +219,7 @@ class _Seen(NamedTuple):
 
 
 class StateEstimation(Peer):
-    """Remembers what came; judges when asked."""
+    """Remembers what came; judges when asked, and has an estimator begin that must be told to."""
 
     name = "state_estimation"
 
@@ -230,16 +232,38 @@ class StateEstimation(Peer):
         self._last: Dict[str, _Seen] = {}
         self._imu = ImuReader(spec, site.noise("imu"))
         self._estimate = EstimateReader(site.noise("estimate"))
+        self._initialisation = Initialisation(site.settings.initialisation, _S)
+        self._answer: Optional[Tuple[int, str]] = None
 
     def checks(self, t_ns: int, command: RunCheck) -> Tuple[Check, ...]:  # noqa: ARG002
         """Tell whether the states are valid."""
         self._take_in(t_ns)
-        return self._monitor(t_ns).check(t_ns).checks
+        rows, due = self._initialisation.check(t_ns, self._monitor(t_ns).check(t_ns).checks)
+        if due:
+            self._answer = self._initialise(t_ns)
+        return rows
+
+    def entered(self, state: str) -> None:
+        """Take notice of a pre-flight that begins."""
+        self._initialisation.entered(state)
 
     def step(self, t_ns: int) -> List[Event]:
-        """Remember what came."""
+        """Remember what came; take the answer of the estimator."""
         self._take_in(t_ns)
+        if self.site.autopilot_speaks():
+            self._initialisation.heard(t_ns, armed=self.site.vehicle.armed)
+        if self._answer is not None and t_ns >= self._answer[0]:
+            self._initialisation.answered(t_ns, self._answer[1])
+            self._answer = None
         return []
+
+    def _initialise(self, t_ns: int) -> Tuple[int, str]:
+        """Ask the estimator to begin; return when its answer is there, and why it did not, or nothing."""
+        spec = self.site.settings.initialisation
+        why = self.site.estimator.initialise()
+        if why is None:
+            return t_ns + spec.limit_ns, f"{spec.service}: no answer within {spec.limit_ns / _S:g} s"
+        return t_ns + _ANSWER_NS, f"{spec.service}: {why}" if why else ""
 
     def _take_in(self, t_ns: int) -> None:
         pose = self.site.vehicle.pose

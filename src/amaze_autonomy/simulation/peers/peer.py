@@ -15,13 +15,14 @@ from amaze_autonomy.engine.commands import Request, RunCheck
 from amaze_autonomy.engine.events import CheckReply, Event, Outcome, Reply
 
 from ...engine.events import Check, Verdict
+from ...monitoring.initialisation import InitialisationSpec
 from ..faults import Faults
 from ..scenario import Fault, Subject
 from ..settings import Settings
 from ..streams import Batch, Stream
 from ..vehicle.vehicle import Power, Vehicle
 
-__all__ = ["Cadence", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]
+__all__ = ["Cadence", "Estimator", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]
 
 
 _S = 1_000_000_000
@@ -55,6 +56,7 @@ class Site:
 
     def __post_init__(self) -> None:
         self.restarts = Restarts(self.faults)
+        self.estimator = Estimator(self.settings.initialisation, self.faults)
         self.restarted: List[Tuple[str, bool]] = []
 
     def noise(self, name: str) -> random.Random:
@@ -76,6 +78,26 @@ class Site:
     def world_fault(self, kind: str) -> Optional[Fault]:
         """Return the fault of a kind of which there is one in the world, if it acts now."""
         return self.faults.active(Subject.WORLD, kind)
+
+
+class Estimator:
+    """The estimator: where it must be told to begin, it says nothing before.
+
+    Args:
+        spec: what initialises it.
+        faults: what is wrong now.
+    """
+
+    def __init__(self, spec: InitialisationSpec, faults: Faults) -> None:
+        self._faults = faults
+        self.runs = not spec.service
+
+    def initialise(self) -> Optional[str]:
+        """Take a call of its service; return why not, in words, or nothing; None: there is no answer."""
+        fault = self._faults.active(Subject.WORLD, "not_initialised")
+        how = "" if fault is None else fault.word("how")
+        self.runs = self.runs or not how
+        return {"refuses": "the estimator refuses", "hangs": None}.get(how, "")
 
 
 class Peer(abc.ABC):
@@ -103,6 +125,9 @@ class Peer(abc.ABC):
     def checks(self, t_ns: int, command: RunCheck) -> Tuple[Check, ...]:  # noqa: ARG002
         """Return the rows of one of its checks; in a world where nothing can be wrong with it, it passes."""
         return (Check(command.check.value.replace("_", " "), Verdict.PASS),)
+
+    def entered(self, state: str) -> None:
+        """Take notice of a state of the engine."""
 
     @abc.abstractmethod
     def step(self, t_ns: int) -> List[Event]:

@@ -220,7 +220,7 @@ _EVENTS: Mapping[str, str] = {
     Mode.LAND: "land",
     Mode.POSITION: "pilot",
 }
-_OF_SENSORS = ("tilted", "raised")
+_OF_SENSORS = ("tilted", "raised", "not_initialised")
 _OF_DATA = ("data_incomplete", "recording_does_not_grow", "recording_fails")
 
 
