@@ -22,11 +22,13 @@ from amaze_autonomy.console.model import (
 )
 from amaze_autonomy.engine.events import Check, UserCommand
 from amaze_autonomy.engine.events import Verdict as CheckVerdict
+from amaze_autonomy.engine.state import State
+from amaze_autonomy.journal.report import WAITS
 
 NOW_S = 1000.0
 
 MISSIONS = (
-    MissionRow("1", "Short square, less than a minute", 1, 1, 41.6, 0.24),
+    MissionRow("1", "Short square, less than a minute", 1, 1, 41.6, 0.3),
     MissionRow("2", "Survey of 20 m x 10 m", 2, 3, 412.0, 0.71),
     MissionRow(
         "wall", "Along the north wall", 1, 1, None, None, "wall.csv line 7: z is -1.5 m, must be at least 0.5 m"
@@ -184,7 +186,7 @@ _OUTREACH = replace(
     state="OUTREACH",
     checks=CHECKS,
     message="Pre-flight checks failed: battery: 25% is left, no mission starts below 30%.",
-    waiting_for="you: retry or give up",
+    waiting_for=WAITS[State.OUTREACH],
     message_level=2,
     advice="Follow the advice in the table, then retry, or give up.",
     user_commands=("retry", "give_up"),
@@ -202,7 +204,7 @@ SCENES: Dict[str, Desk] = {
     "mission-input-confirm": _desk(
         _INPUT,
         question=Question(
-            "Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)?",
+            "Fly mission 1: Short square, less than a minute (42 s, battery needed 30 %)?",
             Request(RequestKind.SELECT, missions=("1",)),
             NOW_S,
             enter_is_yes=False,
@@ -214,7 +216,7 @@ SCENES: Dict[str, Desk] = {
             state="PREFLIGHT",
             telemetry=_TOO_LOW,
             checks=CHECKS[:5],
-            waiting_for="the answers to the pre-flight checks",
+            waiting_for=WAITS[State.PREFLIGHT],
             time_left_s=2.6,
             message="Pre-flight checks of mission 1 are running.",
             user_commands=("abort", "give_up"),
@@ -238,7 +240,7 @@ SCENES: Dict[str, Desk] = {
             state="START_RECORDING",
             checks=PASSED,
             time_left_s=13.0,
-            waiting_for="the recorder to prove that files grow, and the lead time",
+            waiting_for=WAITS[State.START_RECORDING],
             message="Recording is starting.",
             user_commands=("abort", "give_up"),
             recording_phase="STARTING",
@@ -250,7 +252,7 @@ SCENES: Dict[str, Desk] = {
             state="LOAD_MISSION",
             checks=PASSED,
             time_left_s=9.0,
-            waiting_for="the mission planner's confirmation and the checks asked again",
+            waiting_for=WAITS[State.LOAD_MISSION],
             message="Mission 1 is sent to the mission planner.",
             user_commands=("abort", "give_up"),
             recording_phase="RECORDING",

@@ -124,7 +124,7 @@ def test_the_end_of_input_closes_even_within_a_question():
 def test_a_mission_is_typed_confirmed_and_selected():
     desk, requests = press_all(INPUT, "1", "enter")
     assert (desk.entry, desk.question.enter_is_yes, requests) == ("", False, ())
-    assert desk.question.text == "Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)?"
+    assert desk.question.text == "Fly mission 1: Short square, less than a minute (42 s, battery needed 30 %)?"
     desk, requests = press(desk, "y", NOW_S)
     assert requests == (Request(RequestKind.SELECT, 1, missions=("1",), sent_s=NOW_S),)
     assert desk == replace(INPUT, next_id=2, requests=requests)

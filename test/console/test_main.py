@@ -226,7 +226,7 @@ def test_lines_of_a_pipe_wait_until_they_mean_something(tmp_path):
     lines = lines_until(process, "ANSWER")
     status, _ = finish(process)
     assert lines[-2:] == [
-        "QUESTION  Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)? "
+        "QUESTION  Fly mission 1: Short square, less than a minute (42 s, battery needed 30 %)? "
         "Type y and Enter for yes, anything else for no.",
         "ANSWER    mission 1: DONE as asked",
     ]

@@ -42,7 +42,7 @@ def test_an_engine_without_missions():
 
 def test_the_question_names_what_will_be_flown():
     assert mission_question(("1",), MISSIONS) == (
-        "Fly mission 1: Short square, less than a minute (42 s, battery needed 24 %)?"
+        "Fly mission 1: Short square, less than a minute (42 s, battery needed 30 %)?"
     )
     assert mission_question(("1", "2", "1"), MISSIONS) == (
         "Fly missions 1, 2, 1, one after the other (8 min 16 s in the air)?"

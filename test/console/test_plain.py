@@ -62,7 +62,7 @@ def test_the_first_state_is_told_whole():
         "WAIT      lrf, realsense_camera",
         "ADVICE    Wait, or land.",
         "COMMANDS  hold, land, abort",
-        "MISSION   1: Short square, less than a minute (42 s, battery needed 24 %)",
+        "MISSION   1: Short square, less than a minute (42 s, battery needed 30 %)",
         "MISSION   2: Survey of 20 m x 10 m (6 min 52 s, battery needed 71 %)",
         "MISSION   wall: Along the north wall (CANNOT BE FLOWN: wall.csv line 7: z is -1.5 m, must be at least 0.5 m)",
     ]

@@ -20,6 +20,7 @@ from ..engine.state import CheckRecord, EngineState, Failure, FailureKind, State
 from ..engine.timers import state_deadline
 
 __all__ = [
+    "WAITS",
     "CommandAnswer",
     "Fault",
     "MessageLog",
@@ -402,7 +403,7 @@ def _named(check: str, row: Check) -> Check:
     return row if row.name.startswith(check) else evolve(row, name=f"{check}: {row.name}")
 
 
-_WAITS = {
+WAITS = {
     State.MISSION_INPUT: "a mission to be selected",
     State.PREFLIGHT: "the answers to the pre-flight checks",
     State.OUTREACH: "you: retry or give up",
@@ -413,6 +414,7 @@ _WAITS = {
     State.DATA_CLEANUP: "the data to be complete",
     State.MISSION_ENDED: "the next mission to be selected",
 }
+"""What each state waits for, where its step does not say it better."""
 _STEP_WAITS = {
     Step.ARMING: "the vehicle to arm",
     Step.LIFTING_OFF: "lift-off",
@@ -431,7 +433,7 @@ def _waiting_for(state: EngineState) -> str:
         return held
     if state.state is State.READY:
         return "the operator's go"
-    return _STEP_WAITS.get(state.step) or _WAITS.get(state.state, "")
+    return _STEP_WAITS.get(state.step) or WAITS.get(state.state, "")
 
 
 # --- messages ---------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from console_scenes import CHECKS, NOW_S, ON_THE_PAGE, SCENES
+from console_scenes import CHECKS, MISSIONS, NOW_S, ON_THE_PAGE, SCENES
 from rich.console import Console
 from write_screens import screen
 
@@ -27,6 +27,7 @@ from amaze_autonomy.console.screen.style import ASCII, UNICODE
 from amaze_autonomy.console.screen.view import Screen
 from amaze_autonomy.console.wire import snapshot_of
 from amaze_autonomy.engine.state import State
+from amaze_autonomy.journal.report import WAITS
 
 SCREENS = Path(__file__).parents[1] / "screens"
 CHECK_NOTE = Note("10:00:00", 0, "one of the messages")
@@ -55,6 +56,14 @@ def test_on_sixty_columns_in_ascii(name):
 def test_every_state_of_the_engine_has_a_scene(scenes):
     shown = {desk.snapshot.state for desk in scenes.values() if desk.snapshot is not None}
     assert shown == {state.value for state in State}
+
+
+def test_scenes_wait_for_what_the_engine_says_and_need_what_it_requires():
+    shown = [(desk.snapshot.state, desk.snapshot.waiting_for) for desk in SCENES.values() if desk.snapshot is not None]
+    waiting = {(state, words) for state, words in shown if words and state != "HOLD"}
+    assert waiting <= {(state.value, words) for state, words in WAITS.items()}
+    least = next(each.limit for each in CHECKS if each.name == "battery fraction")
+    assert all(each.battery_needed is None or each.battery_needed >= least for each in MISSIONS)
 
 
 @pytest.mark.parametrize("name", SCENES)
