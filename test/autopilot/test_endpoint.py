@@ -27,7 +27,7 @@ from amaze_autonomy.autopilot.link.ports import Endpoint, EndpointKind, make_por
 )
 def test_urls_are_read_as_mavlink_people_write_them(url, endpoint):
     assert parse_endpoint(url) == endpoint
-    assert parse_endpoint(str(endpoint)) == endpoint or endpoint.address == "::1"
+    assert parse_endpoint(str(endpoint)) == endpoint
 
 
 @pytest.mark.parametrize(
@@ -100,5 +100,5 @@ def test_a_wall_clock_that_is_set_meanwhile_makes_nothing_older_than_the_last_lo
     began_ns, right_ns = time.monotonic_ns(), time.time_ns
     monkeypatch.setattr(time, "time_ns", lambda: right_ns() + round(set_by_s * 1e9))
     (chunk,) = waiting(0.05)
-    assert 0 <= chunk.waited_ns <= time.monotonic_ns() - began_ns + 1_000_000_000
-    assert set_by_s > 0 or chunk.waited_ns == 0
+    most_ns = time.monotonic_ns() - began_ns + 1_000_000_000 if set_by_s > 0 else 0
+    assert 0 <= chunk.waited_ns <= most_ns

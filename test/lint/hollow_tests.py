@@ -7,7 +7,12 @@ What it finds:
   ours, method or fixture that does; what stands behind a `return` or in `if False` does not count;
 * `pytest.raises(Exception)` without `match`: a name that is written wrongly is an exception as well;
 * a test whose every assertion is in a loop, or in `all(...)`, over something that may be empty, as far as that can be
-  seen: what is written out, counted from constants, or asserted not to be empty is not.
+  seen: what is written out, counted from constants, or asserted not to be empty is not;
+* `assert tested() or case == 1`, where the second side is fixed by the case (a parameter of `parametrize`, what a loop
+  over constants goes through, and what is taken from them): for this case it says nothing. What hypothesis draws is
+  no case: there are many;
+* a test that has an assertion for some of its cases only, the others being returned from or not in any branch;
+* an assertion in a test whose failure is caught: `suppress(AssertionError)`, `except Exception: pass`.
 
 A test that is meant so says why on its line: `# hollow: REASON`.
 """
@@ -26,9 +31,17 @@ TEST = Path(__file__).resolve().parents[1]
 _MEANT = re.compile(r"# hollow: \S")
 _ENDS = (ast.Return, ast.Raise, ast.Continue, ast.Break)
 _RAISES = {"raises", "warns", "deprecated_call", "fail", "xfail"}
+_CATCH_ALL = {"Exception", "BaseException"}
+_PURE = {"abs", "bool", "float", "int", "len", "list", "max", "min", "repr", "round", "set", "sorted", "str", "tuple"}
+_TAKES = {
+    *("endswith", "format", "get", "items", "keys", "lower", "lstrip", "partition", "replace", "rpartition", "rstrip"),
+    *("split", "startswith", "strip", "upper", "values"),
+}
 _SAME_LENGTH = {"enumerate", "sorted", "reversed", "list", "tuple", "set", "dict"}
 _ALL_OF = {"zip", "product"}
+_MUTABLE = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp)
 _CLASS = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*$")  # an enumeration: it has members
+_CONSTANT = re.compile(r"[A-Z][A-Z0-9_]*$")
 Function = Union[ast.FunctionDef, ast.AsyncFunctionDef]
 
 
@@ -51,6 +64,7 @@ class Module:
         self.functions: Dict[str, List[Function]] = {}
         self.classes: Dict[str, List[Function]] = {}
         self.imports: Set[str] = set()
+        self.imported: Set[str] = set()
         for node in ast.walk(self.tree):
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
                 self.functions.setdefault(node.name, []).append(node)
@@ -60,7 +74,10 @@ class Module:
                 self.imports.add((node.module or "").rpartition(".")[2])
             elif isinstance(node, ast.Import):
                 self.imports.update(alias.name.rpartition(".")[2] for alias in node.names)
+            if isinstance(node, (ast.Import, ast.ImportFrom)):
+                self.imported.update((alias.asname or alias.name).split(".")[0] for alias in node.names)
         self.constants = dict(_assigned(self.tree.body))
+        self.seen: List[Module] = []  # see `_seen_by`
 
     def meant(self, line: int) -> bool:
         """Tell whether a line says why it is so."""
@@ -96,16 +113,30 @@ def _of_module(module: Module, modules: Sequence[Module], asserting: Set[int]) -
             yield node.lineno, "this is always true"
         if isinstance(node, ast.Call) and _raises_anything(node):
             yield node.lineno, "any exception will do, even of a name that is written wrongly: name it, or give a match"
+    known = _callable_names(module, modules, asserting)
     for functions in module.functions.values():
         for test in functions:
-            if not test.name.startswith("test_") or _is_fixture(test):
-                continue
-            if _fixtures_assert(test, module, modules, asserting):
-                continue
-            if id(test) not in asserting:
-                yield test.lineno, f"{test.name} asserts nothing"
-            elif _only_in_loops(test, module, modules, asserting):
-                yield test.lineno, f"{test.name} asserts nothing when what it goes through is empty"
+            if test.name.startswith("test_") and not _is_fixture(test):
+                yield from _of_test(test, module, modules, asserting, known)
+
+
+def _of_test(
+    test: Function, module: Module, modules: Sequence[Module], asserting: Set[int], known: Set[str]
+) -> Iterator[Tuple[int, str]]:
+    fixed = _fixed_names(test, module, modules)
+    for node in ast.walk(test):
+        if isinstance(node, ast.Assert) and _sometimes_true(node.test, fixed):
+            yield node.lineno, "for some of its cases this says nothing: give each what is expected of it"
+        if isinstance(node, (ast.With, ast.Try)) and _swallows(node):
+            yield node.lineno, "an assertion that fails in here is swallowed"
+    if _fixtures_assert(test, module, modules, asserting, known):
+        return
+    if id(test) not in asserting:
+        yield test.lineno, f"{test.name} asserts nothing"
+    elif _only_in_loops(test, module, modules, known):
+        yield test.lineno, f"{test.name} asserts nothing when what it goes through is empty"
+    elif not _for_each_case(test.body, fixed, known):
+        yield test.lineno, f"{test.name} asserts nothing for some of its cases"
 
 
 # --- assertions that are always true ----------------------------------------------------------------------------------
@@ -140,9 +171,42 @@ def _calls(node: ast.AST) -> List[ast.Call]:
 
 def _raises_anything(call: ast.Call) -> bool:
     named = isinstance(call.func, ast.Attribute) and call.func.attr in {"raises", "assertRaises"}
-    names = {each.id for each in call.args[:1] if isinstance(each, ast.Name)}
-    anything = bool(names & {"Exception", "BaseException"})
-    return named and anything and not any(keyword.arg == "match" for keyword in call.keywords)
+    given = [*call.args[:1], *(each.value for each in call.keywords if each.arg == "expected_exception")]
+    matched = any(keyword.arg == "match" for keyword in call.keywords)
+    return named and not matched and any(_kinds(each) & _CATCH_ALL for each in given)
+
+
+def _kinds(node: Optional[ast.expr]) -> Set[str]:
+    """Return the names of the exceptions that are named; a bare `except` names all."""
+    if node is None:
+        return set(_CATCH_ALL)
+    if isinstance(node, ast.Tuple):
+        return {name for each in node.elts for name in _kinds(each)}
+    return {node.attr} if isinstance(node, ast.Attribute) else {node.id} if isinstance(node, ast.Name) else set()
+
+
+# --- assertions whose failure is caught -------------------------------------------------------------------------------
+
+
+def _swallows(node: Union[ast.With, ast.Try]) -> bool:
+    asserts = any(isinstance(inner, ast.Assert) for each in node.body for inner in ast.walk(each))
+    if isinstance(node, ast.With):
+        return asserts and any(_suppresses(item.context_expr) for item in node.items)
+    return asserts and any(_catches(each) and not _passes_on(each) for each in node.handlers)
+
+
+def _suppresses(node: ast.expr) -> bool:
+    if not isinstance(node, ast.Call) or _kinds(node.func) != {"suppress"}:
+        return False
+    return any(_kinds(each) & {"AssertionError", *_CATCH_ALL} for each in node.args)
+
+
+def _catches(handler: ast.ExceptHandler) -> bool:
+    return bool(_kinds(handler.type) & {"AssertionError", *_CATCH_ALL})
+
+
+def _passes_on(handler: ast.ExceptHandler) -> bool:
+    return any(isinstance(inner, ast.Raise) or _asserts(inner) for each in handler.body for inner in ast.walk(each))
 
 
 # --- tests that assert nothing ----------------------------------------------------------------------------------------
@@ -193,6 +257,12 @@ def _called(node: ast.AST) -> Set[str]:
 
 def _seen_by(module: Module, modules: Sequence[Module]) -> List[Module]:
     """Return the modules whose functions and methods a module may call: itself, what it imports, its conftests."""
+    if not module.seen:
+        module.seen = _looked_up(module, modules)
+    return module.seen
+
+
+def _looked_up(module: Module, modules: Sequence[Module]) -> List[Module]:
     seen, new = {module.path: module}, [module]
     while new:
         names = {name for each in new for name in each.imports}
@@ -246,8 +316,10 @@ def _is_fixture(function: Function) -> bool:
     return any("fixture" in ast.dump(decorator) for decorator in function.decorator_list)
 
 
-def _fixtures_assert(test: Function, module: Module, modules: Sequence[Module], asserting: Set[int]) -> bool:
-    names = {each.arg for each in test.args.args} & _callable_names(module, modules, asserting)
+def _fixtures_assert(
+    test: Function, module: Module, modules: Sequence[Module], asserting: Set[int], known: Set[str]
+) -> bool:
+    names = {each.arg for each in test.args.args} & known
     fixtures = [f for each in _seen_by(module, modules) for name in names for f in each.functions.get(name, ())]
     return any(_is_fixture(each) and id(each) in asserting for each in fixtures)
 
@@ -255,11 +327,10 @@ def _fixtures_assert(test: Function, module: Module, modules: Sequence[Module], 
 # --- assertions that are never come to --------------------------------------------------------------------------------
 
 
-def _only_in_loops(test: Function, module: Module, modules: Sequence[Module], asserting: Set[int]) -> bool:
+def _only_in_loops(test: Function, module: Module, modules: Sequence[Module], known: Set[str]) -> bool:
     """Tell whether every assertion of a test is in a loop over what may be empty; what hypothesis draws seldom is."""
     if any("given" in ast.dump(decorator) for decorator in test.decorator_list):
         return False
-    known = _callable_names(module, modules, asserting)
     given = [*_assigned(test.body), *(each for seen in _seen_by(module, modules) for each in seen.constants.items())]
     filled = {name for name, value in given if _cannot_be_empty(value, set())}
     return not any(_certain(node, known, filled) for node in _outside(test.body, filled))
@@ -334,6 +405,126 @@ def _number(node: ast.expr) -> Optional[int]:
     except ValueError:
         return None
     return value if isinstance(value, int) else None
+
+
+# --- cases ------------------------------------------------------------------------------------------------------------
+# What a case fixes is known before anything is tested: an alternative of it is true for some cases, whatever is tested.
+
+
+def _fixed_names(test: Function, module: Module, modules: Sequence[Module]) -> Set[str]:
+    """Return the names whose values are fixed by the case that a test is given."""
+    constants = {name: value for seen in _seen_by(module, modules) for name, value in seen.constants.items()}
+    bound = _bound(test)
+    fixed = {name for decorator in test.decorator_list for name in _parameters(decorator, constants)} - set(bound)
+    before = -1
+    while before != len(fixed):
+        before = len(fixed)
+        for name, values in bound.items():
+            if all(value is not None and _fixed(value, fixed | module.imported) for value in values):
+                fixed.add(name)
+    return fixed | (module.imported - {each.arg for each in test.args.args})
+
+
+def _parameters(decorator: ast.expr, constants: Dict[str, ast.expr]) -> Set[str]:
+    """Return the names that a `parametrize` gives, also by a name of its own."""
+    if isinstance(decorator, ast.Name):
+        decorator = constants.get(decorator.id, decorator)
+    if not isinstance(decorator, ast.Call) or _kinds(decorator.func) != {"parametrize"} or not decorator.args:
+        return set()
+    names = decorator.args[0]
+    if isinstance(names, ast.Constant) and isinstance(names.value, str):
+        return {each.strip() for each in names.value.split(",")}
+    return {each.value for each in getattr(names, "elts", ()) if isinstance(each, ast.Constant)}
+
+
+def _bound(test: Function) -> Dict[str, List[Optional[ast.expr]]]:
+    """Return what each name in a test is bound to; None: what cannot be seen."""
+    bound: Dict[str, List[Optional[ast.expr]]] = {}
+    for node in ast.walk(test):
+        pairs: List[Tuple[ast.expr, Optional[ast.expr]]] = []
+        if isinstance(node, ast.Assign):
+            pairs = [(target, node.value) for target in node.targets]
+        elif isinstance(node, (ast.For, ast.comprehension)):
+            pairs = [(node.target, node.iter)]
+        elif isinstance(node, (ast.AugAssign, ast.AnnAssign, ast.NamedExpr)):
+            pairs = [(node.target, None)]
+        elif isinstance(node, ast.withitem) and node.optional_vars is not None:
+            pairs = [(node.optional_vars, None)]
+        for target, value in pairs:
+            whole = isinstance(target, (ast.Name, ast.Tuple)) and not isinstance(value, _MUTABLE)
+            for each in ast.walk(target):
+                if isinstance(each, ast.Name):
+                    bound.setdefault(each.id, []).append(value if whole else None)
+    return bound
+
+
+def _fixed(node: ast.expr, fixed: Set[str]) -> bool:
+    """Tell whether a value is made of what is fixed alone."""
+    called = {id(call.func) for call in _calls(node) if isinstance(call.func, ast.Name) and call.func.id in _PURE}
+    for each in ast.walk(node):
+        if isinstance(each, ast.Name) and id(each) not in called:
+            if each.id not in fixed and not _CONSTANT.match(each.id) and not _CLASS.match(each.id):
+                return False
+        elif isinstance(each, ast.Call) and id(each.func) not in called:
+            if not (isinstance(each.func, ast.Attribute) and each.func.attr in _TAKES):
+                return False
+        elif isinstance(each, (ast.Lambda, ast.Await, ast.Yield)):
+            return False
+    return True
+
+
+def _by_case(node: ast.expr, fixed: Set[str]) -> bool:
+    return any(isinstance(each, ast.Name) for each in ast.walk(node)) and _fixed(node, fixed)
+
+
+def _sometimes_true(node: ast.expr, fixed: Set[str]) -> bool:
+    """Tell whether an assertion has an alternative that the case fixes."""
+    if isinstance(node, ast.IfExp):
+        return _by_case(node.test, fixed) and (_always_true(node.body) or _always_true(node.orelse))
+    if not isinstance(node, ast.BoolOp):
+        return False
+    if isinstance(node.op, ast.Or):
+        return any(_by_case(each, fixed) for each in node.values) and not all(_fixed(e, fixed) for e in node.values)
+    return any(_sometimes_true(each, fixed) for each in node.values)
+
+
+def _for_each_case(body: Sequence[ast.stmt], fixed: Set[str], known: Set[str]) -> bool:
+    """Tell whether an assertion is come to in every case."""
+    for number, statement in enumerate(body):
+        rest = body[number + 1 :]
+        if isinstance(statement, ast.If) and _by_case(statement.test, fixed):
+            return all(
+                _for_each_case([*branch, *(() if _left(branch) else rest)], fixed, known)
+                for branch in (statement.body, statement.orelse)
+            )
+        if isinstance(statement, (ast.With, ast.For)):
+            if _for_each_case(statement.body, fixed, known) or _says(_head(statement), fixed, known):
+                return True
+        elif _says(statement, fixed, known):
+            return True
+        elif isinstance(statement, _ENDS):
+            return False
+    return False
+
+
+def _left(branch: Sequence[ast.stmt]) -> bool:
+    return bool(branch) and isinstance(branch[-1], _ENDS)
+
+
+def _head(statement: Union[ast.With, ast.For]) -> ast.AST:
+    heads = [statement.iter] if isinstance(statement, ast.For) else [item.context_expr for item in statement.items]
+    return ast.Tuple(elts=heads, ctx=ast.Load())
+
+
+def _says(statement: ast.AST, fixed: Set[str], known: Set[str]) -> bool:
+    """Tell whether something is asserted, or the case is left out where everybody sees it."""
+    for node in ast.walk(statement):
+        if isinstance(node, ast.Assert):
+            if not _sometimes_true(node.test, fixed):
+                return True
+        elif _asserts(node) or _called(node) & {*known, "skip"}:
+            return True
+    return False
 
 
 def main() -> int:

@@ -10,6 +10,9 @@ import pytest
 ALWAYS = "this is always true"
 NOTHING = "test_it asserts nothing"
 EMPTY = "test_it asserts nothing when what it goes through is empty"
+SOMETIMES = "for some of its cases this says nothing: give each what is expected of it"
+CASES = "test_it asserts nothing for some of its cases"
+SWALLOWED = "an assertion that fails in here is swallowed"
 ANYTHING = "any exception will do, even of a name that is written wrongly: name it, or give a match"
 
 
@@ -165,10 +168,152 @@ def test_what_hypothesis_draws_is_not_always_empty(found):
     assert found(body) == []
 
 
-@pytest.mark.parametrize("kind", ["Exception", "BaseException"])
+@pytest.mark.parametrize("kind", ["Exception", "BaseException", "(ValueError, Exception)", "builtins.Exception"])
 def test_any_exception_at_all_is_found(found, kind):
     assert found(a_test(f"with pytest.raises({kind}):\n    things()")) == [(2, ANYTHING)]
+    assert found(a_test(f"with pytest.raises(expected_exception={kind}):\n    things()")) == [(2, ANYTHING)]
     assert found(a_test(f"with pytest.raises({kind}, match='no'):\n    things()")) == []
+
+
+# --- cases ------------------------------------------------------------------------------------------------------------
+
+
+def with_cases(body, before='@pytest.mark.parametrize("case, size", [("a", 1), ("b", 2)])'):
+    """Return a test of two cases; its body begins in line 5."""
+    return f"ALL = ('a', 'b')\n\n{before}\ndef test_it(case, size, things):\n" + indent(dedent(body), "    ")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "things() or case == 'a'",
+        "size > 1 or things()",
+        "things.good or not size",
+        "things() or size",
+        "things() or case.startswith('a')",
+        "things() or len(case) > size + 1",
+        "things() or case in ALL",
+        "things() or case in ('a', 'c')",
+        "things() and (things.good or case != 'a')",
+        "things() if case == 'a' else True",
+        "case == 'a' or size == 2 or things()",
+    ],
+)
+def test_what_is_true_for_some_cases_whatever_is_tested_is_found(found, words):
+    assert (5, SOMETIMES) in found(with_cases(f"assert {words}\nassert things"))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "things() == (case == 'a' or size == 2)",
+        "things() or things.of(case)",
+        "things.good or things.bad",
+        "(things() or None) == case",
+        "things() == (1 if case == 'a' else 2)",
+        "not (things() or case == 'a')",
+    ],
+)
+def test_what_says_something_for_every_case_is_not(found, words):
+    assert found(with_cases(f"assert {words}")) == []
+
+
+def test_what_is_taken_from_the_case_is_fixed_by_it(found):
+    body = "one, *_ = case.split()\ntwo = (one, size)\nassert things() or two == ('a', 1)"
+    assert found(with_cases(body)) == [(7, SOMETIMES), (4, CASES)]
+    body = "one = things(case)\nassert things() or one == 'a'"
+    assert found(with_cases(body)) == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "one = case\none = things()\nassert things() or one == 'a'",
+        "one = [size]\none.append(things())\nassert things() or one",
+        "one = list(case)\none[0] = things()\nassert things() or one",
+        "one = size\none += things()\nassert things() or one",
+        "with things as size:\n    assert things() or size",
+    ],
+)
+def test_what_is_changed_meanwhile_is_not_fixed_by_the_case(found, body):
+    assert found(with_cases(body)) == []
+
+
+def test_what_a_loop_over_constants_goes_through_is_a_case(found):
+    body = "for each in ALL:\n    assert things(each) or each == 'a'"
+    assert (6, SOMETIMES) in found(with_cases(body))
+    body = "for each in things:\n    assert things(each) or each == 'a'\nassert things"
+    assert found(with_cases(body)) == []
+
+
+def test_a_list_of_cases_may_have_a_name(found):
+    named = "EACH = pytest.mark.parametrize('case', ALL)\n@EACH"
+    assert found(with_cases("assert things() or case == 'a'", named)) == [(6, SOMETIMES), (5, CASES)]
+
+
+def test_what_hypothesis_draws_is_no_case(found):
+    assert found(with_cases("assert things() or case == 'a'", "@given(case=text(), size=integers())")) == []
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "if case == 'a':\n    assert things",
+        "if size > 1:\n    assert things\nelse:\n    things()",
+        "if case == 'a':\n    assert things\nelif size == 2:\n    assert things()",
+        "if case == 'a':\n    return\nassert things",
+        "if case == 'a':\n    with things:\n        assert things.good",
+    ],
+)
+def test_a_test_that_asserts_for_some_of_its_cases_only_is_found(found, body):
+    assert found(with_cases(body)) == [(4, CASES)]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "if case == 'a':\n    assert things\nelse:\n    assert not things",
+        "if case == 'a':\n    assert things\nassert things()",
+        "if things():\n    assert things",
+        "if case == 'a':\n    pytest.skip('not here')\nassert things",
+        "if case == 'a':\n    assert things\n    return\nassert not things",
+        "if case == 'a':\n    assert things\nelif size == 2:\n    assert things()\nelse:\n    assert not things",
+        "if case == 'a':\n    things.go()\nassert things",
+    ],
+)
+def test_a_test_that_asserts_for_each_case_is_not(found, body):
+    assert found(with_cases(body)) == []
+
+
+# --- assertions that are swallowed ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["AssertionError", "Exception", "BaseException", "(ValueError, AssertionError)"])
+def test_an_assertion_whose_failure_is_caught_is_found(found, kind):
+    assert found(a_test(f"with suppress({kind}):\n    assert things")) == [(2, SWALLOWED)]
+    assert found(a_test(f"with contextlib.suppress({kind}):\n    assert things")) == [(2, SWALLOWED)]
+    assert found(a_test(f"try:\n    assert things\nexcept {kind}:\n    pass")) == [(2, SWALLOWED)]
+    assert found(a_test(f"try:\n    assert things\nexcept {kind}:\n    things()\nassert path")) == [(2, SWALLOWED)]
+
+
+def test_an_assertion_whose_failure_is_caught_by_a_bare_except_is_found(found):
+    assert found(a_test("try:\n    assert things\nexcept:\n    pass")) == [(2, SWALLOWED)]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "with suppress(ValueError):\n    assert things",
+        "with suppress(Exception):\n    things()\nassert things",
+        "try:\n    assert things\nexcept AssertionError as error:\n    raise AssertionError(path) from error",
+        "try:\n    assert things\nexcept Exception:\n    pytest.fail('no')",
+        "try:\n    things()\nexcept Exception:\n    pass\nassert things",
+        "try:\n    things()\nexcept Exception:\n    assert path",
+        "try:\n    things()\nexcept Exception:\n    pass\nelse:\n    assert path",
+    ],
+)
+def test_an_assertion_whose_failure_is_seen_is_not(found, body):
+    assert (2, SWALLOWED) not in found(a_test(body))
 
 
 def test_a_line_that_says_why_is_let_pass(found):

@@ -84,4 +84,4 @@ def test_who_asks_for_help_starts_no_node_that_would_end_the_one_that_flies(
     assert module.main() == status
     told = capsys.readouterr()
     assert said in (told.err if status else told.out)
-    assert "~" in told.out or status
+    assert ("~" in told.out) == (status == 0), "its parameters are shown to who asks"
