@@ -457,7 +457,7 @@ def _words(values: Tuple[Value, ...]) -> str:
 def _said(value: Any, unit: str, *, of_limit: bool = False) -> str:
     """Return a value as a person says it: a fraction in percent, anything else with its unit, which a limit shares."""
     if unit == "fraction" and isinstance(value, float):
-        return f"{value:.0%}"
+        return f"{value * 100:.3g} %"
     return f"{value} {unit}" if unit and not of_limit else f"{value}"
 
 
