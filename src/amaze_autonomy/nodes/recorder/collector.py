@@ -216,10 +216,10 @@ class RecorderCollector:
 
     def _finish(self, folder: Path, session_id: str) -> None:
         self._collection.copy_journal(folder, session_id, again=True)
+        self._pages.add(folder)  # first: what begins together outlives the node together, which may end now
         with self._share.lock:
             if session_id == self.machine.session_id:
                 self._pages.go_on()
-        self._pages.add(folder)
 
     # --- the work; on the working thread --------------------------------------------------------------------------
 
