@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import re
 import shutil
 import sys
@@ -33,6 +34,8 @@ from amaze_autonomy.replay.session import Session
 from amaze_autonomy.tester.command import main
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+PICTURES = os.environ.get("AMAZE_PICTURES", "")
+"""`./run screens` has the picture of docs/images written there."""
 MAP = __file__.replace("pages/test_flight.py", "replay/flight.yaml")
 
 
@@ -297,14 +300,17 @@ def test_the_scripts_put_text_in_as_text_and_escape_it_for_the_plot_library():
 @pytest.mark.skipif(not CHROMIUM or not DRIVER, reason="no Chromium here: apt-get install chromium chromium-driver")
 def test_what_is_in_view_is_drawn_at_once_and_three_dimensions_for_who_asks_for_them(bag, tmp_path):
     webdriver = pytest.importorskip("selenium.webdriver")
-    journal, page = read_journals(bag)[0], tmp_path / "flight.html"
-    content = journal_page(bag, journal, compare(journal)).content
+    (tmp_path / "configuration").symlink_to(CONFIG)
+    flight = tmp_path / "20261121T041730-001_1.bag"
+    shutil.copyfile(bag, flight)
+    journal, page = read_journals(flight)[0], tmp_path / "flight.html"
+    content = journal_page(flight, journal, compare(journal)).content
     write_document(page, "title", ("flight",), content)
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for each in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader"):
         options.add_argument(each)
-    options.add_argument("--window-size=1500,1000")
+    options.add_argument("--window-size=1400,1100")
     with webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER)) as browser:
 
         def until(script):
@@ -323,6 +329,10 @@ def test_what_is_in_view_is_drawn_at_once_and_three_dimensions_for_who_asks_for_
         until(f"(flight.charts[{last}].div.data || []).length > 0")  # numbers that were left alone until then
         errors = [each["message"] for each in browser.get_log("browser") if each["level"] == "SEVERE"]
         assert errors == []
+        if PICTURES:
+            browser.execute_script("scrollTo(0, 0)")
+            time.sleep(1.0)
+            browser.save_screenshot(str(Path(PICTURES) / "flight-page.png"))
 
 
 def test_a_page_loads_nothing(tmp_path):
