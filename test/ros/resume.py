@@ -87,6 +87,7 @@ def killed_before_its_mission_was_selected(stack: Stack) -> None:
     """It waits for peers that are not there; the next one knows the mission from its own parameter."""
     stack.start_engine()
     stack.wait_state("MISSION_INPUT")
+    stack.wait(lambda: stack.events(EngineStarted), "its start on the disk: its state is shown before")
     kill_and_start(stack, 0)
     stack.start_peers(0)
     stack.wait_state("MISSION_ENDED")
