@@ -6,10 +6,12 @@ from typing import Any, Callable, List, Tuple
 
 from mission_channel import MS, Channel, S, good
 
+from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.sequencer import Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import Mission, MissionPhase
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import (
     Controller,
     FlightModel,
@@ -23,6 +25,7 @@ from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
 from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
+LIMITS = Limits(takeoff_height_m=1.0)
 MODEL = FlightModel(cruise_speed_m_s=4.0, climb_speed_m_s=2.0, landing_speed_m_s=1.0, acceleration_m_s2=4.0)
 LINE = Trajectory(
     "line.csv",
@@ -72,7 +75,7 @@ class Flying:
     def __init__(
         self, fate: Callable[[], Tuple[int, ...]] = good, plans=PLANS, spec=None, settings=None, kind=PX4
     ) -> None:
-        self.planner = Sequencer(SequencerSettings(plans, spec or PlannerSpec(), MODEL, 1.0))
+        self.planner = Sequencer(SequencerSettings(plans, spec or PlannerSpec(), MODEL, LIMITS))
         self.vehicle = Vehicle(settings or Px4Settings(), kind)
         self.craft = self.vehicle.craft
         self.channel = Channel(self.planner, self.vehicle, fate)
@@ -128,4 +131,44 @@ class Flying:
         self.until(lambda: self.phase in phases, limit_ns)
 
 
-__all__ = ["ARDUPILOT", "BACK", "LINE", "MS", "PLANS", "PX4", "Flying", "S"]
+SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+START, LIFT = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
+
+
+class Recorded(Flying):
+    """Keeps what the planner sends, and when."""
+
+    def __init__(self, **how) -> None:
+        self.commands = []
+        super().__init__(**how)
+        send = self.channel.ours
+
+        def recorded(messages):
+            messages = list(messages)
+            self.commands += [(self.t_ns, each) for each in messages if each.get_type() == "COMMAND_LONG"]
+            send(messages)
+
+        self.channel.ours = recorded
+
+    def since(self, t_ns):
+        """Return what was commanded since then: names of modes, "arm", "disarm", "start", "takeoff"."""
+        return [name for at_ns, each in self.commands if at_ns >= t_ns for name in self._named(each)]
+
+    def _named(self, message):
+        watch = self.planner.watch
+        if message.command == SET_MODE:
+            modes = ("AUTO.LAND", "AUTO.LOITER", "AUTO.MISSION", "OFFBOARD")
+            numbers = (message.param2, message.param3)
+            return [mode for mode in modes if tuple(map(float, watch.numbers(mode))) == numbers]
+        if message.command == ARM:
+            return ["arm" if message.param1 == 1.0 else "disarm"]
+        return {START: ["start"], LIFT: ["takeoff"]}.get(message.command, [])
+
+    def cut(self) -> None:
+        self.channel.fate = lambda: ()
+
+    def join(self) -> None:
+        self.channel.fate = good
+
+
+__all__ = ["ARDUPILOT", "ARM", "BACK", "LIMITS", "LINE", "MS", "PLANS", "PX4", "SET_MODE", "Flying", "Recorded", "S"]

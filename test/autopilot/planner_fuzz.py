@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from math import isfinite
 
-from flying import MODEL, PLANS
+from flying import LIMITS, MODEL, PLANS
 from link_fuzz import NUMBERS, STATE, Fuzz
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -35,7 +35,7 @@ class PlannerFuzz(Fuzz):
 
     def __init__(self, seed):
         super().__init__(seed)
-        self.client = Sequencer(SequencerSettings(PLANS, PlannerSpec(), MODEL, 1.0))
+        self.client = Sequencer(SequencerSettings(PLANS, PlannerSpec(), MODEL, LIMITS))
         self.wire, self.peers = Wire(1, 192, PLANNER_MESSAGES), Peers(Identity(1, 192))
         self.asked, self.loads, self.read = [], 0, 0
         self._items = {}

@@ -149,7 +149,8 @@ def test_a_landing_stands_until_the_vehicle_is_disarmed_also_after_its_reply():
     bench.cut = False
     bench.until(lambda: bench.far.craft.mode == "AUTO.LAND", 1.0)
     bench.until(lambda: bench.vehicle.beat.armed is False)
-    assert bench.client.commanding == ""
+    assert bench.client.commanding == "AUTO.LAND"  # one heartbeat says so
+    bench.until(lambda: bench.client.commanding == "", 1.5)
     bench.sent.clear()
     bench.advance(5.0)
     assert bench.commands(SET_MODE) == []
@@ -161,8 +162,8 @@ def test_a_landing_that_a_pilot_has_taken_does_not_come_back_when_he_lets_go():
     bench.until(lambda: bench.client.land_reply().final, 5.0)
     bench.far.mode(POSCTL)
     bench.until(lambda: bench.vehicle.control.pilot, 1.1)
-    assert bench.client.commanding == ""
     bench.sent.clear()
+    bench.until(lambda: bench.client.commanding == "", 0.6)
     bench.far.mode((4, 3))
     bench.advance(5.0)
     assert bench.commands(SET_MODE) == []
@@ -184,7 +185,7 @@ def test_nothing_disarms_on_a_landed_state_that_is_old():
 def test_a_disarming_does_not_go_on_after_a_silence():
     bench = ClientBench().fly()
     bench.ask(bench.client.land)
-    bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND")
+    bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND").advance(0.7)
     bench.cut = True
     bench.ask(bench.client.disarm)
     assert bench.client.commanding == "AUTO.LAND"
@@ -202,6 +203,10 @@ def test_the_pilot_is_not_fought():
     bench.far.mode(POSCTL)
     bench.until(lambda: bench.vehicle.control.pilot, 1.1)
     bench.sent.clear()
+    said = "the pilot seems to have control, in POSCTL: landing if he has not"
+    assert bench.ask(bench.client.land) == Reply(accepted=False, message=said, final=False)
+    bench.until(lambda: bench.client.land_reply().final, 0.8)
+    assert bench.client.land_reply().message == "the pilot has control, in POSCTL"
     assert bench.ask(bench.client.land) == Reply(accepted=False, message="the pilot has control, in POSCTL", final=True)
     bench.ask(bench.client.leave)
     bench.advance(3.0)
@@ -231,6 +236,10 @@ def test_disarming_is_refused_in_the_air_and_done_on_the_ground():
     )
     bench.ask(bench.client.land)
     bench.until(lambda: bench.vehicle.landed(bench.t_ns).name == "ON_GROUND")
+    assert bench.ask(bench.client.disarm) == Reply(
+        accepted=False, message="ON_GROUND must be said for 0.5 s before it is believed", final=True
+    )
+    bench.advance(0.7)
     bench.ask(bench.client.disarm)
     bench.until(lambda: bench.client.disarm_reply().final, 5.0)
     assert bench.vehicle.beat.armed is False

@@ -102,7 +102,7 @@ def test_the_charge_state_corrects_a_fraction_that_ignores_the_voltage(fraction,
 def test_it_lands_by_the_second_route_and_disarms_itself():
     flown = fly(bench())
     flown.ask(flown.client.land)
-    flown.until(lambda: flown.vehicle.beat.mode == "AUTO.LAND", 3.0)
+    flown.until(lambda: flown.client.land_reply().final, 3.0)
     assert flown.client.land_reply() == Reply(accepted=True, message="the vehicle is in its landing mode", final=True)
     assert not flown.vehicle.control.pilot
     flown.until(lambda: not flown.vehicle.beat.armed)

@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from flying import ARDUPILOT, MS, PX4, Flying, S
-from mission_channel import good
+from flying import ARDUPILOT, MS, PX4, Recorded, S
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
@@ -17,46 +16,8 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 
 P, A = MissionPhase, MissionAction
-SET_MODE, ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
-START, LIFT = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
 EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 BOTH = pytest.mark.parametrize("mission", ["line", "inside"])
-
-
-class Recorded(Flying):
-    """Keeps what the planner sends, and when."""
-
-    def __init__(self, **how) -> None:
-        self.commands = []
-        super().__init__(**how)
-        send = self.channel.ours
-
-        def recorded(messages):
-            messages = list(messages)
-            self.commands += [(self.t_ns, each) for each in messages if each.get_type() == "COMMAND_LONG"]
-            send(messages)
-
-        self.channel.ours = recorded
-
-    def since(self, t_ns):
-        """Return what was commanded since then: names of modes, "arm", "disarm", "start", "takeoff"."""
-        return [name for at_ns, each in self.commands if at_ns >= t_ns for name in self._named(each)]
-
-    def _named(self, message):
-        watch = self.planner.watch
-        if message.command == SET_MODE:
-            modes = ("AUTO.LAND", "AUTO.LOITER", "AUTO.MISSION", "OFFBOARD")
-            numbers = (message.param2, message.param3)
-            return [mode for mode in modes if tuple(map(float, watch.numbers(mode))) == numbers]
-        if message.command == ARM:
-            return ["arm" if message.param1 == 1.0 else "disarm"]
-        return {START: ["start"], LIFT: ["takeoff"]}.get(message.command, [])
-
-    def cut(self) -> None:
-        self.channel.fate = lambda: ()
-
-    def join(self) -> None:
-        self.channel.fate = good
 
 
 def armed_with_the_link_cut(mission, kind):

@@ -27,6 +27,7 @@ from amaze_autonomy.engine.events import Verdict
 from amaze_autonomy.monitoring.specs import BatterySpec
 from amaze_autonomy.simulation.px4 import Framing
 
+S = 1_000_000_000
 SOURCES = sources_of({*WANTED, *PLANNER_MESSAGES})
 BY_TOPIC = {source.topic: source for source in SOURCES if source.makes != "ATTITUDE"}
 ATTITUDE = next(source for source in SOURCES if source.makes == "ATTITUDE")
@@ -146,13 +147,13 @@ def test_without_a_vehicle_behind_mavros_nothing_is_learnt():
 
 
 def client(*states, backend="mavros"):
-    """Return the client of the autopilot node, and what it sent, after mavros has told so."""
+    """Return the client of the autopilot node after mavros has told so, at 1 Hz."""
     node, converter = (
         AutopilotClient(AutopilotSettings(backend=backend), BatterySpec(cells=4), lambda: (1, 1)),
         Converter(),
     )
-    for each in states:
-        node.receive(0, converter.convert(STATE, each))
+    for number, each in enumerate(states):
+        node.receive(number * S, converter.convert(STATE, each))
     return node
 
 
@@ -188,16 +189,20 @@ def test_an_ardupilot_whose_flags_do_not_come_is_not_ready_and_it_is_said_why():
     ],
 )
 def test_who_has_control_of_an_ardupilot_is_known_by_its_mode(mode, status, pilot, failsafe):
-    flown = client(state("AUTO", armed=True), state(mode, armed=True, status=status))
+    told = state(mode, armed=True, status=status)
+    flown = client(state("AUTO", armed=True), told, told)
     assert (flown.vehicle.control.pilot, flown.vehicle.control.failsafe) == (pilot, failsafe)
-    answer, messages = flown.land(0)
+    answer, messages = flown.land(2 * S)
     asked = [request_of(each, ARDUPILOT).fields["custom_mode"] for each in messages]
     assert asked == ([] if pilot or mode == "LAND" else ["LAND"])
     assert answer.message.startswith("the pilot has control" if pilot else "")
 
 
 def test_met_in_the_air_in_a_mode_that_nobody_knows_it_is_left_to_its_pilot():
-    answer, messages = client(state("CMODE(25)", armed=True)).land(0)
+    told = state("CMODE(25)", armed=True)
+    answer, messages = client(told).land(0)
+    assert (answer.message, messages) == ("the pilot seems to have control, in MODE.0.0: landing if he has not", [])
+    answer, messages = client(told, told).land(S)
     assert (answer.message, messages) == ("the pilot has control, in MODE.0.0", [])
 
 

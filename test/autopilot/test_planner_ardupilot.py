@@ -6,7 +6,8 @@ import math
 from random import Random
 
 import pytest
-from flying import ARDUPILOT, BACK, LINE, PX4, Flying, S, plan
+from flying import ARDUPILOT, BACK, LINE, MS, PX4, Flying, Recorded, S, plan
+from vehicle_lies import CRITICAL, Liar
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.engine.commands import MissionAction
@@ -132,6 +133,39 @@ def test_a_pilot_who_switches_to_loiter_is_left_alone(mission):
     assert flying.status.message == "the pilot has control (mode POSCTL)"
     assert {flying.command(action) for action in A} == {"the pilot has control (mode POSCTL)"}
     flying.until_phase(P.LANDED)
+
+
+def at_a_critical_battery(mission):
+    """Fly with status CRITICAL alone: a low battery, of which it makes nothing (BATT_FS_LOW_ACT 0)."""
+    flying = Recorded(kind=ARDUPILOT)
+    lies = Liar(flying.planner, copter=True)
+    flying.take_off(mission)
+    flying.until(lambda: flying.craft.position_m[0] > 1.0)
+    lies.always(("status", CRITICAL))
+    flying.run(1500 * MS)
+    return flying
+
+
+@BOTH
+def test_at_a_critical_battery_a_pilot_in_loiter_keeps_it(mission):
+    flying = at_a_critical_battery(mission)
+    flying.craft.pilot_takes_over("POSCTL", 60 * S)
+    flying.run(2 * S)
+    taken_ns = flying.t_ns
+    assert (flying.planner.watch.pilot, flying.planner.watch.failsafe) == (True, False)
+    assert flying.status.message == "the pilot has control (mode POSCTL)"
+    assert flying.command(A.LAND) == flying.command(A.ABORT) == "the pilot has control (mode POSCTL)"
+    assert flying.planner.shutdown(flying.t_ns) == (False, ())
+    flying.run(2 * S)
+    assert (flying.since(taken_ns), flying.craft.mode) == ([], "POSCTL")
+
+
+@BOTH
+def test_at_a_critical_battery_it_is_landed_from_a_mode_of_ours(mission):
+    flying = at_a_critical_battery(mission)
+    assert flying.command(A.LAND) == ""
+    flying.until_phase(P.LANDED)
+    assert (flying.craft.armed, flying.status.message) == (False, "")
 
 
 def test_a_lost_position_lands_it_by_its_own_failsafe():

@@ -335,6 +335,18 @@ def test_a_mode_after_ours_was_confirmed_and_left_is_the_pilot_s_but_not_another
         known.add(Heartbeat(0, True, mode, 4, PX4))
         said.append(known.pilot)
     assert said == [False, False, False, True]
-    known.add(Heartbeat(0, False, "AUTO.LOITER", 3, PX4))
-    known.add(Heartbeat(0, True, "AUTO.MISSION", 4, PX4))
-    assert known.pilot is False
+    for pilot in (True, False):  # one heartbeat that says disarmed ends nothing, two do
+        known.add(Heartbeat(0, False, "AUTO.LOITER", 3, PX4))
+        known.add(Heartbeat(0, pilot, "AUTO.LOITER", 3, PX4))
+        known.add(Heartbeat(0, True, "AUTO.MISSION", 4, PX4))
+        assert known.pilot is pilot
+
+
+def test_a_mode_that_one_message_shows_confirms_no_command():
+    known = Control()
+    known.command("AUTO.LAND")
+    said = []
+    for mode in ("AUTO.MISSION", "AUTO.LAND", "AUTO.MISSION", "AUTO.LAND", "AUTO.LAND", "AUTO.MISSION"):
+        known.add(Heartbeat(0, True, mode, 4, PX4))
+        said.append(known.pilot)
+    assert said == [False, False, False, False, False, True]

@@ -28,6 +28,7 @@ from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import Mission, MissionPhase
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, MissionPlan, PlannerSpec, Trajectory, Waypoint, estimate_rounds
 from amaze_autonomy.simulation.px4 import Quality
 from amaze_autonomy.simulation.px4_udp import BadRelay
@@ -46,7 +47,7 @@ class Row:
         self.random, self.seed, self.lost = Random(seed), seed, 0
         first, again = estimate_rounds((LINE,), 2.0, QUICK.model)
         plan = MissionPlan(Mission(id="line"), (LINE,), first, again, None, Controller.MISSION)
-        self.planner = Sequencer(SequencerSettings((plan,), PlannerSpec(), QUICK.model, 2.0))
+        self.planner = Sequencer(SequencerSettings((plan,), PlannerSpec(), QUICK.model, Limits(takeoff_height_m=2.0)))
 
     def fly(self, missions: int) -> list[str]:
         """Fly so many; return what was wrong."""

@@ -19,6 +19,7 @@ from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, AutopilotCl
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import Mission, MissionPhase, VehicleLanded
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import (
     Controller,
     FlightModel,
@@ -101,7 +102,7 @@ class Soak:
         self.craft = Craft(VehicleSettings(model=_MODEL, spin_up_ns=S // 2, ground_ns=S // 2))
         self._power = Power(PowerSettings(flight_endurance_s=1e9, idle_endurance_s=1e9))
         self.px4 = Px4(self.craft, self._power)
-        self.planner = Sequencer(SequencerSettings(_plans(), PlannerSpec(), _MODEL, 2.0))
+        self.planner = Sequencer(SequencerSettings(_plans(), PlannerSpec(), _MODEL, Limits(takeoff_height_m=2.0)))
         self.autopilot = AutopilotClient(AutopilotSettings(), BatterySpec(), lambda: (1, 1))
         self._radios = (
             _Radio("planner", self.planner, PLANNER_MESSAGES, 192, quality, 2 * seed),

@@ -15,6 +15,7 @@ from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES, Sequencer, SequencerSettings
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import Mission, MissionPhase
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, MissionPlan, PlannerSpec, Trajectory, Waypoint, estimate_rounds
 from amaze_autonomy.simulation.px4 import Quality
 from amaze_autonomy.simulation.px4_udp import BadRelay
@@ -35,7 +36,7 @@ def plan():
 
 
 def test_a_mission_over_sockets_with_loss_jitter_and_a_cut_is_flown_once():
-    planner = Sequencer(SequencerSettings((plan(),), PATIENT, QUICK.model, 2.0))
+    planner = Sequencer(SequencerSettings((plan(),), PATIENT, QUICK.model, Limits(takeoff_height_m=2.0)))
     with served(speed=SPEED) as (owner, port):
         quality = Quality(loss=0.05, jitter_ns=50 * MS, cuts=((2 * S, 3 * S),))
         relay = BadRelay(("127.0.0.1", port), quality, seed=3)

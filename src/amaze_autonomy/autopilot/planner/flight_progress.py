@@ -11,11 +11,11 @@ from typing import NamedTuple, Optional, Sequence, Tuple
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus, VehicleLanded
 from amaze_autonomy.missions import FlightModel, Waypoint, distance_m, leg_s
 
-from ..vehicle.modes import is_foreign
+from ..vehicle.modes import LANDING_MODES, is_foreign
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
-from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import AIRBORNE, HOLD, MISSION, OFFBOARD, VehicleWatch
 
 __all__ = ["IN_FLIGHT", "FlightProgress", "FlightRecord", "Here", "remaining"]
 
@@ -39,6 +39,8 @@ class FlightRecord:
         self.armed = self.airborne = self.lifted = False
         self.failure = ""
         self.replaced = False  # the mission on the vehicle is somebody else's
+        self.landing = ""  # why it was landed, where it was
+        self._another = False  # the vehicle was armed on the ground again: what flies next is somebody else's
         self.reached = self._others = 0
         self._highest = 0
         self._ground_ns: Optional[int] = None
@@ -57,9 +59,23 @@ class FlightRecord:
         watch = self._watch
         self.armed = self.armed or bool(watch.armed)
         self.airborne = self.airborne or (self.armed and bool(watch.armed) and watch.landed in AIRBORNE)
-        self.lifted = self.lifted or (self.airborne and watch.landed is VehicleLanded.IN_AIR)
+        self.lifted = self.lifted or (self.airborne and watch.is_up)
+        if not self.seems_down:
+            self._ground_ns, self._beats = None, 0
         if self.armed:
             self._count()
+
+    @property
+    def seems_down(self) -> bool:
+        """True when the last that it said is disarmed and on the ground; whether that is so, others must agree."""
+        return self._watch.armed is False and self._watch.landed is VehicleLanded.ON_GROUND
+
+    def goes_on(self) -> bool:
+        """Return whether a flight that was over goes on: it is armed in the air, where nobody arms a vehicle."""
+        watch, armed_ns = self._watch, self._watch.ground.armed_ns
+        if watch.landed is VehicleLanded.ON_GROUND and armed_ns is not None:
+            self._another = self._another or (watch.landed_ns or 0) > armed_ns
+        return self.airborne and not self._another and bool(watch.armed) and watch.landed in AIRBORNE
 
     def is_replaced(self, total: Optional[int]) -> bool:
         """Take a MISSION_CURRENT; return True once the vehicle has said twice in a row that it has another mission.
@@ -112,7 +128,7 @@ class FlightRecord:
     def phase(self, before: MissionPhase) -> MissionPhase:
         """Return the phase that the vehicle shows while it is armed; the one before where it shows none of ours."""
         watch = self._watch
-        landing = watch.mode == LAND or watch.landed is VehicleLanded.LANDING
+        landing = watch.mode in LANDING_MODES or watch.descends
         if landing or (before is _P.LANDING and self.down):
             return _P.LANDING
         if self.replaced:

@@ -190,7 +190,8 @@ class Loading:
             return "the vehicle is armed"
         if self._readiness.landing:
             return f"{self._readiness.landing}: the vehicle is being disarmed"
-        return "" if watch.on_ground(t_ns, limit_ns) else "the vehicle does not say that it is on the ground"
+        down = watch.ground.is_down(t_ns, limit_ns)
+        return "" if down else "the vehicle does not say that it is on the ground"
 
     def _problem_of_place(self, t_ns: int) -> str:
         plan = self._plan

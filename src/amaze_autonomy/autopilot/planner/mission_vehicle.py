@@ -9,22 +9,21 @@ import math
 from typing import Callable, Dict, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.engine.events import VehicleLanded
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Place
 
 from ..link.dialect import Message, mavlink, source_of
-from ..vehicle.modes import is_piloted, mode_name, mode_number
+from ..vehicle.agreement import Agreement, Ground
+from ..vehicle.modes import Control, Heartbeat, is_piloted, mode_name, mode_number
 from ..vehicle.texts import Texts
 from .mission_upload import Dialect
 
 __all__ = [
     "AIRBORNE",
-    "DRAIN_NS",
-    "GROUND_NS",
     "HOLD",
     "LAND",
     "MISSION",
     "OFFBOARD",
-    "STALL_NS",
     "STREAMS",
     "TAKEN",
     "Pose",
@@ -41,9 +40,6 @@ _LANDED = {
     mavlink.MAV_LANDED_STATE_IN_AIR: VehicleLanded.IN_AIR,
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
-STALL_NS, DRAIN_NS = _S // 2, 3 * _S // 10  # not woken for so long; for so long what came meanwhile is read
-GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
-_FAILSAFE = (mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY)
 _RELATIVE, _ABSOLUTE = mavlink.ESTIMATOR_POS_HORIZ_REL, mavlink.ESTIMATOR_POS_HORIZ_ABS
 _ESTIMATE_AGE_NS = 3 * _S
 _ARDUPILOT_BAD = mavlink.EKF_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED  # PX4 sets the first at rest, too
@@ -78,9 +74,17 @@ class Pose(NamedTuple):
 
 
 class VehicleWatch:
-    """Takes messages, keeps the last of each kind."""
+    """Takes messages, keeps the last of each kind, and what several agree on.
 
-    def __init__(self) -> None:
+    Args:
+        limits: of the engine, for how long they must agree; None: those that ship.
+    """
+
+    def __init__(self, limits: Optional[Limits] = None) -> None:
+        self.limits = limits or Limits()
+        self.control, self.ground = Control(), Ground(self.limits.flight_end_confirm_ns)
+        self._aloft, self._lifted, self._landing = Agreement(), Agreement(), Agreement()
+        self._piloted, self._in_land, self._off_setpoints = Agreement(), Agreement(), Agreement()
         self.autopilot = int(mavlink.MAV_AUTOPILOT_PX4)
         self.target: Tuple[int, int] = (0, 0)
         self.heartbeat_ns: Optional[int] = None
@@ -89,7 +93,7 @@ class VehicleWatch:
         self.armed: Optional[bool] = None
         self.mode = ""
         self.latest_mode = ""
-        self.failsafe = False
+        self.latest_ns = 0
         self.landed = VehicleLanded.UNKNOWN
         self.landed_ns: Optional[int] = None
         self.pose: Optional[Pose] = None
@@ -144,9 +148,44 @@ class VehicleWatch:
         return bool(self.armed) and self.landed is VehicleLanded.LANDING
 
     @property
+    def is_aloft(self) -> bool:
+        """True while messages agree that it has left the ground."""
+        return self._aloft.lasts(self.limits.pilot_confirm_ns)
+
+    @property
+    def is_up(self) -> bool:
+        """True while messages agree that it is in the air, its takeoff over."""
+        return self._lifted.lasts(self.limits.pilot_confirm_ns)
+
+    @property
+    def descends(self) -> bool:
+        """True while messages agree that it lands."""
+        return self._landing.lasts(self.limits.flight_end_confirm_ns)
+
+    @property
+    def failsafe(self) -> bool:
+        """True while the autopilot acts by a failsafe; ArduPilot at a low battery does only in a mode that it chose."""
+        return self.control.failsafe
+
+    @property
     def pilot(self) -> bool:
         """True in a mode that pilots choose, unless a failsafe chose it."""
         return is_piloted(self.mode) and not self.failsafe
+
+    @property
+    def taken_over(self) -> bool:
+        """True while messages agree on that: at its first sign nothing is sent, and nothing ends."""
+        return self.pilot and self._piloted.lasts(self.limits.pilot_confirm_ns)
+
+    @property
+    def in_land(self) -> bool:
+        """True while messages agree on the landing mode."""
+        return self._in_land.lasts(self.limits.pilot_confirm_ns)
+
+    @property
+    def off_setpoints(self) -> bool:
+        """True while messages agree on a mode that follows no set-points."""
+        return self._off_setpoints.lasts(self.limits.pilot_confirm_ns)
 
     @property
     def dialect(self) -> Dialect:
@@ -179,10 +218,17 @@ class VehicleWatch:
 
     def _heartbeat(self, t_ns: int, message: Message) -> None:
         self.autopilot, self.target, self.heartbeat_ns = message.autopilot, source_of(message), t_ns
-        self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.mode, self.mode_ns = mode_name(message.autopilot, message.custom_mode), t_ns
-        self.latest_mode = self.mode
-        self.failsafe = message.system_status in _FAILSAFE
+        beat = Heartbeat.of(t_ns, message)
+        self.control.add(beat)
+        self.armed, self.latest_mode, self.latest_ns = beat.armed, beat.mode, t_ns
+        self.ground.add_armed(t_ns, armed=beat.armed)
+        self._take_mode(t_ns, beat.mode)
+
+    def _take_mode(self, t_ns: int, mode: str) -> None:
+        self.mode, self.mode_ns = mode, t_ns
+        self._piloted.add(t_ns, so=is_piloted(mode))
+        self._in_land.add(t_ns, so=mode == LAND)
+        self._off_setpoints.add(t_ns, so=mode != OFFBOARD)
 
     def _current_mode(self, t_ns: int, message: Message) -> None:
         """Take the mode in the air; on the ground, that of a heartbeat, which says as well whether it is disarmed.
@@ -191,9 +237,10 @@ class VehicleWatch:
         """
         if self.heartbeat_ns is None:
             return
-        self.latest_mode = mode_name(self.autopilot, message.custom_mode)
+        self.latest_mode, self.latest_ns = mode_name(self.autopilot, message.custom_mode), t_ns
         if self.landed in AIRBORNE:
-            self.mode, self.mode_ns = self.latest_mode, t_ns
+            self.control.add_mode(t_ns, message.custom_mode)
+            self._take_mode(t_ns, self.latest_mode)
 
     def _event(self, t_ns: int, message: Message) -> None:
         if not self.armed:  # armed, they tell which modes are not to be had now
@@ -201,6 +248,10 @@ class VehicleWatch:
 
     def _extended(self, t_ns: int, message: Message) -> None:
         self.landed, self.landed_ns = _LANDED.get(message.landed_state, VehicleLanded.UNKNOWN), t_ns
+        self.ground.add_landed(t_ns, self.landed)
+        self._aloft.add(t_ns, so=self.landed in AIRBORNE)
+        self._lifted.add(t_ns, so=self.landed is VehicleLanded.IN_AIR)
+        self._landing.add(t_ns, so=self.landed is VehicleLanded.LANDING)
 
     def _local(self, t_ns: int, message: Message) -> None:
         values = (message.y, message.x, -message.z, message.vy, message.vx, -message.vz)

@@ -14,9 +14,10 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.missions import Controller, PlannerSpec
 
 from ..link.dialect import Message, mavlink
+from ..vehicle.agreement import Agreement
 from ..vehicle.modes import LANDING_MODES, is_foreign
 from .mission_upload import Dialect, beginning
-from .mission_vehicle import AIRBORNE, HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
+from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 
 __all__ = ["Means", "Procedure", "Progress", "Step", "steps_of"]
 
@@ -70,6 +71,7 @@ class Step(NamedTuple):
         always: sent even when the vehicle shows it already, because another command may be under way.
         only: the autopilots that need it; None: all.
         limited: given up after the limit of a command; False: it has a limit of its own.
+        agreed: whether more than one message shows it; until then nothing is sent while the last one does.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Step(NamedTuple):
     always: bool = True
     only: Optional[Dialect] = None
     limited: bool = True
+    agreed: Callable[[Means], bool] = lambda _: True
 
 
 # --- steps ------------------------------------------------------------------------------------------------------------
@@ -95,6 +98,7 @@ def _mode_message(means: Means, mode: str) -> Optional[Message]:
     if numbers is None:
         return None
     means.commanded.add(mode)
+    means.watch.control.command(mode)
     return _long(means.watch, _SET_MODE, 1.0, *map(float, numbers))
 
 
@@ -103,6 +107,9 @@ def _enter(mode: str) -> Step:
         return _mode_message(means, mode)
 
     return Step(f"change to {mode}", lambda means, _: means.watch.mode == mode, message, _SET_MODE, mode)
+
+
+_LANDING = _enter(LAND)._replace(agreed=lambda means: means.watch.in_land)
 
 
 def _prepare(means: Means) -> str:
@@ -117,12 +124,13 @@ _DISARMING = Step(
     lambda means, _: means.watch.armed is False,
     lambda means: _long(means.watch, _ARM, 0.0) if means.grounded else None,
     _ARM,
+    agreed=lambda means: means.watch.ground.disarmed,
 )
 
 
 def _began(means: Means, command: int) -> bool:
     """Return whether ArduPilot leaves the ground; its takeoff takes longer to show than a command may."""
-    return means.watch.landed in AIRBORNE or means.watch.results.get(command) == "MAV_RESULT_ACCEPTED"
+    return means.watch.is_aloft or means.watch.results.get(command) == "MAV_RESULT_ACCEPTED"
 
 
 def _beginning(means: Means) -> int:
@@ -195,12 +203,12 @@ _STEPS: Mapping[_Key, Tuple[Step, ...]] = {
     (Controller.MISSION, MissionAction.TAKEOFF): (_VERIFY, _PREPARE, _ARMING, _enter(MISSION), _BEGIN),
     (Controller.MISSION, MissionAction.HOLD): (_enter(HOLD),),
     (Controller.MISSION, MissionAction.RESUME): (_ITEM, _TURN, _enter(MISSION), _BEGIN),
-    (Controller.MISSION, MissionAction.LAND): (_enter(LAND),),
+    (Controller.MISSION, MissionAction.LAND): (_LANDING,),
     (Controller.MISSION, MissionAction.ABORT): (_DISARMING,),  # on the ground; airborne it is LAND
     (Controller.OFFBOARD, MissionAction.TAKEOFF): (_STREAM, _enter(OFFBOARD), _ARMING, _LIFT),
     (Controller.OFFBOARD, MissionAction.HOLD): (_STREAM, _enter(OFFBOARD), _STILL),
     (Controller.OFFBOARD, MissionAction.RESUME): (_STREAM, _enter(OFFBOARD)),
-    (Controller.OFFBOARD, MissionAction.LAND): (_enter(LAND),),
+    (Controller.OFFBOARD, MissionAction.LAND): (_LANDING,),
     (Controller.OFFBOARD, MissionAction.ABORT): (_DISARMING,),
 }
 
@@ -218,7 +226,9 @@ def steps_of(controller: Controller, action: MissionAction, dialect: Dialect) ->
 # and for some commands none.
 #
 # While a step waits, the vehicle may fall into a mode that somebody else chose. Then it is the pilot's or the
-# failsafe's, and nothing more is sent. The same where somebody else lands it. What waits ends with a silence of the
+# failsafe's, and nothing more is sent from its first sign on. The same where somebody else lands it. One message may be
+# wrong: the command is over when several agree, and goes on when the next one says otherwise; a takeoff is over at
+# once, while what it has armed can be disarmed on the ground. What waits ends with a silence of the
 # vehicle, a landing excepted: nobody knows what has become of the vehicle meanwhile, and whoever commanded it must
 # say what is next.
 
@@ -266,6 +276,7 @@ class Procedure:
         self._since_ns = self._woken_ns = t_ns
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
+        self._others = Agreement()  # on somebody else who has chosen what the vehicle does
         self._forget_result()
 
     @property
@@ -281,20 +292,22 @@ class Procedure:
         if not self._persistent and not self._means.watch.known(t_ns, limit_ns):
             return self._end(Progress.SILENT, f"the vehicle was silent for {limit_ns / 1e9:g} s")
         self._pause(t_ns)
-        while self._shown(t_ns):
+        while self._shown(t_ns) and self._steps[self._number].agreed(self._means):
             self._number += 1
             if self._number == len(self._steps):
                 return self._end(Progress.DONE)
             self._since_ns, self._sent_ns, self._first_ns = t_ns, -math.inf, math.inf
             self._forget_result()
         heard = self._means.watch.known(t_ns, limit_ns)
-        taken = self._taken() if heard else ""
-        if taken:
+        taken, said_ns = self._taken() if heard else ("", t_ns)
+        self._others.add(said_ns, so=bool(taken))
+        agreed = self._others.lasts(self._means.watch.limits.pilot_confirm_ns)
+        if agreed or (taken and self.action is MissionAction.TAKEOFF):
             return self._end(Progress.TAKEN, taken)
         if self._steps[self._number].limited and t_ns - self._since_ns >= self._spec.command_limit_ns:
             self._late(t_ns)
         blind = not heard and self._means.watch.pilot  # the last that was heard: whether he still flies is not known
-        return self._send(t_ns) if self.running and not blind else []
+        return self._send(t_ns) if self.running and not (taken or blind or self._shown(t_ns)) else []
 
     def cease(self, reason: str) -> None:
         """End it: somebody else lands."""
@@ -336,21 +349,22 @@ class Procedure:
         """Return whether the vehicle has shown a mode that was commanded here: from then on any other is not ours."""
         return any(step.command == _SET_MODE for step in self._steps[: self._number])
 
-    def _taken(self) -> str:
-        """Return who has chosen what the vehicle does, in words; empty: nobody but us."""
-        watch, step = self._means.watch, self._steps[self._number]
+    def _taken(self) -> Tuple[str, int]:
+        """Return who has chosen what the vehicle does, in words, and when it said so; empty: nobody but us."""
+        watch, step, mode_ns = self._means.watch, self._steps[self._number], self._means.watch.mode_ns or 0
         if self._answered and watch.latest_mode not in self._means.commanded:
-            return f"the vehicle went to {watch.latest_mode} by itself"
+            return f"the vehicle went to {watch.latest_mode} by itself", watch.latest_ns
         if watch.mode == step.mode:
-            return ""
+            return "", mode_ns
         if watch.armed and not self._persistent and (watch.mode in LANDING_MODES or watch.lands):
-            return f"the vehicle lands (mode {watch.mode})"
+            told_ns = mode_ns if watch.mode in LANDING_MODES else watch.landed_ns or 0
+            return f"the vehicle lands (mode {watch.mode})", told_ns
         if watch.mode == self._start_mode:  # a vehicle stands in any mode before it is armed
             taken = bool(watch.armed) and watch.pilot
         else:
             by_failsafe = watch.failsafe and bool(watch.armed) and watch.mode not in self._means.commanded
             taken = is_foreign(watch.mode) or by_failsafe
-        return f"the vehicle went to {watch.mode} by itself" if taken else ""
+        return f"the vehicle went to {watch.mode} by itself" if taken else "", mode_ns
 
     def _late(self, t_ns: int) -> None:
         step, watch = self._steps[self._number], self._means.watch

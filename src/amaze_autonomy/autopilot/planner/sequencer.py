@@ -16,16 +16,18 @@ from typing import Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequ
 
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, MissionStatus
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
 from ..link.dialect import Message
+from ..vehicle.agreement import DRAIN_NS, GROUND_NS, STALL_NS
 from ..vehicle.asked import Rates
 from ..vehicle.modes import LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
 from .guidance import Guidance
 from .loading import Loading, LoadRequest, Origin, Readiness
 from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
-from .mission_vehicle import DRAIN_NS, GROUND_NS, LAND, OFFBOARD, STALL_NS, STREAMS, TAKEN, Pose, VehicleWatch
+from .mission_vehicle import LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .procedure import Means, Procedure, Progress, steps_of
 
 __all__ = ["PLANNER_MESSAGES", "Sequencer", "SequencerSettings", "Standing", "refusal"]
@@ -51,13 +53,13 @@ class SequencerSettings:
         plans: every mission.
         spec: limits.
         model: how the vehicle flies.
-        takeoff_height_m: of each climb.
+        limits: of the engine: the height of each climb, and for how long messages must agree.
     """
 
     plans: Tuple[MissionPlan, ...]
     spec: PlannerSpec
     model: FlightModel
-    takeoff_height_m: float
+    limits: Limits
 
 
 class Sequencer:
@@ -77,8 +79,8 @@ class Sequencer:
     ) -> None:
         self._settings, self._spec, self._wall = settings, settings.spec, wall_minus_clock_ns
         self._plans = {plan.mission.id: plan for plan in settings.plans}
-        self.watch = VehicleWatch()
-        self._means = Means(self.watch, self._spec.setpoint_lead_ns, settings.takeoff_height_m)
+        self.watch = VehicleWatch(settings.limits)
+        self._means = Means(self.watch, self._spec.setpoint_lead_ns, settings.limits.takeoff_height_m)
         self._phase, self._message = _P.IDLE, ""
         self._loading: Optional[Loading] = None
         self._loaded: Optional[LoadRequest] = None
@@ -136,9 +138,14 @@ class Sequencer:
         self._looked_ns = t_ns
 
     def _grounded(self, t_ns: int) -> bool:
-        """Return whether the vehicle says, just now, that it is on the ground."""
+        """Return whether the vehicle has said for a while, and just now, that it is on the ground."""
         watch = self.watch
-        return watch.on_ground(t_ns, GROUND_NS) and watch.landed_ns is not None and watch.landed_ns >= self._awake_ns
+        stands = watch.ground.stands(t_ns, GROUND_NS)
+        return stands and watch.landed_ns is not None and watch.landed_ns >= self._awake_ns
+
+    def _is_down(self, t_ns: int) -> bool:
+        """Return whether several messages agree that it is disarmed and on the ground."""
+        return self.watch.ground.is_down(t_ns, self._spec.vehicle_age_limit_ns)
 
     # --- requests -------------------------------------------------------------------------------------------------
 
@@ -153,11 +160,11 @@ class Sequencer:
             given: a mission that is not configured; it is known from then on, where it is not refused.
         """
         plan = given or self._plans.get(request.mission_id)
-        in_flight = self._phase in IN_FLIGHT and bool(self.watch.armed)
+        in_flight = self._phase in IN_FLIGHT and not self._is_down(t_ns)
         disarming = self._landing if self._procedure is not None and self._procedure.running else ""
         readiness = Readiness(self.watch, self._spec, in_flight, self._wall(), disarming)
         origin = self._origin if self._origin and self._origin.session_id == request.session_id else None
-        loading = Loading(request, plan, origin, readiness, self._settings.takeoff_height_m, t_ns)
+        loading = Loading(request, plan, origin, readiness, self._settings.limits.takeoff_height_m, t_ns)
         if loading.refused:
             return loading, ()
         if given is not None:
@@ -193,7 +200,7 @@ class Sequencer:
         """Take what the autopilot node commands: a landing or disarming then stands here as well; empty: nothing."""
         self._other, self._other_ns = what, t_ns
         busy = self._phase in IN_FLIGHT or (self._procedure is not None and self._procedure.running)
-        down = self.watch.armed is False and self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
+        down = self._is_down(t_ns)
         if not what or not busy or self._landing or (down and not self._doing(_A.TAKEOFF)):
             return ()
         return self._land(t_ns, f"the autopilot node commands {what}")
@@ -225,7 +232,7 @@ class Sequencer:
 
     def _meant(self, t_ns: int) -> MissionAction:
         """Return what a landing is: disarming, before lift-off with the ground shown freshly; else the landing mode."""
-        if self._landing == _TAKEN_OVER:
+        if self._landing == _TAKEN_OVER and not self._flight.airborne:
             return _A.ABORT  # never a mode of ours: a disarming is sent on the ground alone
         heard = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
         down = heard and self._grounded(t_ns)
@@ -262,7 +269,7 @@ class Sequencer:
         self._verification = self._loading.verification(t_ns) if self._loading else None
         pose, origin, loading = self._pose(t_ns), self._origin, self._loading
         if self._controller is Controller.OFFBOARD and pose and origin and origin.local and loading:
-            waypoints, height = loading.trajectory.waypoints, self._settings.takeoff_height_m
+            waypoints, height = loading.trajectory.waypoints, self._settings.limits.takeoff_height_m
             self._flight.guidance = Guidance(
                 waypoints,
                 origin.local,
@@ -277,15 +284,15 @@ class Sequencer:
 
     def shutdown(self, t_ns: int) -> Tuple[bool, Sequence[Message]]:
         """Land before the process ends, unless it is on the ground, or a pilot flies; return whether it lands."""
-        if self._phase not in IN_FLIGHT or not self.watch.armed or self.watch.pilot:
+        if self._phase not in IN_FLIGHT or self._is_down(t_ns) or (self.watch.armed and self.watch.taken_over):
             return False, ()
         return True, self._land(t_ns, "the planner ends")
 
     @property
     def landing_shown(self) -> bool:
-        """True once the vehicle lands, has landed, or is somebody else's."""
-        over = self._phase not in IN_FLIGHT or not self.watch.armed
-        return over or self.watch.mode == LAND or is_foreign(self.watch.mode)
+        """True once the vehicle lands, has landed, or is somebody else's: messages agree on it."""
+        ended = self._procedure is not None and not self._procedure.running and self._doing(*_LANDINGS)
+        return self._phase not in IN_FLIGHT or ended
 
     # --- what the vehicle does ------------------------------------------------------------------------------------
 
@@ -302,6 +309,8 @@ class Sequencer:
         watch, flight = self.watch, self._flight
         if not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
+        if self._phase is _P.LANDED and flight.goes_on():
+            self._go_on(t_ns)
         if self._landing and self._phase not in IN_FLIGHT:
             flight.look()
         if self._phase not in (*IN_FLIGHT, _P.FAILED):
@@ -312,16 +321,26 @@ class Sequencer:
             flight.guidance = None
         if not flight.armed and not self._doing(_A.LAND):
             return  # mode and landed state are still those of the flight before
-        if watch.armed is False and watch.on_ground(t_ns, self._spec.vehicle_age_limit_ns):
-            if flight.is_counted(t_ns, asked=self._doing(_A.LAND, _A.ABORT)):
+        if flight.seems_down:
+            counted = flight.is_counted(t_ns, asked=self._doing(_A.LAND, _A.ABORT))
+            if counted and self._is_down(t_ns):
                 self._end()
         elif watch.armed:
             self._follow_armed()
 
+    def _go_on(self, t_ns: int) -> None:
+        """Take back that the flight is over; what was commanded last is so still: it lands, or flies on."""
+        self._phase = _P.FLYING
+        if self._flight.guidance is not None:
+            self._means.stream_ns = t_ns
+        if self._flight.landing:
+            self._landing = self._flight.landing
+            self._begin(t_ns, _A.LAND)
+
     def _follow_armed(self) -> None:
         """Read the phase of a vehicle that is armed; LANDING is ours: the engine takes its mode for ours then."""
         watch, flight, procedure = self.watch, self._flight, self._procedure
-        others = watch.mode == LAND and not self._landing and LAND not in self._means.commanded
+        others = watch.mode in LANDING_MODES and not self._landing and LAND not in self._means.commanded
         if not others:
             self._phase = flight.phase(self._phase)
         elif self._phase is _P.LANDING:
@@ -341,24 +360,23 @@ class Sequencer:
         if self._phase in (*IN_FLIGHT, _P.LOADED, _P.FAILED):
             never_armed = self._landing in (_NO_TAKEOFF, _TAKEN_OVER) and not self._flight.armed
             self._phase = _P.FAILED if never_armed else _P.LANDED
-        self._procedure = self._verification = self._flight.guidance = None
-        self._means.stream_ns = None
+        self._flight.landing = self._landing
+        self._procedure = self._verification = self._means.stream_ns = None
 
     def _uphold(self, t_ns: int) -> None:
         """Keep a landing up until the vehicle is disarmed, and nothing of ours that is late can arm it again."""
         watch, procedure = self.watch, self._procedure
         if not self._landing or not watch.known(t_ns, self._spec.vehicle_age_limit_ns):
             return
-        late = t_ns - self._commanded_ns <= _LATE_NS
+        late, down = t_ns - self._commanded_ns <= _LATE_NS, self._is_down(t_ns)
         if procedure is not None and procedure.running:
             meant = self._meant(t_ns)
-            over = watch.armed is False and procedure.action is _A.LAND and meant is _A.LAND and self._flight.airborne
-            if over and watch.on_ground(t_ns, GROUND_NS):
+            if down and procedure.action is _A.LAND and meant is _A.LAND and self._flight.airborne:
                 self._procedure = None
             elif meant is not procedure.action:
                 self._begin(t_ns, meant)
         elif watch.armed is False:
-            self._landing = self._landing if late else ""
+            self._landing = "" if down and not late else self._landing
         elif self._is_done() and not self._flight.hands_off():
             late = late and watch.mode in self._means.commanded - {LAND}  # an older command of ours came last
             if late or self._meant(t_ns) is _A.ABORT:
@@ -450,11 +468,12 @@ class Sequencer:
         guidance = self._flight.guidance
         if (
             guidance is None
+            or self._means.stream_ns is None
             or not self._means.streams
             or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9
         ):
             return []
-        if self._flight.airborne and self.watch.mode != OFFBOARD and not self._wants_offboard():
+        if self._flight.airborne and self.watch.off_setpoints and not self._wants_offboard():
             return []
         self._setpoint_ns = t_ns
         guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD and not self._flight.down
@@ -532,7 +551,7 @@ class Standing(NamedTuple):
 def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
     """Return why a command is refused; empty when it is taken."""
     watch = standing.watch
-    if standing.known and watch.armed and watch.pilot:
+    if standing.known and watch.armed and (watch.taken_over or (watch.pilot and action in _GOOD_IN)):
         return f"the pilot has control (mode {watch.mode})"
     if action not in _GOOD_IN:
         return ""

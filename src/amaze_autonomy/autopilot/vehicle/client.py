@@ -10,15 +10,16 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import Landed, VehicleLanded
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
 from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 from ...engine.events import Check
 from ..link.dialect import Message, mavlink
-from ..planner.mission_vehicle import DRAIN_NS, GROUND_NS, STALL_NS
+from .agreement import DRAIN_NS, GROUND_NS, STALL_NS
 from .asked import Parameters, Rates
-from .modes import LAND, mode_number
+from .modes import LAND, LANDING_MODES, mode_number
 from .preflight import Preflight, battery_state_row, channel_width_us, land_switch_rows, preflight_rows
 from .vehicle import WANTED, VehicleState
 
@@ -34,7 +35,6 @@ __all__ = [
 ]
 
 _S = 1_000_000_000
-_LANDING = ("AUTO.LAND", "AUTO.PRECLAND")
 _BREAK_NS = 5 * _S
 _ASK_PREARM_NS = 5 * _S
 _NOT_PX4, _NOT_ARDUPILOT = ("EKF_STATUS_REPORT", "HEARTBEAT"), ("ESTIMATOR_STATUS", "CURRENT_MODE")
@@ -75,6 +75,7 @@ class AutopilotClient:
         address: returns system and component of the vehicle.
         wall_minus_clock_ns: wall time minus the clock of the messages, for the vehicle's time of day.
         strangers: returns where others speak from that say our vehicle's system id.
+        limits: of the engine, for how long messages must agree; None: those that ship.
     """
 
     def __init__(
@@ -84,16 +85,18 @@ class AutopilotClient:
         address: Address,
         wall_minus_clock_ns: Callable[[], int] = lambda: 0,
         strangers: Callable[[], Sequence[str]] = lambda: (),
+        limits: Optional[Limits] = None,
     ) -> None:
         self.settings, self._battery = settings, battery
         self._address, self._wall, self._strangers = address, wall_minus_clock_ns, strangers
-        self.vehicle = VehicleState(settings, battery.cells)
+        self._confirm_ns = (limits or Limits()).flight_end_confirm_ns
+        self.vehicle = VehicleState(settings, battery.cells, limits)
         self.land_switch = LandSwitchMonitor(settings.land_switch)
         rates_hz = {**dict.fromkeys(switch_messages(settings), _SWITCH_HZ), **settings.rates_hz}
         self._rates, self._parameters = Rates(rates_hz), Parameters(settings.parameters)
-        limits = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
-        self.landing = Confirmed(self._land_message, self._landing_seen, limits, stands=True)
-        self.disarming = Confirmed(self._disarm_message, self._disarm_seen, limits)
+        pauses = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
+        self.landing = Confirmed(self._land_message, self._landing_seen, pauses, stands=True)
+        self.disarming = Confirmed(self._disarm_message, self._disarm_seen, pauses)
         self._lands = False
         self._looked_ns: Optional[int] = None
         self._awake_ns = 0  # what the vehicle said before may be older than its stamp
@@ -175,19 +178,21 @@ class AutopilotClient:
         return LAND if self._lands else "DISARM" if self.disarming.sending else ""
 
     def _look_at_the_landing(self) -> None:
-        """End a landing that stands, at a heartbeat: the vehicle is disarmed, or somebody else's."""
-        beat = self.vehicle.beat
-        pilot = self.vehicle.control.pilot
-        if pilot:
+        """End a landing that stands: messages agree that the vehicle is down, or a pilot's."""
+        taken_over = self.vehicle.taken_over
+        if taken_over:
             self.landing.stop()
-        if pilot or (beat is not None and not beat.armed):
+        if taken_over or self.vehicle.is_down(self._t_ns):
             self._lands = False
 
     def land_reply(self) -> Reply:
         """Return how far the landing is."""
         beat = self.vehicle.beat
-        if beat is not None and self.vehicle.control.pilot:
+        if beat is not None and self.vehicle.taken_over:
             return Reply(accepted=False, message=f"the pilot has control, in {beat.mode}", final=True)
+        if beat is not None and self.vehicle.control.pilot:
+            said = f"the pilot seems to have control, in {beat.mode}: landing if he has not"
+            return Reply(accepted=False, message=said, final=False)
         return _reply(self.landing, "the vehicle is in its landing mode", "landing")
 
     def disarm(self, t_ns: int) -> Tuple[Reply, List[Message]]:
@@ -204,6 +209,9 @@ class AutopilotClient:
         age_ns = self.vehicle.landed_age_ns(t_ns)
         if age_ns > GROUND_NS:
             said = f"ON_GROUND, as the vehicle said {age_ns / _S:.1f} s ago, is too old to disarm"
+            return Reply(accepted=False, message=said, final=True), []
+        if not self.vehicle.ground.stands(t_ns, GROUND_NS):
+            said = f"ON_GROUND must be said for {self._confirm_ns / _S:g} s before it is believed"
             return Reply(accepted=False, message=said, final=True), []
         messages = self.disarming.ask(t_ns)
         return self.disarm_reply(), messages
@@ -259,28 +267,29 @@ class AutopilotClient:
         vehicle = self.vehicle
         if vehicle.beat is None:
             return Reply(accepted=False, message="no link to the vehicle", final=True)
-        if vehicle.control.pilot:
+        if vehicle.taken_over:
             return Reply(accepted=False, message=f"the pilot has control, in {vehicle.beat.mode}", final=True)
-        if not vehicle.beat.armed and vehicle.landed(t_ns) is VehicleLanded.ON_GROUND and vehicle.connected(t_ns):
+        if vehicle.is_down(t_ns) and vehicle.connected(t_ns):
             return Reply(accepted=True, message="the vehicle is on the ground and disarmed", final=True)
         return None
 
     def _land_message(self) -> Optional[Message]:
-        if self.vehicle.control.pilot or self.vehicle.beat is None:
+        beat, control, sent_ns = self.vehicle.beat, self.vehicle.control, self.landing.sent_ns
+        if beat is None or control.pilot:
             return None
-        number = mode_number(self.vehicle.beat.autopilot, LAND)
+        if beat.mode in LANDING_MODES and sent_ns is not None and control.mode_ns > sent_ns:
+            return None  # one message shows it; others will agree, or a pilot chooses another mode meanwhile
+        number = mode_number(beat.autopilot, LAND)
         return None if number is None else set_mode(*self._address(), *number)
 
     def _landing_seen(self) -> bool:
-        beat = self.vehicle.beat
-        if beat is None or not self.vehicle.connected(self._t_ns):
-            return False
-        return beat.mode in _LANDING or not beat.armed
+        vehicle = self.vehicle
+        return vehicle.connected(self._t_ns) and (vehicle.in_landing_mode or vehicle.is_down(self._t_ns))
 
     def _disarm_message(self) -> Optional[Message]:
         age_ns = self.vehicle.landed_age_ns(self._t_ns)
         fresh = age_ns <= GROUND_NS and self._t_ns - age_ns >= self._awake_ns
-        if not fresh or self.vehicle.landed(self._t_ns) is not VehicleLanded.ON_GROUND:
+        if not fresh or not self.vehicle.ground.stands(self._t_ns, GROUND_NS):
             return None
         return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
 
@@ -402,12 +411,13 @@ class Confirmed:
         self._make, self._done, self._limits, self._stands = make, done, limits, stands
         self.progress = Progress.IDLE
         self.answer = ""
+        self.sent_ns: Optional[int] = None  # when it was sent last, since it began
         self._began_ns = self._due_ns = 0
 
     def ask(self, t_ns: int) -> List[Message]:
         """Begin, or go on when it is under way; return what to send now."""
         if not self.sending:
-            self._due_ns, self.answer = t_ns, ""
+            self._due_ns, self.answer, self.sent_ns = t_ns, "", None
         self.progress = Progress.SENT
         self._began_ns = t_ns
         return self.wake(t_ns)
@@ -434,7 +444,7 @@ class Confirmed:
         message = self._make()
         if message is None:
             return []
-        self._due_ns = t_ns + self._limits.repeat_ns
+        self._due_ns, self.sent_ns = t_ns + self._limits.repeat_ns, t_ns
         return [message]
 
     def acknowledged(self, result: int) -> None:

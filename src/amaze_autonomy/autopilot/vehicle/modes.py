@@ -190,8 +190,8 @@ def autopilot_of(name: str) -> Optional[int]:
 # without any pilot). ArduPilot has it as soon as a failsafe is triggered, also when nothing is done about it
 # (BATT_FS_LOW_ACT 0): there a failsafe acts when the mode has meanwhile become one that failsafes choose, and not by
 # our command. Without a failsafe, a mode that is flown by the sticks, and one that nobody of us ever commands or knows,
-# is the pilot's; so is any mode after ours was confirmed and left again. Disarmed, the mode shows what the user
-# intended last and says nothing about control.
+# is the pilot's; so is any mode after ours was confirmed, by two messages in a row, and left again. Disarmed, the mode
+# shows what the user intended last and says nothing about control.
 #
 # The mode is in each HEARTBEAT (PX4: 1 Hz, whatever it is asked) and in CURRENT_MODE, which shows a change within 0.12
 # s.
@@ -201,6 +201,7 @@ _FAILSAFE: FrozenSet[int] = frozenset(
     {mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_EMERGENCY, mavlink.MAV_STATE_FLIGHT_TERMINATION}
 )
 _CHOSEN_BY_FAILSAFES: FrozenSet[str] = frozenset({"AUTO.LAND", "AUTO.RTL", "AUTO.LOITER", "ALTCTL"})  # of ArduPilot
+_IN_A_ROW = 2  # one wrong message confirms nothing
 _SAME: Mapping[str, Tuple[str, ...]] = {"AUTO.LAND": ("AUTO.PRECLAND",)}
 
 
@@ -229,16 +230,17 @@ class Control:
         self.beat: Optional[Heartbeat] = None
         self.mode_ns = 0
         self._commanded: Optional[str] = None
+        self._shown = 0  # messages in a row that show what was commanded
         self._confirmed = False
         self._before: Optional[str] = None
 
     def add(self, beat: Heartbeat) -> None:
-        """Take a heartbeat."""
+        """Take a heartbeat; of two in a row that say so it is disarmed, and what was commanded is over."""
+        over = not beat.armed and (self.beat is None or not self.beat.armed)
         self.beat, self.mode_ns = beat, beat.t_ns
-        if not beat.armed:
+        if over:
             self._commanded, self._confirmed = None, False
-        elif beat.mode == self._commanded:
-            self._confirmed = True
+        self._confirm(beat)
         if beat.status not in _FAILSAFE:
             self._before = beat.mode
 
@@ -249,14 +251,20 @@ class Control:
             return False
         mode, self.mode_ns = mode_name(beat.autopilot, custom_mode, beat.vehicle), t_ns
         self.beat = beat._replace(mode=mode)
-        if beat.armed and mode == self._commanded:
-            self._confirmed = True
+        self._confirm(self.beat)
         return mode != beat.mode
+
+    def _confirm(self, beat: Heartbeat) -> None:
+        self._shown = self._shown + 1 if beat.armed and self._is_commanded(beat.mode) else 0
+        self._confirmed = self._confirmed or self._shown >= _IN_A_ROW
+
+    def _is_commanded(self, mode: str) -> bool:
+        return self._commanded is not None and mode in (self._commanded, *_SAME.get(self._commanded, ()))
 
     def command(self, mode: str) -> None:
         """Note that we commanded a mode; the same again changes nothing."""
         if mode != self._commanded:
-            self._commanded, self._confirmed = mode, False
+            self._commanded, self._confirmed, self._shown = mode, False, 0
 
     @property
     def failsafe(self) -> bool:
@@ -276,7 +284,7 @@ class Control:
             return False
         if is_foreign(beat.mode):
             return True
-        return self._confirmed and beat.mode not in (self._commanded, *_SAME.get(self._commanded or "", ()))
+        return self._confirmed and not self._is_commanded(beat.mode)
 
     @property
     def killed(self) -> bool:

@@ -11,11 +11,13 @@ from typing import Any, Callable, Deque, Dict, Mapping, NamedTuple, Optional, Tu
 
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
+from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.gravity import LastingTilt, tilt_of_rpy
 
 from ..link.dialect import Message, mavlink
+from .agreement import Agreement, Ground
 from .battery import Battery
-from .modes import Control, Heartbeat, mode_name
+from .modes import LANDING_MODES, Control, Heartbeat, mode_name
 from .position import Position
 from .texts import Texts
 
@@ -37,10 +39,13 @@ class VehicleState:
     Args:
         settings: limits and caps.
         cells: of its battery in series; 0: unknown.
+        limits: of the engine, for how long messages must agree; None: those that ship.
     """
 
-    def __init__(self, settings: AutopilotSettings, cells: int = 0) -> None:
-        self._settings = settings
+    def __init__(self, settings: AutopilotSettings, cells: int = 0, limits: Optional[Limits] = None) -> None:
+        self._settings, self._engine = settings, limits or Limits()
+        self.ground = Ground(self._engine.flight_end_confirm_ns)
+        self._piloted, self._in_landing_mode = Agreement(), Agreement()
         self.control, self.texts, self.offset = Control(), Texts(), ClockOffset()
         self.battery = Battery(_caps(settings), cells)
         self.system = SystemStatus(settings.limits.system_age_limit_ns)
@@ -121,10 +126,23 @@ class VehicleState:
         return t_ns - told_ns
 
     def in_flight(self, t_ns: int) -> bool:
-        """Return whether the vehicle may be in flight: it was seen armed, and not freshly disarmed or on the ground."""
-        if self.beat is None:
-            return False
-        return self.beat.armed and self.landed(t_ns) is not VehicleLanded.ON_GROUND
+        """Return whether it may be in flight: heard armed, and messages agree on neither disarmed nor on the ground."""
+        return self.ground.may_fly(t_ns, self._settings.limits.state_age_limit_ns)
+
+    def is_down(self, t_ns: int) -> bool:
+        """Return whether messages agree that it is disarmed and on the ground."""
+        stands = self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
+        return stands and self.ground.disarmed and self.armed(t_ns) is False
+
+    @property
+    def taken_over(self) -> bool:
+        """Whether messages agree that the pilot has control; at its first sign (`control.pilot`) nothing is sent."""
+        return self.control.pilot and self._piloted.lasts(self._engine.pilot_confirm_ns)
+
+    @property
+    def in_landing_mode(self) -> bool:
+        """Whether messages agree on a landing mode."""
+        return self._in_landing_mode.lasts(self._engine.pilot_confirm_ns)
 
     def health(self, t_ns: int) -> Dict[str, Optional[bool]]:
         """Return the health of each sensor for the watchdog; None: unknown."""
@@ -161,9 +179,18 @@ class VehicleState:
     # --- takers ---------------------------------------------------------------------------------------------------
 
     def _heartbeat(self, t_ns: int, message: Any) -> None:
-        self.control.add(Heartbeat.of(t_ns, message))
+        beat = Heartbeat.of(t_ns, message)
+        self.control.add(beat)
+        self.ground.add_armed(t_ns, armed=beat.armed)
+        if self._landed is None:
+            self.ground.add_landed(t_ns, self.landed(t_ns))
+        self._agree(t_ns, beat.mode)
         self.mode_changed = False
         self.texts.wake(t_ns)
+
+    def _agree(self, t_ns: int, mode: str) -> None:
+        self._piloted.add(t_ns, so=self.control.pilot)
+        self._in_landing_mode.add(t_ns, so=mode in LANDING_MODES)
 
     def _event(self, t_ns: int, message: Any) -> None:
         """Take why it does not arm; armed, the same events tell which modes are not to be had now."""
@@ -180,8 +207,9 @@ class VehicleState:
         waits = self.landed(t_ns) not in (VehicleLanded.IN_AIR, VehicleLanded.TAKING_OFF)
         if waits and beat is not None and mode_name(beat.autopilot, number, beat.vehicle) != beat.mode:
             self.mode_changed = True
-        else:
+        elif beat is not None:
             self.mode_changed = self.control.add_mode(t_ns, number) or self.mode_changed
+            self._agree(t_ns, mode_name(beat.autopilot, number, beat.vehicle))
 
     def _gps(self, t_ns: int, message: Any) -> None:
         at_rest = self.armed(t_ns) is False or self.landed(t_ns) is VehicleLanded.ON_GROUND
@@ -189,6 +217,7 @@ class VehicleState:
 
     def _extended(self, t_ns: int, message: Any) -> None:
         self._landed = (t_ns, int(message.landed_state))
+        self.ground.add_landed(t_ns, self.landed(t_ns))
 
     def _system(self, t_ns: int, message: Any) -> None:
         self.system.add(t_ns, message)
@@ -202,7 +231,9 @@ class VehicleState:
             self.restarts += 1
             self.position.forget_takeoff()
         self._boot_ms = message.time_boot_ms
-        self.position.add_local(t_ns, message, on_ground=self.landed(t_ns) is VehicleLanded.ON_GROUND)
+        agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
+        rests = agreed and self.landed(t_ns) is VehicleLanded.ON_GROUND
+        self.position.add_local(t_ns, message, on_ground=rests)
 
 
 WANTED: Tuple[str, ...] = (

@@ -64,6 +64,7 @@ class AutopilotNode:
             lambda: self._link.address,
             lambda: clock.ros_ns() - clock.now_ns(),
             lambda: self._link.state.strangers,
+            configuration.rules.limits,
         )
         self.client.on_text = _log_text
         settings = self._settings

@@ -67,8 +67,7 @@ class MissionPlannerNode:
         self._clock, self._configuration = clock, configuration
         self._spec = spec = configuration.planner
         self._exit_s = configuration.autopilot.commands.exit_limit_ns / _S
-        height_m = configuration.rules.limits.takeoff_height_m
-        settings = SequencerSettings(configuration.plans, spec, configuration.flight, height_m)
+        settings = SequencerSettings(configuration.plans, spec, configuration.flight, configuration.rules.limits)
         self._kept = default_parent() / f"{rospy.get_name().strip('/').replace('/', '.')}.json"
         self.planner = Sequencer(settings, origin_from(read_kept(self._kept)), lambda: time.time_ns() - clock.now_ns())
         autopilot = configuration.autopilot

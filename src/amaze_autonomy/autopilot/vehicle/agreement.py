@@ -1,0 +1,88 @@
+"""What several messages of the vehicle agree on: no single one of them ends a flight, or takes it from us. Pure.
+
+A message may be wrong, or somebody else's: one bit, one datagram. What ends our care for a flying vehicle is believed
+when messages in a row say it for a time (`flight_end_confirm_s`, `pilot_confirm_s`: rows of the engine's limits), so at
+least two of each kind; one that says otherwise begins it anew. A landing waits for none of it.
+"""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from amaze_autonomy.engine.events import VehicleLanded
+
+__all__ = ["DRAIN_NS", "GROUND_NS", "STALL_NS", "Agreement", "Ground"]
+
+_S = 1_000_000_000
+STALL_NS, DRAIN_NS = _S // 2, 3 * _S // 10  # not woken for so long; for so long what came meanwhile is read
+GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
+_GAP_NS = 3 * _S  # after such a silence nobody agrees with what was said before it
+
+
+class Agreement:
+    """Messages of one kind in a row that say the same."""
+
+    def __init__(self) -> None:
+        self.since_ns: Optional[int] = None
+        self._until_ns = 0
+
+    def add(self, t_ns: int, *, so: bool) -> None:
+        """Take a message: it says so, or otherwise."""
+        if not so:
+            self.since_ns = None
+        elif self.since_ns is None or t_ns - self._until_ns > _GAP_NS:
+            self.since_ns = t_ns
+        self._until_ns = t_ns
+
+    def lasts(self, limit_ns: int) -> bool:
+        """Return whether at least two of them agree over a time."""
+        return self.since_ns is not None and self._until_ns - self.since_ns >= max(1, limit_ns)
+
+    def is_fresh(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether the last message, whatever it said, is not older than that."""
+        return t_ns - self._until_ns <= limit_ns
+
+
+class Ground:
+    """Whether the vehicle is disarmed, and stands on the ground.
+
+    Args:
+        confirm_ns: so long messages must agree.
+    """
+
+    def __init__(self, confirm_ns: int) -> None:
+        self._confirm_ns = confirm_ns
+        self._armed, self._disarmed, self._on_ground = Agreement(), Agreement(), Agreement()
+        self._was_armed = False
+
+    def add_armed(self, t_ns: int, *, armed: bool) -> None:
+        """Take a heartbeat."""
+        self._armed.add(t_ns, so=armed)
+        self._disarmed.add(t_ns, so=not armed)
+        self._was_armed = armed or (self._was_armed and not self.disarmed)
+
+    def add_landed(self, t_ns: int, landed: VehicleLanded) -> None:
+        """Take a landed state."""
+        self._on_ground.add(t_ns, so=landed is VehicleLanded.ON_GROUND)
+
+    @property
+    def armed_ns(self) -> Optional[int]:
+        """Since when its heartbeats say that it is armed; None: the last one does not."""
+        return self._armed.since_ns
+
+    @property
+    def disarmed(self) -> bool:
+        """True while heartbeats agree on it."""
+        return self._disarmed.lasts(self._confirm_ns)
+
+    def stands(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether messages agree that it is on the ground, the last not older than that."""
+        return self._on_ground.lasts(self._confirm_ns) and self._on_ground.is_fresh(t_ns, limit_ns)
+
+    def is_down(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether messages agree that it is disarmed and on the ground, the last ones not older than that."""
+        return self.disarmed and self._disarmed.is_fresh(t_ns, limit_ns) and self.stands(t_ns, limit_ns)
+
+    def may_fly(self, t_ns: int, limit_ns: int) -> bool:
+        """Return whether it was heard armed, and since then messages agree on neither disarmed nor on the ground."""
+        return self._was_armed and not self.stands(t_ns, limit_ns)
