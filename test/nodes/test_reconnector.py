@@ -182,7 +182,7 @@ def test_the_report_of_a_flight_has_each_publisher_of_another_type_once_when_it_
     node = SimpleNamespace(
         _timeline=timeline,
         _clock=SimpleNamespace(now_ns=lambda: next(times)),
-        _foreign=lambda: next(seen),
+        _remarks=lambda: next(seen),
         _diagnostics=SimpleNamespace(publish=lambda: None),
         _requests=SimpleNamespace(keep_connected=lambda: None),
     )
