@@ -217,11 +217,10 @@ def _(s: EngineState) -> bool:
 
 @_is("A flight has begun; where one is flown it goes on, or the vehicle was armed and has come down.")
 def _(s: EngineState) -> bool:
-    if s.flight.active:
-        return s.flight.started_ns is not None
-    return (
-        s.state not in FLIGHT or s.step is Step.TOUCHDOWN or (s.flight.was_armed and s.flight.grounded_ns is not None)
-    )
+    begun = s.flight.started_ns is not None
+    came_down = s.flight.was_armed and s.flight.grounded_ns is not None
+    flown = s.state in FLIGHT and s.step is not Step.TOUCHDOWN
+    return begun if s.flight.active else not flown or (begun and came_down)
 
 
 @_is("Before it is armed, it is in flight all the same: from the command on.")
