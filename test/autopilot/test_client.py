@@ -203,12 +203,11 @@ def test_the_pilot_is_not_fought():
     bench.far.mode(POSCTL)
     bench.until(lambda: bench.vehicle.control.pilot, 1.1)
     bench.sent.clear()
-    said = "the pilot seems to have control, in POSCTL: landing if he has not"
-    assert bench.ask(bench.client.land) == Reply(accepted=False, message=said, final=False)
-    bench.until(lambda: bench.client.land_reply().final, 0.8)
-    assert bench.client.land_reply().message == "the pilot has control, in POSCTL"
     assert bench.ask(bench.client.land) == Reply(accepted=False, message="the pilot has control, in POSCTL", final=True)
-    bench.ask(bench.client.leave)
+    said = "the pilot seems to have control, in POSCTL: landing if he has not"
+    assert bench.ask(bench.client.leave) == Reply(accepted=False, message=said, final=False)
+    bench.until(lambda: bench.client.land_reply().final, 0.6)
+    assert bench.client.land_reply().message == "the pilot has control, in POSCTL"
     bench.advance(3.0)
     assert bench.commands(SET_MODE) == []
 

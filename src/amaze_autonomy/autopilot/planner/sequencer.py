@@ -551,7 +551,7 @@ class Standing(NamedTuple):
 def refusal(standing: Standing, session_id: str, action: MissionAction) -> str:
     """Return why a command is refused; empty when it is taken."""
     watch = standing.watch
-    if standing.known and watch.armed and (watch.taken_over or (watch.pilot and action in _GOOD_IN)):
+    if standing.known and watch.armed and watch.pilot:
         return f"the pilot has control (mode {watch.mode})"
     if action not in _GOOD_IN:
         return ""

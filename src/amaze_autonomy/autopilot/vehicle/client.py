@@ -158,9 +158,12 @@ class AutopilotClient:
     # --- commands; through `Connection.ask` -----------------------------------------------------------------------
 
     def land(self, t_ns: int) -> Tuple[Reply, List[Message]]:
-        """Command the landing mode, unless there is no reason to or the pilot has control."""
+        """Command the landing mode, unless there is no reason to or the pilot has control; his first sign is enough."""
+        return self._land(t_ns, piloted=self.vehicle.control.pilot)
+
+    def _land(self, t_ns: int, *, piloted: bool) -> Tuple[Reply, List[Message]]:
         self._t_ns = t_ns
-        refusal = self._no_landing(t_ns)
+        refusal = self._no_landing(t_ns, piloted=piloted)
         if refusal is not None:
             return refusal, []
         self.vehicle.control.command(LAND)
@@ -228,7 +231,7 @@ class AutopilotClient:
         mode = vehicle.beat.mode if vehicle.beat is not None else ""
         if vehicle.control.failsafe and (mode.startswith("AUTO.") or vehicle.system.rc(t_ns)):
             return Reply(accepted=False, message=f"the autopilot acts by its failsafe, in {mode}", final=True), []
-        reply, messages = self.land(t_ns)
+        reply, messages = self._land(t_ns, piloted=vehicle.taken_over)  # nobody asks again
         # a vehicle that is not heard may hear: sent on for as long as the node stays
         return reply._replace(final=reply.final and self.landing.progress is not Progress.SENT), messages
 
@@ -263,11 +266,11 @@ class AutopilotClient:
     def _ready(self, t_ns: int) -> bool:
         return bool(self.vehicle.system.prearm(t_ns))
 
-    def _no_landing(self, t_ns: int) -> Optional[Reply]:
+    def _no_landing(self, t_ns: int, *, piloted: bool) -> Optional[Reply]:
         vehicle = self.vehicle
         if vehicle.beat is None:
             return Reply(accepted=False, message="no link to the vehicle", final=True)
-        if vehicle.taken_over:
+        if piloted:
             return Reply(accepted=False, message=f"the pilot has control, in {vehicle.beat.mode}", final=True)
         if vehicle.is_down(t_ns) and vehicle.connected(t_ns):
             return Reply(accepted=True, message="the vehicle is on the ground and disarmed", final=True)
