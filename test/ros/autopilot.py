@@ -14,7 +14,7 @@ import rostest
 from at_once import at_once
 from hitches import allowed_s
 from one_node import OneNode, wait_for
-from px4_vehicle import Px4Vehicle
+from px4_vehicle import Px4Vehicle, forged
 from std_srvs.srv import Trigger
 
 from amaze_autonomy import msg, srv
@@ -138,6 +138,24 @@ class TestAutopilot(unittest.TestCase):
         self.assertEqual((refused.success, refused.message), (False, "the pilot has control, in POSCTL"))
         self.assertEqual(self.node.end(), 0)
         self.assertEqual(self.vehicle.craft.mode, "POSCTL")
+
+    def test_a_landing_stands_whatever_one_datagram_says(self):
+        self.fly()
+        with self.vehicle.lock:
+            self.vehicle.craft.flags.ignores = ("AUTO.LAND",)
+        seen = len(self.statuses)
+
+        def lied_to():  # a starved node reads the truth behind it before it tells: said again then
+            self.vehicle.say(*forged("AUTO.TAKEOFF"))
+            return any(not each.armed for each in self.statuses[seen:])
+
+        wait_for(lied_to, "the forged status", period_s=0.3)
+        self.assertNotIn("disarmed", self.call("land").message)
+        self.vehicle.say(*forged("AUTO.TAKEOFF"))
+        time.sleep(0.6)
+        with self.vehicle.lock:
+            self.vehicle.craft.flags.ignores = ()
+        wait_for(lambda: self.vehicle.craft.mode == "AUTO.LAND", "the landing mode", 5.0)
 
     def test_told_to_end_in_flight_it_commands_the_landing_mode_first(self):
         self.fly()

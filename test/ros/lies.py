@@ -35,7 +35,7 @@ from launching import (
     wait,
 )
 from one_node import wait_for
-from px4_vehicle import Px4Vehicle
+from px4_vehicle import Px4Vehicle, forged
 from pymavlink.dialects.v20 import common as mavlink
 from stack import Stack
 
@@ -43,7 +43,6 @@ from amaze_autonomy import msg, srv
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.events import AutopilotStatus, MissionPhase, MissionStatus, VehicleLanded, WatchdogAction
 from amaze_autonomy.engine.rules import Code
-from amaze_autonomy.simulation.px4.wire import base_mode, custom_mode
 
 DONE, REFUSED = 1, 2
 NS = 1_000_000_000
@@ -104,16 +103,6 @@ def down(stack: Stack, vehicle: Px4Vehicle) -> None:
     assert vehicle.modes[-1] == LAND, f"somebody commanded against the landing: {vehicle.modes}"
     stack.wait_over()
     assert stack.states[-1].result == "LANDED_EARLY"
-
-
-def forged() -> List[Any]:
-    """What a vehicle on the ground says, which is disarmed."""
-    system, on_ground = mavlink.MAV_STATE_STANDBY, mavlink.MAV_LANDED_STATE_ON_GROUND
-    flags = base_mode(MISSION, armed=False)
-    beat = mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, flags, custom_mode(MISSION), system, 3
-    )
-    return [beat, mavlink.MAVLink_extended_sys_state_message(0, on_ground)]
 
 
 @lies.add(processes=(), start=False)

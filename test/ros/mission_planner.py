@@ -16,7 +16,7 @@ from at_once import at_once
 from documented import calls
 from hitches import allowed_s
 from one_node import OneNode, wait_for
-from px4_vehicle import MISSIONS, Px4Vehicle
+from px4_vehicle import MISSIONS, Px4Vehicle, forged
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -161,6 +161,24 @@ class TestMissionPlanner(unittest.TestCase):
             answer = self.order("s1", action)
             self.assertEqual((answer.accepted, answer.message), (False, "the pilot has control (mode POSCTL)"))
         self.assertEqual(self.vehicle.craft.mode, "POSCTL")
+
+    def test_datagrams_that_say_down_end_no_flight_and_no_landing(self):
+        self.take_off("indoors")
+        seen = len(self.statuses)
+        for _ in range(3):
+            self.vehicle.say(*forged("OFFBOARD"))
+            time.sleep(0.3)
+        self.assertEqual({each.phase for each in self.statuses[seen:]}, {STATUS.FLYING})
+        with self.vehicle.lock:
+            self.vehicle.craft.flags.ignores = ("AUTO.LAND",)
+        self.command(LAND)
+        self.vehicle.say(*forged("OFFBOARD"))
+        time.sleep(0.6)
+        with self.vehicle.lock:
+            self.vehicle.craft.flags.ignores = ()
+        wait_for(lambda: self.vehicle.craft.mode == "AUTO.LAND", "the landing mode", 5.0)
+        self.wait_phase(STATUS.LANDED)
+        self.assertEqual(self.vehicle.modes, ["", "OFFBOARD", "AUTO.LAND"])
 
     def test_told_to_end_in_flight_it_lands(self):
         self.take_off("indoors")

@@ -7,13 +7,16 @@ import time
 from random import Random
 from typing import Any, Callable, Dict, List, Optional, Tuple, Type
 
+from pymavlink.dialects.v20 import common as mavlink
+
 from amaze_autonomy.missions import FlightModel
 from amaze_autonomy.ros.node_main import take_precedence
 from amaze_autonomy.simulation.px4 import Craft, Px4, Px4Settings
+from amaze_autonomy.simulation.px4.wire import base_mode, custom_mode
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
-__all__ = ["MISSIONS", "QUICK", "Px4Vehicle"]
+__all__ = ["MISSIONS", "QUICK", "Px4Vehicle", "forged"]
 
 QUICK = FlightModel(
     cruise_speed_m_s=5.0,
@@ -44,6 +47,16 @@ missions:
     files: [trajectories/hop.csv]
     repetitions: 2
 """
+
+
+def forged(mode: str = "AUTO.MISSION") -> List[Any]:
+    """What a vehicle on the ground says, which is disarmed."""
+    system, on_ground = mavlink.MAV_STATE_STANDBY, mavlink.MAV_LANDED_STATE_ON_GROUND
+    flags = base_mode(mode, armed=False)
+    beat = mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_PX4, flags, custom_mode(mode), system, 3
+    )
+    return [beat, mavlink.MAVLink_extended_sys_state_message(0, on_ground)]
 
 
 class Px4Vehicle:
