@@ -456,6 +456,22 @@ def test_one_on_ground_in_the_air_moves_the_place_of_the_takeoff_nowhere():
     assert after.height_m > 4.0
 
 
+@pytest.mark.parametrize("after_ms", range(0, 1000, 150))
+@pytest.mark.parametrize(
+    "lie", [("mode", "POSCTL"), ("mode", "AUTO.RTL"), ("status", CRITICAL)], ids=["pilot", "return", "failsafe"]
+)
+def test_a_takeover_that_one_heartbeat_says_is_over_before_the_engine_believes_it(lie, after_ms):
+    """Half a second of statuses can come of one heartbeat of a PX4, which beats at 1 Hz: another one is asked for."""
+    lied = LiedClient().advance(1.0 + after_ms / 1000)
+    lied.forge(lie)
+    status, began_ns = lied.vehicle.status(lied.t_ns), lied.t_ns
+    assert status.pilot_in_control or status.failsafe
+    while status.pilot_in_control or status.failsafe or status.mode != lied.mode:
+        lied.step()
+        status = lied.vehicle.status(lied.t_ns)
+    assert lied.t_ns - began_ns < 250 * MS  # pilot_confirm_s is 0.3
+
+
 CLIENT_LIES = st.lists(st.tuples(st.integers(0, 60), SAID), min_size=1, max_size=3)
 
 

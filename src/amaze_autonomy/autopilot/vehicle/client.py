@@ -117,7 +117,7 @@ class AutopilotClient:
             self._parameters.expect(settings.parameters if self._is_px4() else settings.ardupilot_parameters)
             self._began_again(age_ns is None or age_ns > _BREAK_NS)
             self._look_at_the_landing()
-            return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns)]
+            return [*self.landing.wake(t_ns), *self.disarming.wake(t_ns), *self._ask_beat(t_ns)]
         if name == "CURRENT_MODE":
             self._look_at_the_landing()
             return [*self.landing.wake(t_ns), *self._ask_beat(t_ns)]
@@ -318,11 +318,11 @@ class AutopilotClient:
             self._parameters.forget()
 
     def _ask_beat(self, t_ns: int) -> List[Message]:
-        """Ask for a heartbeat that was lost, or that must say whether a failsafe chose the mode that is new."""
+        """Ask for a heartbeat that was lost, or that must say whether what is new is so, or a failsafe's doing."""
         beat = self.vehicle.beat
         if beat is None or t_ns < self._beat_due_ns or self.settings.backend != "mavlink":
             return []
-        if not self.vehicle.mode_changed and t_ns - beat.t_ns <= _BEAT_LATE_NS:
+        if not self.vehicle.in_doubt and t_ns - beat.t_ns <= _BEAT_LATE_NS:
             return []
         self._beat_due_ns = t_ns + _ASK_BEAT_NS
         return [command_long(*self._address(), mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_HEARTBEAT)]

@@ -53,7 +53,7 @@ class VehicleState:
         self.position = Position(settings.limits.state_age_limit_ns, settings.limits.speed_age_limit_ns)
         self.tilt = LastingTilt(settings.limits.state_age_limit_ns)
         self.restarts = 0
-        self.mode_changed = False
+        self.in_doubt = False  # what is new: another heartbeat must say whether and why it is so
         self._heard_ns: Optional[int] = None
         self._landed: Optional[Tuple[int, int]] = None
         self._boot_ms: Optional[int] = None
@@ -179,13 +179,13 @@ class VehicleState:
     # --- takers ---------------------------------------------------------------------------------------------------
 
     def _heartbeat(self, t_ns: int, message: Any) -> None:
-        beat = Heartbeat.of(t_ns, message)
+        before, beat = self.beat, Heartbeat.of(t_ns, message)
+        self.in_doubt = before is not None and before._replace(t_ns=t_ns) != beat
         self.control.add(beat)
         self.ground.add_armed(t_ns, armed=beat.armed)
         if self._landed is None:
             self.ground.add_landed(t_ns, self.landed(t_ns))
         self._agree(t_ns, beat.mode)
-        self.mode_changed = False
         self.texts.wake(t_ns)
 
     def _agree(self, t_ns: int, mode: str) -> None:
@@ -206,9 +206,9 @@ class VehicleState:
         beat, number = self.beat, int(message.custom_mode)
         waits = self.landed(t_ns) not in (VehicleLanded.IN_AIR, VehicleLanded.TAKING_OFF)
         if waits and beat is not None and mode_name(beat.autopilot, number, beat.vehicle) != beat.mode:
-            self.mode_changed = True
+            self.in_doubt = True
         elif beat is not None:
-            self.mode_changed = self.control.add_mode(t_ns, number) or self.mode_changed
+            self.in_doubt = self.control.add_mode(t_ns, number) or self.in_doubt
             self._agree(t_ns, mode_name(beat.autopilot, number, beat.vehicle))
 
     def _gps(self, t_ns: int, message: Any) -> None:
