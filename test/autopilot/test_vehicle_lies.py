@@ -60,9 +60,9 @@ def test_datagrams_that_say_down_end_no_flight_however_many_any_time_apart(missi
     for _ in range(datagrams):
         lied.forge(*DOWN)
         assert lied.phase is P.FLYING
-        before = lied.streamed
+        before, least = lied.streamed, {"line": 0}.get(mission, 17)
         lied.run(S)
-        assert mission == "line" or lied.streamed - before >= 17
+        assert lied.streamed - before >= least
         assert (lied.phase, lied.craft.armed) == (P.FLYING, True)
     assert lied.command(A.HOLD) == ""
     lied.until_phase(P.HOLDING)
@@ -487,7 +487,8 @@ def test_whatever_one_message_says_at_any_moment_of_a_landing_by_the_autopilot_n
     for tenths, landing, said in happens:
         while lied.t_ns < began_ns + tenths * S // 10:
             lied.step()
-            assert not lands or lied.client.commanding == "AUTO.LAND", "the landing does not stand any more"
+            standing = lied.client.commanding if lands else "AUTO.LAND"
+            assert standing == "AUTO.LAND", "the landing does not stand any more"
             assert lied.vehicle.in_flight(lied.t_ns)
         if landing:
             lied.far.craft.flags.ignores = ("AUTO.LAND",)  # for half a second: a lie in between may not end it
