@@ -440,9 +440,11 @@ def test_a_disarming_that_is_under_way_is_not_sent_into_the_air_by_one_on_ground
     lied.until(lambda: lied.far.craft.airborne, 5.0)
     lied.ask(lied.client.disarm)
     lied.advance(0.3)
+    sent = lied.commands(ARM)
     for _ in range(4):
         lied.lies.once(("landed", ON_GROUND))
         lied.advance(0.3)
+    assert lied.commands(ARM) == sent
 
 
 def test_one_on_ground_in_the_air_moves_the_place_of_the_takeoff_nowhere():

@@ -26,9 +26,10 @@ from amaze_autonomy.journal.journal import encode_event, encode_header, make_hea
 from amaze_autonomy.nodes.autonomy.run_folder import Place, create, register, registered
 from amaze_autonomy.nodes.recorder import processes
 from amaze_autonomy.nodes.recorder.collector import Collection, read_status
+from amaze_autonomy.nodes.recorder.flight_pages import FlightPages
 from amaze_autonomy.nodes.recorder.node import RecorderMemory
 from amaze_autonomy.nodes.recorder.platform import CpuLoad, RecorderPlatform, processor_ticks
-from amaze_autonomy.nodes.recorder.processes import DiskSync, FlightPages, Subscriptions
+from amaze_autonomy.nodes.recorder.processes import DiskSync, Subscriptions
 from amaze_autonomy.nodes.recorder.statuses import recording_status
 from amaze_autonomy.paths import config_folder
 from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Status

@@ -93,6 +93,26 @@ STORIES: Sequence[Told] = (
         ("code_16_in_landing",),
     ),
     Told(
+        "Whatever one message of the vehicle says, both nodes go on with its flight, and a landing stands.",
+        tuple(
+            f"autopilot/test_vehicle_lies.py::test_{name}"
+            for name in (
+                "whatever_one_message_says_at_any_moment_of_a_flight",
+                "whatever_one_message_says_at_any_moment_of_a_landing_by_the_autopilot_node",
+                "a_takeover_that_one_heartbeat_says_is_over_before_the_engine_believes_it",
+            )
+        ),
+        (
+            "ros/mission_planner.py::test_datagrams_that_say_down_end_no_flight_and_no_landing",
+            "ros/autopilot.py::test_a_landing_stands_whatever_one_datagram_says",
+        ),
+    ),
+    Told(
+        "At a critical battery a pilot keeps his ArduCopter.",
+        ("autopilot/test_planner_ardupilot.py::test_at_a_critical_battery_a_pilot_in_loiter_keeps_it",),
+        flown=("battery_low_ignored",),
+    ),
+    Told(
         "A landing that none of ours commanded is somebody else's.",
         (f"{_LIES}a_landing_that_nobody_of_us_commanded_is_somebody_elses",),
         (f"{_LIVE}link_that_loses_a_fifth_ends_no_flight_and_somebody_elses_landing_is_left_alone",),

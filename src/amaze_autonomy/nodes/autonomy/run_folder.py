@@ -281,7 +281,7 @@ _MODE = 0o640
 Elsewhere = Callable[[], Iterable[Path]]
 
 
-class DiskSync:
+class JournalSync:
     """Has a disk keep what was written, which may take it seconds: on a thread of its own, once at a time, none waits.
 
     Attributes:
@@ -356,7 +356,7 @@ class JournalFile:
         self.path, self.lines = path, lines
         self.remark = self._problem = ""
         self._elsewhere = elsewhere
-        self._disk = DiskSync()
+        self._disk = JournalSync()
         self._new_in: Optional[Path] = None
         self.gap = False
         self._descriptor = descriptor

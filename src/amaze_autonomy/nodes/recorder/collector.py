@@ -28,8 +28,8 @@ from ...ros.errors import CallError
 from ...ros.interface import ros_time
 from ...ros.service_client import ServiceClient
 from ..autonomy.run_folder import registered
+from .flight_pages import FlightPages
 from .platform import RecorderPlatform, resolved
-from .processes import FlightPages
 from .settings import RecorderShare, collector_setup, transfers
 
 __all__ = ["Collection", "PlatformLink", "RecorderCollector", "read_status"]
