@@ -45,7 +45,7 @@ passed 400,000 transitions; 20 minutes of one core.
 
 A broken law is printed with the shortest way to it, and written as a scenario file with its journal into
 `test/proof/found/`: `amaze-replay test` decides it, and from then on `./run test` checks every law on it, and that the
-decisions are those which were accepted once the engine was mended.
+decisions are those which were accepted once the engine was corrected.
 """
 _ABSTRACTS = """\
 ## What is abstracted

@@ -87,7 +87,7 @@ class RosLink(Link):
             self._post(LinkClosed(f"No connection to ROS: {clean(str(error))}.", failed=True))
             return
         while not self._closed.wait(_LOOK_S):
-            self._mend()
+            self._repair()
 
     def _connect(self) -> None:
         # rospy alone would take over the signals and wait for the master without an end.
@@ -132,7 +132,7 @@ class RosLink(Link):
     def _on_recording(self, message: RecordingStatus) -> None:
         self._post(CollectingCame(collecting_of(message)))
 
-    def _mend(self) -> None:
+    def _repair(self) -> None:
         """Subscribe anew when the engine is silent because the master was started anew and has forgotten us."""
         if time.monotonic() - self._heard_s <= STALE_AFTER_S:
             return
