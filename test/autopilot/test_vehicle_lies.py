@@ -479,6 +479,7 @@ CLIENT_LIES = st.lists(st.tuples(st.integers(0, 60), SAID), min_size=1, max_size
 
 @example([(15, [*DOWN])], 0)
 @example([(20, [("mode", "AUTO.LAND")])], 15)
+@example([(26, [("status", CRITICAL), ("current mode", "AUTO.RTL")])], 31)
 @settings(max_examples=40, deadline=None)
 @given(CLIENT_LIES, st.integers(0, 40))
 def test_whatever_one_message_says_at_any_moment_of_a_landing_by_the_autopilot_node(lies, asked):
@@ -494,7 +495,9 @@ def test_whatever_one_message_says_at_any_moment_of_a_landing_by_the_autopilot_n
             assert lied.vehicle.in_flight(lied.t_ns)
         if landing:
             lied.far.craft.flags.ignores = ("AUTO.LAND",)  # for half a second: a lie in between may not end it
-            lied.ask(lied.client.land)
+            while not lied.ask(lied.client.land).accepted:  # refused at a pilot's first sign: the engine asks again
+                lied.advance(0.5)
+                assert lied.t_ns < began_ns + asked * S // 10 + 2 * S, "a lie refuses the landing for good"
             lands = True
             lied.advance(0.5)
             lied.far.craft.flags.ignores = ()

@@ -72,7 +72,7 @@ VALUES: Dict[str, Tuple[str, ...]] = {
         "failure: 'autopilot_status'",
         "code: 0",
         "action: 'land'",
-        "reason: 'nothing is heard from the autopilot (silent for 1.0 s, limit 1.0)'",
+        "reason: 'no status from the autopilot (silent for 1.0 s, limit 1.0)'",
     ),
     "both_routes_needed": (
         "failure: 'planner_status'",

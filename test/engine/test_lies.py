@@ -244,6 +244,31 @@ def test_a_flight_that_was_never_ours_and_seemed_over_is_landed_again():
     assert story.motions[:2] == ["LAND", "AutopilotLand"]
 
 
+@pytest.mark.parametrize("statuses", [0, 1])
+@pytest.mark.parametrize("pilot", [False, True])
+def test_a_mission_selected_before_anybody_knows_that_it_flies_takes_no_care_from_it(statuses, pilot):
+    """An engine that was started in the air, and an operator, or a parameter, that is quicker than two statuses."""
+    story = Story()
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.IN_AIR, height_m=2.0, pilot_in_control=pilot)
+    story.start()
+    for _ in range(statuses):
+        story.say()
+    story.select().after(1.0)
+    story.expect("PILOT" if pilot else "LAND")
+    assert story.motions[:2] == ([] if pilot else ["LAND", "AutopilotLand"])
+
+
+def test_who_arms_it_after_a_start_in_the_air_and_its_landing_is_somebody_else():
+    story = Story()
+    story.vehicle.says.update(armed=True, landed=ev.VehicleLanded.IN_AIR, height_m=2.0)
+    story.start().until("LAND").after(1.0)
+    story.vehicle.says.clear()
+    story.until("MISSION_ENDED")
+    story.select().until("PREFLIGHT").look()
+    story.say(armed=True).after(0.5).expect("PILOT")
+    assert story.motions == []
+
+
 def test_who_arms_it_on_the_ground_after_the_mission_may_fly_it():
     story = at("MISSION_ENDED")
     story.say(armed=True).after(1.0)

@@ -472,6 +472,7 @@ def witness_of(s: EngineState, rules: Rules) -> Witness:
         taken=0 if s.vehicle.takeover is None else s.vehicle.takeover.statuses,
         taken_ns=0 if s.vehicle.takeover is None else s.vehicle.takeover.since_ns,
         ground_ns=s.flight.grounded_ns,
+        rested=2 if s.armed_at_start is False else 0 if s.vehicle.disarmed is None else s.vehicle.disarmed.statuses,
         down_ns=s.vehicle.down.since_ns if s.vehicle.down is not None else None,
         watching=watching,
         planner=s.peers.planner,

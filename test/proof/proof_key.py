@@ -114,7 +114,8 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
         state.session.outreach,
         state.preflight.rounds,
         state.shutting_down,
-        (state.armed_at_start, _start(state)) if state.sessions == 0 else (),
+        state.armed_at_start,
+        _start(state),
         state.land_deferred,
         tuple([growths for _, _, growths in state.peers.loop_counters]),
         state.recording.asked,
@@ -154,7 +155,7 @@ def _engine(state: EngineState, caps: Dict[str, int]) -> Key:
 
 def _start(state: EngineState) -> Key:
     """Return what is known so far of whether the vehicle was armed at the start."""
-    if state.armed_at_start is not None or state.started_ns is None:
+    if state.armed_at_start is False or state.started_ns is None:
         return ()
     return _agreed(state, "vehicle.motors", 0), _agreed(state, "vehicle.disarmed", 0)
 
@@ -336,6 +337,7 @@ def _witness(witness: Witness, state: EngineState, caps: Dict[str, int]) -> Key:
         min(2, witness.aloft),
         witness.taken > 0 and (min(2, witness.taken), min(caps["pilot"], (now - witness.taken_ns) // UNIT)),
         min(2, witness.armed_late),
+        witness.rested,
         _since(witness.ground_ns, state, caps["confirm"]),
         _since(witness.down_ns, state, caps["confirm"]),
         witness.landing,

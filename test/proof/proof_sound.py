@@ -117,6 +117,23 @@ def _(s: EngineState) -> bool:
     return 0 <= min(identities) <= max(identities) < s.next_id
 
 
+@_is("It was not armed at the start, or is not any more, as soon as two statuses in a row say disarmed.")
+def _(s: EngineState) -> bool:
+    agreed = s.vehicle.disarmed is not None and s.vehicle.disarmed.statuses > 1
+    return not agreed or s.started_ns is None or s.armed_at_start is False
+
+
+@_is("Whether it was armed at the start is known of an engine that was started.")
+def _(s: EngineState) -> bool:
+    return s.armed_at_start is None or s.started_ns is not None
+
+
+@_is("Whether it was armed at the start is known as soon as two statuses in a row say armed.")
+def _(s: EngineState) -> bool:
+    agreed = s.vehicle.motors is not None and s.vehicle.motors.statuses > 1
+    return not agreed or s.started_ns is None or s.armed_at_start is not None
+
+
 # --- the mission ------------------------------------------------------------------------------------------------------
 
 

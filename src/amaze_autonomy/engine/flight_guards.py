@@ -19,9 +19,9 @@ _ALARM = frozenset(row.name for row in FAILSAFE_CONDITIONS if row.alarm)
 
 
 def started_armed(context: Context) -> Optional[Seen]:
-    """The engine was started, with no flight of its own to resume, while the vehicle is armed."""
-    fresh_start = context.state.sessions == 0 and context.state.armed_at_start is True and context.armed()
-    return holds_if(fresh_start and not context.state.flight.active, Value("armed at start", True))
+    """The engine was started, with no flight of its own to resume, while the vehicle was armed, and it still is."""
+    still = context.state.armed_at_start is True and context.armed()
+    return holds_if(still and not context.state.flight.active, Value("armed at start", True))
 
 
 def motion_refused(context: Context) -> Optional[Seen]:

@@ -434,7 +434,8 @@ class EngineState:
     Args:
         t_ns: of the last event.
         state, step: where it is; `entered_ns` and `step_ns`: since when.
-        started_ns: when its process began; `armed_at_start`: what the first statuses that agree said then.
+        started_ns: when its process began; `armed_at_start`: what the first statuses that agree said then,
+            False as soon as it is disarmed: who arms it then, and not by us, is somebody else.
         next_id, decisions: of the next request, and how many there were.
         label, sessions: session ids are made of them.
         queue: the missions that were selected and have not begun.

@@ -105,7 +105,8 @@ def _follow(old: Optional[Agreement], now_ns: int, *, says: bool) -> Optional[Ag
 
 def _engine_started(context: Context, event: EngineStarted) -> None:
     state = context.state
-    context.set(label=event.label, started_ns=context.now, armed_at_start=None, shutting_down=False)
+    armed = state.armed_at_start if state.sessions else None
+    context.set(label=event.label, started_ns=context.now, armed_at_start=armed, shutting_down=False)
     if not event.resumed:
         return
     context.set(vehicle=Vehicle(), peers=state.peers.after_restart(context.now))
@@ -322,12 +323,12 @@ def _forget_ground(context: Context) -> None:
 
 
 def _armed_at_start(context: Context) -> None:
-    """Note whether it was armed when this engine began: what the first two statuses in a row say that agree."""
+    """Note whether it was armed when the engine began, and since: what two statuses in a row say that agree."""
     state = context.state
-    if state.armed_at_start is not None or state.started_ns is None:
+    if state.armed_at_start is False or state.started_ns is None:
         return
     for agreed, says in ((state.vehicle.motors, True), (state.vehicle.disarmed, False)):
-        if agreed is not None and agreed.statuses > 1:
+        if agreed is not None and agreed.statuses > 1 and state.armed_at_start is not says:
             context.set(armed_at_start=says)
 
 
@@ -397,8 +398,7 @@ def _taken_by(context: Context, event: AutopilotStatus) -> str:
             return ""  # it never landed: see the row still_flying
         if context.may_arm_late() and _is_ours(context, event, lands=False):
             return ""  # see the row armed_late
-        at_start = state.sessions == 0 and state.armed_at_start is not False
-        return "armed by somebody else" if event.armed and not at_start else ""
+        return "armed by somebody else" if event.armed and state.armed_at_start is False else ""
     mine = _is_ours(context, event, lands=_planner_lands(context)) or _unchanged(context, event)
     return "" if mine else f"flight mode {event.mode} was not commanded"
 

@@ -349,7 +349,7 @@ def _still_flies(m: Moment) -> bool:
     """Return True where a landing begins on the ground: started while it flies, or its flight seemed over."""
     seemed = (State.DATA_CLEANUP, State.OUTREACH, State.MISSION_ENDED)
     over = m.before.state in seemed and m.saw.flies(m.rules.limits)
-    return over or m.before.state is State.MISSION_INPUT or _armed_late(m)
+    return over or m.saw.rested < 2 or _armed_late(m)
 
 
 def _armed_late(m: Moment) -> bool:

@@ -68,6 +68,7 @@ class Witness:
     taken: int = 0
     taken_ns: int = 0
     armed_late: int = 0
+    rested: int = 0
     mode_ns: int = 0
     detection: ev.Landed = ev.Landed.UNKNOWN
     detection_ns: int = 0
@@ -210,10 +211,12 @@ def _autopilot(
     changes["unknown_ns"] = (now if witness.unknown_ns is None else witness.unknown_ns) if unknown else None
     changes["idle_ns"] = _idle_since(witness, witness.planner, event, now, limits)
     changes["foreign"] = changed and event.mode in NEVER_OURS and not unchanged
+    link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
+    if witness.rested < 2:  # since it was started; once two in a row said disarmed, it stays so
+        changes["rested"] = witness.rested + 1 if link_good and event.armed is False else 0
     _count_taken(witness, event, now, changes, state, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
-    link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
     if not link_good:
         return
     ground = event.landed is ev.VehicleLanded.ON_GROUND
@@ -256,7 +259,7 @@ def _count_taken(
     changes["armed_late"] = witness.armed_late + 1 if late else 0
     answers = (*OURS[MissionAction.TAKEOFF], *OURS.get(witness.motion, ()))
     late = late and event.mode in answers  # our takeoff was called off, and it arms all the same
-    says = says or (witness.flight == "none" and event.armed is True and state.sessions > 0 and not late)
+    says = says or (witness.flight == "none" and event.armed is True and witness.rested > 1 and not late)
     planner = witness.planner
     lands = planner is None or planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
     flies = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME, MissionAction.HOLD)
@@ -357,9 +360,11 @@ def _reply(witness: Witness, event: Any, _now: int, changes: Dict[str, Any], *_:
         changes["motion_outcome"] = event.outcome
 
 
-def _started(witness: Witness, event: Any, now: int, changes: Dict[str, Any], *_: Any) -> None:
+def _started(
+    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, _limits: Limits
+) -> None:
     """A new process has heard nobody yet: silence is counted from its start, and what was said before is not known."""
-    changes["shutting_down"] = False
+    changes.update(shutting_down=False, rested=2 if witness.rested > 1 and state.sessions else 0)
     if event.resumed:
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
