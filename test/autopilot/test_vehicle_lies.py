@@ -404,6 +404,14 @@ def test_a_landing_that_the_autopilot_node_is_asked_for_right_after_a_lie_is_sen
 
 @ANY_ONE
 def test_an_autopilot_node_that_is_told_to_end_right_after_a_lie_lands(lies):
+    leaves_and_lands(lies)
+
+
+def test_one_heartbeat_that_says_failsafe_leaves_the_landing_of_a_node_that_ends_to_nobody():
+    leaves_and_lands([("status", CRITICAL)])
+
+
+def leaves_and_lands(lies):
     lied = LiedClient().advance(1.0)
     lied.forge(*lies)
     assert lied.vehicle.in_flight(lied.t_ns)

@@ -23,7 +23,7 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.events import Mission, Outcome, Reply, Shutdown, Tick
 from amaze_autonomy.engine.state import DataResult, EngineState, Flight, Result, Session, State
 from amaze_autonomy.nodes.autonomy import ending as endings
-from amaze_autonomy.nodes.autonomy.ending import ENGINE_ENDED, Ended, Ending, Farewell, first_reason, start_anew
+from amaze_autonomy.nodes.autonomy.ending import ENGINE_ENDED, Ended, Ending, Farewell, Pulse, first_reason, start_anew
 from amaze_autonomy.nodes.autonomy.node import EXIT_STATUS, data_outcome, exit_status, outcome
 
 LAND = MissionCommand(id=1, limit_ns=1, session_id="s", action=MissionAction.LAND)
@@ -201,6 +201,22 @@ def test_the_end_of_the_thread_that_decides_is_noticed_within_a_quarter_of_a_sec
     began_s = time.monotonic()
     assert first_reason(SimpleQueue(), lambda: bool(alive)) == ENGINE_ENDED
     assert time.monotonic() - began_s < 0.05 + 0.25 + 0.2
+
+
+@pytest.mark.parametrize(("alive", "turns", "goes_on"), [(True, 1, True), (True, 0, False), (False, 1, False)])
+def test_threads_go_on_that_live_and_of_which_the_one_that_decides_has_turned_within_five_seconds(
+    alive, turns, goes_on
+):
+    seen = iter(range(0, 10_000, turns) if turns else [7] * 100)
+    pulse = Pulse(lambda: alive, lambda: next(seen))
+    assert [pulse.look() for _ in range(25)] == [alive] * 25
+    assert (pulse.look(), pulse.hangs) == (goes_on, turns == 0)
+
+
+def test_a_thread_that_turns_again_in_time_does_not_hang():
+    turns = [*[1] * 25, 2, *[2] * 24]
+    pulse = Pulse(lambda: True, lambda: turns.pop(0))
+    assert all([pulse.look() for _ in range(50)])
 
 
 ANEW = """\

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from queue import SimpleQueue
 
@@ -381,6 +382,31 @@ def test_what_comes_after_its_end_is_decided_about_by_who_stands_in():
         run.thread.stand_in()
         assert run.next() == ("send", LAND)
         assert run.next()[:2] == ("record", started(2))
+
+
+def test_who_replaces_it_while_it_hangs_decides_alone_also_when_it_goes_on():
+    hangs, goes_on = threading.Event(), threading.Event()
+
+    def hanging(state, event, _rules):
+        if event.t_ns == 1:
+            hangs.set()
+            goes_on.wait()
+        return evolve(state, t_ns=event.t_ns), (LAND,)
+
+    with Run(hanging) as run:
+        run.inbox.put(started(1))
+        assert hangs.wait(2.0)
+        turns = run.thread.turns
+        run.thread.replace()
+        run.inbox.put(started(2))
+        run.thread.stand_in()
+        assert run.next() == ("send", LAND)
+        assert run.next()[:2] == ("record", started(2))
+        assert run.thread.turns == turns + 1
+        goes_on.set()
+        ends(run)
+        assert run.thread.state.t_ns == 2
+        assert run.done.empty()
 
 
 def test_nobody_stands_in_while_it_lives():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 import threading
 import time
 from functools import partial
@@ -116,6 +117,17 @@ def wait_for(condition):
     while not condition():
         assert time.monotonic() < until_s
         time.sleep(0.01)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_what_is_left_when_its_thread_has_ended_is_written_by_who_stops_it(run):
+    made = Outboxes(run).made
+    made.start(EngineState())
+    made.do(sys.exit)
+    wait_for(lambda: not made.alive)
+    made.put(Tick(t_ns=7), EngineState(), ())
+    made.stop()
+    assert [line.payload for line in read(run.path.read_text()).lines][1:] == [Tick(t_ns=7)]
 
 
 def test_the_end_of_a_mission_goes_out_also_where_one_event_ends_it_and_begins_the_next(run):

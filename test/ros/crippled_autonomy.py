@@ -4,6 +4,7 @@ becomes of it.
 
     --without-rule=RULE         a row is taken out of the transition table
     --thread-ends-at=FILE       the thread that decides ends once FILE is there; FILE is removed
+    --thread-hangs-at=FILE      likewise, it hangs
     --no-threads-at=FILE        no thread can be started while FILE is there
 """
 
@@ -12,7 +13,7 @@ from __future__ import annotations
 import sys
 import threading
 from pathlib import Path
-from typing import List
+from typing import Callable, List
 
 from amaze_autonomy.engine import transitions
 from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread
@@ -28,15 +29,24 @@ def without_rule(rule: str) -> None:
 
 def thread_ends_at(file: str) -> None:
     """Have the thread that decides end as nothing that is known ends it."""
+    _instead(file, sys.exit)
+
+
+def thread_hangs_at(file: str) -> None:
+    """Have the thread that decides wait for ever."""
+    _instead(file, threading.Event().wait)
+
+
+def _instead(file: str, happens: Callable[[], object]) -> None:
     turn = EngineThread._turn
 
-    def end_or_turn(engine: EngineThread, limit_s: float) -> None:
+    def happen_or_turn(engine: EngineThread, limit_s: float) -> None:
         if Path(file).exists():
             Path(file).unlink()
-            raise SystemExit
+            happens()
         turn(engine, limit_s)
 
-    EngineThread._turn = end_or_turn  # type: ignore[method-assign]
+    EngineThread._turn = happen_or_turn  # type: ignore[method-assign]
 
 
 def no_threads_at(file: str) -> None:
@@ -54,6 +64,7 @@ def no_threads_at(file: str) -> None:
 OPTIONS = {
     "--without-rule": without_rule,
     "--thread-ends-at": thread_ends_at,
+    "--thread-hangs-at": thread_hangs_at,
     "--no-threads-at": no_threads_at,
 }
 

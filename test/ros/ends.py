@@ -127,6 +127,17 @@ def killed_engine_goes_on_where_it_was(stack: Stack) -> None:
 
 @ends.add(mission="long", crippled=("--thread-ends-at=FOLDER/end",))
 def engine_whose_thread_ends_in_flight_lands_by_both_routes_and_goes_on_as_another(stack: Stack) -> None:
+    lands_and_goes_on(stack, 0.5)
+
+
+@ends.add(mission="long", crippled=("--thread-hangs-at=FOLDER/end",))
+def engine_whose_thread_hangs_in_flight_lands_by_both_routes_and_goes_on_as_another(stack: Stack) -> None:
+    lands_and_goes_on(stack, 6.0)
+    assert "crippled_autonomy.py" in stack.log(), "nobody says where it hangs"
+
+
+def lands_and_goes_on(stack: Stack, limit_s: float) -> None:
+    """Make the thread that decides useless, in flight."""
     stack.wait_state("MISSION")
     assert stack.engine is not None
     ended_ns = time.monotonic_ns()
@@ -134,7 +145,7 @@ def engine_whose_thread_ends_in_flight_lands_by_both_routes_and_goes_on_as_anoth
     stack.wait(lambda: len(stack.events(EngineStarted)) == 2, "the engine to start anew")
     delays = stack.routes_after(ended_ns)
     assert set(delays) == {"LAND", "autopilot/land"}, f"landing was sent by {set(delays)} only"
-    assert all(0.0 <= delay < allowed_s(0.5, ended_ns / 1e9) for delay in delays.values()), (
+    assert all(0.0 <= delay < allowed_s(limit_s, ended_ns / 1e9) for delay in delays.values()), (
         f"landing was sent after {delays}"
     )
     stack.wait_state("MISSION_ENDED")

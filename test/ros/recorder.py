@@ -47,7 +47,7 @@ CONFIGURATION = """
 folder: {folder}
 collector: main
 storage: {{min_free_gb: 0.0, min_free_fraction: 0.0, reserve_mb: {reserve}}}
-start_limit_s: 5.0
+start_limit_s: 12.0
 stop_limit_s: 4.0
 platform_limit_s: 2.0
 apply_clock_offset: true
@@ -176,7 +176,7 @@ class Recorders:
             and [abs(each.clock_age) < 1.0 for each in told] == [False, True]
         )
 
-    def wait_phase(self, phase: Any, limit_s: float = 25.0) -> Any:
+    def wait_phase(self, phase: Any, limit_s: float = 60.0) -> Any:
         def reached() -> Any:
             status = self.status
             return status if status is not None and status.phase == phase.value else None
@@ -384,7 +384,7 @@ class TestRecorder(unittest.TestCase):
         recorders = self.recorders("alone")
         recorders.start_node("main")
         self.assertTrue(recorders.ask("start").accepted)
-        status = recorders.wait_phase(PHASE.FAILED, 10.0)
+        status = recorders.wait_phase(PHASE.FAILED, 25.0)
         self.assertRegex(status.message, r"^second does not answer \(.*\): is its data_recorder running")
         self.assertTrue(recorders.ask("stop").accepted)
         wait_for(lambda: recorders.status.message.startswith("the part of second is missing"), "what is missing", 15.0)

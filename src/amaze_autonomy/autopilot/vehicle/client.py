@@ -229,7 +229,7 @@ class AutopilotClient:
         if not vehicle.in_flight(t_ns):
             return Reply(accepted=True, message="the vehicle is not in flight", final=True), []
         mode = vehicle.beat.mode if vehicle.beat is not None else ""
-        if vehicle.control.failsafe and (mode.startswith("AUTO.") or vehicle.system.rc(t_ns)):
+        if vehicle.acts_by_failsafe and (mode.startswith("AUTO.") or vehicle.system.rc(t_ns)):
             return Reply(accepted=False, message=f"the autopilot acts by its failsafe, in {mode}", final=True), []
         reply, messages = self._land(t_ns, piloted=vehicle.taken_over)  # nobody asks again
         # a vehicle that is not heard may hear: sent on for as long as the node stays

@@ -45,7 +45,7 @@ class VehicleState:
     def __init__(self, settings: AutopilotSettings, cells: int = 0, limits: Optional[Limits] = None) -> None:
         self._settings, self._engine = settings, limits or Limits()
         self.ground = Ground(self._engine.flight_end_confirm_ns)
-        self._piloted, self._in_landing_mode = Agreement(), Agreement()
+        self._piloted, self._failsafe, self._in_landing_mode = Agreement(), Agreement(), Agreement()
         self.control, self.texts, self.offset = Control(), Texts(), ClockOffset()
         self.battery = Battery(_caps(settings), cells)
         self.system = SystemStatus(settings.limits.system_age_limit_ns)
@@ -140,6 +140,11 @@ class VehicleState:
         return self.control.pilot and self._piloted.lasts(self._engine.pilot_confirm_ns)
 
     @property
+    def acts_by_failsafe(self) -> bool:
+        """Whether messages agree that the autopilot acts by a failsafe of its own."""
+        return self.control.failsafe and self._failsafe.lasts(self._engine.pilot_confirm_ns)
+
+    @property
     def in_landing_mode(self) -> bool:
         """Whether messages agree on a landing mode."""
         return self._in_landing_mode.lasts(self._engine.pilot_confirm_ns)
@@ -190,6 +195,7 @@ class VehicleState:
 
     def _agree(self, t_ns: int, mode: str) -> None:
         self._piloted.add(t_ns, so=self.control.pilot)
+        self._failsafe.add(t_ns, so=self.control.failsafe)
         self._in_landing_mode.add(t_ns, so=mode in LANDING_MODES)
 
     def _event(self, t_ns: int, message: Any) -> None:

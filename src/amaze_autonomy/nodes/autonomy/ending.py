@@ -1,7 +1,7 @@
-"""When the node ends, and what has to be true before it may; and what becomes of it when its thread that decides ends.
+"""When the node ends, and what has to be true before it may; and what becomes of it when a thread of it ends, or hangs.
 
-Nothing is known that ends that thread. Should it end all the same, a node that publishes on would look as if all were
-well. So the main thread watches it: it lands what flies, in the place of that thread, and has the process start anew.
+Nothing is known that ends the thread that decides, has it hang, or ends the one that writes. Should it be so all the
+same, a node that publishes on would look as if all were well. So the main thread watches them: it lands what flies, in the place of that thread, and has the process start anew.
 The new one finds the journal that has no end, and goes on with the flight, as after a kill. That is not roslaunch's
 affair: for it the engine is required, since neither a wrong configuration nor a mission that was flown may begin again
 and again; and a limit of processes that has ended a thread would keep it from starting one.
@@ -22,27 +22,53 @@ from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction
 from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 
-__all__ = ["ENGINE_ENDED", "Ended", "Ending", "Farewell", "first_reason", "start_anew"]
+__all__ = ["ENGINE_ENDED", "Ended", "Ending", "Farewell", "Pulse", "first_reason", "start_anew"]
 
 #: The reason to end that nobody gives.
 ENGINE_ENDED = "a failure of the engine's thread"
 
 _ROUTES = ("mission planner", "autopilot")
-_LOOK_S = 0.2  # between two looks at the thread that decides
+_LOOK_S = 0.2  # between two looks at the threads
+_LOOKS = 25  # in a row without a turn of the thread that decides: it hangs
 _SLICE_S = 0.05
 
 
-def first_reason(reasons: SimpleQueue[str], alive: Callable[[], bool]) -> str:
+class Pulse:
+    """Whether the node's threads go on. A process that did not run for a while has looked once meanwhile, and hangs not.
+
+    Args:
+        alive: tells whether they live.
+        turns: how often the one that decides has waited so far; it does some ten times a second.
+    """
+
+    def __init__(self, alive: Callable[[], bool], turns: Callable[[], int]) -> None:
+        self._alive, self._turns = alive, turns
+        self._seen, self._looks = -1, 0
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the thread that decides has not waited for so many looks."""
+        return self._looks >= _LOOKS
+
+    def look(self) -> bool:
+        """Look once more; return whether they go on."""
+        turns = self._turns()
+        self._looks = self._looks + 1 if turns == self._seen else 0
+        self._seen = turns
+        return self._alive() and not self.hangs
+
+
+def first_reason(reasons: SimpleQueue[str], goes_on: Callable[[], bool]) -> str:
     """Wait for a reason to end.
 
     Args:
         reasons: that are given.
-        alive: tells whether the thread that decides still does.
+        goes_on: tells whether the node's threads do; asked five times a second.
     """
     while True:
         with suppress(Empty):
             return reasons.get(timeout=_LOOK_S)
-        if not alive():
+        if not goes_on():
             return ENGINE_ENDED
 
 

@@ -258,6 +258,8 @@ class EngineThread:
         answer: hands an answer to the user who waits for it; must not wait.
         record: takes (event, state after it, commands) to write and publish; must not wait.
         state: to start from.
+
+    `turns` counts how often it has waited for what comes.
     """
 
     def __init__(
@@ -276,7 +278,8 @@ class EngineThread:
         self._send, self._answer, self._record = send, answer, record
         self._inbox = inbox
         self._thread = threading.Thread(target=self._run, name="engine", daemon=True)
-        self._stopping = threading.Event()
+        self._stopping, self._replaced = threading.Event(), False
+        self.turns = 0
         self._failed = False
         self._said: Set[Tuple[object, ...]] = set()
         self._land_again_ns = 0
@@ -295,13 +298,18 @@ class EngineThread:
         """Decide about what has come, then end."""
         self._stopping.set()
         self._inbox.wake()
-        if self.alive:
+        if self.alive and not self._replaced:
             self._thread.join(limit_s)
         self.stand_in()
 
+    def replace(self) -> None:
+        """Have who stands in decide from now on, for its own thread hangs; should that go on, it ends."""
+        self._replaced = True
+        self._stopping.set()
+
     def stand_in(self) -> None:
-        """Decide about what has come on the thread that calls, where its own has ended."""
-        if not self.alive:
+        """Decide about what has come on the thread that calls, where its own has ended, or was replaced."""
+        if self._replaced or not self.alive:
             self._turn(0.0)
 
     def _run(self) -> None:
@@ -309,9 +317,11 @@ class EngineThread:
         while not self._stopping.is_set():
             self._turn(self._sleep_s())
             self._tick()
-        self._turn(0.0)
+        if not self._replaced:
+            self._turn(0.0)
 
     def _turn(self, limit_s: float) -> None:
+        self.turns += 1
         for event in self._read(limit_s):
             self._step(event)
 
@@ -345,6 +355,8 @@ class EngineThread:
             state, commands = self._decide(self.state, event, self._rules)
         except Exception as error:
             self._decision_failed(event, error)
+            return
+        if self._replaced and threading.current_thread() is self._thread:
             return
         self.state = state
         for command in commands:

@@ -16,6 +16,7 @@ Parameters: `node_main.py`. Exit status: the results at the end.
 
 from __future__ import annotations
 
+import faulthandler
 import logging
 import os
 import signal
@@ -61,7 +62,7 @@ from ...ros.rospy_flaws import mend_rospy
 from ...ros.service_client import ServiceClient
 from ...ros.topic_reader import ALL, Tally, subscribe
 from . import run_folder
-from .ending import ENGINE_ENDED, Ended, Ending, Farewell, first_reason, start_anew
+from .ending import ENGINE_ENDED, Ended, Ending, Farewell, Pulse, first_reason, start_anew
 from .engine_thread import EngineThread, Inbox, Stall
 from .outbox import Diagnostics, Outbox, PeerClocks, StatePublisher, Timeline
 from .requests import Requests
@@ -73,6 +74,7 @@ __all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "data_outcome", "exit_s
 _log = logging.getLogger(__name__)
 _FAREWELL_LIMIT_S = 5.0
 _LAST_LANDING_LIMIT_S = 1.0  # the process that follows asks again
+_HAND_OVER_LIMIT_S = 10.0
 _MASTER_LIMIT_S = 1.0
 _LOOK_AGAIN_S = 0.2
 _LONGEST_STATUS = 1 << 22  # bytes
@@ -302,8 +304,11 @@ class AutonomyNode:
 
     def run(self) -> int:
         """Work until there is a reason to end; return the exit status."""
-        reason = first_reason(self._reasons, lambda: self._engine.alive)
+        pulse = Pulse(lambda: self._engine.alive and self._outbox.alive, lambda: self._engine.turns)
+        reason = first_reason(self._reasons, pulse.look)
         if reason == ENGINE_ENDED:
+            if pulse.hangs:
+                self._replace_engine()
             return self._hand_over()
         if reason != "mission ended":
             self._say_farewell(reason, _FAREWELL_LIMIT_S)
@@ -321,6 +326,15 @@ class AutonomyNode:
         """Have the engine decide about the end, in flight by a landing; on this thread where its own has ended."""
         self.put(Shutdown(t_ns=self._clock.now_ns(), signal=reason))
         self._farewell.wait(limit_s, self._engine.stand_in)
+
+    def _replace_engine(self) -> None:
+        """Have this thread decide, for the one that does hangs; where that hangs too, the process ends.
+
+        Then roslaunch ends all other nodes, of which planner and autopilot node land what flies.
+        """
+        faulthandler.dump_traceback()  # where it hangs
+        faulthandler.dump_traceback_later(_LAST_LANDING_LIMIT_S + _HAND_OVER_LIMIT_S, exit=True)
+        self._engine.replace()
 
     def _hand_over(self) -> int:
         """Land what flies, for the thread that decides has ended, and start anew; return when that cannot be.

@@ -94,10 +94,18 @@ class Outbox:
         self.state = state
         self._thread.start()
 
+    @property
+    def alive(self) -> bool:
+        """False before it was started, and once its thread has ended, for whatever reason."""
+        return self._thread.is_alive()
+
     def stop(self, limit_s: float = 5.0) -> None:
-        """Write what is left, then close the journal."""
+        """Write what is left, then close the journal; on the thread that calls, where its own has ended."""
         self._queue.put(None)
-        self._thread.join(limit_s)
+        if self.alive:
+            self._thread.join(limit_s)
+        else:
+            self._run()
 
     def _run(self) -> None:
         due_s = time.monotonic()
