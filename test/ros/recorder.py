@@ -342,6 +342,7 @@ class TestRecorder(unittest.TestCase):
         wait_for(recorders.told_of_computers, "both platforms")
         engine = rospy.Publisher("/stranger/autonomy/state", msg.AutonomyState, queue_size=10, latch=True)
         engine.publish(_state("s1", in_flight=False))
+        wait_for(lambda: engine.get_num_connections() > 0, "the collector to hear the engine on the ground")
         self.assertTrue(recorders.ask("start").accepted)
         recorders.wait_phase(PHASE.RECORDING)
         engine.publish(_state("s1", in_flight=True))
