@@ -311,7 +311,8 @@ KINDS, MISSIONS = st.sampled_from([PX4, ARDUPILOT]), st.sampled_from(["line", "i
 @example("inside", ARDUPILOT, [(80, [("mode", "AUTO.LAND")])], 77)
 @example("inside", ARDUPILOT, [(15, [("landed", IN_AIR)])], None)
 @example("line", PX4, [(24, [("mode", "POSCTL")]), (34, [("armed", False)])], None)
-@settings(max_examples=40, deadline=None)
+@pytest.mark.long
+@settings(max_examples=25, deadline=None)
 @given(MISSIONS, KINDS, st.lists(st.tuples(WHEN, SAID), min_size=1, max_size=3), ASKED)
 def test_whatever_one_message_says_at_any_moment_of_a_flight(mission, kind, lies, asked):
     lied = Lawful(kind=kind)
@@ -488,7 +489,8 @@ CLIENT_LIES = st.lists(st.tuples(st.integers(0, 60), SAID), min_size=1, max_size
 @example([(15, [*DOWN])], 0)
 @example([(20, [("mode", "AUTO.LAND")])], 15)
 @example([(26, [("status", CRITICAL), ("current mode", "AUTO.RTL")])], 31)
-@settings(max_examples=40, deadline=None)
+@pytest.mark.long
+@settings(max_examples=20, deadline=None)
 @given(CLIENT_LIES, st.integers(0, 40))
 def test_whatever_one_message_says_at_any_moment_of_a_landing_by_the_autopilot_node(lies, asked):
     lied = LiedClient(20.0)

@@ -142,6 +142,16 @@ def test_several_missions_without_a_restart():
     assert sessions == ["test-001", "test-002", "test-003"]
 
 
+@pytest.mark.parametrize("ended_by", ["", "land"])
+def test_what_is_said_at_the_end_is_to_select_a_mission_only_where_none_follows(ended_by):
+    story = Story(SHIPPED, MISSION, Mission(id="2")).start().after(0.5).select().until("MISSION", "flying").look()
+    if ended_by:
+        story.user(ended_by)
+    story.until("MISSION_ENDED").after(200.0)
+    said = [c.advice for c in story.since if getattr(c, "key", "") == "mission_ended"]
+    assert said == (["Select the next mission."] if ended_by else ["Mission 2 follows.", "Select the next mission."])
+
+
 def test_the_next_mission_can_be_selected_after_the_first():
     story = at("MISSION_ENDED").select().until("MISSION_ENDED")
     assert story.state.session.result.value == "COMPLETE"

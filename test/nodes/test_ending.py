@@ -203,7 +203,7 @@ def test_the_end_of_the_thread_that_decides_is_noticed_within_a_quarter_of_a_sec
     assert time.monotonic() - began_s < 0.05 + 0.25 + 0.2
 
 
-@pytest.mark.parametrize(("alive", "turns", "goes_on"), [(True, 1, True), (True, 0, False), (False, 1, False)])
+@pytest.mark.parametrize("alive, turns, goes_on", [(True, 1, True), (True, 0, False), (False, 1, False)])
 def test_threads_go_on_that_live_and_of_which_the_one_that_decides_has_turned_within_five_seconds(
     alive, turns, goes_on
 ):
@@ -216,7 +216,7 @@ def test_threads_go_on_that_live_and_of_which_the_one_that_decides_has_turned_wi
 def test_a_thread_that_turns_again_in_time_does_not_hang():
     turns = [*[1] * 25, 2, *[2] * 24]
     pulse = Pulse(lambda: True, lambda: turns.pop(0))
-    assert all([pulse.look() for _ in range(50)])
+    assert [pulse.look() for _ in range(50)] == [True] * 50
 
 
 ANEW = """\

@@ -177,7 +177,7 @@ STORIES: Sequence[Told] = (
         ),
     ),
     Told(
-        "The nodes that decide take precedence, of their session, too; what is not permitted is said once.",
+        "The nodes that decide take precedence, of their session, too; what is not permitted is logged once.",
         ("nodes/test_process.py::test_a_node_with_a_session_of_its_own_takes_precedence_for_the_session_too",),
         (f"{_LAUNCH}nodes_that_decide_take_the_precedence_that_is_permitted",),
     ),

@@ -310,11 +310,11 @@ MESSAGES: Mapping[str, Message] = {
     "landing_unconfirmed": Message(_W, "Landed and disarmed; the landing detection does not confirm it: {reason}"),
     "data_cleanup": Message(_I, "On the ground: recording is stopped, data is collected."),
     "data_incomplete": Message(_E, "The data is not complete: {reason}", "Retry, or give up; nothing is deleted."),
-    "mission_ended": Message(_I, "Mission ended: {result}. {location}", "Select the next mission."),
+    "mission_ended": Message(_I, "Mission ended: {result}. {location}", "{what_next}"),
     "mission_ended_incomplete": Message(
         _E,
         "Mission ended: {result}; its data is INCOMPLETE. {location}",
-        "Nothing was deleted. Select the next mission.",
+        "Nothing was deleted. {what_next}",
     ),
     "queue_dropped": Message(_W, "Remaining missions cancelled: {missions}", "Select them again."),
     "shutdown": Message(

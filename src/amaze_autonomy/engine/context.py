@@ -129,7 +129,8 @@ class Context:
         if not key:
             return
         entry = MESSAGES[key]
-        told = Notify(level=entry.level, key=key, text=entry.text.format(**values).rstrip(), advice=entry.advice)
+        text, advice = (words.format(**values).rstrip() for words in (entry.text, entry.advice))
+        told = Notify(level=entry.level, key=key, text=text, advice=advice)
         self.set(shown=told)
         self.commands.append(told)
 

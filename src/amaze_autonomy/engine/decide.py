@@ -380,6 +380,7 @@ def _words(context: Context) -> Dict[str, object]:
         "state": state.state.value,
         "result": state.session.result.value + (f" (landed for: {state.landing.cause})" if _landed_for(state) else ""),
         "location": _location(state),
+        "what_next": f"Mission {state.queue[0].id} follows." if state.queue else "Select the next mission.",
         "limit_s": (context.limits.ready_limit_ns if state.state is State.PREFLIGHT else context.limits.land_limit_ns)
         / _NS,
         "limit": failsafe.wait_words(waits[-1], context) if waits else "",

@@ -270,11 +270,11 @@ FAILSAFE_CONDITIONS: Tuple[FailsafeCondition, ...] = (
     F("battery_unknown", (Silent("battery_ns", "battery_age_limit_ns", "unknown for"),), Action.LAND, "the battery level is unknown"),
     F("battery_critical", (Below("autopilot.battery_fraction", "battery_critical_fraction", "battery fraction", fresh=False), Says(_battery_flag)), Action.LAND, "the battery is critical"),
     F("flight_time", (Silent("", "max_flight_time_ns", "flight time", ends_flight=True),), Action.LAND, "the maximum flight time is over"),
-    F("height", (Above("autopilot.height_m", "max_height_m", "height"),), Action.LAND, "above the maximum height"),
+    F("height", (Above("autopilot.height_m", "max_height_m", "altitude"),), Action.LAND, "above the maximum altitude"),
     F("distance", (Above("autopilot.distance_m", "max_distance_m", "distance"),), Action.LAND, "too far from the takeoff place"),
     F("tilt", (Above("autopilot.tilt_deg", "max_tilt_deg", "tilt"),), Action.LAND, "tilted too far"),
     F("tilt_warning", (Above("autopilot.tilt_deg", "tilt_warning_deg", "tilt"),), Action.CONTINUE, "tilted further than it should be"),
-    F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "unknown for"),), Action.CONTINUE, "height or position is unknown: their limits cannot be checked"),
+    F("position_unknown", (Silent("position_ns", "position_age_limit_ns", "unknown for"),), Action.CONTINUE, "altitude or position is unknown: their limits cannot be checked"),
     F("recorder_dead", (Silent("recorder_ns", "recorder_status_limit_ns", _SILENT), Says(_does_not_record)), Action.CONTINUE, "the recorder is silent or does not record", peer="recorder", only="recording.asked"),
     F("landing_detection", (Silent("landing_ns", "landing_detection_limit_ns", _SILENT),), Action.CONTINUE, "the landing detection is silent", peer="landing detection"),
 )

@@ -233,7 +233,7 @@ class Limits:
     user_hold_limit_ns: int = _COMMANDS.time(120, 3600, "longest hold that a user may ask for", "then it lands: the battery does not wait")
     unlisted_wait_limit_ns: int = _COMMANDS.time(15, 600, "how long a flight waits for a component that has no wait_limit_s of its own", "a component that nobody listed gets the row of its code")
     land_repeat_period_ns: int = _LANDING.time(0.5, 1, "pause between two land commands until the vehicle shows that it lands", "2 Hz: a lost command costs half a second")
-    land_second_route_after_ns: int = _LANDING.time(3, 30, "time without a sign of landing after which the autopilot is told directly", "the planner may be what has failed")
+    land_second_route_after_ns: int = _LANDING.time(3, 30, "time without a sign of landing after which LAND is sent to the autopilot directly", "the planner may be what has failed")
     land_alarm_after_ns: int = _LANDING.time(6, 60, "time without a sign of landing after which the pilot is alarmed", "the pilot is the last route")
     land_limit_ns: int = _LANDING.time(120, 3600, "time in which the vehicle must be on the ground and disarmed", "30 m at 0.5 m/s take a minute")
     descent_speed_m_s: float = _LANDING.number(0.2, 10.0, "sinking faster than this is a descent", "above the noise of a hover")

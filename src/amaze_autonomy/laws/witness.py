@@ -214,7 +214,7 @@ def _autopilot(
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
     if witness.rested < 2:  # since it was started; once two in a row said disarmed, it stays so
         changes["rested"] = witness.rested + 1 if link_good and event.armed is False else 0
-    _count_taken(witness, event, now, changes, state, limits)
+    _count_taken(witness, event, now, changes, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
     if not link_good:
@@ -248,9 +248,7 @@ def _idle_since(witness: Witness, planner: Any, vehicle: Any, now: int, limits: 
     return (now if witness.idle_ns is None else witness.idle_ns) if flies and idle else None
 
 
-def _count_taken(
-    witness: Witness, event: Any, now: int, changes: Dict[str, Any], state: EngineState, limits: Limits
-) -> None:
+def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any], limits: Limits) -> None:
     """Count the statuses in a row by which somebody else has control."""
     says = event.pilot_in_control or changes["foreign"] or (witness.taken > 0 and event.mode in NEVER_OURS)
     says = says or (event.failsafe and event.mode in (*NEVER_OURS, "AUTO.LOITER"))

@@ -1,10 +1,11 @@
 """When the node ends, and what has to be true before it may; and what becomes of it when a thread of it ends, or hangs.
 
 Nothing is known that ends the thread that decides, has it hang, or ends the one that writes. Should it be so all the
-same, a node that publishes on would look as if all were well. So the main thread watches them: it lands what flies, in the place of that thread, and has the process start anew.
-The new one finds the journal that has no end, and goes on with the flight, as after a kill. That is not roslaunch's
-affair: for it the engine is required, since neither a wrong configuration nor a mission that was flown may begin again
-and again; and a limit of processes that has ended a thread would keep it from starting one.
+same, a node that publishes on would look as if all were well. So the main thread watches them: it lands what flies, in
+the place of that thread, and has the process start anew. The new one finds the journal that has no end, and goes on
+with the flight, as after a kill. That is not roslaunch's affair: for it the engine is required, since neither a wrong
+configuration nor a mission that was flown may begin again and again; and a limit of processes that has ended a thread
+would keep it from starting one.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _SLICE_S = 0.05
 
 
 class Pulse:
-    """Whether the node's threads go on. A process that did not run for a while has looked once meanwhile, and hangs not.
+    """Whether the node's threads go on. A process that did not run for a while has looked once meanwhile: no hanging.
 
     Args:
         alive: tells whether they live.

@@ -247,7 +247,7 @@ class AutonomyNode:
         self._rejected[topic] = self._rejected.get(topic, 0) + 1
         if (topic, error.field) not in self._warned:
             self._warned.add((topic, error.field))
-            text = f"{rospy.resolve_name(topic)}: invalid message ignored: {error} (said once)"
+            text = f"{rospy.resolve_name(topic)}: invalid message ignored: {error} (logged once)"
             self._outbox.do(partial(rospy.logwarn, text))
 
     def _shorten(self, topic: str, name: str, count: int) -> None:
@@ -256,7 +256,7 @@ class AutonomyNode:
         self._left_out[row] = self._left_out.get(row, 0) + count
         if (topic, name) not in self._warned:
             self._warned.add((topic, name))
-            text = f"{rospy.resolve_name(topic)}: too many {name}: {count} are left out, {MOST_ITEMS} kept (said once)"
+            text = f"{rospy.resolve_name(topic)}: too many {name}: {count} left out, {MOST_ITEMS} kept (logged once)"
             self._outbox.do(partial(rospy.logwarn, text))
 
     def _stalled(self, stall: Stall) -> None:
