@@ -22,6 +22,8 @@ from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 
+pytestmark = pytest.mark.long
+
 ASK_RATE, ASK_ONE = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, mavlink.MAV_CMD_REQUEST_MESSAGE
 ARDUPILOT, CRITICAL, ACTIVE = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_STATE_CRITICAL, mavlink.MAV_STATE_ACTIVE
 GUIDED, COPTER_LOITER, COPTER_RTL, COPTER_LAND = 4, 5, 6, 9

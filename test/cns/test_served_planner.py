@@ -14,6 +14,8 @@ from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 from amaze_autonomy.missions import Frame, Place
 
+pytestmark = pytest.mark.long
+
 P = MissionPhase
 A, R = tables.Answer, tables.Request
 NO, YES, DONE, BOTH = A.REFUSED.name, A.ACCEPTED.name, A.COMPLETED.name, A.DONE.name

@@ -11,6 +11,8 @@ from engine_story import Story
 
 from amaze_autonomy.engine import events as ev
 
+pytestmark = pytest.mark.long
+
 GROUND, AIR = ev.VehicleLanded.ON_GROUND, ev.VehicleLanded.IN_AIR
 
 

@@ -10,6 +10,8 @@ from replay_runs import ROOT, recording, replay
 from amaze_autonomy.replay.monitors.monitors import Monitors
 from amaze_autonomy.replay.recordings.sources import Recordings
 
+pytestmark = pytest.mark.long
+
 MAP = str(ROOT / "test" / "replay" / "flight.yaml")
 BEGINNING = 11  # messages that are looked at whole to know how a recording begins
 REAL = ("ardrone_indoor_flight", "crazyflie_sine", "handheld_roll_pitch_yaw", "husky_outdoor_drive", "example_lz4")

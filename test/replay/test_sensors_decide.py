@@ -19,6 +19,8 @@ from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.simulation.scenario_file import parse_scenario
 from amaze_autonomy.tester.command import main
 
+pytestmark = pytest.mark.long
+
 GPS = "sensors.components.gps"
 RECORDED = Path(__file__).parents[1] / "scenarios" / "recorded" / "demo_flight.bag"
 FASTER = f"{GPS}.topics./px4/gps.rate_hz=25.0"

@@ -25,7 +25,7 @@ from replay_runs import ROOT, recording
 from amaze_autonomy.replay.errors import NoMessagesError
 from amaze_autonomy.replay.maps.proposal import propose
 
-pytestmark = pytest.mark.xdist_group("truth")  # each recording is replayed once
+pytestmark = [pytest.mark.xdist_group("truth"), pytest.mark.long]  # each recording is replayed once
 TRUTH = yaml.safe_load((Path(__file__).parent / "truth.yaml").read_text())
 WARNING = 4
 FULL = [name for name, facts in TRUTH.items() if "counts" in facts]

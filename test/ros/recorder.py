@@ -341,9 +341,9 @@ class TestRecorder(unittest.TestCase):
             recorders.start_node(platform)
         wait_for(recorders.told_of_computers, "both platforms")
         engine = rospy.Publisher("/stranger/autonomy/state", msg.AutonomyState, queue_size=10, latch=True)
-        engine.publish(_state("s1", in_flight=False))
-        wait_for(lambda: engine.get_num_connections() > 0, "the collector to hear the engine on the ground")
+        wait_for(lambda: engine.get_num_connections() > 0, "the collector to hear the engine")
         self.assertTrue(recorders.ask("start").accepted)
+        engine.publish(_state("s1", in_flight=False))
         recorders.wait_phase(PHASE.RECORDING)
         engine.publish(_state("s1", in_flight=True))
         time.sleep(1.0)  # so much is recorded before

@@ -25,6 +25,8 @@ from amaze_autonomy.replay.session import Session
 from amaze_autonomy.replay.timeline import LineKind
 from amaze_autonomy.tester.command import main
 
+pytestmark = pytest.mark.long
+
 NOMINAL = ["PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSION", "TAKEOFF", "MISSION", "DATA_CLEANUP"]
 STATE = """\
 std_msgs/Header header

@@ -75,6 +75,7 @@ _log = logging.getLogger(__name__)
 _FAREWELL_LIMIT_S = 5.0
 _LAST_LANDING_LIMIT_S = 1.0  # the process that follows asks again
 _HAND_OVER_LIMIT_S = 10.0
+_STDERR = 2  # `sys.stderr` may be anything
 _MASTER_LIMIT_S = 1.0
 _LOOK_AGAIN_S = 0.2
 _LONGEST_STATUS = 1 << 22  # bytes
@@ -332,8 +333,8 @@ class AutonomyNode:
 
         Then roslaunch ends all other nodes, of which planner and autopilot node land what flies.
         """
-        faulthandler.dump_traceback()  # where it hangs
-        faulthandler.dump_traceback_later(_LAST_LANDING_LIMIT_S + _HAND_OVER_LIMIT_S, exit=True)
+        faulthandler.dump_traceback(_STDERR)  # where it hangs
+        faulthandler.dump_traceback_later(_LAST_LANDING_LIMIT_S + _HAND_OVER_LIMIT_S, file=_STDERR, exit=True)
         self._engine.replace()
 
     def _hand_over(self) -> int:
