@@ -18,7 +18,7 @@ from rich.console import Console
 
 from amaze_autonomy.config import load_configuration
 from amaze_autonomy.console.model import Desk, Note
-from amaze_autonomy.console.screen.picture import BACK, FORE, moving_svg, svg
+from amaze_autonomy.console.screen.screen import BACK, FORE, moving_svg, svg
 from amaze_autonomy.console.screen.style import ASCII, UNICODE, Style
 from amaze_autonomy.console.screen.view import Screen
 from amaze_autonomy.console.wire import snapshot_of

@@ -13,7 +13,7 @@ from typing import Any, Callable, List, Optional, Tuple
 from amaze_autonomy.console.errors import ConsoleError, UsageError
 from amaze_autonomy.console.link import Happening, Link, Mailbox
 from amaze_autonomy.console.model import DEFAULT_ENGINE, Desk
-from amaze_autonomy.console.printer import run_plain
+from amaze_autonomy.console.plain import run_plain
 from amaze_autonomy.console.session import CLOSED, INTERRUPTED, Session
 from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal
 

@@ -10,7 +10,7 @@ from console_scenes import NOW_S, SCENES
 from rich.text import Text
 from write_screens import PICTURES, every_picture, moving_picture
 
-from amaze_autonomy.console.screen.picture import BACK, FORE, moving_svg, svg
+from amaze_autonomy.console.screen.screen import BACK, FORE, moving_svg, svg
 from amaze_autonomy.console.screen.style import UNICODE
 from amaze_autonomy.console.screen.view import Screen
 

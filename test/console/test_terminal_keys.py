@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from amaze_autonomy.console.keyboard import KeyDecoder
+from amaze_autonomy.console.terminal import KeyDecoder
 
 
 @pytest.mark.parametrize(
