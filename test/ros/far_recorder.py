@@ -261,7 +261,7 @@ class TestFarRecorder(unittest.TestCase):
         self.network.pull()
         began_s = time.monotonic()
         recorders.begin("cut")
-        status = recorders.wait_phase(PHASE.FAILED, 10.0)
+        status = recorders.wait_phase(PHASE.FAILED, 25.0)
         named_s = time.monotonic() - began_s
         self.assertRegex(status.message, r"^second does not answer")
         self.network.plug()
