@@ -46,7 +46,7 @@ from amaze_autonomy.config.document import Items, Scalar, Table, entry_of, parse
         (
             "- 1\n",
             "autonomy.yaml:1: is a list; must be a group of keys: require_go, checks, recording, takeoff, "
-            "commands, landing, losses, battery, flight, streams",
+            "commands, landing, failsafe, battery, flight, streams",
         ),
         (
             "flight: " + "[" * 20 + "]" * 20,

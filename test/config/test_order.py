@@ -83,8 +83,8 @@ from amaze_autonomy.config import load_configuration
             "else it is never disarmed in time",
         ),
         (
-            "losses: {clock_tolerance_s: 1.0}",
-            "losses.clock_tolerance_s: is 1; must be below losses.status_max_age_s (1): "
+            "failsafe: {clock_tolerance_s: 1.0}",
+            "failsafe.clock_tolerance_s: is 1; must be below failsafe.status_max_age_s (1): "
             "else the future passes for the present",
         ),
         (
@@ -98,13 +98,13 @@ from amaze_autonomy.config import load_configuration
             "else a hold outlasts the flight",
         ),
         (
-            "losses: {watchdog_heartbeat_limit_s: 0.1}",
-            "losses.watchdog_heartbeat_limit_s: is 0.1; must be at least 0.4, 2 periods of "
+            "failsafe: {watchdog_heartbeat_limit_s: 0.1}",
+            "failsafe.watchdog_heartbeat_limit_s: is 0.1; must be at least 0.4, 2 periods of "
             "streams.watchdog_action_rate_hz: one lost message is no loss",
         ),
         (
-            "streams: {recorder_status_rate_hz: 0.5}\nlosses: {recorder_status_limit_s: 3.0}",
-            "losses.recorder_status_limit_s: is 3; must be at least 4, 2 periods of streams.recorder_status_rate_hz: "
+            "streams: {recorder_status_rate_hz: 0.5}\nfailsafe: {recorder_status_limit_s: 3.0}",
+            "failsafe.recorder_status_limit_s: is 3; must be at least 4, 2 periods of streams.recorder_status_rate_hz: "
             "one lost message is no loss",
         ),
     ],

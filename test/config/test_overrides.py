@@ -88,6 +88,7 @@ NO_KEY = f"addresses no key; must be file.key.key=value with the file one of {FI
         ("autonomy.require_go=", "is empty; must be one YAML document"),
         ("autonomy.require_go=1", "require_go: is 1; must be true or false"),
         ("autonomy.flight.max_height_ft=10", "flight.max_height_ft: is an unknown key; did you mean max_height_m?"),
+        ("autonomy.losses.planner_status_limit_s=2.0", "losses: is an unknown key; it is called failsafe now"),
         ("autonomy.flight.max_height_cm=900",
          "flight.max_height_cm: is an unknown key; did you mean max_height_m (900 cm are 9 m)?"),
         ("sensors.components.gps.restart.policy=node",

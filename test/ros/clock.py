@@ -65,7 +65,7 @@ FAST = FastClock()
 
 @clocks.add(
     mission="hop",
-    overrides=("autonomy.recording.recording_lead_s=3.0", "autonomy.losses.watchdog_heartbeat_limit_s=5.0"),
+    overrides=("autonomy.recording.recording_lead_s=3.0", "autonomy.failsafe.watchdog_heartbeat_limit_s=5.0"),
 )
 def mission_flies_in_simulated_time(stack: Stack) -> None:
     stack.wait_state("MISSION_ENDED")

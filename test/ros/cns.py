@@ -41,10 +41,10 @@ SQUARE = "x,y,z,yaw,holdtime\n0,0,1.5,0,0\n1,0,1.5,5,0\n1,1,1.5,90,0\n"
 FLYING = msg.MissionStatus.FLYING
 RESTARTED = "started again: mission_planner goes on with what it knew"
 QUICK = {  # and four limits that a machine with much else to do may stand still for
-    "autonomy.losses.planner_status_limit_s": 30.0,
-    "autonomy.losses.watchdog_heartbeat_limit_s": 30.0,
-    "autonomy.losses.autopilot_status_limit_s": 6.0,
-    "autonomy.losses.status_max_age_s": 6.0,
+    "autonomy.failsafe.planner_status_limit_s": 30.0,
+    "autonomy.failsafe.watchdog_heartbeat_limit_s": 30.0,
+    "autonomy.failsafe.autopilot_status_limit_s": 6.0,
+    "autonomy.failsafe.status_max_age_s": 6.0,
     "autonomy.recording.recording_lead_s": 0.2,
     "autonomy.checks.watchdog_startup_time_s": 2.0,
     "missions.flight.cruise_speed_m_s": 3.0,

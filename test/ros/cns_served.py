@@ -37,7 +37,7 @@ from amaze_autonomy.ros.rospy_flaws import mend_rospy
 FOLDER = Path(tempfile.mkdtemp(prefix="amaze_cns_served_"))
 PYTHONPATH = install(FOLDER)
 sys.path.insert(0, str(FOLDER))
-QUICK = (*PATIENT, "missions.flight.cruise_speed_m_s=3.0", "autonomy.losses.status_max_age_s=5.0")
+QUICK = (*PATIENT, "missions.flight.cruise_speed_m_s=3.0", "autonomy.failsafe.status_max_age_s=5.0")
 POINTS = ((0.0, 0.0, 1.5, 0.0, 0.5), (2.0, 0.0, 1.5, 0.0, 0.5), (2.0, 1.0, 1.5, 90.0, 1.0))
 ID, OTHER_ID = 7, 8
 ACCEPTED, COMPLETED, DONE, REFUSED = (each.name for each in Answer)

@@ -13,7 +13,7 @@ from amaze_autonomy.engine.rules import Code
 BEFORE = ["data_recorder/start", "mission_planner/load"]
 S = 1_000_000_000
 # A dozen flights at once on two cores: that a heartbeat comes late there is no story of these tests.
-flights = Behaviours("autonomy.losses.watchdog_heartbeat_limit_s=1.5")
+flights = Behaviours("autonomy.failsafe.watchdog_heartbeat_limit_s=1.5")
 
 
 def code_seen_ns(stack: Stack, component: str, code: Code) -> int:
@@ -240,7 +240,7 @@ def user_holds_and_resumes(stack: Stack) -> None:
 @flights.add(
     "land",
     mission="long",
-    overrides=("autonomy.losses.watchdog_heartbeat_limit_s=0.6",),
+    overrides=("autonomy.failsafe.watchdog_heartbeat_limit_s=0.6",),
     processes=("landing_detection,state_estimation,autopilot,mission_planner,data_recorder", "watchdog"),
 )
 def killed_watchdog_means_landing(stack: Stack) -> None:

@@ -36,9 +36,9 @@ AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
 #: what a machine that starts others meanwhile may take
 PATIENT = (
     *QUICK,
-    "autonomy.losses.watchdog_heartbeat_limit_s=5.0",
-    "autonomy.losses.planner_status_limit_s=5.0",
-    "autonomy.losses.autopilot_status_limit_s=5.0",
+    "autonomy.failsafe.watchdog_heartbeat_limit_s=5.0",
+    "autonomy.failsafe.planner_status_limit_s=5.0",
+    "autonomy.failsafe.autopilot_status_limit_s=5.0",
 )
 LAUNCH = HERE.parents[1] / "launch" / "autonomy.launch"
 ARRANGEMENT = f"processes:={os.environ.get('AMAZE_PROCESSES', 'separate')}"

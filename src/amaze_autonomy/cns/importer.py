@@ -56,7 +56,7 @@ checks:
 takeoff:
   # seconds: the checks are asked again while the mission is loaded, the supervisor among them
   load_limit_s: 20.0
-losses:
+failsafe:
   # seconds: its watchdog beats once a check, 0.5 to 2 Hz
   watchdog_heartbeat_limit_s: 6.0
   # seconds: cns_peers may be started again in flight; that its sequencer is gone it says at once

@@ -342,7 +342,7 @@ ORDER: Tuple[Order, ...] = (
     Order("landing.land_second_route_after_s", "landing.land_alarm_after_s", True, "the pilot is the last route"),
     Order("landing.land_alarm_after_s", "landing.land_limit_s", False, "the pilot needs time to land it"),
     Order("landing.ground_disarm_after_s", "landing.land_limit_s", False, "else it is never disarmed in time"),
-    Order("losses.clock_tolerance_s", "losses.status_max_age_s", False, "else the future passes for the present"),
+    Order("failsafe.clock_tolerance_s", "failsafe.status_max_age_s", False, "else the future passes for the present"),
     Order(
         "battery.battery_critical_fraction", "battery.battery_reserve_fraction", True, "else every mission ends by it"
     ),
@@ -352,12 +352,12 @@ ORDER: Tuple[Order, ...] = (
 
 # limit of a loss, rate of the messages whose absence it is
 LOSS_RATES: Tuple[Tuple[str, str], ...] = (
-    ("losses.watchdog_heartbeat_limit_s", "streams.watchdog_action_rate_hz"),
-    ("losses.planner_status_limit_s", "streams.planner_status_rate_hz"),
-    ("losses.autopilot_status_limit_s", "streams.autopilot_status_rate_hz"),
-    ("losses.status_max_age_s", "streams.autopilot_status_rate_hz"),
-    ("losses.landing_detection_limit_s", "streams.landing_detection_rate_hz"),
-    ("losses.recorder_status_limit_s", "streams.recorder_status_rate_hz"),
+    ("failsafe.watchdog_heartbeat_limit_s", "streams.watchdog_action_rate_hz"),
+    ("failsafe.planner_status_limit_s", "streams.planner_status_rate_hz"),
+    ("failsafe.autopilot_status_limit_s", "streams.autopilot_status_rate_hz"),
+    ("failsafe.status_max_age_s", "streams.autopilot_status_rate_hz"),
+    ("failsafe.landing_detection_limit_s", "streams.landing_detection_rate_hz"),
+    ("failsafe.recorder_status_limit_s", "streams.recorder_status_rate_hz"),
 )
 _PERIODS = 2
 

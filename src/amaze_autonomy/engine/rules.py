@@ -198,7 +198,7 @@ _RECORDING = _Group("recording", "start and end of the recording")
 _TAKEOFF = _Group("takeoff", "from the planner's confirmation to the mission")
 _COMMANDS = _Group("commands", "commands in flight, holds")
 _LANDING = _Group("landing", "landing, second route, alarm")
-_LOSSES = _Group("losses", "peers that fall silent")
+_LOSSES = _Group("failsafe", "silence, and what is unknown: from when on it counts")
 _BATTERY = _Group("battery", "battery in flight and after it")
 _FLIGHT = _Group("flight", "limits of every flight; a mission may set its own time, height and distance")
 

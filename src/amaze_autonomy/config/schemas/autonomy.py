@@ -16,7 +16,7 @@ __all__ = ["AUTONOMY", "Streams"]
 
 @dataclass(frozen=True)
 class Streams:
-    """How often each peer sends its status; the limits of the losses are measured against it.
+    """How often each peer sends its status; the limits of the failsafe conditions are measured against it.
 
     Args:
         watchdog_action_rate_hz: heartbeat of the watchdog.
