@@ -30,7 +30,7 @@ FAILURE = SimpleNamespace(
 def state_message(**changes):
     fields = {
         "state": "HOLD",
-        "phase": "holding",
+        "step": "holding",
         "session_id": "s-1",
         "mission_id": "1",
         "mission_description": "Square",
@@ -116,7 +116,7 @@ def test_every_text_is_cleaned():
     snapshot = snapshot_of(
         state_message(
             state=evil,
-            phase=evil,
+            step=evil,
             message=evil,
             advice=evil,
             user_commands=[evil],

@@ -227,7 +227,7 @@ def pilot_takes_over_and_is_left_alone(stack: Stack) -> None:
 def user_holds_and_resumes(stack: Stack) -> None:
     stack.wait_state("MISSION")
     assert stack.ask("hold")[0] == 1
-    stack.wait(lambda: stack.state == "HOLD" and stack.states[-1].phase == "holding", "HOLD, holding")
+    stack.wait(lambda: stack.state == "HOLD" and stack.states[-1].step == "holding", "HOLD, holding")
     assert stack.ask("go")[0] == 2
     assert stack.ask("resume")[0] == 1
     stack.wait_state("MISSION")

@@ -31,7 +31,7 @@ from fake_autonomy import FakeAutonomy  # noqa: E402 (rostest starts this file f
 from amaze_autonomy import msg  # noqa: E402
 
 LIMIT_S = 20.0
-FLYING = {"state": "MISSION", "phase": "flying", "in_flight": True, "user_commands": ["hold", "land", "abort"]}
+FLYING = {"state": "MISSION", "step": "flying", "in_flight": True, "user_commands": ["hold", "land", "abort"]}
 
 
 class ConsoleProcess:

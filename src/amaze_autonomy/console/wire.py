@@ -120,7 +120,7 @@ def snapshot_of(message: Any) -> Snapshot:
     """Make a snapshot of an AutonomyState."""
     return Snapshot(
         state=_text(message, "state", 20),
-        step=_text(message, "phase", 20),
+        step=_text(message, "step", 20),
         session_id=_text(message, "session_id", 60),
         mission_id=_text(message, "mission_id", 40),
         mission_description=_text(message, "mission_description", 120),

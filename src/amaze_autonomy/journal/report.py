@@ -116,7 +116,7 @@ class Report:
 
     Args:
         state: name of the state.
-        phase: step within it; may be empty.
+        step: within it; may be empty.
         session_id, mission_id, mission_description, file_index, files, repetition, repetitions: what is flown.
         in_flight: from the TAKEOFF command until disarmed and ON_GROUND, freshly.
         checks: the pre-flight table; each row's name starts with its check, e.g. "battery: level".
@@ -135,7 +135,7 @@ class Report:
     """
 
     state: str
-    phase: str
+    step: str
     session_id: str
     mission_id: str
     mission_description: str
@@ -179,7 +179,7 @@ def report(state: EngineState, rules: Rules, computers: Tuple[Check, ...] = ()) 
         deadline = min((deadline[1], deadline[0]), *ends)[::-1]
     return Report(
         state=state.state.value,
-        phase=state.step.value,
+        step=state.step.value,
         session_id=state.session.id,
         mission_id=mission.id if mission is not None else "",
         mission_description=mission.description if mission is not None else "",

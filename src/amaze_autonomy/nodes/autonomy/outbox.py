@@ -289,7 +289,7 @@ def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState
     """Write what a person is shown of the engine; `now_ns` is on the deciding clock."""
     message = msg.AutonomyState(
         state=report.state,
-        phase=report.phase,
+        step=report.step,
         session_id=report.session_id,
         mission_id=report.mission_id,
         mission_description=report.mission_description,
