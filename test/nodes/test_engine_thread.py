@@ -85,6 +85,9 @@ def started(t_ns=5):
     return EngineStarted(t_ns=t_ns)
 
 
+S = 1_000_000_000
+
+
 def test_requests_go_out_before_answers_and_both_before_the_record():
     def decide(state, event, _rules):
         return evolve(state, t_ns=event.t_ns), (NOTE, ANSWER, LAND)
@@ -149,6 +152,63 @@ def test_what_has_come_is_decided_about_before_a_deadline_that_has_passed():
         time.sleep(0.001)
     engine.stop()
     assert seen == [EngineStarted, Tick]
+
+
+@pytest.mark.parametrize("stopped_at", range(6))
+def test_a_stop_between_reading_and_tick_makes_no_tick_of_what_had_come_meanwhile(stopped_at):
+    """The process may be stopped whenever it looks at its clock: a status that came then is decided about before."""
+    clock, inbox = HandClock(), StatusInbox()
+    engine = EngineThread(heard, silent_after_a_second, Rules(), clock, inbox, print, print, lambda *_: None)
+    clock.stops_at, inbox.clock = stopped_at, clock
+    for _ in range(4):
+        engine._turn(0.0)
+        engine._tick()
+    assert engine.state.decisions == 0, "a peer that spoke all the time was called silent"
+    clock.ns += 2 * S
+    inbox.speaks = False
+    engine._tick()
+    assert engine.state.decisions == 1
+
+
+def heard(state, event, _rules):
+    """An engine with one peer: a status is an EngineStarted, a tick a second later says that it is silent."""
+    if isinstance(event, EngineStarted):
+        return evolve(state, t_ns=event.t_ns, started_ns=event.t_ns), ()
+    silent = state.started_ns is not None and event.t_ns - state.started_ns >= S
+    return evolve(state, t_ns=event.t_ns, decisions=state.decisions + silent), ()
+
+
+def silent_after_a_second(state, _rules):
+    return None if state.started_ns is None else state.started_ns + S
+
+
+class HandClock(MonotonicClock):
+    """Time passes when a test says so: two seconds of it before the look of a number."""
+
+    def __init__(self):
+        self.ns, self.looks, self.stops_at = 100 * S, 0, -1
+
+    def now_ns(self):
+        self._look()
+        return self.ns
+
+    def wall_wait_s(self, until_ns):
+        self._look()
+        return max(0.0, (until_ns - self.ns) / S)
+
+    def _look(self):
+        self.looks += 1
+        if self.looks == self.stops_at + 1:
+            self.ns += 2 * S
+
+
+class StatusInbox:
+    """A peer that speaks ten times a second, also while the process is stopped: what comes is of when it came."""
+
+    speaks, clock = True, None
+
+    def wait(self, _limit_s):
+        return [EngineStarted(t_ns=self.clock.ns)] if self.speaks else []
 
 
 def test_what_is_in_the_queue_is_decided_before_it_ends():

@@ -153,6 +153,28 @@ def test_what_lay_in_the_sockets_while_it_was_stopped_is_stamped_with_when_it_ca
     assert desk.stalls == [Stall(2.0, 20, 0)]
 
 
+@pytest.mark.parametrize("reading", range(4))
+def test_a_stop_at_any_reading_of_its_clocks_makes_nothing_later_than_it_came(desk, reading):
+    """What came before the stop is of before, whichever clock was read already."""
+    detection = desk.publisher("landing_detection/landed")
+    desk.send(detection, landed())
+    desk.take(0.01)
+    desk.send(detection, landed(), ago_s=0.0)
+    came_ns, now_ns, readings = desk.clock.ns, desk.clock.now_ns, []
+
+    def now_and_then_it_is_stopped():
+        found = now_ns()
+        readings.append(found)
+        if len(readings) == reading + 1:
+            desk.clock.ns += 2 * S
+        return found
+
+    desk.clock.now_ns = desk.inbox._wall_ns = now_and_then_it_is_stopped
+    events = list(desk.inbox.wait(0.0))
+    assert [event.t_ns for event in events] == pytest.approx([came_ns], abs=11 * MS)
+    assert [event.age_ns for event in events] == pytest.approx([0], abs=11 * MS), "it would be stale"
+
+
 def test_a_clock_that_is_ahead_does_not_move_what_lay_in_the_sockets(desk):
     autopilot = desk.publisher("autopilot/status")
     status = msg.AutopilotStatus(landed=1)

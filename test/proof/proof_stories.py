@@ -159,10 +159,28 @@ STORIES: Sequence[Told] = (
     ),
     Told(
         "An engine that was stopped reads what waited before it judges; a code 16 among it lands at once.",
-        ("nodes/test_inbox.py::test_what_lay_in_the_sockets_while_it_was_stopped_is_stamped_with_when_it_came",),
+        (
+            "nodes/test_inbox.py::test_what_lay_in_the_sockets_while_it_was_stopped_is_stamped_with_when_it_came",
+            "nodes/test_inbox.py::test_a_stop_at_any_reading_of_its_clocks_makes_nothing_later_than_it_came",
+            "nodes/test_engine_thread.py::test_a_stop_between_reading_and_tick_makes_no_tick_of_what_had_come_meanwhile",
+        ),
         (
             "ros/stalls.py::engine_that_is_stopped_for_less_than_a_limit_flies_on",
             f"{_LIVE}code_16_while_the_engine_is_stopped_lands_when_it_goes_on",
+        ),
+    ),
+    Told(
+        "An engine with a thread that ends or hangs lands and goes on anew; one that hangs altogether ends the stack.",
+        (
+            "nodes/test_ending.py::test_threads_go_on_that_live_and_of_which_the_one_that_decides_has_turned_within_five_seconds",
+            "nodes/test_engine_thread.py::test_who_replaces_it_while_it_hangs_decides_alone_also_when_it_goes_on",
+        ),
+        (
+            "ros/ends.py::engine_whose_thread_ends_in_flight_lands_by_both_routes_and_goes_on_as_another",
+            "ros/ends.py::engine_whose_thread_hangs_in_flight_lands_by_both_routes_and_goes_on_as_another",
+            "ros/ends.py::engine_whose_journal_nobody_writes_any_more_lands_by_both_routes_and_goes_on_as_another",
+            "ros/ends.py::engine_that_hangs_in_all_its_threads_ends_and_says_where",
+            f"{_LAUNCH}planner_and_autopilot_node_land_when_the_engine_is_killed_in_flight_and_the_launch_ends",
         ),
     ),
     Told(

@@ -5,6 +5,8 @@ becomes of it.
     --without-rule=RULE         a row is taken out of the transition table
     --thread-ends-at=FILE       the thread that decides ends once FILE is there; FILE is removed
     --thread-hangs-at=FILE      likewise, it hangs
+    --all-hangs-at=FILE         likewise, and so does whoever decides in its place; FILE stays
+    --writer-ends-at=FILE       the thread that writes journal and ~state ends, likewise; FILE is removed
     --no-threads-at=FILE        no thread can be started while FILE is there
 """
 
@@ -17,6 +19,7 @@ from typing import Callable, List
 
 from amaze_autonomy.engine import transitions
 from amaze_autonomy.nodes.autonomy.engine_thread import EngineThread
+from amaze_autonomy.nodes.autonomy.outbox import Outbox
 
 
 def without_rule(rule: str) -> None:
@@ -37,12 +40,31 @@ def thread_hangs_at(file: str) -> None:
     _instead(file, threading.Event().wait)
 
 
-def _instead(file: str, happens: Callable[[], object]) -> None:
+def all_hangs_at(file: str) -> None:
+    """Have every thread that decides wait for ever."""
+    _instead(file, threading.Event().wait, once=False)
+
+
+def writer_ends_at(file: str) -> None:
+    """Have the thread that writes end as nothing that is known ends it."""
+    periodic = Outbox._periodic
+
+    def end_or_write(outbox: Outbox) -> None:
+        if Path(file).exists():
+            Path(file).unlink()
+            raise SystemExit
+        periodic(outbox)
+
+    Outbox._periodic = end_or_write  # type: ignore[method-assign]
+
+
+def _instead(file: str, happens: Callable[[], object], *, once: bool = True) -> None:
     turn = EngineThread._turn
 
     def happen_or_turn(engine: EngineThread, limit_s: float) -> None:
         if Path(file).exists():
-            Path(file).unlink()
+            if once:
+                Path(file).unlink()
             happens()
         turn(engine, limit_s)
 
@@ -65,6 +87,8 @@ OPTIONS = {
     "--without-rule": without_rule,
     "--thread-ends-at": thread_ends_at,
     "--thread-hangs-at": thread_hangs_at,
+    "--all-hangs-at": all_hangs_at,
+    "--writer-ends-at": writer_ends_at,
     "--no-threads-at": no_threads_at,
 }
 

@@ -136,6 +136,20 @@ def engine_whose_thread_hangs_in_flight_lands_by_both_routes_and_goes_on_as_anot
     assert "crippled_autonomy.py" in stack.log(), "nobody says where it hangs"
 
 
+@ends.add(mission="long", crippled=("--writer-ends-at=FOLDER/end",))
+def engine_whose_journal_nobody_writes_any_more_lands_by_both_routes_and_goes_on_as_another(stack: Stack) -> None:
+    lands_and_goes_on(stack, 1.5)
+
+
+@ends.add(mission="long", crippled=("--all-hangs-at=FOLDER/end",))
+def engine_that_hangs_in_all_its_threads_ends_and_says_where(stack: Stack) -> None:
+    """Roslaunch, for which it is required, ends the other nodes then, of which two land: test/ros/launches.py."""
+    stack.wait_state("MISSION")
+    (stack.folder / "end").touch()
+    assert stack.wait_end(30.0) == 1
+    assert "Timeout" in stack.log()
+
+
 def lands_and_goes_on(stack: Stack, limit_s: float) -> None:
     """Make the thread that decides useless, in flight."""
     stack.wait_state("MISSION")

@@ -214,6 +214,18 @@ def landed_after_a_kill(stack: Stack, node: str) -> None:
 
 
 @launches.add(processes=(), start=False)
+def planner_and_autopilot_node_land_when_the_engine_is_killed_in_flight_and_the_launch_ends(stack: Stack) -> None:
+    """The engine is required: roslaunch ends all others with it, as it does when the engine hangs for good."""
+    with flown(stack, "mission:=long", "exit_when_ended:=true") as vehicle:
+        in_flight(stack)
+        os.kill(pid_of(stack, "autonomy"), signal.SIGKILL)
+        ended(stack)
+        assert vehicle.modes[-1] == "AUTO.LAND"
+    assert "mission_planner: ended in flight" in stack.log()
+    assert "autopilot: ended in flight" in stack.log()
+
+
+@launches.add(processes=(), start=False)
 def planner_that_the_master_ends_in_flight_lands_and_is_not_taken_for_a_pilot(stack: Stack) -> None:
     """As `rosnode kill`, or a node that takes its name."""
 

@@ -112,14 +112,14 @@ class Group(Kind):
         raise ConfigError(place, dotted((*address, name)), "is an unknown key", right)
 
 
-RENAMED: Mapping[str, str] = {"losses": "failsafe"}
+_RENAMED: Mapping[str, str] = {"losses": "failsafe"}
 """Keys of before, and what they are called now."""
 
 
 def _meant(name: str, value: Entry, known: Tuple[str, ...]) -> str:
     """Say which key was probably meant: the same with another unit, one that is spelled alike, or any of these."""
-    if RENAMED.get(name) in known:
-        return f"it is called {RENAMED[name]} now"
+    if _RENAMED.get(name) in known:
+        return f"it is called {_RENAMED[name]} now"
     stem, unit = split_unit(name)
     for candidate in known:
         if split_unit(candidate)[0] in (stem, name) and split_unit(candidate)[1]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from operator import attrgetter
 from queue import Empty, SimpleQueue
@@ -150,14 +151,15 @@ class Inbox:
     def wait(self, limit_s: float) -> Sequence[Event]:
         """Wait for what comes, at most for a time; return all of it in the order in which it came."""
         self.reader.wait(min(limit_s, _LOOK_AGAIN_S))
-        wall_ns = self._wall_ns()
+        now_ns, ros_ns = self._clock.now_ns(), self._clock.ros_ns()
+        wall_ns = self._wall_ns()  # the last: it shows each stop before it
         away_ns = wall_ns - self._looked_wall_ns if self._looked_wall_ns != _NEVER_NS else 0
         late = away_ns > _LOOK_AGAIN_S * _S + _LATE_NS
         if late:
             self._read_the_rest()
-        now_ns = self._clock.now_ns()
+            now_ns, ros_ns = self._clock.now_ns(), self._clock.ros_ns()
         events = self._put_events()
-        statuses, left_out = self._statuses(now_ns, self._looked_ns if late else None)
+        statuses, left_out = self._statuses(now_ns, ros_ns, self._looked_ns if late else None)
         events += statuses
         stalled_s = self._clock.stalled_s()
         if (stalled_s > 0.0) != self._clock_stands:
@@ -186,12 +188,11 @@ class Inbox:
             except Empty:
                 return events
 
-    def _statuses(self, now_ns: int, looked_ns: Optional[int]) -> Tuple[List[Event], int]:
+    def _statuses(self, now_ns: int, ros_ns: int, looked_ns: Optional[int]) -> Tuple[List[Event], int]:
         """Return the statuses that have come, and how many were left out."""
         came, self._came[:] = self._came[:], []
         if not came:
             return [], 0
-        ros_ns = self._clock.ros_ns()
         events: List[Tuple[_Publisher, Event]] = []
         for publisher, data in came:
             try:
@@ -344,9 +345,16 @@ class EngineThread:
             return _LONGEST_SLEEP_S
 
     def _tick(self) -> None:
-        """Say that time has passed, when a deadline has really come; a wait may be cut short."""
+        """Say that time has passed, when a deadline has really come; a wait may be cut short.
+
+        What came until then is decided about before: the process may have been stopped since it read.
+        """
+        if self._sleep_s() > 0.0:
+            return
+        now_ns = self._clock.now_ns()
+        self._turn(0.0)
         if self._sleep_s() <= 0.0:
-            self._step(Tick(t_ns=self._clock.now_ns()))
+            self._step(Tick(t_ns=now_ns))
 
     def _step(self, event: Event) -> None:
         try:
@@ -388,15 +396,13 @@ class EngineThread:
 
     def _say_once(self, what: str, about: object, error: Exception) -> None:
         """Log what failed, with its reason; the same for the same reason is logged once."""
-        try:
+        with suppress(MemoryError):  # then more often
             key = (what, type(about), type(error), str(error))
             if key in self._said:
                 return
             if len(self._said) >= _MOST_SAID:
                 self._said.clear()
             self._said.add(key)
-        except MemoryError:  # then more often
-            pass
         report(_log, f"the engine could not {what} %s", about)
 
     def _decision_failed(self, about: object, error: Exception) -> None:
