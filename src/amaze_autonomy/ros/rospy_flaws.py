@@ -8,13 +8,17 @@ node is still on the master's list, when the dead one's port is ours by now: it 
 
 A node cannot end well: rospy 1.15.9, which Debian 11 has, calls `Thread.isAlive`, which its Python 3.9 has no more. So
 every node ended with a traceback and the status 1, whatever its own was.
+
+A node that is told to end while it starts may run on for ever: rospy forgets a hook that is added while it calls the
+others. The node has left the master then, so that nobody can reach it, and roslaunch starts no other one.
 """
 
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import Any, Callable, List
 
+import rospy.core
 from rospy.impl.tcpros_base import TCPROSServer
 
 __all__ = ["mend_rospy"]
@@ -23,6 +27,7 @@ __all__ = ["mend_rospy"]
 def mend_rospy() -> None:
     """Call it before `rospy.init_node`; more than once is the same."""
     TCPROSServer._tcp_server_callback = _accept
+    rospy.core._add_shutdown_hook = _add_hook
     if not hasattr(threading.Thread, "isAlive"):
         threading.Thread.isAlive = threading.Thread.is_alive  # type: ignore[method-assign]
 
@@ -32,3 +37,17 @@ _read = TCPROSServer._tcp_server_callback
 
 def _accept(server: Any, sock: Any, address: Any) -> None:
     threading.Thread(target=_read, args=(server, sock, address), name="inbound", daemon=True).start()
+
+
+_add = rospy.core._add_shutdown_hook
+
+
+def _add_hook(hook: Callable[..., None], hooks: List[Any], pass_reason_argument: bool = True) -> None:  # noqa: FBT001, FBT002
+    """Add a hook, or call it when a shutdown held the lock meanwhile: it has called all hooks that it knew."""
+    _add(hook, hooks, pass_reason_argument)
+    with rospy.core._shutdown_lock:
+        late = rospy.core.is_shutdown() and hook in hooks
+        if late:
+            hooks.remove(hook)
+    if late:
+        hook(*["already shut down"][: int(pass_reason_argument)])
