@@ -12,8 +12,7 @@ from amaze_autonomy.engine.rules import Code
 
 BEFORE = ["data_recorder/start", "mission_planner/load"]
 S = 1_000_000_000
-# A dozen flights at once on two cores: that a heartbeat comes late there is no story of these tests.
-flights = Behaviours("autonomy.failsafe.watchdog_heartbeat_limit_s=1.5")
+flights = Behaviours()
 
 
 def code_seen_ns(stack: Stack, component: str, code: Code) -> int:

@@ -6,8 +6,10 @@ limit is the limit; where other work holds up the test, the nodes that it measur
 
 from __future__ import annotations
 
+import os
 import threading
 import time
+from pathlib import Path
 from typing import List, Tuple
 
 _EVERY_S, _USUAL_S = 0.005, 0.001
@@ -17,6 +19,12 @@ _late: List[Tuple[float, float]] = []  # woken when, late by how much (monotonic
 def allowed_s(limit_s: float, began_s: float, ended_s: float = float("inf")) -> float:
     """Return a limit, and by how much this machine was late in the meantime (times of the monotonic clock, s)."""
     return limit_s + sum(late_s for at_s, late_s in list(_late) if began_s < at_s and at_s - late_s < ended_s)
+
+
+def idle_s() -> float:
+    """Return how long this machine's processors were idle since its start, in sum (/proc/stat, proc(5)), s."""
+    ticks = Path("/proc/stat").read_text().split()
+    return (int(ticks[4]) + int(ticks[5])) / os.sysconf("SC_CLK_TCK")  # idle, iowait
 
 
 def _watch() -> None:

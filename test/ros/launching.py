@@ -36,13 +36,15 @@ AT_ONCE, LIMIT_S = 3, 90.0  # each starts a dozen processes
 #: what a machine that starts others meanwhile may take
 PATIENT = (
     *QUICK,
+    "autonomy.checks.watchdog_startup_time_s=30.0",
     "autonomy.failsafe.watchdog_heartbeat_limit_s=5.0",
     "autonomy.failsafe.planner_status_limit_s=5.0",
     "autonomy.failsafe.autopilot_status_limit_s=5.0",
 )
 LAUNCH = HERE.parents[1] / "launch" / "autonomy.launch"
 ARRANGEMENT = f"processes:={os.environ.get('AMAZE_PROCESSES', 'separate')}"
-"""Of each launch that does not name one: `./run test-ros forked` has all nodes be forks of one process."""
+"""Of each launch that does not name one: launches.test has a process for each node, lies.test forks of one process, and
+`./run test-ros swapped` the other way round."""
 GROUP = '<launch><group ns="{}"><include file="{}" pass_all_args="true">{}</include></group></launch>'
 _number = itertools.count()
 

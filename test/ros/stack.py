@@ -38,6 +38,7 @@ START_ERROR = 2  # exit status of an engine that refuses to start
 
 #: What makes a mission last seconds instead of minutes.
 QUICK = (
+    "autonomy.failsafe.watchdog_heartbeat_limit_s=1.5",  # one that comes late beside a dozen stacks is no story
     "autonomy.recording.recording_lead_s=0.2",
     "autonomy.landing.descent_time_s=0.5",
     "autonomy.landing.land_second_route_after_s=1.0",
