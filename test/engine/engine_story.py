@@ -138,16 +138,17 @@ class Story:
         assert [a.request_id for a in answers] == [number]
         return answers[0].answer.name, answers[0].message
 
-    def fail(self, name: str, code: int, restart: str = "none", *, tell: bool = True) -> Story:
+    def fail(self, name: str, code: int, restart: str = "none", *, reason: str = "", tell: bool = True) -> Story:
         """Let a component get a code; the watchdog says so at once."""
-        self.watchdog.components[name] = ev.ComponentStatus(
-            name, Code(code), Restart(restart), reason=f"{name} at code {code}" if code > 1 else ""
-        )
+        why = (reason or f"{name} at code {code}") if code > 1 else ""
+        self.watchdog.components[name] = ev.ComponentStatus(name, Code(code), Restart(restart), reason=why)
         self.watchdog.latest = name
         return self.tell() if tell else self
 
-    def back(self, name: str) -> Story:
-        return self.fail(name, 1)
+    def back(self, *names: str) -> Story:
+        for name in names:
+            self.fail(name, 1, tell=False)
+        return self.tell()
 
     def tell(self) -> Story:
         """Let the watchdog say what it knows, now."""

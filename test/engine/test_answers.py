@@ -217,6 +217,34 @@ def test_a_hold_says_what_has_failed_what_is_done_and_for_how_long():
     assert said(story) == ["While landing: gps fault (gps at code 2). The landing goes on."]
 
 
+def test_what_fails_and_comes_back_together_is_one_message():
+    """One cause, as a cable, is one sentence, though each component is a failure and a decision of its own."""
+    story = at("MISSION flying").look().fail("imu", 16).look()
+    for name, code in (("barometer", 16), ("magnetometer", 16), ("gps", 2), ("mission_camera", 2)):
+        story.fail(name, code, reason=f"the autopilot's {name}: no answer for longer than 2 s", tell=False)
+    assert said(story.tell()) == [
+        "Also failed: barometer and magnetometer fault (no answer for longer than 2 s).",
+        "While landing: gps and mission_camera fault (no answer for longer than 2 s). The landing goes on.",
+    ]
+    assert story.rules_fired == ["failure_land"] * 2 + ["failure_continue"] * 2
+    story.look().back("barometer", "magnetometer", "gps")
+    assert said(story) == ["barometer and magnetometer are back.", "gps is back."], "a status later"
+
+
+def test_what_fails_together_for_different_reasons_is_told_with_each_of_them():
+    story = at("MISSION flying").look().fail("gps", 2, tell=False).fail("magnetometer", 2, "trying", tell=False).tell()
+    both = "gps fault (gps at code 2); magnetometer fault, restarting it (magnetometer at code 2)"
+    assert said(story) == [f"Flying on: {both}."]
+
+
+def test_what_is_waited_for_to_different_ends_is_told_apart():
+    story = at("MISSION flying").look().fail("lrf", 8).look()
+    assert said(story.fail("barometer", 4, tell=False).fail("magnetometer", 4, tell=False).tell()) == [
+        "Holding for up to 7 s, then flying on: barometer fault (barometer at code 4).",
+        "Holding for up to 6 s, then flying on: magnetometer fault (magnetometer at code 4).",
+    ]
+
+
 def test_what_is_flown_on_with_and_what_is_over_are_said_without_names_of_rules():
     story = at("MISSION flying").look()
     tilt = "tilted further than it should be (tilt 50.0 deg, limit 45.0)."

@@ -327,7 +327,7 @@ MESSAGES: Mapping[str, Message] = {
     "failure_while_landing": Message(_W, "While landing: {reason} The landing goes on."),
     "failure_land": Message(_E, "Also failed: {reason}"),
     "failure_pilot": Message(_W, "While the pilot has control: {reason} No commands are sent."),
-    "failure_back": Message(_I, "{name} is back."),
+    "failure_back": Message(_I, "{name} {are} back."),
     "condition_cleared": Message(_I, "Cleared: {reason}"),
-    "flown_without": Message(_W, "{name} did not come back in time: flying on without it."),
+    "flown_without": Message(_W, "{name} did not come back in time: flying on."),
 }

@@ -24,10 +24,10 @@ from .commands import (
 from .context import Context
 from .effects import ENTER, begin_session
 from .events import Event, MissionRejected, MissionSelected, RecordingPhase, UserCommand, UserRequest
-from .failsafe import waiting
+from .failsafe import Change, and_words, waiting
 from .flight_guards import nobody_knows
 from .rules import Rules
-from .state import EngineState, FailureKind, Result, State, Step, put
+from .state import EngineState, Failure, FailureKind, Result, State, Step, put
 from .transitions import ROWS_AT, Place, Transition
 from .update import update
 
@@ -313,19 +313,34 @@ _SAID_HERE = {"failure_wait": State.HOLD, "failure_land": State.LAND, "failure_p
 
 
 def _update_failures(context: Context, decisions: List[Decision]) -> None:
-    """Bring what is wrong up to date, and write down what changed in flight."""
-    for change in failsafe.update(context):
-        failure, first = change.failure, len(context.commands)
-        waits = change.rule == "failure_wait"
-        own = waits and failure.kind is FailureKind.USER  # said by the transition
-        lands = context.state.state is State.LAND or bool(failsafe.worst(context.state))
-        landing = (change.rule == "failure_continue" and lands) or (waits and context.lands())
-        if landing or (not own and _SAID_HERE.get(change.rule, context.state.state) is context.state.state):
-            key = "failure_while_landing" if landing else _CLEARED.get((change.rule, failure.kind), change.rule)
-            reason = f"{failsafe.fault_words(failure, context.state)}."
-            context.notify(key, name=failure.name, reason=reason, limit=failsafe.wait_words(failure, context))
-        place = (context.state.state, context.state.step)
-        _write_down(context, decisions, change.rule, place, failsafe.values_of(failure, context), first)
+    """Bring what is wrong up to date, write down what changed in flight, and say once what is said of several."""
+    changes = failsafe.update(context)
+    told: Dict[Tuple[str, str], List[Failure]] = {}
+    for change in changes:
+        told.setdefault(_told_as(context, change), []).append(change.failure)
+    place = (context.state.state, context.state.step)
+    for change in changes:
+        first, alike = len(context.commands), told.pop(_told_as(context, change), [])
+        if alike:
+            key, limit = _told_as(context, change)
+            names, reason = and_words([each.name for each in alike]), failsafe.fault_words(alike, context.state)
+            are = "is" if len(alike) == 1 else "are"
+            context.notify(key, name=names, are=are, reason=f"{reason}.", limit=limit)
+        _write_down(context, decisions, change.rule, place, failsafe.values_of(change.failure, context), first)
+
+
+def _told_as(context: Context, change: Change) -> Tuple[str, str]:
+    """Return the key of the message about a change, empty where it is said elsewhere, and how long it is waited for."""
+    failure, state = change.failure, context.state
+    waits = change.rule == "failure_wait"
+    own = waits and failure.kind is FailureKind.USER  # said by the transition
+    lands = state.state is State.LAND or bool(failsafe.worst(state))
+    landing = (change.rule == "failure_continue" and lands) or (waits and context.lands())
+    if landing:
+        return "failure_while_landing", failsafe.wait_words(failure, context)
+    if own or _SAID_HERE.get(change.rule, state.state) is not state.state:
+        return "", ""
+    return _CLEARED.get((change.rule, failure.kind), change.rule), failsafe.wait_words(failure, context)
 
 
 def _first(context: Context) -> Tuple[Optional[Transition], Seen]:

@@ -16,7 +16,7 @@ import abc
 import dataclasses
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from .commands import Seen, Value, because
 from .context import Context
@@ -502,12 +502,27 @@ _RESTARTS = {Restart.NONE: "", Restart.TRYING: ", restarting it", Restart.GIVEN_
 _FALLBACKS = {Action.LAND: ", then landing", Action.CONTINUE: ", then flying on"}
 
 
-def fault_words(failure: Failure, state: EngineState) -> str:
-    """Return what is wrong as a person is told: the cause, and behind it in brackets what was measured."""
-    if failure.kind is not FailureKind.COMPONENT:
-        return failure.reason
-    restart = next((_RESTARTS[each.restart] for each in state.peers.components if each.name == failure.name), "")
-    return f"{failure.name} fault{restart}" + (f" ({failure.reason})" if failure.reason else "")
+def fault_words(failures: Sequence[Failure], state: EngineState) -> str:
+    """Return what is wrong as a person is told: the cause, and behind it in brackets what was measured.
+
+    Args:
+        failures: one or more; components that fail alike are named together.
+        state: with what is restarted.
+    """
+    said: Dict[str, List[str]] = {}
+    for each in failures:
+        restart = next((_RESTARTS[part.restart] for part in state.peers.components if part.name == each.name), "")
+        _, named, behind = each.reason.partition(f"{each.name}: ")
+        measured = f" ({behind if named and len(failures) > 1 else each.reason})" if each.reason else ""
+        component = each.kind is FailureKind.COMPONENT
+        words = f" fault{restart}{measured}" if component else each.reason
+        said.setdefault(words, []).extend([each.name] if component else [])
+    return "; ".join(and_words(names) + words for words, names in said.items())
+
+
+def and_words(names: Sequence[str]) -> str:
+    """Return names as one says them: "gps", "gps and imu", "gps, imu and lrf"."""
+    return " and ".join([*filter(None, [", ".join(names[:-1])]), *names[-1:]])
 
 
 def wait_words(failure: Failure, context: Context) -> str:

@@ -178,7 +178,7 @@ def in_flight(context: Context) -> Optional[Seen]:
 
 
 def _failed(context: Context, failure: Failure) -> Seen:
-    return Seen(failsafe.values_of(failure, context), failsafe.fault_words(failure, context.state))
+    return Seen(failsafe.values_of(failure, context), failsafe.fault_words([failure], context.state))
 
 
 def must_land(context: Context) -> Optional[Seen]:
