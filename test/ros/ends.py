@@ -60,7 +60,8 @@ def signal_before_any_mission_ends_well(stack: Stack) -> None:
     stack.signal_engine(signal.SIGINT)
     assert stack.wait_end(10.0) == 0
     assert stack.received() == []
-    assert stack.result()["state"] == "MISSION_INPUT"
+    assert (stack.result()["state"], stack.result()["result"]) == ("MISSION_INPUT", "NO_MISSION")
+    assert "COMPLETE" not in stack.log()
 
 
 @ends.add("shutdown_before_takeoff", overrides=("autonomy.recording.recording_lead_s=10.0",))

@@ -494,7 +494,8 @@ START_ERROR = 2
 
 #: What the process exits with, by the name of the worst that happened; docs/integrator.md shows this table.
 EXIT_STATUS: Mapping[str, int] = {
-    "COMPLETE": 0,  # every mission was flown and its data is complete; or nothing was started
+    "NO_MISSION": 0,  # the node was ended before one was begun
+    "COMPLETE": 0,  # every mission was flown and its data is complete
     "LANDED_EARLY": 3,
     "PILOT": 4,
     "NOT_FLOWN": 5,
@@ -509,7 +510,7 @@ _NOTHING_UNDER_WAY = (State.MISSION_INPUT, State.MISSION_ENDED)
 
 def outcome(results: Sequence[Ended], state: EngineState) -> str:
     """Return the worst of how the missions ended and where the engine was when the node ended."""
-    names: List[str] = [each.result.value for each in results if each.result is not Result.NONE] or ["COMPLETE"]
+    names: List[str] = [each.result.value for each in results if each.result is not Result.NONE] or ["NO_MISSION"]
     if state.flight.active:
         names.append("INTERRUPTED_IN_FLIGHT")
     elif state.state not in _NOTHING_UNDER_WAY:
