@@ -181,7 +181,8 @@ class TestAutopilot(unittest.TestCase):
         self.wait(lambda status: status.link_age < 1.5 and status.landed == STATUS.ON_GROUND, "its return")
 
     def test_a_link_that_cannot_be_is_one_line(self):
-        node = OneNode("autopilot", f"{self.space}/bad", ["autopilot.link.key_file=/no/such/key"])
+        keys = [f"autopilot.{link}.key_file=/no/such/key" for link in ("link", "planner_link")]
+        node = OneNode("autopilot", f"{self.space}/bad", keys)
         self.assertEqual(node.process.wait(40.0), 2)
         self.assertEqual(node.log, "autopilot: /no/such/key: No such file or directory; must be a file with the key\n")
 

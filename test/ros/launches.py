@@ -202,15 +202,15 @@ def autopilot_node_that_is_killed_in_flight_ends_the_mission_with_a_landing(stac
 
 def landed_after_a_kill(stack: Stack, node: str) -> None:
     """Kill a node: it is started again, and our engine lands the vehicle, which is not left to a pilot."""
-    with flown(stack, "mission:=long", "exit_when_ended:=true") as vehicle:
+    with flown(stack, "mission:=long") as vehicle:
         in_flight(stack)
         was = pid_of(stack, node)
         os.kill(was, signal.SIGKILL)
         stack.wait(lambda: back(stack, node, was), f"{node} again", LIMIT_S)
-        ended(stack)
+        stack.wait_state("MISSION_ENDED", limit_s=LIMIT_S)
         assert vehicle.modes[-1] == "AUTO.LAND"
     assert "PILOT" not in stack.passed, stack.passed
-    assert (stack.result()["state"], stack.result()["in_flight"]) == ("MISSION_ENDED", False)
+    assert not stack.states[-1].in_flight
 
 
 @launches.add(processes=(), start=False)

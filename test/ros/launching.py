@@ -164,11 +164,21 @@ def roslaunch(
 
 
 @contextlib.contextmanager
-def flown(stack: Stack, *arguments: str, overrides: Sequence[str] = (), on: bool = True) -> Iterator[Px4Vehicle]:
-    """Start it with every real node and a PX4 that the test holds; `on`: that one speaks from the beginning."""
+def flown(
+    stack: Stack, *arguments: str, overrides: Sequence[str] = (), on: bool = True, key: bytes = b""
+) -> Iterator[Px4Vehicle]:
+    """Start it with every real node and a PX4 that the test holds; `on`: that one speaks from the beginning.
+
+    With a key for signing, both sides have it.
+    """
     port = free_ports()
-    vehicle = Px4Vehicle(*(f"udpout:127.0.0.1:{port + number}" for number in range(3)), on=on)
+    vehicle = Px4Vehicle(*(f"udpout:127.0.0.1:{port + number}" for number in range(3)), on=on, key=key)
     links = ("vehicle:=external", f"vehicle_url:=udpin:127.0.0.1:{port + 2}", f"mavlink_port:={port}")
+    if key:
+        path = stack.folder / "mavlink.key"
+        path.touch(0o600)
+        path.write_text(key.hex())
+        overrides = (*overrides, *(f"autopilot.{link}.key_file={path}" for link in ("link", "planner_link")))
     received = f"received:={stack.folder / 'received.jsonl'}"
     roslaunch(stack, *links, received, *arguments, overrides=("sensors.battery.cells=6", *overrides))
     try:

@@ -166,6 +166,22 @@ def second_vehicle_with_our_id_forbids_takeoff_and_is_ignored_in_flight(stack: S
 
 
 @lies.add(processes=(), start=False)
+def signed_flight_hears_no_vehicle_without_the_key(stack: Stack) -> None:
+    """What both nodes and the vehicle say is signed (by pymavlink, on its side), and nothing else is believed."""
+    with flown(stack, "mission:=long", key=bytes(range(32))) as vehicle:
+        in_flight(stack)
+        began_ns = time.monotonic_ns()
+        with stranger(vehicle):
+            stack.wait(lambda: statuses_since(stack, began_ns + 3 * NS), "three seconds of the flight")
+        assert all(each.armed for each in statuses_since(stack, began_ns)), "the two are mixed"
+        assert decisions_since(stack, began_ns) == []
+        assert "another vehicle" not in stack.log()
+        assert stack.ask("land")[0] == DONE
+        down(stack, vehicle)
+    assert all((stack.folder / f"mavlink.key.{component}.stamp").exists() for component in (191, 192))
+
+
+@lies.add(processes=(), start=False)
 def code_16_while_the_engine_is_stopped_lands_when_it_goes_on(stack: Stack) -> None:
     """Stopped for 0.7 s, from the first word of the autopilot on; the watchdog asks for a second one."""
     failed, alarmed = threading.Event(), threading.Event()

@@ -66,6 +66,7 @@ class Px4Vehicle:
         addresses: e.g. udpout:127.0.0.1:14541.
         kind: classes of craft and autopilot.
         on: it speaks from the beginning; else once it is switched on.
+        key: with which it signs; empty: it does not.
 
     Attributes:
         sensors: what the autopilot says of each: healthy.
@@ -75,7 +76,13 @@ class Px4Vehicle:
         addresses: host and port of each endpoint.
     """
 
-    def __init__(self, *addresses: str, kind: Tuple[Type[Craft], Type[Px4]] = (Craft, Px4), on: bool = True) -> None:
+    def __init__(
+        self,
+        *addresses: str,
+        kind: Tuple[Type[Craft], Type[Px4]] = (Craft, Px4),
+        on: bool = True,
+        key: bytes = b"",
+    ) -> None:
         self.lock = threading.Lock()
         self.sensors: Dict[str, Optional[bool]] = dict.fromkeys(("gps", "imu", "magnetometer", "barometer"), True)
         self.cut, self.lost_fraction, self.modes = False, 0.0, [""]
@@ -89,7 +96,7 @@ class Px4Vehicle:
             self.craft,
             Power(PowerSettings()),
             time.monotonic_ns(),
-            Px4Settings(),
+            Px4Settings(signing_key=key),
             sensors=lambda: self.sensors,
             unix_ns=time.time_ns(),
         )

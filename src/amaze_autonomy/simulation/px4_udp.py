@@ -147,7 +147,9 @@ class VehicleServer:
         if name not in self._peers:
             if len(self._peers) >= _PEERS_MAX:
                 return None
-            self._peers[name] = _Peer(port, place, Framing(self._px4.settings.system, 1))
+            settings = self._px4.settings
+            framing = Framing(settings.system, 1, settings.signing_key, time.time_ns())
+            self._peers[name] = _Peer(port, place, framing)
             self._px4.connect(name, self._preset)
         return name
 

@@ -48,6 +48,16 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
             "that speaks has its own",
         ),
         (
+            "link:\n  key_file: /a.key\n",
+            "autopilot.yaml:2: link.key_file: is '/a.key', and planner_link.key_file is empty; must be named in both "
+            "or in none: a vehicle that signs hears nobody who does not",
+        ),
+        (
+            "planner_link:\n  key_file: /a.key\n",
+            "autopilot.yaml:2: planner_link.key_file: is '/a.key', and link.key_file is empty; must be named in both "
+            "or in none: a vehicle that signs hears nobody who does not",
+        ),
+        (
             "backend: ros2\n",
             "autopilot.yaml:1: backend: is the text 'ros2'; must be one of mavlink, mavros; did you mean mavros?",
         ),

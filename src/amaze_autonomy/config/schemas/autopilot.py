@@ -312,7 +312,7 @@ _OWNED = ("serial:", "udp:", "udpin:", "tcpin:")  # what one process alone can h
 
 
 def _check_links(values: Mapping[str, Any], places: Places) -> None:
-    """Refuse two links that cannot both be: on one endpoint, or with one address.
+    """Refuse two links that cannot both be: on one endpoint, with one address, or one of them signed alone.
 
     Raises:
         ConfigError: they are.
@@ -325,6 +325,11 @@ def _check_links(values: Mapping[str, Any], places: Places) -> None:
     if all(planner[name] == link[name] for name in names):
         right = "must be another one: each node that speaks has its own"
         refuse_at(("planner_link", "component_id"), places, f"is {link['component_id']}, as link.component_id", right)
+    if bool(planner["key_file"]) != bool(link["key_file"]):
+        right = "must be named in both or in none: a vehicle that signs hears nobody who does not"
+        named, other = ("link", "planner_link") if link["key_file"] else ("planner_link", "link")
+        wrong = f"is {values[named]['key_file']!r}, and {other}.key_file is empty"
+        refuse_at((named, "key_file"), places, wrong, right)
 
 
 def autopilot_of(values: Mapping[str, Any], places: Places) -> AutopilotSettings:

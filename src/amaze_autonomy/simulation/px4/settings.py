@@ -128,6 +128,7 @@ class Px4Settings:
         unacknowledged: commands (MAV_CMD) to which it sends no COMMAND_ACK, as PX4 now and then does.
         boot_ns: how long it is on already when the simulation begins.
         mission_capacity: items that it can hold.
+        signing_key: with which it signs what it sends, and believes nothing else; empty: neither.
     """
 
     system: int = 1
@@ -139,3 +140,4 @@ class Px4Settings:
     unacknowledged: Tuple[int, ...] = ()
     boot_ns: int = 60_000_000_000
     mission_capacity: int = 500
+    signing_key: bytes = b""

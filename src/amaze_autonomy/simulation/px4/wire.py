@@ -26,6 +26,8 @@ __all__ = [
     "shown",
 ]
 
+_EPOCH_2015_NS = 1_420_070_400_000_000_000  # https://mavlink.io/en/guide/message_signing.html: of time stamps, 10 us
+
 # --- frames -----------------------------------------------------------------------------------------------------------
 
 
@@ -35,11 +37,17 @@ class Framing:
     Args:
         system: whose frames go out.
         component: likewise.
+        key: with which all frames are signed, by pymavlink, and what is not is passed over; empty: none is.
+        unix_ns: wall time at the beginning, for signatures.
     """
 
-    def __init__(self, system: int, component: int) -> None:
+    def __init__(self, system: int, component: int, key: bytes = b"", unix_ns: int = 0) -> None:
         self._mav: Any = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
         self._mav.robust_parsing = True
+        if key:
+            signing = self._mav.signing
+            signing.secret_key, signing.link_id, signing.sign_outgoing = key, component, True
+            signing.timestamp = (unix_ns - _EPOCH_2015_NS) // 10_000
 
     def encode(self, message: Any) -> bytes:
         """Return the frame of a message; each takes the next sequence number."""
@@ -73,11 +81,15 @@ class _Raw:
 
     def pack(self, mav: Any) -> bytes:
         """Return the frame, as pymavlink's messages do."""
-        head = struct.pack("<BBBBBB", len(self._payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent)
+        flags = mavlink.MAVLINK_IFLAG_SIGNED if mav.signing.sign_outgoing else 0
+        head = struct.pack("<BBBBBB", len(self._payload), flags, 0, mav.seq, mav.srcSystem, mav.srcComponent)
         body = head + self._number.to_bytes(3, "little") + self._payload
         checksum = mavlink.x25crc(body)
         checksum.accumulate(bytes((self._extra,)))
-        return b"\xfd" + body + struct.pack("<H", checksum.crc)
+        self._msgbuf = bytearray(b"\xfd" + body + struct.pack("<H", checksum.crc))
+        if flags:
+            mavlink.MAVLink_message.sign_packet(self, mav)
+        return bytes(self._msgbuf)
 
 
 def event(number: int, t_ms: int, sequence: int, log_level: int) -> Any:
