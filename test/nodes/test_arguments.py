@@ -163,12 +163,11 @@ def test_a_node_warns_and_loads_the_configuration_of_its_words(node, monkeypatch
     given_folder, loaded = tmp_path / "given", []
     monkeypatch.setattr(sys, "argv", [node, "--config", str(given_folder), "--overrides", "x.y=1"])
     server = Server(monkeypatch, node, {"config": str(tmp_path), "overrides": "sensors.components.lrf.driver=[a]"})
-    for name in ("init_node", "on_shutdown", "signal_shutdown"):
+    for name in ("on_shutdown", "signal_shutdown"):
         monkeypatch.setattr(rospy, name, lambda *_, **__: None)
-    for name in ("survive_a_closed_terminal", "take_precedence_or_say"):
+    for name in ("begin", "take_precedence_or_say"):
         monkeypatch.setattr(node_main, name, lambda *_: None)
     monkeypatch.setattr(node_main.signal, "signal", lambda *_: None)
-    monkeypatch.setattr(node_main.os, "umask", lambda _: 0)
     monkeypatch.setattr(rospy.core, "add_preshutdown_hook", lambda _: None)
 
     def load(folder, overrides=()):
@@ -177,7 +176,6 @@ def test_a_node_warns_and_loads_the_configuration_of_its_words(node, monkeypatch
 
     for each in (node_main, module):
         monkeypatch.setattr(each, "load_configuration", load, raising=False)
-        monkeypatch.setattr(each, "mend_rospy", lambda: None, raising=False)
     assert module.main() == 2
     assert loaded == [(given_folder, ("x.y=1",))]
     assert [text.partition(" is ignored")[0] for text in server.warned] == [

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -46,3 +51,24 @@ def test_the_parameter_is_before_the_configuration(startup):
 def test_what_is_no_time_does_not_start(startup, nonsense):
     with pytest.raises(StartError, match="startup_time"):
         startup(nonsense)
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("node", ["autonomy", "watchdog", "simulation"])
+def test_ctrl_c_in_the_wait_for_a_master_ends_a_node_without_a_traceback(node, tmp_path):
+    program = Path(__file__).parents[2] / "scripts" / node
+    environment = {**os.environ, "ROS_MASTER_URI": "http://localhost:1", "ROS_HOME": str(tmp_path)}
+    with (tmp_path / "said").open("wb") as said:
+        started = subprocess.Popen([sys.executable, "-u", str(program)], env=environment, stdout=said, stderr=said)
+    try:
+        until = time.monotonic() + 60.0
+        while b"register with master node" not in (tmp_path / "said").read_bytes() and time.monotonic() < until:
+            time.sleep(0.05)
+        started.send_signal(signal.SIGINT)
+        status = started.wait(60.0)
+    finally:
+        started.kill()
+        started.wait()
+    lines = (tmp_path / "said").read_text().splitlines()
+    assert (status, len(lines)) == (0, 1), lines
+    assert "register with master node" in lines[0]

@@ -37,10 +37,10 @@ __all__ = [
     "Parameters",
     "RunningNode",
     "Startup",
+    "begin",
     "read_parameters",
     "run_node",
     "settle",
-    "survive_a_closed_terminal",
     "take_precedence",
     "take_precedence_or_say",
     "warn_of_parameters",
@@ -68,10 +68,7 @@ def run_node(name: str, make: Callable[[Configuration, Clock], RunningNode]) -> 
     answered = answer_words(name, sys.modules[make.__module__].__doc__, __doc__)
     if answered is not None:
         return answered
-    survive_a_closed_terminal()
-    os.umask(UMASK)
-    mend_rospy()
-    rospy.init_node(name, argv=sys.argv, disable_signals=True)
+    begin(name)
     stopped, left = threading.Event(), threading.Event()
     node: Any = None
     reconnector = Reconnector()
@@ -276,12 +273,21 @@ class _Outlet(io.TextIOBase):
             self._stream.flush()
 
 
-def survive_a_closed_terminal() -> None:
-    """Have words to people never fail: a node writes to the terminal of roslaunch, which may be closed in flight.
+def begin(name: str) -> None:
+    """Become a node, as every one does that flies; it waits for the master for as long as there is none.
 
-    Call it before `rospy.init_node`, which keeps both streams for its log.
+    Words to people never fail from here on: they go to the terminal of roslaunch, which may be closed in flight.
+    What is written is for its user and group. A signal in the wait for the master ends it at once, without a traceback.
+
+    Args:
+        name: of the node, where nobody gives it another one.
     """
-    sys.stdout, sys.stderr = _Outlet(sys.stdout), _Outlet(sys.stderr)
+    sys.stdout, sys.stderr = _Outlet(sys.stdout), _Outlet(sys.stderr)  # before rospy keeps both for its log
+    os.umask(UMASK)
+    mend_rospy()
+    for number in END_SIGNALS:
+        signal.signal(number, lambda *_: os._exit(0))  # an exception could be lost in rospy
+    rospy.init_node(name, argv=sys.argv, disable_signals=True)
 
 
 def take_precedence(nice: int) -> str:

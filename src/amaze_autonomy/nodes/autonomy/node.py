@@ -58,7 +58,6 @@ from ...ros.errors import NodeError, StartError, report
 from ...ros.interface import SERVICE_CLASSES, message_class
 from ...ros.node_main import Parameters, read_parameters
 from ...ros.reconnector import Reconnector
-from ...ros.rospy_flaws import mend_rospy
 from ...ros.service_client import ServiceClient
 from ...ros.topic_reader import ALL, Tally, subscribe
 from . import run_folder
@@ -459,10 +458,7 @@ def main() -> int:
     answered = answer_words("autonomy", __doc__, node_main.__doc__, node_main.Parameters.__doc__)
     if answered is not None:
         return answered
-    node_main.survive_a_closed_terminal()
-    os.umask(node_main.UMASK)
-    mend_rospy()
-    rospy.init_node("autonomy", disable_signals=True)
+    node_main.begin("autonomy")
     stopped = threading.Event()
     ends: List[Callable[[str], None]] = [lambda _: stopped.set()]
 

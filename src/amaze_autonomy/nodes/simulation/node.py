@@ -55,7 +55,6 @@ from ...ros import node_main
 from ...ros.arguments import answer_words, configuration_folder, given, overrides
 from ...ros.errors import NodeError, StartError
 from ...ros.interface import SERVICE_CLASSES, message_class, response_of, status_message
-from ...ros.rospy_flaws import mend_rospy
 from ..checks.state_estimation_node import INITIALISES
 from .drivers import SensorPublisher, SimulatedDrivers
 from .live_world import LiveWorld, RealPeers, Received, Turn
@@ -352,9 +351,7 @@ def main() -> int:
     answered = answer_words("simulation", __doc__)
     if answered is not None:
         return answered
-    node_main.survive_a_closed_terminal()
-    mend_rospy()
-    rospy.init_node("simulation", disable_signals=True)
+    node_main.begin("simulation")
     stopped = threading.Event()
     for number in node_main.END_SIGNALS:
         signal.signal(number, lambda *_: stopped.set())
