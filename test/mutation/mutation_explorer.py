@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from typing import Callable, Optional, Sequence
 
 from proof_explorer import explore
-from proof_figures import reached_otherwise, read
+from proof_figures import otherwise, read
 from proof_liveness import loops
 from proof_run import BOUND, Proof
 from proof_worlds import WORLDS
@@ -30,7 +30,7 @@ def broken(names: Sequence[str], bounds: Sequence[int]) -> str:
             if law is not None:
                 return f"{law} ({name})"
             if accepted is not None and bound == BOUND:
-                other = reached_otherwise(accepted, name, found.stats.reached)
+                other = otherwise(accepted, name, found.stats)
                 if other:
                     return f"{other.partition(',')[0]} ({name})"
     if set(names) == set(WORLDS) and proof.missing:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+import zlib
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Optional, Set, Tuple
+from typing import Any, Counter, Dict, List, Optional, Set, Tuple
 
 from proof_key import Key, make_key
-from proof_moves import BOOT, Move, Node, Observer, World, moves_of, perform
+from proof_moves import BOOT, Move, Node, Observer, World, lie_in, moves_of, perform
 from proof_sound import sound
 
 from amaze_autonomy.engine.commands import Decision
@@ -40,6 +41,7 @@ class Stats:
     states: int = 0
     transitions: int = 0
     events: int = 0
+    lies: int = 0
     depth: int = 0
     seconds: float = 0.0
     stopped: int = 0
@@ -49,6 +51,13 @@ class Stats:
     rules: Dict[str, int] = field(default_factory=dict)
     failures: Set[Tuple[str, str]] = field(default_factory=set)
     places: Set[Tuple[str, str]] = field(default_factory=set)
+    commands: Counter[str] = field(default_factory=Counter)
+    words: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def decided(self) -> Dict[str, str]:
+        """Return of each kind of command how many there were, and a digest of what stood in them, in any order."""
+        return {kind: f"{count} ({self.words[kind]:08x})" for kind, count in sorted(self.commands.items())}
 
     @property
     def reached(self) -> str:
@@ -120,23 +129,41 @@ class Exploration:
 
     def _expand(self, number: int, node: Node, following: List[Tuple[int, Node]]) -> None:
         fair, stats = self.fair[number], self.stats
+        lie = lie_in(node, number)
+        if lie is not None:
+            stats.lies += 1
+            told = self._perform(number, node, lie)
+            if told is None or self._perform(number, told, ("wait",), lie) is None:
+                return
         for move, is_fair in moves_of(node, self.world):
             stats.transitions += 1
-            try:
-                reached = perform(node, move, self.world.rules, self._observe)
-            except BrokenLawError as broken:
-                self.broken = Broken(broken.law, broken.why, (*self.path(number), move))
-                return
-            except Exception as error:  # noqa: BLE001 - whatever it is, it came out of `decide`
-                self.broken = Broken("decide_never_fails", repr(error), (*self.path(number), move))
-                return
-            if move[0] == "lie" and _ended(node, reached):
-                why = f"one wrong status, and it is {reached.state.state.value}"
-                self.broken = Broken("a_lie_ends_nothing", why, (*self.path(number), move))
+            reached = self._perform(number, node, move)
+            if reached is None:
                 return
             found = self._add(reached, (number, move), following)
             if is_fair:
                 fair.append(found)
+
+    def _perform(self, number: int, node: Node, move: Move, *before: Move) -> Optional[Node]:
+        """Return what a move leads to from a state of that number; None: it breaks a law."""
+        path = (*before, move)
+        try:
+            reached = perform(node, move, self.world.rules, self._observe)
+        except BrokenLawError as broken:
+            self.broken = Broken(broken.law, broken.why, (*self.path(number), *path))
+            return None
+        except Exception as error:  # noqa: BLE001 - whatever it is, it came out of `decide`
+            self.broken = Broken("decide_never_fails", repr(error), (*self.path(number), *path))
+            return None
+        if (
+            move[0] == "lie"
+            and _ended(node, reached)
+            and not _ended(node, perform(node, _true(move), self.world.rules))
+        ):
+            why = f"one wrong status, and it is {reached.state.state.value}"
+            self.broken = Broken("a_lie_ends_nothing", why, (*self.path(number), *path))
+            return None
+        return reached
 
     def _settle(self, number: int, node: Node) -> None:
         """Check that LAND and PILOT end when the vehicle comes down, is heard, and the pilot acknowledges."""
@@ -222,6 +249,9 @@ class Exploration:
         def observe(moment: Any) -> None:
             stats.events += 1
             for command in moment.commands:
+                kind = type(command).__name__
+                stats.commands[kind] += 1
+                stats.words[kind] = (stats.words[kind] + zlib.crc32(repr(command).encode())) & 0xFFFFFFFF
                 if type(command) is Decision:
                     stats.rules[command.rule] = stats.rules.get(command.rule, 0) + 1
             check(moment)
@@ -234,6 +264,11 @@ def _ended(before: Node, after: Node) -> bool:
     flew = before.state.flight.active and before.state.state is not State.PILOT
     flies = before.peers.vehicle in ("lifting", "flying", "loitering", "landing")
     return flew and flies and (not after.state.flight.active or after.state.state is State.PILOT)
+
+
+def _true(lie: Move) -> Move:
+    """Return the move in which the same peer says the truth instead, as often."""
+    return ("truth", lie[1])
 
 
 def explore(world: World, limit: Optional[int] = None, *, compare: bool = True) -> Exploration:

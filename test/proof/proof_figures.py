@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
 from proof_defects import Caught
-from proof_explorer import AND
+from proof_explorer import AND, Stats
 from proof_induction import Induction
 from proof_run import Proof
 
-__all__ = ["ACCEPTED", "Figures", "differences", "figures_of", "keep", "kept", "reached_otherwise", "read", "write"]
+__all__ = ["ACCEPTED", "Figures", "differences", "figures_of", "keep", "kept", "otherwise", "read", "write"]
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -31,11 +31,12 @@ class Figures:
     """What came of a proof.
 
     Args:
-        worlds: name -> states, transitions, depth, handed over, cut off.
+        worlds: name -> states, transitions, lies, depth, handed over, cut off.
         laws: name -> how often it applied.
         compared: pairs of states that count as one.
         rules, places, failures: that were reached.
         reached: world -> what it reached of these, and the laws that applied in it, with semicolons between.
+        decided: world -> kind of command -> how many, and a digest of their contents.
         defects: words -> law, world, moves.
         induction: its steps, drawn states, states that were drawn and are not sound, laws that applied.
         reason: why they are right, once they are accepted.
@@ -49,6 +50,7 @@ class Figures:
     failures: Tuple[str, ...]
     defects: Dict[str, Dict[str, Any]]
     reached: Dict[str, str] = field(default_factory=dict)
+    decided: Dict[str, Dict[str, str]] = field(default_factory=dict)
     induction: Dict[str, int] = field(default_factory=dict)
     reason: str = ""
 
@@ -57,16 +59,7 @@ def figures_of(proof: Proof, caught: Mapping[str, Optional[Caught]], steps: Indu
     """Return the figures of a proof in which nothing was broken and no defect missed."""
     reached = proof.reached
     return Figures(
-        worlds={
-            name: {
-                "states": stats.states,
-                "transitions": stats.transitions,
-                "depth": stats.depth,
-                "handed over": stats.stopped,
-                "cut off": stats.cut,
-            }
-            for name, stats in proof.stats.items()
-        },
+        worlds={name: _counted(stats) for name, stats in proof.stats.items()},
         laws=dict(proof.applied),
         compared=sum(stats.compared for stats in proof.stats.values()),
         rules=tuple(sorted(reached.rules)),
@@ -74,6 +67,7 @@ def figures_of(proof: Proof, caught: Mapping[str, Optional[Caught]], steps: Indu
         failures=tuple(sorted(" -> ".join(pair) for pair in reached.failures)),
         defects={words: by._asdict() for words, by in caught.items() if by is not None},
         reached={name: stats.reached for name, stats in proof.stats.items()},
+        decided={name: stats.decided for name, stats in proof.stats.items()},
         induction={
             "steps": steps.steps,
             "sound states": sum(steps.places.values()),
@@ -82,6 +76,17 @@ def figures_of(proof: Proof, caught: Mapping[str, Optional[Caught]], steps: Indu
             "laws": len(steps.applied),
         },
     )
+
+
+def _counted(stats: Stats) -> Dict[str, int]:
+    return {
+        "states": stats.states,
+        "transitions": stats.transitions,
+        "lies": stats.lies,
+        "depth": stats.depth,
+        "handed over": stats.stopped,
+        "cut off": stats.cut,
+    }
 
 
 def differences(accepted: Optional[Figures], found: Figures, *parts: str) -> Tuple[str, ...]:
@@ -114,9 +119,17 @@ def _said(value: Any) -> str:
     return ", ".join(f"{key} {each}" for key, each in value.items()) if isinstance(value, dict) else str(value)
 
 
-def reached_otherwise(accepted: Figures, world: str, reached: str) -> str:
-    """Return what a world reaches without having been accepted with it, and what it no longer does; empty: nothing."""
-    return _change(accepted.reached.get(world, ""), reached)
+def otherwise(accepted: Figures, world: str, stats: Stats) -> str:
+    """Return the first figure in which a world differs from what it was accepted with; empty: in none.
+
+    What it reaches counts first, then how many states and transitions there are, then what was decided in them.
+    """
+    pairs: Tuple[Tuple[Any, Any], ...] = (
+        (accepted.reached.get(world, ""), stats.reached),
+        (accepted.worlds.get(world, {}), _counted(stats)),
+        (accepted.decided.get(world, {}), stats.decided),
+    )
+    return next((_change(old, new) for old, new in pairs if old != new), "")
 
 
 def _change(old: Any, new: Any) -> str:
@@ -126,8 +139,8 @@ def _change(old: Any, new: Any) -> str:
         return ", ".join(words + [f"{each} is reached now" for each in now if each not in before])
     if isinstance(new, int):
         return f"{old} -> {new}" + (" times: it has fallen silent" if new == 0 else "")
-    changed = [key for key in new if old.get(key) != new[key]]
-    return ", ".join(f"{key} {old.get(key)} -> {new[key]}" for key in changed)
+    changed = [key for key in {**old, **new} if old.get(key) != new.get(key)]
+    return ", ".join(f"{key} {old.get(key)} -> {new.get(key)}" for key in changed)
 
 
 def read(path: Path = ACCEPTED) -> Optional[Figures]:

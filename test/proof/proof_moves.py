@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from proof_peers import MISSIONS, RULES, UNIT, Peers, beat, say
+from proof_peers import BATTERIES, MISSIONS, RULES, SCENES, UNIT, Peers, beat, say
 
 from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
@@ -14,7 +14,7 @@ from amaze_autonomy.engine.rules import Code, Rules
 from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 from amaze_autonomy.laws import Moment, Witness, observed
 
-__all__ = ["BOOT", "Move", "Node", "World", "moves_of", "perform"]
+__all__ = ["BOOT", "Move", "Node", "World", "lie_in", "moves_of", "perform"]
 
 Move = Tuple[str, ...]
 _PHYSICS = {
@@ -184,12 +184,24 @@ def _components(peers: Peers, world: World) -> Iterator[Move]:
                 yield ("component", name, str(code), restart)
 
 
+def lie_in(node: Node, number: int) -> Optional[Move]:
+    """Return the lie whose turn it is in a state of that number; None: nothing flies, or nobody is there who could."""
+    move = LIES[number % len(LIES)]
+    return move if node.state.flight.active and _can_lie(node, move[1]) else None
+
+
+def _speaker(peer: str) -> str:
+    """Return who says it: of its battery the autopilot speaks."""
+    return "autopilot" if peer == "battery" else peer
+
+
 def _can_lie(node: Node, lie: str) -> bool:
     """Return True when a peer speaks, of our session, and the lie is none of what it says already."""
     peer, _, said = lie.partition("=")
+    speaker = _speaker(peer)
     told = {"planner": node.peers.planner, "recorder": node.peers.recorder}.get(peer, "-")
     now = {"planner": node.peers.planner, "recorder": node.peers.recorder, "landing": node.peers.detection}.get(peer)
-    return peer not in node.peers.silent and bool(told) and bool(node.state.session.id) and now != said
+    return speaker not in node.peers.silent and bool(told) and bool(node.state.session.id) and now != said
 
 
 def _late(node: Node) -> Iterator[Move]:
@@ -423,16 +435,37 @@ _LIES: Dict[str, Callable[[Peers, str], Peers]] = {
     "landing": lambda peers, said: peers._replace(detection=said),
     "planner": lambda peers, said: peers._replace(planner=said.rstrip("!"), done=said.endswith("!")),
     "recorder": lambda peers, said: peers._replace(recorder=said),
+    "watchdog": lambda peers, _said: peers._replace(components=()),
 }
+LIES: Tuple[Move, ...] = tuple(
+    ("lie", f"{peer}={said}")
+    for peer, all_said in (
+        ("autopilot", SCENES),
+        ("battery", BATTERIES),
+        ("landing", ev.Landed.__members__),
+        ("planner", (*ev.MissionPhase.__members__, "LANDED!")),
+        ("recorder", (*ev.RecordingPhase.__members__, "STALLED", "LOST")),
+        ("watchdog", ("nothing is wrong",)),
+    )
+    for said in all_said
+)
+"""Whatever a peer can say, said once though it is not so; a code 16 lands whoever says it, and is none of them."""
 
 
 def _lie(node: Node, move: Move) -> Iterator[Any]:
     """One message is wrong; the next one is the truth again."""
     peer, _, said = move[1].partition("=")
-    speaker = "autopilot" if peer == "battery" else peer
+    speaker = _speaker(peer)
     yield _LIES[peer](node.peers, said)
     yield _SAY[speaker]
     yield node.peers
+    yield _SAY[speaker]
+
+
+def _truth(_node: Node, move: Move) -> Iterator[Any]:
+    """What a lie is measured against: the same peer, twice the truth."""
+    speaker = _speaker(move[1].partition("=")[0])
+    yield _SAY[speaker]
     yield _SAY[speaker]
 
 
@@ -499,6 +532,7 @@ _SCRIPTS: Dict[str, Callable[[Node, Move], Iterator[Any]]] = {
     "shutdown": _shutdown,
     "silence": _silence,
     "start": _start,
+    "truth": _truth,
     "user": _user,
     "user_later": _user_later,
     "vehicle": _vehicle,

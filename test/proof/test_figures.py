@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import mutation_results
@@ -9,12 +10,13 @@ import proof_figures
 import prove
 import pytest
 from mutation_results import Results
-from proof_figures import Figures, differences, keep, kept, read, write
+from proof_explorer import Stats
+from proof_figures import Figures, differences, keep, kept, otherwise, read, write
 from proof_pages import page
 from proof_stories import missing
 
 FOUND = Figures(
-    worlds={"takeoff": {"states": 10, "transitions": 30, "depth": 3, "handed over": 1, "cut off": 2}},
+    worlds={"takeoff": {"states": 10, "transitions": 30, "lies": 5, "depth": 3, "handed over": 1, "cut off": 2}},
     laws={"land_is_sticky": 7, "alarm_in_time": 3},
     compared=4,
     rules=("land", "landed"),
@@ -22,6 +24,7 @@ FOUND = Figures(
     failures=("imu -> land",),
     defects={"a defect": {"law": "land_is_sticky", "world": "takeoff", "moves": 5}},
     reached={"takeoff": "land; landed"},
+    decided={"takeoff": {"Answer": "1 (0000000a)", "Notify": "7 (00c0ffee)"}},
     induction={"steps": 200, "laws": 7},
 )
 
@@ -38,8 +41,8 @@ def test_the_same_figures_do_not_differ():
 def test_every_change_is_one_line_that_names_it():
     now = Figures(
         worlds={
-            "takeoff": {"states": 12, "transitions": 30, "depth": 4, "handed over": 1, "cut off": 2},
-            "lies": {"states": 1, "transitions": 2, "depth": 3, "handed over": 0, "cut off": 0},
+            "takeoff": {"states": 12, "transitions": 30, "lies": 5, "depth": 4, "handed over": 1, "cut off": 2},
+            "lies": {"states": 1, "transitions": 2, "lies": 0, "depth": 3, "handed over": 0, "cut off": 0},
         },
         laws={"land_is_sticky": 0, "a_new_law": 1},
         compared=5,
@@ -48,10 +51,11 @@ def test_every_change_is_one_line_that_names_it():
         failures=(),
         defects={"a defect": {"law": "another_law", "world": "takeoff", "moves": 5}},
         reached={"takeoff": "landed; suspected", "lies": "landed"},
+        decided={"takeoff": {"Notify": "7 (00c0ffff)"}},
         induction={"steps": 100, "laws": 7},
     )
     assert differences(FOUND, now) == (
-        "worlds: lies is new: states 1, transitions 2, depth 3, handed over 0, cut off 0",
+        "worlds: lies is new: states 1, transitions 2, lies 0, depth 3, handed over 0, cut off 0",
         "worlds: takeoff: states 10 -> 12, depth 3 -> 4",
         "laws: alarm_in_time is gone",
         "laws: a_new_law is new: 1",
@@ -63,8 +67,21 @@ def test_every_change_is_one_line_that_names_it():
         "defects: a defect: law land_is_sticky -> another_law",
         "reached: lies is new: landed",
         "reached: takeoff: land is no longer reached, suspected is reached now",
+        "decided: takeoff: Answer 1 (0000000a) -> None, Notify 7 (00c0ffee) -> 7 (00c0ffff)",
         "induction: steps: 200 -> 100",
     )
+
+
+def test_a_world_differs_in_what_it_reaches_first_then_in_its_numbers_then_in_what_was_decided():
+    counted = {"states": 10, "transitions": 30, "lies": 5, "depth": 3, "stopped": 1, "cut": 2}
+    same = Stats(**counted, rules={"land": 1, "landed": 1}, commands=Counter(Answer=1, Notify=7))
+    same.words.update(Answer=0xA, Notify=0xC0FFEE)
+    assert otherwise(FOUND, "takeoff", same) == ""
+    said = replace(same, words=Counter(Answer=0xA, Notify=0xC0FFFF))
+    assert otherwise(FOUND, "takeoff", said) == "Notify 7 (00c0ffee) -> 7 (00c0ffff)"
+    more = replace(said, states=12)
+    assert otherwise(FOUND, "takeoff", more) == "states 10 -> 12"
+    assert otherwise(FOUND, "takeoff", replace(more, rules={"land": 1})) == "landed is no longer reached"
 
 
 def test_only_the_parts_that_are_asked_for_are_compared():

@@ -314,15 +314,14 @@ _SAID_HERE = {"failure_wait": State.HOLD, "failure_land": State.LAND, "failure_p
 
 def _update_failures(context: Context, decisions: List[Decision]) -> None:
     """Bring what is wrong up to date, write down what changed in flight, and say once what is said of several."""
-    changes = failsafe.update(context)
+    changes = [(change, _told_as(context, change)) for change in failsafe.update(context)]
     told: Dict[Tuple[str, str], List[Failure]] = {}
-    for change in changes:
-        told.setdefault(_told_as(context, change), []).append(change.failure)
+    for change, message in changes:
+        told.setdefault(message, []).append(change.failure)
     place = (context.state.state, context.state.step)
-    for change in changes:
-        first, alike = len(context.commands), told.pop(_told_as(context, change), [])
+    for change, (key, limit) in changes:
+        first, alike = len(context.commands), told.pop((key, limit), [])
         if alike:
-            key, limit = _told_as(context, change)
             names, reason = and_words([each.name for each in alike]), failsafe.fault_words(alike, context.state)
             are = "is" if len(alike) == 1 else "are"
             context.notify(key, name=names, are=are, reason=f"{reason}.", limit=limit)

@@ -444,7 +444,8 @@ def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     elif action is MissionAction.LAND:
         if not witness.landing:
             changes.update(landing=True, land_ns=witness.now, second=False)
-            changes["flight"] = "armed" if witness.flight == "none" else witness.flight
+            if witness.flight == "none":  # ours again: who seemed to have it before does not count
+                changes.update(flight="armed", taken=0)
         changes["sent_ns"] = witness.now
 
 
