@@ -13,8 +13,6 @@ from . import paths
 from .bags.cli import add_memory
 from .command_line import run_command, say_wrong
 
-__all__ = ["main"]
-
 OK, WRONG, USAGE, NOBODY = 0, 1, 2, 3
 _RAW = argparse.RawDescriptionHelpFormatter
 _FOR = "seconds to listen for (default: 10)"

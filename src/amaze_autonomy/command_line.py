@@ -6,8 +6,6 @@ import os
 import sys
 from typing import Callable, Tuple, Type
 
-__all__ = ["BROKEN", "DONE", "INTERRUPTED", "run_command", "say_wrong"]
-
 DONE, BROKEN, INTERRUPTED = 0, 70, 130
 """Exit statuses that mean the same in every command; 70 is EX_SOFTWARE of sysexits.h, 130 is 128 + SIGINT."""
 

@@ -13,8 +13,6 @@ from .engine.transitions import TRANSITIONS, Transition, places_of
 from .interface import PEERS, SERVICES, STATUSES
 from .pages.contents import STATE_COLOURS
 
-__all__ = ["BACK", "FORE", "PICTURES", "architecture", "state_diagram", "ways"]
-
 BACK, FORE, _DARK, _QUIET = "#101418", "#e8e8e8", "#000000", "#9aa4ae"
 _MARGIN, _LETTER, _LINE = 14, 6.1, 16  # a letter of 10 px is 6.02 px wide in the fonts named below
 

@@ -26,23 +26,6 @@ from .monitoring.initialisation import InitialisationType
 from .monitoring.specs import EstimateSource, RangeSource, TopicSpec
 from .recording.storage import needed_bytes, space_of, too_little
 
-__all__ = [
-    "GOOD",
-    "WARNING",
-    "WRONG",
-    "Arrangement",
-    "ArrangementError",
-    "Finding",
-    "Graph",
-    "SeenService",
-    "SeenTopic",
-    "Wanted",
-    "Way",
-    "examine",
-    "examine_host",
-    "wanted",
-]
-
 GOOD, WARNING, WRONG = "good", "warning", "wrong"
 _S = 1_000_000_000
 _OFFSET_S, _AHEAD_S = 0.5, 0.05  # of stamps on arrival: old by a clock or a driver; from the future by a clock

@@ -39,18 +39,6 @@ from .simulation.scenario_file import load_scenario
 from .tester.expect import EXPECTATIONS, ExpectationKind
 from .tester.scenario.model import schema_of
 
-__all__ = [
-    "DocumentError",
-    "decision_table",
-    "documents",
-    "drawn",
-    "filled",
-    "first_difference",
-    "not_shown",
-    "regenerated",
-    "shipped_configuration",
-]
-
 _BEGIN, _END = "<!-- generated:", "<!-- end -->"
 _MARKED = re.compile(
     r"(?P<begin><!-- generated:(?P<name>[^ \n]+) -->\n)(?P<text>(?:(?!<!-- generated:).)*?)(?P<end><!-- end -->)",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["GB", "MB", "SECOND"]
-
 SECOND = 1_000_000_000
 """Nanoseconds."""
 

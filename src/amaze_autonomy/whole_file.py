@@ -11,8 +11,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Iterable, Iterator, Union
 
-__all__ = ["sha256_of", "sync_folder", "temporary_name", "whole", "write_whole"]
-
 _PIECE = 1 << 20
 
 

@@ -138,6 +138,3 @@ class PlannerFuzz(Fuzz):
         assert all(value is None or isfinite(value) for value in (status.distance_left_m, status.time_left_s))
         assert "\n" not in status.message
         assert not self.client.watch.armed
-
-
-__all__ = ["PlannerFuzz"]

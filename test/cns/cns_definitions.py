@@ -11,8 +11,6 @@ import re
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
-__all__ = ["MESSAGES", "PACKAGES", "SERVICES", "classes", "install", "md5", "service_md5", "sources"]
-
 PACKAGES = ("watchdog_msgs", "mission_sequencer")
 """Those that Debian does not have."""
 HEADER = "std_msgs/Header header\n"

@@ -26,8 +26,6 @@ from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.interface import service_of
 from amaze_autonomy.simulation import World
 
-__all__ = ["MS", "Flight", "S"]
-
 S, MS = 1_000_000_000, 1_000_000
 ENDS = (State.MISSION_ENDED, State.OUTREACH)
 

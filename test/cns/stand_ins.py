@@ -12,8 +12,6 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from amaze_autonomy.missions import Waypoint
 
-__all__ = ["STAND_INS", "LandingDetector", "Recorder", "Sequencer", "StandIn", "Supervisor", "Watchdog", "namespace"]
-
 S = 1_000_000_000
 UNDEF, NOMINAL, STARTING, DEFECT, ERROR = 0, 1, 2, 4, 8
 ARM, TAKEOFF, HOLD, RESUME, LAND, HOVER, ABORT, DISARM = range(1, 9)

@@ -17,8 +17,6 @@ from amaze_autonomy.engine.events import CheckName, Landed, MissionPhase, Outcom
 from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import DataResult, EngineState, State
 
-__all__ = ["watch"]
-
 FOR_A_PERSON = (State.MISSION_INPUT, State.OUTREACH, State.PILOT, State.MISSION_ENDED)
 ON_THE_GROUND = (
     State.MISSION_INPUT,

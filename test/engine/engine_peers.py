@@ -9,8 +9,6 @@ from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import Code, ComponentRule, Limits, Rules, Severity
 
-__all__ = ["COMPONENTS", "CRUISE_M", "MISSION", "SHIPPED", "Planner", "Recorder", "S", "Vehicle", "Watchdog"]
-
 S = 1_000_000_000
 CRUISE_M = 2.0
 

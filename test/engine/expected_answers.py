@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Dict, NamedTuple, Tuple
 
-__all__ = ["COMMANDS", "EXPECTED", "SELECTION"]
-
 COMMANDS: Tuple[str, ...] = ("go", "retry", "give_up", "hold", "resume", "land", "abort", "acknowledge")
 
 

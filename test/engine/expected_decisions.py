@@ -7,18 +7,6 @@ from __future__ import annotations
 
 from typing import Dict, NamedTuple, Optional, Tuple
 
-__all__ = [
-    "AIRBORNE",
-    "BEFORE_LIFT_OFF",
-    "COMPONENTS",
-    "ON_THE_GROUND",
-    "SEVERITIES",
-    "VERBS",
-    "Component",
-    "Reaction",
-    "SeverityRow",
-]
-
 
 class SeverityRow(NamedTuple):
     """A row of the severity table: the code when it fails, the code once restarting has failed, the two verbs."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Dict, Tuple
 
-__all__ = ["VALUES"]
-
 VALUES: Dict[str, Tuple[str, ...]] = {
     "takeover_suspected": ("reason: 'flight mode POSCTL was not commanded'", "flight mode: 'POSCTL'"),
     "takeover_denied": (),

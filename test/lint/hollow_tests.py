@@ -25,8 +25,6 @@ import sys
 from pathlib import Path
 from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple, Union
 
-__all__ = ["Hollow", "hollow_tests", "main"]
-
 TEST = Path(__file__).resolve().parents[1]
 _MEANT = re.compile(r"# hollow: \S")
 _ENDS = (ast.Return, ast.Raise, ast.Continue, ast.Break)

@@ -22,8 +22,6 @@ from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT, Mutant
 from mutation_nets import MOST_S, PATHS, START_S, TIMES, Look, Seen, look, observe, start
 from mutation_results import RESULTS, read
 
-__all__ = ["Campaign", "fingerprint"]
-
 COPIED = (
     "README.md",
     "config",

@@ -18,8 +18,6 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 from mutation_mutant import MUTATED, SAME_BY_NATURE, Mutant, Place
 
-__all__ = ["diff", "mutated", "of_source", "places", "sample", "span"]
-
 
 def places(root: Path) -> List[Place]:
     """Return what can be changed in the engine and the monitors, in the order of files and operators."""

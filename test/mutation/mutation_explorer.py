@@ -11,8 +11,6 @@ from proof_liveness import loops
 from proof_run import BOUND, Proof
 from proof_worlds import WORLDS
 
-__all__ = ["broken", "each_world"]
-
 
 def broken(names: Sequence[str], bounds: Sequence[int]) -> str:
     """Return which law is broken in which world, or what it was accepted with and does not reach; empty: nothing is."""

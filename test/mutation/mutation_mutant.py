@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 from typing import NamedTuple
 
-__all__ = ["EXPLORER", "MUTATED", "NETS", "SAME_BY_NATURE", "SCENARIOS", "UNIT", "Mutant", "Place"]
-
 EXPLORER, UNIT, SCENARIOS = "explorer", "unit", "scenarios"
 NETS = (EXPLORER, UNIT, SCENARIOS)
 MUTATED = ("src/amaze_autonomy/engine", "src/amaze_autonomy/journal", "src/amaze_autonomy/monitoring")

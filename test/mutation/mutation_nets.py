@@ -21,8 +21,6 @@ import coverage
 import pytest
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT
 
-__all__ = ["MOST_S", "PATHS", "START_S", "TIMES", "Look", "Seen", "look", "observe", "start"]
-
 PATHS = {
     EXPLORER: ("test/proof",),
     UNIT: ("test/engine", "test/journal", "test/monitoring", "test/test_documents.py"),

@@ -10,21 +10,6 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tup
 import yaml
 from mutation_mutant import EXPLORER, NETS, SAME_BY_NATURE, UNIT, Mutant, Place
 
-__all__ = [
-    "PAGE",
-    "RESULTS",
-    "Results",
-    "Verdict",
-    "Waiver",
-    "read",
-    "results",
-    "section",
-    "shown",
-    "summary",
-    "waivers",
-    "write",
-]
-
 HERE = Path(__file__).parent
 RESULTS, WAIVERS = HERE / "results.json", HERE / "waivers.yaml"
 PAGE = HERE.parents[1] / "docs" / "safety.md"

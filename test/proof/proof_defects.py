@@ -26,8 +26,6 @@ from amaze_autonomy.engine.events import Outcome
 from amaze_autonomy.engine.failsafe import Says
 from amaze_autonomy.engine.state import EngineState, State, Step, put
 
-__all__ = ["DEFECTS", "Caught", "Defect", "caught_by"]
-
 LIMIT = 12_000
 """Transitions after which a world begins no further layer; what it has not caught by then it has missed."""
 

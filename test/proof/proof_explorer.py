@@ -15,8 +15,6 @@ from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.state import State
 from amaze_autonomy.laws import BrokenLawError, judge
 
-__all__ = ["AND", "Broken", "Exploration", "Stats", "explore"]
-
 AND = "; "
 """Between what a world reached."""
 _SAMPLE = 101

@@ -17,8 +17,6 @@ from proof_explorer import AND, Stats
 from proof_induction import Induction
 from proof_run import Proof
 
-__all__ = ["ACCEPTED", "Figures", "differences", "figures_of", "keep", "kept", "otherwise", "read", "write"]
-
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 ACCEPTED = HERE / "accepted.json"

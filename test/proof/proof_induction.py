@@ -28,20 +28,6 @@ from amaze_autonomy.engine.state import Agreement, ClockApart, EngineState, Outr
 from amaze_autonomy.laws import Moment, Witness, check
 from amaze_autonomy.laws.witness import Asked, Load, hear, see
 
-__all__ = [
-    "FIELDS",
-    "LEFT_ALONE",
-    "BrokenStep",
-    "Induction",
-    "drawn_state",
-    "drawn_step",
-    "induction",
-    "inductions",
-    "templates",
-    "told",
-    "witness_of",
-]
-
 _PAST = 1000 * UNIT
 """Every drawn state is moved so far from time zero that ages of any length are possible."""
 _ASKED_GO = limited(require_go=True)

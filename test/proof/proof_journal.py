@@ -22,8 +22,6 @@ from amaze_autonomy.engine.state import EngineState
 from amaze_autonomy.journal import journal
 from amaze_autonomy.laws import Moment, Witness, judge, observed
 
-__all__ = ["check_journal", "journal_of", "write", "write_scenario"]
-
 
 def journal_of(path: Tuple[Move, ...], rules: Rules, **about: Any) -> str:
     """Return the journal of a way from boot."""

@@ -17,8 +17,6 @@ from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import CheckRecord, EngineState, State, Step
 from amaze_autonomy.laws import Witness
 
-__all__ = ["Key", "make_key"]
-
 Key = Tuple[Any, ...]
 
 _FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND)

@@ -14,8 +14,6 @@ from proof_peers import NEVER
 
 from amaze_autonomy.engine.state import State
 
-__all__ = ["loops"]
-
 _RESTS = (State.MISSION_INPUT, State.OUTREACH, State.PILOT, State.MISSION_ENDED)
 
 

@@ -14,8 +14,6 @@ from amaze_autonomy.engine.rules import Code, Rules
 from amaze_autonomy.engine.state import EngineState, State, Step, evolve
 from amaze_autonomy.laws import Moment, Witness, observed
 
-__all__ = ["BOOT", "Move", "Node", "World", "lie_in", "moves_of", "perform"]
-
 Move = Tuple[str, ...]
 _PHYSICS = {
     "ground": ("armed",),

@@ -14,8 +14,6 @@ from proof_worlds import WORLDS
 
 from amaze_autonomy.laws import LAWS
 
-__all__ = ["page"]
-
 _HEAD = """\
 # Is there an order of events that leads to an unsafe decision?
 

@@ -14,21 +14,6 @@ from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import Code, ComponentRule, Limits, Restart, Rules, Severity
 from amaze_autonomy.engine.state import EngineState, evolve
 
-__all__ = [
-    "BATTERIES",
-    "LIMITS",
-    "MISSIONS",
-    "NEVER",
-    "ROWS",
-    "RULES",
-    "SCENES",
-    "UNIT",
-    "Peers",
-    "beat",
-    "limited",
-    "say",
-]
-
 UNIT = 1_000_000_000
 NEVER = 1_000_000 * UNIT
 

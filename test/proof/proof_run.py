@@ -18,19 +18,6 @@ from amaze_autonomy.engine.transitions import STEPS as PLACES
 from amaze_autonomy.engine.transitions import TRANSITIONS
 from amaze_autonomy.laws import LAWS
 
-__all__ = [
-    "BOUND",
-    "LARGE",
-    "SEED",
-    "STEPS",
-    "Coverage",
-    "Proof",
-    "expected_coverage",
-    "explored",
-    "prove",
-    "self_test",
-]
-
 BOUND, LARGE = 6_000, 400_000
 """Transitions after which a world begins no further layer: in CI, and on demand."""
 

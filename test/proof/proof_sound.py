@@ -22,8 +22,6 @@ from amaze_autonomy.engine.state import EngineState, OutreachKind, Result, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.laws.moment import ENDLESS, FLIGHT, GROUND
 
-__all__ = ["FIELDS_OF_A_STATE", "SENTENCES", "TIMES", "sound"]
-
 Holds = Callable[[EngineState], bool]
 SENTENCES: List[Tuple[str, Holds]] = []
 

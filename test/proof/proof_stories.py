@@ -9,8 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import List, NamedTuple, Sequence, Tuple
 
-__all__ = ["STORIES", "Told", "missing", "stories"]
-
 _TEST = Path(__file__).resolve().parents[1]
 _LIES = "engine/test_lies.py::test_"
 _SOURCES = "autopilot/test_sources.py::test_"

@@ -10,8 +10,6 @@ from proof_peers import UNIT, limited
 
 from amaze_autonomy.engine.state import State
 
-__all__ = ["SEEDS", "WORLDS", "script"]
-
 Script = Tuple[Move, ...]
 
 

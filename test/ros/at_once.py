@@ -9,8 +9,6 @@ import unittest
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Callable, Dict, Type
 
-__all__ = ["at_once"]
-
 _Case = Type[unittest.TestCase]
 
 

@@ -12,8 +12,6 @@ import rosservice
 import yaml
 from genpy.message import fill_message_args
 
-__all__ = ["OURS", "Call", "calls"]
-
 OURS = "/autonomy/"
 """What the engine offers; the others are of its peers."""
 _PAGE = Path(__file__).resolve().parents[2] / "docs" / "integrator.md"

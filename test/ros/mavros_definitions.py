@@ -11,8 +11,6 @@ import importlib.util
 from pathlib import Path
 from typing import Any, Dict, Iterable, Iterator, Tuple
 
-__all__ = ["COPTER_MODES", "ESTIMATOR_FLAGS", "MD5", "install", "made"]
-
 MD5 = {
     "CommandLong": "eb9034afc87577c0a235d45b8f3437d2",
     "EstimatorStatus": "39dbcc4be3f04b68422f784827c47dd5",

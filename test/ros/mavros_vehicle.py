@@ -21,8 +21,6 @@ from amaze_autonomy.simulation.ardupilot import ArduCraft, ArduPilot
 from amaze_autonomy.simulation.px4 import Craft, Framing, Px4
 from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
-__all__ = ["MavrosVehicle"]
-
 _LIMIT_S = 5.0
 
 

@@ -16,8 +16,6 @@ from amaze_autonomy.simulation.px4.wire import base_mode, custom_mode
 from amaze_autonomy.simulation.px4_udp import VehicleServer
 from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings, VehicleSettings
 
-__all__ = ["MISSIONS", "QUICK", "Px4Vehicle", "forged"]
-
 QUICK = FlightModel(
     cruise_speed_m_s=5.0,
     climb_speed_m_s=4.0,

@@ -7,8 +7,6 @@ AutopilotError
 
 from __future__ import annotations
 
-__all__ = ["AutopilotError", "EndpointError", "KeyFileError"]
-
 
 class AutopilotError(ValueError):
     """The link cannot be made. Its text is one line: `what: what is wrong; what would be right`.

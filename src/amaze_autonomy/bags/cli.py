@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from .recover.recover import Recovered
     from .recover.scan import Scan
 
-__all__ = ["add_memory", "main"]
-
 DONE, IMPOSSIBLE, USAGE, LOST = 0, 1, 2, 3
 _COMPRESSIONS = ("auto", "none", "lz4", "bz2")
 _STATUSES = """\

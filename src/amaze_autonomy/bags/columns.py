@@ -23,8 +23,6 @@ from .errors import BagError, RecordError
 from .index import Index, Messages, require, unusable
 from .read import BEGINNING, GROUP_BYTES, Loader, Pool, Table, tabulated, words
 
-__all__ = ["WHOLE", "PlainChunks", "Wanted", "grouped", "read_columns", "wanted_of"]
-
 # --- chunks that are not compressed, without what nobody wants --------------------------------------------------------
 
 

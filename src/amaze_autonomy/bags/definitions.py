@@ -17,21 +17,6 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-__all__ = [
-    "NUMBERS",
-    "TEXT",
-    "Field",
-    "IrregularError",
-    "Layout",
-    "Leaf",
-    "Piece",
-    "Read",
-    "layout_of",
-    "reader_of",
-    "resolved",
-    "sections_of",
-]
-
 # --- where fields lie -------------------------------------------------------------------------------------------------
 
 

@@ -8,8 +8,6 @@ RecordError        bytes are not what the format says they are; turned into one 
 
 from __future__ import annotations
 
-__all__ = ["BagError", "MessageError", "RecordError", "cut_words"]
-
 
 def cut_words(name: str, end: int, size: int) -> str:
     """Return that a log was cut: what follows its last whole record; empty when it ends with that.

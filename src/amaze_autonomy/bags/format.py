@@ -28,46 +28,6 @@ from amaze_autonomy.units import MB, SECOND
 
 from .errors import RecordError
 
-__all__ = [
-    "BAG",
-    "CHUNK",
-    "CHUNK_INFO",
-    "COMPRESSIONS",
-    "CONNECTION",
-    "FIRST_RECORD",
-    "INDEX",
-    "INDEX_ENTRY",
-    "INDEX_FIELDS",
-    "LARGEST_HEADER",
-    "MAGIC",
-    "MEMORY",
-    "MESSAGE",
-    "Connection",
-    "Identity",
-    "Record",
-    "bag_header",
-    "check_memory",
-    "chunk_header",
-    "chunk_info",
-    "compressed",
-    "connection_of",
-    "connection_record",
-    "decompressed",
-    "fields_of",
-    "foreign",
-    "index_header",
-    "index_record_at",
-    "is_log",
-    "message_fields",
-    "nanoseconds",
-    "our_index_record",
-    "pack_field",
-    "pack_time",
-    "record_at",
-    "u32",
-    "unpacked",
-]
-
 # --- records ----------------------------------------------------------------------------------------------------------
 
 

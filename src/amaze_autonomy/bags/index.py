@@ -35,24 +35,6 @@ from .format import (
 )
 from .recover.salvage import Row, headers
 
-__all__ = [
-    "KEEP_GOOD",
-    "LOST_RETURNS",
-    "ChunkHead",
-    "ChunkInfo",
-    "Entries",
-    "Index",
-    "IndexPart",
-    "Messages",
-    "chunk_head",
-    "has_lost_returns",
-    "index_entries",
-    "index_parts",
-    "read_head",
-    "require",
-    "unusable",
-]
-
 # --- index records behind a chunk -------------------------------------------------------------------------------------
 
 

@@ -18,8 +18,6 @@ from .other_formats import is_other, other_recording
 from .read import joined_parts
 from .recover.scan import Scan, scan
 
-__all__ = ["info_result"]
-
 _HEAD_BYTES = 4096
 
 

@@ -19,8 +19,6 @@ from .errors import BagError, MessageError, RecordError
 from .format import MEMORY, check_memory, decompressed
 from .index import ChunkHead
 
-__all__ = ["MCAP", "NONE", "Channel", "Part", "Places", "lacking", "mcap_part", "ros1_name", "unzstd"]
-
 MCAP = b"\x89MCAP0\r\n"
 Places = Tuple[Any, Any, Any]
 NONE: Any = np.zeros(0, np.int64)

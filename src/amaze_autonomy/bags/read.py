@@ -28,28 +28,6 @@ from .errors import BagError, RecordError
 from .format import CONNECTION, INDEX_ENTRY, MESSAGE, Buffer, decompressed, index_header, record_at, u32
 from .index import ChunkHead, Index, IndexPart, Messages, index_entries, index_parts, require, unusable
 
-__all__ = [
-    "BEGINNING",
-    "GROUP_BYTES",
-    "Block",
-    "Loader",
-    "Pool",
-    "Span",
-    "Table",
-    "columns",
-    "decompress_frame",
-    "distinct",
-    "index_data",
-    "index_records",
-    "joined_parts",
-    "lz4_library",
-    "relabel",
-    "repeated",
-    "tabulate",
-    "tabulated",
-    "words",
-]
-
 # --- index and buffers as arrays --------------------------------------------------------------------------------------
 
 

@@ -26,8 +26,6 @@ from .format import MEMORY, decompressed, fields_of, record_at
 from .index import Index, Messages, chunk_head
 from .tapes import Tapes, tapes_of
 
-__all__ = ["ChunkCache", "Entry", "Indexed", "Library", "Link", "Numbers", "Recording", "Table", "Topic", "opened"]
-
 # --- single messages --------------------------------------------------------------------------------------------------
 
 

@@ -19,8 +19,6 @@ import numpy as np
 
 from amaze_autonomy.whole_file import sha256_of
 
-__all__ = ["VARIABLE", "Tapes", "tapes_of"]
-
 VARIABLE = "AMAZE_TAPES"
 _VERSION = 1  # of what `columns` takes, and of the files here
 _BROKEN = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)

@@ -21,8 +21,6 @@ from .format import FIRST_RECORD, Connection, bag_header, chunk_header, chunk_in
 if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from concurrent.futures import Future, ThreadPoolExecutor
 
-__all__ = ["Ahead", "Output", "Stretch", "index_of"]
-
 # --- what comes next is read while what comes before it is written ----------------------------------------------------
 
 

@@ -13,20 +13,6 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, NoReturn, Opt
 
 import yaml
 
-__all__ = [
-    "ENTITY",
-    "HOVER",
-    "KINDS",
-    "MISSIONS",
-    "ONE_FLIGHT",
-    "ImportFolderError",
-    "Report",
-    "Row",
-    "parts_of",
-    "read_folder",
-    "report_left",
-]
-
 MISSIONS, ENTITY = "missions", "entity_id"
 KINDS: Mapping[str, Tuple[str, ...]] = {
     "topics": ("rate", "margin", "node_name", "window_size"),

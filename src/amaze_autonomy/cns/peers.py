@@ -37,19 +37,6 @@ from amaze_autonomy.engine.rules import Code, Rules, Severity
 
 from .tables import UNLISTED, EntityStatus, code_of, component_of
 
-__all__ = [
-    "Call",
-    "Folder",
-    "LandingDetection",
-    "Peer",
-    "Publish",
-    "Recorder",
-    "Rhythm",
-    "StateEstimation",
-    "Watchdog",
-    "replied",
-]
-
 _S = 1_000_000_000
 _REPLY_EARLY = 0.9  # of the engine's limit: our word comes before its own "did not answer"
 _UNKNOWN_ENTITY = "cns_watchdog"

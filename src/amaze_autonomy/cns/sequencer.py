@@ -25,8 +25,6 @@ from amaze_autonomy.missions import Frame, MissionPlan, Trajectory
 from .peers import Peer, Publish, Rhythm, replied
 from .tables import Answer, Request, WaypointAction
 
-__all__ = ["ANYWHERE", "Bounds", "Sequencer"]
-
 _S = 1_000_000_000
 _REPLY_EARLY = 0.8
 _SAME_M = 0.05

@@ -32,18 +32,6 @@ from amaze_autonomy.monitoring.specs import ComponentSpec
 from .peers import Publish
 from .tables import EntityStatus
 
-__all__ = [
-    "Entity",
-    "Notice",
-    "Response",
-    "Served",
-    "ServedCheck",
-    "ServedLanding",
-    "ServedRecorder",
-    "ServedWatchdog",
-    "why_not",
-]
-
 _S = 1_000_000_000
 _BEAT_NS = _S // 2
 _LONGEST_STARTUP_S = 600.0

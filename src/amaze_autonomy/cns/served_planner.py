@@ -41,8 +41,6 @@ from .peers import Publish
 from .served import Notice, Served, why_not
 from .tables import Answer, Reference, Request, WaypointAction
 
-__all__ = ["REQUESTS", "LoadWaypoints", "PlannerSettings", "Row", "ServedPlanner", "Stage"]
-
 _S = 1_000_000_000
 _LIST_NS = _S  # a list may come on its topic a little after the TAKEOFF that was sent behind it
 _NEAR_M = 0.3  # of its takeoff height, as its sequencer sees it

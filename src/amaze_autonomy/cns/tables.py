@@ -13,24 +13,6 @@ from typing import Mapping, Tuple
 
 from amaze_autonomy.engine.rules import SEVERITIES, Code, Severity
 
-__all__ = [
-    "ACTIONS",
-    "AUTOPILOT_ENTITIES",
-    "PEERS",
-    "SERVICES",
-    "TOPICS",
-    "UNLISTED",
-    "Answer",
-    "EntityStatus",
-    "Name",
-    "Reference",
-    "Request",
-    "WaypointAction",
-    "code_of",
-    "component_of",
-    "worst",
-]
-
 PEERS = ("watchdog", "landing_detection", "state_estimation", "mission_planner", "data_recorder")
 """Peers of our engine that a node of the CNS Flight Stack can be."""
 

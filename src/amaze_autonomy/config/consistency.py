@@ -11,24 +11,6 @@ from ..engine.rules import SEVERITIES, Action, Severity
 from .kinds import Address, Places
 from .schema import refuse_at
 
-__all__ = [
-    "LOSS_RATES",
-    "ORDER",
-    "Order",
-    "check_autonomy_with_sensors",
-    "check_components",
-    "check_heights",
-    "check_known",
-    "check_order",
-    "check_planner",
-    "check_recording",
-    "contradictions",
-    "unnamed_topics",
-    "unrecorded_topics",
-    "waits",
-]
-
-
 _ANSWER_S = 1.0  # beyond the planner's own limit
 
 

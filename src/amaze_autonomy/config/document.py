@@ -15,8 +15,6 @@ import yaml
 
 from .errors import ConfigError, Place
 
-__all__ = ["Entry", "Items", "Scalar", "Table", "entry_of", "parse", "read", "replace"]
-
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same parser, some ten times faster with libyaml
 _RESOLVER: Any = yaml.resolver.Resolver()
 _DEPTH = 12

@@ -16,25 +16,6 @@ from typing import Any, Dict, List, Mapping, NoReturn, Optional, Tuple
 from .document import Entry, Items, Scalar, Table
 from .errors import ConfigError, Place
 
-__all__ = [
-    "UNITS",
-    "Address",
-    "Choice",
-    "Flag",
-    "Kind",
-    "ListOf",
-    "Number",
-    "Places",
-    "Text",
-    "Whole",
-    "converted",
-    "described",
-    "dotted",
-    "refuse",
-    "split_unit",
-    "unit_words",
-]
-
 # --- units ------------------------------------------------------------------------------------------------------------
 # The unit is the last part of a key: `age_limit_s`. Which units there are, and what one is in another.
 

@@ -40,9 +40,6 @@ from .schemas.recording import RECORDING
 from .schemas.sensors import SENSORS
 from .trajectories import Files, plans_of, read_files
 
-__all__ = ["FILES", "Overrides", "apply_overrides", "hash_of", "load_configuration", "rules_of_effective"]
-
-
 FILES: Mapping[str, Group] = {
     "autonomy": AUTONOMY,
     "sensors": SENSORS,

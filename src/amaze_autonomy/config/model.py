@@ -31,18 +31,6 @@ from .schemas.autonomy import Streams
 from .schemas.autopilot import AutopilotSettings
 from .schemas.recording import Platform, Recording, Storage, TopicGroup, Transfer
 
-__all__ = [
-    "Configuration",
-    "components_of",
-    "initialisation_of",
-    "landing_of",
-    "limits_of",
-    "mission_of",
-    "recording_of",
-    "rules_of",
-    "state_estimation_of",
-]
-
 # --- the values -------------------------------------------------------------------------------------------------------
 
 

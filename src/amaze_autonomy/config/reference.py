@@ -11,8 +11,6 @@ from .kinds import ListOf, unit_words
 from .loader import FILES
 from .schema import Group, Key, Named, is_required
 
-__all__ = ["DOCUMENTS", "file_reference", "group_reference", "order_reference", "shipped_file"]
-
 _WIDTH = 119
 
 

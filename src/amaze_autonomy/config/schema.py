@@ -16,23 +16,6 @@ from .document import Entry, Scalar, Table, entry_of
 from .errors import ConfigError, Place
 from .kinds import Address, Kind, Places, converted, described, dotted, refuse, split_unit, unit_words
 
-__all__ = [
-    "REQUIRED",
-    "Group",
-    "Key",
-    "Named",
-    "Row",
-    "bind",
-    "field_value",
-    "group_of",
-    "is_required",
-    "key_name",
-    "key_value",
-    "make",
-    "place_of",
-    "refuse_at",
-]
-
 # --- groups and keys --------------------------------------------------------------------------------------------------
 
 

@@ -46,18 +46,6 @@ from .model import Configuration, mission_of
 from .schema import make, place_of, refuse_at
 from .schemas.missions import MISSION_ID
 
-__all__ = [
-    "File",
-    "Files",
-    "fences_of",
-    "home_of",
-    "plan_of_waypoints",
-    "plans_of",
-    "read_files",
-    "trajectories_of",
-]
-
-
 _BYTES = 1_000_000
 
 

@@ -14,20 +14,6 @@ from .model import Answer, Desk, MissionRow, Question, Request, RequestKind, Sna
 from .wire import clean
 from .words import duration, fraction
 
-__all__ = [
-    "Turn",
-    "answered",
-    "chosen",
-    "listed",
-    "mission_question",
-    "oldest_open",
-    "press",
-    "received",
-    "tick",
-    "typed",
-]
-
-
 _ANSWER_SHOWN_S = 15.0
 _ANSWER_READ_S = 2.0  # it vanishes with the state that it was for, but not before it can be read
 _QUESTION_OPEN_S = 10.0

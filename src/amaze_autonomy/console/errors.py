@@ -7,8 +7,6 @@ ConsoleError
 
 from __future__ import annotations
 
-__all__ = ["ConsoleError", "TerminalError", "UsageError"]
-
 
 class ConsoleError(Exception):
     """Base of the console's errors: one sentence for the user."""

@@ -13,8 +13,6 @@ from amaze_autonomy.engine.events import UserCommand
 
 from .model import Snapshot
 
-__all__ = ["BINDINGS", "QUIT_KEY", "Binding", "binding_of_key", "binding_of_word", "offered"]
-
 QUIT_KEY = "q"
 
 

@@ -13,20 +13,6 @@ from typing import List, Optional, Tuple, Union
 from .model import Collecting, MissionRow, Note, Request, Snapshot, Verdict
 from .terminal import Wake
 
-__all__ = [
-    "AnswerCame",
-    "CollectingCame",
-    "Happening",
-    "Link",
-    "LinkClosed",
-    "LinkSays",
-    "Mailbox",
-    "MessagesCame",
-    "MissionWanted",
-    "MissionsCame",
-    "StateCame",
-]
-
 
 @dataclass(frozen=True)
 class StateCame:

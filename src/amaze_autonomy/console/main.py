@@ -19,8 +19,6 @@ from amaze_autonomy.console.terminal import Terminal, Wake, owns_terminal
 
 from .wire import clean
 
-__all__ = ["main"]
-
 _USAGE_STATUS = 2
 
 _DESCRIPTION = """\

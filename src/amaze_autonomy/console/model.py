@@ -13,25 +13,6 @@ from typing import Dict, List, Optional, Tuple
 
 from ..engine.events import Check, UserCommand
 
-__all__ = [
-    "DEFAULT_ENGINE",
-    "STALE_AFTER_S",
-    "Answer",
-    "Collecting",
-    "CommandAnswer",
-    "Desk",
-    "MissionRow",
-    "Note",
-    "PendingFailure",
-    "Platform",
-    "Question",
-    "Request",
-    "RequestKind",
-    "Snapshot",
-    "Telemetry",
-    "Verdict",
-]
-
 DEFAULT_ENGINE = "autonomy"
 """The engine's node, in the name space of the console or page."""
 STALE_AFTER_S = 3.0

@@ -21,8 +21,6 @@ from .session import CLOSED, Session
 from .terminal import Wake, read_if_ready
 from .words import age, duration, fraction, level, limits, quantity, seconds
 
-__all__ = ["changes", "mission_lines", "run_plain"]
-
 _SLOW_S = 3.0
 
 

@@ -30,8 +30,6 @@ from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 
 from .wire import clean
 
-__all__ = ["RosLink"]
-
 _LOOK_S = 1.0
 
 

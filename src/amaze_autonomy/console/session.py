@@ -23,8 +23,6 @@ from .link import (
 )
 from .model import Desk, RequestKind, Snapshot
 
-__all__ = ["CLOSED", "INTERRUPTED", "NOT_COMPLETE", "NO_ENGINE", "NO_ROS", "Session"]
-
 CLOSED, NO_ROS, NOT_COMPLETE, NO_ENGINE, INTERRUPTED = 0, 2, 3, 4, 130
 
 

@@ -14,8 +14,6 @@ from typing import Any, List, Mapping, Optional, Tuple, Type
 
 from .errors import TerminalError
 
-__all__ = ["KeyDecoder", "Terminal", "Wake", "owns_terminal", "read_if_ready"]
-
 _PASTE_MARKS_ON, _PASTE_MARKS_OFF = b"\x1b[?2004h", b"\x1b[?2004l"
 _ESCAPE_PAUSE_S = 0.05
 

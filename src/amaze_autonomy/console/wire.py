@@ -18,8 +18,6 @@ from ..engine.events import Check, finite
 from ..engine.events import Verdict as CheckVerdict
 from .model import Collecting, CommandAnswer, MissionRow, Note, PendingFailure, Platform, Snapshot, Telemetry, Verdict
 
-__all__ = ["LIMIT", "clean", "collecting_of", "missions_of", "notes_of", "snapshot_of", "verdict_of"]
-
 # --- text -------------------------------------------------------------------------------------------------------------
 # Texts from elsewhere made harmless: nothing that comes over the wire or the keyboard may steer a terminal.
 

@@ -9,8 +9,6 @@ from ..engine.events import Check
 from ..journal.report import limit_words
 from .model import Telemetry
 
-__all__ = ["Reading", "age", "clock", "duration", "fraction", "level", "limits", "quantity", "readings", "seconds"]
-
 _UNKNOWN = "-"
 _THREE_DIGITS = 100.0
 

@@ -12,30 +12,6 @@ from typing import Any, Mapping, NamedTuple, Optional, Tuple
 
 from .events import CheckName
 
-__all__ = [
-    "MESSAGES",
-    "Answer",
-    "AnswerKind",
-    "AutopilotDisarm",
-    "AutopilotLand",
-    "Command",
-    "Decision",
-    "Level",
-    "LoadMission",
-    "Message",
-    "MissionAction",
-    "MissionCommand",
-    "Notify",
-    "Request",
-    "RunCheck",
-    "Seen",
-    "StartRecording",
-    "StopRecording",
-    "Value",
-    "Values",
-    "because",
-]
-
 
 class MissionAction(enum.Enum):
     """What the mission planner can be told; the values are those of srv/MissionCommand.srv."""

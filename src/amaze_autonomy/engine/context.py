@@ -24,8 +24,6 @@ from .events import (
 from .rules import Limits, Rules
 from .state import Asked, EngineState, evolve
 
-__all__ = ["DIRECT_MODES", "HOLDING_MODES", "LANDING_MODES", "MODES", "Context", "ours"]
-
 # --- modes ------------------------------------------------------------------------------------------------------------
 # Which flight modes of the PX4 are the answer to which command of ours (rule 4 of DESIGN.md: never fight the pilot).
 #

@@ -31,20 +31,6 @@ from .state import EngineState, Failure, FailureKind, Result, State, Step, put
 from .transitions import ROWS_AT, Place, Transition
 from .update import update
 
-__all__ = [
-    "ANSWERS",
-    "CONDITIONS",
-    "DEFERRED",
-    "IN_DOUBT",
-    "MAX_ROWS",
-    "OTHERWISE",
-    "SELECT",
-    "Case",
-    "answer_to",
-    "available",
-    "decide",
-]
-
 # --- answers ----------------------------------------------------------------------------------------------------------
 # What the engine answers to a user, for every command in every state: done, refused with the reason, or already so.
 #

@@ -34,8 +34,6 @@ from .state import (
 )
 from .timers import check_limit_ns, passed
 
-__all__ = ["ENTER", "Effect"]
-
 Effect = Callable[[Context], None]
 
 

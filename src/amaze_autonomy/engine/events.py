@@ -18,42 +18,6 @@ from typing import Any, Dict, Mapping, Optional, Tuple, Type, TypeVar, Union
 
 from .rules import Code, Restart, Severity
 
-__all__ = [
-    "CHECKS",
-    "AutopilotStatus",
-    "Check",
-    "CheckName",
-    "CheckReply",
-    "CheckTraits",
-    "ClockStatus",
-    "ComponentStatus",
-    "EngineStarted",
-    "Event",
-    "InvalidEventError",
-    "Landed",
-    "LandedStatus",
-    "Mission",
-    "MissionPhase",
-    "MissionRejected",
-    "MissionSelected",
-    "MissionStatus",
-    "Outcome",
-    "PlatformRecording",
-    "RecordingPhase",
-    "RecordingStatus",
-    "Reply",
-    "Shutdown",
-    "Tick",
-    "UserCommand",
-    "UserRequest",
-    "VehicleLanded",
-    "Verdict",
-    "WatchdogAction",
-    "WatchdogInfo",
-    "finite",
-    "made",
-]
-
 # --- checks -----------------------------------------------------------------------------------------------------------
 # The rows of the pre-flight table and the names of the checks that make them.
 

@@ -10,21 +10,6 @@ import enum
 from dataclasses import dataclass, field, fields
 from typing import Any, Mapping, Optional, Tuple
 
-__all__ = [
-    "SEVERITIES",
-    "Action",
-    "Code",
-    "ComponentRule",
-    "LimitRow",
-    "Limits",
-    "Restart",
-    "Rules",
-    "Severity",
-    "SeverityRow",
-    "action_of",
-    "row_of_code",
-]
-
 # --- severity ---------------------------------------------------------------------------------------------------------
 # Severities, codes, actions, and the two tables that connect them (DESIGN.md section 4).
 #

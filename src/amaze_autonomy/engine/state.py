@@ -25,29 +25,6 @@ from .events import (
 )
 from .rules import Action
 
-__all__ = [
-    "Agreement",
-    "Asked",
-    "CheckRecord",
-    "ClockApart",
-    "EngineState",
-    "Failure",
-    "FailureKind",
-    "Flight",
-    "Landing",
-    "OutreachKind",
-    "Peers",
-    "Preflight",
-    "Recording",
-    "Result",
-    "Session",
-    "State",
-    "Step",
-    "Vehicle",
-    "evolve",
-    "put",
-]
-
 T = TypeVar("T")
 
 

@@ -14,8 +14,6 @@ from .failsafe import FAILSAFE_CONDITIONS, Silent
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
 
-__all__ = ["TIMERS", "Timer", "next_deadline", "passed", "state_deadline", "time_of"]
-
 _NS = 1_000_000_000
 Place = Union[State, Tuple[State, Step]]
 When = Callable[[EngineState, Rules], Optional[int]]

@@ -37,8 +37,6 @@ from .guards import (
 )
 from .state import DataResult, OutreachKind, Result, State, Step
 
-__all__ = ["ROWS_AT", "TRANSITIONS", "Place", "Transition", "places_of"]
-
 Place = Tuple[State, Step]
 Source = Union[State, Place]
 

@@ -35,8 +35,6 @@ from .rules import Code
 from .state import Agreement, Asked, CheckRecord, ClockApart, State, Step, Vehicle, evolve
 from .timers import check_limit_ns
 
-__all__ = ["update"]
-
 _NS = 1_000_000_000
 _WATCHDOGS = 4  # whose loop counters are remembered
 _GROWTHS = 2

@@ -28,8 +28,6 @@ from typing import Any, Callable, Dict, Generic, List, Mapping, Optional, Sequen
 from ..engine.events import Verdict
 from ..journal.codec import field_types, optional_item, tuple_items
 
-__all__ = ["MOST_ITEMS", "MOST_TEXT", "InvalidMessageError", "Shape", "message_name", "text"]
-
 T = TypeVar("T")
 Read = Callable[[Any, int], Any]
 """Makes a value of the message's; the time is the one from which its moments count."""

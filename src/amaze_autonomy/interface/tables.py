@@ -38,22 +38,6 @@ from amaze_autonomy.engine.events import (
 from ..engine.events import CHECKS, Check, CheckName, made
 from .fields import Classes, Shape, text
 
-__all__ = [
-    "CHECK_ROW",
-    "CHECK_SERVICES",
-    "COMPONENT",
-    "PEERS",
-    "SERVICES",
-    "STATUSES",
-    "Service",
-    "Status",
-    "health_fields",
-    "health_of",
-    "peer_of",
-    "service_of",
-    "status_of",
-]
-
 # --- statuses ---------------------------------------------------------------------------------------------------------
 
 

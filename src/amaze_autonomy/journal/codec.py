@@ -15,21 +15,6 @@ from math import isfinite
 from operator import attrgetter, itemgetter
 from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union, get_type_hints
 
-__all__ = [
-    "CodecError",
-    "Form",
-    "bundled",
-    "decoder_of",
-    "field_types",
-    "form_of",
-    "from_plain",
-    "optional_item",
-    "plain_fields",
-    "to_plain",
-    "tuple_items",
-    "unbundled",
-]
-
 Encoder = Callable[[Any], Any]
 Decoder = Callable[[Any, str], Any]
 

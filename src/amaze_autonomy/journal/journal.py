@@ -31,24 +31,6 @@ from ..engine.events import Event
 from ..engine.rules import Rules
 from .codec import CodecError, Form, form_of, from_plain, to_plain
 
-__all__ = [
-    "DELTA_LETTERS",
-    "VERSION",
-    "DeltaDecoder",
-    "DeltaEncoder",
-    "Journal",
-    "JournalError",
-    "JournalLine",
-    "decode",
-    "encode_decision",
-    "encode_event",
-    "encode_header",
-    "make_header",
-    "read",
-    "rules_of",
-    "whole_lines",
-]
-
 VERSION = 1
 _RENAMED = {
     "verb": "action",

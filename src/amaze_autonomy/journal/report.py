@@ -19,20 +19,6 @@ from ..engine.rules import Action, Limits, Rules
 from ..engine.state import CheckRecord, EngineState, Failure, FailureKind, State, Step, evolve
 from ..engine.timers import state_deadline
 
-__all__ = [
-    "WAITS",
-    "CommandAnswer",
-    "Fault",
-    "MessageLog",
-    "OperatorMessage",
-    "Report",
-    "Telemetry",
-    "computer_rows",
-    "end_on_the_way",
-    "limit_words",
-    "report",
-]
-
 _NS = 1e9
 
 

@@ -15,8 +15,6 @@ from amaze_autonomy.engine.state import State
 from ..engine.rules import Code
 from .journal import decode
 
-__all__ = ["READINGS", "Span", "Trace", "trace_of"]
-
 READINGS = ("height_m", "battery_fraction", "position_x_m", "position_y_m", "vertical_speed_m_s")
 """Fields of the autopilot's status whose crossing of a level can be an anchor."""
 

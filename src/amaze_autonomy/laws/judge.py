@@ -13,8 +13,6 @@ from . import flight, ground, requests  # noqa: F401  (what they hold registers 
 from .moment import LAWS, Law, Moment
 from .witness import Witness, hear, see
 
-__all__ = ["Broken", "BrokenLawError", "Judge", "Judged", "check", "judge", "observed"]
-
 _ALL = tuple(LAWS.values())
 _QUIET = tuple(law for law in LAWS.values() if law.always)
 

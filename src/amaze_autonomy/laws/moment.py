@@ -18,20 +18,6 @@ from amaze_autonomy.engine.state import EngineState, State
 from ..engine.events import Mission
 from .witness import Witness
 
-__all__ = [
-    "ENDLESS",
-    "FLIGHT",
-    "GROUND",
-    "LANDING_MODES",
-    "LAWS",
-    "Law",
-    "Moment",
-    "Verdict",
-    "lands",
-    "law",
-    "shows_landing",
-]
-
 Verdict = Union[None, bool, str]
 GROUND = (
     State.MISSION_INPUT,

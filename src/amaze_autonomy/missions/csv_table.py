@@ -17,22 +17,6 @@ from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, T
 
 from .errors import WaypointError
 
-__all__ = [
-    "YAW_COLUMNS",
-    "Frame",
-    "Layout",
-    "Line",
-    "Row",
-    "Said",
-    "YawUnit",
-    "frame_of",
-    "lines_of",
-    "read_table",
-    "said_in",
-    "yaw_of",
-    "yaw_unit_of",
-]
-
 E = TypeVar("E", bound=enum.Enum)
 
 

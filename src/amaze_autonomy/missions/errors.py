@@ -5,8 +5,6 @@ WaypointError    one mistake in one file: line, column, what is wrong, what woul
 
 from __future__ import annotations
 
-__all__ = ["WaypointError"]
-
 
 class WaypointError(ValueError):
     """One mistake in a waypoint file.

@@ -11,8 +11,6 @@ from typing import Any, Dict, List, Sequence, Tuple, Union
 
 from .waypoints import Trajectory
 
-__all__ = ["Circle", "Fence", "Point", "Polygon", "check_fence", "outlines", "polygon_problem"]
-
 Point = Tuple[float, float]
 _LEAST_CORNERS = 3
 _LEAST_AREA_M2 = 1.0

@@ -13,24 +13,6 @@ from .csv_table import Frame
 from .fence import Fence, check_fence
 from .waypoints import Home, Trajectory, Waypoint
 
-__all__ = [
-    "Bounds",
-    "Controller",
-    "FlightEstimate",
-    "FlightModel",
-    "MissionPlan",
-    "PlannerSpec",
-    "Round",
-    "battery_needed_fraction",
-    "check_files",
-    "check_trajectory",
-    "distance_m",
-    "estimate_flight",
-    "estimate_rounds",
-    "leg_s",
-    "total",
-]
-
 # --- the flight model -------------------------------------------------------------------------------------------------
 # Each waypoint is a stop: the vehicle accelerates, cruises, brakes, holds. A leg takes as long as the slowest of its
 # horizontal way, its vertical way and its turn. Only the four operations and square roots: the same figures everywhere.

@@ -19,8 +19,6 @@ from .errors import WaypointError
 from .routes import Area, Route, RoutePoint, is_global, parse_route
 from .waypoints import Home, Names, Place, Trajectory, parse_trajectory
 
-__all__ = ["SUFFIXES", "Object", "parse_file", "parse_plan", "read_json"]
-
 # --- located json -----------------------------------------------------------------------------------------------------
 # JSON in which every object knows its line, read strictly: no key twice, no NaN.
 

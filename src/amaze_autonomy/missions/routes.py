@@ -18,8 +18,6 @@ from .errors import WaypointError
 from .fence import Circle, Fence, Point, Polygon, polygon_problem
 from .waypoints import Home, Names, Place, Trajectory, Waypoint
 
-__all__ = ["GLOBAL_COLUMNS", "Area", "Route", "RoutePoint", "is_global", "localize", "localize_fence", "parse_route"]
-
 GLOBAL_COLUMNS = ("latitude", "longitude", "relative_altitude", "yaw", "holdtime")
 _NAMES = Names("latitude,longitude", "relative_altitude", "latitude,longitude,relative_altitude", "holdtime")
 _LAYOUT = Layout(

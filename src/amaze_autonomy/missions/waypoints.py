@@ -20,8 +20,6 @@ from typing import NamedTuple, Sequence, Tuple
 from .csv_table import YAW_COLUMNS, Frame, Layout, Said, frame_of, lines_of, read_table, said_in, yaw_of, yaw_unit_of
 from .errors import WaypointError
 
-__all__ = ["COLUMNS", "Home", "Names", "Place", "Trajectory", "Waypoint", "joined", "parse_trajectory"]
-
 # --- places on the earth ----------------------------------------------------------------------------------------------
 # Good to a millimetre per 100 m from home and to a tenth of a metre at 5 km, below 80 degrees of latitude; there and
 # back is exact to less than the 1e-7 degrees that MAVLink carries.

@@ -7,8 +7,6 @@ from typing import NamedTuple, Optional, Tuple
 from ..engine.events import Check, Verdict, finite
 from .specs import BatterySpec
 
-__all__ = ["CELL_VOLTAGE", "BatteryMonitor", "BatteryVerdict"]
-
 CELL_VOLTAGE = "battery cell voltage"  # name of a row
 
 _S = 1_000_000_000

@@ -14,8 +14,6 @@ from .rate import RateMonitor
 from .restart import RestartMachine, RestartRequest
 from .specs import ComponentSpec, TopicSpec
 
-__all__ = ["AnswerMonitor", "ComponentMonitor", "ContentMonitor", "code_of"]
-
 # --- process ----------------------------------------------------------------------------------------------------------
 # Does a node answer, does the look at a driver succeed, does the autopilot call its sensor healthy?
 #

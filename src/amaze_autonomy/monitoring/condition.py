@@ -6,8 +6,6 @@ import abc
 import enum
 from typing import NamedTuple, Optional
 
-__all__ = ["FOREVER_NS", "Condition", "Level", "Source", "seconds"]
-
 FOREVER_NS = 2**63 - 1
 _S = 1_000_000_000
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from typing import Tuple
 
-__all__ = ["MonitoringError", "RestartRefusedError", "SpecError", "UnknownComponentError"]
-
 
 class MonitoringError(Exception):
     """Base of all errors of monitoring."""

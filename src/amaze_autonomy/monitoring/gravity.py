@@ -12,26 +12,6 @@ from collections import deque
 from math import acos, atan2, cos, degrees, inf, isfinite, nan, pi, sin, sqrt
 from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
 
-__all__ = [
-    "BUCKET_NS",
-    "PLAUSIBLE_M2_S4",
-    "STANDARD_GRAVITY_M_S2",
-    "GravityWindow",
-    "ImuStatistics",
-    "LastingTilt",
-    "Matrix",
-    "Vector",
-    "angle_between",
-    "describe_tilt",
-    "likely_mistake",
-    "norm",
-    "rotate",
-    "rotation_from_rpy",
-    "tilt_of",
-    "tilt_of_rpy",
-    "up_of_quaternion",
-]
-
 Vector = Tuple[float, float, float]
 Matrix = Tuple[Vector, Vector, Vector]
 

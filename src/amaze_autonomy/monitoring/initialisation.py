@@ -17,8 +17,6 @@ from ..engine.events import Check, Verdict
 from ..engine.state import State
 from .preflight_specs import Checked
 
-__all__ = ["ROW", "Initialisation", "InitialisationSpec", "InitialisationType"]
-
 ROW = "estimator initialisation"
 _S = 1_000_000_000
 _UNDER_WAY = "the estimator is being initialised"

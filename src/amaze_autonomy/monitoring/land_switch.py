@@ -8,8 +8,6 @@ from typing import FrozenSet, Optional
 from amaze_autonomy.engine.events import UserCommand, UserRequest
 from amaze_autonomy.engine.state import EngineState, State
 
-__all__ = ["LandRequests", "LandSwitchMonitor", "LandSwitchSpec"]
-
 _S = 1_000_000_000
 _AGAIN_NS = _S  # a request that came too late for its state is made again
 _NAME = "the transmitter's land switch"

@@ -25,8 +25,6 @@ from ..engine.events import Check, Verdict
 from .condition import FOREVER_NS, seconds
 from .specs import LandingSpec
 
-__all__ = ["STEP_NS", "GroundDistance", "LandingDetector", "LandingVerdict", "nearest_return", "seen_m"]
-
 # --- ground -----------------------------------------------------------------------------------------------------------
 # From the readings of a range finder to the distance between the vehicle's feet and the ground.
 #

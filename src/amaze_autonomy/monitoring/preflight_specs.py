@@ -9,17 +9,6 @@ from typing import Tuple
 
 from .errors import SpecError
 
-__all__ = [
-    "BatterySpec",
-    "Checked",
-    "EstimateSource",
-    "LandingSpec",
-    "RangeSource",
-    "StateEstimationSpec",
-    "is_command",
-    "is_number",
-]
-
 # --- checked ----------------------------------------------------------------------------------------------------------
 # Base of the specifications: values are checked when they are made, and an error names the field.
 

@@ -24,8 +24,6 @@ from typing import Deque, Optional, Sequence, Tuple
 from .condition import FOREVER_NS, Condition, Level, Source, seconds
 from .specs import TopicSpec
 
-__all__ = ["RateMonitor"]
-
 _S = 1_000_000_000
 _BUCKETS = 8  # per window
 _SETTLE_PERIODS = 3

@@ -12,8 +12,6 @@ from .landing import nearest_return
 from .specs import EstimateSource, LandingSpec, RangeSource
 from .state_estimation import Estimate
 
-__all__ = ["Quaternion", "RangeReading", "estimate_reader", "orientation_of", "range_reader", "vector"]
-
 Quaternion = Tuple[float, float, float, float]
 _NORM_TOLERANCE = 0.1
 

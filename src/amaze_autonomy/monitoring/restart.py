@@ -28,8 +28,6 @@ from .condition import FOREVER_NS
 from .errors import RestartRefusedError
 from .specs import ComponentSpec, RestartPolicy
 
-__all__ = ["RestartMachine", "RestartRequest"]
-
 _LATE_NS = 500_000_000
 """No two attempts take the same time: one that is later than this is expected to take its whole limit."""
 

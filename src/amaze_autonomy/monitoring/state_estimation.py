@@ -25,24 +25,6 @@ from .gravity import (
 from .rate import RateMonitor
 from .specs import StateEstimationSpec, TopicSpec
 
-__all__ = [
-    "Estimate",
-    "StateEstimationMonitor",
-    "StateVerdict",
-    "age_row",
-    "agreement_row",
-    "deviation_rows",
-    "estimate_tilt_row",
-    "finite_row",
-    "imu_tilt_row",
-    "magnitude_row",
-    "position_row",
-    "quaternion_row",
-    "shaking_row",
-    "speed_row",
-    "turning_row",
-]
-
 # --- estimate rows ----------------------------------------------------------------------------------------------------
 # The rows of the pre-flight table that judge the estimator's last estimate, one function each.
 

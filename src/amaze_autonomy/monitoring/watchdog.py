@@ -23,9 +23,6 @@ from .rate import RateMonitor
 from .restart import RestartRequest
 from .specs import AutopilotSensor, ComponentSpec
 
-__all__ = ["Streams", "TakeoffCheck", "Watchdog"]
-
-
 _S = 1_000_000_000
 
 

@@ -29,8 +29,6 @@ from ..ros.arguments import NODES as TAKEN
 from ..ros.arguments import option, split_words
 from ..ros.errors import StartError
 
-__all__ = ["NODES", "NodeGroup", "arguments_of", "main"]
-
 NODES: Mapping[str, str] = {
     "autopilot": "vehicle.autopilot_node",
     "data_recorder": "recorder.node",

@@ -42,8 +42,6 @@ from .readings import (
     with_gaps,
 )
 
-__all__ = ["STATE_COLOURS", "Sensors", "Story", "content_of"]
-
 _S = 1_000_000_000
 _MOST_EVENTS = 5000
 _MOST_TEXTS = 2000

@@ -14,8 +14,6 @@ from typing import Any, Mapping, Sequence
 
 from amaze_autonomy.whole_file import write_whole
 
-__all__ = ["PageError", "need_plots", "write_document"]
-
 _HERE = Path(__file__).parent
 _PLOTS = ("plotly", "package_data/plotly.min.js")
 

@@ -45,8 +45,6 @@ from ..replay.timeline import Line, LineKind, Notes, Source, decision_text, join
 from .contents import Sensors, Story, content_of
 from .document import write_document
 
-__all__ = ["FlightPage", "journal_page", "replay_page"]
-
 _S = 1_000_000_000
 _BAG_MAGIC = b"#ROSBAG"
 

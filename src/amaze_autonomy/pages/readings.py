@@ -17,19 +17,6 @@ from amaze_autonomy.monitoring.specs import EstimateSource
 from ..replay.monitors.upsets import columns_of, tilt_deg
 from ..replay.recordings.sources import Recordings
 
-__all__ = [
-    "MOST_POINTS",
-    "Estimates",
-    "Series",
-    "TopicRate",
-    "bin_of",
-    "estimates_of",
-    "packed",
-    "rates_of",
-    "thinned",
-    "with_gaps",
-]
-
 MOST_POINTS = 20_000
 _KEPT = 4  # of each bucket: first, least, greatest, last
 _S = 1e9

@@ -27,8 +27,6 @@ from amaze_autonomy.units import SECOND
 
 from .status import WRITING, Answer, Ask, Collect, Command, CopyJournal, MeasureClock, PlatformStatus, Status, Transfer
 
-__all__ = ["Collector", "CollectorSetup", "Exchange", "Offset", "PlatformView", "best", "correction_ns"]
-
 # --- the offset between two clocks ------------------------------------------------------------------------------------
 
 

@@ -7,8 +7,6 @@ RecordingError      the base
 
 from __future__ import annotations
 
-__all__ = ["FolderError", "RecordingError", "TransferError"]
-
 
 class RecordingError(Exception):
     """Base of all errors of the recording. The text is one line: what is wrong, where, and what to do."""

@@ -34,8 +34,6 @@ from .errors import RecordingError
 from .losses import EDGE_NS, Loss, Wanted, losses
 from .parts import Part, check_arrived, close_parts, whole_bags
 
-__all__ = ["Plan", "Source", "Summary", "collect", "main", "plan_of", "run"]
-
 # --- one verified recording -------------------------------------------------------------------------------------------
 
 

@@ -28,23 +28,6 @@ from amaze_autonomy.units import SECOND
 
 from .status import STOPPED
 
-__all__ = [
-    "EDGE_NS",
-    "Account",
-    "Loss",
-    "Numbers",
-    "Stream",
-    "Wanted",
-    "Written",
-    "account",
-    "between",
-    "header_numbers",
-    "losses",
-    "numbers_of",
-    "recorded",
-    "written",
-]
-
 # --- numbers in headers -----------------------------------------------------------------------------------------------
 
 

@@ -21,8 +21,6 @@ from .losses import Numbers, Stream, Written, account, header_numbers, recorded,
 from .programs import LogState, read_line
 from .storage import PARTS, read_json, write_json
 
-__all__ = ["Part", "check_arrived", "close_parts", "open_bags", "whole_bags"]
-
 _RECOVERED = ".recovered.bag"
 Progress = Callable[[int, int], None]
 

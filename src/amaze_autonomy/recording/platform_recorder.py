@@ -40,8 +40,6 @@ from .status import (
 )
 from .storage import time_left_s
 
-__all__ = ["Gap", "Group", "GroupSetup", "Growth", "PlatformRecorder", "PlatformSetup"]
-
 # --- do files grow ----------------------------------------------------------------------------------------------------
 
 

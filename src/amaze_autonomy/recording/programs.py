@@ -17,21 +17,6 @@ from typing import List, Optional, Sequence
 from amaze_autonomy.config.schemas.recording import Storage, TopicGroup, Transfer
 from amaze_autonomy.units import SECOND
 
-__all__ = [
-    "LogState",
-    "bag_name",
-    "child_command",
-    "files_of",
-    "last_number",
-    "log_name",
-    "misplaced",
-    "mounted",
-    "problem_of",
-    "progress_of",
-    "read_line",
-    "transfer_command",
-]
-
 # --- rosbag's recorder ------------------------------------------------------------------------------------------------
 
 

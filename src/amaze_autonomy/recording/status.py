@@ -10,26 +10,6 @@ from typing import Mapping, NamedTuple, Optional, Tuple, Union
 
 from amaze_autonomy.engine.events import RecordingPhase
 
-__all__ = [
-    "STOPPED",
-    "WRITING",
-    "Answer",
-    "Ask",
-    "Collect",
-    "Command",
-    "CopyJournal",
-    "GroupStatus",
-    "MeasureClock",
-    "PlatformStatus",
-    "ProcessStatus",
-    "Recover",
-    "Signal",
-    "Space",
-    "StartChild",
-    "Status",
-    "Transfer",
-]
-
 # --- what a recorder says ---------------------------------------------------------------------------------------------
 
 

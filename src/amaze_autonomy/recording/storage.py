@@ -24,20 +24,6 @@ from amaze_autonomy.whole_file import sha256_of, write_whole
 from .errors import FolderError
 from .status import Space
 
-__all__ = [
-    "PARTS",
-    "STATE",
-    "needed_bytes",
-    "read_json",
-    "remove_part",
-    "reserve_bytes",
-    "session_name",
-    "space_of",
-    "time_left_s",
-    "too_little",
-    "write_json",
-]
-
 # --- folders and files ------------------------------------------------------------------------------------------------
 
 

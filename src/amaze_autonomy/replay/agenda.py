@@ -5,8 +5,6 @@ from __future__ import annotations
 import heapq
 from typing import Callable, List, Optional, Tuple
 
-__all__ = ["Agenda", "Rank", "Task", "Turns"]
-
 Task = Callable[[int], None]
 
 

@@ -21,19 +21,6 @@ from .recordings.fields import getter, number
 from .recordings.sources import Recordings
 from .recordings.statuses import EVENT_OF
 
-__all__ = [
-    "ARMING_LEAD_NS",
-    "Beginning",
-    "Flight",
-    "Lead",
-    "armings",
-    "beginning_of",
-    "flights_of",
-    "lead_of",
-    "part_of",
-    "selected_ns",
-]
-
 _S = 1_000_000_000
 _LOOK_NS = 2 * _S
 _CRUISE_M = 2.0

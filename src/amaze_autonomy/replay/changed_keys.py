@@ -42,21 +42,6 @@ from amaze_autonomy.engine.rules import Rules
 from .plan import Plan
 from .recordings.sources import Recordings
 
-__all__ = [
-    "MISSION_FACTS",
-    "Change",
-    "ChangedKeys",
-    "DecidedKeys",
-    "Part",
-    "Unread",
-    "changes_of",
-    "facts_of",
-    "keys_of",
-    "recorded_facts",
-    "written",
-]
-
-
 Part = Tuple[str, ...]
 """A piece of a plan: ("limit", "takeoff_height_m"), ("component", "gps"), ("row", "gps", "severity")."""
 

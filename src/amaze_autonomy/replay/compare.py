@@ -18,18 +18,6 @@ from amaze_autonomy.laws import LAWS, Broken, Judge, Judged
 
 from ..journal.journal import Journal, JournalLine, decode, encode_decision, rules_of
 
-__all__ = [
-    "Comparison",
-    "Difference",
-    "Lawful",
-    "broken_words",
-    "check_laws",
-    "compare",
-    "law_lines",
-    "laws_of_lines",
-    "laws_result",
-]
-
 # --- compared with what was recorded ----------------------------------------------------------------------------------
 
 

@@ -14,19 +14,6 @@ from __future__ import annotations
 
 from typing import Tuple
 
-__all__ = [
-    "DamagedInputError",
-    "EditError",
-    "FieldError",
-    "GoldenError",
-    "JournalGapError",
-    "MisfitError",
-    "NoMessagesError",
-    "ReplayError",
-    "TimeJumpError",
-    "UnknownTopicError",
-]
-
 
 class ReplayError(ValueError):
     """A replay cannot be done."""

@@ -24,8 +24,6 @@ from ..engine.rules import ComponentRule, Severity
 from .errors import ReplayError
 from .maps.topic_map import ComponentMap, TopicMap
 
-__all__ = ["Plan", "make_plan"]
-
 
 @dataclass(frozen=True)
 class Plan:

@@ -15,8 +15,6 @@ from .recordings.sources import Recordings
 from .session import Outcome
 from .timeline import Line, value_text, written
 
-__all__ = ["comparison_lines", "comparison_result", "footer_lines", "replay_result", "timeline_text", "verdict"]
-
 _S = 1_000_000_000
 _WIDE = 40
 

@@ -55,9 +55,6 @@ from .recordings.sources import Recordings, Sample
 from .recordings.statuses import FLAT
 from .timeline import Line, LineKind, Source, decision_text, joined, marked
 
-__all__ = ["Outcome", "Parting", "Session", "part"]
-
-
 _S = 1_000_000_000
 _STEP_NS = 1_000_000
 _NEVER_NS = 1 << 62

@@ -11,9 +11,6 @@ from amaze_autonomy.engine.events import ComponentStatus, Landed
 
 from ..engine.rules import Code
 
-__all__ = ["Line", "LineKind", "Notes", "Say", "Source", "decision_text", "joined", "marked", "value_text", "written"]
-
-
 _S = 1_000_000_000
 
 

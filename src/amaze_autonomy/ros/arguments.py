@@ -19,21 +19,6 @@ from amaze_autonomy.paths import config_folder
 
 from .errors import StartError
 
-__all__ = [
-    "ARGUMENTS",
-    "NODES",
-    "Argument",
-    "answer_words",
-    "configuration_folder",
-    "given",
-    "help_rows",
-    "option",
-    "overrides",
-    "parameter_words",
-    "read_words",
-    "split_words",
-]
-
 _REMAPPING = ":="
 _START_ERROR = 2
 

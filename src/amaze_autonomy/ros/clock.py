@@ -17,8 +17,6 @@ import rospy
 
 from .errors import report
 
-__all__ = ["Clock", "Job", "MonotonicClock", "Periodic", "SimulatedClock", "Workers", "make_clock", "wait_for_time"]
-
 # --- clocks -----------------------------------------------------------------------------------------------------------
 
 

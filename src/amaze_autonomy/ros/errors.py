@@ -14,16 +14,6 @@ import logging
 import os
 from contextlib import suppress
 
-__all__ = [
-    "BrokenCallError",
-    "CallError",
-    "CallTimeoutError",
-    "NodeError",
-    "StartError",
-    "UnavailableError",
-    "report",
-]
-
 _UNLOGGED = b"amaze_autonomy: an error could not be logged: memory is too short\n"
 _STDERR = 2
 

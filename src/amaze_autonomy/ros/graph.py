@@ -29,8 +29,6 @@ from .errors import CallError
 from .liveness import call
 from .rospy_flaws import mend_rospy
 
-__all__ = ["GraphError", "Heard", "listen", "look"]
-
 _S = 1_000_000_000
 _KEPT_BYTES, _KEPT = 4096, 2000  # of a topic: its small messages; of a larger one the first alone
 _STAMP = struct.Struct("<II")

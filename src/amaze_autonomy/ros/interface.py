@@ -34,21 +34,6 @@ from amaze_autonomy.interface import (
 
 from ..engine.events import Check
 
-__all__ = [
-    "SERVICE_CLASSES",
-    "TAKEOFF_FRAME",
-    "age_of",
-    "check_row",
-    "component_state",
-    "message_class",
-    "number",
-    "read_status",
-    "request_of",
-    "response_of",
-    "ros_time",
-    "status_message",
-]
-
 SERVICE_CLASSES: Dict[str, Type[Any]] = {
     name: Trigger if row.type == "Trigger" else getattr(srv, row.type) for name, row in SERVICES.items()
 }
@@ -58,6 +43,7 @@ _FRAMES: Mapping[Type[Event], str] = {AutopilotStatus: TAKEOFF_FRAME}
 
 
 def classes(name: str) -> Any:
+    """Return the class of one of our messages by its name."""
     return getattr(msg, name)
 
 

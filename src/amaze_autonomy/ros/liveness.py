@@ -19,8 +19,6 @@ import rosgraph.network
 
 from .errors import BrokenCallError, CallError, CallTimeoutError, UnavailableError
 
-__all__ = ["Answer", "LocalProcess", "NodeLiveness", "Place", "call", "find"]
-
 # --- the node ---------------------------------------------------------------------------------------------------------
 
 

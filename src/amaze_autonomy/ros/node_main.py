@@ -31,21 +31,6 @@ from .errors import NodeError, StartError
 from .reconnector import Reconnector
 from .rospy_flaws import mend_rospy
 
-__all__ = [
-    "END_SIGNALS",
-    "UMASK",
-    "Parameters",
-    "RunningNode",
-    "Startup",
-    "begin",
-    "read_parameters",
-    "run_node",
-    "settle",
-    "take_precedence",
-    "take_precedence_or_say",
-    "warn_of_parameters",
-]
-
 _START_ERROR = 2
 UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640
 _LONGEST_S = 3600.0

@@ -29,8 +29,6 @@ from rospy.topics import get_topic_manager
 from .errors import CallError
 from .liveness import call
 
-__all__ = ["Foreign", "Reconnector", "subscriptions"]
-
 _PERIOD_S = 1.0
 _LIMIT_S = 0.5  # for each question to the master and to other nodes
 _ALL_EVERY = 10  # looks: then the topics that are connected are looked at as well

@@ -21,8 +21,6 @@ from typing import Any, Callable, List
 import rospy.core
 from rospy.impl.tcpros_base import TCPROSServer
 
-__all__ = ["mend_rospy"]
-
 
 def mend_rospy() -> None:
     """Call it before `rospy.init_node`; more than once is the same."""

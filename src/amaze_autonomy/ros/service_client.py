@@ -22,8 +22,6 @@ from rosgraph.network import ROSHandshakeException, decode_ros_handshake_header,
 from .errors import BrokenCallError, CallTimeoutError, UnavailableError
 from .liveness import call
 
-__all__ = ["Connection", "Serialized", "ServiceClient"]
-
 Serialized = bytes
 _LONGEST = 16 * 1024 * 1024  # bytes; a longer answer is nonsense
 _MOST_IDLE = 4  # connections to one service that wait for a request

@@ -26,8 +26,6 @@ from rospy.topics import _SubscriberImpl, get_topic_manager
 
 from .errors import StartError
 
-__all__ = ["ALL", "STAMP_BYTES", "Look", "LookFor", "Tally", "TopicReader", "TopicStream", "subscribe"]
-
 _log = logging.getLogger(__name__)
 
 ALL = -1  # of each message, as what is wanted

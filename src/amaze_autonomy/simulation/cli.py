@@ -19,8 +19,6 @@ from .run import Run, run, story, summary
 from .scenario import EVENTS, KINDS, Scenario
 from .scenario_file import load_scenario
 
-__all__ = ["COMPLETE", "LIMIT", "NOT_COMPLETE", "USAGE", "WAITING", "main", "scenario_file"]
-
 _NS = 1e9
 COMPLETE, NOT_COMPLETE, USAGE, WAITING, LIMIT = 0, 1, 2, 3, 4
 _DESCRIPTION = "Fly missions in the simulated world, in virtual time: no ROS, no waiting, the same every time."

@@ -11,8 +11,6 @@ from typing import Callable, Mapping
 from .peers.peer import Site
 from .scenario import Fault
 
-__all__ = ["begin", "end"]
-
 _S = 1_000_000_000
 _Effect = Callable[[Site, Fault], None]
 

@@ -13,8 +13,6 @@ from __future__ import annotations
 from difflib import get_close_matches
 from typing import Tuple
 
-__all__ = ["NoEffectError", "SimulatedTimeError", "SimulationError", "UnknownTargetError", "VehicleAddressError"]
-
 
 class SimulationError(Exception):
     """Base of the errors of the simulated world."""

@@ -7,8 +7,6 @@ from typing import Dict, List, NamedTuple, Optional, Tuple, Union
 
 from .scenario import Fault, Request, Scenario, Trigger
 
-__all__ = ["Change", "Faults", "flapping_ns"]
-
 _S = 1_000_000_000
 
 _Item = Union[Fault, Request]

@@ -33,8 +33,6 @@ from amaze_autonomy.simulation.world import World
 
 from .px4.links import BadLine, Quality
 
-__all__ = ["BadRelay", "VehicleServer", "VehicleTime", "main"]
-
 # --- the server -------------------------------------------------------------------------------------------------------
 # ``udpin:HOST:PORT`` waits there; everyone who speaks to it becomes a connection of its own. ``udpout:HOST:PORT``
 # speaks to that address from the beginning, as PX4 does to computers on board.

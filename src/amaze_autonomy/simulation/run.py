@@ -20,9 +20,6 @@ from ..journal import journal
 from .scenario import Scenario
 from .world import World
 
-__all__ = ["Run", "run", "story", "summary"]
-
-
 _S = 1_000_000_000
 _WAITING = (State.MISSION_INPUT, State.OUTREACH, State.PILOT, State.MISSION_ENDED)
 _SELECT_NS = 5 * _S

@@ -11,19 +11,6 @@ from typing import Dict, Mapping, Optional, Tuple, Union
 
 from amaze_autonomy.engine.events import UserCommand
 
-__all__ = [
-    "ENGINE",
-    "EVENTS",
-    "KINDS",
-    "Fault",
-    "FaultKind",
-    "Parameter",
-    "Request",
-    "Scenario",
-    "Subject",
-    "Trigger",
-]
-
 _Value = Union[float, str]
 
 

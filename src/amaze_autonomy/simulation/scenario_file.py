@@ -29,19 +29,6 @@ from amaze_autonomy.interface import PEERS, SERVICES
 
 from .scenario import EVENTS, KINDS, Fault, FaultKind, Parameter, Request, Scenario, Subject, Trigger
 
-__all__ = [
-    "FAULT",
-    "REQUEST",
-    "SCENARIO",
-    "WHEN",
-    "After",
-    "FaultEntry",
-    "RequestEntry",
-    "load_scenario",
-    "parse_scenario",
-    "trigger_of",
-]
-
 _S = 1_000_000_000
 _TIME = Number(minimum=0.0, maximum=86_400.0)
 _LASTING = Number(above=0.0, maximum=86_400.0)

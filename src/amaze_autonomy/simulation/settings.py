@@ -23,8 +23,6 @@ from ..engine.events import Mission
 from .streams import SampleKind, StreamSettings
 from .vehicle.vehicle import PowerSettings, VehicleSettings
 
-__all__ = ["Settings", "settings_of"]
-
 _S = 1_000_000_000
 _IMU_HZ, _RANGE_HZ = 100.0, 20.0
 _ABOVE_TAKEOFF_M = 0.2  # the climb ends a little above the height that the engine waits for

@@ -12,8 +12,6 @@ from typing import List, NamedTuple, Optional
 from .faults import Faults, flapping_ns
 from .scenario import Fault, Subject
 
-__all__ = ["Batch", "Content", "SampleKind", "Stream", "StreamSettings"]
-
 _S = 1_000_000_000
 _MIX = 0x9E3779B1
 _WORD = 0xFFFFFFFF

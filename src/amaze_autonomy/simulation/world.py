@@ -25,9 +25,6 @@ from .settings import Settings, settings_of
 from .streams import Batch, Stream
 from .vehicle.vehicle import Power, Vehicle, VehicleSettings
 
-__all__ = ["World", "check_scenario"]
-
-
 _CLASSES: Tuple[Type[Peer], ...] = (Autopilot, LandingDetection, StateEstimation, SimulatedWatchdog, Planner, Recorder)
 
 

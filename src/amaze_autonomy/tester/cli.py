@@ -52,8 +52,6 @@ from .terminal import (
 )
 from .whatif import other_options, sweep, sweep_lines, sweep_plain, what_if, what_if_lines, what_if_status
 
-__all__ = ["Accepted", "accept", "add_commands", "add_coverage_commands", "add_tools", "lonely_goldens"]
-
 _Parsers = Any
 _STARTED = '{"version": 1, "verdict": "ERROR", "headline": "the run has not ended"}\n'
 

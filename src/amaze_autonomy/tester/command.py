@@ -43,8 +43,6 @@ from ..replay.report import comparison_lines, comparison_result, footer_lines, r
 from ..replay.session import Outcome, Session
 from .terminal import add_tapes, progress_bar, show_lines, show_timeline, use_tapes
 
-__all__ = ["main"]
-
 _ALONE = (["run"], ["journal"], ["laws"], ["map"], ["maps"], ["export"])
 DONE, DIFFERENT, IMPOSSIBLE, PARTIAL, VACUOUS = 0, 1, 2, 3, 4
 _KNOWN = (BagError, MessageError, ReplayError, ConfigError, JournalError, PageError)

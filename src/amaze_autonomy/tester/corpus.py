@@ -40,19 +40,6 @@ from .terminal import (
     use_tapes,
 )
 
-__all__ = [
-    "VARIABLE",
-    "add_corpus",
-    "bags_of",
-    "data_folder",
-    "examined",
-    "fetch_bags",
-    "kept_in",
-    "run_on_cluster",
-    "run_remotely",
-    "time_table",
-]
-
 
 def bags_of(tasks: Sequence[Task]) -> Tuple[Path, ...]:
     """Return the bags of all tasks, each once, in the order of the tasks; what cannot be read is left to the run."""

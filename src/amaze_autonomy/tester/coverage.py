@@ -49,25 +49,6 @@ from .run import case_of, digest_of
 from .scenario import Case, SourceKind
 from .task import Options, Result, Task
 
-__all__ = [
-    "Coverage",
-    "Hunt",
-    "Item",
-    "Mutant",
-    "Survival",
-    "coverage_lines",
-    "coverage_of",
-    "hunts_of",
-    "mutant_of",
-    "mutants_of",
-    "mutated",
-    "mutation_lines",
-    "mutation_passed",
-    "read_waivers",
-    "run_hunt",
-    "run_hunts",
-]
-
 _CHECK = "check "
 
 

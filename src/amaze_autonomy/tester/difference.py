@@ -22,25 +22,6 @@ from amaze_autonomy.replay.timeline import value_text
 
 from ..journal.journal import Journal
 
-__all__ = [
-    "LETTERS",
-    "TOLERANCES",
-    "Agreement",
-    "Change",
-    "ChangeKind",
-    "agree",
-    "agreement_lines",
-    "align",
-    "asks",
-    "counted",
-    "first_difference",
-    "is_same",
-    "key_of",
-    "told",
-    "waveform",
-    "without_numbers",
-]
-
 _CHECK = RunCheck.__name__
 
 Key = Tuple[str, str, str, str, str]

@@ -20,18 +20,6 @@ from amaze_autonomy.whole_file import write_whole
 from .difference import align, is_same, told
 from .scenario.model import Case
 
-__all__ = [
-    "FOLDER",
-    "Golden",
-    "check_reason",
-    "compare_with_golden",
-    "decisions_of",
-    "golden_path",
-    "orphans",
-    "read_golden",
-    "write_golden",
-]
-
 FOLDER = "goldens"
 _VERSION = 1
 _SUFFIX = ".golden.jsonl"

@@ -42,8 +42,6 @@ from .scenario.files import meant, place_of
 from .scenario.model import Case, SourceKind
 from .task import Options
 
-__all__ = ["Mark", "Played", "configuration_of", "missions_of", "overrides_of", "play", "replay_case"]
-
 # --- played -----------------------------------------------------------------------------------------------------------
 # What came of playing a case, and what every way of playing it needs: configuration and missions.
 

@@ -15,8 +15,6 @@ import pytest
 if TYPE_CHECKING:
     from . import Result, Task
 
-__all__ = ["ScenarioFile", "ScenarioItem"]
-
 _SUFFIX = ".scenario.yaml"
 
 

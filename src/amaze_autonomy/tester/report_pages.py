@@ -21,8 +21,6 @@ from .scenario import load_cases
 from .task import Result, Verdict
 from .whatif import Flight, Sweep
 
-__all__ = ["page_content", "sweep_content", "write_page", "write_sweep_page"]
-
 # --- content ----------------------------------------------------------------------------------------------------------
 # What the page shows, as plain values: lanes over time, decisions with their values, coverage, speed.
 

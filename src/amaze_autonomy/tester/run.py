@@ -31,9 +31,6 @@ from .scenario.files import meant, place_of
 from .scenario.model import Anchor
 from .task import Figures, Result, Task, Verdict
 
-__all__ = ["anchor_times", "case_of", "check_names", "digest_of", "peak_mb", "run_case", "run_task", "run_tasks"]
-
-
 _KNOWN = (ConfigError, ReplayError, SimulationError, JournalError, OSError)
 _INPUT = (BagError, MessageError, DamagedInputError, NoMessagesError, TimeJumpError)
 

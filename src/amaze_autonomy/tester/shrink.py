@@ -24,8 +24,6 @@ from .play import configuration_of, play
 from .scenario import Case
 from .task import Options
 
-__all__ = ["MOST_LINES", "Shrunk", "shrink"]
-
 MOST_LINES = 50
 _MS = 1_000_000
 

@@ -15,24 +15,6 @@ from amaze_autonomy.config.errors import ConfigError
 from .expect.model import Finding
 from .scenario import find_files, load_cases
 
-__all__ = [
-    "EXIT_STATUS",
-    "NOT_COMPARED",
-    "Figures",
-    "Options",
-    "Result",
-    "Task",
-    "Verdict",
-    "as_json",
-    "as_junit",
-    "as_markdown",
-    "exit_status",
-    "plain",
-    "result_lines",
-    "summary_line",
-    "tasks_of",
-]
-
 # --- the test ---------------------------------------------------------------------------------------------------------
 
 

@@ -29,23 +29,6 @@ from .task import Options, Task, tasks_of
 if TYPE_CHECKING:
     from rich.text import Text
 
-__all__ = [
-    "add_choice",
-    "add_configuration",
-    "add_tapes",
-    "add_waivers",
-    "check_options",
-    "chosen",
-    "finite",
-    "is_full",
-    "options_of",
-    "progress_bar",
-    "show_lines",
-    "show_timeline",
-    "use_tapes",
-    "waivers_of",
-]
-
 # --- what is shown ----------------------------------------------------------------------------------------------------
 
 

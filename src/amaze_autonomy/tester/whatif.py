@@ -20,21 +20,6 @@ from .scenario import Case
 from .scenario.model import CONFIGURATION
 from .task import EXIT_STATUS, Options, Result, Task, Verdict
 
-__all__ = [
-    "Boundary",
-    "Flight",
-    "Fork",
-    "Sweep",
-    "motions",
-    "other_options",
-    "sweep",
-    "sweep_lines",
-    "sweep_plain",
-    "what_if",
-    "what_if_lines",
-    "what_if_status",
-]
-
 # --- another configuration --------------------------------------------------------------------------------------------
 
 

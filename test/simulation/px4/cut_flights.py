@@ -23,8 +23,6 @@ from amaze_autonomy.engine.state import EngineState, State
 from amaze_autonomy.engine.timers import next_deadline
 from amaze_autonomy.laws import Judge
 
-__all__ = ["CutFlight", "CutFlights"]
-
 _STATUS_NS, _BEAT_NS = 100 * MS, 200 * MS
 _FLIGHT_S, _LIMIT_NS = 10.0, 240 * S
 _ROUNDING_NS = 2 * 20 * MS  # two steps of the simulated time

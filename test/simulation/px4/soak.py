@@ -34,8 +34,6 @@ from amaze_autonomy.simulation.px4 import BadLine, Craft, Framing, Px4, Quality
 from amaze_autonomy.simulation.vehicle.flight import VehicleSettings
 from amaze_autonomy.simulation.vehicle.vehicle import Power, PowerSettings
 
-__all__ = ["Flown", "Soak"]
-
 MS, S = 1_000_000, 1_000_000_000
 _STEP_NS, _WAKE_NS = 20 * MS, 50 * MS
 _LIMIT_NS, _NEAR_M = 90 * S, 0.7

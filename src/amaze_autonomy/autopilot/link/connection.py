@@ -17,8 +17,6 @@ from .peers import Identity, Peers
 from .ports import make_port, parse_endpoint, wait_readable
 from .wire import SigningKey, Stamps, Wire
 
-__all__ = ["Client", "ClientHost", "Connection", "LinkState", "heartbeat", "link_problem", "strangers_problem"]
-
 # --- hosting ----------------------------------------------------------------------------------------------------------
 # What every way to the vehicle does for its client: one lock, questions under it, waiting for what comes, errors
 # told.

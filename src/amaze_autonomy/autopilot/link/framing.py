@@ -13,20 +13,6 @@ from typing import Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from .dialect import mavlink
 
-__all__ = [
-    "LONGEST",
-    "Counter",
-    "Found",
-    "Frame",
-    "FrameReader",
-    "FrameTally",
-    "TlogCount",
-    "TlogError",
-    "crc16",
-    "frame_at",
-    "read_tlog",
-]
-
 V1, V2 = 0xFE, 0xFD
 _HEADER = {V1: 6, V2: 10}
 _MAGICS = (V1, V2)

@@ -6,8 +6,6 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from .dialect import Message, mavlink, source_of
 
-__all__ = ["Identity", "Peers", "Sources"]
-
 _OTHERS_KEPT = 16
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 

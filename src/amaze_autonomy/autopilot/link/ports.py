@@ -21,8 +21,6 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Seq
 
 from ..errors import EndpointError
 
-__all__ = ["Endpoint", "EndpointKind", "Port", "make_port", "parse_endpoint"]
-
 # --- endpoint ---------------------------------------------------------------------------------------------------------
 # Connection URLs as MAVLink people write them.
 #

@@ -14,8 +14,6 @@ from amaze_autonomy.whole_file import write_whole
 from ..errors import KeyFileError
 from ..planner.loading import Origin
 
-__all__ = ["StampFile", "keep", "origin_from", "origin_to", "read_kept"]
-
 
 def keep(path: Path, value: Dict[str, Any]) -> None:
     """Write a file so that a reader finds the old one or the new one.

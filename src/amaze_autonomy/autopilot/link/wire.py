@@ -15,8 +15,6 @@ from ..errors import KeyFileError
 from .dialect import Message, mavlink, message_id
 from .framing import Frame, FrameReader, FrameTally
 
-__all__ = ["KEY_BYTES", "SigningKey", "Stamps", "Verifier", "Wire", "read_key"]
-
 # --- signing ----------------------------------------------------------------------------------------------------------
 # https://mavlink.io/en/guide/message_signing.html: 6 bytes of SHA-256 over key, frame, link id and a time stamp of 10
 # us since 2015 that must grow in each stream (system, component, link). The time of a stream that is heard for the

@@ -16,19 +16,6 @@ from amaze_autonomy.monitoring.gravity import up_of_quaternion
 from ..link.dialect import Message, mavlink
 from ..vehicle.modes import autopilot_of, mavros_number
 
-__all__ = [
-    "EKF",
-    "RECEIVED",
-    "SOURCES",
-    "STATE",
-    "VEHICLE",
-    "WAYPOINTS",
-    "Behind",
-    "Converter",
-    "Source",
-    "sources_of",
-]
-
 VEHICLE = (1, 1)
 EKF = int(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
 _UNKNOWN_AUTOPILOT, _NO_MODE = int(mavlink.MAV_AUTOPILOT_GENERIC), 255  # of PX4 it is 0.0

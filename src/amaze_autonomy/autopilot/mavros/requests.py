@@ -13,18 +13,6 @@ from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tup
 from ..link.dialect import Message, mavlink
 from ..vehicle.modes import mavros_name
 
-__all__ = [
-    "MISSION_SERVICES",
-    "SERVICES",
-    "Lane",
-    "MavrosMission",
-    "Publication",
-    "Request",
-    "Taken",
-    "publication_of",
-    "request_of",
-]
-
 _SET_MODE, _COMMAND, _PARAMETER = "set_mode", "cmd/command", "param/get"
 _PUSH, _PULL, _SET_CURRENT = "mission/push", "mission/pull", "mission/set_current"
 SERVICES: Mapping[str, str] = {_SET_MODE: "SetMode", _COMMAND: "CommandLong", _PARAMETER: "ParamGet"}

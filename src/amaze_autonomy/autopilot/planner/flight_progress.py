@@ -17,8 +17,6 @@ from .loading import Loading, LoadRequest, Origin
 from .mission_upload import waypoint_index
 from .mission_vehicle import AIRBORNE, HOLD, MISSION, OFFBOARD, VehicleWatch
 
-__all__ = ["IN_FLIGHT", "FlightProgress", "FlightRecord", "Here", "remaining"]
-
 _COUNT_NS = 2_500_000_000  # within which an autopilot tells again at which item of the mission it is
 _COUNT_BEATS = 3  # that must be heard meanwhile: a silent vehicle may still tell
 _IN_A_ROW = 2  # one wrong message is not believed

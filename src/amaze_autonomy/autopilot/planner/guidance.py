@@ -16,8 +16,6 @@ from amaze_autonomy.missions import FlightModel, PlannerSpec, Waypoint
 from ..link.dialect import Message, mavlink
 from .mission_vehicle import Pose
 
-__all__ = ["Guidance"]
-
 _S = 1_000_000_000
 Vector = Tuple[float, float, float]
 

@@ -16,8 +16,6 @@ from ..link.dialect import Message
 from .mission_upload import MissionUpload, UploadPhase, mission_items
 from .mission_vehicle import VehicleWatch
 
-__all__ = ["LoadRequest", "Loading", "Origin", "Readiness"]
-
 _SAME_BOOT_NS = 5_000_000_000  # how far two readings of the same start may lie apart
 
 

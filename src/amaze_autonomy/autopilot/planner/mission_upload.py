@@ -28,18 +28,6 @@ from amaze_autonomy.missions import Home, Place, Trajectory
 
 from ..link.dialect import Message, mavlink
 
-__all__ = [
-    "UPLOAD_MESSAGES",
-    "Dialect",
-    "MissionItem",
-    "MissionUpload",
-    "UploadPhase",
-    "beginning",
-    "difference",
-    "mission_items",
-    "waypoint_index",
-]
-
 # --- items ------------------------------------------------------------------------------------------------------------
 # Autopilots keep items in types of their own, so what is read back may be rounded; what may differ by how much is one
 # table below. ArduPilot's item 0 is home: a place holder that it overwrites, sent and never compared. It flies no yaw

@@ -18,18 +18,6 @@ from ..vehicle.modes import Control, Heartbeat, is_piloted, mode_name, mode_numb
 from ..vehicle.texts import Texts
 from .mission_upload import Dialect
 
-__all__ = [
-    "AIRBORNE",
-    "HOLD",
-    "LAND",
-    "MISSION",
-    "OFFBOARD",
-    "STREAMS",
-    "TAKEN",
-    "Pose",
-    "VehicleWatch",
-]
-
 _S = 1_000_000_000
 AIRBORNE = (VehicleLanded.TAKING_OFF, VehicleLanded.IN_AIR, VehicleLanded.LANDING)
 HOLD, LAND, MISSION, OFFBOARD = "AUTO.LOITER", "AUTO.LAND", "AUTO.MISSION", "OFFBOARD"

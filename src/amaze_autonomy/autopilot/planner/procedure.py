@@ -19,8 +19,6 @@ from ..vehicle.modes import LANDING_MODES, is_foreign
 from .mission_upload import Dialect, beginning
 from .mission_vehicle import HOLD, LAND, MISSION, OFFBOARD, VehicleWatch
 
-__all__ = ["Means", "Procedure", "Progress", "Step", "steps_of"]
-
 _SET_MODE, _ARM = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 _START, _TAKE_OFF = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_TAKEOFF
 

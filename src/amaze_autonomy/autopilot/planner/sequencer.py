@@ -30,8 +30,6 @@ from .mission_upload import UPLOAD_MESSAGES, MissionUpload, UploadPhase
 from .mission_vehicle import LAND, OFFBOARD, STREAMS, TAKEN, Pose, VehicleWatch
 from .procedure import Means, Procedure, Progress, steps_of
 
-__all__ = ["PLANNER_MESSAGES", "Sequencer", "SequencerSettings", "Standing", "refusal"]
-
 PLANNER_MESSAGES = (*STREAMS, *TAKEN, *UPLOAD_MESSAGES)
 """Names of the messages that a planner wants to be given."""
 

@@ -11,8 +11,6 @@ from typing import Optional
 
 from amaze_autonomy.engine.events import VehicleLanded
 
-__all__ = ["DRAIN_NS", "GROUND_NS", "STALL_NS", "Agreement", "Ground"]
-
 _S = 1_000_000_000
 STALL_NS, DRAIN_NS = _S // 2, 3 * _S // 10  # not woken for so long; for so long what came meanwhile is read
 GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm

@@ -13,8 +13,6 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..link.dialect import Message, mavlink, message_id
 
-__all__ = ["ParameterState", "Parameters", "Rates", "value_of"]
-
 # --- messages, at their rate ------------------------------------------------------------------------------------------
 
 

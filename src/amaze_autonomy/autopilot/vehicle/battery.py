@@ -10,8 +10,6 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..link.dialect import mavlink
 
-__all__ = ["Battery", "BatteryReading"]
-
 _UNKNOWN_MV = 65535
 _PACK_MV = 6000  # no single cell has so much
 _FRESH_NS = 5_000_000_000

@@ -23,17 +23,6 @@ from .modes import LAND, LANDING_MODES, mode_number
 from .preflight import Preflight, battery_state_row, channel_width_us, land_switch_rows, preflight_rows
 from .vehicle import WANTED, VehicleState
 
-__all__ = [
-    "CLIENT_MESSAGES",
-    "AutopilotClient",
-    "Confirmed",
-    "Progress",
-    "Reply",
-    "command_long",
-    "set_mode",
-    "switch_messages",
-]
-
 _S = 1_000_000_000
 _BREAK_NS = 5 * _S
 _ASK_PREARM_NS = 5 * _S

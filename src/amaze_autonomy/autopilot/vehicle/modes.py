@@ -11,24 +11,6 @@ from typing import FrozenSet, Mapping, NamedTuple, Optional, Tuple
 
 from ..link.dialect import Message, mavlink
 
-__all__ = [
-    "ARDUPILOT_NAMES",
-    "LAND",
-    "LANDING_MODES",
-    "MANUAL_MODES",
-    "NEVER_OURS",
-    "Control",
-    "Heartbeat",
-    "autopilot_of",
-    "is_foreign",
-    "is_piloted",
-    "mavros_name",
-    "mavros_number",
-    "mode_name",
-    "mode_number",
-    "px4_number",
-]
-
 # --- modes ------------------------------------------------------------------------------------------------------------
 
 

@@ -12,8 +12,6 @@ from typing import Any, NamedTuple, Optional, Tuple
 
 from ..link.dialect import mavlink
 
-__all__ = ["Place", "Position"]
-
 Vector = Tuple[float, float, float]
 
 _VELOCITY_VERTICAL = mavlink.ESTIMATOR_VELOCITY_VERT

@@ -18,8 +18,6 @@ from .asked import ParameterState
 from .battery import LOW, STATE_NAMES
 from .vehicle import VehicleState
 
-__all__ = ["Preflight", "battery_state_row", "channel_width_us", "land_switch_rows", "preflight_rows"]
-
 _S = 1_000_000_000
 _COMPLAINTS_NS = 60 * _S
 _CHARGING = 7

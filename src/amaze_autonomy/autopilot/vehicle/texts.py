@@ -10,8 +10,6 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..link.dialect import mavlink
 
-__all__ = ["Event", "Text", "Texts", "event_id", "event_of"]
-
 _S = 1_000_000_000
 _CHUNK = 50
 _CHUNK_LIMIT_NS = 2 * _S

@@ -21,8 +21,6 @@ from .modes import LANDING_MODES, Control, Heartbeat, mode_name
 from .position import Position
 from .texts import Texts
 
-__all__ = ["SENSORS", "WANTED", "ClockOffset", "Gps", "GpsLimits", "Sync", "SystemStatus", "VehicleState", "gps_health"]
-
 _S = 1_000_000_000
 _LANDED: Mapping[int, VehicleLanded] = {
     mavlink.MAV_LANDED_STATE_ON_GROUND: VehicleLanded.ON_GROUND,

@@ -18,8 +18,6 @@ from ..index import ChunkInfo, Index
 from .merge import Merged, MergeOptions, Progress, merge
 from .verify import Verified, verify
 
-__all__ = ["Part", "Selection", "filter_bag", "selection_of", "verify_part"]
-
 _ALWAYS_NS = 1 << 62
 
 

@@ -39,21 +39,6 @@ from ..format import MESSAGE, Record, message_fields, pack_field, record_at, u32
 from ..index import ChunkHead, Index
 from ..read import Block, Pool, Span, Table, lz4_library, relabel, tabulate
 
-__all__ = [
-    "HIDDEN",
-    "LARGE",
-    "ROOM",
-    "STRIPE",
-    "ChunkCopies",
-    "Message",
-    "Wrapped",
-    "block_beginning",
-    "block_end",
-    "lengthened",
-    "neutral_stripe",
-    "wrapped",
-]
-
 # --- the checksum of a longer content ---------------------------------------------------------------------------------
 
 

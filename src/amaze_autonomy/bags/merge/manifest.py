@@ -25,19 +25,6 @@ if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from .merge import Merged, MergeOptions
     from .verify import Counted, Verified
 
-__all__ = [
-    "Tallies",
-    "Tally",
-    "checksums",
-    "declared_duplicates",
-    "manifest_path",
-    "merge_manifest",
-    "payload_checksums",
-    "read_manifest",
-    "verified_manifest",
-    "write_manifest",
-]
-
 # --- checksums that can be added --------------------------------------------------------------------------------------
 
 

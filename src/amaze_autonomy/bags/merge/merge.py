@@ -31,8 +31,6 @@ if TYPE_CHECKING:  # loading them all would be a good part of a short run
     from .filter import Selection
     from .lz4_chunk_copy import ChunkCopies
 
-__all__ = ["Group", "MergeOptions", "Merged", "Source", "Unified", "merge", "unify"]
-
 # --- which connections are one ----------------------------------------------------------------------------------------
 
 

@@ -28,8 +28,6 @@ from .merge import Source
 if TYPE_CHECKING:  # a circle
     from .filter import Selection
 
-__all__ = ["READERS", "Counted", "Reading", "Verified", "count", "disagreements", "read_with", "verify"]
-
 # --- all messages counted ---------------------------------------------------------------------------------------------
 
 

@@ -25,8 +25,6 @@ from ..read import BEGINNING, Block, Pool, distinct, index_data, index_records
 from ..write import Output, Stretch
 from .manifest import Tallies, Tally, checksums
 
-__all__ = ["CHUNK_BYTES", "Cut", "Duplicates", "Pending", "Rows", "Writing", "cuts"]
-
 # --- messages cut into chunks -----------------------------------------------------------------------------------------
 
 

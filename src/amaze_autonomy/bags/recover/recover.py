@@ -29,22 +29,6 @@ from ..write import Output, index_of
 from .salvage import rewritten, salvaged
 from .scan import Found, Scan, scan
 
-__all__ = [
-    "Recovered",
-    "Sink",
-    "Undo",
-    "beginning",
-    "is_interrupted",
-    "read_undo",
-    "recover",
-    "recover_in_place",
-    "recovered_name",
-    "restore",
-    "undo_path",
-    "write_kept",
-    "write_undo",
-]
-
 # --- into a new bag ---------------------------------------------------------------------------------------------------
 
 

@@ -39,8 +39,6 @@ from ..format import (
     u32,
 )
 
-__all__ = ["Kept", "Row", "headers", "rewritten", "salvaged"]
-
 _ZEROS = 16  # that many at the end of a message before zeros: it may not be whole
 _HEADER = 64  # bytes in which a message's header has all its fields
 _BEFORE = 300  # bytes of a header before the field that says what it is: a topic may stand there

@@ -43,8 +43,6 @@ from ..format import (
 from ..index import LOST_RETURNS, ChunkHead, Entries, chunk_head, has_lost_returns, read_head
 from .salvage import Kept, headers, rewritten, salvaged
 
-__all__ = ["Damage", "Found", "Scan", "scan"]
-
 _READ = 1 << 14
 _SEARCH = 1 << 22
 _OVERLAP = 1 << 12

@@ -11,8 +11,6 @@ from ...engine.events import CheckName
 from ..kinds import Flag, Kind, Number, Whole
 from ..schema import Group, Key, Named, Row, bind, group_of
 
-__all__ = ["AUTONOMY", "Streams"]
-
 
 @dataclass(frozen=True)
 class Streams:

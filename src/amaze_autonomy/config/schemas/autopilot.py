@@ -10,18 +10,6 @@ from amaze_autonomy.monitoring.land_switch import LandSwitchSpec
 from ..kinds import Choice, Flag, Number, Places, Text, Whole
 from ..schema import Group, Key, Named, Row, bind, group_of, make, refuse_at
 
-__all__ = [
-    "AUTOPILOT",
-    "AutopilotSettings",
-    "BatteryCaps",
-    "CommandSettings",
-    "GpsSettings",
-    "LinkSettings",
-    "StateLimits",
-    "TakeoffNeeds",
-    "autopilot_of",
-]
-
 _S = 1_000_000_000
 
 

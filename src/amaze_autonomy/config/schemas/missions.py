@@ -10,8 +10,6 @@ from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
 from ..schema import Group, Key, Named, Row, group_of
 from .sensors import COMPONENT_NAME, NAME, SEVERITY
 
-__all__ = ["MISSIONS", "MISSION_ID"]
-
 MISSION_ID = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
 _SPEED = Number(above=0.0, maximum=30.0)
 

@@ -9,8 +9,6 @@ from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
 from ..schema import Group, Key, Named, Row, bind, group_of
 from .sensors import COMPONENT_NAME, TOPIC_NAME
 
-__all__ = ["RECORDING", "Platform", "Recording", "Storage", "TopicGroup", "Transfer"]
-
 
 @dataclass(frozen=True)
 class Storage:

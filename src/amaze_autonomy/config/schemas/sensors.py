@@ -24,20 +24,6 @@ from ...engine.rules import Severity
 from ..kinds import Choice, Flag, ListOf, Number, Text, Whole
 from ..schema import Group, Key, Named, Row, bind, group_of
 
-__all__ = [
-    "BATTERY",
-    "COMPONENTS",
-    "COMPONENT_NAME",
-    "LANDING_DETECTION",
-    "NAME",
-    "POLLING",
-    "SENSORS",
-    "SEVERITY",
-    "STATE_ESTIMATION",
-    "TOPIC",
-    "TOPIC_NAME",
-]
-
 # --- components schema ------------------------------------------------------------------------------------------------
 # Schema of the components in sensors.yaml: the decision table, and what is watched.
 

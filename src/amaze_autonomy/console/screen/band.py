@@ -12,9 +12,6 @@ from ..model import Desk, Snapshot
 from ..words import clock, seconds
 from .style import Style, Tone, tone_of_state
 
-__all__ = ["band", "banner"]
-
-
 _ALARM = 3
 
 

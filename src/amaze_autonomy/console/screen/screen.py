@@ -22,8 +22,6 @@ from ..terminal import Terminal
 from .style import Style
 from .view import Screen
 
-__all__ = ["BACK", "FORE", "moving_svg", "run_screen", "svg"]
-
 _REDRAW_S = 0.25
 _LEAST_WIDTH, _LEAST_HEIGHT = 30, 8
 

@@ -17,18 +17,6 @@ from ...engine.events import Verdict as CheckVerdict
 from ...engine.rules import Code
 from ..model import Verdict
 
-__all__ = [
-    "ASCII",
-    "UNICODE",
-    "Style",
-    "Tone",
-    "tone_of_answer",
-    "tone_of_check",
-    "tone_of_code",
-    "tone_of_level",
-    "tone_of_state",
-]
-
 
 class Tone(enum.Enum):
     """How something is meant."""

@@ -16,8 +16,6 @@ from ..model import MissionRow, PendingFailure, Snapshot
 from ..words import age, duration, fraction, limits, quantity, seconds
 from .style import Style, Tone, tone_of_check, tone_of_code
 
-__all__ = ["action_words", "checks_table", "failures_table", "missions_table"]
-
 _LEAST_ADVICE = 24
 
 

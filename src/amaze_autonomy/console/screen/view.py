@@ -23,9 +23,6 @@ from .band import band
 from .style import Style, Tone, tone_of_answer, tone_of_level
 from .tables import checks_table, failures_table, missions_table
 
-__all__ = ["Screen", "footer", "progress"]
-
-
 _ALL = 10_000
 _LEAST_LOG = 3
 _NOTES = 8  # of the log, while nobody scrolls

@@ -23,8 +23,6 @@ from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction
 from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
 
-__all__ = ["ENGINE_ENDED", "Ended", "Ending", "Farewell", "Pulse", "first_reason", "start_anew"]
-
 #: The reason to end that nobody gives.
 ENGINE_ENDED = "a failure of the engine's thread"
 

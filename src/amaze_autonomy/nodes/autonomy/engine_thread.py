@@ -42,8 +42,6 @@ from ...ros.interface import age_of, message_class, read_status
 from ...ros.topic_reader import Look, TopicReader
 from .requests import failure
 
-__all__ = ["Decide", "EngineThread", "Inbox", "NextDeadline", "Record", "Stall"]
-
 _S = 1_000_000_000
 _LOOK_AGAIN_S = 0.1  # it looks at least so often, or it was stopped
 _LATE_NS = 50_000_000

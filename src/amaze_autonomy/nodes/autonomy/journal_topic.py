@@ -23,8 +23,6 @@ from amaze_autonomy import msg
 
 from ...ros.interface import ros_time
 
-__all__ = ["Cursor", "JournalLines", "JournalTopic"]
-
 _SLICE = 64 * 1024
 _MOST_LINES = 20  # at once: rosbag's recorder holds 100 messages of a topic, and drops what comes faster than it takes
 _RECENT = 1024 * 1024  # bytes in memory for listeners that keep up

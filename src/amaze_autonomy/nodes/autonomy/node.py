@@ -68,8 +68,6 @@ from .requests import Requests
 from .run_folder import JournalFile, Place, create, reopen
 from .users import Unattended, UserDesk, choose
 
-__all__ = ["EXIT_STATUS", "START_ERROR", "AutonomyNode", "data_outcome", "exit_status", "main", "outcome"]
-
 _log = logging.getLogger(__name__)
 _FAREWELL_LIMIT_S = 5.0
 _LAST_LANDING_LIMIT_S = 1.0  # the process that follows asks again

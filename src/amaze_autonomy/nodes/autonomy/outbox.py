@@ -29,8 +29,6 @@ from ...ros.interface import TAKEOFF_FRAME, check_row, classes, number, ros_time
 from .journal_topic import JournalLines, JournalTopic
 from .run_folder import JournalFile
 
-__all__ = ["Diagnostics", "Outbox", "PeerClocks", "StatePublisher", "Timeline", "state_message"]
-
 _STATE_PERIOD_S = 0.5
 _LAST_LINES_S = 1.0  # for listeners of the journal that keep up
 _NS = 1_000_000_000

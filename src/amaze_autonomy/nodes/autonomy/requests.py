@@ -25,8 +25,6 @@ from ...ros.errors import BrokenCallError, CallTimeoutError, UnavailableError, r
 from ...ros.interface import request_of
 from ...ros.service_client import ServiceClient
 
-__all__ = ["Requests", "failure"]
-
 _log = logging.getLogger(__name__)
 _KEEP_LIMIT_S = 0.5
 _CALLS = 8  # all checks at once, a command, and who keeps the connections

@@ -28,23 +28,6 @@ from amaze_autonomy.whole_file import sync_folder, write_whole
 from ...journal import journal as codec
 from ...ros.errors import StartError
 
-__all__ = [
-    "JOURNAL_NAME",
-    "REPORT_NAME",
-    "RESULT_NAME",
-    "JournalFile",
-    "Place",
-    "Unfinished",
-    "boot_id",
-    "create",
-    "find_unfinished",
-    "make_folder",
-    "register",
-    "registered",
-    "reopen",
-    "write_result",
-]
-
 RESULT_NAME = "result.json"
 _REGISTER = "journals"
 _LONGEST_HEADER = 1 << 20

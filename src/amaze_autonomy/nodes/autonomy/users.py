@@ -22,8 +22,6 @@ from ...engine.decide import available
 from ...engine.events import Mission
 from ...ros.interface import number
 
-__all__ = ["Unattended", "UserDesk", "choose"]
-
 _ANSWER_LIMIT_S = 3.0
 _COMMANDS: Mapping[str, UserCommand] = {command.value: command for command in UserCommand}
 

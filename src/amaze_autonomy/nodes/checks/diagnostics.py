@@ -13,8 +13,6 @@ from ...engine.events import Check, Verdict
 from ...journal.report import limit_words
 from ...ros.interface import ros_time
 
-__all__ = ["CheckDiagnostics"]
-
 _PERIOD_NS = 1_000_000_000
 _LEVELS = {
     Verdict.PASS: DiagnosticStatus.OK,

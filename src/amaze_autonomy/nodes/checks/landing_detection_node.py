@@ -33,8 +33,6 @@ from ...ros.interface import check_row, number, status_message
 from ...ros.node_main import Startup, run_node
 from .diagnostics import CheckDiagnostics
 
-__all__ = ["ESTIMATE_MESSAGES", "LandingDetectionNode", "main"]
-
 _S = 1_000_000_000
 _QUEUE = 10
 _LONGEST_WAIT_S = 0.5

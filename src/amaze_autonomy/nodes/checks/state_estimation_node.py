@@ -39,8 +39,6 @@ from ...ros.service_client import ServiceClient
 from .diagnostics import CheckDiagnostics
 from .landing_detection_node import ESTIMATE_MESSAGES
 
-__all__ = ["INITIALISES", "Estimator", "StateEstimationNode", "main"]
-
 # --- the estimator that must be told to begin -------------------------------------------------------------------------
 
 

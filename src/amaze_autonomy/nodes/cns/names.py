@@ -14,8 +14,6 @@ from amaze_autonomy.cns.tables import PEERS, SERVICES, TOPICS, Name
 
 from ...ros.errors import StartError
 
-__all__ = ["Names", "cns_classes"]
-
 
 class Names:
     """Topics and services of some peers, in their namespace.

@@ -59,8 +59,6 @@ from ..checks.landing_detection_node import ESTIMATE_MESSAGES
 from ..checks.state_estimation_node import Estimator
 from .names import Names
 
-__all__ = ["CnsPeersNode", "lookers", "main"]
-
 _S = 1_000_000_000
 _QUEUE = 50
 _STEP_S = 0.05

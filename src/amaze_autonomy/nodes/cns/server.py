@@ -49,8 +49,6 @@ from ...ros.service_client import ServiceClient
 from ..autonomy.requests import Requests
 from .names import Names
 
-__all__ = ["CnsServerNode", "main"]
-
 _S = 1_000_000_000
 _QUEUE = 50
 _STEP_S = 0.05

@@ -32,8 +32,6 @@ from .flight_pages import FlightPages
 from .platform import RecorderPlatform, resolved
 from .settings import RecorderShare, collector_setup, transfers
 
-__all__ = ["Collection", "PlatformLink", "RecorderCollector", "read_status"]
-
 # --- the way to the other platforms -----------------------------------------------------------------------------------
 
 

@@ -16,8 +16,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Set
 
-__all__ = ["FlightPages"]
-
 _PAGE, _PAGE_LIMIT_S = "flight.html", 600.0
 _LAST_WORDS = 500  # characters
 

@@ -43,8 +43,6 @@ from .platform import RecorderPlatform
 from .settings import RecorderShare, platform_name, recordings_folder
 from .statuses import RecorderTeller
 
-__all__ = ["DataRecorderNode", "RecorderMemory", "main"]
-
 _TURN_S = 0.2
 _STATUS_S = 0.5
 

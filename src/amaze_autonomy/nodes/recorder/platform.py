@@ -22,8 +22,6 @@ from . import statuses
 from .processes import DiskSync, RecorderChildren, Subscriptions, recorder_program
 from .settings import RecorderShare, platform_setup
 
-__all__ = ["CpuLoad", "MasterView", "RecorderPlatform", "processor_ticks", "resolved"]
-
 _END_LIMIT_S = 10.0
 
 

@@ -40,8 +40,6 @@ from amaze_autonomy.ros.clock import MonotonicClock, Periodic
 from amaze_autonomy.ros.liveness import LocalProcess
 from amaze_autonomy.whole_file import sync_folder
 
-__all__ = ["DiskSync", "RecorderChildren", "RecorderJobs", "Subscriptions", "recorder_program"]
-
 
 def recorder_program() -> List[str]:
     """Return the recorder in C++; the script that wraps it would die without it."""

@@ -19,8 +19,6 @@ from ...ros.arguments import given
 from ...ros.errors import StartError
 from .processes import RecorderJobs
 
-__all__ = ["RecorderShare", "collector_setup", "platform_name", "platform_setup", "recordings_folder", "transfers"]
-
 _TRANSFERS = ("", "rsync", "shared", "here")
 
 

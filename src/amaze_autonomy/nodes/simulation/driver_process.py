@@ -22,8 +22,6 @@ import rospy
 
 from amaze_autonomy.ros.rospy_flaws import mend_rospy
 
-__all__ = ["MOST_BYTES", "NUMBER", "main"]
-
 NUMBER = struct.Struct("<H")
 MOST_BYTES = 1 << 17
 _QUEUE = 10

@@ -24,8 +24,6 @@ from amaze_autonomy.simulation.streams import StreamSettings
 from ...ros.interface import ros_time
 from .driver_process import NUMBER
 
-__all__ = ["SensorPublisher", "SimulatedDrivers", "fill", "message_of"]
-
 _QUEUE = 50
 
 

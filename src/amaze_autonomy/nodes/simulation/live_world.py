@@ -29,8 +29,6 @@ from amaze_autonomy.ros.liveness import LocalProcess, NodeLiveness, find
 from amaze_autonomy.simulation import World
 from amaze_autonomy.simulation.sensors import Sample
 
-__all__ = ["LiveWorld", "RealPeers", "Received", "Turn"]
-
 _SLICE_S = 0.01
 T = TypeVar("T")
 _log = logging.getLogger(__name__)

@@ -38,8 +38,6 @@ from ...ros import node_main
 from ...ros.arguments import answer_words, given
 from ...ros.errors import BrokenCallError, CallError, NodeError, StartError
 
-__all__ = ["Reception", "RecordedPeers", "main", "receptions", "unconnected"]
-
 _LOOK_S = 0.1
 _STEADY_LOOKS = 10
 _CLOCK = "/clock"

@@ -38,8 +38,6 @@ from ...ros.node_main import run_node
 from ..checks.diagnostics import CheckDiagnostics
 from .vehicle_link import ChangeLog, LevelLoop, Link, make_link, tell_link
 
-__all__ = ["AutopilotNode", "main"]
-
 _S = 1_000_000_000
 _QUEUE = 10
 _GROUND_AGE_NS = _S

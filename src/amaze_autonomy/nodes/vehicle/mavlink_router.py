@@ -19,8 +19,6 @@ from amaze_autonomy.config import AutopilotSettings, ConfigError, load_configura
 from ...autopilot.link.ports import EndpointKind, parse_endpoint
 from ...ros.arguments import answer_words, configuration_folder, overrides, read_words
 
-__all__ = ["arguments_of", "main"]
-
 PROGRAM = "mavlink-routerd"
 _ERROR = 2
 _PLACES = ("device",)

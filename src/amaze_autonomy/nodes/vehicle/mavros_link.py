@@ -34,8 +34,6 @@ from ...autopilot.mavros.requests import (
 )
 from ...ros.errors import StartError
 
-__all__ = ["MavrosLink"]
-
 _QUEUE, _RECEIVED = 20, 200
 _WAKE_S = 0.05
 _WAITING = 16

@@ -43,8 +43,6 @@ from ..autonomy.run_folder import default_parent
 from ..checks.diagnostics import CheckDiagnostics
 from .vehicle_link import ChangeLog, LevelLoop, Link, make_link, tell_link
 
-__all__ = ["MissionPlannerNode", "main"]
-
 _S = 1_000_000_000
 _QUEUE = 10
 _ANSWER_S = 1.0  # beyond the limit of a transfer

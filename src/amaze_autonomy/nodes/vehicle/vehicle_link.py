@@ -18,8 +18,6 @@ from ...autopilot.link.dialect import Message, mavlink
 from ...autopilot.link.state_files import StampFile
 from ...ros.errors import StartError
 
-__all__ = ["ChangeLog", "LevelLoop", "Link", "make_link", "tell_link"]
-
 T = TypeVar("T")
 
 

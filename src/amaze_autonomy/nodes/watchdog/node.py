@@ -39,8 +39,6 @@ from ...ros.topic_reader import TopicReader, subscribe
 from .restarter import Restarter, run_command
 from .watch_loop import TakeoffAnswer, TakeoffDesk, TakeoffRequest, TopicWatch, WatchLoop
 
-__all__ = ["WatchdogNode", "array", "log_changes", "main"]
-
 _S = 1_000_000_000
 _QUEUE = 10
 _LONGEST_STARTUP_S = 600.0

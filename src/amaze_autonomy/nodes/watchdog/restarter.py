@@ -25,8 +25,6 @@ from amaze_autonomy.ros.liveness import NodeLiveness, Place, call, find
 
 from ...ros.errors import BrokenCallError, CallError, UnavailableError
 
-__all__ = ["Outcome", "Restarter", "run_command"]
-
 _POLITE_S = 1.0  # for a node to shut down by itself
 _GONE = "it is gone"
 _YOUNG_S = 2.0  # a node that started so recently is just coming back

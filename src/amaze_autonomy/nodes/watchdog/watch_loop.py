@@ -27,8 +27,6 @@ from ...engine.events import Mission, Verdict
 from ...monitoring.watchdog import Streams
 from ...ros.topic_reader import ALL, STAMP_BYTES, Look, Tally, TopicReader
 
-__all__ = ["Job", "MessageContent", "TakeoffAnswer", "TakeoffDesk", "TakeoffRequest", "TopicWatch", "WatchLoop"]
-
 # --- what a message says ----------------------------------------------------------------------------------------------
 # The stamp and the digest need no decoding. Serialization: http://wiki.ros.org/msg (little endian, fields in order).
 

@@ -26,8 +26,6 @@ from ...console.words import age, duration, fraction, limits, quantity, readings
 from ...engine.events import Check, UserCommand
 from ...missions import Frame, MissionPlan, outlines
 
-__all__ = ["Board", "Have", "Orders", "plan_of"]
-
 SAMPLES, TRACK = 1200, 2400
 """Samples that are kept: of the last ten minutes, at the 2 Hz of the engine's state; and of the whole flight, thinned.
 page.js keeps as many."""

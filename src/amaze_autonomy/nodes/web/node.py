@@ -24,8 +24,6 @@ from ...ros.arguments import answer_words, configuration_folder, given, override
 from ...ros.errors import StartError
 from .server import PageServer, token_of
 
-__all__ = ["main"]
-
 _ERROR = 2
 
 

@@ -28,8 +28,6 @@ from ...console.model import Request, RequestKind
 from ...missions import MissionPlan
 from .board import Board, Have, Orders
 
-__all__ = ["PAGE", "PageServer", "plotly_file", "token_of"]
-
 PAGE = Path(__file__).parent / "page"
 _BEAT_S = 1.0
 _LONGEST_MESSAGE = 1 << 14

@@ -17,9 +17,6 @@ from amaze_autonomy.simulation.scenario_file import SUBJECTS, FaultEntry
 from ...config.schemas.sensors import TOPIC_NAME
 from ..recordings.fields import FIELD_PATH
 
-__all__ = ["RECORDED_FAULT", "RECORDED_KINDS", "TOPIC", "Acting"]
-
-
 TOPIC = "topic"
 _FIELD = Parameter("field", None, "path of the field, e.g. linear_acceleration.z", pattern=FIELD_PATH)
 _BOUND = 1e12

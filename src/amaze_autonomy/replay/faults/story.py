@@ -27,8 +27,6 @@ from amaze_autonomy.simulation.peers.switchboard import SPOILT, in_its_place
 
 from .kinds import Acting
 
-__all__ = ["Story"]
-
 _S = 1_000_000_000
 _MS = 1_000_000
 _SPEAKERS: Mapping[Type[Event], str] = {

@@ -25,8 +25,6 @@ from ..recordings.fields import Track, getter, kind_of
 from ..recordings.sources import Recordings, Sample
 from .kinds import TOPIC, Acting
 
-__all__ = ["TIMING", "VALUES", "WHOLE", "Edit", "FaultedRecordings", "Item", "changed"]
-
 
 class FaultedRecordings(Recordings):
     """A part of a recording, with faults.

@@ -18,8 +18,6 @@ from amaze_autonomy import paths
 from ..errors import ReplayError
 from .proposal import Proposal
 
-__all__ = ["FirstConfigurationError", "write_configuration"]
-
 _HEAD = "# Proposed by amaze-autonomy propose-config of what was seen: look at it. Every key: docs/configuration.md\n"
 _OURS = (
     "~journal",

@@ -22,8 +22,6 @@ from ..errors import FieldError, NoMessagesError
 from ..recordings.fields import getter, number, quaternion
 from ..recordings.sources import CNS_PACKAGES, problems_of, recordings_of
 
-__all__ = ["Proposal", "propose", "propose_of"]
-
 _S = 1_000_000_000
 _G = 9.80665
 _LATE_S, _ARMED_BEFORE_S = 3.0, 1.0

@@ -27,8 +27,6 @@ from amaze_autonomy.monitoring.specs import (
 from ...config.schemas.sensors import COMPONENT_NAME, LANDING_DETECTION, SEVERITY, STATE_ESTIMATION, TOPIC_NAME
 from ..recordings.fields import FIELD_PATH
 
-__all__ = ["SCHEMA", "ComponentMap", "Reading", "Script", "TopicMap", "load_map", "map_names"]
-
 MAPS = Path(__file__).parent
 STATUSES = (*(row.name for row in interface.STATUSES), "journal")
 

@@ -26,23 +26,6 @@ from ..maps.topic_map import Reading
 from ..recordings.fields import Getter, Track, getter, number, orientation, quaternion, vector
 from .monitor_columns import LandingColumns, RateColumns
 
-__all__ = [
-    "FACTS",
-    "FULL",
-    "BatteryFeed",
-    "ComponentFeed",
-    "EstimateFeed",
-    "Fact",
-    "FactFeed",
-    "Feed",
-    "HealthFeed",
-    "ImuFeed",
-    "LastCounts",
-    "RangeFeed",
-    "Rise",
-    "TiltFeed",
-]
-
 
 class Rise(NamedTuple):
     """How a scripted vehicle comes to where the recorded one is first.

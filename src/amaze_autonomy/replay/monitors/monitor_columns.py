@@ -20,8 +20,6 @@ from amaze_autonomy.monitoring.specs import LandingSpec, StateEstimationSpec
 
 from ..recordings.fields import Track
 
-__all__ = ["LandingColumns", "RateColumns", "unsure_looks"]
-
 _S = 1_000_000_000
 _EXACT = 9_000_000  # so many messages times 1e9 are exact as a float
 

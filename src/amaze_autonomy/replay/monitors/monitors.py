@@ -36,8 +36,6 @@ from .feeds import (
 )
 from .monitor_columns import unsure_looks
 
-__all__ = ["Light", "Monitors"]
-
 _S = 1_000_000_000
 _FACT_AGE_NS = 1 * _S
 _BATTERY_AGE_NS = 5 * _S

@@ -20,8 +20,6 @@ from ..plan import Plan
 from ..recordings.fields import getter, number
 from ..timeline import Line, LineKind, Source
 
-__all__ = ["airborne", "columns_of", "mavlink_tilt", "tilt_deg", "upset_lines", "upsets_of"]
-
 _S = 1_000_000_000
 _AFTER_S = 2.0  # behind the air
 _FREE_FALL_M_S2, _FALLS_S = 3.0, 0.15  # a descent has more, a bump is shorter

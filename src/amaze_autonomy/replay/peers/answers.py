@@ -27,8 +27,6 @@ from ..plan import Plan
 from ..timeline import Source
 from .recorded_nodes import RecordedNodes
 
-__all__ = ["RECORDED", "Answers", "Follower", "Note", "Recorded", "row_text"]
-
 
 class Recorded(NamedTuple):
     """How a check is answered by a recording.

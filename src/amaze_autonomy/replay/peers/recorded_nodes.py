@@ -21,8 +21,6 @@ from ..plan import Plan
 from ..recordings.sources import Recordings
 from ..timeline import Say, Source
 
-__all__ = ["COMPARED", "Disagreement", "RecordedNodes"]
-
 _S = 1_000_000_000
 _STANDS_NS = 3 * _S // 2  # shorter than that both may be right: one saw it a moment before the other
 _SILENT_NS = 4 * _S // 10

@@ -23,9 +23,6 @@ from amaze_autonomy.engine.state import EngineState, OutreachKind, State
 from ..beginning import Lead
 from ..maps.topic_map import Script
 
-__all__ = ["Planner", "Recorder", "User", "Vehicle"]
-
-
 _S = 1_000_000_000
 _ARM_NS, _LIFT_NS, _CLIMB_M_S = _S // 2, 1 * _S, 1.0
 _CRUISE_M, _DISARM_NS = 2.0, _S // 2

@@ -53,9 +53,6 @@ from .answers import RECORDED, Answers, Follower
 from .recorded_nodes import COMPARED, RecordedNodes
 from .script import Planner, Recorder, Vehicle
 
-__all__ = ["Evidence", "Observed", "Origins", "World"]
-
-
 _S = 1_000_000_000
 _LATENCY_NS = 1_000_000
 _TURN_NS = _S // 50

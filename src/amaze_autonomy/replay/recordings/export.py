@@ -31,8 +31,6 @@ from amaze_autonomy.whole_file import whole, write_whole
 from ..errors import ReplayError
 from .sources import problems_of, recordings_of
 
-__all__ = ["Exported", "export"]
-
 _S = 1_000_000_000
 _LONGEST = 64  # of arrays whose elements are columns of a table
 

@@ -9,8 +9,6 @@ from typing import Any, Callable, List, Optional, Tuple, Union
 
 from ..errors import FieldError
 
-__all__ = ["FIELD_PATH", "Getter", "Track", "getter", "kind_of", "number", "orientation", "quaternion", "vector"]
-
 FIELD_PATH = r"[A-Za-z]\w*(\[\d+\])*(\.[A-Za-z]\w*(\[\d+\])*)*"
 Getter = Callable[[Any], Any]
 _STEP = re.compile(r"[A-Za-z]\w*|\[\d+\]")

@@ -15,9 +15,6 @@ from amaze_autonomy.engine.state import evolve
 from ...journal.journal import DeltaDecoder, Journal, JournalError, decode, read
 from ..errors import JournalGapError, ReplayError
 
-__all__ = ["JOURNAL_KIND", "FlightLog", "read_journals", "read_log"]
-
-
 T = TypeVar("T", Event, Decision)
 
 JOURNAL_KIND = "amaze_autonomy/JournalEntry"

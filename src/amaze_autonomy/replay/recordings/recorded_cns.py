@@ -25,8 +25,6 @@ from ...cns.sequencer import Sequencer
 from ...cns.tables import TOPICS, Answer, Request
 from .telemetry import Made, header
 
-__all__ = ["CnsStatuses", "said_of_cns"]
-
 _S = 1_000_000_000
 _RATE_HZ = 5.0
 _PERIOD_NS = round(_S / _RATE_HZ)

@@ -26,19 +26,6 @@ from ..errors import NoMessagesError, TimeJumpError, UnknownTopicError
 from .fields import Track
 from .statuses import sent_by, status_rows, taped_statuses
 
-__all__ = [
-    "MAVLINK_KIND",
-    "RECORDINGS",
-    "Damage",
-    "Recordings",
-    "Sample",
-    "TopicFigures",
-    "problems_of",
-    "recordings_of",
-    "topics_of",
-]
-
-
 _S = 1_000_000_000
 _JUMP_NS = 3600 * _S
 _Rows = Sequence[Optional[Tuple[Any, ...]]]

@@ -17,9 +17,6 @@ from ...engine import events, rules
 from ...journal import codec
 from ...journal.codec import bundled, unbundled
 
-__all__ = ["EVENT_OF", "FLAT", "Flat", "sent_by", "status_rows", "taped_statuses"]
-
-
 _S = 1_000_000_000
 _SENDER = "published_by"
 _STAMP = ("header.stamp.sec", "header.stamp.nanosec")

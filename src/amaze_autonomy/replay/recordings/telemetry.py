@@ -29,22 +29,6 @@ from ...autopilot.link.framing import Counter, Frame, TlogCount, TlogError, read
 from ...autopilot.link.peers import Identity, Peers
 from ...autopilot.vehicle.vehicle import WANTED, VehicleState
 
-__all__ = [
-    "KINDS",
-    "STATUS",
-    "Header",
-    "Imu",
-    "Made",
-    "Telemetry",
-    "Teller",
-    "Vector",
-    "header",
-    "imu",
-    "status",
-    "topics_of_log",
-]
-
-
 _S = 1_000_000_000
 STATUS, _IMU, _PREFIX = "/autopilot/status", "/mavlink/imu", "/mavlink/"
 KINDS: Mapping[str, str] = {STATUS: "amaze_autonomy/AutopilotStatus", _IMU: "sensor_msgs/Imu"}

@@ -22,8 +22,6 @@ from amaze_autonomy.bags import Entry
 from ...autopilot.link.dialect import mavlink
 from .telemetry import KINDS, Imu, Made, Teller, Vector, header
 
-__all__ = ["VEHICLE_KIND", "Uorb"]
-
 VEHICLE_KIND = "px4_msgs/VehicleStatus"
 _S = 1_000_000_000
 _BEAT_NS = _S // 2

@@ -24,9 +24,6 @@ from amaze_autonomy.simulation.vehicle.flight import Mode
 
 from .craft import BLIND, GUIDED, ArduCraft, ArduMissions, ArduParameters, base_mode, custom_mode, mode_of
 
-__all__ = ["ArduPilot", "carry_out", "enter"]
-
-
 _PARAMETERS = {
     "ARMING_CHECK": 1,
     "BATT_LOW_VOLT": 10.5,

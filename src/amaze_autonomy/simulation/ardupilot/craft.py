@@ -20,20 +20,6 @@ from amaze_autonomy.simulation.vehicle.flight import Mode, VehicleSettings
 
 from ..px4.settings import Geography, Place
 
-__all__ = [
-    "ARMABLE",
-    "BLIND",
-    "GUIDED",
-    "STABILIZE",
-    "TURN",
-    "ArduCraft",
-    "ArduMissions",
-    "ArduParameters",
-    "base_mode",
-    "custom_mode",
-    "mode_of",
-]
-
 # --- modes ------------------------------------------------------------------------------------------------------------
 # ArduCopter's flight modes: numbers in HEARTBEAT.custom_mode; inside they have the names of the PX4 modes alike.
 

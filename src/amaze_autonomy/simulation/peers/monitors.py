@@ -23,8 +23,6 @@ from ..streams import Batch, Content
 from ..vehicle.vehicle import Pose
 from .peer import Cadence, Peer, Site, slowness
 
-__all__ = ["LandingDetection", "SimulatedWatchdog", "StateEstimation"]
-
 # --- the watchdog -----------------------------------------------------------------------------------------------------
 
 

@@ -22,9 +22,6 @@ from ..settings import Settings
 from ..streams import Batch, Stream
 from ..vehicle.vehicle import Power, Vehicle
 
-__all__ = ["Cadence", "Estimator", "Peer", "Restarts", "Site", "accepted", "refused", "reply", "slowness"]
-
-
 _S = 1_000_000_000
 
 

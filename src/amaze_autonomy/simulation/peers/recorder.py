@@ -12,8 +12,6 @@ from amaze_autonomy.engine.events import Event, PlatformRecording, RecordingPhas
 
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
 
-__all__ = ["Recorder"]
-
 _S = 1_000_000_000
 _BYTE_RATE = (25_000_000, 8_000_000)
 _CPU = (0.45, 0.3)

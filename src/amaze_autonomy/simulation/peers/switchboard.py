@@ -16,8 +16,6 @@ from ...engine.events import Check, Verdict
 from ..scenario import Fault, Subject
 from .peer import Peer, Site, accepted, reply
 
-__all__ = ["SPOILT", "Switchboard", "in_its_place"]
-
 _MS = 1_000_000
 _S = 1000 * _MS
 _QUICKEST_NS, _SLOWEST_NS = 2 * _MS, 12 * _MS

@@ -27,8 +27,6 @@ from ..scenario import Subject
 from ..vehicle.vehicle import LANDING_MODES, Mode, Vehicle
 from .peer import Cadence, Peer, Site, accepted, refused, slowness
 
-__all__ = ["SENSORS", "Autopilot", "Planner", "sensor_health"]
-
 # --- the autopilot node -----------------------------------------------------------------------------------------------
 
 

@@ -20,8 +20,6 @@ from .links import Link
 from .telemetry import numbers
 from .wire import OFFBOARD, Parameters, mode_of
 
-__all__ = ["Order", "Orders", "results"]
-
 _OK = mavlink.MAV_RESULT_ACCEPTED
 _LATER = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 _DENIED = mavlink.MAV_RESULT_DENIED

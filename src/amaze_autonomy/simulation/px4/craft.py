@@ -19,8 +19,6 @@ from .missions import Item, Task, task_of
 from .settings import Geography
 from .wire import DESCEND, OFFBOARD
 
-__all__ = ["Craft", "SetPoint"]
-
 _S = 1_000_000_000
 _NEAR_M = 0.01
 _STICKS_FREE_M_S = 0.5  # how fast it sinks in POSCTL without a transmitter, as recorded

@@ -15,8 +15,6 @@ from amaze_autonomy.simulation.vehicle.flight import Mode
 from .craft import Craft
 from .wire import DESCEND, OFFBOARD, Parameters
 
-__all__ = ["BATTERY_LEVELS", "Failsafes", "Health", "Sensors", "Wrong", "drift_m"]
-
 _S = 1_000_000_000
 _POSITION_LOST_NS = 5_280_000_000
 _BIT_GONE_NS = 7_800_000_000

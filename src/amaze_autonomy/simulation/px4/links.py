@@ -9,9 +9,6 @@ from typing import Dict, List, Mapping, Optional, Tuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-__all__ = ["PRESETS", "BadLine", "Link", "Quality"]
-
-
 _S = 1_000_000_000
 _GCS_LIMIT_NS = 5 * _S // 2
 _MANY = 8  # texts that are kept for a ground station to come

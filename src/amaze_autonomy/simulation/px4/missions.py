@@ -10,8 +10,6 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from .settings import Geography, Place
 
-__all__ = ["Item", "MissionServer", "Task", "Upload", "problem_of", "task_of"]
-
 # --- items ------------------------------------------------------------------------------------------------------------
 
 

@@ -19,8 +19,6 @@ from .health import Wrong
 from .px4 import Px4
 from .settings import PARAMETERS, Px4Settings
 
-__all__ = ["addresses_of", "fly_world"]
-
 _SENSORS = ("gps", "imu", "magnetometer", "barometer")
 _ENDS = {EndpointKind.UDP_IN: EndpointKind.UDP_OUT, EndpointKind.UDP_OUT: EndpointKind.UDP_IN}
 

@@ -30,8 +30,6 @@ from .missions import MissionServer
 from .settings import PARAMETERS, Px4Settings
 from .wire import OFFBOARD, Parameters, Texts, mode_of
 
-__all__ = ["Px4"]
-
 _S = 1_000_000_000
 _INFO, _WARNING = 6, 4
 _REACHED_NS = _S

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, field
 from typing import Mapping, Tuple, Union
 
-__all__ = ["PARAMETERS", "Geography", "Place", "Px4Settings"]
-
 # --- geography --------------------------------------------------------------------------------------------------------
 # Where the simulated vehicle's local frame lies on the earth.
 

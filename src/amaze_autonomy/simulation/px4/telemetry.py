@@ -17,8 +17,6 @@ from .health import BATTERY_LEVELS, Health, Sensors, Wrong, drift_m
 from .settings import Place
 from .wire import OFFBOARD, base_mode, current_mode, custom_mode, sequence
 
-__all__ = ["MESSAGES", "MOTION", "View", "make", "numbers"]
-
 # --- view -------------------------------------------------------------------------------------------------------------
 # What the simulated vehicle has to tell at one moment, as it measures it: with noise, and NED as on the wire.
 #

@@ -10,22 +10,6 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from amaze_autonomy.simulation.vehicle.flight import Mode
 
-__all__ = [
-    "DESCEND",
-    "OFFBOARD",
-    "Framing",
-    "Parameters",
-    "Texts",
-    "Wire",
-    "base_mode",
-    "current_mode",
-    "custom_mode",
-    "event",
-    "mode_of",
-    "sequence",
-    "shown",
-]
-
 _EPOCH_2015_NS = 1_420_070_400_000_000_000  # https://mavlink.io/en/guide/message_signing.html: of time stamps, 10 us
 
 # --- frames -----------------------------------------------------------------------------------------------------------

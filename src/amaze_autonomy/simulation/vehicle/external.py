@@ -24,8 +24,6 @@ from ..scenario import KINDS, Fault, Scenario, Subject
 from .flight import Vector
 from .vehicle import Mode, Vehicle, VehicleSettings
 
-__all__ = ["WANTED", "ExternalVehicle", "Observer", "as_external"]
-
 _S = 1_000_000_000
 _TRUTH_AGE_NS = _S
 _LIFTED_M, _LOWEST_M = 0.05, 0.01

@@ -13,20 +13,6 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 from amaze_autonomy.engine.events import VehicleLanded
 from amaze_autonomy.missions import FlightModel, Waypoint, leg_s
 
-__all__ = [
-    "LANDING_MODES",
-    "Flags",
-    "Flight",
-    "Leg",
-    "Mode",
-    "Pose",
-    "Vector",
-    "VehicleSettings",
-    "climb",
-    "descent",
-    "flight",
-]
-
 # --- leg --------------------------------------------------------------------------------------------------------------
 # One straight move of the simulated vehicle: from here to there in a known time.
 

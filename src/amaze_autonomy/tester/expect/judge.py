@@ -7,8 +7,6 @@ from typing import Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional
 from ...journal.trace import Span, Trace
 from .model import Expectation, Finding, Grade, Pattern, instants, spans
 
-__all__ = ["Window", "judge"]
-
 _NS = 1e9
 
 

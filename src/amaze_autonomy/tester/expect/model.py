@@ -18,24 +18,6 @@ from ...engine.events import CheckName
 from ...engine.rules import Code
 from ...journal.trace import Span, Trace
 
-__all__ = [
-    "COMMANDS",
-    "EXPECTATIONS",
-    "RULES",
-    "Expectation",
-    "ExpectationEntry",
-    "ExpectationKind",
-    "Finding",
-    "Grade",
-    "Instant",
-    "InstantEntry",
-    "Pattern",
-    "PatternEntry",
-    "about",
-    "instants",
-    "spans",
-]
-
 # --- patterns ---------------------------------------------------------------------------------------------------------
 # A pattern is matched at instants (a state is entered, a command is sent) and, where it is a condition, over time
 # (while the state is LAND). Only a state and a code last.

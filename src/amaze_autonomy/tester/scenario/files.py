@@ -17,9 +17,6 @@ from ...replay.errors import ReplayError
 from ..expect.model import Expectation
 from .model import OVERRIDE, Anchor, Bag, Case, Need, schema_of
 
-__all__ = ["SUFFIX", "cases_of", "find_files", "load_cases", "meant", "parse_cases", "place_of", "placed"]
-
-
 SUFFIX = ".scenario.yaml"
 _S = 1_000_000_000
 _LONGEST = 40

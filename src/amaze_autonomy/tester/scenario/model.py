@@ -36,8 +36,6 @@ from ...journal.trace import READINGS
 from ...replay.faults.kinds import RECORDED_FAULT
 from ..expect.model import Expectation, ExpectationEntry, Pattern, PatternEntry
 
-__all__ = ["CONFIGURATION", "OVERRIDE", "VERSION", "Anchor", "Bag", "Case", "Need", "SourceKind", "schema_of"]
-
 _S = 1_000_000_000
 
 
