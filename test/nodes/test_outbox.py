@@ -16,6 +16,7 @@ pytest.importorskip("rospy")
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from amaze_autonomy.config import load_configuration
+from amaze_autonomy.engine.commands import Level, Notify
 from amaze_autonomy.engine.decide import decide
 from amaze_autonomy.engine.events import Event, Tick
 from amaze_autonomy.engine.rules import Rules
@@ -123,7 +124,7 @@ def wait_for(condition):
 def test_what_is_left_when_its_thread_has_ended_is_written_by_who_stops_it(run):
     made = Outboxes(run).made
     made.start(EngineState())
-    made.do(sys.exit)
+    made.log(sys.exit)
     wait_for(lambda: not made.alive)
     made.put(Tick(t_ns=7), EngineState(), ())
     made.stop()
@@ -141,7 +142,9 @@ def test_the_end_of_a_mission_goes_out_also_where_one_event_ends_it_and_begins_t
     for payload in (line.payload for line in read("\n".join(lines) + "\n").lines):
         if isinstance(payload, Event):
             state, commands = decide(state, payload, configuration.rules)
-            box._take(payload, state, commands)
+            box.put(payload, state, commands)
+    box.start(state)
+    box.stop()
     states = [
         (each.state.value, each.session.id, each.session.mission.id, each.session.result.value, len(each.queue))
         for before, each in zip(published, published[1:])
@@ -154,14 +157,29 @@ def test_the_end_of_a_mission_goes_out_also_where_one_event_ends_it_and_begins_t
     assert [each[0] for each in states].count("MISSION_ENDED") == 2
 
 
-def test_the_state_goes_out_before_the_disk_is_asked(run, monkeypatch):
-    box, order = Outboxes(run), []
-    box.made._publish_state = lambda _: order.append("state")
-    for name in ("follow", "flush", "sync"):
-        monkeypatch.setattr(run, name, lambda name=name: order.append(name))
-    box.made._periodic()
-    assert order == ["state", "follow", "flush", "sync"]
-    box.made._topic.close(0.0)
+@pytest.mark.live
+def test_a_disk_that_holds_up_a_write_for_ever_silences_neither_state_nor_messages(run, monkeypatch):
+    answers, write = threading.Event(), run_folder.os.write
+    monkeypatch.setattr(run_folder, "_HELD_UP_S", 0.2)
+    monkeypatch.setattr(run_folder.os, "write", lambda *words: answers.wait(30.0) and write(*words))
+    states, messages, logged = [], [], []
+    monkeypatch.setitem(outbox._SAY, Level.ALARM, lambda _, text, advice: logged.append(text + advice))
+    box = Outbox(run, Timeline(), CLOCK, states.append, lambda t_ns, _: messages.append(t_ns), lambda: None)
+    box.start(EngineState())
+    for number in range(1, 4):
+        alarm = Notify(level=Level.ALARM, key="x", text=f"{number}", advice="")
+        box.put(Tick(t_ns=number), EngineState(t_ns=number), (alarm,))
+        wait_for(lambda number=number: number in {each.t_ns for each in states} and number in messages)
+    box.put(Tick(t_ns=9), EngineState(t_ns=9), ())
+    wait_for(lambda: 9 in {each.t_ns for each in states})
+    wait_for(lambda: run.remarks)
+    assert run.remarks[0].startswith(f"The journal cannot be written: {run.path}: the disk has not answered for more")
+    assert logged == []
+    assert box.alive
+    answers.set()
+    wait_for(lambda: not run.remarks and logged == ["1", "2", "3"])
+    box.stop()
+    assert [line.payload for line in read(run.path.read_text()).lines][1:] == [Tick(t_ns=t_ns) for t_ns in (1, 2, 3, 9)]
 
 
 # --- what the node says itself ----------------------------------------------------------------------------------------
@@ -175,7 +193,7 @@ def test_a_folder_that_is_removed_in_flight_is_told_to_the_operator(run, tmp_pat
     diagnostics = Diagnostics(EngineState, run, {}, {}, lambda: 0, PeerClocks(Rules().limits), tuple)
     box = Outboxes(run)
     shutil.rmtree(tmp_path / "out")
-    box.made._periodic()
+    box.made._keep()
     assert box.moved == [run.path] == [tmp_path / "out" / "journal.jsonl"]
     words = f"The journal was removed: {run.path}. It is there again, whole."
     publisher.publish(EngineState())
@@ -205,7 +223,7 @@ def test_a_disk_that_cannot_be_written_is_told_to_the_operator(run, monkeypatch)
         run.flush()
     assert run.remarks == (
         f"The journal cannot be written: {run.path}: No space left on device."
-        " The engine goes on; make room on the disk.",
+        " The engine goes on; check the disk, and make room on it.",
     )
     run.flush(force=True)
     assert run.remarks == ()

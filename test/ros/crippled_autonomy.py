@@ -47,7 +47,7 @@ def all_hangs_at(file: str) -> None:
 
 def writer_ends_at(file: str) -> None:
     """Have the thread that writes end as nothing that is known ends it."""
-    periodic = Outbox._periodic
+    periodic = Outbox._keep
 
     def end_or_write(outbox: Outbox) -> None:
         if Path(file).exists():
@@ -55,7 +55,7 @@ def writer_ends_at(file: str) -> None:
             raise SystemExit
         periodic(outbox)
 
-    Outbox._periodic = end_or_write  # type: ignore[method-assign]
+    Outbox._keep = end_or_write  # type: ignore[method-assign]
 
 
 def _instead(file: str, happens: Callable[[], object], *, once: bool = True) -> None:

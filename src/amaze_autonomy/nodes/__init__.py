@@ -2,5 +2,5 @@
 
 `interface.py` gives the tables of `interface/` the classes of ROS; `clock.py` reads clocks; `service_client.py` calls
 a service within a time limit; `requests.py` carries out requests; `engine_thread.py` is the one thread that decides;
-`outbox.py` writes and publishes what it decided, after it was carried out.
+`outbox.py` publishes and writes what it decided, after it was carried out.
 """

@@ -246,7 +246,7 @@ class AutonomyNode:
         if (topic, error.field) not in self._warned:
             self._warned.add((topic, error.field))
             text = f"{rospy.resolve_name(topic)}: invalid message ignored: {error} (logged once)"
-            self._outbox.do(partial(rospy.logwarn, text))
+            self._outbox.log(partial(rospy.logwarn, text))
 
     def _shorten(self, topic: str, name: str, count: int) -> None:
         """Count what is left out of too long a list; warn once per list."""
@@ -255,12 +255,12 @@ class AutonomyNode:
         if (topic, name) not in self._warned:
             self._warned.add((topic, name))
             text = f"{rospy.resolve_name(topic)}: too many {name}: {count} left out, {MOST_ITEMS} kept (logged once)"
-            self._outbox.do(partial(rospy.logwarn, text))
+            self._outbox.log(partial(rospy.logwarn, text))
 
     def _stalled(self, stall: Stall) -> None:
         text = f"The engine did not run for {stall.duration_s:.3f} s; {stall.read} statuses had come meanwhile"
         left_out = f", {stall.left_out} of them were passed over for later ones" if stall.left_out else ""
-        self._outbox.do(partial(rospy.logwarn_throttle, _SAY_AGAIN_S, text + left_out))
+        self._outbox.log(partial(rospy.logwarn_throttle, _SAY_AGAIN_S, text + left_out))
 
     # --- run ------------------------------------------------------------------------------------------------------
 

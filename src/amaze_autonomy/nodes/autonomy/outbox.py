@@ -1,4 +1,7 @@
-"""Writes and publishes what was decided, on a thread of its own: nothing in here can delay a decision."""
+"""Publishes and writes what was decided, each on a thread of its own.
+
+Nothing in here can delay a decision, and a disk that holds up a write delays nothing that is published.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ from ...ros.interface import TAKEOFF_FRAME, check_row, classes, number, ros_time
 from .journal_topic import JournalLines, JournalTopic
 from .run_folder import JournalFile
 
-_STATE_PERIOD_S = 0.5
+_PERIOD_S = 0.5
 _LAST_LINES_S = 1.0  # for listeners of the journal that keep up
 _NS = 1_000_000_000
 _log = logging.getLogger(__name__)
@@ -42,8 +45,67 @@ _SAY = {
 }
 
 
+class Worker:
+    """A thread that does jobs in their order, and something else twice a second. A job that fails is logged.
+
+    Args:
+        name: of the thread.
+        periodic: done twice a second, and when it is stopped.
+        last: done after that.
+    """
+
+    def __init__(self, name: str, periodic: Callable[[], None], last: Callable[[], None] = lambda: None) -> None:
+        self._jobs: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
+        self._periodic, self._last = periodic, last
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self.start = self._thread.start
+
+    @property
+    def alive(self) -> bool:
+        """False before it was started, and once its thread has ended, for whatever reason."""
+        return self._thread.is_alive()
+
+    @property
+    def idle(self) -> bool:
+        """Return whether no job waits."""
+        return self._jobs.empty()
+
+    def do(self, job: Callable[[], None]) -> None:
+        """Do a job in its turn; from any thread."""
+        self._jobs.put(job)
+
+    def stop(self, limit_s: float) -> None:
+        """Do what is left; on the thread that calls, where its own has ended."""
+        self._jobs.put(None)
+        if self.alive:
+            self._thread.join(limit_s)
+        else:
+            self._run()
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while True:
+            try:
+                job = self._jobs.get(timeout=max(0.0, due_s - time.monotonic()))
+            except Empty:
+                due_s = time.monotonic() + _PERIOD_S
+                self._guarded(self._periodic)
+                continue
+            if job is None:
+                break
+            self._guarded(job)
+        self._guarded(self._periodic)
+        self._last()
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception:
+            _log.exception("the %s failed", self._thread.name)
+
+
 class Outbox:
-    """One queue of what was decided, in order.
+    """What was decided, in order: published by one thread, written by another one, since a disk may hold up a write.
 
     Args:
         journal: on disk.
@@ -71,89 +133,68 @@ class Outbox:
         self._ended = ended
         self._journal, self._timeline, self._clock = journal, timeline, clock
         self._publish_state, self._say, self._housekeeping, self._moved = publish_state, say, housekeeping, moved
-        self._queue: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
-        self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._lines = JournalLines(lambda: journal.path, lambda: journal.written, journal.lines)
         self._topic = JournalTopic(self._lines, clock.ros_ns)
         self._encoder = codec.DeltaEncoder()
         self._said = ""
         self.state = EngineState()
-
-    def put(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
-        """Take one step of the engine; from its thread."""
-        self._queue.put(lambda: self._take(event, state, commands))
-
-    def do(self, job: Callable[[], None]) -> None:
-        """Do something that may wait, in its turn; from any thread."""
-        self._queue.put(job)
-
-    def start(self, state: EngineState) -> None:
-        """Begin to write."""
-        self.state = state
-        self._thread.start()
+        self._publisher = Worker("outbox", self._publish)
+        self._writer = Worker("journal", self._keep, self._close)
 
     @property
     def alive(self) -> bool:
-        """False before it was started, and once its thread has ended, for whatever reason."""
-        return self._thread.is_alive()
+        """False before it was started, and once one of its threads has ended, for whatever reason."""
+        return self._publisher.alive and self._writer.alive
+
+    def start(self, state: EngineState) -> None:
+        """Begin to publish and to write."""
+        self.state = state
+        self._publisher.start()
+        self._writer.start()
+
+    def put(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+        """Take one step of the engine; from its thread."""
+        before, self.state = self.state, state
+        self._writer.do(lambda: self._write(event, commands))
+        if commands:
+            self._publisher.do(lambda: self._tell(before, event, state, commands))
+
+    def log(self, job: Callable[[], None]) -> None:
+        """Log something in its turn, which may have to wait for a disk; from any thread."""
+        self._writer.do(job)
 
     def stop(self, limit_s: float = 5.0) -> None:
-        """Write what is left, then close the journal; on the thread that calls, where its own has ended."""
-        self._queue.put(None)
-        if self.alive:
-            self._thread.join(limit_s)
-        else:
-            self._run()
+        """Publish and write what is left, then close the journal; on the thread that calls, where its own has ended."""
+        self._publisher.stop(limit_s)
+        self._writer.stop(limit_s)
 
-    def _run(self) -> None:
-        due_s = time.monotonic()
-        while True:
-            try:
-                job = self._queue.get(timeout=max(0.0, due_s - time.monotonic()))
-            except Empty:
-                due_s = time.monotonic() + _STATE_PERIOD_S
-                self._guarded(self._periodic)
-                continue
-            if job is None:
-                break
-            self._guarded(job)
-        self._guarded(self._periodic)
-        self._topic.close(_LAST_LINES_S)
-        self._journal.close()
+    # --- what is published
 
-    def _guarded(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except Exception:
-            _log.exception("the outbox failed")
-
-    def _periodic(self) -> None:
-        self._publish_state(self.state)  # before anything that a disk may hold up
-        if self._journal.follow():
-            rospy.logerr("%s", self._journal.remark)
-            self._moved()
-        self._journal.flush()
-        self._journal.sync()
-        self._say_problem()
-        self._housekeeping()
-
-    def _take(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
-        ended = self._ended(self.state, event, state)
-        self.state = state
-        self._line(self._encoder.encode(event))
+    def _tell(self, before: EngineState, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+        ended = self._ended(before, event, state)
         for command in commands:
             if isinstance(command, Decision):
                 self._timeline.decision(command)
-                self._line(codec.encode_decision(command))
             elif isinstance(command, Notify):
                 self._timeline.message(event.t_ns, command)
-        if commands or self._queue.empty():  # a kill takes no more than what is under way
+        self._say(event.t_ns, commands)
+        if ended is not None:
+            self._publish_state(ended)
+        self._publish_state(state)
+
+    def _publish(self) -> None:
+        self._publish_state(self.state)
+        self._housekeeping()
+
+    # --- what is written
+
+    def _write(self, event: Event, commands: Tuple[Command, ...]) -> None:
+        self._line(self._encoder.encode(event))
+        for command in commands:
+            if isinstance(command, Decision):
+                self._line(codec.encode_decision(command))
+        if commands or self._writer.idle:  # a kill takes no more than what is under way
             self._journal.flush()
-        if commands:
-            self._say(event.t_ns, commands)
-            if ended is not None:
-                self._publish_state(ended)
-            self._publish_state(state)
         for command in commands:
             if isinstance(command, Notify):
                 _SAY[command.level]("%s%s", command.text, f" {command.advice}" if command.advice else "")
@@ -162,6 +203,18 @@ class Outbox:
         if self._journal.append(line) is None:
             self._encoder.forget()
         self._lines.add(line)
+
+    def _keep(self) -> None:
+        if self._journal.follow():
+            rospy.logerr("%s", self._journal.remark)
+            self._moved()
+        self._journal.flush()
+        self._journal.sync()
+        self._say_problem()
+
+    def _close(self) -> None:
+        self._topic.close(_LAST_LINES_S)
+        self._journal.close()
 
     def _say_problem(self) -> None:
         """Warn once about each trouble with the disk, and when it is over."""
@@ -324,7 +377,7 @@ def state_message(report: Report, now_ns: int, ros_ns: int) -> msg.AutonomyState
 # What the node says on /diagnostics, through diagnostic_updater.
 
 
-_PERIOD_S = 1.0
+_DIAGNOSTICS_PERIOD_S = 1.0
 _OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _CLOCKS_ADVICE = "set the clocks of all computers by chrony"
 _LEVELS = {Level.INFO: _OK, Level.WARNING: _WARN, Level.ERROR: _ERROR, Level.ALARM: _ERROR}
@@ -410,7 +463,7 @@ class Diagnostics:
         """Publish all rows, at most once a second."""
         now_s = time.monotonic()
         if now_s >= self._due_s:
-            self._due_s = now_s + _PERIOD_S
+            self._due_s = now_s + _DIAGNOSTICS_PERIOD_S
             self._updater.force_update()
 
     def _engine(self, status: Any) -> Any:

@@ -256,6 +256,7 @@ def write_result(folder: Path, result: Dict[str, Any]) -> None:
 JOURNAL_NAME = "journal.jsonl"
 _FSYNC_PERIOD_S = 1.0
 _RETRY_PERIOD_S = 1.0
+_HELD_UP_S = 3.0  # a card that tidies up takes one or two
 _MOST_KEPT = 16 * 1024 * 1024  # bytes that wait for a disk
 _PIECE = 1024 * 1024
 _MODE = 0o640
@@ -322,7 +323,7 @@ def _keep(descriptor: int, folder: Optional[Path]) -> None:
 
 
 class JournalFile:
-    """An open journal. Used by one thread.
+    """An open journal. Written by one thread; what is known of it may be asked by any.
 
     Args:
         path: of the file.
@@ -347,18 +348,23 @@ class JournalFile:
         self._kept: List[bytes] = []
         self._kept_bytes = 0
         self._synced_s = self._retry_s = 0.0
+        self._asked_s: Optional[float] = None
         self._dirty = False
 
     @property
     def problem(self) -> str:
         """Return why it cannot be written; empty: it can."""
-        kept = self._disk.problem
+        asked_s, kept = self._asked_s, self._disk.problem
+        if asked_s is not None and time.monotonic() - asked_s > _HELD_UP_S:
+            kept = f"the disk has not answered for more than {_HELD_UP_S:g} s"
         return self._problem or (f"{self.path}: {kept}" if kept else "")
 
     @property
     def remarks(self) -> Tuple[str, ...]:
         """Return what people are to know of it."""
-        trouble = f"The journal cannot be written: {self.problem}. The engine goes on; make room on the disk."
+        trouble = (
+            f"The journal cannot be written: {self.problem}. The engine goes on; check the disk, and make room on it."
+        )
         return tuple(each for each in (trouble if self.problem else "", self.remark) if each)
 
     @property
@@ -387,6 +393,7 @@ class JournalFile:
         if not self._kept or (self._problem and not force and time.monotonic() < self._retry_s):
             return
         data = b"".join(self._kept)
+        self._asked_s = time.monotonic()
         try:
             written = os.write(self._descriptor, data)
             if written < len(data):
@@ -394,6 +401,8 @@ class JournalFile:
         except OSError as error:
             self._failed(error)
             return
+        finally:
+            self._asked_s = None
         self._good += written
         self._kept, self._kept_bytes = [], 0
         self._dirty, self._problem = True, ""
@@ -426,11 +435,14 @@ class JournalFile:
         return False
 
     def _gone(self) -> bool:
+        self._asked_s = time.monotonic()
         try:
             there = self.path.stat()
             return (there.st_dev, there.st_ino) != _identity(self._descriptor)
         except OSError:
             return True
+        finally:
+            self._asked_s = None
 
     def _tried(self, folder: Path) -> str:
         """Go on in a folder; return why that is not possible, empty when it was."""
