@@ -103,6 +103,7 @@ class AutonomyNode:
     ) -> None:
         self._parameters, self._configuration, self._clock = parameters, configuration, clock
         self._label, self._resumed = label, unfinished
+        self._selected = unfinished is not None and unfinished.selected
         self._place = _place(parameters)
         self._reasons: SimpleQueue[str] = SimpleQueue()
         self._rejected: Dict[str, int] = {}
@@ -188,11 +189,13 @@ class AutonomyNode:
         return self._label if self._resumed is None else str(self._resumed.header.get("label", self._label))
 
     def _decided_again(self, messages: MessageLog) -> EngineState:
-        """Return the state that an unfinished journal leads to, and take the messages on the way."""
+        """Return the state that an unfinished journal leads to, and take the messages on the way; forget its events."""
         state = EngineState()
-        for event in self._resumed.events if self._resumed is not None else ():
+        events = self._resumed.events if self._resumed is not None else []
+        for event in events:
             state, commands = decide(state, event, self._configuration.rules)
             messages.take(event.t_ns, commands)
+        events.clear()
         return state
 
     def start(self) -> None:
@@ -206,7 +209,7 @@ class AutonomyNode:
             self._listen(status)
         rospy.Subscriber("autopilot/land_switch", Bool, self._take_switch, queue_size=1, tcp_nodelay=True)
         self._reconnector.start()
-        if self._parameters.missions and not (self._resumed is not None and self._resumed.selected):
+        if self._parameters.missions and not self._selected:
             threading.Thread(target=self._select, name="select", daemon=True).start()
         node_main.settle()
 
