@@ -44,6 +44,17 @@ def test_the_rate_is_known_soon(rate_hz: float, known_after_s: float):
     assert good[0] <= known_after_s * S
 
 
+def test_it_is_steady_from_when_it_is_good_until_something_speaks_against_it():
+    monitor = RateMonitor(TopicSpec("/t", 10.0))
+    monitor.start(0, 10 * S)
+    assert monitor.steady is False
+    monitor = running(10.0)
+    assert monitor.steady is True
+    for t_ns in regular(2.0, 20.0, 40.0):
+        monitor.add(t_ns)
+    assert monitor.steady is False
+
+
 def test_a_hitch_while_it_starts_is_not_a_rate_that_is_off():
     monitor = RateMonitor(TopicSpec("/t", 5.0))
     monitor.start(0, 10 * S)

@@ -58,7 +58,10 @@ class Worker:
         self._jobs: SimpleQueue[Optional[Callable[[], None]]] = SimpleQueue()
         self._periodic, self._last = periodic, last
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self.start = self._thread.start
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
 
     @property
     def alive(self) -> bool:
