@@ -85,3 +85,62 @@ def test_who_asks_for_help_starts_no_node_that_would_end_the_one_that_flies(
     told = capsys.readouterr()
     assert said in (told.err if status else told.out)
     assert ("~" in told.out) == (status == 0), "its parameters are shown to who asks"
+
+
+# --- words to people --------------------------------------------------------------------------------------------------
+
+NODE = """\
+import logging, os, sys, threading, time
+from amaze_autonomy.ros import node_main
+
+file = logging.FileHandler(sys.argv[1])
+file.setFormatter(logging.Formatter("%(name)s %(message)s"))
+logging.getLogger().addHandler(file)
+sys.stdout, sys.stderr = node_main._Outlet(sys.stdout), node_main._Outlet(sys.stderr)
+node_main.atexit.register(node_main.say_last_words)
+node_main.detach_files()
+node_main.detach_files()
+began_s = time.monotonic()
+for number in range(int(sys.argv[2])):
+    print(f"{number} ä" + 60 * " ", flush=True)
+    logging.warning("%d said", number)
+os.write(2, f"{time.monotonic() - began_s}".encode())
+"""
+
+
+def start_node(file, count):
+    process = subprocess.Popen(
+        [sys.executable, "-c", NODE, str(file), str(count)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    return process, float(os.read(process.stderr.fileno(), 100))
+
+
+def test_what_a_node_says_last_is_written_in_its_order_once(tmp_path):
+    process, _ = start_node(tmp_path / "log", 50)
+    assert [line.split() for line in process.communicate(timeout=60)[0].decode().splitlines()] == [
+        [str(number), "ä"] for number in range(50)
+    ]
+    assert (tmp_path / "log").read_text().splitlines() == [f"root {number} said" for number in range(50)]
+
+
+@pytest.mark.parametrize("count", [3_000, 30_000])  # more than a pipe holds, and more than may wait
+def test_a_terminal_and_a_disk_that_are_held_hold_up_nobody_and_a_node_ends_all_the_same(tmp_path, count):
+    os.mkfifo(tmp_path / "log")
+    held = os.open(tmp_path / "log", os.O_RDWR)
+    process, took_s = start_node(tmp_path / "log", count)
+    assert took_s < 20.0
+    os.close(held)  # a file that hangs would be waited for at the end, by logging itself
+    try:
+        assert process.wait(timeout=60) == 0
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_who_reads_no_more_ends_no_node(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", NODE, str(tmp_path / "log"), "9"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    process.stdout.close()
+    assert process.wait(timeout=60) == 0
+    assert len((tmp_path / "log").read_text().splitlines()) == 9

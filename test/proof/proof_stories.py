@@ -147,6 +147,14 @@ STORIES: Sequence[Told] = (
         ("ros/stalls.py::connections_that_say_nothing_keep_no_command_out",),
     ),
     Told(
+        "A terminal or a disk that is held (Ctrl-S, a connection or a card that hangs) holds up no node.",
+        (
+            "nodes/test_process.py::test_a_terminal_and_a_disk_that_are_held_hold_up_nobody_and_a_node_ends_all_the_same",
+            "nodes/test_outbox.py::test_a_disk_that_holds_up_a_write_for_ever_silences_neither_state_nor_messages",
+        ),
+        (f"{_LAUNCH}terminal_whose_output_is_held_in_flight_holds_up_nothing_else",),
+    ),
+    Told(
         "Holding is shown by flight mode or standing still; else it is asked again, and landed at the limit.",
         (
             f"{_LIES}the_planners_word_alone_shows_no_hold",

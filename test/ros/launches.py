@@ -40,6 +40,7 @@ from launching import (
     rows,
     wait,
 )
+from pymavlink.dialects.v20 import common as mavlink
 from stack import Stack
 from stand_ins import Watchdog
 
@@ -101,6 +102,24 @@ def terminal_that_is_closed_in_flight_lands(stack: Stack) -> None:
     ended(stack)
     assert set(stack.routes_after(told_ns)) == {"LAND", "autopilot/land"}
     assert stack.result()["exit_status"] == 8
+
+
+@launches.add(processes=(), start=False)
+def terminal_whose_output_is_held_in_flight_holds_up_nothing_else(stack: Stack) -> None:
+    """Ctrl-S, or a connection that hangs: every node that writes a line to it waits, until Ctrl-Q."""
+    terminal = Terminal(stack)
+    with flown(stack, "mission:=long", terminal=terminal) as vehicle:
+        in_flight(stack)
+        terminal.hold()
+        vehicle.say(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, b"Compass needs calibration"))
+        for command, state in (("hold", "HOLD"), ("resume", "MISSION"), ("land", "LAND")):
+            stack.ask(command)
+            stack.wait_state(state, limit_s=LIMIT_S)
+        stack.wait_state("MISSION_ENDED", limit_s=LIMIT_S)
+        assert vehicle.modes[-1] == "AUTO.LAND"
+        terminal.go_on()
+    assert "PILOT" not in stack.passed, stack.passed
+    assert {each.name for each in stack.states[-1].failures} == set()
 
 
 @launches.add(processes=(), start=False)

@@ -104,6 +104,14 @@ class Terminal:
         """Become the controlling terminal of the calling process, the leader of a new session."""
         fcntl.ioctl(self.slave, termios.TIOCSCTTY, 0)
 
+    def hold(self) -> None:
+        """Press Ctrl-S: whoever writes to it waits."""
+        termios.tcflow(self.slave, termios.TCOOFF)
+
+    def go_on(self) -> None:
+        """Press Ctrl-Q."""
+        termios.tcflow(self.slave, termios.TCOON)
+
     def close(self) -> None:
         """Hang up."""
         self._closing.set()
@@ -165,7 +173,12 @@ def roslaunch(
 
 @contextlib.contextmanager
 def flown(
-    stack: Stack, *arguments: str, overrides: Sequence[str] = (), on: bool = True, key: bytes = b""
+    stack: Stack,
+    *arguments: str,
+    overrides: Sequence[str] = (),
+    on: bool = True,
+    key: bytes = b"",
+    terminal: Optional[Terminal] = None,
 ) -> Iterator[Px4Vehicle]:
     """Start it with every real node and a PX4 that the test holds; `on`: that one speaks from the beginning.
 
@@ -180,7 +193,8 @@ def flown(
         path.write_text(key.hex())
         overrides = (*overrides, *(f"autopilot.{link}.key_file={path}" for link in ("link", "planner_link")))
     received = f"received:={stack.folder / 'received.jsonl'}"
-    roslaunch(stack, *links, received, *arguments, overrides=("sensors.battery.cells=6", *overrides))
+    overrides = ("sensors.battery.cells=6", *overrides)
+    roslaunch(stack, *links, received, *arguments, overrides=overrides, terminal=terminal)
     try:
         yield vehicle
     finally:

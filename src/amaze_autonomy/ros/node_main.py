@@ -8,16 +8,21 @@ What names a path, a command or the configuration is no parameter: `arguments.py
 
 from __future__ import annotations
 
+import atexit
 import gc
 import io
+import logging
 import os
 import signal
 import sys
 import threading
+import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from logging.handlers import QueueHandler, QueueListener
 from pathlib import Path
-from typing import Any, Callable, Protocol, Sequence, Tuple
+from queue import Full, Queue
+from typing import Any, Callable, List, Protocol, Sequence, Tuple
 
 import rospy
 
@@ -235,44 +240,96 @@ _SWITCH_INTERVAL_S = 0.0005
 _AUTOGROUP = Path("/proc/self/autogroup")
 
 
+# --- words to people --------------------------------------------------------------------------------------------------
+# They go to the terminal of roslaunch, and into a file of the log. The terminal may be closed in flight, and it may be
+# held: by Ctrl-S, by a connection that hangs. A disk may hang. Whoever wrote a line would wait then: the thread that
+# hears the vehicle, for ever. So a thread that does nothing else writes them.
+
+_MOST_WAITING = 10_000
+"""So many lines wait for who takes none; what comes then is lost."""
+_LAST_WORDS_S = 1.0
+_waiting: List[Queue[Any]] = []
+
+
 class _Outlet(io.TextIOBase):
-    """A stream for people that nobody may read any more."""
+    """A stream for people that nobody may read any more: what is written goes out by a thread of its own."""
 
     def __init__(self, stream: Any) -> None:
-        self._stream = stream
+        self._stream, self._texts = stream, _queue()
+        threading.Thread(target=self._write_out, name="words", daemon=True).start()
 
     def __getattr__(self, name: str) -> Any:
         """Be the stream in everything else."""
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write where that is possible, and at once: what a node said before it was killed stands in its log."""
-        with suppress(OSError, ValueError):
-            self._stream.write(text)
-            self._stream.flush()
+        """Have a text written."""
+        with suppress(Full):
+            self._texts.put_nowait(text)
         return len(text)
 
     def flush(self) -> None:
-        """Write out where that is possible."""
-        with suppress(OSError, ValueError):
-            self._stream.flush()
+        """Do nothing: it is written as soon as it can be."""
+
+    def _write_out(self) -> None:
+        number = self._stream.fileno()  # a stream of Python's that hangs would not let the process end
+        while True:
+            data = self._texts.get().encode(errors="backslashreplace")
+            with suppress(OSError):
+                while data:
+                    data = data[os.write(number, data) :]
+            self._texts.task_done()
+
+
+class _Queued(QueueHandler):
+    def enqueue(self, record: logging.LogRecord) -> None:
+        with suppress(Full):
+            self.queue.put_nowait(record)
+
+
+def _queue() -> Queue[Any]:
+    made: Queue[Any] = Queue(_MOST_WAITING)
+    _waiting.append(made)
+    return made
+
+
+def detach_files() -> None:
+    """Have the files of the log written by a thread each; more than once is the same."""
+    named = logging.Logger.manager.loggerDict.values()
+    for logger in (logging.getLogger(), *(each for each in named if isinstance(each, logging.Logger))):
+        for handler in [each for each in logger.handlers if isinstance(each, logging.FileHandler)]:
+            lines = _queue()
+            logger.removeHandler(handler)
+            logger.addHandler(_Queued(lines))
+            QueueListener(lines, handler, respect_handler_level=True).start()
+
+
+def say_last_words(limit_s: float = _LAST_WORDS_S) -> None:
+    """Wait until all words are written, for so long at most; before this process becomes another one, or ends."""
+    until_s = time.monotonic() + limit_s
+    for words in _waiting:
+        with words.all_tasks_done:
+            while words.unfinished_tasks and time.monotonic() < until_s:
+                words.all_tasks_done.wait(until_s - time.monotonic())
 
 
 def begin(name: str) -> None:
     """Become a node, as every one does that flies; it waits for the master for as long as there is none.
 
-    Words to people never fail from here on: they go to the terminal of roslaunch, which may be closed in flight.
+    Words to people never fail from here on, and nobody waits for them: see above.
     What is written is for its user and group. A signal in the wait for the master ends it at once, without a traceback.
 
     Args:
         name: of the node, where nobody gives it another one.
     """
     sys.stdout, sys.stderr = _Outlet(sys.stdout), _Outlet(sys.stderr)  # before rospy keeps both for its log
+    atexit.register(say_last_words)
     os.umask(UMASK)
     mend_rospy()
     for number in END_SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))  # an exception could be lost in rospy
     rospy.init_node(name, argv=sys.argv, disable_signals=True)
+    detach_files()
 
 
 def take_precedence(nice: int) -> str:

@@ -22,6 +22,7 @@ from typing import Callable, Dict, List, NamedTuple, Tuple
 from amaze_autonomy.engine.commands import AutopilotLand, Command, MissionAction, MissionCommand
 from amaze_autonomy.engine.events import Event, Outcome, Reply, Shutdown
 from amaze_autonomy.engine.state import DataResult, EngineState, Result, State
+from amaze_autonomy.ros.node_main import say_last_words
 
 #: The reason to end that nobody gives.
 ENGINE_ENDED = "a failure of the engine's thread"
@@ -74,8 +75,7 @@ def first_reason(reasons: SimpleQueue[str], goes_on: Callable[[], bool]) -> str:
 def start_anew() -> None:
     """Become a new process of the same id, name and words; nothing else is left of this one. Returns when it cannot."""
     words = Path("/proc/self/cmdline").read_bytes().split(b"\0")[:-1]
-    with suppress(OSError):
-        sys.stdout.flush()
+    say_last_words()
     try:
         os.execv(sys.executable, words)  # noqa: S606 - as it was started
     except OSError as error:
