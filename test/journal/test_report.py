@@ -179,7 +179,9 @@ def test_a_flight_time_is_that_of_a_flight_under_way(flight):
 
 
 def test_nothing_heard_is_nothing_known_but_the_limits():
-    look = shown().telemetry
+    look = shown()
+    assert (look.waypoint, look.waypoints, look.recording_phase) == (0, 0, "")
+    look = look.telemetry
     assert look == Telemetry(
         battery_limit=0.15, altitude_limit_m=30.0, distance_limit_m=100.0, flight_time_limit_s=900.0
     )

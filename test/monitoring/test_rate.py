@@ -55,6 +55,21 @@ def test_it_is_steady_from_when_it_is_good_until_something_speaks_against_it():
     assert monitor.steady is False
 
 
+@pytest.mark.parametrize(
+    "rate_hz,count,marked",
+    [(10.0, 1, True), (10.0, 100, True), (200.0, 1, False), (200.0, 3, False), (200.0, 60, True)],
+)
+def test_what_is_skipped_leaves_it_as_if_it_had_come(rate_hz: float, count: int, marked: bool):  # noqa: FBT001
+    came, skipped = running(rate_hz, 20.05), running(rate_hz, 20.05)
+    before, times = list(came._marks), [20 * S + S // 20 + round(number * S / rate_hz) for number in range(count)]
+    for t_ns in times:
+        came.add(t_ns)
+    marks = () if list(came._marks) == before else tuple(came._marks)
+    skipped.skip(times[-1], len(times), marks, came._rate_hz)
+    assert vars(skipped) == vars(came)
+    assert bool(marks) is marked
+
+
 def test_a_hitch_while_it_starts_is_not_a_rate_that_is_off():
     monitor = RateMonitor(TopicSpec("/t", 5.0))
     monitor.start(0, 10 * S)
