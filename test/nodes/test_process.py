@@ -137,6 +137,19 @@ def test_a_terminal_and_a_disk_that_are_held_hold_up_nobody_and_a_node_ends_all_
         process.communicate()
 
 
+def test_on_a_terminal_a_warning_has_its_colour():
+    """rospy asks the stream whether it is one."""
+    master, terminal = os.openpty()
+    script = "import sys; from amaze_autonomy.ros import node_main; made = node_main._Outlet(sys.stdout)\n"
+    script += "made.write(f'{made.isatty()} {made.fileno()}')"
+    try:
+        subprocess.run([sys.executable, "-c", f"{script}; node_main.say_last_words()"], stdout=terminal, check=True)
+        assert os.read(master, 100) == b"True 1"
+    finally:
+        os.close(terminal)
+        os.close(master)
+
+
 def test_who_reads_no_more_ends_no_node(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", NODE, str(tmp_path / "log"), "9"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL

@@ -262,6 +262,14 @@ class _Outlet(io.TextIOBase):
         """Be the stream in everything else."""
         return getattr(self._stream, name)
 
+    def isatty(self) -> bool:
+        """Tell whether it is a terminal: warnings have a colour there."""
+        return bool(self._stream.isatty())
+
+    def fileno(self) -> int:
+        """Return the descriptor of the stream."""
+        return int(self._stream.fileno())
+
     def write(self, text: str) -> int:
         """Have a text written."""
         with suppress(Full):
@@ -272,7 +280,7 @@ class _Outlet(io.TextIOBase):
         """Do nothing: it is written as soon as it can be."""
 
     def _write_out(self) -> None:
-        number = self._stream.fileno()  # a stream of Python's that hangs would not let the process end
+        number = self.fileno()  # a stream of Python's that hangs would not let the process end
         while True:
             data = self._texts.get().encode(errors="backslashreplace")
             with suppress(OSError):
