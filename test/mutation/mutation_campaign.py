@@ -13,6 +13,7 @@ import os
 import shutil
 import signal
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Callable, Counter, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple
@@ -77,19 +78,22 @@ class Campaign:
 
     Args:
         root: of the repository, which is copied at once: it may change while the campaign goes on.
-        work: folder for copies, and for what was found out so far.
+        work: folder for what was found out so far. The copies lie elsewhere: ROS looks for launch files in all that is
+            below a package.
         jobs: looks at a time.
     """
 
     def __init__(self, root: Path, work: Path, jobs: int) -> None:
-        self.root, self.work = work / "original", work
+        work.mkdir(parents=True, exist_ok=True)
+        self._copies = Path(tempfile.mkdtemp(prefix="mutants-"))
+        self.root, self.work = self._copies / "original", work
         self._copy(root, self.root)
         files = (path for folder in MUTATED for path in (self.root / folder).rglob("*.py"))
         names = sorted(str(path.relative_to(self.root)) for path in files)
         self.code = {name: fingerprint(self.root, [name]) for name in names}
         self.tests = {net: fingerprint(self.root, paths) for net, paths in PATHS.items()}
         self._seen = {net: fingerprint(self.root, (*MUTATED, *paths)) for net, paths in PATHS.items()}
-        self.trees = [work / f"copy{number}" for number in range(jobs)]
+        self.trees = [self._copies / f"copy{number}" for number in range(jobs)]
         self.observed: Dict[str, Dict[str, Seen]] = {}
         self.catchers: Counter[Tuple[str, str]] = Counter()
         self.known = dict(self._read())
@@ -140,9 +144,8 @@ class Campaign:
                 self._end_one(free, running, tell)
 
     def close(self) -> None:
-        """Remove the copies: roslaunch would find their launch files beside those of the package."""
-        for tree in (self.root, *self.trees):
-            shutil.rmtree(tree, ignore_errors=True)
+        """Remove the copies."""
+        shutil.rmtree(self._copies, ignore_errors=True)
 
     def _prepare(self, nets: Iterable[str]) -> None:
         """Make the copies, and observe in the first one what runs what: nothing may fail there."""

@@ -286,7 +286,7 @@ class Flight:
 
     def _start_launch(self) -> None:
         apart = self._scenario.engine == "apart"
-        overrides = (*self._kind.overrides, *self._scenario.overrides)
+        overrides = (*self._kind.overrides, *self._scenario.overrides, *self._given_key())
         self._overrides = "; ".join(overrides)
         arguments = {
             "simulation": "true",
@@ -306,6 +306,15 @@ class Flight:
         given = [f"{name}:={value}" for name, value in arguments.items()]
         command = ["roslaunch", "--skip-log-check", "amaze_autonomy", "autonomy.launch", *given]
         self._launch = self._start(command, "launch.txt")
+
+    def _given_key(self) -> Iterator[str]:
+        """Give the autopilot and both nodes a key, where a flight is signed."""
+        if self._scenario.signed:
+            key, path = os.urandom(32), self._folder / "mavlink.key"
+            path.touch(0o600)
+            path.write_text(key.hex(), encoding="ascii")
+            self._station.give_key(key, time.time_ns())
+            yield from (f"autopilot.{link}.key_file={path}" for link in ("link", "planner_link"))
 
     def _start_engine(self) -> None:
         parameters = {
@@ -378,6 +387,9 @@ class Flight:
 
     def _do_mode(self, mode: str) -> None:
         self._station.mode(mode)
+
+    def _do_forge(self, mode: str) -> None:
+        self._station.forge(self._relay.links["planner"], mode)
 
     def _do_arm(self) -> None:
         self._station.disarm_or_arm(arm=True)

@@ -44,6 +44,7 @@ _ARGUMENTS: Mapping[str, Tuple[Tuple[str, type], ...]] = {
     "user": (("command", str),),
     "arm": (),
     "disarm": (),
+    "forge": (("mode", str),),
 }
 ACTIONS = tuple(_ARGUMENTS)
 """What can be done from outside: to the links, by the second ground station, to processes, to the autopilot's power."""
@@ -54,7 +55,7 @@ SKIPPED = ("MISSION_INPUT", "PREFLIGHT", "READY", "START_RECORDING", "LOAD_MISSI
 _EXPECT = ("result", "states", "modes", "at_most", "at_least", "texts", "own_behaviour", "log_within_s")
 _KEYS = (
     *("description", "mission", "not_for", "overrides", "parameters", "when", "faults", "requests", "expect"),
-    *("unattended", "station", "limit_s", "engine", "flights"),
+    *("unattended", "station", "signed", "limit_s", "engine", "flights"),
 )
 
 
@@ -98,6 +99,7 @@ class Scenario:
         expect: for each autopilot.
         unattended: nobody answers at OUTREACH.
         station: the second ground station has streams and downloads the mission all the time.
+        signed: the autopilot is given a key before the launch, and hears nothing that is not signed with it.
         engine: "launched" by roslaunch, or "apart", so that it can be killed and started again.
         limit_s: of the whole flight.
         launch: further arguments of the launch file.
@@ -114,6 +116,7 @@ class Scenario:
     expect: Mapping[str, Mapping[str, Any]]
     unattended: bool
     station: bool
+    signed: bool
     engine: str
     limit_s: float
     launch: Mapping[str, str] = dataclasses.field(default_factory=dict)
@@ -156,6 +159,7 @@ def _scenario(name: str, given: Mapping[str, Any]) -> Scenario:
         expect={each: _expected(given["expect"], each) for each in KINDS if each not in not_for},
         unattended=bool(given.get("unattended", True)),
         station=bool(given.get("station", False)),
+        signed=bool(given.get("signed", False)),
         engine="apart" if kills else "launched",
         limit_s=float(given.get("limit_s", 150.0)),
     )

@@ -11,7 +11,7 @@ from sitl_autopilots import Kind
 from sitl_relay import Link
 
 from amaze_autonomy.autopilot.link.dialect import mavlink, message_id
-from amaze_autonomy.autopilot.link.wire import Wire
+from amaze_autonomy.autopilot.link.wire import Wire, time_stamp
 from amaze_autonomy.simulation.vehicle.external import WANTED, Observer
 
 _SYSTEM, _COMPONENT = 255, 190
@@ -42,7 +42,8 @@ class Station:
         self.texts: List[Tuple[float, str]] = []
         self._link, self._kind = link, kind
         wanted = {*WANTED, *_RATES_HZ, "STATUSTEXT", "PARAM_VALUE", "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK"}
-        self._wire = Wire(_SYSTEM, _COMPONENT, sorted({*wanted, "MISSION_REQUEST_INT", "MISSION_REQUEST"}))
+        self._wanted = sorted({*wanted, "MISSION_REQUEST_INT", "MISSION_REQUEST"})
+        self._wire = Wire(_SYSTEM, _COMPONENT, self._wanted)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ground station", daemon=True)
         self._mission: Optional[List[Any]] = None
@@ -119,6 +120,18 @@ class Station:
         ]
         self._say(mavlink.MAVLink_mission_count_message(1, 1, len(self._mission)))
 
+    def give_key(self, key: bytes, unix_ns: int) -> None:
+        """Have the autopilot sign, and believe nothing else, from now on; so does the station."""
+        stamp = time_stamp(unix_ns)
+        self._say(*[mavlink.MAVLink_setup_signing_message(1, 1, list(key), stamp)] * 3)
+        self._wire = Wire(_SYSTEM, _COMPONENT, self._wanted, key=key)
+
+    def forge(self, link: Link, mode: str) -> None:
+        """Command a flight mode on another's link, as the autopilot node would, without the key."""
+        main, sub = _MODES[self._kind.name][mode]
+        message = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_DO_SET_MODE, 0, 1, main, sub, 0, 0, 0, 0)
+        link.send(Wire(1, 191).send(message))
+
     # --- the link -------------------------------------------------------------------------------------------------
 
     def _command(self, number: int, *parameters: float) -> None:
@@ -127,7 +140,7 @@ class Station:
 
     def _say(self, *messages: Any) -> None:
         for message in messages:
-            self._link.send(self._wire.send(message))
+            self._link.send(self._wire.send(message, time.time_ns()))
 
     def _hear(self, t_ns: int, data: bytes) -> None:
         for message in self._wire.receive(data, "autopilot", t_ns):
