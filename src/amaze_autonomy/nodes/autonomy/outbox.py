@@ -168,8 +168,9 @@ class Outbox:
 
     def stop(self, limit_s: float = 5.0) -> None:
         """Publish and write what is left, then close the journal; on the thread that calls, where its own has ended."""
+        until_s = time.monotonic() + limit_s
         self._publisher.stop(limit_s)
-        self._writer.stop(limit_s)
+        self._writer.stop(max(0.0, until_s - time.monotonic()))
 
     # --- what is published
 
