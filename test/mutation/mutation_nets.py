@@ -21,12 +21,25 @@ import coverage
 import pytest
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT
 
+_EXPLORER = (
+    "explorer",
+    "figures",
+    "liveness",
+    "run",
+    "worlds",
+    "moves",
+    "peers",
+    "key",
+    "sound",
+    "defects",
+    "induction",
+)
 PATHS = {
-    EXPLORER: ("test/proof",),
+    EXPLORER: (*(f"test/proof/proof_{name}.py" for name in _EXPLORER), "test/proof/accepted.json"),
     UNIT: ("test/engine", "test/journal", "test/monitoring", "test/test_documents.py"),
     SCENARIOS: ("test/scenarios",),
 }
-"""Of each net its files, from the root of the repository."""
+"""Of each net its files, from the root of the repository; of the proof what explores, without its pages and stories."""
 FIRST_BOUNDS = (300, 1_500)
 """Transitions in each world before the bound of the proof: most mutants are caught by then."""
 _PYTEST = ("-x", "-q", "-W", "ignore::pytest.PytestAssertRewriteWarning")
