@@ -66,6 +66,11 @@ def test_a_level_that_it_does_not_know_stays_unknown(fraction: Optional[float]):
     assert (verdict.ok, verdict.fraction, verdict.checks[1].verdict) == (False, None, Verdict.UNKNOWN)
 
 
+def test_an_empty_battery_is_known_to_be_empty():
+    row = battery(0.0).check(11 * S, 0.5).checks[1]
+    assert (row.verdict, row.value) == (Verdict.FAIL, 0.0)
+
+
 def test_unknown_after_known_is_unknown():
     monitor = battery(0.8)
     monitor.add(11 * S, -1.0, 23.4)
