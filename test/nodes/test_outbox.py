@@ -157,6 +157,23 @@ def test_the_end_of_a_mission_goes_out_also_where_one_event_ends_it_and_begins_t
     assert [each[0] for each in states].count("MISSION_ENDED") == 2
 
 
+def test_what_is_shown_is_in_the_journal(run):
+    """So that a kill takes nothing that people have seen."""
+    shown = []
+
+    def show(state):
+        shown.append((state.t_ns, len(run.path.read_text().splitlines()) - 1))
+
+    box = Outbox(run, Timeline(), CLOCK, show, lambda *_: None, lambda: None)
+    box.start(EngineState())
+    for number in range(1, 201):
+        said = Notify(level=Level.INFO, key="x", text=f"{number}", advice="")
+        box.put(Tick(t_ns=number), EngineState(t_ns=number), (said,))
+    box.stop()
+    assert {t_ns for t_ns, _ in shown} >= set(range(1, 201))
+    assert [(t_ns, lines) for t_ns, lines in shown if lines < t_ns] == []
+
+
 @pytest.mark.live
 def test_a_disk_that_holds_up_a_write_for_ever_silences_neither_state_nor_messages(run, monkeypatch):
     answers, write = threading.Event(), run_folder.os.write

@@ -33,6 +33,7 @@ from .journal_topic import JournalLines, JournalTopic
 from .run_folder import JournalFile
 
 _PERIOD_S = 0.5
+_WRITTEN_WITHIN_S = 0.3
 _LAST_LINES_S = 1.0  # for listeners of the journal that keep up
 _NS = 1_000_000_000
 _log = logging.getLogger(__name__)
@@ -141,6 +142,9 @@ class Outbox:
         self._encoder = codec.DeltaEncoder()
         self._said = ""
         self.state = EngineState()
+        self._written = threading.Event()  # of the last step that has commands
+        self._written.set()
+        self._held = False
         self._publisher = Worker("outbox", self._publish)
         self._writer = Worker("journal", self._keep, self._close)
 
@@ -157,10 +161,12 @@ class Outbox:
 
     def put(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
         """Take one step of the engine; from its thread."""
-        before, self.state = self.state, state
-        self._writer.do(lambda: self._write(event, commands))
+        before, written = self.state, threading.Event()
+        self._writer.do(lambda: self._write(event, commands, written))
         if commands:
-            self._publisher.do(lambda: self._tell(before, event, state, commands))
+            self._written = written
+            self._publisher.do(lambda: self._tell(before, event, state, commands, written))
+        self.state = state
 
     def log(self, job: Callable[[], None]) -> None:
         """Log something in its turn, which may have to wait for a disk; from any thread."""
@@ -174,8 +180,23 @@ class Outbox:
 
     # --- what is published
 
-    def _tell(self, before: EngineState, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
+    def _wait(self, written: threading.Event) -> None:
+        """Wait for the writer: what is shown is in the journal, so that a kill takes nothing that people have seen.
+
+        A disk that does not keep up is waited for once; from then on nobody does, until it has caught up.
+        """
+        self._held = not written.wait(0.0 if self._held else _WRITTEN_WITHIN_S)
+
+    def _tell(
+        self,
+        before: EngineState,
+        event: Event,
+        state: EngineState,
+        commands: Tuple[Command, ...],
+        written: threading.Event,
+    ) -> None:
         ended = self._ended(before, event, state)
+        self._wait(written)
         for command in commands:
             if isinstance(command, Decision):
                 self._timeline.decision(command)
@@ -187,18 +208,23 @@ class Outbox:
         self._publish_state(state)
 
     def _publish(self) -> None:
-        self._publish_state(self.state)
+        state = self.state  # read before what is waited for, which belongs to it or to a later one
+        self._wait(self._written)
+        self._publish_state(state)
         self._housekeeping()
 
     # --- what is written
 
-    def _write(self, event: Event, commands: Tuple[Command, ...]) -> None:
-        self._line(self._encoder.encode(event))
-        for command in commands:
-            if isinstance(command, Decision):
-                self._line(codec.encode_decision(command))
-        if commands or self._writer.idle:  # a kill takes no more than what is under way
-            self._journal.flush()
+    def _write(self, event: Event, commands: Tuple[Command, ...], written: threading.Event) -> None:
+        try:
+            self._line(self._encoder.encode(event))
+            for command in commands:
+                if isinstance(command, Decision):
+                    self._line(codec.encode_decision(command))
+            if commands or self._writer.idle:  # a kill takes no more than what is under way
+                self._journal.flush()
+        finally:
+            written.set()
         for command in commands:
             if isinstance(command, Notify):
                 _SAY[command.level]("%s%s", command.text, f" {command.advice}" if command.advice else "")
