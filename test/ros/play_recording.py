@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 from pathlib import Path
 from typing import Any, Dict, List
@@ -21,6 +23,8 @@ from typing import Any, Dict, List
 import rosbag
 import rostest
 import yaml
+from behaviours import BUSY_FRACTION
+from hitches import idle_s
 from stack import HERE
 
 from amaze_autonomy import msg
@@ -91,6 +95,7 @@ class PlayedRecording(unittest.TestCase):
     """One play for all its tests."""
 
     folder: Path
+    idle: float
 
     @classmethod
     def setUpClass(cls) -> None:
@@ -105,16 +110,17 @@ class PlayedRecording(unittest.TestCase):
         cls.status = cls.play()
 
     @classmethod
-    def play(cls) -> int:
+    def play(cls, name: str = "live") -> int:
         """Play it into the nodes as they are launched on the vehicle; return roslaunch's exit status."""
+        began_s, began_idle_s = time.monotonic(), idle_s()
         arguments = {
             "bag": cls.bag,
             "mission": MISSION,
             "select_at_s": SELECT_AT_S,
             "config": cls.folder / "config",
             "overrides": "; ".join(cls.overrides),
-            "output": cls.folder / "live",
-            "received": cls.folder / "received.json",
+            "output": cls.folder / name,
+            "received": cls.folder / ("received.json" if name == "live" else f"{name}.json"),
         }
         command = ["roslaunch", "--screen", str(HERE.parents[1] / "launch" / "play_recording.launch")]
         command += [f"{name}:={value}" for name, value in arguments.items()]
@@ -126,6 +132,8 @@ class PlayedRecording(unittest.TestCase):
                 launch.send_signal(signal.SIGINT)  # the nodes have groups of their own: it has to end them
                 launch.wait(LIMIT_S)
                 return -1
+            finally:
+                cls.idle = (idle_s() - began_idle_s) / (time.monotonic() - began_s) / (os.cpu_count() or 1)
 
     @classmethod
     def tearDownClass(cls) -> None:
@@ -146,6 +154,10 @@ class PlayedRecording(unittest.TestCase):
         self.assertEqual(set(LISTENERS) | {"/recorded_peers"}, {listener for listener, _ in counts})
         self.assertEqual(len(self.sensors - {topic for _, topic in counts}), 0, "nobody listens to these")
 
+    def _agreement(self, name: str) -> Any:
+        live, replayed = (read_journals(self.folder / each / "journal.jsonl")[0] for each in (name, "replay"))
+        return agree(live, replayed, TOLERANCE_S)
+
     def test_live_nodes_and_replay_agree_decision_by_decision(self) -> None:
         self.assertEqual(self.status, 0, self.log())
         ran = replay(
@@ -159,8 +171,11 @@ class PlayedRecording(unittest.TestCase):
             ]
         )
         self.assertEqual(ran, 0)
-        live, replayed = (read_journals(self.folder / name / "journal.jsonl")[0] for name in ("live", "replay"))
-        result = agree(live, replayed, TOLERANCE_S)
+        result = self._agreement("live")
+        if not result.agreed and self.idle < BUSY_FRACTION:  # two of its events are 10 ms apart: once more
+            print("\n".join(agreement_lines(result)), "\nthe machine had no time: it is played again", file=sys.stderr)
+            self.assertEqual(self.play("again"), 0, self.log())
+            result = self._agreement("again")
         print("\n".join(agreement_lines(result)), file=sys.stderr)
         self.assertTrue(result.agreed, "\n".join(agreement_lines(result)))
         self.assertGreaterEqual(len(result.changes), LEAST_DECISIONS)
