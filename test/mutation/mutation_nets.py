@@ -21,25 +21,17 @@ import coverage
 import pytest
 from mutation_mutant import EXPLORER, MUTATED, SCENARIOS, UNIT
 
-_EXPLORER = (
-    "explorer",
-    "figures",
-    "liveness",
-    "run",
-    "worlds",
-    "moves",
-    "peers",
-    "key",
-    "sound",
-    "defects",
-    "induction",
-)
+_PROOF = Path(__file__).resolve().parents[1] / "proof"
+_SAID = ("proof_journal.py", "proof_pages.py", "proof_stories.py")
 PATHS = {
-    EXPLORER: (*(f"test/proof/proof_{name}.py" for name in _EXPLORER), "test/proof/accepted.json"),
+    EXPLORER: (
+        "test/proof/accepted.json",
+        *(f"test/proof/{path.name}" for path in sorted(_PROOF.glob("proof_*.py")) if path.name not in _SAID),
+    ),
     UNIT: ("test/engine", "test/journal", "test/monitoring", "test/test_documents.py"),
     SCENARIOS: ("test/scenarios",),
 }
-"""Of each net its files, from the root of the repository; of the proof what explores, without its pages and stories."""
+"""Of each net its files, from the root of the repository; of the proof what explores, and not what tells of it."""
 FIRST_BOUNDS = (300, 1_500)
 """Transitions in each world before the bound of the proof: most mutants are caught by then."""
 _PYTEST = ("-x", "-q", "-W", "ignore::pytest.PytestAssertRewriteWarning")

@@ -286,7 +286,7 @@ class Flight:
 
     def _start_launch(self) -> None:
         apart = self._scenario.engine == "apart"
-        overrides = (*self._kind.overrides, *self._scenario.overrides, *self._given_key())
+        overrides = (*self._kind.overrides, *self._scenario.overrides, *self._give_key())
         self._overrides = "; ".join(overrides)
         arguments = {
             "simulation": "true",
@@ -307,14 +307,15 @@ class Flight:
         command = ["roslaunch", "--skip-log-check", "amaze_autonomy", "autonomy.launch", *given]
         self._launch = self._start(command, "launch.txt")
 
-    def _given_key(self) -> Iterator[str]:
-        """Give the autopilot and both nodes a key, where a flight is signed."""
-        if self._scenario.signed:
-            key, path = os.urandom(32), self._folder / "mavlink.key"
-            path.touch(0o600)
-            path.write_text(key.hex(), encoding="ascii")
-            self._station.give_key(key, time.time_ns())
-            yield from (f"autopilot.{link}.key_file={path}" for link in ("link", "planner_link"))
+    def _give_key(self) -> Tuple[str, ...]:
+        """Give the autopilot of a signed flight a key; return what names it in our configuration."""
+        if not self._scenario.signed:
+            return ()
+        key, path = os.urandom(32), self._folder / "mavlink.key"
+        path.touch(0o600)
+        path.write_text(key.hex(), encoding="ascii")
+        self._station.give_key(key, time.time_ns())
+        return tuple(f"autopilot.{link}.key_file={path}" for link in ("link", "planner_link"))
 
     def _start_engine(self) -> None:
         parameters = {
