@@ -3,7 +3,9 @@ from __future__ import annotations
 import os
 import pty
 import socket
+import time
 import tty
+from queue import Empty, SimpleQueue
 
 import pytest
 from autopilot_tools import Recorder, UdpVehicle, beat, free_port, wait_until
@@ -39,6 +41,32 @@ def vehicle():
     made = UdpVehicle()
     yield made
     made.close()
+
+
+def test_a_change_of_what_is_observed_is_noticed_once_whoever_changes_it(link, vehicle):
+    client, vehicle.to, changes = Recorder(), free_port(), SimpleQueue()
+    connection, said = link(f"udpin:127.0.0.1:{vehicle.to}", client), []
+    connection.observe(lambda _t_ns: (len(client.heard), tuple(said)), lambda: changes.put(time.monotonic()))
+    changes.get(timeout=5.0)  # what it is at first
+    wait_until(lambda: connection.state.opened)
+    vehicle.say(beat())
+    changes.get(timeout=5.0)
+    connection.ask(lambda _t_ns: (said.append("by a question"), ()))
+    assert changes.qsize() == 1, "a question is looked at before it returns"
+    changes.get()
+    with pytest.raises(Empty):
+        changes.get(timeout=0.2)  # nothing changes: the link's own thread looks 20 times a second
+
+
+def test_a_defect_in_what_is_observed_costs_nothing_else(link, vehicle):
+    told, client, vehicle.to = [], Recorder(), free_port()
+    connection = link(f"udpin:127.0.0.1:{vehicle.to}", client, complain=told.append)
+    connection.observe(lambda _t_ns: 1 // 0, lambda: None)
+    wait_until(lambda: connection.state.opened)
+    vehicle.say(beat())
+    assert connection.wait_for(lambda: client.heard, 5.0)
+    assert connection.ask(lambda _t_ns: (7, ())) == 7
+    assert any("ZeroDivisionError" in each for each in told)
 
 
 def test_a_link_that_waits_answers_where_the_vehicle_speaks_from(link, vehicle):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import random
 import socket
 import struct
@@ -12,7 +13,10 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from amaze_autonomy.ros.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream
+import rospy
+from std_msgs.msg import String
+
+from amaze_autonomy.ros.topic_reader import ALL, STAMP_BYTES, Tally, TopicReader, TopicStream, message_look
 
 
 def framed(messages):
@@ -146,3 +150,23 @@ def test_waking_ends_the_wait_at_once(moment):
         reader.wake()
     waiting.join(60.0)
     assert not waiting.is_alive()
+
+
+def test_what_is_no_message_or_cannot_be_used_costs_that_one_alone(monkeypatch):
+    taken, said = [], []
+    monkeypatch.setattr(rospy, "logerr_throttle", lambda _period_s, text: said.append(text))
+
+    def take(message):
+        if message.data == "worse":
+            raise ValueError("cannot be used")
+        taken.append(message.data)
+
+    look = message_look("/topic", String, take)
+    for text in ("good", "worse", "well"):
+        out = io.BytesIO()
+        String(text).serialize(out)
+        look(memoryview(out.getvalue()))
+        look(memoryview(b"cut"))
+    assert taken == ["good", "well"]
+    assert len(said) == 4
+    assert "/topic: 9 bytes are no std_msgs/String that can be used (ValueError('cannot be used'))" in said

@@ -26,6 +26,7 @@ from .wire import SigningKey, Stamps, Wire
 
 
 T = TypeVar("T")
+_LOOK_NS = 20_000_000
 
 
 class Client(Protocol):
@@ -51,13 +52,27 @@ class ClientHost(abc.ABC):
         self._client, self._now_ns, self._complain = client, now_ns, complain
         self._changed = threading.Condition(threading.RLock())
         self._errors, self._complaint = 0, ""
+        self._key: Callable[[int], Any] = lambda _t_ns: None
+        self._on_change: Callable[[], None] = lambda: None
+        self._seen: Any = None
+        self._look_ns = 0
+
+    def observe(self, key: Callable[[int], Any], on_change: Callable[[], None]) -> None:
+        """Have a change of the client noticed: at once after a question, within 50 ms after anything else.
+
+        Args:
+            key: returns what changes, at a time; called under the lock, by any thread.
+            on_change: called then; must not wait.
+        """
+        with self._changed:
+            self._key, self._on_change = key, on_change
 
     def ask(self, question: Callable[[int], Tuple[T, Sequence[Message]]]) -> T:
         """Call a function of the client with the time, under the lock; it returns an answer and messages to send."""
         with self._changed:
             answer, messages = question(self._now_ns())
             self._transmit(messages)
-            self._changed.notify_all()
+            self._announce(after_ns=0)
             return answer
 
     def wait_for(self, condition: Callable[[], T], limit_s: float) -> T:
@@ -68,6 +83,24 @@ class ClientHost(abc.ABC):
     @abc.abstractmethod
     def _transmit(self, messages: Iterable[Message]) -> None:
         """Send messages; called under the lock."""
+
+    def _announce(self, after_ns: int = _LOOK_NS) -> None:
+        """Wake who waits for something, and see what has changed since the last look, so long ago at least.
+
+        What a vehicle sends comes up to some hundred times a second: to look at each message costs as much as all else.
+        """
+        self._changed.notify_all()
+        monotonic_ns = time.monotonic_ns()
+        if monotonic_ns - self._look_ns >= after_ns:
+            self._look_ns = monotonic_ns
+            self._tell(self._look)
+
+    def _look(self) -> Iterable[Message]:
+        key = self._key(self._now_ns())
+        if key != self._seen:
+            self._seen = key
+            self._on_change()
+        return ()
 
     def _tell(self, call: Callable[[], Iterable[Message]]) -> None:
         """Call the client; a defect in it must not cost the heartbeat and all the rest."""
@@ -262,7 +295,7 @@ class Connection(ClientHost):
         if t_ns >= self._wake_ns:
             self._wake_ns = t_ns + _WAKE_NS
             self._tell(lambda: self._client.wake(self._now_ns()))
-            self._changed.notify_all()
+            self._announce()
         if self._port.silence_is_loss and not self._problem and t_ns - self._heard_ns > _SILENCE_NS:
             self._drop(f"silent for {_SILENCE_NS // _S} s")
 
@@ -277,7 +310,7 @@ class Connection(ClientHost):
                 elif message is not None and self._peers.take(came_ns, message, source):
                     self._port.prefer(source)
                     self._deliver(t_ns, message)
-        self._changed.notify_all()
+        self._announce()
 
     def _deliver(self, t_ns: int, message: Message) -> None:
         self._tell(lambda: self._client.receive(t_ns, message))

@@ -206,8 +206,15 @@ class FlightProgress(NamedTuple):
             repetition=loaded.repetition if loaded else 0,
             distance_left_m=distance,
             time_left_s=seconds,
-            message=self.message if self.watch.known(t_ns, self.age_limit_ns) else _SILENT,
+            message=self._words(t_ns),
         )
+
+    def level(self, t_ns: int) -> Tuple[MissionPhase, int, int, str]:
+        """Return what is told at once when it changes; asked for often, it computes no distance."""
+        return self.phase, self._waypoint(), self.flight.waypoints, self._words(t_ns)
+
+    def _words(self, t_ns: int) -> str:
+        return self.message if self.watch.known(t_ns, self.age_limit_ns) else _SILENT
 
     def _waypoint(self) -> int:
         """Return the waypoint it flies to, from 1; after the landing the last one that was reached."""

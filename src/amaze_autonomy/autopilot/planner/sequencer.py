@@ -495,7 +495,14 @@ class Sequencer:
 
     def status(self, t_ns: int) -> MissionStatus:
         """Return what is to be known of it, level-based."""
-        progress = FlightProgress(
+        return self._progress().status(t_ns, self._loaded)
+
+    def level(self, t_ns: int) -> Tuple[object, ...]:
+        """Return what of its status is told at once when it changes."""
+        return (*self._progress().level(t_ns), self._loaded)
+
+    def _progress(self) -> FlightProgress:
+        return FlightProgress(
             watch=self.watch,
             age_limit_ns=self._spec.vehicle_age_limit_ns,
             model=self._settings.model,
@@ -505,7 +512,6 @@ class Sequencer:
             phase=self._phase,
             message=self._message,
         )
-        return progress.status(t_ns, self._loaded)
 
 
 # --- admission --------------------------------------------------------------------------------------------------------

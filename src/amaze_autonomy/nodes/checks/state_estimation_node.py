@@ -36,8 +36,9 @@ from ...ros.errors import CallError
 from ...ros.interface import check_row, number
 from ...ros.node_main import Startup, run_node
 from ...ros.service_client import ServiceClient
+from ...ros.topic_reader import TopicReader, take_messages
 from .diagnostics import CheckDiagnostics
-from .landing_detection_node import ESTIMATE_MESSAGES
+from .landing_detection_node import ESTIMATE_MESSAGES, SLICE_S
 
 # --- the estimator that must be told to begin -------------------------------------------------------------------------
 
@@ -132,8 +133,8 @@ class Estimator:
 
 
 _NOTHING = float("nan")
-_QUEUE = 50
-_PERIOD_S = 1.0
+_PERIOD_NS = 1_000_000_000
+_LONGEST_WAIT_S = 0.5
 
 
 class StateEstimationNode:
@@ -148,7 +149,8 @@ class StateEstimationNode:
         self._clock, self._spec = clock, configuration.state_estimation
         self._monitor = StateEstimationMonitor(self._spec)
         self._read = estimate_reader(self._spec.source)
-        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._lock, self._ended = threading.Lock(), False
+        self._reader = TopicReader(SLICE_S)
         self._startup = Startup(configuration, clock)
         self._estimator = Estimator(configuration, clock, self._forget)
         self._diagnostics = CheckDiagnostics("state estimation", clock)
@@ -190,18 +192,23 @@ class StateEstimationNode:
         """Listen until `end`."""
         spec = self._spec
         if spec.topic:
-            kind = ESTIMATE_MESSAGES[spec.source]
-            rospy.Subscriber(spec.topic, kind, self._take_estimate, queue_size=_QUEUE, tcp_nodelay=True)
+            take_messages(spec.topic, ESTIMATE_MESSAGES[spec.source], self._reader, self._take_estimate)
         if spec.imu_topic:
-            rospy.Subscriber(spec.imu_topic, Imu, self._take_imu, queue_size=_QUEUE, tcp_nodelay=True)
+            take_messages(spec.imu_topic, Imu, self._reader, self._take_imu)
         self._estimator.listen()
         rospy.Service("state_estimation/check", srv.CheckState, self._check)
-        while not self._ended.wait(_PERIOD_S):
-            self._diagnostics.publish(self._clock.now_ns(), self._verdict().checks)
+        due_ns = self._clock.now_ns() + _PERIOD_NS
+        while not self._ended:
+            self._reader.wait(min(_LONGEST_WAIT_S, self._clock.wall_wait_s(due_ns)))
+            now_ns = self._clock.now_ns()
+            if now_ns >= due_ns:
+                due_ns = now_ns + _PERIOD_NS
+                self._diagnostics.publish(now_ns, self._verdict().checks)
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
-        self._ended.set()
+        self._ended = True
+        self._reader.wake()
 
 
 def main() -> int:

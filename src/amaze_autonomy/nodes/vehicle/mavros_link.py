@@ -141,7 +141,7 @@ class MavrosLink(ClientHost):
             self._frames += 1
             for made in self._made(source, message):
                 self._give(made)
-            self._changed.notify_all()
+            self._announce()
 
     def _made(self, source: Source, message: Any) -> Iterable[Message]:
         if source is WAYPOINTS:
@@ -172,7 +172,7 @@ class MavrosLink(ClientHost):
         while not self._ended.wait(_WAKE_S):
             with self._changed:
                 self._tell(lambda: self._client.wake(self._now_ns()))
-                self._changed.notify_all()
+                self._announce()
 
     def _transmit(self, messages: Iterable[Message]) -> None:
         """Send messages; what the mission answers at once makes the client say more."""
@@ -226,7 +226,7 @@ class MavrosLink(ClientHost):
             with self._changed:
                 for message in self._answers(request, answer):
                     self._give(message)
-                self._changed.notify_all()
+                self._announce()
 
     def _call(self, request: Request) -> Any:
         """Return what a service answers; None: nothing."""

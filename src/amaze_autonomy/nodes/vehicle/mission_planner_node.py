@@ -72,7 +72,7 @@ class MissionPlannerNode:
         self._autopilot = autopilot
         self._link: Link = make_link(autopilot, autopilot.planner_link, self.planner, PLANNER_MESSAGES, clock)
         period_ns = round(_S / configuration.streams.planner_status_rate_hz)
-        self._loop = LevelLoop(self._link, clock, period_ns, lambda t_ns: _key(self.planner.status(t_ns)), self._tell)
+        self._loop = LevelLoop(self._link, clock, period_ns, self.planner.level, self._tell)
         self._publisher = rospy.Publisher(
             "mission_planner/status", msg.MissionStatus, queue_size=_QUEUE, tcp_nodelay=True
         )
@@ -200,12 +200,6 @@ class MissionPlannerNode:
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
         self._loop.end()
-
-
-def _key(status: MissionStatus) -> Tuple[Any, ...]:
-    """Return what is told at once when it changes."""
-    loaded = (status.session_id, status.mission_id, status.file_index, status.repetition, status.waypoints)
-    return (status.phase, status.waypoint, status.message, *loaded)
 
 
 def main() -> int:

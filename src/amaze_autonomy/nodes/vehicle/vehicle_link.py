@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-import time
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, Callable, Iterable, Protocol, Sequence, Tuple, TypeVar
 
 import rospy
@@ -29,6 +29,9 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Close it."""
+
+    def observe(self, key: Callable[[int], Any], on_change: Callable[[], None]) -> None:
+        """Call a function soon after what a key of the client says has changed."""
 
     def ask(self, question: Callable[[int], Tuple[T, Sequence[Message]]]) -> T:
         """Call a function of the client under the link's lock, send what it returns."""
@@ -107,13 +110,8 @@ def make_link(
 # Tells a level at its rate, and at once when it changes: the loop of the autopilot node and of the planner.
 
 
-_LOOK_S = 0.02
-
-
 class LevelLoop:
-    """Tells a level: at its rate, and within 20 ms when it changes.
-
-    It looks 50 times a second: a look at each message of the vehicle, a hundred in a second, costs as much as all else.
+    """Tells a level: at its rate, and when it changes.
 
     Args:
         link: on which changes come.
@@ -126,21 +124,33 @@ class LevelLoop:
     def __init__(
         self, link: Link, clock: Clock, period_ns: int, key: Callable[[int], Any], tell: Callable[[int], None]
     ) -> None:
-        self._link, self._clock, self._period_ns, self._key, self._tell = link, clock, period_ns, key, tell
+        self._clock, self._period_ns, self._tell = clock, period_ns, tell
+        self._news: SimpleQueue[None] = SimpleQueue()  # its `put` may be called by a signal handler
         self.ended = False
+        link.observe(key, self._wake)
 
     def run(self) -> None:
         """Tell until `end`."""
-        said: Any = None
-        due_ns = 0
+        due_ns = self._clock.now_ns()
         while not self.ended:
-            now_ns = self._clock.now_ns()
-            key = self._link.ask(lambda t_ns: (self._key(t_ns), ()))
-            if now_ns >= due_ns or key != said:
-                said, due_ns = key, now_ns + self._period_ns
+            changed, now_ns = self._wait(due_ns), self._clock.now_ns()
+            if changed or now_ns >= due_ns:
+                due_ns = now_ns + self._period_ns
                 self._tell(now_ns)
-            time.sleep(min(_LOOK_S, self._clock.wall_wait_s(due_ns)))
+
+    def _wait(self, due_ns: int) -> bool:
+        """Wait until something has changed, at most until it is due; return whether it has."""
+        try:
+            self._news.get(timeout=self._clock.wall_wait_s(due_ns))
+        except Empty:
+            return False
+        return True
+
+    def _wake(self) -> None:
+        if self._news.empty():
+            self._news.put(None)
 
     def end(self) -> None:
         """End; from any thread and from signal handlers."""
         self.ended = True
+        self._wake()
