@@ -163,9 +163,11 @@ def test_an_unknown_landed_state_says_nothing_of_a_flight_that_seems_over(place)
     """Found by steps from states that nobody has reached: it was forgotten that the vehicle had come down."""
     story = at(place)
     flight = replace(story.state.flight, active=False, grounded_ns=story.now)
-    story.state = replace(story.state, flight=flight)
+    landing = replace(story.state.landing, disarm_sent_ns=story.now)
+    story.state = replace(story.state, flight=flight, landing=landing)
     story.say(armed=True, landed=ev.VehicleLanded.UNKNOWN)
     assert story.state.flight.grounded_ns == flight.grounded_ns
+    assert story.state.landing.disarm_sent_ns is None, "what was sent before says nothing of the next contact"
     story.say(armed=True, landed=ev.VehicleLanded.IN_AIR)
     assert story.state.flight.grounded_ns is None
 

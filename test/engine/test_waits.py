@@ -384,6 +384,13 @@ def test_every_wait_of_the_engine_runs_out_here():
     assert sorted(wait.timer for wait in WAITS) == sorted(timer.name for timer in timers.TIMERS)
 
 
+@pytest.mark.parametrize("place", ["PREFLIGHT", "READY", "DATA_CLEANUP"])
+def test_the_engine_is_not_woken_for_a_silence_that_leaves_nothing_in_doubt(place):
+    story = at(place)
+    assert story.state.peers.autopilot_ns is not None
+    assert timers.time_of("takeover_silent", story.state, story.rules) is None
+
+
 # --- nothing waits for ever -------------------------------------------------------------------------------------------
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
+from math import inf, nan
+from typing import Tuple
 
 import pytest
 
@@ -64,3 +67,17 @@ def test_a_bundle_of_another_version_of_a_class_is_refused():
     del columns["mode"]
     with pytest.raises(ValueError, match=r"^no bundle of AutopilotStatus$"):
         unbundled(AutopilotStatus, json.dumps(columns))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A class whose number need not be one, as no event's is."""
+
+    value: float
+    values: Tuple[float, ...] = ()
+
+
+@pytest.mark.parametrize("wrong", [Measured(nan), Measured(0.0, (inf,))])
+def test_what_is_no_number_is_not_written(wrong):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        bundled([Measured(0.0), wrong])

@@ -17,6 +17,7 @@ from amaze_autonomy.engine.events import (
     PlatformRecording,
     RecordingPhase,
     RecordingStatus,
+    Tick,
     UserCommand,
     VehicleLanded,
     Verdict,
@@ -41,6 +42,7 @@ from amaze_autonomy.journal.report import (
     OperatorMessage,
     Telemetry,
     computer_rows,
+    end_on_the_way,
     limit_words,
     report,
 )
@@ -300,3 +302,23 @@ def test_eight_hours_of_messages_do_not_grow():
         log.take(second * S, (say(f"{second} s"),))
     kept = log.after(0)
     assert (len(kept), kept[0].number, kept[-1].number) == (MessageLog.MOST, 28_601, 28_800)
+
+
+# --- the end of a mission with another one in the queue ---
+
+
+NEXT = Mission(id="1")
+
+
+@pytest.mark.parametrize("queue", [(), (NEXT,)])
+def test_an_end_on_the_way_is_that_of_a_mission_with_another_one_in_the_queue(queue):
+    """One event ended it and began the next; with nothing in the queue its end is a state of its own."""
+    session = Session(id="first", mission=NEXT)
+    before = EngineState(t_ns=T, state=State.MISSION_ENDED, session=session, queue=queue)
+    began = replace(before, session=replace(session, id="second"), queue=())
+    found = end_on_the_way(before, Tick(t_ns=T), began, Rules())
+    assert (found is not None) == bool(queue)
+    if found is not None:
+        assert (found.session.id, found.queue) == ("first", queue)
+    assert end_on_the_way(before, Tick(t_ns=T), before, Rules()) is None
+    assert end_on_the_way(replace(before, session=Session()), Tick(t_ns=T), began, Rules()) is None

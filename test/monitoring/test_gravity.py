@@ -109,19 +109,20 @@ def test_a_tilt_by_no_angles_is_none(roll: float, pitch: float):
     assert isnan(tilt_of_rpy(roll, pitch))
 
 
-def lasting(*tilts_rad: float, period_ns: int = S // 10) -> List[Optional[float]]:
+def lasting(*tilts_rad: float, period_ns: int = S // 10, start_ns: int = 0) -> List[Optional[float]]:
     """Return what lasts after each of the samples."""
     tilt, said = LastingTilt(2 * S), []
     for number, tilt_rad in enumerate(tilts_rad):
-        tilt.add(number * period_ns, tilt_rad)
-        said.append(tilt.tilt_rad(number * period_ns))
+        tilt.add(start_ns + number * period_ns, tilt_rad)
+        said.append(tilt.tilt_rad(start_ns + number * period_ns))
     return said
 
 
-def test_a_tilt_counts_when_it_has_lasted_for_three_tenths_of_a_second():
+@pytest.mark.parametrize("start_ns", [0, 2**29 - S // 10, 2**40 - S // 4])
+def test_a_tilt_counts_when_it_has_lasted_for_three_tenths_of_a_second_whatever_the_time(start_ns: int):
     level, over = [0.1] * 4, [1.4, 1.3, 1.4, 1.4]
-    assert lasting(*level, *over) == [None] * 3 + [0.1] * 4 + [1.3]
-    assert lasting(*over, *level)[3:] == [1.3] + [0.1] * 4
+    assert lasting(*level, *over, start_ns=start_ns) == [None] * 3 + [0.1] * 4 + [1.3]
+    assert lasting(*over, *level, start_ns=start_ns)[3:] == [1.3] + [0.1] * 4
 
 
 def test_three_tenths_of_a_second_are_no_less():
@@ -188,6 +189,11 @@ def test_a_unit_is_recognised_when_the_magnitude_is_off_by_less_than_a_fifth(uni
     assert said == [False, True, True, False]
 
 
+def test_what_is_too_little_for_milli_g_may_be_cm_s2():
+    said = [likely_mistake(part * 100 * G, G) for part in (0.7995, 0.8005)]
+    assert ["like cm/s^2:" in words for words in said] == [False, True]
+
+
 def test_the_window_holds_means_and_spread():
     window = GravityWindow(2 * S)
     for index in range(400):
@@ -203,6 +209,15 @@ def test_what_is_older_than_the_window_does_not_count():
     window.add(2 * S, (0.0, 0.0, G))
     assert window.statistics(2 * S, S) == ImuStatistics(1, (0.0, 0.0, G), pytest.approx(0.0), None)
     assert window.statistics(10 * S, S) is None
+
+
+def test_what_is_older_than_the_window_is_not_kept():
+    window = GravityWindow(S)
+    for number in range(1000):
+        window.add(number * S // 100, (0.0, 0.0, G))
+    kept = window.statistics(10 * S, 10 * S)
+    assert kept is not None
+    assert 100 <= kept.samples <= 110
 
 
 @pytest.mark.parametrize("bad", [nan, inf, -inf, 1e200])

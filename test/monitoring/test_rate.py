@@ -252,6 +252,15 @@ def test_a_topic_that_stops_with_a_jump_backwards_is_still_seen():
     assert monitor.evaluate(due_ns).level is Level.FAILED
 
 
+def test_up_to_two_periods_late_moves_nothing_and_more_is_time_that_jumped():
+    monitor = running(30.0)
+    last_ns = monitor.evaluate(20 * S).changes_at_ns - monitor.spec.silence_limit_ns - 1
+    late_ns = last_ns - 2 * monitor.spec.period_ns
+    for came_ns, counts_ns in ((late_ns, last_ns), (late_ns - 1, late_ns - 1)):
+        monitor.add(came_ns)
+        assert monitor.evaluate(came_ns).changes_at_ns == counts_ns + monitor.spec.silence_limit_ns + 1
+
+
 def test_late_and_empty_batches_are_harmless():
     monitor = running(30.0)
     before = monitor.evaluate(20 * S)

@@ -32,6 +32,14 @@ def test_nothing_is_sent_before_the_start():
     assert Streams(Watchdog(SPECS)).poll(S) == (None, None)
 
 
+def test_both_streams_begin_with_the_start():
+    streams = Streams(Watchdog(SPECS))
+    streams._watchdog.start(0)
+    action, info = streams.poll(0)
+    assert action is not None
+    assert info is not None
+
+
 def test_action_is_the_heartbeat_five_times_a_second_and_info_comes_once():
     streams = running()
     watchdog = streams._watchdog
