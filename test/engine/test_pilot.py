@@ -28,6 +28,15 @@ TAKEOVERS = {
 }
 
 
+def test_what_was_told_of_a_suspicion_is_forgotten_in_the_pilots_hands():
+    """So that the next one of the same flight is told again."""
+    story = at("MISSION flying")
+    story.say(pilot_in_control=True).after(0.2)
+    assert story.state.flight.takeover_noted
+    story.until("PILOT", limit_s=1.0)
+    assert not story.state.flight.takeover_noted
+
+
 @pytest.mark.parametrize("claims", TAKEOVERS.values(), ids=TAKEOVERS)
 @pytest.mark.parametrize("place", IN_FLIGHT)
 def test_takeover_in_every_phase_stops_commanding(place, claims):

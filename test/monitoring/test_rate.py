@@ -261,6 +261,13 @@ def test_up_to_two_periods_late_moves_nothing_and_more_is_time_that_jumped():
         assert monitor.evaluate(came_ns).changes_at_ns == counts_ns + monitor.spec.silence_limit_ns + 1
 
 
+def test_messages_are_counted_in_parts_of_the_window_or_of_half_a_period():
+    fast, slow = TopicSpec("/t", 200.0), TopicSpec("/t", 10.0)
+    assert RateMonitor(fast).bucket_ns == fast.rate_window_ns // 8 >= 2 * fast.period_ns
+    assert slow.rate_window_ns // 8 < 2 * slow.period_ns
+    assert RateMonitor(slow).bucket_ns == slow.period_ns // 2
+
+
 def test_late_and_empty_batches_are_harmless():
     monitor = running(30.0)
     before = monitor.evaluate(20 * S)

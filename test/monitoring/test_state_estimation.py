@@ -165,6 +165,11 @@ def test_each_fault_of_an_estimate_fails_its_row(changes: Dict[str, tuple], row:
     assert rows[row].advice.startswith(words)
 
 
+def test_of_numbers_that_are_none_not_one_is_allowed():
+    row = failed(on_the_pad(LEVEL._replace(velocity=(inf, 0.0, nan))).check(NOW))["estimate finite"]
+    assert (row.value, row.limit, row.unit) == (2.0, 0.0, "numbers")
+
+
 @pytest.mark.parametrize("variance", [None, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)])
 @pytest.mark.parametrize("required", [False, True])
 def test_an_estimate_without_covariance_is_a_warning_unless_it_is_required(variance: Optional[tuple], required: bool):  # noqa: FBT001
