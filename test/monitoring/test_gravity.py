@@ -212,10 +212,10 @@ def test_what_is_older_than_the_window_does_not_count():
 
 
 def test_what_is_older_than_the_window_is_not_kept():
-    window = GravityWindow(S)
+    window, begin_ns = GravityWindow(S), 3600 * S
     for number in range(1000):
-        window.add(number * S // 100, (0.0, 0.0, G))
-    kept = window.statistics(10 * S, 10 * S)
+        window.add(begin_ns + number * S // 100, (0.0, 0.0, G))
+    kept = window.statistics(begin_ns + 10 * S, 10 * S)
     assert kept is not None
     assert 100 <= kept.samples <= 110
 
