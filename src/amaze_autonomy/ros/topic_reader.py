@@ -3,7 +3,7 @@
 rospy has a thread per connection, copies every message twice and hands it to Python: 65 us for a small message, 250 to
 500 us for a picture of 300 kB. What only needs counting needs the four bytes of its length. Here one `epoll` waits for
 all connections, and the kernel throws the rest of a message away (`MSG_TRUNC`, tcp(7)) without copying it anywhere.
-What is taken whole at 100 Hz wakes one thread 50 times a second, or 20, and not one for each message.
+What is taken whole wakes the thread once for all that came within a slice, not once for each message.
 
 TCPROS after its handshake is a sequence of: length (uint32, little endian), message (http://wiki.ros.org/ROS/TCPROS).
 """
