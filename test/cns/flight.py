@@ -179,7 +179,7 @@ class Flight:
         if service.peer not in self.peers:
             self.world.handle(self.t_ns, command)
             return
-        reply = self.peers[service.peer].answer(self.t_ns, command)
+        reply = self.peers[service.peer].carry_out(self.t_ns, service, command)
         self._send(self.t_ns, service.peer)
         if reply is not None:
             self._take(reply)

@@ -12,11 +12,13 @@ from flight import Flight, S
 from stand_ins import ABORT, ARM, DEFECT, DISARM, ERROR, HOLD, LAND, RESUME, TAKEOFF, Watchdog, namespace
 
 from amaze_autonomy.cns.importer import import_folder
+from amaze_autonomy.cns.peers import Recorder
 from amaze_autonomy.cns.sequencer import Bounds, Sequencer
 from amaze_autonomy.config import load_configuration
-from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCommand
-from amaze_autonomy.engine.events import MissionPhase, Outcome, UserCommand
+from amaze_autonomy.engine.commands import LoadMission, MissionAction, MissionCommand, RunCheck
+from amaze_autonomy.engine.events import CheckName, MissionPhase, Outcome, UserCommand, Verdict
 from amaze_autonomy.engine.state import Result, State
+from amaze_autonomy.interface.tables import Service
 from amaze_autonomy.missions import Frame, Trajectory, Waypoint
 
 P = MissionPhase
@@ -449,3 +451,18 @@ def test_bounds_are_of_what_is_ahead_and_left(configuration):
     turned = Turned(configuration, (15, 15, 2, 0, 1))  # on the diagonal, 21.2 m ahead
     turned.planner.turn(0, radians(45))
     assert turned.load().message.startswith("waypoint 1: x is 21.21 m from its start")
+
+
+# --- checks that it does not make -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("optional", [False, True])
+def test_a_check_that_its_stack_does_not_make_is_told_so_and_passes_only_where_it_is_optional(optional):
+    service = Service("data_recorder/check", "CheckAutopilot", RunCheck, CheckName.BATTERY, "ok", optional=optional)
+    command = RunCheck(id=7, limit_ns=S, check=CheckName.BATTERY)
+    reply = Recorder({"main": "~"}, S, S, 2.0).carry_out(S, service, command)
+    assert (reply.command_id, reply.check, reply.ok) == (7, CheckName.BATTERY, optional)
+    assert [(row.name, row.verdict) for row in reply.checks] == [
+        ("battery", Verdict.WARN if optional else Verdict.UNKNOWN)
+    ]
+    assert reply.checks[0].advice == "the CNS Flight Stack has no such check"

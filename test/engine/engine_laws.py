@@ -13,7 +13,7 @@ from amaze_autonomy.engine import decide as engine
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine import timers
 from amaze_autonomy.engine.commands import Answer, Decision, Notify, Request, StopRecording
-from amaze_autonomy.engine.events import CheckName, Landed, MissionPhase, Outcome, RecordingPhase, VehicleLanded
+from amaze_autonomy.engine.events import Landed, MissionPhase, Outcome, RecordingPhase, VehicleLanded, checks_of
 from amaze_autonomy.engine.rules import Code
 from amaze_autonomy.engine.state import DataResult, EngineState, State
 
@@ -183,7 +183,7 @@ def _takeoff(before: EngineState, after: EngineState, motions: List[str], story:
     limits, now = story.rules.limits, after.t_ns
     assert motions == ["TAKEOFF"], "nothing else is commanded with it"
     assert before.state in (State.LOAD_MISSION, State.MISSION)
-    assert [r.check for r in after.preflight.checks] == list(CheckName)
+    assert [r.check for r in after.preflight.checks] == list(checks_of(story.rules))
     for record in after.preflight.checks:
         assert record.ok, record
         assert record.outcome is Outcome.ACCEPTED

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from engine_beginnings import at
-from engine_peers import COMPONENTS, MISSION, SHIPPED, S
+from engine_peers import CHECKS, COMPONENTS, MISSION, SHIPPED, S
 from engine_story import Story
 
 from amaze_autonomy.engine import decide as engine
@@ -17,26 +17,30 @@ from amaze_autonomy.engine.events import Check, CheckName, Mission, Verdict
 from amaze_autonomy.engine.rules import Code, Rules
 from amaze_autonomy.engine.state import State, put
 
-ORDER = ["watchdog", "battery", "autopilot", "on_ground", "state_estimation"]
-
-
 # --- the checks -------------------------------------------------------------------------------------------------------
 
 
 def test_all_checks_are_asked_in_their_order():
     story = at("MISSION_INPUT").select()
     asked = [c for c in story.since if isinstance(c, RunCheck)]
-    assert [c.check.value for c in asked] == ORDER
+    assert [c.check.value for c in asked] == list(CHECKS)
     assert [c.startup_time_ns // S for c in asked] == [10, 0, 0, 0, 0]
     assert [c.limit_ns // S for c in asked] == [13, 3, 3, 3, 3]
     assert [c.required_fraction for c in asked] == [None, 0.4, None, None, None]
     assert [c.mission_id for c in asked] == ["1"] * 5
 
 
+def test_those_that_the_rules_name_are_asked_and_enough():
+    story = Story(replace(SHIPPED, checks=("watchdog", "battery", "on_ground")), MISSION).start().after(0.5).select()
+    assert [c.check.value for c in story.since if isinstance(c, RunCheck)] == ["watchdog", "battery", "on_ground"]
+    story.until("MISSION_ENDED")
+    assert story.state.session.result.value == "COMPLETE"
+
+
 def test_the_watchdog_alone_is_told_which_components_the_mission_requires():
     story = Story(SHIPPED, Mission(id="1", required=("gps", "lrf"))).start().after(0.5).select()
     asked = {c.check.value: c.required for c in story.since if isinstance(c, RunCheck)}
-    assert asked == {**dict.fromkeys(ORDER, ()), "watchdog": ("gps", "lrf")}
+    assert asked == {**dict.fromkeys(CHECKS, ()), "watchdog": ("gps", "lrf")}
 
 
 def test_the_second_start_of_the_watchdog_is_answered_at_once():
@@ -45,19 +49,19 @@ def test_the_second_start_of_the_watchdog_is_answered_at_once():
     assert [(c.startup_time_ns, c.limit_ns // S) for c in asked] == [(0, 3)] * 5
 
 
-@pytest.mark.parametrize("check", ORDER)
+@pytest.mark.parametrize("check", CHECKS)
 def test_each_failed_check_calls_for_a_person_and_all_are_shown(check):
     story = at("MISSION_INPUT")
     story.check_says[check] = {"ok": False, "message": f"{check} is bad"}
     story.select().after(0.3).expect("OUTREACH")
-    assert [r.check.value for r in story.state.preflight.checks] == ORDER
+    assert [r.check.value for r in story.state.preflight.checks] == list(CHECKS)
     assert [r.check.value for r in story.state.preflight.checks if not r.ok] == [check]
     assert all(r.rows for r in story.state.preflight.checks)
     assert f"{check} is bad" in story.state.shown.text
     assert story.motions == []
 
 
-@pytest.mark.parametrize("check", ORDER)
+@pytest.mark.parametrize("check", CHECKS)
 def test_each_silent_check_runs_out(check):
     story = at("MISSION_INPUT")
     story.answers[f"check:{check}"] = None
@@ -67,14 +71,14 @@ def test_each_silent_check_runs_out(check):
     assert f"the {check} check got no answer in time" in story.state.shown.text
 
 
-@pytest.mark.parametrize("check", ORDER)
+@pytest.mark.parametrize("check", CHECKS)
 def test_a_check_with_a_limit_of_its_own_is_waited_for_so_long_and_the_others_are_not(check):
     story = Story(replace(SHIPPED, reply_limits_ns=((check, 7 * S),))).start().after(0.5)
     story.answers[f"check:{check}"] = None
     story.select()
     startup_s = {"watchdog": 10}
     asked = {c.check.value: c.limit_ns // S for c in story.since if isinstance(c, RunCheck)}
-    assert asked == {each: (7 if each == check else 3) + startup_s.get(each, 0) for each in ORDER}
+    assert asked == {each: (7 if each == check else 3) + startup_s.get(each, 0) for each in CHECKS}
     story.after_ns((7 + startup_s.get(check, 0)) * S - 1).expect("PREFLIGHT")
     story.after_ns(1).expect("OUTREACH")
     assert f"the {check} check got no answer in time" in story.state.shown.text
@@ -93,7 +97,7 @@ def test_a_watchdog_that_has_never_beaten_is_no_takeoff_however_patient_the_limi
 def test_checks_run_out_although_another_answer_comes_before_the_engine_is_woken():
     """An answer that comes late closes the others: their limit is over, nobody would wake the engine for it again."""
     story = at("MISSION_INPUT")
-    for check in ORDER:
+    for check in CHECKS:
         story.answers[f"check:{check}"] = None
     story.select()
     asked = {r.check: r.command_id for r in story.state.preflight.checks}
@@ -108,7 +112,7 @@ def test_checks_run_out_although_another_answer_comes_before_the_engine_is_woken
     assert state.state is State.OUTREACH
 
 
-@pytest.mark.parametrize("check", ORDER)
+@pytest.mark.parametrize("check", CHECKS)
 def test_retry_after_it_was_mended_flies(check):
     story = at("MISSION_INPUT")
     story.check_says[check] = {"ok": False}
@@ -361,9 +365,9 @@ def test_checks_one_nanosecond_older_do_not():
     story.expect("PREFLIGHT")
 
 
-@pytest.mark.parametrize("check", ORDER)
+@pytest.mark.parametrize("check", CHECKS)
 def test_a_check_with_an_age_of_its_own_is_good_for_so_long_and_the_others_are_not(check):
-    longer = tuple((each, 5 * S) for each in ORDER if each != check)
+    longer = tuple((each, 5 * S) for each in CHECKS if each != check)
     for own, motions in ((longer, []), ((*longer, (check, 5 * S)), ["TAKEOFF"])):
         story = _waiting_to_load(4.0, max_ages_ns=own)
         (replied_ns,) = (r.replied_ns for r in story.state.preflight.checks if r.check.value == check)

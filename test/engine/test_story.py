@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 from engine_beginnings import BEGINNINGS, at
+from engine_peers import CHECKS
 from engine_story import Story
 
 
 def test_a_nominal_mission_from_selection_to_its_end():
     story = Story().start().after(0.5).select().until("MISSION_ENDED")
-    checks = [f"check:{name}" for name in ("watchdog", "battery", "autopilot", "on_ground", "state_estimation")]
+    checks = [f"check:{name}" for name in CHECKS]
     assert story.requests == [*checks, "StartRecording", "LoadMission", *checks, "TAKEOFF", "StopRecording"]
     assert story.told == [
         "preflight",

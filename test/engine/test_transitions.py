@@ -11,7 +11,7 @@ from typing import Callable, NamedTuple, Tuple
 
 import pytest
 from engine_beginnings import BEGINNINGS, at
-from engine_peers import MISSION, SHIPPED, S
+from engine_peers import CHECKS, MISSION, SHIPPED, S
 from engine_story import Story
 from expected_values import VALUES
 
@@ -21,7 +21,7 @@ from amaze_autonomy.engine.commands import Value
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.rules import Severity
 
-CHECKS = ("check:watchdog", "check:battery", "check:autopilot", "check:on_ground", "check:state_estimation")
+ASKED = tuple(f"check:{name}" for name in CHECKS)
 GROUND, AIR, LANDING = ev.VehicleLanded.ON_GROUND, ev.VehicleLanded.IN_AIR, ev.VehicleLanded.LANDING
 UNKNOWN = ev.VehicleLanded.UNKNOWN
 REFUSED, ACCEPTED = ev.Outcome.REFUSED, ev.Outcome.ACCEPTED
@@ -280,7 +280,7 @@ ROWS = (
         "two files",
         lambda story: story.until("MISSION", "touchdown"),
         "MISSION touchdown",
-        ("LoadMission", *CHECKS),
+        ("LoadMission", *ASKED),
         "touchdown",
     ),
     Row("landed", "LAND descending", waits(4.0), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
@@ -466,13 +466,13 @@ ROWS = (
         "resumed_flight",
     ),
     # the way of a nominal mission
-    Row("mission_selected", "MISSION_INPUT", lambda story: story.select(), "PREFLIGHT", CHECKS, "preflight"),
+    Row("mission_selected", "MISSION_INPUT", lambda story: story.select(), "PREFLIGHT", ASKED, "preflight"),
     Row(
         "next_mission",
         "MISSION_INPUT",
         lambda story: (mission_of_two_is_flown(story), story.after(0.0)),
         "PREFLIGHT",
-        CHECKS,
+        ASKED,
         "preflight",
     ),
     Row("user_give_up_before_recording", "PREFLIGHT", user("give_up"), "MISSION_INPUT", (), "mission_input"),
@@ -493,12 +493,12 @@ ROWS = (
         "MISSION_INPUT",
         selects_and_fails("watchdog", fixable=True, being_fixed=True),
         "PREFLIGHT",
-        CHECKS,
+        ASKED,
         "preflight_fixing",
     ),
-    Row("checks_asked_again", "MISSION_INPUT", watchdog_answers_late(11.0), "PREFLIGHT", CHECKS),
+    Row("checks_asked_again", "MISSION_INPUT", watchdog_answers_late(11.0), "PREFLIGHT", ASKED),
     Row("checks_too_old", "MISSION_INPUT", watchdog_answers_late(11.0, 15.0, 16.0), "OUTREACH", (), "checks_failed"),
-    Row("ready_revoked", "START_RECORDING", fails("gps", 2), "PREFLIGHT", CHECKS, "ready_revoked"),
+    Row("ready_revoked", "START_RECORDING", fails("gps", 2), "PREFLIGHT", ASKED, "ready_revoked"),
     Row("go", "READY", user("go"), "START_RECORDING", ("StartRecording",), "start_recording"),
     Row(
         "go_not_required",
@@ -508,9 +508,9 @@ ROWS = (
         ("StartRecording",),
         "start_recording",
     ),
-    Row("ready_too_old", "READY", waits(60.0), "PREFLIGHT", CHECKS, "ready_old"),
+    Row("ready_too_old", "READY", waits(60.0), "PREFLIGHT", ASKED, "ready_old"),
     Row("recording_refused", "START_RECORDING", refuses("record"), "OUTREACH", (), "recording_refused"),
-    Row("recording_proven", "START_RECORDING", waits(4.0), "LOAD_MISSION", ("LoadMission", *CHECKS), "load_mission"),
+    Row("recording_proven", "START_RECORDING", waits(4.0), "LOAD_MISSION", ("LoadMission", *ASKED), "load_mission"),
     Row(
         "recording_not_proven",
         "START_RECORDING",
@@ -525,7 +525,7 @@ ROWS = (
         "START_RECORDING",
         lambda story: (story.check_says.update(on_ground={"ok": False}), story.after(4.0)),
         "PREFLIGHT",
-        CHECKS,
+        ASKED,
         "check_failed",
     ),
     Row("takeoff", "LOAD_MISSION", loaded_again, "TAKEOFF arming", ("TAKEOFF",), "takeoff"),
@@ -537,7 +537,7 @@ ROWS = (
         (),
         "takeoff_refused",
     ),
-    Row("checks_expired", "LOAD_MISSION", checks_get_old, "PREFLIGHT", CHECKS, "check_failed"),
+    Row("checks_expired", "LOAD_MISSION", checks_get_old, "PREFLIGHT", ASKED, "check_failed"),
     Row("planner_silent", "LOAD_MISSION", waits(10.0), "OUTREACH", (), "planner_refused"),
     Row("user_ends_touchdown", "MISSION touchdown", user("land"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row(
@@ -570,7 +570,7 @@ ROWS = (
     Row("data_limit", "DATA_CLEANUP", recorder("MERGING", 1800.0), "OUTREACH", (), "data_incomplete"),
     Row("retry_data", "OUTREACH data", user("retry"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row("give_up_data", "OUTREACH data", user("give_up"), "MISSION_ENDED", (), "mission_ended_incomplete"),
-    Row("retry", "OUTREACH recorded", user("retry"), "PREFLIGHT", CHECKS, "preflight"),
+    Row("retry", "OUTREACH recorded", user("retry"), "PREFLIGHT", ASKED, "preflight"),
     Row("give_up_unrecorded", "OUTREACH", user("give_up"), "MISSION_INPUT", (), "mission_input"),
     Row("give_up", "OUTREACH recorded", user("give_up"), "DATA_CLEANUP", ("StopRecording",), "data_cleanup"),
     Row("select_next", "MISSION_ENDED", lambda story: story.select(), "MISSION_INPUT"),

@@ -20,6 +20,7 @@ from amaze_autonomy.engine.rules import Code, ComponentRule, Limits, Restart, Ru
 from amaze_autonomy.interface import STATUSES
 from amaze_autonomy.journal import journal
 
+CHECKS = ("watchdog", "battery", "autopilot", "on_ground", "state_estimation")
 EVENT_CLASSES = [
     value
     for name, value in sorted(vars(events).items())
@@ -151,7 +152,26 @@ def test_the_header_carries_the_rules_to_decide_with():
     header = journal.make_header(rules, {"limits": {"max_height_m": 12.5}}, "abc", program="a test")
     line = journal.decode(journal.encode_header(header))
     assert (line.kind, line.payload["hash"], line.payload["program"]) == ("header", "abc", "a test")
-    assert journal.rules_of(line) == rules
+    assert journal.rules_of(line) == replace(rules, checks=CHECKS)
+
+
+def test_a_journal_is_decided_again_with_the_checks_that_there_were_when_it_was_written():
+    """A check that comes later would be asked, never answered, and shift the number of every command."""
+    header = journal.make_header(replace(Rules(), checks=CHECKS[:4]), {}, "abc")
+    line = journal.decode(journal.encode_header(header))
+    assert journal.rules_of(line).checks == CHECKS[:4]
+    assert journal.rules_of(line, Rules(require_go=True)) == Rules(require_go=True, checks=CHECKS[:4])
+    del header["rules"]["checks"]
+    assert journal.rules_of(journal.decode(journal.encode_header(header))).checks == CHECKS
+
+
+def test_a_journal_with_a_check_that_there_is_no_more_is_refused_unless_rules_are_given():
+    header = journal.make_header(Rules(), {}, "abc")
+    header["rules"]["checks"] = ["watchdog", "propellers"]
+    line = journal.decode(journal.encode_header(header))
+    with pytest.raises(journal.JournalError, match=r"rules\.checks: there is no check propellers .*another version"):
+        journal.rules_of(line)
+    assert journal.rules_of(line, Rules(require_go=True)) == Rules(require_go=True)
 
 
 @pytest.mark.parametrize("unwritable", [object(), float("nan")])

@@ -105,6 +105,7 @@ def test_a_failing_scenario_shrinks_to_its_first_different_decision(folder, caps
     text = Path("small.scenario.yaml").read_text()
     assert len(text.splitlines()) < MOST_LINES
     assert "Shrunk from lrf: " in text
+    assert "\nchecks: [watchdog, battery, autopilot, on_ground, state_estimation]\nevents:\n" in text
     capsys.readouterr()
     assert main(["test", "small.scenario.yaml", "--no-goldens"]) == 1
     assert capsys.readouterr().out.startswith("FAIL         small: never rule failure_back")

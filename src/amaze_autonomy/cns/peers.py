@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, ClassVar, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from amaze_autonomy.engine.commands import Request, RunCheck, StartRecording, StopRecording
 from amaze_autonomy.engine.events import (
@@ -35,6 +35,7 @@ from amaze_autonomy.engine.events import (
 )
 from amaze_autonomy.engine.rules import Code, Rules, Severity
 
+from ..interface.tables import Service
 from .tables import UNLISTED, EntityStatus, code_of, component_of
 
 _S = 1_000_000_000
@@ -86,10 +87,20 @@ class Rhythm:
 
 
 class Peer(abc.ABC):
-    """Base of the peers."""
+    """Base of the peers; `makes` is the service of the check that it makes."""
+
+    makes: ClassVar[str] = ""
 
     def __init__(self) -> None:
         self.outbox: List[Union[Call, Publish]] = []
+
+    def carry_out(self, t_ns: int, service: Service, command: Request) -> Optional[Event]:
+        """Return the reply to a command, None: it follows in `step`; of a check that it does not make, say so."""
+        if service.check is None or service.name == self.makes:
+            return self.answer(t_ns, command)
+        verdict = Verdict.WARN if service.optional else Verdict.UNKNOWN
+        row = Check(service.check.value.replace("_", " "), verdict, advice="the CNS Flight Stack has no such check")
+        return replied(command, t_ns, "" if service.optional else row.advice, [row])
 
     @abc.abstractmethod
     def answer(self, t_ns: int, command: Request) -> Optional[Event]:
@@ -131,6 +142,8 @@ class Watchdog(Peer):
         missions: for severities of their own.
         rate_hz: of our action stream.
     """
+
+    makes = "watchdog/start"
 
     def __init__(self, rules: Rules, missions: Sequence[Mission], rate_hz: float) -> None:
         super().__init__()
@@ -343,6 +356,8 @@ class LandingDetection(Peer):
         rate_hz: of our status.
     """
 
+    makes = "landing_detection/check"
+
     def __init__(self, rules: Rules, rate_hz: float) -> None:
         super().__init__()
         reply_ns = rules.reply_limit_ns(CheckName.ON_GROUND.value)
@@ -388,6 +403,8 @@ class StateEstimation(Peer):
     Args:
         rules: limits of the engine; `checks.reply_limits_s.state_estimation` must be longer than its window.
     """
+
+    makes = "state_estimation/check"
 
     def __init__(self, rules: Rules) -> None:
         super().__init__()

@@ -15,7 +15,7 @@ from .commands import (
     StopRecording,
 )
 from .context import Context
-from .events import CHECKS, CheckName, Landed, RecordingPhase
+from .events import CHECKS, CheckName, Landed, RecordingPhase, checks_of
 from .failsafe import flown_without
 from .flight_guards import mission_flown
 from .guards import records
@@ -82,7 +82,7 @@ def run_checks(context: Context) -> None:
     """Ask for all checks, in their order. Rows of the last answers stay in the table until the new ones come."""
     before = {record.check: record for record in context.state.preflight.checks}
     records = []
-    for check in CheckName:
+    for check in checks_of(context.rules):
         request = _request(context, check)
         context.send(request)
         old = before.get(check, CheckRecord(check=check))

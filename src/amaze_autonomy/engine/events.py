@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from math import isfinite, sqrt
 from typing import Any, Dict, Mapping, Optional, Tuple, Type, TypeVar, Union
 
-from .rules import Code, Restart, Severity
+from .rules import Code, Restart, Rules, Severity
 
 # --- checks -----------------------------------------------------------------------------------------------------------
 # The rows of the pre-flight table and the names of the checks that make them.
@@ -51,6 +51,11 @@ CHECKS: Mapping[CheckName, CheckTraits] = {
     CheckName.WATCHDOG: CheckTraits(("mission_id", "required", "startup_time_ns"), watches=True),
     CheckName.BATTERY: CheckTraits(("required_fraction",)),
 }
+
+
+def checks_of(rules: Rules) -> Tuple[CheckName, ...]:
+    """Return the checks that must pass before a takeoff, in their order."""
+    return tuple(check for check in CheckName if not rules.checks or check.value in rules.checks)
 
 
 class Verdict(enum.Enum):

@@ -11,7 +11,7 @@ from typing import Callable, Optional, Set, Tuple
 
 from .commands import Seen, Value, Values, because
 from .context import Context
-from .events import CHECKS, Check, CheckName, MissionPhase, Outcome, RecordingPhase, UserCommand, Verdict
+from .events import CHECKS, Check, MissionPhase, Outcome, RecordingPhase, UserCommand, Verdict, checks_of
 from .failsafe import FAILSAFE_CONDITIONS, clocks_words, proves_recording, severity_of
 from .rules import SEVERITIES, Action, action_of
 from .state import CheckRecord, ClockApart, OutreachKind, Result, evolve
@@ -272,7 +272,8 @@ def all_checks_passed(context: Context) -> Optional[Seen]:
 def _fresh_answers(context: Context) -> Optional[Seen]:
     """Every check has answered and passed, and no answer is too old."""
     records = context.state.preflight.checks
-    if len(records) < len(CheckName) or not all(record.ok for record in records):
+    asked = len(checks_of(context.rules))
+    if len(records) < asked or not all(record.ok for record in records):
         return None
     ages = [
         (context.now - record.replied_ns, context.rules.max_age_ns(record.check.value))
@@ -280,9 +281,7 @@ def _fresh_answers(context: Context) -> Optional[Seen]:
         if record.replied_ns is not None
     ]
     oldest, limit = max(ages, key=lambda age: age[0] - age[1])
-    return holds_if(
-        len(ages) == len(CheckName) and oldest <= limit, Value("oldest check", oldest / _NS, limit / _NS, "s")
-    )
+    return holds_if(len(ages) == asked and oldest <= limit, Value("oldest check", oldest / _NS, limit / _NS, "s"))
 
 
 def _failed(context: Context) -> Optional[Seen]:

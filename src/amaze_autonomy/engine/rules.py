@@ -273,6 +273,8 @@ class Rules:
         require_go: READY waits for the operator's go.
         reply_limits_ns: checks with a limit of their own in the place of `check_reply_limit_ns`, by their names.
         max_ages_ns: likewise in the place of `check_max_age_ns`.
+        checks: names of those that are asked before a takeoff; empty: every `events.CheckName`. A journal says which there
+            were when it was written, so that a check that comes later changes none of its decisions.
     """
 
     components: Tuple[ComponentRule, ...] = ()
@@ -280,6 +282,7 @@ class Rules:
     require_go: bool = False
     reply_limits_ns: Tuple[Tuple[str, int], ...] = ()
     max_ages_ns: Tuple[Tuple[str, int], ...] = ()
+    checks: Tuple[str, ...] = ()
 
     def reply_limit_ns(self, check: str) -> int:
         """Return the time in which a check must be answered."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, Mapping, Optional, Tuple, Union
 
-from .events import CHECKS, CheckName
+from .events import CHECKS, CheckName, checks_of
 from .failsafe import FAILSAFE_CONDITIONS, Silent
 from .rules import Rules
 from .state import EngineState, FailureKind, State, Step
@@ -67,7 +67,7 @@ def _check_age(state: EngineState, rules: Rules) -> Optional[int]:
 
 def _check_poll(state: EngineState, rules: Rules) -> Optional[int]:
     replied = [r.replied_ns for r in state.preflight.checks if r.replied_ns is not None]
-    return max(replied) + rules.limits.preflight_fix_poll_ns if len(replied) == len(CheckName) else None
+    return max(replied) + rules.limits.preflight_fix_poll_ns if len(replied) == len(checks_of(rules)) else None
 
 
 def _wait(state: EngineState, _: Rules) -> Optional[int]:

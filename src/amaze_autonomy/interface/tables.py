@@ -184,6 +184,8 @@ class Service:
         ok: the field of the answer that says yes.
         answered: fields of the reply that are in the answer, besides `ok`.
         numbers: fields of the answer that people read: the first row of the check in a unit; without one: unknown.
+        optional: where peers of another stack have nobody who makes the check, it passes with a warning; else nothing
+            takes off there.
     """
 
     name: str
@@ -193,6 +195,7 @@ class Service:
     ok: str = "accepted"
     answered: Tuple[str, ...] = ("message",)
     numbers: Mapping[str, str] = field(default_factory=dict)
+    optional: bool = False
 
     @property
     def peer(self) -> str:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from json.encoder import c_make_encoder, encode_basestring_ascii  # type: ignore[attr-defined]
 from math import isfinite
 from struct import pack, unpack
@@ -27,7 +27,7 @@ from zlib import crc32
 
 from ..engine import events as _events
 from ..engine.commands import Decision
-from ..engine.events import Event
+from ..engine.events import Event, checks_of
 from ..engine.rules import Rules
 from .codec import CodecError, Form, form_of, from_plain, to_plain
 
@@ -158,23 +158,46 @@ def make_header(
         configuration_hash: of it.
         about: anything else, e.g. who wrote it, the wall time, the recordings it was made from.
     """
-    return {**about, "configuration": dict(configuration), "hash": configuration_hash, "rules": to_plain(rules)}
+    told = replace(rules, checks=tuple(check.value for check in checks_of(rules)))
+    return {**about, "configuration": dict(configuration), "hash": configuration_hash, "rules": to_plain(told)}
 
 
-def rules_of(line: JournalLine) -> Rules:
-    """Return the rules that a header carries.
+def rules_of(line: JournalLine, given: Optional[Rules] = None) -> Rules:
+    """Return the rules that a journal is decided again by.
+
+    Args:
+        line: its header.
+        given: those of another configuration; None: those that the header carries. Which checks there were when it was
+            written is no matter of configuration, and the header's in any case.
 
     Raises:
-        JournalError: It carries none, or what it carries are no rules.
+        JournalError: It carries none and none are given, or what it carries are no rules.
     """
     header = line.payload
-    if line.kind != "header" or not isinstance(header, dict) or "rules" not in header:
+    known = header.get("rules") if line.kind == "header" and isinstance(header, dict) else None
+    if known is None:
+        if given is not None:
+            return given
         raise JournalError("no rules here", line.line_number, "name a configuration to decide with")
     try:
-        rules: Rules = from_plain(Rules, header["rules"], "rules")
+        carried: Rules = from_plain(Rules, known, "rules")
+        rules = replace(given or carried, checks=_known(carried.checks or _CHECKS_AT_FIRST))
     except CodecError as error:
+        if given is not None:
+            return given
         raise JournalError(str(error), line.line_number, "written by another version") from error
     return rules
+
+
+def _known(checks: Tuple[str, ...]) -> Tuple[str, ...]:
+    unknown = set(checks) - {check.value for check in _events.CheckName}
+    if unknown:
+        raise CodecError("rules.checks", f"there is no check {', '.join(sorted(unknown))}")
+    return checks
+
+
+_CHECKS_AT_FIRST = ("watchdog", "battery", "autopilot", "on_ground", "state_estimation")
+"""Those of every journal that does not name its checks."""
 
 
 def decode(line: str, line_number: int = 1) -> JournalLine:

@@ -22,7 +22,6 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.state import DataResult, Result, State, Step
 
 from .moment import FLIGHT, GROUND, Moment, Verdict, lands, law, shows_landing
-from .witness import CHECKS
 
 A = MissionAction
 
@@ -39,7 +38,7 @@ def _max_age_ns(m: Moment, check: str) -> int:
 def takeoff_needs_fresh_checks(m: Moment) -> Verdict:
     if A.TAKEOFF not in m.motions:
         return None
-    if len(m.saw.checks) != CHECKS or m.saw.load is None:
+    if len(m.saw.checks) != m.checks or m.saw.load is None:
         return f"only {len(m.saw.checks)} checks were asked"
     for name, asked in m.saw.checks:
         if not asked.ok or asked.answered_ns is None:
@@ -114,7 +113,7 @@ def ready_needs_every_check(m: Moment) -> Verdict:
             return f"the {name} check has not passed"
         if m.saw.now - asked.answered_ns > _max_age_ns(m, name):
             return f"the {name} check is too old"
-    return True if len(m.saw.checks) == CHECKS else "not every check was asked"
+    return True if len(m.saw.checks) == m.checks else "not every check was asked"
 
 
 @law("5 READY, LOAD_MISSION", "Ready is revoked when a required component is not at code 1, or tolerated at 2.")

@@ -71,6 +71,11 @@ class Moment:
         return float(getattr(self.rules.limits, name) if own is None else own)
 
     @property
+    def checks(self) -> int:
+        """How many checks must pass before a takeoff."""
+        return len(self.rules.checks or ev.CheckName)
+
+    @property
     def mission(self) -> Optional[Mission]:
         """Return the mission that is flown."""
         return self.after.session.mission if self.after.session.mission is not None else self.before.session.mission

@@ -25,7 +25,6 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.engine.state import EngineState, State, evolve
 
-CHECKS = 5
 _SECOND = 1_000_000_000
 _FLIES = (ev.VehicleLanded.TAKING_OFF, ev.VehicleLanded.IN_AIR, ev.VehicleLanded.LANDING)
 _FLIGHT = (State.TAKEOFF, State.MISSION, State.HOLD, State.LAND, State.PILOT)

@@ -116,8 +116,8 @@ def _take(run: _Run, line: JournalLine, given: Optional[Rules]) -> None:
     elif isinstance(payload, Decision):
         run.decisions += 1
         _match(run, payload)
-    elif given is None:
-        run.rules = rules_of(line)
+    else:
+        run.rules = rules_of(line, given)
 
 
 def _decide(run: _Run, line: JournalLine, event: Event) -> None:
@@ -191,8 +191,8 @@ def check_laws(
     for line in journal.lines:
         if line.kind != "header":
             payloads.append(line.payload)
-        elif rules is None:
-            rules = rules_of(line)
+        else:
+            rules = rules_of(line, rules)
     return _check(payloads, rules or Rules(), truncated=journal.truncated, progress=progress)
 
 

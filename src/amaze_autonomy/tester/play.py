@@ -440,8 +440,9 @@ def _decide_again(case: Case, options: Options, rules: Optional[Rules]) -> Playe
         raise ReplayError(f"{case.journal}: holds several journals; take one of them")
     named = options.configuration or options.overrides or case.configuration is not None or case.overrides
     keys, blind = _decided_keys(case, options, rules)
-    if rules is None:
-        rules = configuration_of(case, options).rules if named else rules_of(journal.lines[0])
+    if rules is None and named:
+        rules = configuration_of(case, options).rules
+    rules = rules_of(journal.lines[0], rules)
     header = journal.lines[0].payload
     lines = _decided((line.payload for line in journal.lines), keys.followed(rules))
     lines = [encode_header(header), *lines] if isinstance(header, dict) else lines
@@ -463,7 +464,8 @@ def _decide_events(case: Case, options: Options, rules: Optional[Rules]) -> Play
     except JournalError as error:
         raise ReplayError(f"{case.path}: events, {error}") from error
     keys, blind = _decided_keys(case, options, rules)
-    lines = _decided(payloads, keys.followed(configuration_of(case, options).rules if rules is None else rules))
+    rules = replace(configuration_of(case, options).rules if rules is None else rules, checks=case.checks)
+    lines = _decided(payloads, keys.followed(rules))
     unread = (*blind, *keys.unread(_not_asked))
     return Played(tuple(lines), trace_of(lines), tuple(map(str, unread)), unread=unread)
 

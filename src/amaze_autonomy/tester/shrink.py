@@ -7,16 +7,16 @@ them is taken out, as long as the engine still makes that decision, with the sam
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Callable, List, Sequence, Tuple
 
 from amaze_autonomy.engine.commands import Decision
 from amaze_autonomy.engine.decide import decide
-from amaze_autonomy.engine.events import EngineStarted, Event
+from amaze_autonomy.engine.events import EngineStarted, Event, checks_of
 from amaze_autonomy.engine.rules import Rules
 from amaze_autonomy.engine.state import EngineState, evolve
 
-from ..journal.journal import decode, encode_event
+from ..journal.journal import decode, encode_event, rules_of
 from ..replay.errors import ReplayError
 from .difference import align, first_difference, key_of
 from .golden import golden_path, read_golden
@@ -60,19 +60,19 @@ def shrink(case: Case, rule: str = "") -> Shrunk:
         wanted = _wanted(case, played.trace.decisions, rule)
     except ReplayError as error:
         raise ReplayError("; ".join([str(error), *played.broken])) from error
-    payloads = [decode(line, number).payload for number, line in enumerate(played.lines, 1)]
+    decoded = [decode(line, number) for number, line in enumerate(played.lines, 1)]
     events: List[Event] = []
-    for payload in payloads:
-        if isinstance(payload, Event):
-            events.append(payload)
-        elif payload == wanted:
+    for line in decoded:
+        if isinstance(line.payload, Event):
+            events.append(line.payload)
+        elif line.payload == wanted:
             break
-    rules = configuration_of(case, Options()).rules
+    rules = rules_of(decoded[0], replace(configuration_of(case, Options()).rules, checks=case.checks))
     wants = _Wants(wanted, rules)
     if not wants(events):
         raise ReplayError(f"{case.path}: the decision by {wanted.rule} depends on more than the events and the rules")
     left = _fewest(_closer(_fewest(events, wants), wants), wants)
-    return Shrunk(tuple(left), wanted, len(events), _written(case, left, wanted))
+    return Shrunk(tuple(left), wanted, len(events), _written(case, left, wanted, rules))
 
 
 def _wanted(case: Case, decisions: Sequence[Decision], rule: str) -> Decision:
@@ -144,7 +144,7 @@ def _closer(events: Sequence[Event], wants: Callable[[Sequence[Event]], bool]) -
     return left
 
 
-def _written(case: Case, events: Sequence[Event], wanted: Decision) -> str:
+def _written(case: Case, events: Sequence[Event], wanted: Decision, rules: Rules) -> str:
     words = f"Shrunk from {case.id}: {wanted.before} -> {wanted.after} by {wanted.rule}"
     lines = ["version: 1", f"description: {json.dumps(words)}"]
     if case.overrides or case.configuration is not None:
@@ -153,7 +153,7 @@ def _written(case: Case, events: Sequence[Event], wanted: Decision) -> str:
             lines.append(f"  folder: {json.dumps(str(case.configuration))}")
         if case.overrides:
             lines += ["  set:", *(f"    {key}: {json.dumps(value)}" for key, value in case.overrides.items())]
-    lines.append("events:")
+    lines += [f"checks: [{', '.join(check.value for check in checks_of(rules))}]", "events:"]
     lines += [f"  - '{encode_event(event)}'" for event in events]
     lines += ["expectations:", f"  - {{expect: never, of: {{rule: {wanted.rule}}}}}"]
     return "".join(f"{line}\n" for line in lines)

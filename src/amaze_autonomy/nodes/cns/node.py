@@ -197,7 +197,7 @@ class CnsPeersNode:
             number, now_ns = self._number, self._clock.now_ns()
             rules = self._configuration.rules
             limit_ns = rules.reply_limit_ns(service.check.value if service.check is not None else "")
-            reply = self._peers[service.peer].answer(now_ns, service.command(request, number, limit_ns))
+            reply = self._peers[service.peer].carry_out(now_ns, service, service.command(request, number, limit_ns))
             self._send(service.peer)
             if reply is None:
                 self._changed.wait_for(lambda: number in self._replies or self._ended, _LONGEST_ANSWER_S)

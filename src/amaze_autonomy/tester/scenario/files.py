@@ -156,6 +156,7 @@ def _case(tree: Entry, path: Path, variant: str) -> Case:
         bags=tuple(Bag(_located(folder, bag["path"]), bag["sha256"] or "") for bag in values.get("bags", ())),
         journal=_beside(folder, values.get("journal")),
         events=tuple(values.get("events", ())),
+        checks=tuple(values.get("checks") or ()),
         from_ns=round(values.get("from_s", 0.0) * _S),
         to_ns=None if values.get("to_s") is None else round(values["to_s"] * _S),
         topic_map=_map(folder, values.get("map")),

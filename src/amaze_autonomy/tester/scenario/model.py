@@ -28,6 +28,7 @@ from amaze_autonomy.bags.format import MEMORY
 from amaze_autonomy.config.document import Entry, Items, Scalar, Table
 from amaze_autonomy.config.kinds import Address, Choice, Kind, ListOf, Number, Places, Text, Whole, described, refuse
 from amaze_autonomy.config.schema import Group, Key, Named
+from amaze_autonomy.engine.events import CheckName
 from amaze_autonomy.simulation import Fault, Request
 from amaze_autonomy.simulation.scenario_file import FAULT, REQUEST
 
@@ -115,6 +116,7 @@ class Case:
         bags: of one flight; empty: a journal or a simulation.
         journal: a recorded one; None: bags or a simulation.
         events: of the engine, as lines of a journal; empty: one of the others.
+        checks: names of the checks that there were when the events were written; empty: all there are.
         from_ns: where the test begins in the bags, from their start.
         to_ns: where it ends; None: at the end.
         topic_map: name or file; empty: the one named as the first bag.
@@ -140,6 +142,7 @@ class Case:
     bags: Tuple[Bag, ...] = ()
     journal: Optional[Path] = None
     events: Tuple[str, ...] = ()
+    checks: Tuple[str, ...] = ()
     from_ns: int = 0
     to_ns: Optional[int] = None
     topic_map: str = ""
@@ -327,8 +330,10 @@ _BAGS = (
     _REQUESTS,
 )
 _JOURNAL = (Key("journal", _FILE, "of a flight, to be decided again"),)
+_CHECK = Choice(tuple(check.value for check in CheckName))
 _EVENTS = (
     Key("events", ListOf(Text("an event, as a line of a journal", longest=20_000), "events", 1), "to be decided"),
+    Key("checks", ListOf(_CHECK, "checks", 1), "those that there were when the events were written", "", None),
 )
 _SOURCES: Mapping[str, Tuple[Key, ...]] = {
     SourceKind.BAGS: _BAGS,
