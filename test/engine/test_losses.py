@@ -26,6 +26,7 @@ from amaze_autonomy.engine.commands import (
 from amaze_autonomy.engine.decide import _rank
 from amaze_autonomy.engine.events import Mission
 from amaze_autonomy.engine.failsafe import FAILSAFE_CONDITIONS
+from amaze_autonomy.laws.flight import BOUNDS, Bound
 
 AIRBORNE = (
     "TAKEOFF climbing",
@@ -80,6 +81,11 @@ def recorder_does_not_grow(story: Story) -> None:
     story.recorder.growing = (True, False)
 
 
+def at_bound(bound: Bound, beyond: float = 0.0) -> float:
+    """Return the value at its limit, or beyond it by a part of it."""
+    return float(getattr(SHIPPED.limits, bound.limit)) * (1.0 - beyond if bound.below else 1.0 + beyond)
+
+
 EXPECTED: Dict[str, Loss] = {
     "watchdog_heartbeat": Loss(silent("watchdog"), 0.6, "LAND", ONE),
     "planner_status": Loss(silent("planner"), 1.0, "LAND", BOTH),
@@ -91,17 +97,16 @@ EXPECTED: Dict[str, Loss] = {
     "battery_unknown": Loss(says(battery_fraction=nan), 10.0, "LAND", ONE),
     "battery_critical": Loss(says(battery_fraction=0.15), 0.0, "LAND", ONE),
     "flight_time": Loss(flight_time, 0.3, "LAND", ONE),
-    "height": Loss(says(height_m=30.1), 0.0, "LAND", ONE),
     "distance": Loss(says(position_x_m=80.0, position_y_m=-60.1), 0.0, "LAND", ONE),
-    "tilt": Loss(says(tilt_deg=70.1), 0.0, "LAND", ONE),
     "tilt_warning": Loss(says(tilt_deg=45.1), 0.0, "CONTINUE"),
     "position_unknown": Loss(says(position_x_m=nan), 10.0, "CONTINUE"),
     "recorder_dead": Loss(recorder_failed, 0.2, "CONTINUE"),
     "landing_detection": Loss(silent("landing"), 1.0, "CONTINUE"),
+    **{name: Loss(says(**{bound.field: at_bound(bound, 0.001)}), 0.0, "LAND", ONE) for name, bound in BOUNDS.items()},
 }
 """Heartbeat -> land; planner, clock -> both routes; autopilot, vehicle unknown -> both routes, alarm; battery unknown
-or critical, flight time, height, distance, tilt -> land; tilt beyond the warning, position unknown, recorder dead,
-landing detection silent -> continue, warned."""
+or critical, flight time, distance -> land, and so do the bounds of the laws; tilt beyond the warning, position unknown,
+recorder dead, landing detection silent -> continue, warned."""
 
 
 def test_the_table_has_these_rows_and_no_others():
@@ -193,6 +198,16 @@ def test_heartbeat_lost_between_two_files_ends_the_mission():
     story.silent.append("watchdog")
     story.after(0.9).expect("DATA_CLEANUP")
     assert story.motions == []
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_bound_is_kept_at_its_limit_and_landed_for_beyond_it(name):
+    bound = BOUNDS[name]
+    story = at("MISSION flying")
+    story.say(**{bound.field: at_bound(bound, -0.001 if bound.below else 0.0)})
+    story.expect("MISSION", "flying")
+    story.say(**{bound.field: at_bound(bound, 0.0 if bound.below else 0.001)}).expect("LAND")
+    assert story.failure(name) is not None
 
 
 # --- the limits -------------------------------------------------------------------------------------------------------

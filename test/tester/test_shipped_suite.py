@@ -119,6 +119,18 @@ def test_a_mutant_survives_with_a_waiver_only_and_a_waiver_that_is_not_needed_is
     ]
 
 
+@pytest.mark.parametrize(
+    "name", ["swapped action of loss tilt", "swapped alarm of loss tilt", "lowered limit max_tilt_deg"]
+)
+def test_a_bound_of_the_laws_needs_no_scenario_and_no_waiver(name):
+    assert [item.waiver[:21] for item in coverage_of([]).items if item.name == "loss tilt"] == ["a bound of the laws: "]
+    alive, caught = Survival(name, "", 3), Survival(name, "tilt", 3)
+    assert mutation_passed([alive], {})
+    assert mutation_passed([caught], {})
+    assert mutation_lines([alive], {}) == ["0 of 1 mutants caught, 1 waived, 0 survive"]
+    assert not mutation_passed([replace(alive, mutant=name.replace("tilt", "wind"))], {})
+
+
 def test_tables_are_put_back(configuration):
     task = Task(str(SUITE / "lrf.scenario.yaml"))
     before = run_task(task).digest

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Mapping, NamedTuple, Optional
 
 from amaze_autonomy.engine import events as ev
 from amaze_autonomy.engine.commands import (
@@ -18,6 +18,29 @@ from .witness import OURS
 
 A = MissionAction
 _NS = 1e9
+
+
+class Bound(NamedTuple):
+    """What of the vehicle's fresh status is landed for at once, in every phase of the flight.
+
+    Args:
+        field: of the status.
+        limit: of the mission, or of `rules.Limits`, in the unit of the field.
+        words: what is wrong then.
+        below: at the limit and below it, else above it.
+    """
+
+    field: str
+    limit: str
+    words: str
+    below: bool = False
+
+
+BOUNDS: Mapping[str, Bound] = {
+    "height": Bound("height_m", "max_height_m", "it is too high"),
+    "tilt": Bound("tilt_deg", "max_tilt_deg", "it is tilted too far"),
+}
+"""By the name of what is lost, by hand from the specification; test/engine/test_losses.py flies each row."""
 
 # --- failures in flight -----------------------------------------------------------------------------------------------
 
@@ -103,10 +126,10 @@ def _out_of_bounds(m: Moment) -> str:
     status = m.saw.fresh(limits)
     if status is None:
         return ""
-    if status.height_m is not None and status.height_m > m.limit("max_height_m"):
-        return "it is too high"
-    if status.tilt_deg is not None and status.tilt_deg > limits.max_tilt_deg:
-        return "it is tilted too far"
+    for bound in BOUNDS.values():
+        value, limit = getattr(status, bound.field), m.limit(bound.limit)
+        if value is not None and (value <= limit if bound.below else value > limit):
+            return bound.words
     x, y = status.position_x_m, status.position_y_m
     far = x is not None and y is not None and (x * x + y * y) ** 0.5 > m.limit("max_distance_m")
     return "it is too far" if far else ""

@@ -67,7 +67,7 @@ class Moment:
 
     def limit(self, name: str) -> float:
         """Return a limit of the flight: the mission's own, else the configuration's."""
-        own = getattr(self.mission, name) if self.mission is not None else None
+        own = getattr(self.mission, name, None) if self.mission is not None else None
         return float(getattr(self.rules.limits, name) if own is None else own)
 
     @property
