@@ -124,8 +124,8 @@ def coverage_of(results: Iterable[Result], waivers: Optional[Mapping[str, str]] 
     reasons = waivers or {}
     items = []
     for name in item_names():
-        places, without = tuple(seen.get(name, ())), "" if name in seen else _BOUNDED.get(name, "")
-        items.append(Item(name, places, values.get(name, ""), reasons.get(name, without)))
+        without = "" if name in seen else _BOUNDED.get(name, "")
+        items.append(Item(name, tuple(seen.get(name, ())), values.get(name, ""), reasons.get(name, without)))
     return Coverage(tuple(items), tuple(twins))
 
 
