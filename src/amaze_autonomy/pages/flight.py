@@ -149,7 +149,7 @@ def journal_page(
     """
     header = journal.lines[0].payload
     configuration = header.get("configuration", {}) if isinstance(header, dict) else {}
-    decided = rules or rules_of(journal.lines[0])
+    decided = rules_of(journal.lines[0], rules)
     sensors = _sensors_of_configuration(configuration)
     recordings, late_ns = _recording_of(path, sensors, memory)
     try:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections import deque
 from math import degrees, inf
-from typing import Any, Callable, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
+from operator import attrgetter
+from typing import Any, Deque, Dict, Mapping, NamedTuple, Optional, Tuple
 
 from amaze_autonomy.config import AutopilotSettings
 from amaze_autonomy.engine.events import AutopilotStatus, VehicleLanded
@@ -29,6 +30,25 @@ _LANDED: Mapping[int, VehicleLanded] = {
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
 _RESTART_MS = 1000
+_TAKERS: Mapping[str, str] = {
+    "HEARTBEAT": "_heartbeat",
+    "CURRENT_MODE": "_mode",
+    "EXTENDED_SYS_STATE": "_extended",
+    "SYS_STATUS": "_system",
+    "BATTERY_STATUS": "battery.add_pack",
+    "GPS_RAW_INT": "_gps",
+    "LOCAL_POSITION_NED": "_local",
+    "ESTIMATOR_STATUS": "position.add_px4_flags",
+    "EKF_STATUS_REPORT": "position.add_ardupilot_flags",
+    "HOME_POSITION": "position.add_home",
+    "ATTITUDE": "_attitude",
+    "STATUSTEXT": "texts.add",
+    "EVENT": "_event",
+    "TIMESYNC": "offset.add",
+}
+"""What of a `VehicleState` takes a message, called with the time and the message."""
+
+WANTED: Tuple[str, ...] = tuple(_TAKERS)
 
 
 class VehicleState:
@@ -55,22 +75,7 @@ class VehicleState:
         self._heard_ns: Optional[int] = None
         self._landed: Optional[Tuple[int, int]] = None
         self._boot_ms: Optional[int] = None
-        self._takers: Dict[str, Callable[[int, Any], None]] = {
-            "HEARTBEAT": self._heartbeat,
-            "CURRENT_MODE": self._mode,
-            "EXTENDED_SYS_STATE": self._extended,
-            "SYS_STATUS": self._system,
-            "BATTERY_STATUS": self.battery.add_pack,
-            "GPS_RAW_INT": self._gps,
-            "LOCAL_POSITION_NED": self._local,
-            "ESTIMATOR_STATUS": self.position.add_px4_flags,
-            "EKF_STATUS_REPORT": self.position.add_ardupilot_flags,
-            "HOME_POSITION": self.position.add_home,
-            "ATTITUDE": self._attitude,
-            "STATUSTEXT": self.texts.add,
-            "EVENT": self._event,
-            "TIMESYNC": self.offset.add,
-        }
+        self._takers = {name: attrgetter(path)(self) for name, path in _TAKERS.items()}
 
     def receive(self, t_ns: int, message: Message) -> None:
         """Take a message; of others than `WANTED` only that they came is noted."""
@@ -238,24 +243,6 @@ class VehicleState:
         agreed = self.ground.disarmed or self.ground.stands(t_ns, self._settings.limits.state_age_limit_ns)
         rests = agreed and self.landed(t_ns) is VehicleLanded.ON_GROUND
         self.position.add_local(t_ns, message, on_ground=rests)
-
-
-WANTED: Tuple[str, ...] = (
-    "HEARTBEAT",
-    "CURRENT_MODE",
-    "EXTENDED_SYS_STATE",
-    "SYS_STATUS",
-    "BATTERY_STATUS",
-    "GPS_RAW_INT",
-    "LOCAL_POSITION_NED",
-    "ESTIMATOR_STATUS",
-    "EKF_STATUS_REPORT",
-    "HOME_POSITION",
-    "ATTITUDE",
-    "STATUSTEXT",
-    "EVENT",
-    "TIMESYNC",
-)
 
 
 def _caps(settings: AutopilotSettings) -> Mapping[int, float]:
