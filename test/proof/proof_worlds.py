@@ -197,6 +197,17 @@ _ALL: Tuple[World, ...] = (
         stop=(State.TAKEOFF, State.PREFLIGHT, State.OUTREACH, State.DATA_CLEANUP, State.PILOT),
     ),
     World(
+        name="not required",
+        words="components that the mission does not require fail before its takeoff: flown without, or not flown",
+        rules=limited(load_limit_ns=3 * UNIT, check_max_age_ns=3 * UNIT),
+        seeds=(script(_LOADED.replace("select:one", "select:some")),),
+        scenes=_STANDS,
+        planner=("LOADED",),
+        codes={"barometer": ((4, "none"), (16, "none")), "gps": ((2, "none"),), "stranger": ((8, "trying"),)},
+        failing=2,
+        stop=(State.TAKEOFF, State.PREFLIGHT, State.OUTREACH, State.DATA_CLEANUP, State.PILOT),
+    ),
+    World(
         name="takeoff",
         words="the takeoff command to takeoff height: a vehicle that arms, lifts off, drops back or does not say",
         seeds=(SEEDS["arming"],),
