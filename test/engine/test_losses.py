@@ -83,7 +83,7 @@ def recorder_does_not_grow(story: Story) -> None:
 
 def at_bound(bound: Bound, beyond: float = 0.0) -> float:
     """Return the value at its limit, or beyond it by a part of it."""
-    return float(getattr(SHIPPED.limits, bound.limit)) * (1.0 - beyond if bound.below else 1.0 + beyond)
+    return float(getattr(SHIPPED.limits, bound.limit)) * (1.0 + beyond)
 
 
 EXPECTED: Dict[str, Loss] = {
@@ -204,9 +204,9 @@ def test_heartbeat_lost_between_two_files_ends_the_mission():
 def test_a_bound_is_kept_at_its_limit_and_landed_for_beyond_it(name):
     bound = BOUNDS[name]
     story = at("MISSION flying")
-    story.say(**{bound.field: at_bound(bound, -0.001 if bound.below else 0.0)})
+    story.say(**{bound.field: at_bound(bound)})
     story.expect("MISSION", "flying")
-    story.say(**{bound.field: at_bound(bound, 0.0 if bound.below else 0.001)}).expect("LAND")
+    story.say(**{bound.field: at_bound(bound, 0.001)}).expect("LAND")
     assert story.failure(name) is not None
 
 

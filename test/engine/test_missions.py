@@ -239,6 +239,7 @@ def test_a_stop_that_is_not_answered_is_followed_by_the_status(outcome):
     if outcome is not None:
         story.later(S, "_effect", next(c for c in story.since if isinstance(c, StopRecording)))
     story.until("MISSION_ENDED")
+    assert (story.state.session.data_result.value, "data_incomplete" in story.told) == ("COMPLETE", False)
 
 
 def test_a_recorder_that_said_complete_before_it_was_asked_to_stop_is_not_believed():

@@ -160,6 +160,7 @@ def test_the_old_mode_goes_on_until_the_command_takes_effect():
 def test_back_to_the_old_mode_after_the_command_took_effect_is_the_pilot():
     story = at("LAND descending").after(0.5)
     story.say(mode="AUTO.LOITER").until("PILOT", limit_s=0.5)
+    assert (story.place[0], story.motions) == ("PILOT", [])
 
 
 def test_resume_after_a_hold_is_ours():
@@ -236,7 +237,8 @@ def test_a_failsafe_that_leaves_the_vehicle_in_our_mode_has_no_control(mode):
 
 def test_a_failsafe_that_holds_by_itself_has_control():
     """AUTO.LOITER may follow a takeoff of ours; with the failsafe's flag it is the autopilot's own."""
-    at("MISSION flying").say(failsafe=True, mode="AUTO.LOITER").until("PILOT", limit_s=0.5)
+    story = at("MISSION flying").say(failsafe=True, mode="AUTO.LOITER").until("PILOT", limit_s=0.5)
+    assert (story.place[0], story.motions) == ("PILOT", [])
 
 
 def test_a_landing_that_only_seemed_over_goes_on():

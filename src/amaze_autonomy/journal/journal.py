@@ -171,7 +171,7 @@ def rules_of(line: JournalLine, given: Optional[Rules] = None) -> Rules:
             written is no matter of configuration, and the header's in any case.
 
     Raises:
-        JournalError: It carries none and none are given, or what it carries are no rules.
+        JournalError: None are given, and it carries none, or what it carries are no rules of this version.
     """
     header = line.payload
     known = header.get("rules") if line.kind == "header" and isinstance(header, dict) else None

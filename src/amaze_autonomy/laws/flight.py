@@ -21,19 +21,17 @@ _NS = 1e9
 
 
 class Bound(NamedTuple):
-    """What of the vehicle's fresh status is landed for at once, in every phase of the flight.
+    """What of the vehicle's fresh status is landed for at once above its limit, in every phase of the flight.
 
     Args:
         field: of the status.
         limit: of the mission, or of `rules.Limits`, in the unit of the field.
         words: what is wrong then.
-        below: at the limit and below it, else above it.
     """
 
     field: str
     limit: str
     words: str
-    below: bool = False
 
 
 BOUNDS: Mapping[str, Bound] = {
@@ -128,7 +126,7 @@ def _out_of_bounds(m: Moment) -> str:
         return ""
     for bound in BOUNDS.values():
         value, limit = getattr(status, bound.field), m.limit(bound.limit)
-        if value is not None and (value <= limit if bound.below else value > limit):
+        if value is not None and value > limit:
             return bound.words
     x, y = status.position_x_m, status.position_y_m
     far = x is not None and y is not None and (x * x + y * y) ** 0.5 > m.limit("max_distance_m")

@@ -457,7 +457,7 @@ def run_hunts(
 def mutation_lines(survivals: Sequence[Survival], waivers: Mapping[str, str]) -> List[str]:
     """Return what survived, and the score."""
     alive = [each for each in survivals if not each.caught_by]
-    open_ = [each for each in alive if not (_waived(each, waivers) or _bounded(each))]
+    open_ = [each for each in alive if not _may_survive(each, waivers)]
     lines = [f"SURVIVED  {each.mutant}: none of {each.tried} scenarios decides otherwise" for each in open_]
     lines += [
         f"STALE     {each.mutant}: a waiver says that it survives, and {each.caught_by} catches it"
@@ -473,15 +473,18 @@ def mutation_lines(survivals: Sequence[Survival], waivers: Mapping[str, str]) ->
 
 def mutation_passed(survivals: Sequence[Survival], waivers: Mapping[str, str]) -> bool:
     """Return True when each mutant is caught or has a waiver, and none has both."""
-    return all(
-        not _waived(each, waivers) if each.caught_by else _waived(each, waivers) or _bounded(each) for each in survivals
-    )
+    return all(not _waived(each, waivers) if each.caught_by else _may_survive(each, waivers) for each in survivals)
 
 
 def _waived(survival: Survival, waivers: Mapping[str, str]) -> bool:
     return f"mutant {survival.mutant}" in waivers
 
 
-def _bounded(survival: Survival) -> bool:
-    names = {name for key, bound in BOUNDS.items() for name in (f"loss {key}", f"limit {bound.limit}")}
-    return any(survival.mutant.endswith(f" {name}") for name in names)
+def _may_survive(survival: Survival, waivers: Mapping[str, str]) -> bool:
+    return _waived(survival, waivers) or survival.mutant in _BOUNDED_MUTANTS
+
+
+_BOUNDED_MUTANTS = {
+    *(str(Mutant(kind, name)) for kind in ("loss", *_FLAGS) for name in BOUNDS),
+    *(str(Mutant(kind, bound.limit)) for kind in ("limit", "lower") for bound in BOUNDS.values()),
+}
