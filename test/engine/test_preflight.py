@@ -20,6 +20,11 @@ from amaze_autonomy.engine.state import State, put
 # --- the checks -------------------------------------------------------------------------------------------------------
 
 
+def test_the_checks_of_the_design_are_there_in_its_order():
+    of_the_design = ["watchdog", "battery", "autopilot", "on_ground", "state_estimation"]
+    assert [name for name in CHECKS if name in of_the_design] == of_the_design, "others may stand beside them"
+
+
 def test_all_checks_are_asked_in_their_order():
     story = at("MISSION_INPUT").select()
     asked = [c for c in story.since if isinstance(c, RunCheck)]
