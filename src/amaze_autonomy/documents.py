@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Callable, Iterable, List, Mapping, Sequence, Tuple
 
 from . import paths
+from .autopilot.vehicle.client import ASKED_FOR
 from .config import load_configuration
 from .config.document import Items, Scalar, Table
 from .config.errors import Place
@@ -339,7 +340,17 @@ def _topic_maps() -> str:
     return f"| Map | Recording |\n|---|---|\n{rows}"
 
 
+# --- autopilot --------------------------------------------------------------------------------------------------------
+
+
+def _asked_for() -> str:
+    """Return the messages that the autopilot's node asks for."""
+    rows = ((f"`{name}`", f"{rate_hz:g}", why) for name, (rate_hz, why) in ASKED_FOR.items())
+    return _table(("message", "Hz", "what for"), rows)
+
+
 _PARTS: Mapping[str, Callable[[], str]] = {
+    "asked-for": _asked_for,
     "decision-table": _shipped_decision_table,
     "severities": _severity_table,
     "losses": _loss_table,

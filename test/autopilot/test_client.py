@@ -7,8 +7,9 @@ from client_bench import ClientBench
 from px4_tools import POSCTL, RTL, S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from amaze_autonomy.autopilot.vehicle.client import Progress, Reply
-from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.autopilot.link.dialect import message_id
+from amaze_autonomy.autopilot.vehicle.client import CLIENT_MESSAGES, Progress, Reply
+from amaze_autonomy.config import AutopilotSettings, ConfigError
 from amaze_autonomy.config.schemas.autopilot import TakeoffNeeds
 from amaze_autonomy.engine.events import Landed
 
@@ -40,6 +41,29 @@ def test_rates_are_asked_for_until_they_come_and_then_no_more():
     bench.sent.clear()
     bench.advance(20.0)
     assert len(bench.commands(ASK_RATE)) <= 2
+
+
+def test_a_rate_of_the_configuration_counts_and_with_none_nothing_is_asked_for():
+    rates_hz = {"ATTITUDE": 4.0, "HOME_POSITION": 0.0, "WIND": 1.0}
+    asked_s = {}
+    for name, settings in (("ours", AutopilotSettings()), ("theirs", AutopilotSettings(rates_hz=rates_hz))):
+        bench = ClientBench(settings=settings)
+        bench.deaf = {*CLIENT_MESSAGES} - {"HEARTBEAT"}
+        bench.advance(20.0)
+        asked = [message for _, message in bench.sent if getattr(message, "command", 0) == ASK_RATE]
+        asked_s[name] = {int(message.param1): message.param2 / 1e6 for message in asked}
+    attitude, home, wind = (message_id(name) for name in rates_hz)
+    assert asked_s["ours"][attitude] == 0.1
+    same = {number: pause_s for number, pause_s in asked_s["ours"].items() if number not in {attitude, home}}
+    assert len(same) > 5
+    assert asked_s["theirs"] == {**same, attitude: 0.25, wind: 1.0}
+
+
+def test_a_rate_of_what_is_no_message_is_one_clear_error():
+    with pytest.raises(ConfigError) as told:
+        ClientBench(settings=AutopilotSettings(rates_hz={"ALTITUDE_OF_EVERYTHING": 1.0}))
+    said = "autopilot.yaml: rates_hz.ALTITUDE_OF_EVERYTHING: is no message; must be one of https://mavlink.io/"
+    assert str(told.value).startswith(said)
 
 
 def test_the_clock_of_the_vehicle_is_known_within_the_way_there_and_back():

@@ -62,8 +62,8 @@ def test_a_mission_by_set_points_has_what_follows_their_loss_compared():
             "autopilot.yaml:1: backend: is the text 'ros2'; must be one of mavlink, mavros; did you mean mavros?",
         ),
         (
-            "rates_hz: {HEARTBEAT: 0.0}\n",
-            "autopilot.yaml:1: rates_hz.HEARTBEAT: is 0.0; must be a number at least 0.1 and at most 50",
+            "rates_hz: {HEARTBEAT: -0.1}\n",
+            "autopilot.yaml:1: rates_hz.HEARTBEAT: is -0.1; must be a number at least 0 and at most 50",
         ),
         ("link: {url: 14540}\n", None),
         ("link: {url: 'ftp:host:1'}\n", None),

@@ -6,9 +6,10 @@ Drive it with a `Connection`; the services call `land`, `disarm` and the checks 
 from __future__ import annotations
 
 import enum
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from amaze_autonomy.config import AutopilotSettings
+from amaze_autonomy.config import AutopilotSettings, ConfigError
+from amaze_autonomy.config.errors import Place
 from amaze_autonomy.engine.events import Landed, VehicleLanded
 from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.monitoring.battery import BatteryMonitor, BatteryVerdict
@@ -16,7 +17,7 @@ from amaze_autonomy.monitoring.land_switch import LandSwitchMonitor
 from amaze_autonomy.monitoring.specs import BatterySpec
 
 from ...engine.events import Check
-from ..link.dialect import Message, mavlink
+from ..link.dialect import Message, mavlink, message_id
 from .agreement import DRAIN_NS, GROUND_NS, STALL_NS
 from .asked import Parameters, Rates
 from .modes import LAND, LANDING_MODES, mode_number
@@ -29,9 +30,13 @@ _ASK_PREARM_NS = 5 * _S
 _NOT_PX4, _NOT_ARDUPILOT = ("EKF_STATUS_REPORT", "HEARTBEAT"), ("ESTIMATOR_STATUS", "CURRENT_MODE")
 _BEAT_LATE_NS, _ASK_BEAT_NS = 1_300_000_000, 300_000_000  # PX4 beats at 1 Hz
 
+ASKED_FOR: Mapping[str, Tuple[float, str]] = {
+    **{name: asked for name, asked in WANTED.items() if asked[0]},
+    "SYSTEM_TIME": (1.0, "its time of day"),
+    "RC_CHANNELS": (10.0, "the switch that lands; only where `land_switch` has a channel"),
+}
+"""The messages that are asked for: at which rate, unless `rates_hz` of autopilot.yaml says another, and why."""
 CLIENT_MESSAGES: Tuple[str, ...] = (*WANTED, "COMMAND_ACK", "PARAM_VALUE", "SYSTEM_TIME")
-
-_SWITCH_HZ = 10.0
 
 Address = Callable[[], Tuple[int, int]]
 
@@ -39,6 +44,23 @@ Address = Callable[[], Tuple[int, int]]
 def switch_messages(settings: AutopilotSettings) -> Tuple[str, ...]:
     """Return the messages that the land switch needs besides."""
     return ("RC_CHANNELS",) if settings.land_switch.channel else ()
+
+
+def _rates_hz(settings: AutopilotSettings) -> Dict[str, float]:
+    """Return the rate of each message that is asked for.
+
+    Raises:
+        ConfigError: one has another rate that is no message.
+    """
+    for name in settings.rates_hz:
+        try:
+            message_id(name)
+        except KeyError:
+            right = "must be one of https://mavlink.io/en/messages/ardupilotmega.html"
+            raise ConfigError(Place("autopilot.yaml"), f"rates_hz.{name}", "is no message", right) from None
+    without = () if settings.land_switch.channel else ("RC_CHANNELS",)
+    ours = {name: rate_hz for name, (rate_hz, _) in ASKED_FOR.items() if name not in without}
+    return {name: rate_hz for name, rate_hz in {**ours, **settings.rates_hz}.items() if rate_hz}
 
 
 class Reply(NamedTuple):
@@ -65,6 +87,9 @@ class AutopilotClient:
         wall_minus_clock_ns: wall time minus the clock of the messages, for the vehicle's time of day.
         strangers: returns where others speak from that say our vehicle's system id.
         limits: of the engine, for how long messages must agree; None: those that ship.
+
+    Raises:
+        ConfigError: `rates_hz` names what is no message.
     """
 
     def __init__(
@@ -81,8 +106,7 @@ class AutopilotClient:
         self._confirm_ns = (limits or Limits()).flight_end_confirm_ns
         self.vehicle = VehicleState(settings, battery.cells, limits)
         self.land_switch = LandSwitchMonitor(settings.land_switch)
-        rates_hz = {**dict.fromkeys(switch_messages(settings), _SWITCH_HZ), **settings.rates_hz}
-        self._rates, self._parameters = Rates(rates_hz), Parameters(settings.parameters)
+        self._rates, self._parameters = Rates(_rates_hz(settings)), Parameters(settings.parameters)
         pauses = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
         self.landing = Confirmed(self._land_message, self._landing_seen, pauses, stands=True)
         self.disarming = Confirmed(self._disarm_message, self._disarm_seen, pauses)

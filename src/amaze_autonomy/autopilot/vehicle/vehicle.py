@@ -30,25 +30,42 @@ _LANDED: Mapping[int, VehicleLanded] = {
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
 _RESTART_MS = 1000
-_TAKERS: Mapping[str, str] = {
-    "HEARTBEAT": "_heartbeat",
-    "CURRENT_MODE": "_mode",
-    "EXTENDED_SYS_STATE": "_extended",
-    "SYS_STATUS": "_system",
-    "BATTERY_STATUS": "battery.add_pack",
-    "GPS_RAW_INT": "_gps",
-    "LOCAL_POSITION_NED": "_local",
-    "ESTIMATOR_STATUS": "position.add_px4_flags",
-    "EKF_STATUS_REPORT": "position.add_ardupilot_flags",
-    "HOME_POSITION": "position.add_home",
-    "ATTITUDE": "_attitude",
-    "STATUSTEXT": "texts.add",
-    "EVENT": "_event",
-    "TIMESYNC": "offset.add",
-}
-"""What of a `VehicleState` takes a message, called with the time and the message."""
 
-WANTED: Tuple[str, ...] = tuple(_TAKERS)
+
+class _Taken(NamedTuple):
+    """How a message is taken.
+
+    Args:
+        by: what of a `VehicleState` takes it, called with the time and the message.
+        rate_hz: at which it is asked for, unless `rates_hz` of autopilot.yaml says another; 0: it comes unasked.
+        why: of a rate that needs a reason.
+    """
+
+    by: str
+    rate_hz: float = 0.0
+    why: str = ""
+
+
+_AT_ONCE_KNOWN = "a mode is known within the period: ArduPilot grants HEARTBEAT, PX4 CURRENT_MODE alone"
+_ESTIMATE = "what the estimator says of its position: PX4 the one, ArduPilot the other"
+_TAKERS: Mapping[str, _Taken] = {
+    "HEARTBEAT": _Taken("_heartbeat", 5.0, _AT_ONCE_KNOWN),
+    "CURRENT_MODE": _Taken("_mode", 10.0, _AT_ONCE_KNOWN),
+    "EXTENDED_SYS_STATE": _Taken("_extended", 5.0, "whether it is on the ground"),
+    "SYS_STATUS": _Taken("_system", 2.0, "health of the sensors, and the battery"),
+    "BATTERY_STATUS": _Taken("battery.add_pack", 2.0, "each battery"),
+    "GPS_RAW_INT": _Taken("_gps", 5.0, "fix and satellites; a lost one is told here first"),
+    "LOCAL_POSITION_NED": _Taken("_local", 10.0, "height, position and speed"),
+    "ESTIMATOR_STATUS": _Taken("position.add_px4_flags", 5.0, _ESTIMATE),
+    "EKF_STATUS_REPORT": _Taken("position.add_ardupilot_flags", 5.0, _ESTIMATE),
+    "HOME_POSITION": _Taken("position.add_home", 0.5, "whether there is a home to return to"),
+    "ATTITUDE": _Taken("_attitude", 10.0, "roll and pitch: how far it is tilted"),
+    "STATUSTEXT": _Taken("texts.add"),
+    "EVENT": _Taken("_event"),
+    "TIMESYNC": _Taken("offset.add"),
+}
+WANTED: Mapping[str, Tuple[float, str]] = {name: (taken.rate_hz, taken.why) for name, taken in _TAKERS.items()}
+"""What a `VehicleState` takes: at which rate each message is asked for (0: it comes unasked), and why."""
 
 
 class VehicleState:
@@ -75,7 +92,7 @@ class VehicleState:
         self._heard_ns: Optional[int] = None
         self._landed: Optional[Tuple[int, int]] = None
         self._boot_ms: Optional[int] = None
-        self._takers = {name: attrgetter(path)(self) for name, path in _TAKERS.items()}
+        self._takers = {name: attrgetter(taken.by)(self) for name, taken in _TAKERS.items()}
 
     def receive(self, t_ns: int, message: Message) -> None:
         """Take a message; of others than `WANTED` only that they came is noted."""

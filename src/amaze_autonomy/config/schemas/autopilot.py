@@ -123,22 +123,6 @@ class TakeoffNeeds:
     clock_difference_limit_ns: int = _S
 
 
-_RATES = {
-    "EXTENDED_SYS_STATE": 5.0,
-    "SYS_STATUS": 2.0,
-    "BATTERY_STATUS": 2.0,
-    "GPS_RAW_INT": 5.0,
-    "LOCAL_POSITION_NED": 10.0,
-    "ESTIMATOR_STATUS": 5.0,
-    "EKF_STATUS_REPORT": 5.0,
-    "SYSTEM_TIME": 1.0,
-    "HOME_POSITION": 0.5,
-    "ATTITUDE": 10.0,
-    "HEARTBEAT": 5.0,
-    "CURRENT_MODE": 10.0,
-}
-
-
 @dataclass(frozen=True)
 class AutopilotSettings:
     """Everything that autopilot.yaml says.
@@ -154,7 +138,7 @@ class AutopilotSettings:
         commands: land and disarm.
         needs: before a takeoff.
         land_switch: a channel of the transmitter that means: land.
-        rates_hz: messages that are asked for.
+        rates_hz: of messages that are asked for at another rate than that of the autopilot's node; 0: not at all.
         parameters: of a PX4, by name, and their values; with those for set-points where they are used.
         ardupilot_parameters: of an ArduPilot.
         offboard_parameters: that matter besides when a mission is flown by set-points.
@@ -170,7 +154,7 @@ class AutopilotSettings:
     commands: CommandSettings = field(default_factory=CommandSettings)
     needs: TakeoffNeeds = field(default_factory=TakeoffNeeds)
     land_switch: LandSwitchSpec = field(default_factory=LandSwitchSpec)
-    rates_hz: Mapping[str, float] = field(default_factory=lambda: dict(_RATES))
+    rates_hz: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
     ardupilot_parameters: Mapping[str, float] = field(default_factory=dict)
     offboard_parameters: Mapping[str, float] = field(default_factory=dict)
@@ -266,10 +250,10 @@ AUTOPILOT = Group(
         ),
         Key(
             "rates_hz",
-            Named("messages of MAVLink", r"[A-Z][A-Z0-9_]{1,49}", Number(minimum=0.1, maximum=50.0)),
-            "messages that are asked for, and how often; what is left out is not asked for",
-            "ArduPilot streams nothing until asked",
-            _RATES,
+            Named("messages of MAVLink", r"[A-Z][A-Z0-9_]{1,49}", Number(minimum=0.0, maximum=50.0)),
+            "messages that are asked for at another rate than ours (docs/autopilot.md); 0: not asked for",
+            "a rule on a new message asks for it in every configuration; a slow radio may want less",
+            {},
         ),
         Key(
             "parameters",
