@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -116,9 +117,9 @@ def test_a_sensor_that_falls_silent_in_flight_is_decided_by_the_table(tmp_path, 
     lines = texts(outcome, LineKind.MONITOR)
     assert "+20.300 bag watchdog: imu code 1 -> 16 no message on /imu for longer than 0.3 s" in lines
     decided = [text for text in texts(outcome, LineKind.DECISION) if "MISSION -> LAND" in text]
-    assert decided == [
+    assert [re.sub(r"#\d+", "#", text) for text in decided] == [
         "+20.300 bag MISSION -> LAND/commanding by land (failure imu; code 16; action land; reason no message on /imu "
-        "for longer than 0.3 s) => MissionCommand(LAND)#14"
+        "for longer than 0.3 s) => MissionCommand(LAND)#"
     ]
 
 
