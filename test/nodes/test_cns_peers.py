@@ -102,6 +102,15 @@ def test_a_folder_that_is_missing_or_out_of_reach_cannot_be_seen(folder, look, p
     assert next(of("main", look(main=place.format(folder)))) is None
 
 
+@pytest.mark.parametrize(
+    "host", ["second:~", "second:~nobody", "second:~$(touch {0}/evil)", "second:~;touch {0}/evil;"]
+)
+def test_a_folder_of_another_computer_is_a_name_and_never_a_command(folder, look, host):
+    place = f"{host.format(folder)}/x'; touch {folder}/evil; '$(touch {folder}/evil)"
+    assert next(of("main", look(main=place))) is None
+    assert not (folder / "evil").exists()
+
+
 def test_a_host_that_hangs_holds_up_no_other_one(folder, look):
     seen = look(second=f"hangs:{folder}", main=str(folder), third=f"third:{folder}")
     first = list(islice(seen, 20))

@@ -37,6 +37,13 @@ from amaze_autonomy.recording.status import PlatformStatus, ProcessStatus, Statu
 PART = PlatformStatus("second", True, 1000, 20.0, 0.25, "/rec/s/second", "wörds", 3, 0.5)
 
 
+def wait_for(condition, what):
+    until_s = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < until_s, what
+        time.sleep(0.01)
+
+
 def over_the_wire(message):
     buffer = BytesIO()
     message.serialize(buffer)
@@ -207,6 +214,10 @@ def test_what_may_be_removed_of_a_platform_is_what_the_verified_manifest_has_of_
         (session / "s1_m.manifest.json").write_text(json.dumps(manifest))
         folders = (session / "main", session / "second", tmp_path / "elsewhere")
         assert [collection.verified(session, {"folder": str(each)}) for each in folders] == expected
+    more = {"verified": {"ok": True}, "inputs": [{"file": "main/d.bag", "sha256": "4"}]}
+    (session / "s1_m-2.manifest.json").write_text(json.dumps(more))
+    assert collection.verified(session, {"folder": str(session / "main")}) == {"a.bag": "1", "d.bag": "4"}
+    (session / "s1_m-2.manifest.json").unlink()
     (session / "s1_m.manifest.json").unlink()
     assert collection.verified(session, {"folder": str(session / "main")}) == {}
 
@@ -228,6 +239,7 @@ def test_the_journal_of_a_session_is_found_by_its_label_and_copied(tmp_path):
     collection.copy_journal(session, "20261121T041730-002", again=True)
     assert (session / "journal.jsonl").read_bytes() == journal.path.read_bytes()
     assert registered("20261121T041731-001") is None
+    assert registered("a\0b-1") is None, "a name that can be none"
     journal.close()
 
 
@@ -361,6 +373,47 @@ def test_a_recorder_is_never_started_into_a_file_that_is_there(tmp_path, childre
     children.wait(("one",), 10.0)
     assert (tmp_path / "started").exists()
     assert (tmp_path / "part" / there).read_bytes() == b"the first part of a flight"
+
+
+@pytest.mark.parametrize(
+    "others, becomes, gone",
+    [
+        ((), None, True),
+        (("one-01_0.bag",), None, True),
+        (("one-01_0.bag",), "one-01_1.bag", False),
+        ((), "one-01_1.bag", False),
+    ],
+)
+def test_a_file_that_is_written_and_goes_is_missed_unless_it_was_closed(tmp_path, children, others, becomes, gone):
+    part, program = tmp_path / "part", tmp_path / "record"
+    program.write_text("#!/bin/sh\nexec sleep 60\n")
+    assert children.start("one", 1) == ""
+    try:
+        for name in (*others, "one-01_1.bag.active"):
+            (part / name).write_bytes(b"x")
+        assert not children.look(Subscriptions()).groups["one"].removed
+        if becomes:
+            (part / "one-01_1.bag.active").rename(part / becomes)
+        else:
+            (part / "one-01_1.bag.active").unlink()
+        looks = [children.look(Subscriptions()).groups["one"].removed for _ in range(3)]
+        assert looks == [False, gone, gone], "a look while it is renamed is none"
+    finally:
+        children.signal("one", "KILL")
+        children.wait(("one",), 10.0)
+
+
+def test_a_process_that_somebody_stopped_is_seen_and_can_be_told_to_go_on(tmp_path, children):
+    (tmp_path / "record").write_text("#!/bin/sh\nexec sleep 60\n")
+    assert children.start("one", 1) == ""
+    try:
+        for word, expected in (("STOP", True), ("CONT", False)):
+            children.signal("one", word)
+            wait_for(lambda expected=expected: children.look(Subscriptions()).groups["one"].halted == expected, word)
+            assert children.look(Subscriptions()).groups["one"].running
+    finally:
+        children.signal("one", "KILL")
+        children.wait(("one",), 10.0)
 
 
 def test_what_was_seen_of_one_session_is_no_ground_for_what_is_done_in_another(tmp_path):

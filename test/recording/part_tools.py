@@ -13,6 +13,7 @@ from bag_tools import bag, rows, unclosed
 from amaze_autonomy.recording.job import Plan, Source
 from amaze_autonomy.recording.parts import close_parts
 
+MEASURED = {"start": {"offset_ns": 0, "error_ns": 1000, "at_ns": 1}}
 FACTS = {"session_id": "s1", "platform": "main", "gaps": [], "dropped": 0}
 
 
@@ -34,7 +35,10 @@ def two_platforms(folder, count=300):
 
 
 def plan(session, **options):
-    sources = (Source("main", session / "main"), Source("second", session / "second", fetched=True))
+    sources = (
+        Source("main", session / "main"),
+        Source("second", session / "second", fetched=True, far=True, clock=MEASURED),
+    )
     return Plan(session / "s1_m.bag", sources, **options)
 
 

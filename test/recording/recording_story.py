@@ -41,17 +41,18 @@ class Platform:
         self.silent = dict.fromkeys(groups, False)
         self.full = dict.fromkeys(groups, False)
         self.removed = dict.fromkeys(groups, False)
+        self.halted = dict.fromkeys(groups, False)
         self.dropped = dict.fromkeys(groups, 0)
         self.numbers = dict.fromkeys(groups, 0)  # of the last file that lies in the folder of the session
         self.idle = dict.fromkeys(groups, None)
-        self.obeys = dict.fromkeys(groups, ("INT", "TERM", "KILL"))
+        self.obeys = dict.fromkeys(groups, ("INT", "TERM", "KILL", "CONT"))
         self.commands = []
         self.phases = [PHASE.IDLE]
 
     def turn(self):
         self.now_ns += self.step_ns
         for name, runs in self.running.items():
-            self.sizes[name] += self.grows[name] if runs else 0
+            self.sizes[name] += self.grows[name] if runs and not self.halted[name] else 0
         groups, space = (
             {name: self.processes(name) for name in self.running},
             Space(self.free, self.free / (256 * GB)),
@@ -74,6 +75,7 @@ class Platform:
             dropped=self.dropped[name],
             full=self.full[name],
             removed=self.removed[name],
+            halted=self.halted[name],
             number=self.numbers[name],
         )
 
@@ -83,6 +85,8 @@ class Platform:
             self.removed[command.group] = False
             assert command.number > self.numbers[command.group], "nothing is written over a file"
             self.numbers[command.group] = command.number
+        elif isinstance(command, Signal) and command.name == "CONT":
+            self.halted[command.group] = self.halted[command.group] and "CONT" not in self.obeys[command.group]
         elif isinstance(command, Signal) and command.name in self.obeys[command.group]:
             self.running[command.group] = False
 

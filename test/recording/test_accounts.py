@@ -94,6 +94,19 @@ def test_a_group_is_recorded_from_its_first_message_to_its_last_one_or_as_long_a
     assert recorded([Written("a", 1)], [], {"a": seen(1, 2, 40)}) == {"a": [2 * S, 40 * S]}, "nobody published"
 
 
+def test_a_file_of_which_a_power_cut_left_no_byte_shows_nothing():
+    empty = Written("a", 1, closed=False, empty=True)
+    assert recorded([empty], [], {"a": seen(1, 2, None)}) == {"a": [None, None]}
+    assert recorded([empty, file(2, 25, 30)], [], {"a": seen(1, 2, 40)}) == {"a": [25 * S, 40 * S]}
+
+
+def test_a_file_that_was_split_and_is_not_there_is_a_gap():
+    files = [file(1, 0, 10, split=0), file(1, 20, 30, split=2)]
+    (found,) = account(files, []).gaps
+    assert (found["seconds"], found["ending"]) == (10.0, "a file in between is not there")
+    assert recorded(files[1:], [], {"a": seen(1, 0, 40)}) == {"a": [20 * S, 40 * S]}, "nor does it show the beginning"
+
+
 def test_who_saw_a_recorder_does_not_count_when_its_file_is_not_there():
     assert recorded([file(2, 25, 30)], [], {"a": seen(1, 2, 40)}) == {"a": [25 * S, 40 * S]}
     assert recorded([], [], {"a": seen(1, 2, 40)}) == {"a": [None, None]}

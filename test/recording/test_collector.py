@@ -263,7 +263,7 @@ def test_requests_are_answered_in_every_phase():
 
 
 def engine(fleet, session, *, in_flight):
-    fleet.collector.heard_engine(fleet.now_ns, session, in_flight=in_flight)
+    fleet.collector.heard_engine(fleet.now_ns, fleet.now_ns, session, in_flight=in_flight)
 
 
 RECORDS = Answer(accepted=False, message="records s1; stop that one first")
@@ -338,6 +338,20 @@ def test_a_new_session_forgets_the_last_one():
     assert (status.session_id, status.phase, status.location, status.message) == ("s2", PHASE.STARTING, "", "")
 
 
+def test_a_clock_that_could_not_be_measured_is_asked_for_again():
+    fleet = recording()
+    assert fleet.asked(MeasureClock) == [MeasureClock("second", "start")]
+    for number in (2, 3):
+        fleet.collector.clock_measured("second", "start", None)
+        fleet.go_on(4.0)
+        assert len(fleet.asked(MeasureClock)) == number - 1, "not at once"
+        fleet.go_on(2.0)
+        assert fleet.asked(MeasureClock) == [MeasureClock("second", "start")] * number
+    fleet.collector.clock_measured("second", "start", Offset(3, 1, 5))
+    fleet.go_on(20.0)
+    assert len(fleet.asked(MeasureClock)) == 3
+
+
 def test_another_process_goes_on_where_this_one_was_killed():
     fleet = merging()
     fleet.collector.clock_measured("second", "start", Offset(3_000_000_000, 100, 5))
@@ -384,12 +398,12 @@ def test_the_flight_is_from_the_last_status_on_the_ground_to_the_first_one_after
         (1, "s1", False), (2, "s1", False), (3, "other", True), (4, "s1", True), (5, "s1", True), (6, "s1", False),
         (8, "s1", True),
     ):  # fmt: skip
-        fleet.collector.heard_engine(stamp_s * S, session, in_flight=in_flight)
+        fleet.collector.heard_engine(stamp_s * S, stamp_s * S, session, in_flight=in_flight)
     assert fleet.collector.flights == [[2 * S, 6 * S], [6 * S, None]]
     again = Fleet().collector
     again.remember(0, json.loads(json.dumps(fleet.collector.memory())))
     assert again.flights == [[2 * S, 6 * S], [6 * S, None]]
-    again.heard_engine(9 * S, "s1", in_flight=False)
+    again.heard_engine(9 * S, 9 * S, "s1", in_flight=False)
     assert again.flights == [[2 * S, 6 * S], [6 * S, 9 * S]]
     fleet.stop()
     fleet.collector.start(fleet.now_ns, "s2", "m")
@@ -407,10 +421,18 @@ def test_what_is_kept_for_the_next_process_does_not_change_afterwards():
     assert [each["flights"] for each in kept] == [None, [], [[now_ns, None]], [[now_ns, now_ns]]]
 
 
+def test_a_stamp_that_is_wrong_makes_a_flight_longer_and_never_shorter():
+    fleet = Fleet()
+    fleet.start()
+    for stamp_s, came_s, in_flight in ((99, 1, False), (3, 3, True), (1, 7, False)):
+        fleet.collector.heard_engine(stamp_s * S, came_s * S, "s1", in_flight=in_flight)
+    assert fleet.collector.flights == [[1 * S, 7 * S]]
+
+
 def test_a_takeoff_that_nobody_saw_is_as_old_as_the_recording():
     fleet = Fleet()
     fleet.start()
-    fleet.collector.heard_engine(5 * S, "s1", in_flight=True)
+    fleet.collector.heard_engine(5 * S, 5 * S, "s1", in_flight=True)
     assert fleet.collector.flights == [[0, None]]
 
 

@@ -47,6 +47,32 @@ def test_it_is_made_again_when_a_part_came_later(tmp_path):
     assert collect(plan(session)).messages == 910
 
 
+def test_a_recording_whose_parts_are_gone_is_never_written_over(tmp_path):
+    """`keep_parts: false`: its parts were removed once it was verified; then the session is recorded once more."""
+    session = two_platforms(tmp_path)
+    collect(plan(session))
+    first = digest(session / "s1_m.bag")
+    for number, count in ((2, 20), (3, 30)):
+        for name in ("main", "second"):
+            for path in (session / name).glob("*.bag"):
+                path.unlink()
+            part(session / name, (f"states-0{number}.bag", [rows("/a", count, first_ms=number * 9000)]), platform=name)
+        summary = collect(plan(session))
+        assert (summary.location, summary.messages) == (str(session / f"s1_m-{number}.bag"), 2 * count)
+        assert collect(plan(session)) == summary, "and what is there is not made again"
+    assert summary.message.endswith(
+        "verified; nothing was lost; what was recorded before is in s1_m.bag and s1_m-2.bag"
+    )
+    assert (digest(session / "s1_m.bag"), manifest(session)["output"]["messages"]) == (first, 900)
+
+
+def test_a_manifest_that_cannot_be_read_is_no_leave_to_write_over_its_recording(tmp_path):
+    session = two_platforms(tmp_path)
+    collect(plan(session))
+    (session / "s1_m.manifest.json").write_text("{")
+    assert collect(plan(session)).location == str(session / "s1_m-2.bag")
+
+
 def test_it_is_made_again_when_it_is_not_what_it_should_be(tmp_path):
     session = two_platforms(tmp_path)
     collect(plan(session))
@@ -136,11 +162,28 @@ def test_a_platform_that_began_after_the_takeoff_by_its_own_clock_lacks_what_cam
     late = rows("/c", 400, first_ms=33_000)  # its clock is 3 s ahead: it began at 30 s
     part(session / "second", ("realsense-01.bag", [late]), platform="second", **seen("realsense", 33, 83))
     clock = {"start": {"offset_ns": 3 * S, "error_ns": 1000, "at_ns": 1}}
-    sources = (Source("main", session / "main"), Source("second", session / "second", fetched=True, clock=clock))
+    sources = (
+        Source("main", session / "main"),
+        Source("second", session / "second", fetched=True, far=True, clock=clock),
+    )
     flight = {"flights": [[START_NS + 10 * S, START_NS + 70 * S]], "stopped_ns": START_NS + 80 * S}
     summary = collect(Plan(session / "s1_m.bag", sources, facts=flight))
     words = "second/realsense: the first 20.0 s of the flight: its recording was begun after the takeoff"
     assert summary.lost_in_flight == (words,)
+
+
+def test_on_a_platform_whose_clock_nobody_measured_every_gap_may_lie_in_the_flight(tmp_path):
+    """Its clock is a minute behind: 15 s of the flight are missing, and by its own times they were before it."""
+    session = tmp_path / "s1_m"
+    part(session / "main", ("states-01.bag", [rows("/a", 8000)]), **seen("states", 0, 80))
+    files = [("realsense-01.bag", [rows("/c", 1, first_ms=1)]), ("realsense-02.bag", [rows("/c", 2, first_ms=15_000)])]
+    part(session / "second", *files, platform="second")
+    flight = {"flights": [[START_NS + 61 * S, START_NS + 75 * S]], "stopped_ns": START_NS + 80 * S}
+    gap = "second/realsense: 15.0 s, in which nothing was recorded (it was stopped and started again)"
+    for clock, lost in (({}, (gap,)), ({"start": {"offset_ns": 0, "error_ns": 1000, "at_ns": 1}}, ())):
+        far = Source("second", session / "second", fetched=True, far=True, clock=clock)
+        summary = collect(Plan(session / "s1_m.bag", (Source("main", session / "main"), far), facts=flight))
+        assert (summary.lost, summary.lost_in_flight) == ((gap,), lost)
 
 
 def test_a_platform_that_recorded_nothing_of_the_session_is_a_loss_of_the_flight(tmp_path):

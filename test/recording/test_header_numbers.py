@@ -50,7 +50,24 @@ def test_missing_numbers_are_counted_for_each_publisher_whatever_the_compression
 def test_a_publisher_that_does_not_count_tells_nothing():
     assert numbers_of(np.zeros(9)) == Numbers(0, 0, counts=False)
     assert numbers_of(np.arange(0, 100, 10)) == Numbers(0, 90, counts=False)
+    assert numbers_of(np.arange(0, 100, 3) + np.arange(34) % 2) == Numbers(0, 100, counts=False), (
+        "every third, unevenly"
+    )
     assert numbers_of(np.zeros(0)) is None
+
+
+@pytest.mark.parametrize("kept", [0.9, 0.5, 0.4, 0.2])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_however_many_are_dropped_by_chance_they_are_counted(kept, seed):
+    numbers = np.nonzero(np.random.default_rng(seed).random(10_000) < kept)[0]
+    found = numbers_of(numbers)
+    assert found.counts
+    assert found.missing == numbers[-1] - numbers[0] + 1 - len(numbers)
+
+
+def test_what_is_dropped_in_bursts_is_counted():
+    numbers = np.concatenate([np.arange(n, n + 3) for n in range(0, 1000, 20)])
+    assert numbers_of(numbers).missing == 49 * 17
 
 
 def test_a_publisher_that_was_started_anew_or_counts_over_the_end_lost_nothing():

@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from recording_story import EPOCH_NS, PHASE, Platform, S, recorded_memory, recording, recovered, stopped
 
 from amaze_autonomy.recording import Answer
@@ -436,6 +437,61 @@ def test_after_a_start_of_the_system_what_was_recorded_is_made_whole():
     recovered(second)
     status = second.machine.status(second.now_ns)
     assert (status.session_id, status.phase) == ("s1", PHASE.COMPLETE)
+
+
+def test_a_recording_that_goes_on_after_a_start_of_the_system_has_a_gap_whatever_is_left_of_its_first_files():
+    """A power cut in flight may leave a file of 0 bytes, so nobody knows how far it went."""
+    first, second = recording(), Platform()
+    began_ns = first.machine.facts()["seen"]["states"]["from_ns"]
+    second.machine.remember(0, recorded_memory(first), same_boot=False)
+    recovered(second.go_on(0.3))
+    second.now_ns += 40 * S
+    second.go_on(0.1)
+    assert second.start() == Answer(accepted=True)
+    second.go_on(1.0)
+    for name, gap in zip(("states", "cameras"), second.machine.facts()["gaps"]):
+        assert (gap["group"], gap["file"], gap["ending"]) == (name, 2, "its computer was started anew")
+        assert gap["from_ns"] == began_ns
+        assert gap["to_ns"] - gap["from_ns"] == round(gap["seconds"] * S)
+        assert EPOCH_NS + 40 * S < gap["to_ns"] <= EPOCH_NS + second.now_ns
+
+
+def test_a_recorder_that_somebody_stopped_is_told_to_go_on_and_the_time_is_a_gap():
+    platform = recording()
+    platform.obeys["cameras"] = ("INT", "TERM", "KILL")
+    platform.halted["cameras"] = True
+    platform.go_on(37.9)
+    assert platform.part.message == "cameras: its process was stopped: it is told to go on"
+    assert Signal("cameras", "CONT") in platform.commands
+    platform.obeys["cameras"] += ("CONT",)
+    platform.go_on(1.0)
+    (gap,) = platform.machine.facts()["gaps"]
+    assert (gap["group"], gap["file"], gap["ending"], gap["inside"]) == ("cameras", 1, "its process was stopped", True)
+    assert gap["seconds"] == pytest.approx(38.0, abs=0.2)
+    assert gap["to_ns"] - gap["from_ns"] == round(gap["seconds"] * S)
+    assert platform.part.growing
+    assert len(platform.asked(StartChild)) == 2, "it is not started again"
+
+
+def test_a_recorder_that_was_stopped_and_then_killed_is_one_gap():
+    platform = recording()
+    platform.obeys["cameras"] = ()
+    platform.halted["cameras"] = True
+    platform.go_on(2.0)
+    platform.halted["cameras"] = False
+    platform.kill("cameras")
+    platform.go_on(2.0)
+    (gap,) = platform.machine.facts()["gaps"]
+    assert gap["seconds"] == pytest.approx(2.3, abs=0.3)
+
+
+def test_a_recorder_that_is_stopped_when_the_recording_ends_is_told_to_go_on_too():
+    platform = recording()
+    platform.halted["cameras"] = True
+    platform.stop()
+    platform.turn()
+    assert Signal("cameras", "CONT") in platform.commands
+    assert not platform.halted["cameras"]
 
 
 def test_a_process_that_was_killed_while_it_closed_or_recovered_goes_on_there():

@@ -29,7 +29,7 @@ def test_only_what_a_part_lists_is_removed_and_only_within_the_recordings(tmp_pa
     inside, outside = part(tmp_path / "s1" / "main", LISTED), part(tmp_path / "x" / "y" / "z", LISTED)
     for folder in (inside, outside):
         remove_part(folder, tmp_path, VERIFIED)
-    assert left(inside) == ["notes.txt", "parts.json"]
+    assert left(inside) == ["a-02.bag.active", "notes.txt", "parts.json"], "a damaged one may hold more than was found"
     assert len(left(outside)) == 7
 
 

@@ -104,6 +104,7 @@ class PlatformView:
         self.offsets: Dict[str, Offset] = {}
         self.measured: List[str] = []
         self.measuring = False
+        self.measure_again_ns = 0
         self.fetching = self.fetched = False
         self.fetched_fraction = 0.0
         self.fetch_again_ns = 0
@@ -155,6 +156,7 @@ class PlatformView:
 
 _ASK_AGAIN_NS = 1 * SECOND
 _TRANSFER_AGAIN_NS = 2 * SECOND
+_MEASURE_AGAIN_NS = 5 * SECOND
 _JOB_TRIES = 25
 _CLOSING = (Phase.STOPPING, Phase.RECOVERING)
 _COLLECTING = (Phase.TRANSFERRING, Phase.MERGING, Phase.VERIFYING)
@@ -274,8 +276,12 @@ class Collector:
         else:  # of the computer, whatever it records
             view.part = _of_computer(view.part, said)
 
-    def heard_engine(self, stamp_ns: int, session_id: str, *, in_flight: bool) -> None:
-        """Take what the engine says of the flight; a takeoff lies behind its last status on the ground."""
+    def heard_engine(self, stamp_ns: int, came_ns: int, session_id: str, *, in_flight: bool) -> None:
+        """Take what the engine says of the flight; a takeoff lies behind its last status on the ground.
+
+        The flight lasts from the earlier to the later one of a status' own time and the time at which it came, on the
+        same clock: a stamp that is wrong makes it longer, so that what was lost counts, and never shorter.
+        """
         self._engine = (self._t_ns, session_id, in_flight)
         if not session_id or session_id != self.session_id:
             return
@@ -285,8 +291,8 @@ class Collector:
         if in_flight and not flies:
             self.flights.append([self._engine_ns or 0, None])
         elif flies and not in_flight:
-            self.flights[-1][1] = stamp_ns
-        self._engine_ns = stamp_ns
+            self.flights[-1][1] = max(stamp_ns, came_ns)
+        self._engine_ns = min(stamp_ns, came_ns)
 
     def answered(self, platform: str, verb: str, session_id: str, answer: Answer) -> None:
         """Take the answer of a platform to what it was asked."""
@@ -304,10 +310,14 @@ class Collector:
         self.views[platform].problem = problem
 
     def clock_measured(self, platform: str, when: str, offset: Optional[Offset]) -> None:
-        """Take the offset of a platform's clock."""
-        self.views[platform].measuring = False
+        """Take the offset of a platform's clock; None: it could not be measured, and is asked for again."""
+        view = self.views[platform]
+        view.measuring = False
         if offset is not None:
-            self.views[platform].offsets[when] = offset
+            view.offsets[when] = offset
+        elif when in view.measured:
+            view.measured.remove(when)
+            view.measure_again_ns = self._t_ns + _MEASURE_AGAIN_NS
 
     def transfer_progress(self, platform: str, fraction: float) -> None:
         """Take the progress of a transfer."""
@@ -486,7 +496,7 @@ class Collector:
         return Ask(view.name, verb, session_id)
 
     def _measure(self, view: PlatformView, when: str) -> List[Command]:
-        if view.name == self.setup.own or when in view.measured:
+        if view.name == self.setup.own or when in view.measured or self._t_ns < view.measure_again_ns:
             return []
         view.measured.append(when)
         view.measuring = True

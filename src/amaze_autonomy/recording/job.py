@@ -47,6 +47,7 @@ class Source(NamedTuple):
         platform: its name.
         folder: where it lies on this computer.
         fetched: it came over the network, so its checksums are looked at.
+        far: it was recorded on another computer, whose clock is another one.
         correction_ns: added to its record times.
         clock: what was measured of its clock, for the manifest.
     """
@@ -54,6 +55,7 @@ class Source(NamedTuple):
     platform: str
     folder: Path
     fetched: bool = False
+    far: bool = False
     correction_ns: int = 0
     clock: Mapping[str, Any] = {}
 
@@ -75,7 +77,10 @@ class Plan(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What was made: where, how big, how long; what was lost on the way, and what of that the flight lacks."""
+    """What was made: where, how big, how long; what was lost on the way, and what of that the flight lacks.
+
+    `beside` are verified recordings of this session that were made before, of parts that are not here any more.
+    """
 
     location: str
     size: int
@@ -84,6 +89,7 @@ class Summary(NamedTuple):
     platforms: Tuple[str, ...]
     lost: Tuple[str, ...]
     lost_in_flight: Tuple[str, ...] = ()
+    beside: Tuple[str, ...] = ()
 
     @property
     def message(self) -> str:
@@ -91,9 +97,9 @@ class Summary(NamedTuple):
         lost = "lost: " + "; ".join(self.lost) if self.lost else "nothing was lost"
         lost = f"{lost}; nothing of the flight, or it is tolerated" if self.lost and not self.lost_in_flight else lost
         names = " and ".join(self.platforms)
-        return (
-            f"{self.size / MB:,.1f} MB, {self.seconds:.1f} s, {self.messages:,} messages of {names}, verified; {lost}"
-        )
+        what = f"{self.size / MB:,.1f} MB, {self.seconds:.1f} s, {self.messages:,} messages of {names}"
+        before = f"; what was recorded before is in {' and '.join(self.beside)}" if self.beside else ""
+        return f"{what}, verified; {lost}{before}"
 
 
 def collect(plan: Plan, report: Optional[Report] = None) -> Summary:
@@ -104,13 +110,42 @@ def collect(plan: Plan, report: Optional[Report] = None) -> Summary:
         RecordingError: A part did not arrive as it was sent, or the result is not what it should be.
     """
     inputs, offsets, platforms, lost = _inputs(plan)
+    output, beside = _output(plan.output)
+    plan = plan._replace(output=output)
     manifest = _usable_manifest(plan.output, inputs, offsets)
     if manifest is None:
         manifest = _merged(plan, inputs, offsets, report)
     manifest.update({**plan.facts, "platforms": platforms, "lost": [each.words for each in lost]})
     manifest["lost_in_flight"] = [each.words for each in lost if each.counts]
+    manifest["beside"] = list(beside)
     manifest = _verified(plan, inputs, offsets, manifest, report)
-    return _summary(plan, manifest, lost)
+    return _summary(plan, manifest, lost)._replace(beside=beside)
+
+
+def _output(path: Path) -> Tuple[Path, Tuple[str, ...]]:
+    """Return where the recording is to lie, and the names of those that stay beside it.
+
+    One that is there is written over only where all that it was made of is still here: parts that were removed after
+    they were verified (`keep_parts: false`) are nowhere else.
+    """
+    beside: List[str] = []
+    output = path
+    while output.exists() and not _can_be_made_again(output):
+        beside.append(output.name)
+        output = path.with_name(f"{path.stem}-{len(beside) + 1}{path.suffix}")
+    return output, tuple(beside)
+
+
+def _can_be_made_again(output: Path) -> bool:
+    """Return whether all parts of a recording are here; one without a manifest was not finished, so they are."""
+    if not manifest_path(output).exists():
+        return True
+    try:
+        inputs = read_manifest(manifest_path(output))["inputs"]
+        there = [(output.parent / str(each["file"]), each["bytes"]) for each in inputs]
+    except (BagError, KeyError, TypeError):
+        return False
+    return all(path.is_file() and path.stat().st_size == size for path, size in there)
 
 
 def _inputs(plan: Plan) -> Tuple[List[Path], Tuple[int, ...], Dict[str, Any], List[Loss]]:
@@ -164,7 +199,9 @@ def _ended_early(facts: Mapping[str, Any]) -> List[Loss]:
 
 
 def _wanted(plan: Plan, source: Source, content: Mapping[str, Any]) -> Wanted:
-    """Return what was to be recorded on a platform, on its clock."""
+    """Return what was to be recorded on a platform, on its clock; where that was never measured, nobody knows when."""
+    if source.far and not source.clock:
+        return Wanted(tolerated=frozenset(plan.facts.get("tolerated_topics", ())), topics=content.get("topics", {}))
     stopped_ns, flights = plan.facts.get("stopped_ns"), plan.facts.get("flights")
     offsets = [int(each["offset_ns"]) for each in source.clock.values()]
     shift_ns = sum(offsets) // len(offsets) if offsets else 0

@@ -3,8 +3,9 @@
 Publishers number their messages (std_msgs/Header, seq): rospy and roscpp count the messages of each publisher and write
 the count over whatever the header said. So a number that is missing between two that were recorded is a message that
 was published and not recorded: dropped on its way, or by the recorder. Only topics whose messages begin with a header
-have them; a publisher that skips numbers itself, or does not count, is left out: most of its steps are not one; so is
-one that latches, whose numbers count what others get. So what is found is a lower bound.
+have them; a publisher that skips numbers itself, as one that hands on every third message, or does not count, is left
+out: one is not its most frequent step, as it is however many are dropped by chance. So is one that latches, whose
+numbers count what others get. So what is found is a lower bound.
 
 Each recorder of a group writes the next file. Between two recorders of a group there is a gap, whoever ended the first
 and however; it lasts from the last message of the one to the first of the other, by their record times. A group whose
@@ -45,7 +46,7 @@ class Numbers(NamedTuple):
         first: number.
         last: number.
         missing: how many are not there between them.
-        counts: whether they count: most steps are one.
+        counts: whether they count: no other step is more frequent than one.
     """
 
     first: int
@@ -59,7 +60,9 @@ def numbers_of(numbers: Any) -> Optional[Numbers]:
     if not len(numbers):
         return None
     steps = np.diff(numbers.astype(np.int64)) % _WRAP
-    counts = bool((steps == 1).sum() * 2 > len(steps))
+    kinds, times = np.unique(steps, return_counts=True)
+    ones = times[kinds == 1].sum()
+    counts = bool(ones and ones == times.max())
     missing = int((steps[(steps > 1) & (steps < _BACK)] - 1).sum()) if counts else 0
     return Numbers(int(numbers[0]), int(numbers[-1]), missing, counts)
 
@@ -144,6 +147,7 @@ def _has_header(connection: Connection) -> bool:
 
 _NAME = re.compile(r"(.+)-(\d\d+)(?:_(\d+))?\.bag(\.active)?")
 _UNSEEN = "its file was not closed, and nobody saw it end"
+_GONE = "a file in between is not there"
 
 
 class Written(NamedTuple):
@@ -157,6 +161,7 @@ class Written(NamedTuple):
         first_ns: time of the first message; None: there is none.
         last_ns: time of the last one.
         numbers: in the headers of its messages.
+        empty: it has not one byte: a power cut came before the disk had any.
     """
 
     group: str
@@ -166,6 +171,7 @@ class Written(NamedTuple):
     first_ns: Optional[int] = None
     last_ns: Optional[int] = None
     numbers: Mapping[Stream, Numbers] = {}
+    empty: bool = False
 
 
 class Account(NamedTuple):
@@ -214,7 +220,8 @@ def _account_group(found: Account, group: str, files: List[Written]) -> None:
             _add(found.missing, topic, numbers.missing)
     for before, after in zip(files, files[1:]):
         missing = _missing_between(before, after)
-        gap = None if before.number == after.number else _gap(found, group, before, after)
+        follows = before.number == after.number and after.split - before.split <= 1
+        gap = None if follows else _gap(found, group, before, after)
         if gap is None:
             for topic, count in missing.items():
                 _add(found.missing, topic, count)
@@ -236,7 +243,7 @@ def _gap(found: Account, group: str, before: Written, after: Written) -> Optiona
     inside = [gap for gap in mine if gap["file"] == before.number and gap.get("inside")]
     if any(gap.get("to_ns", after.first_ns) >= after.first_ns for gap in inside):
         return None
-    ending = STOPPED if before.closed else _UNSEEN
+    ending = _GONE if before.number == after.number else STOPPED if before.closed else _UNSEEN
     found.gaps.append({"group": group, "file": after.number, "seconds": 0.0, "ending": ending})
     return found.gaps[-1]
 
@@ -262,6 +269,11 @@ def _add(counts: Dict[str, int], topic: str, count: int) -> None:
         counts[topic] = counts.get(topic, 0) + count
 
 
+def _proves(file: Written, first: int) -> bool:
+    """Return whether a file shows that a recorder wrote from its beginning on; one of 0 bytes shows nothing."""
+    return file.number <= first and file.split == 0 and not file.empty
+
+
 def recorded(
     files: Sequence[Written], gaps: Sequence[Mapping[str, Any]], seen: Mapping[str, Mapping[str, Optional[int]]]
 ) -> Dict[str, List[Optional[int]]]:
@@ -279,7 +291,7 @@ def recorded(
     for group, watched in seen.items():
         mine = [each for each in files if each.group == group]
         named = [gap for gap in gaps if gap["group"] == group and "from_ns" in gap]
-        first = watched["file"] is not None and any(each.number <= watched["file"] for each in mine)
+        first = watched["file"] is not None and any(_proves(each, watched["file"]) for each in mine)
         begins = [*(each.first_ns for each in mine), *(gap["from_ns"] for gap in named)]
         ends = [*(each.last_ns for each in mine), *(gap.get("to_ns") for gap in named)]
         begins += [watched["from_ns"]] if first else []

@@ -145,7 +145,8 @@ def _written(folder: Path, path: Path, listed: Sequence[Mapping[str, Any]]) -> L
             numbers = header_numbers(whole)
             if file.closed and entry.get("lost") != 0:  # damage is told as such
                 numbers = {stream: each._replace(missing=0) for stream, each in numbers.items()}
-    return [file._replace(first_ns=min(times, default=None), last_ns=max(times, default=None), numbers=numbers)]
+    first_ns, last_ns = min(times, default=None), max(times, default=None)
+    return [file._replace(first_ns=first_ns, last_ns=last_ns, numbers=numbers, empty=not listed)]
 
 
 def _listed(folder: Path, path: Path) -> List[Dict[str, Any]]:

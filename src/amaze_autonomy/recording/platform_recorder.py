@@ -11,9 +11,11 @@ another one is refused: who wants that has to stop this one first. No recorder e
 higher than that of any file of its group in the session's folder, whoever wrote that and whatever is remembered of it.
 COMPLETE means that this platform's part is closed and listed; to make one of all parts is the collector's job.
 
-Where a recorder of a group ended or stopped to write while it should record, there is a gap: from the last growth of
-its files to the next, or to the end of the recording. A recording that was stopped and goes on has one, too. What is
-known of a session is kept when another one begins: it may be taken up again.
+Where a recorder of a group ended, or said that it stopped to write, while it should record, there is a gap: from the
+last growth of its files to the next, or to the end of the recording. So there is where its process was stopped (it is
+told to go on), and where a recording was stopped and goes on, or its computer was started anew. That files do not grow
+is no gap: of a few small messages nothing is written for long; what a slow disk loses, the recorder says in its log,
+and headers count it. What is known of a session is kept when another one begins: it may be taken up again.
 """
 
 from __future__ import annotations
@@ -84,6 +86,8 @@ _FLUSH_BYTES = 1 << 20  # what may still reach the disk after a recorder stopped
 
 _FULL = "the storage was full"
 _REMOVED = "its files were removed"
+_ANEW = "its computer was started anew"
+_HALTED = "its process was stopped"
 
 _UNSEEN: Mapping[str, Optional[int]] = {"file": None, "from_ns": None, "to_ns": None}
 
@@ -113,17 +117,21 @@ class Group:
         self._grew_ns: Optional[int] = None
         self._gap_ns: Optional[int] = None
         self._full_size = 0
-        self._told = self._taken_over = False
+        self._told = self._taken_over = self._halted = False
         self._began_ns: Optional[int] = None
+        self._looked_ns: Optional[int] = None
 
     def begin(self, t_ns: int) -> None:
         """Forget the last recorder: a recording begins, or goes on after a gap."""
         self._asked_ns = self._ended_ns = self._gap_ns = self._grew_ns = None
         self.writes = False
-        ended_ns, self.span["to_ns"] = self.span["to_ns"], None
-        if ended_ns is not None:
-            self._grew_ns = None if self.shift_ns is None else ended_ns - self.shift_ns
-            self._open_gap(t_ns, STOPPED, self.number + 1)
+        until_ns, self.span["to_ns"] = self.span["to_ns"], None
+        ending = STOPPED
+        if until_ns is None and self.span["file"] is not None:  # nobody saw it end: its files say how far they go
+            until_ns, ending = self.span["from_ns"], _ANEW
+        if until_ns is not None:
+            self._grew_ns = None if self.shift_ns is None else until_ns - self.shift_ns
+            self._open_gap(t_ns, ending, self.number + 1)
             self._grew_ns = None
 
     def end(self, t_ns: int) -> None:
@@ -180,6 +188,11 @@ class Group:
             self._full_size = seen.size
             self._open_gap(t_ns, _FULL, self.number)
             self.gaps[-1]["inside"] = True
+        elif writing and seen.halted and self._gap_ns is None:
+            self._grew_ns, self._halted = self._looked_ns, True
+            self._open_gap(t_ns, _HALTED, self.number)
+            self.gaps[-1]["inside"] = True
+        self._looked_ns = t_ns
         if seen.running and self._born_size is None:
             self._came(t_ns, seen.size)
         self.running = seen.running
@@ -190,7 +203,11 @@ class Group:
         subscribed = self._born_size is not None and seen.missing == ()
         if subscribed and self.span["file"] is None and self.shift_ns is not None:
             self.span.update(file=self.number, from_ns=t_ns + self.shift_ns)
-        if self._born_size is not None and seen.size - self._born_size > _HEAD_BYTES:
+        if self._halted:
+            self._halted = seen.halted
+            if seen.running and not seen.halted:
+                self._close_gap(t_ns)
+        elif self._born_size is not None and seen.size - self._born_size > _HEAD_BYTES:
             if not self.writes or (self._full_size and seen.size - self._full_size > _FLUSH_BYTES):
                 self._close_gap(t_ns)
             self.writes = True
@@ -222,6 +239,11 @@ class Group:
         self._gap_ns, self._full_size = None, 0
 
     @property
+    def halted(self) -> bool:
+        """Whether somebody stopped its process, which is still there (SIGSTOP)."""
+        return self._seen.halted
+
+    @property
     def proven(self) -> bool:
         """Return whether it records, or would if anybody published what it is subscribed to."""
         return self.running and self._seen.missing == () and (self.writes or self._seen.silent)
@@ -248,6 +270,7 @@ class Group:
             ),
             (not self.running, "its recorder has not started yet"),
             (seen.removed, "its files were removed: it begins a new one"),
+            (seen.halted, "its process was stopped: it is told to go on"),
             (bool(self._full_size), "its recorder stopped to write: the storage is full"),
             (bool(seen.missing), f"not subscribed to {', '.join(seen.missing or ())}"),
             (seen.missing is None, "the master does not say what is subscribed"),
@@ -448,11 +471,15 @@ class PlatformRecorder:
             return [Signal(group.name, "INT") for group in told]
         removed = [group for group in self.groups.values() if group.stop_for_removal(t_ns)]
         wanting = [group for group in self.groups.values() if group.wants_child(t_ns)]
-        commands: List[Command] = [Signal(group.name, "INT") for group in removed]
+        commands: List[Command] = [*self._wake(), *(Signal(group.name, "INT") for group in removed)]
         commands += [StartChild(group.name, group.take_number(t_ns)) for group in wanting]
         if self.phase is Phase.STARTING and self.groups and self._proven():
             self._enter(Phase.RECORDING, t_ns)
         return commands
+
+    def _wake(self) -> List[Command]:
+        """Have recorders go on that somebody stopped."""
+        return [Signal(group.name, "CONT") for group in self.groups.values() if group.halted]
 
     def _look_at_space(self) -> None:
         """See whether the storage is full; it is not any more when twice the reserve is free."""
@@ -467,7 +494,7 @@ class PlatformRecorder:
             self._enter(Phase.RECOVERING, t_ns)
             return self._recover(t_ns)
         steps = ((0, "INT"), (self.setup.stop_limit_ns, "TERM"), (self.setup.stop_limit_ns + _KILL_AFTER_NS, "KILL"))
-        commands: List[Command] = []
+        commands: List[Command] = self._wake()
         while self._escalation < len(steps) and t_ns >= self._since_ns + steps[self._escalation][0]:
             commands += [Signal(name, steps[self._escalation][1]) for name in running]
             self._escalation += 1

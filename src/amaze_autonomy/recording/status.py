@@ -101,6 +101,7 @@ class GroupStatus:
         dropped: warnings in its log that messages were dropped.
         full: its log says that it stopped because the storage is full.
         removed: the file that it writes is not there any more: somebody removed it.
+        halted: its process is there, and somebody stopped it.
         number: the highest one of its files in the session's folder, whoever wrote it; 0: there is none.
     """
 
@@ -113,6 +114,7 @@ class GroupStatus:
     dropped: int = 0
     full: bool = False
     removed: bool = False
+    halted: bool = False
     number: int = 0
 
 

@@ -114,12 +114,13 @@ def time_left_s(space: Optional[Space], rate: float, reserve: int) -> Optional[f
 # --- removal ----------------------------------------------------------------------------------------------------------
 
 
-_OF_IT = ("recovered_from", "undo")
 _log = logging.getLogger(__name__)
 
 
 def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> None:
-    """Remove what is in the verified recording: the files that the list of a part names, and what they were made of.
+    """Remove what is in the verified recording: files that the list of a part names, each with its undo file.
+
+    A damaged file that one of them was recovered from stays: nothing has verified that all that it holds was found.
 
     Args:
         folder: of the part.
@@ -138,7 +139,6 @@ def remove_part(folder: Path, recordings: Path, verified: Mapping[str, str]) -> 
         if not proof or proof != entry.get("sha256") or proof != sha256_of(path):
             _log.warning("%s is not in the verified recording as it is here: it is kept", path)
             continue
-        for name in (*(str(entry[key]) for key in _OF_IT if key in entry), path.name):
-            each = folder / name
+        for each in (folder / str(name) for name in (entry.get("undo"), path.name) if name):
             if each.parent == folder and each.is_file():
                 each.unlink()

@@ -222,6 +222,12 @@ class LocalProcess:
         return fields is not None and fields[0] not in "ZX" and int(fields[_START_FIELD]) == self.start
 
     @property
+    def halted(self) -> bool:
+        """True while it is stopped (SIGSTOP, or a debugger)."""
+        fields = _stat(self.pid)
+        return fields is not None and fields[0] in "Tt" and int(fields[_START_FIELD]) == self.start
+
+    @property
     def age_s(self) -> float:
         """Return the time since its start."""
         return time.clock_gettime(time.CLOCK_BOOTTIME) - self.start / os.sysconf("SC_CLK_TCK")

@@ -175,14 +175,14 @@ def registered(session_id: str) -> Optional[Path]:
     label = session_id.rpartition("-")[0]
     if not label or "/" in label or label.startswith("."):
         return None
-    path = Path(os.path.realpath(default_parent() / _REGISTER / label))
     try:
+        path = Path(os.path.realpath(default_parent() / _REGISTER / label))
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC)
         with os.fdopen(descriptor, "rb") as file:
             found = os.fstat(descriptor)
             own = stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and path.name == JOURNAL_NAME
             header = codec.decode(file.readline(_LONGEST_HEADER).decode()).kind == "header" if own else False
-    except (OSError, UnicodeDecodeError, codec.JournalError):
+    except (OSError, ValueError, codec.JournalError):  # a name with NUL is a ValueError
         return None
     return path if header else None
 

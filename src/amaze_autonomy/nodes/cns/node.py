@@ -16,6 +16,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import shlex
 import subprocess
 import threading
@@ -384,8 +385,12 @@ def _folder(place: str) -> Optional[Folder]:
     return _counted(sizes)
 
 
+_HOME = re.compile(r"~[A-Za-z0-9._-]*")
+
+
 def _there(host: str, path: str) -> Optional[Folder]:
-    where = path if path.startswith("~") else shlex.quote(path)
+    home, slash, rest = path.partition("/")  # the other computer knows where somebody's home is
+    where = f"{home}{slash}{shlex.quote(rest)}" if _HOME.fullmatch(home) else shlex.quote(path)
     command = ["ssh", "-o", "BatchMode=yes", "-o", "ConnectTimeout=3", "--", host]
     command.append(f"find {where} -type f -printf '%s %f\\n'")
     try:

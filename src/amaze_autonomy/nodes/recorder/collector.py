@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import shutil
 import threading
@@ -17,6 +18,7 @@ from amaze_autonomy import msg, srv
 from amaze_autonomy.config import Configuration
 from amaze_autonomy.config.schemas.recording import Transfer
 from amaze_autonomy.engine.events import RecordingPhase
+from amaze_autonomy.interface.fields import text
 from amaze_autonomy.recording import Answer, Collector, Command, PlatformStatus, RecordingError, Status
 from amaze_autonomy.recording import status as asked
 from amaze_autonomy.recording.collector import Exchange, Offset, best, correction_ns
@@ -57,9 +59,9 @@ def read_status(message: Any) -> Optional[Status]:
         progress=_fraction(message.progress),
         remaining_s=message.remaining if message.remaining >= 0.0 else None,
         platforms=tuple([_platform(each) for each in message.platforms]),
-        location=message.location,
-        message=message.message,
-        lost=message.lost,
+        location=text(message.location),
+        message=text(message.message),
+        lost=text(message.lost),
     )
 
 
@@ -70,8 +72,8 @@ def _platform(message: Any) -> PlatformStatus:
         written_bytes=message.bytes,
         byte_rate=message.byte_rate,
         free_fraction=_fraction(message.free_fraction),
-        location=message.location,
-        message=message.message,
+        location=text(message.location),
+        message=text(message.message),
         dropped=message.dropped,
         cpu_fraction=_fraction(message.cpu_fraction),
     )
@@ -205,7 +207,8 @@ class RecorderCollector:
         """
         session_id = message.session_id
         with self._share.lock:
-            self.machine.heard_engine(message.header.stamp.to_nsec(), session_id, in_flight=message.in_flight)
+            stamp_ns, came_ns = message.header.stamp.to_nsec(), self._share.stamp_ns()
+            self.machine.heard_engine(stamp_ns, came_ns, session_id, in_flight=message.in_flight)
         if message.state == "MISSION_ENDED" and session_id not in ("", self._ended):
             self._ended = session_id
             folder = self._share.folder / session_name(session_id, message.mission_id)
@@ -389,13 +392,14 @@ class Collection:
         }
 
     def verified(self, folder: Path, source: Mapping[str, Any]) -> Dict[str, str]:
-        """Return names and checksums of a source's files, as the manifest of the verified recording has them."""
-        manifest = read_json(folder / f"{folder.name}.manifest.json") or {}
-        if not (manifest.get("verified") or {}).get("ok"):
-            return {}
-        there = Path(source["folder"]).resolve()
-        paths = {(folder / each["file"]).resolve(): str(each["sha256"]) for each in manifest["inputs"]}
-        return {path.name: sha256 for path, sha256 in paths.items() if path.parent == there}
+        """Return names and checksums of a source's files, as the manifests of verified recordings have them."""
+        there, found = Path(source["folder"]).resolve(), {}  # type: Path, Dict[str, str]
+        for path in sorted(folder.glob(f"{glob.escape(folder.name)}*.manifest.json")):
+            manifest = read_json(path) or {}
+            if (manifest.get("verified") or {}).get("ok"):
+                inputs = {(folder / each["file"]).resolve(): str(each["sha256"]) for each in manifest["inputs"]}
+                found.update({each.name: sha256 for each, sha256 in inputs.items() if each.parent == there})
+        return found
 
     def source(self, folder: Path, collector: Collector, name: str) -> Dict[str, Any]:
         """Return what the job is told of a platform's part."""
@@ -406,6 +410,7 @@ class Collection:
             "platform": name,
             "folder": view.part.location if in_place else str(folder / name),
             "fetched": not in_place,
+            "far": not own,
             "correction_ns": correction if self._configuration.recording.apply_clock_offset else 0,
             "clock": {when: offset.as_json() for when, offset in sorted(view.offsets.items())},
         }

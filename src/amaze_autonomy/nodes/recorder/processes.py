@@ -15,7 +15,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Mapping, Optional, Sequence, Set, Tuple
 
 import roslib.packages
 
@@ -90,6 +90,10 @@ class _Log:
         self.state = LogState(dropped=self.state.dropped)
 
 
+_ACTIVE = ".active"
+"""At the end of the name of a file that is written; it goes when the file is closed."""
+
+
 class RecorderChildren:
     """The processes of one session on this platform. Used by the node's one working thread.
 
@@ -116,7 +120,8 @@ class RecorderChildren:
         self._own: Dict[str, subprocess.Popen[bytes]] = {}
         self._endings: Dict[str, str] = {}
         self._logs: Dict[str, _Log] = {}
-        self._written: Dict[str, bool] = {}
+        self._active: Dict[str, FrozenSet[str]] = {}  # files that are written
+        self._gone: Dict[str, FrozenSet[str]] = {}  # those of them that were not there at the last look
 
     def enter(self, folder: Path) -> None:
         """Work in a session's folder from now on."""
@@ -148,7 +153,8 @@ class RecorderChildren:
         except OSError as error:
             self._endings[name] = f"it cannot be started: {error}"
             return self._endings[name]
-        self._own[name], self._written[name] = process, False
+        self._own[name] = process
+        self._active[name] = self._gone[name] = frozenset()
         self._logs[name].forget_end()
         self._take(name, process.pid)
         return ""
@@ -190,9 +196,9 @@ class RecorderChildren:
         return ProcessStatus(groups, stamp_ns=stamp_ns)
 
     def _see(self, name: str, files: Mapping[str, os.stat_result], subscriptions: Subscriptions) -> GroupStatus:
-        mine = [files[each] for each in files_of(name, list(files))]
-        self._written[name] = bool(mine) or (self._written.get(name, False) and name in self._processes)
-        running = self._is_running(name)
+        names = files_of(name, list(files))
+        mine, running = [files[each] for each in names], self._is_running(name)
+        process = self._processes.get(name)
         log, topics = self._logs[name].read(), self._topics[name]
         ending = "" if running else "; ".join(each for each in (self._endings.get(name, ""), log.error) if each)
         return GroupStatus(
@@ -204,9 +210,20 @@ class RecorderChildren:
             silent=subscriptions.silent(topics),
             dropped=log.dropped,
             full=running and log.full,
-            removed=running and not mine and self._written.get(name, False),
+            removed=self._active_is_gone(name, names) and running,
+            halted=running and process is not None and process.halted,
             number=last_number(name, list(files)),
         )
+
+    def _active_is_gone(self, name: str, names: Sequence[str]) -> bool:
+        """Return whether a file that is written is gone, at two looks in a row, and not because it was closed."""
+        here = frozenset(names)
+        gone = frozenset(
+            each for each in self._active.get(name, ()) if each not in here and each[: -len(_ACTIVE)] not in here
+        )
+        again = bool(gone & self._gone.get(name, frozenset()))
+        self._active[name], self._gone[name] = gone | {each for each in names if each.endswith(_ACTIVE)}, gone
+        return again
 
     def memory(self) -> Dict[str, List[int]]:
         """Return number and time of start of each process."""
