@@ -131,7 +131,8 @@ def _in_doubt(after: EngineState, story: Story) -> bool:
         return False
     fresh = after.t_ns - after.peers.autopilot_ns <= story.rules.limits.autopilot_status_limit_ns
     waited_ns = after.t_ns - after.vehicle.takeover.since_ns
-    return fresh and (waited_ns < story.rules.limits.pilot_confirm_ns or after.vehicle.takeover.statuses == 1)
+    agreed = after.vehicle.takeover.statuses > 1 and status.armed is not False
+    return fresh and (waited_ns < story.rules.limits.pilot_confirm_ns or not agreed)
 
 
 def _credible(age_ns: int, story: Story) -> bool:

@@ -142,6 +142,79 @@ def test_a_takeover_stops_commanding_at_once_and_is_believed_when_it_lasts():
     assert story.motions == []
 
 
+def hovering(mode):
+    """Return a story in which the mission was flown in a mode for a second, and the planner flies for long."""
+    story = at("MISSION flying")
+    story.planner.flown_ns = -(10**12)
+    story.vehicle.mode = mode
+    return story.after(1.0).look()
+
+
+@pytest.mark.parametrize(
+    "flown, then",
+    [
+        ("AUTO.MISSION", "AUTO.LOITER"),  # Pause of a ground station, a switch of the transmitter
+        ("AUTO.MISSION", "OFFBOARD"),  # "fly here" of a ground station, as ArduPilot's GUIDED
+        ("AUTO.MISSION", "AUTO.TAKEOFF"),
+        ("OFFBOARD", "AUTO.LOITER"),
+    ],
+)
+def test_a_mode_that_lies_behind_the_mission_is_somebody_elses(flown, then):
+    story = hovering(flown)
+    story.vehicle.mode = then
+    story.after(1.0).expect("PILOT").fail("imu", 16)
+    assert story.motions == []
+
+
+@pytest.mark.parametrize("planner", [ev.MissionPhase.HOLDING, ev.MissionPhase.FLYING])
+def test_the_pilots_hold_is_not_resumed_by_what_fails_and_comes_back(planner):
+    story = hovering("AUTO.MISSION")
+    story.vehicle.mode, story.planner.phase = "AUTO.LOITER", planner
+    story.after(2.0).fail("lrf", 8).after(1.0).back("lrf").after(2.0).expect("PILOT")
+    assert story.motions == []
+
+
+def test_one_status_in_a_mode_that_lies_behind_the_mission_takes_nothing_over():
+    story = lie(hovering("AUTO.MISSION"), mode="AUTO.LOITER").after(2.0).expect("MISSION")
+    story.fail("imu", 16)
+    assert story.motions == ["LAND"]
+
+
+@pytest.mark.parametrize(
+    "modes",
+    [("AUTO.TAKEOFF", "AUTO.LOITER", "OFFBOARD"), ("OFFBOARD", "AUTO.MISSION"), ("AUTO.LOITER", "AUTO.MISSION")],
+)
+def test_a_takeoff_goes_through_its_modes_as_ours(modes):
+    story = at("TAKEOFF climbing")
+    story.planner.flown_ns, story.vehicle.says["mode"] = -(10**12), modes[0]
+    story.until("MISSION", "flying")
+    for mode in modes:
+        story.vehicle.says["mode"] = mode
+        story.after(1.5).expect("MISSION", "flying")
+
+
+def test_after_our_own_hold_the_mission_goes_through_its_modes_again():
+    story = hovering("AUTO.MISSION")
+    story.fail("lrf", 8).until("HOLD", "holding").back("lrf").until("HOLD", "resuming")
+    story.vehicle.mode = "AUTO.LOITER"  # the hold of before, for a while
+    story.after(0.4).expect("MISSION", "flying")
+    story.vehicle.mode = "AUTO.MISSION"
+    story.after(2.0).expect("MISSION", "flying")
+    story.vehicle.mode = "AUTO.LOITER"
+    story.after(1.0).expect("PILOT")
+
+
+def test_one_status_that_says_disarmed_takes_no_vehicle_back_from_its_pilot():
+    story = at("MISSION flying")
+    story.vehicle.obeys = False
+    story.say(pilot_in_control=True, mode="POSCTL").after(0.2).fail("imu", 16).look()
+    story.say(armed=False)
+    assert story.motions == []
+    story.vehicle.says["armed"] = True
+    story.after(0.5).expect("PILOT")
+    assert story.motions == []
+
+
 def test_a_landing_that_was_due_in_that_moment_goes_out_when_the_vehicle_is_ours():
     story = at("MISSION flying")
     lie(story, mode="POSCTL")
@@ -556,6 +629,20 @@ def test_after_the_alarm_a_person_may_end_a_mission_whose_vehicle_is_silent():
     story.until("MISSION_ENDED")
 
 
+@pytest.mark.parametrize("state", ["DATA_CLEANUP", "MISSION_ENDED"])
+def test_a_landing_that_was_given_up_is_taken_up_when_the_vehicle_is_heard_in_the_air(state):
+    story = at("MISSION flying")
+    story.vehicle.obeys, story.planner.flown_ns = False, -(10**12)
+    story.silent += ["autopilot", "planner"]
+    story.after(10.0).user("acknowledge")
+    story.until(state)
+    story.vehicle.speed, story.vehicle.height, story.vehicle.mode = 0.0, 2.0, "AUTO.MISSION"
+    story.vehicle.armed, story.vehicle.landed = True, ev.VehicleLanded.IN_AIR
+    story.silent.clear()
+    story.look().after(1.0).expect("LAND")
+    assert story.motions[0] == "LAND"
+
+
 def test_a_vehicle_that_is_heard_cannot_be_given_up():
     story = at("LAND commanding").after(10.0)
     assert story.state.landing.alarmed
@@ -619,3 +706,47 @@ def test_a_peer_that_was_not_there_is_asked_again_however_long_the_other_checks_
     said = {"outcome": ev.Outcome.ACCEPTED, "ok": True, "checks": (Check(name="watchdog", verdict=Verdict.PASS),)}
     story.feed(ev.CheckReply, command_id=watchdog.command_id, check=watchdog.check, **said)
     story.expect("PREFLIGHT").until("START_RECORDING", limit_s=3.0)
+
+
+# --- a restart in flight ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("asked", ["failure", "user"])
+def test_a_restart_during_the_planners_own_landing_holds_nothing(asked):
+    story = at("MISSION flying").until("MISSION", "flying")
+    while story.planner.phase is not ev.MissionPhase.LANDING:
+        story.after(0.1)
+    story.after(0.3).look().feed(ev.EngineStarted, label="x", resumed=True)
+    _ = story.fail("lrf", 8) if asked == "failure" else story.user("hold")
+    story.after(1.0)
+    assert story.motions == []
+
+
+def test_what_fails_right_after_a_restart_is_answered_once_the_planner_is_heard():
+    story = at("MISSION flying")
+    story.planner.flown_ns = -(10**12)
+    story.feed(ev.EngineStarted, label="x", resumed=True)
+    story.look().fail("lrf", 8)
+    assert story.motions == []
+    story.after(0.3)
+    assert story.motions == ["HOLD"]
+
+
+@pytest.mark.parametrize("place", ["LAND commanding", "LAND descending"])
+def test_a_restart_while_landing_hears_who_has_control_before_it_lands_again(place):
+    story = at(place)
+    story.vehicle.obeys, story.vehicle.speed = False, 0.0
+    story.vehicle.landed, story.vehicle.mode = ev.VehicleLanded.IN_AIR, "AUTO.RTL"
+    story.look().feed(ev.EngineStarted, label="x", resumed=True)
+    story.after(1.0).expect("PILOT")
+    assert story.motions == []
+
+
+@pytest.mark.parametrize("place", ["LAND commanding", "LAND descending"])
+def test_a_restart_while_landing_lands_again_when_nobody_is_heard(place):
+    story = at(place)
+    story.silent += ["autopilot", "planner"]
+    story.look().feed(ev.EngineStarted, label="x", resumed=True)
+    story.after(4.0).expect("LAND", "commanding")
+    assert "LAND" in story.motions
+    assert "AutopilotLand" in story.requests

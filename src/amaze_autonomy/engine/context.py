@@ -35,6 +35,7 @@ from .state import Asked, EngineState, evolve
 LANDING_MODES: FrozenSet[str] = frozenset({"AUTO.LAND", "AUTO.PRECLAND"})
 HOLDING_MODES: FrozenSet[str] = frozenset({"AUTO.LOITER"})
 
+_TAKES_OFF = (MissionAction.TAKEOFF, MissionAction.RESUME)
 _FLYING = frozenset({"AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD"})
 
 DIRECT_MODES: Mapping[MissionAction, FrozenSet[str]] = {
@@ -51,9 +52,22 @@ MODES: Mapping[MissionAction, FrozenSet[str]] = {
     MissionAction.TAKEOFF: _FLYING | HOLDING_MODES,  # PX4 loiters after its takeoff
 }
 
+_ON_THE_WAY: Mapping[str, int] = {"AUTO.TAKEOFF": 1, "AUTO.LOITER": 1, "OFFBOARD": 2, "AUTO.MISSION": 3}
+"""How far a takeoff has come by its mode; some are left out: ArduPilot takes off in OFFBOARD (its GUIDED)."""
+
+
+def is_further(mode: str, flown: str) -> bool:
+    """Return True when a takeoff has come further in one mode than in another; before all of them there is none."""
+    return _ON_THE_WAY.get(mode, 0) > _ON_THE_WAY.get(flown, 0)
+
 
 def ours(
-    mode: str, commanded: Tuple[MissionAction, ...], confirmed: Optional[MissionAction], *, lands: bool = False
+    mode: str,
+    commanded: Tuple[MissionAction, ...],
+    confirmed: Optional[MissionAction],
+    flown: str = "",
+    *,
+    lands: bool = False,
 ) -> bool:
     """Return True when a flight mode matches an outstanding or the last confirmed command; an unknown mode does.
 
@@ -61,11 +75,15 @@ def ours(
         mode: the flight mode; empty: unknown.
         commanded: all commands since the last confirmed one: a late effect of the last but one is ours as well.
         confirmed: the last command that a mode answered.
+        flown: how far a takeoff or a resume has come. What lies before it is no answer to that any more: a hold, or
+            set-points, after the mission was flown are the pilot's, or another ground station's.
         lands: the planner says that it lands.
     """
     if not mode or (lands and mode in LANDING_MODES):
         return True
-    return any(mode in MODES[action] for action in commanded) or (confirmed is not None and mode in MODES[confirmed])
+    actions = commanded if confirmed is None else (*commanded, confirmed)
+    past = is_further(flown, mode)
+    return any(mode in MODES[action] and not (past and action in _TAKES_OFF) for action in actions)
 
 
 # --- context ----------------------------------------------------------------------------------------------------------
@@ -187,9 +205,11 @@ class Context:
         return agreed and self.on_ground()
 
     def taken(self) -> bool:
-        """Return True when several statuses agree that somebody else has control."""
-        agreed = self.state.vehicle.takeover
-        if agreed is None or agreed.statuses < 2 or self.vehicle() is None:  # noqa: PLR2004 - a single one is not enough
+        """Return True when several statuses, the last one among them, agree that somebody else has control."""
+        agreed, status = self.state.vehicle.takeover, self.vehicle()
+        if agreed is None or agreed.statuses < 2:  # noqa: PLR2004 - a single one is not enough
+            return False
+        if status is None or status.armed is False:
             return False
         return self.now - agreed.since_ns >= self.limits.pilot_confirm_ns
 
@@ -200,8 +220,8 @@ class Context:
     def lands(self) -> bool:
         """Return True when it is landing, whoever lands it: a hold must not interrupt that."""
         status, planner = self.vehicle(), self.state.peers.planner
-        if planner is not None and planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED):
-            return True
+        if planner is None or planner.phase in (MissionPhase.LANDING, MissionPhase.LANDED):
+            return True  # right after a restart of ours it was not heard yet
         if status is None:
             return False
         if status.mode in LANDING_MODES or status.landed is VehicleLanded.LANDING:

@@ -171,7 +171,9 @@ def _motion(context: Context, action: MissionAction) -> None:
     asked = context.send(MissionCommand(id=context.take_id(), limit_ns=limit_ns, session_id=session_id, action=action))
     commanded = context.state.flight.commanded
     commanded = commanded if commanded[-1:] == (action,) else (*commanded, action)
-    context.put("flight", motion=asked, mode_shown=False, commanded=commanded)
+    context.put("flight", motion=asked, mode_shown="", commanded=commanded)
+    if action in (MissionAction.TAKEOFF, MissionAction.RESUME):
+        context.put("flight", mode_flown="")
 
 
 def _mode(context: Context) -> str:
@@ -283,7 +285,8 @@ def disarm(context: Context) -> None:
 
 def pilot(context: Context) -> None:
     """Stop commanding: no mode is ours any more, that of before our commands neither."""
-    context.put("flight", commanded=(), confirmed=None, mode_before="", user_hold_ns=None, takeover_noted=False)
+    context.put("flight", commanded=(), confirmed=None, mode_before="", mode_flown="")
+    context.put("flight", user_hold_ns=None, takeover_noted=False)
 
 
 # --- data -------------------------------------------------------------------------------------------------------------

@@ -218,6 +218,14 @@ def vehicle_known(context: Context) -> Optional[Seen]:
     return holds_if(context.vehicle() is not None)
 
 
+def vehicle_heard(context: Context) -> Optional[Seen]:
+    """The vehicle was heard since the engine's last start, or could have been for longer than it may be silent."""
+    peers = context.state.peers
+    since_ns = peers.autopilot_ns or 0
+    silent = context.now - since_ns > context.limits.autopilot_status_limit_ns
+    return holds_if(peers.autopilot is not None or silent)
+
+
 def interrupted(state: State) -> Guard:
     """Hold when the hold interrupted this state."""
     return lambda context: holds_if(context.state.flight.interrupted is state)

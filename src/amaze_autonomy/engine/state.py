@@ -267,7 +267,8 @@ class Flight:
         commanded: all since the last that a mode has answered, one after the other.
         confirmed: the last that a mode has answered.
         mode_before: the flight mode before all of them.
-        mode_shown: one status shows the mode that answers the last.
+        mode_shown: the mode by which one status answers the last; empty: it does not.
+        mode_flown: how far two statuses have shown a takeoff, or a resume, to have come.
         hold_repeated: the hold was commanded again.
         takeover_noted: the user was told that somebody else seems to have control.
     """
@@ -285,7 +286,8 @@ class Flight:
     commanded: Tuple[MissionAction, ...] = ()
     confirmed: Optional[MissionAction] = None
     mode_before: str = ""
-    mode_shown: bool = False
+    mode_shown: str = ""
+    mode_flown: str = ""
     hold_repeated: bool = False
     takeover_noted: bool = False
 

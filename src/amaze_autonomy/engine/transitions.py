@@ -160,7 +160,7 @@ TRANSITIONS: Tuple[Transition, ...] = (
     T("autopilot_lost_alarm", (State.LAND,), flight.must_alarm, None, "autopilot_lost", {"landing.both_routes": True}, do.alarm, "the autopilot is silent: alarm to the pilot"),
     T("both_routes_needed", (State.LAND,), both(flight.must_land_both, flight.one_route_only), None, "land_second_route", {}, do.land_both, "planner or autopilot is lost while landing"),
     T("disarm_on_ground", (State.LAND,), flight.ground_armed, None, "disarm", {}, do.disarm, "on the ground but armed for a while"),
-    T("landing_not_shown", (DESCENDING,), negated(flight.landing_shown), COMMANDING, words="the vehicle no longer shows that it lands, or the limit has passed"),
+    T("landing_not_shown", (DESCENDING,), both(flight.vehicle_heard, negated(flight.landing_shown)), COMMANDING, words="the vehicle no longer shows that it lands, or the limit has passed"),
     T("landing_shown", (COMMANDING,), flight.landing_shown, DESCENDING, "land_shown", words="landing mode, sustained descent, or on the ground"),
     T("land_limit", (State.LAND,), both(timer("land_limit"), flight.not_overdue_alarmed), None, "land_limit", {"landing.overdue_alarmed": True}, do.alarm, "not landed in time: alarm, both routes repeat"),
     T("land_alarm", (COMMANDING,), both(timer("land_alarm_after"), flight.not_alarmed), None, "land_alarm", {}, do.alarm, "neither route is answered: alarm to the pilot"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Callable, Dict, Iterable, Optional, Tuple, Type
 
-from .context import DIRECT_MODES, HOLDING_MODES, MODES, Context, ours
+from .context import DIRECT_MODES, HOLDING_MODES, MODES, Context, is_further, ours
 from .events import (
     CHECKS,
     AutopilotStatus,
@@ -108,6 +108,9 @@ def _engine_started(context: Context, event: EngineStarted) -> None:
     if not event.resumed:
         return
     context.set(vehicle=Vehicle(), peers=state.peers.after_restart(context.now))
+    context.put("flight", mode_shown="")
+    if state.state is State.LAND:  # it was commanded, and is again once it was heard who has control
+        context.put("landing", sent_ns=context.now)
     context.put("recording", since_ns=None)
     _forget_ground(context)
     if state.flight.active or state.state is not State.MISSION_INPUT:
@@ -305,13 +308,17 @@ def _autopilot_status(context: Context, event: AutopilotStatus) -> None:
 
 
 def _after_silence(context: Context) -> None:
-    """Forget since when it stands on the ground where it was silent meanwhile: two lies far apart disarm nobody."""
+    """Forget what its statuses agreed on where it was silent meanwhile: two lies far apart disarm and land nobody.
+
+    Nor did it stand on the ground before it flew, as far as anybody knows: a flight that was given up goes on.
+    """
     state = context.state
     silent = state.peers.autopilot_ns is None or context.now - state.peers.autopilot_ns > (
         context.limits.autopilot_status_limit_ns
     )
     if silent:
         _forget_ground(context)
+        context.put("vehicle", down=None, aloft=None, motors=None, disarmed=None)
 
 
 def _forget_ground(context: Context) -> None:
@@ -354,8 +361,10 @@ def _battery_known_ns(event: AutopilotStatus, now_ns: int, before_ns: Optional[i
 def _control(context: Context, event: AutopilotStatus, *, again: bool = False) -> None:
     """Note who has control by a status, or by the same one again in another light."""
     reason, before = _taken_by(context, event), context.state.vehicle.takeover
-    if again and reason:
-        return
+    disarmed = context.state.vehicle.disarmed
+    once = context.state.flight.active and disarmed is not None and disarmed.statuses == 1
+    if (again and reason) or (once and before is not None and before.statuses > 1):
+        return  # a single disarmed status in flight does not deny what two have said
     agreed = _follow(before, context.now, says=bool(reason))
     if agreed is not before:
         context.put("vehicle", takeover=agreed, takeover_reason=reason)
@@ -371,9 +380,12 @@ def _command_shown(context: Context, event: AutopilotStatus) -> None:
     """Take a mode that answers the last command in two statuses for its confirmation: what was before is over."""
     state = context.state
     answers = bool(state.flight.commanded) and state.flight.active and event.armed is not False
-    shown = answers and event.mode in MODES[state.flight.commanded[-1]]
+    shown = event.mode if answers and event.mode in MODES[state.flight.commanded[-1]] else ""
     if shown and state.flight.mode_shown:
         context.put("flight", confirmed=state.flight.commanded[-1], commanded=state.flight.commanded[-1:])
+    flies = state.state is State.MISSION and context.airborne()  # on the ground it may be the mode of before
+    if flies and shown == state.flight.mode_shown and is_further(shown, state.flight.mode_flown):
+        context.put("flight", mode_flown=shown)
     if shown != state.flight.mode_shown:
         context.put("flight", mode_shown=shown)
 
@@ -408,7 +420,8 @@ def _unchanged(context: Context, event: AutopilotStatus) -> bool:
 
 
 def _is_ours(context: Context, event: AutopilotStatus, *, lands: bool) -> bool:
-    return ours(event.mode, context.state.flight.commanded, context.state.flight.confirmed, lands=lands)
+    flight = context.state.flight
+    return ours(event.mode, flight.commanded, flight.confirmed, flight.mode_flown, lands=lands)
 
 
 def _planner_lands(context: Context) -> bool:

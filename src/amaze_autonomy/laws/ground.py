@@ -218,12 +218,16 @@ def land_is_the_first_command_out(m: Moment) -> Verdict:
 
 
 def _lands_unseen(m: Moment) -> bool:
-    """Return True where a landing was commanded that nothing shows yet, and nobody else seems to have control."""
+    """Return True where a landing was commanded that nothing shows yet, and nobody else seems to have control.
+
+    Right after a restart the vehicle was not heard yet, for as long as it may be silent.
+    """
     unseen = m.after.state is State.LAND and m.seen.landing and not shows_landing(m.saw, m.rules)
-    return unseen and not m.in_doubt
+    waits = m.saw.vehicle is None and m.saw.now - m.saw.vehicle_ns <= m.rules.limits.autopilot_status_limit_ns
+    return unseen and not m.in_doubt and not waits
 
 
-@law("4.3", "LAND is repeated until the vehicle shows it: at each period while it does not.", always=True)
+@law("4.3", "LAND is repeated until the vehicle shows it: each period, anew from a restart on.", always=True)
 def land_is_repeated(m: Moment) -> Verdict:
     if not _lands_unseen(m):
         return None
@@ -282,14 +286,18 @@ def _detects_flight(m: Moment) -> bool:
 
 @law(
     "4.8",
-    "A flight ends by what the vehicle says, freshly, not by a reply; or by a person once it is silent and alarmed.",
+    "A flight ends by statuses that agree for a while, not by a reply; or by a person once it is silent and alarmed.",
 )
 def a_flight_ends_on_the_ground(m: Moment) -> Verdict:
     if m.before.state not in (*FLIGHT, State.PILOT) or m.after.state not in GROUND:
         return None
     if m.saw.flight == "none" or _given_up(m):
         return True
-    return True if m.saw.is_down(m.rules.limits) else f"{m.after.state.value} while it is not known to be down"
+    if not m.saw.is_down(m.rules.limits):
+        return f"{m.after.state.value} while it is not known to be down"
+    since_ns = m.saw.down_ns if m.saw.down_ns is not None else m.saw.now
+    agreed = m.before.state is State.PILOT or m.saw.now - since_ns >= m.rules.limits.flight_end_confirm_ns
+    return True if agreed else "one status alone is believed"
 
 
 def _given_up(m: Moment) -> bool:
@@ -325,7 +333,7 @@ def the_mission_begins_at_height(m: Moment) -> Verdict:
     return True if high else "the mission begins below takeoff height, or at an unknown one"
 
 
-@law("4.8", "It holds, or goes on, when the planner shows it; an accepted request is no sign of it.")
+@law("4.8", "It holds when planner and vehicle show it, and goes on when the planner does; a reply is no sign of it.")
 def holding_is_what_the_planner_shows(m: Moment) -> Verdict:
     if m.after.step is Step.HOLDING and m.before.step is not Step.HOLDING:
         expected: Tuple[str, ...] = ("HOLDING",)
@@ -333,6 +341,13 @@ def holding_is_what_the_planner_shows(m: Moment) -> Verdict:
         expected = ("FLYING", "TAKING_OFF", "LANDING", "LANDED")
     else:
         return None
+    status, limits = m.saw.fresh(m.rules.limits), m.rules.limits
+    speed = status.horizontal_speed_m_s if status is not None else None
+    still = status is not None and (
+        status.mode == "AUTO.LOITER" or (speed is not None and speed <= limits.hold_speed_m_s)
+    )
+    if m.after.step is Step.HOLDING and not still:
+        return "the vehicle shows no hold"
     phase = m.saw.planner.phase.name if m.saw.planner is not None else "nothing"
     new = m.saw.planner is not None and m.saw.planner_ns > m.saw.motion_ns
     return True if new and phase in expected else f"the planner says {phase}"

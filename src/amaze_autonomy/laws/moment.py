@@ -88,10 +88,11 @@ class Moment:
     @property
     def in_doubt(self) -> bool:
         """True while it is not clear whether somebody else has control: no longer than until statuses could agree."""
-        shown, limits = self.after.vehicle.takeover, self.rules.limits
-        if shown is None or self.saw.fresh(limits) is None:
+        shown, limits, status = self.after.vehicle.takeover, self.rules.limits, self.saw.fresh(self.rules.limits)
+        if shown is None or status is None:
             return False
-        return shown.statuses < 2 or self.saw.now - shown.since_ns < limits.pilot_confirm_ns
+        agreed = shown.statuses > 1 and status.armed is not False  # the last one, too
+        return not agreed or self.saw.now - shown.since_ns < limits.pilot_confirm_ns
 
     def sent(self, kind: type) -> bool:
         """Return True when a request of a kind went out."""

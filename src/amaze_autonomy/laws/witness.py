@@ -100,6 +100,7 @@ class Witness:
     motion_id: int = 0
     motion_ns: int = 0
     motion_outcome: Optional[ev.Outcome] = None
+    flown: str = ""
     answered: bool = False
     mode_before: str = ""
     disarmed_ns: Optional[int] = None
@@ -144,8 +145,8 @@ class Witness:
     def lands(self, limits: Limits) -> bool:
         """Return True when it is landing, whoever lands it."""
         status = self.fresh(limits)
-        if self.planner is not None and self.planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED):
-            return True
+        if self.planner is None or self.planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED):
+            return True  # right after a restart it was not heard yet
         if status is None:
             return False
         low = status.height_m is not None and status.height_m <= limits.landing_height_m
@@ -162,8 +163,9 @@ class Witness:
         return self.unknown_ns is not None and self.now - self.unknown_ns > limits.vehicle_unknown_limit_ns
 
     def is_taken(self, limits: Limits) -> bool:
-        """Return True when several statuses agree that somebody else has control."""
-        return self.taken > 1 and self.now - self.taken_ns >= limits.pilot_confirm_ns
+        """Return True when several statuses, the last one among them, agree that somebody else has control."""
+        denied = self.vehicle is not None and self.vehicle.armed is False
+        return self.taken > 1 and not denied and self.now - self.taken_ns >= limits.pilot_confirm_ns
 
 
 def see(witness: Witness, event: ev.Event, state: EngineState, limits: Limits) -> Witness:
@@ -211,6 +213,10 @@ def _autopilot(
     link_good = event.link_age_s is not None and event.link_age_s * _SECOND <= limits.autopilot_link_limit_ns
     if witness.rested < 2:  # since it was started; once two in a row said disarmed, it stays so
         changes["rested"] = witness.rested + 1 if link_good and event.armed is False else 0
+    again = previous is not None and previous.mode == event.mode and link_good and event.landed in _FLIES
+    begins = again and state.state is State.MISSION and event.armed is not False and witness.flown != "AUTO.MISSION"
+    if begins and event.mode in _PAST and witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME):
+        changes["flown"] = event.mode  # what two statuses in a row have said
     _count_taken(witness, event, now, changes, limits)
     if event.armed is not False and event.mode in OURS.get(witness.motion, ()):
         changes["answered"] = True
@@ -219,7 +225,8 @@ def _autopilot(
     ground = event.landed is ev.VehicleLanded.ON_GROUND
     changes["ground_ns"] = (now if witness.ground_ns is None else witness.ground_ns) if ground else None
     down = ground and event.armed is False
-    changes["down_ns"] = (now if witness.down_ns is None else witness.down_ns) if down else None
+    silent = previous is None or now - witness.vehicle_ns > limits.autopilot_status_limit_ns
+    changes["down_ns"] = (now if witness.down_ns is None or silent else witness.down_ns) if down else None
     high = event.height_m is not None and event.height_m >= limits.takeoff_height_m
     detected = witness.detected(limits)
     contradicted = detected is ev.Landed.AIRBORNE or (high and detected is not ev.Landed.ON_GROUND)
@@ -259,6 +266,12 @@ def _count_taken(witness: Witness, event: Any, now: int, changes: Dict[str, Any]
     lands = planner is None or planner.phase in (ev.MissionPhase.LANDING, ev.MissionPhase.LANDED)
     flies = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME, MissionAction.HOLD)
     says = says or (flies and event.mode in _LANDING_MODES and not lands)
+    goes = witness.motion in (MissionAction.TAKEOFF, MissionAction.RESUME)
+    says = says or (goes and event.mode in _PAST.get(changes.get("flown", witness.flown), ()))
+    before = witness.vehicle
+    once = event.armed is False and before is not None and before.armed is not False
+    if once and witness.taken > 1 and witness.flight != "none":
+        return  # one status in flight does not deny what two have said
     if not says or event.armed is False:
         changes["taken"] = 0
     else:
@@ -275,6 +288,11 @@ OURS: Dict[Optional[MissionAction], Tuple[str, ...]] = {
     MissionAction.ABORT: _LANDING_MODES,
 }
 """The flight modes of the PX4 that answer a command, written by hand."""
+_PAST: Dict[str, Tuple[str, ...]] = {
+    "OFFBOARD": ("AUTO.TAKEOFF", "AUTO.LOITER"),
+    "AUTO.MISSION": ("AUTO.TAKEOFF", "AUTO.LOITER", "OFFBOARD"),
+}
+"""What answers a takeoff or a resume no more once this was flown: then it is somebody else's, written by hand."""
 NEVER_OURS = ("POSCTL", "ALTCTL", "MANUAL", "STABILIZED", "ACRO", "AUTO.RTL")
 
 
@@ -364,6 +382,7 @@ def _started(
         changes.update(planner_ns=now, recorder_ns=now, vehicle_ns=now, detection_ns=now)
         changes.update(vehicle=None, planner=None, recorder=None, detection=ev.Landed.UNKNOWN)
         changes.update(idle_ns=None, unknown_ns=None)
+        changes.update(sent_ns=now, second_ns=now)  # what was commanded is, again, once it was heard who has control
         changes.update(
             growing_ns=None, descending_ns=None, down_ns=None, ground_ns=None, taken=0, armed_late=0, stalled_s=0.0
         )
@@ -430,6 +449,8 @@ def _shown(witness: Witness, after: EngineState, changes: Dict[str, Any]) -> Non
 def _motion(witness: Witness, command: Any, changes: Dict[str, Any]) -> None:
     action = command.action
     changes.update(motion=action, motion_id=command.id, motion_ns=witness.now, motion_outcome=None)
+    if action in (MissionAction.TAKEOFF, MissionAction.RESUME):
+        changes["flown"] = ""
     if action is not witness.motion or action is MissionAction.TAKEOFF:
         changes["answered"] = False
     if action is MissionAction.TAKEOFF:
