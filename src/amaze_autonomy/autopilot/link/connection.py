@@ -70,6 +70,7 @@ class ClientHost(abc.ABC):
     def ask(self, question: Callable[[int], Tuple[T, Sequence[Message]]]) -> T:
         """Call a function of the client with the time, under the lock; it returns an answer and messages to send."""
         with self._changed:
+            self._catch_up()
             answer, messages = question(self._now_ns())
             self._transmit(messages)
             self._announce(after_ns=0)
@@ -79,6 +80,9 @@ class ClientHost(abc.ABC):
         """Wait until a condition on the client is true; return its last value. It is looked at on each message."""
         with self._changed:
             return self._changed.wait_for(condition, limit_s)
+
+    def _catch_up(self) -> None:
+        """Give the client what has come and was not read yet, where that is known; called under the lock."""
 
     @abc.abstractmethod
     def _transmit(self, messages: Iterable[Message]) -> None:
@@ -125,6 +129,7 @@ _HEARTBEAT_NS = _S
 _REOPEN_NS = _S
 _SILENCE_NS = 5 * _S
 _WAKE_NS = 50_000_000
+_CATCH_UP_NS = 50_000_000
 _MAVLINK_VERSION = 3
 
 
@@ -289,20 +294,32 @@ class Connection(ClientHost):
 
     def _keep(self, t_ns: int) -> None:
         """Do what is due: the heartbeat, the client's look at the time, a link that has fallen silent."""
+        if not self._port.silence_is_loss:
+            self._heard_ns = t_ns  # nobody is there who could be silent
         if t_ns >= self._beat_ns:
             self._beat_ns = t_ns + _HEARTBEAT_NS
             self._transmit((heartbeat(self._kind),))
         if t_ns >= self._wake_ns:
             self._wake_ns = t_ns + _WAKE_NS
+            self._catch_up()
             self._tell(lambda: self._client.wake(self._now_ns()))
             self._announce()
         if self._port.silence_is_loss and not self._problem and t_ns - self._heard_ns > _SILENCE_NS:
             self._drop(f"silent for {_SILENCE_NS // _S} s")
 
-    def _read(self) -> None:
+    def _catch_up(self) -> None:
+        """Read what lies in the port: who stood still hears the vehicle before he commands it, or is asked about it."""
+        end_ns = time.monotonic_ns() + _CATCH_UP_NS
+        while not self._problem and self._attempt(self._read) and time.monotonic_ns() < end_ns:
+            pass
+
+    def _read(self) -> bool:
+        """Read once; return whether something has come."""
         unix_ns, t_ns = time.time_ns(), self._now_ns()
-        self._heard_ns = time.monotonic_ns()
-        for source, data, waited_ns in self._port.read():
+        chunks = self._port.read()
+        if chunks:
+            self._heard_ns = time.monotonic_ns()
+        for source, data, waited_ns in chunks:
             came_ns = t_ns - waited_ns
             for frame, message in self._wire.each(data, source, unix_ns):
                 if message is None and self._wire.verifier is None:
@@ -311,6 +328,7 @@ class Connection(ClientHost):
                     self._port.prefer(source)
                     self._deliver(t_ns, message)
         self._announce()
+        return bool(chunks)
 
     def _deliver(self, t_ns: int, message: Message) -> None:
         self._tell(lambda: self._client.receive(t_ns, message))

@@ -272,6 +272,7 @@ class Procedure:
         self._number = 0
         self._start_mode = means.watch.mode
         self._since_ns = self._woken_ns = t_ns
+        self.longest_pause_ns = 0  # for which this process stood still
         self._sent_ns: float = -math.inf
         self._first_ns: float = math.inf
         self._others = Agreement()  # on somebody else who has chosen what the vehicle does
@@ -282,8 +283,8 @@ class Procedure:
         """True until it has ended."""
         return self.progress is Progress.RUNNING
 
-    def wake(self, t_ns: int) -> List[Message]:
-        """Look at the vehicle and the time; return what is to be sent."""
+    def wake(self, t_ns: int, *, sends: bool = True) -> List[Message]:
+        """Look at the vehicle and the time; return what is to be sent, where something may be."""
         if not self.running:
             return []
         limit_ns = self._spec.vehicle_age_limit_ns
@@ -305,7 +306,14 @@ class Procedure:
         if self._steps[self._number].limited and t_ns - self._since_ns >= self._spec.command_limit_ns:
             self._late(t_ns)
         blind = not heard and self._means.watch.pilot  # the last that was heard: whether he still flies is not known
-        return self._send(t_ns) if self.running and not (taken or blind or self._shown(t_ns)) else []
+        hands_off = taken or blind or self._shown(t_ns)
+        return self._send(t_ns) if sends and self.running and not hands_off else []
+
+    def stood_still(self, duration_ns: int) -> None:
+        """Take that this process stood still: nothing could be seen meanwhile, and no limit has run."""
+        self.longest_pause_ns = max(self.longest_pause_ns, duration_ns)
+        self._since_ns += duration_ns
+        self._woken_ns += duration_ns
 
     def cease(self, reason: str) -> None:
         """End it: somebody else lands."""

@@ -20,7 +20,7 @@ from amaze_autonomy.engine.rules import Limits
 from amaze_autonomy.missions import Controller, FlightModel, MissionPlan, PlannerSpec
 
 from ..link.dialect import Message
-from ..vehicle.agreement import DRAIN_NS, GROUND_NS, STALL_NS
+from ..vehicle.agreement import GROUND_NS, Attention
 from ..vehicle.asked import Rates
 from ..vehicle.modes import LANDING_MODES, is_foreign
 from .flight_progress import IN_FLIGHT, FlightProgress, FlightRecord
@@ -37,6 +37,7 @@ _S = 1_000_000_000
 _BLIND_PAUSES = 4  # of pose_age_limit without a pose, then it lands
 _LATE_NS = 3 * _S  # within which a command of ours may still take effect, on a slow way
 _OTHER_NS = _S  # how long the autopilot node's word counts; it repeats it at 5 Hz
+_STATUS_NS = _S // 5  # between two statuses of this node: the last one may be so old when it stops
 _LANDINGS = (MissionAction.LAND, MissionAction.ABORT)
 _ASKED, _NO_TAKEOFF = "a landing was commanded", "the takeoff failed"
 _TAKEN_OVER = "somebody else chose the flight mode before the takeoff"
@@ -91,14 +92,13 @@ class Sequencer:
         self._landing = ""  # why it is landed, whatever else is asked for
         self._commanded_ns = -_LATE_NS  # when something else than a landing was sent last
         self._other, self._other_ns = "", -_OTHER_NS
-        self._looked_ns: Optional[int] = None
-        self._awake_ns = 0  # what the vehicle said before may be older than its stamp
+        self._attention = Attention()
 
     # --- the link -------------------------------------------------------------------------------------------------
 
     def receive(self, t_ns: int, message: Message) -> Iterable[Message]:
         """Take a message of the vehicle."""
-        self._notice_stall(t_ns)
+        self._look(t_ns)
         self.watch.take(t_ns, message)
         self._rates.heard(t_ns, message.get_type())
         if message.get_type() == "MISSION_CURRENT":
@@ -109,6 +109,7 @@ class Sequencer:
             self._finish_loading()
         if self._verification is not None:
             sent += self._verification.receive(t_ns, message)
+        sent = sent if self._knows_the_vehicle else []
         if message.get_type() in ("HEARTBEAT", "EXTENDED_SYS_STATE", "MISSION_CURRENT", "MISSION_ITEM_REACHED"):
             self._follow(t_ns)
             sent += self._proceed(t_ns)
@@ -116,30 +117,36 @@ class Sequencer:
 
     def wake(self, t_ns: int) -> Iterable[Message]:
         """Look at the time; called at least as often as set-points are sent."""
-        self._notice_stall(t_ns)
+        self._look(t_ns)
         sent: List[Message] = []
         if self._loading is not None and not self._loading.over:
             sent += self._loading.wake(t_ns)
             self._finish_loading()
         if self._verification is not None:
             sent += self._verification.wake(t_ns)
+        sent = sent if self._knows_the_vehicle else []
         self.watch.texts.wake(t_ns)
         self._follow(t_ns)
         sent += self._proceed(t_ns) + self._stream(t_ns)
         asks = self.watch.known(t_ns, self._spec.vehicle_age_limit_ns)
         return [*sent, *self._rates.wake(t_ns, *self.watch.target, self.watch.unknown_streams)] if asks else sent
 
-    def _notice_stall(self, t_ns: int) -> None:
-        """Notice that this process stood still: what lay in the socket meanwhile is stamped as if it came now."""
-        if self._looked_ns is not None and t_ns - self._looked_ns > STALL_NS:
-            self._awake_ns = t_ns + DRAIN_NS
-        self._looked_ns = t_ns
+    def _look(self, t_ns: int) -> None:
+        """Notice that this process stood still."""
+        stood_ns = self._attention.look(t_ns)
+        if stood_ns and self._procedure is not None:
+            self._procedure.stood_still(stood_ns)
+
+    @property
+    def _knows_the_vehicle(self) -> bool:
+        """Whether its mode was heard since this process stood still: until then nothing but a landing is sent."""
+        return self._attention.commands(self.watch.mode_ns)
 
     def _grounded(self, t_ns: int) -> bool:
         """Return whether the vehicle has said for a while, and just now, that it is on the ground."""
         watch = self.watch
         stands = watch.ground.stands(t_ns, GROUND_NS)
-        return stands and watch.landed_ns is not None and watch.landed_ns >= self._awake_ns
+        return stands and watch.landed_ns is not None and watch.landed_ns >= self._attention.awake_ns
 
     def _is_down(self, t_ns: int) -> bool:
         """Return whether several messages agree that it is disarmed and on the ground."""
@@ -157,6 +164,7 @@ class Sequencer:
             request: which file.
             given: a mission that is not configured; it is known from then on, where it is not refused.
         """
+        self._look(t_ns)
         plan = given or self._plans.get(request.mission_id)
         in_flight = self._phase in IN_FLIGHT and not self._is_down(t_ns)
         disarming = self._landing if self._procedure is not None and self._procedure.running else ""
@@ -175,7 +183,7 @@ class Sequencer:
         self._flight = FlightRecord(self.watch)
         messages = loading.start(t_ns)
         self._finish_loading()
-        return loading, messages
+        return loading, messages if self._knows_the_vehicle else ()
 
     def _finish_loading(self) -> None:
         loading = self._loading
@@ -189,6 +197,7 @@ class Sequencer:
 
     def command(self, t_ns: int, session_id: str, action: MissionAction) -> Tuple[str, Sequence[Message]]:
         """Begin to carry out a command; return why it is refused, empty when it is taken."""
+        self._look(t_ns)
         problem = refusal(self._standing(t_ns), session_id, action)
         if problem:
             return problem, ()
@@ -196,6 +205,7 @@ class Sequencer:
 
     def other_commands(self, t_ns: int, what: str) -> Sequence[Message]:
         """Take what the autopilot node commands: a landing or disarming then stands here as well; empty: nothing."""
+        self._look(t_ns)
         self._other, self._other_ns = what, t_ns
         busy = self._phase in IN_FLIGHT or (self._procedure is not None and self._procedure.running)
         down = self._is_down(t_ns)
@@ -282,6 +292,7 @@ class Sequencer:
 
     def shutdown(self, t_ns: int) -> Tuple[bool, Sequence[Message]]:
         """Land before the process ends, unless it is on the ground, or a pilot flies; return whether it lands."""
+        self._look(t_ns)
         if self._phase not in IN_FLIGHT or self._is_down(t_ns) or (self.watch.armed and self.watch.taken_over):
             return False, ()
         return True, self._land(t_ns, "the planner ends")
@@ -387,16 +398,20 @@ class Sequencer:
     # --- what is sent ---------------------------------------------------------------------------------------------
 
     def _proceed(self, t_ns: int) -> List[Message]:
-        if t_ns < self._awake_ns and not self.watch.known(t_ns, self._spec.vehicle_age_limit_ns):
-            return []  # not silent: not read yet
+        age_limit_ns = self._spec.vehicle_age_limit_ns
         self._means.grounded = not self._flight.airborne and self._grounded(t_ns)
         self._uphold(t_ns)
         self._end_upload_of_armed(t_ns)
         procedure = self._procedure
         if procedure is None or not procedure.running:
             return []
+        lands = procedure.action in _LANDINGS
+        if not lands and t_ns < self._attention.awake_ns and not self.watch.known(t_ns, age_limit_ns):
+            return []  # not silent: not read yet
         self._verify()
-        sent = procedure.wake(t_ns)
+        self._give_up_late_takeoff(procedure)
+        sends = self._attention.lands(t_ns) if lands else self._knows_the_vehicle
+        sent = procedure.wake(t_ns, sends=sends)
         if sent and procedure.action not in _LANDINGS:
             self._commanded_ns = t_ns
         if procedure.action is _A.TAKEOFF and procedure.progress is Progress.FAILED:
@@ -419,6 +434,12 @@ class Sequencer:
         elif reading is not None and reading.over and self._procedure is not None:
             self._procedure.fail(f"the mission did not read back as it was sent: {reading.reason}")
             self._verification = None
+
+    def _give_up_late_takeoff(self, takeoff: Procedure) -> None:
+        """Give a takeoff up, on the ground, in which this process stood still so long that the engine has landed."""
+        late = takeoff.longest_pause_ns > self._settings.limits.planner_status_limit_ns - _STATUS_NS
+        if late and takeoff.action is _A.TAKEOFF and not self._flight.airborne and self._knows_the_vehicle:
+            takeoff.fail(f"the planner stood still for {takeoff.longest_pause_ns / _S:.1f} s")
 
     def _look_at_total(self) -> None:
         """Look whether the vehicle says that it has as many items as were sent: it is read back only at the takeoff."""
@@ -468,6 +489,7 @@ class Sequencer:
             guidance is None
             or self._means.stream_ns is None
             or not self._means.streams
+            or not self._attention.lands(t_ns)  # set-points fly in one mode alone: they wait for no more than a landing
             or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9
         ):
             return []
@@ -478,6 +500,7 @@ class Sequencer:
         sent = [guidance.step(t_ns, self._pose(t_ns), self.watch.heading(t_ns, self._spec.vehicle_age_limit_ns))]
         self._means.still = guidance.still
         blind = guidance.blind_ns(t_ns) > _BLIND_PAUSES * self._spec.pose_age_limit_ns
+        blind = blind and t_ns >= self._attention.awake_ns
         if guidance.flying and (guidance.finished or blind) and not self._lands():
             sent += self._land(t_ns, "the local position stays away" if blind else "the last waypoint is done with")
             self._message = "the local position stays away: landing" if blind else ""

@@ -13,6 +13,7 @@ from amaze_autonomy.engine.events import VehicleLanded
 
 _S = 1_000_000_000
 STALL_NS, DRAIN_NS = _S // 2, 3 * _S // 10  # not woken for so long; for so long what came meanwhile is read
+READ_NS = 50_000_000  # within which most of it is: a landing waits for no more
 GROUND_NS = 700_000_000  # three of the stream's periods: older than that, ON_GROUND is no reason to disarm
 _GAP_NS = 3 * _S  # after such a silence nobody agrees with what was said before it
 
@@ -84,3 +85,35 @@ class Ground:
     def may_fly(self, t_ns: int, limit_ns: int) -> bool:
         """Return whether it was heard armed, and since then messages agree on neither disarmed nor on the ground."""
         return self._was_armed and not self.stands(t_ns, limit_ns)
+
+
+# --- attention --------------------------------------------------------------------------------------------------------
+# A process may stand still: a computer that is too busy, or one that hangs. What lay in its sockets meanwhile is
+# stamped as if it came now. So what the process knows of the vehicle is old until the vehicle is heard after all that
+# was read: somebody else may fly it. What others have asked of the process lies in its sockets as well.
+
+
+class Attention:
+    """Whether this process has stood still, and what it may send since."""
+
+    def __init__(self) -> None:
+        self._looked_ns: Optional[int] = None
+        self._read_ns = self.awake_ns = 0  # what the vehicle said before the latter may be older than its stamp
+
+    def look(self, t_ns: int) -> int:
+        """Take that the process runs; return for how long it stood still before, 0: it did not."""
+        looked_ns, self._looked_ns = self._looked_ns, t_ns
+        if looked_ns is None or t_ns - looked_ns <= STALL_NS:
+            return 0
+        self.awake_ns = t_ns + DRAIN_NS
+        if looked_ns >= self._read_ns:  # who stands still again and again lands all the same
+            self._read_ns = t_ns + READ_NS
+        return t_ns - looked_ns
+
+    def lands(self, t_ns: int) -> bool:
+        """Return whether a landing may be sent: what came meanwhile, and shows who flies, has had time to be read."""
+        return t_ns >= self._read_ns
+
+    def commands(self, heard_ns: Optional[int]) -> bool:
+        """Return whether all else may be sent: the mode of the vehicle was heard anew, last at that time."""
+        return (heard_ns or 0) >= self.awake_ns

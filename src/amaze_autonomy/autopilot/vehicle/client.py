@@ -18,7 +18,7 @@ from amaze_autonomy.monitoring.specs import BatterySpec
 
 from ...engine.events import Check
 from ..link.dialect import Message, mavlink, message_id
-from .agreement import DRAIN_NS, GROUND_NS, STALL_NS
+from .agreement import GROUND_NS, Attention
 from .asked import Parameters, Rates
 from .modes import LAND, LANDING_MODES, mode_number
 from .preflight import Preflight, battery_state_row, channel_width_us, land_switch_rows, preflight_rows
@@ -111,8 +111,7 @@ class AutopilotClient:
         self.landing = Confirmed(self._land_message, self._landing_seen, pauses, stands=True)
         self.disarming = Confirmed(self._disarm_message, self._disarm_seen, pauses)
         self._lands = False
-        self._looked_ns: Optional[int] = None
-        self._awake_ns = 0  # what the vehicle said before may be older than its stamp
+        self._attention = Attention()
         self._t_ns = self._prearm_due_ns = self._beat_due_ns = self._restarts = 0
         self.on_text: Callable[[int, str], None] = lambda _severity, _text: None
 
@@ -121,7 +120,7 @@ class AutopilotClient:
     def receive(self, t_ns: int, message: Message) -> List[Message]:
         """Take a message of the vehicle."""
         age_ns = self.vehicle.link_age_ns(t_ns)
-        self._notice_stall(t_ns)
+        self._look(t_ns)
         name = message.get_type()
         self._rates.heard(t_ns, name)
         self.vehicle.receive(t_ns, message)
@@ -146,7 +145,7 @@ class AutopilotClient:
 
     def wake(self, t_ns: int) -> List[Message]:
         """Ask for what is missing, send commands again."""
-        self._notice_stall(t_ns)
+        self._look(t_ns)
         self.vehicle.texts.wake(t_ns)
         self._tell_texts()
         if not self.vehicle.connected(t_ns):
@@ -162,11 +161,9 @@ class AutopilotClient:
             *([] if asked is None else [asked]),
         ]
 
-    def _notice_stall(self, t_ns: int) -> None:
-        """Notice that this process stood still: what lay in the socket meanwhile is stamped as if it came now."""
-        if self._looked_ns is not None and t_ns - self._looked_ns > STALL_NS:
-            self._awake_ns = t_ns + DRAIN_NS
-        self._t_ns = self._looked_ns = t_ns
+    def _look(self, t_ns: int) -> None:
+        self._t_ns = t_ns
+        self._attention.look(t_ns)
 
     # --- commands; through `Connection.ask` -----------------------------------------------------------------------
 
@@ -175,7 +172,7 @@ class AutopilotClient:
         return self._land(t_ns, piloted=self.vehicle.control.pilot)
 
     def _land(self, t_ns: int, *, piloted: bool) -> Tuple[Reply, List[Message]]:
-        self._t_ns = t_ns
+        self._look(t_ns)
         refusal = self._no_landing(t_ns, piloted=piloted)
         if refusal is not None:
             return refusal, []
@@ -213,7 +210,7 @@ class AutopilotClient:
 
     def disarm(self, t_ns: int) -> Tuple[Reply, List[Message]]:
         """Disarm on the ground; anywhere else it is refused."""
-        self._t_ns = t_ns
+        self._look(t_ns)
         beat = self.vehicle.beat
         if beat is None or not self.vehicle.connected(t_ns):
             return Reply(accepted=False, message="no link to the vehicle", final=True), []
@@ -291,7 +288,7 @@ class AutopilotClient:
 
     def _land_message(self) -> Optional[Message]:
         beat, control, sent_ns = self.vehicle.beat, self.vehicle.control, self.landing.sent_ns
-        if beat is None or control.pilot:
+        if beat is None or control.pilot or not self._attention.lands(self._t_ns):
             return None
         if beat.mode in LANDING_MODES and sent_ns is not None and control.mode_ns > sent_ns:
             return None  # one message shows it; others will agree, or a pilot chooses another mode meanwhile
@@ -304,7 +301,7 @@ class AutopilotClient:
 
     def _disarm_message(self) -> Optional[Message]:
         age_ns = self.vehicle.landed_age_ns(self._t_ns)
-        fresh = age_ns <= GROUND_NS and self._t_ns - age_ns >= self._awake_ns
+        fresh = age_ns <= GROUND_NS and self._t_ns - age_ns >= self._attention.awake_ns
         if not fresh or not self.vehicle.ground.stands(self._t_ns, GROUND_NS):
             return None
         return command_long(*self._address(), mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)

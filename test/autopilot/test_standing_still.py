@@ -1,0 +1,372 @@
+"""A planner or autopilot node that stood still: it listens before it commands, and only a landing does not wait."""
+
+from __future__ import annotations
+
+import heapq
+import socket
+
+import pytest
+from autopilot_tools import Recorder, UdpVehicle, beat, free_port
+from client_bench import ClientBench
+from flying import ARDUPILOT, MS, PX4, SET_MODE, Recorded, S
+
+from amaze_autonomy.autopilot import Connection, Identity
+from amaze_autonomy.autopilot.link import connection
+from amaze_autonomy.autopilot.planner.loading import LoadRequest
+from amaze_autonomy.autopilot.vehicle.agreement import DRAIN_NS, READ_NS, STALL_NS, Attention
+from amaze_autonomy.engine.commands import MissionAction
+from amaze_autonomy.engine.events import MissionPhase
+
+P, A = MissionPhase, MissionAction
+EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+LATEST_NS = READ_NS + 50 * MS  # it is looked 20 times a second
+
+
+def stand_still(flying, duration_ns, happens=lambda: None):
+    """Have the planner's process stand still: what the vehicle says meanwhile lies in its socket, and is read at once.
+
+    Half way through something happens.
+    """
+    channel, inbox, begun_ns = flying.channel, [], flying.t_ns
+    while channel.t_ns < begun_ns + duration_ns:
+        half = channel.t_ns < begun_ns + duration_ns // 2 <= channel.t_ns + 50 * MS
+        channel.t_ns += 50 * MS
+        if half:
+            happens()
+        while channel._queue and channel._queue[0][0] <= channel.t_ns:
+            _, _, to_vehicle, data = heapq.heappop(channel._queue)
+            if to_vehicle:
+                channel._deliver(data, to_vehicle=True)
+            else:
+                inbox.append(data)
+        channel._put(channel._theirs, flying.vehicle.wake(channel.t_ns), to_vehicle=False)
+    woken_ns = flying.t_ns
+    for data in inbox:
+        channel._deliver(data, to_vehicle=False)
+    return woken_ns
+
+
+def hears_nothing(flying, duration_ns):
+    """Have it stand still, with nothing of the vehicle left in its socket."""
+    for _ in range(duration_ns // (50 * MS)):
+        flying.channel.t_ns += 50 * MS
+        flying.vehicle.wake(flying.t_ns)
+    woken_ns = flying.t_ns
+    flying.channel.ours(flying.planner.wake(woken_ns))
+    return woken_ns
+
+
+def under_way(action, kind=PX4):
+    """Fly, and have a command sent that the vehicle does not follow yet."""
+    flying = Recorded(kind=kind)
+    flying.take_off("line")
+    flying.until(lambda: flying.craft.position_m[0] > 3.0)
+    if action is A.RESUME:
+        assert flying.command(A.HOLD) == ""
+        flying.until_phase(P.HOLDING)
+    flying.craft.flags.ignores = ("AUTO.MISSION", "AUTO.LOITER", "AUTO.LAND")
+    assert flying.command(action) == ""
+    flying.run(200 * MS)
+    return flying
+
+
+def obeys(flying):
+    flying.craft.flags.ignores = ()
+
+
+@EACH
+@pytest.mark.parametrize("read", [stand_still, hears_nothing])
+@pytest.mark.parametrize("stood_ms", [600, 1000, 1500, 4000])
+def test_what_was_under_way_is_not_sent_over_a_pilot_who_took_over_meanwhile(kind, read, stood_ms):
+    flying = under_way(A.RESUME, kind)
+    obeys(flying)
+    flying.craft.pilot_takes_over("POSCTL", 60 * S)
+    woken_ns = read(flying, stood_ms * MS)
+    flying.run(3 * S)
+    assert (flying.since(woken_ns), flying.craft.mode) == ([], "POSCTL")
+
+
+@EACH
+@pytest.mark.parametrize("stood_ms", [600, 1500, 4000])
+def test_a_landing_is_not_sent_over_a_pilot_whose_takeover_lies_unread(kind, stood_ms):
+    flying = under_way(A.LAND, kind)
+
+    def taken_over():
+        obeys(flying)
+        flying.craft.pilot_takes_over("POSCTL", 60 * S)
+
+    woken_ns = stand_still(flying, stood_ms * MS, taken_over)
+    flying.run(3 * S)
+    assert (flying.since(woken_ns), flying.craft.mode) == ([], "POSCTL")
+
+
+@EACH
+@pytest.mark.parametrize("action", [A.RESUME, A.HOLD])
+@pytest.mark.parametrize("stood_ms", [600, 1500, 4000])
+def test_what_was_under_way_is_not_sent_over_a_landing_by_the_second_route(action, kind, stood_ms):
+    flying = under_way(action, kind)
+
+    def lands():
+        obeys(flying)
+        flying.craft.command_mode("AUTO.LAND")
+
+    woken_ns = stand_still(flying, stood_ms * MS, lands)
+    flying.run(3 * S)
+    assert flying.since(woken_ns) == []
+    assert flying.craft.mode == "AUTO.LAND" or not flying.craft.armed  # it is down already
+
+
+def before_its_arming(kind=PX4):
+    flying = Recorded(kind=kind)
+    assert flying.load("line").accepted
+    flying.craft.flags.not_ready = {"rc": "no RC"}
+    assert flying.command(A.TAKEOFF) == ""
+    flying.until(lambda: "arm" in flying.since(0), 10 * S)
+    flying.craft.flags.not_ready = {}
+    return flying
+
+
+@EACH
+@pytest.mark.parametrize("stood_ms", [1000, 2000, 2800, 10000])
+def test_a_takeoff_that_stood_still_for_longer_than_the_engine_waits_is_given_up_on_the_ground(kind, stood_ms):
+    """The engine has landed by then, and does not ask again once the vehicle is disarmed on the ground."""
+    flying = before_its_arming(kind)
+    woken_ns = stand_still(flying, stood_ms * MS)
+    flying.run(8 * S)
+    assert set(flying.since(woken_ns)) <= {"disarm", "AUTO.LAND"}
+    assert (flying.phase, flying.craft.armed) == (P.FAILED, False)
+    assert flying.status.message == f"the planner stood still for {stood_ms / 1000:.1f} s"
+
+
+def test_a_takeoff_that_stood_still_for_a_moment_goes_on_once_the_vehicle_is_heard_anew():
+    flying = before_its_arming()
+    woken_ns = stand_still(flying, 600 * MS)
+    flying.run(DRAIN_NS)
+    assert flying.since(woken_ns) == []
+    flying.until_phase(P.FLYING, limit_ns=20 * S)
+
+
+def test_what_the_autopilot_node_commands_is_taken_before_a_takeoff_goes_on():
+    flying = before_its_arming()
+    woken_ns = stand_still(flying, 600 * MS)
+    flying.channel.ours(flying.planner.other_commands(flying.t_ns, "AUTO.LAND"))
+    flying.run(8 * S)
+    assert set(flying.since(woken_ns)) <= {"disarm", "AUTO.LAND"}
+    assert not flying.craft.armed
+
+
+@pytest.mark.parametrize("stood_ms", [600, 3500])
+def test_a_hold_goes_on_once_the_vehicle_is_heard_anew(stood_ms):
+    flying = under_way(A.HOLD)
+    woken_ns = stand_still(flying, stood_ms * MS)
+    obeys(flying)
+    flying.run(DRAIN_NS)
+    assert flying.since(woken_ns) == []
+    flying.until_phase(P.HOLDING, limit_ns=3 * S)
+
+
+@EACH
+@pytest.mark.parametrize("read", [stand_still, hears_nothing])
+@pytest.mark.parametrize("stood_ms", [600, 1500, 4000])
+def test_a_landing_waits_for_no_more_than_what_lies_in_the_socket(kind, read, stood_ms):
+    flying = under_way(A.LAND, kind)
+    woken_ns = read(flying, stood_ms * MS)
+    flying.run(LATEST_NS)
+    assert flying.since(woken_ns) == ["AUTO.LAND"]
+
+
+def test_a_landing_that_is_asked_for_as_the_first_thing_afterwards_listens_as_well():
+    for taken_over in (True, False):
+        flying = under_way(A.HOLD)
+        obeys(flying)
+        if taken_over:
+            flying.craft.pilot_takes_over("POSCTL", 60 * S)
+        flying.channel.t_ns += S
+        asked_ns = flying.t_ns
+        assert flying.command(A.LAND) == ""
+        assert flying.since(asked_ns) == []
+        said = flying.vehicle.wake(flying.t_ns)
+        for message in said:  # lay in the socket
+            flying.channel._put(flying.channel._theirs, [message], to_vehicle=False)
+        flying.run(LATEST_NS)
+        assert flying.since(asked_ns) == ([] if taken_over else ["AUTO.LAND"])
+
+
+def test_a_process_that_stands_still_again_and_again_lands_all_the_same():
+    flying = under_way(A.LAND)
+    begun_ns = flying.t_ns
+    for _ in range(10):
+        hears_nothing(flying, 700 * MS)
+    assert len(flying.since(begun_ns)) >= 4
+
+
+def test_a_flight_by_set_points_is_not_landed_for_a_pose_that_was_not_read_yet():
+    flying = Recorded()
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 1.0)
+    flying.craft.flags.ignores = ("POSCTL",)
+    woken_ns = hears_nothing(flying, 3500 * MS)
+    flying.run(S)
+    assert "AUTO.LAND" not in flying.since(woken_ns)
+
+
+def test_an_upload_goes_on_once_the_vehicle_is_heard_anew():
+    flying = Recorded()
+    loading, messages = flying.planner.load(flying.t_ns, LoadRequest("s1", "line", 0, 0))
+    flying.channel.ours(messages)
+    flying.channel.sent.clear()
+    stand_still(flying, 600 * MS)
+    flying.run(DRAIN_NS - 50 * MS)
+    assert not [name for name in flying.channel.sent if name.startswith("MISSION_")]
+    flying.until(lambda: loading.over, 20 * S)
+    assert loading.accepted
+
+
+# --- the autopilot node -----------------------------------------------------------------------------------------------
+
+
+def landing(ignored_s=0.5):
+    """Have the autopilot node land a vehicle that does not follow yet."""
+    bench = ClientBench().fly(20.0)
+    bench.far.craft.flags.ignores = ("AUTO.LAND",)
+    bench.ask(bench.client.land)
+    bench.advance(ignored_s)
+    bench.far.craft.flags.ignores = ()
+    return bench
+
+
+def stop(bench, seconds):
+    """Have the node stand still; return when it woke."""
+    end_ns = bench.t_ns + round(seconds * S)
+    while bench.t_ns < end_ns:
+        bench.far.step(bench.t_ns + S // 50)
+    return bench.t_ns
+
+
+@pytest.mark.parametrize("stood_s", [0.6, 1.0, 3.0])
+def test_the_autopilot_node_does_not_land_over_a_pilot_whose_takeover_lies_unread(stood_s):
+    bench = landing()
+    bench.far.craft.pilot_takes_over("POSCTL", 60 * S)
+    woken_ns = stop(bench, stood_s)
+    bench.transmit(bench.client.wake(woken_ns))
+    bench.advance(3.0)
+    assert [t_ns for t_ns in bench.commands(SET_MODE) if t_ns >= woken_ns] == []
+    assert bench.far.craft.mode == "POSCTL"
+
+
+def test_the_autopilot_node_lands_as_soon_as_it_has_read():
+    bench = landing()
+    woken_ns = stop(bench, 1.0)
+    bench.transmit(bench.client.wake(woken_ns))
+    assert woken_ns not in bench.commands(SET_MODE)
+    bench.advance(LATEST_NS / S)
+    assert bench.far.craft.mode == "AUTO.LAND"
+
+
+def test_a_landing_that_is_asked_of_the_autopilot_node_as_the_first_thing_listens_as_well():
+    for taken_over in (True, False):
+        bench = ClientBench().fly(20.0)
+        if taken_over:
+            bench.far.craft.pilot_takes_over("POSCTL", 60 * S)
+        asked_ns = stop(bench, 1.0)
+        assert not bench.ask(bench.client.land).final
+        bench.advance(1.0)
+        landed = [t_ns for t_ns in bench.commands(SET_MODE) if t_ns >= asked_ns]
+        assert (landed == [], bench.far.craft.mode) == (taken_over, "POSCTL" if taken_over else "AUTO.LAND")
+        assert taken_over or landed[0] - asked_ns <= LATEST_NS + 20 * MS
+
+
+# --- the link ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def quiet_link():
+    """Return a link whose thread does not run, its client and the vehicle at the other end."""
+    client, vehicle = Recorder(), UdpVehicle()
+    vehicle.to = free_port()
+    link = Connection(f"udpin:127.0.0.1:{vehicle.to}", Identity(1, 191), client)
+    link._step()  # opens it
+    yield link, client, vehicle
+    vehicle.close()
+    link._port.close()
+
+
+@pytest.mark.live
+def test_what_lies_in_the_socket_is_read_before_the_client_looks_at_the_time(quiet_link, monkeypatch):
+    monkeypatch.setattr(connection, "_CATCH_UP_NS", 10 * S)  # however busy this computer is
+    link, client, vehicle = quiet_link
+    order = []
+    client.receive = lambda _t_ns, message: order.append(message.get_type()) or ()
+    client.wake = lambda _t_ns: order.append("wake") or ()
+    vehicle.say(*[beat()] * 100)  # more than is read at once
+    link._wake_ns = 0
+    link._step()
+    assert order == [*["HEARTBEAT"] * 100, "wake"]
+
+
+@pytest.mark.live
+def test_a_vehicle_that_says_very_much_does_not_keep_the_client_from_looking_at_the_time(quiet_link, monkeypatch):
+    monkeypatch.setattr(connection, "_CATCH_UP_NS", 0)
+    link, client, vehicle = quiet_link
+    vehicle.say(*[beat()] * 100)
+    assert len(link.ask(lambda _t_ns: (client.names(), ()))) < 100
+
+
+@pytest.mark.live
+def test_what_lies_in_the_socket_is_read_before_anything_is_asked(quiet_link):
+    link, client, vehicle = quiet_link
+    vehicle.say(*[beat()] * 3)
+    assert link.ask(lambda _t_ns: (client.names(), ())) == ["HEARTBEAT"] * 3
+
+
+def later(link, seconds=6):
+    """Have it be later for a link, and everything due."""
+    link._heard_ns -= seconds * S
+    link._wake_ns = 0
+    link._step()
+
+
+@pytest.mark.live
+def test_looking_for_what_may_have_come_is_not_hearing_it():
+    with socket.create_server(("127.0.0.1", 0)) as far:
+        link = Connection(f"tcp:127.0.0.1:{far.getsockname()[1]}", Identity(1, 191), Recorder())
+        link._step()
+        assert link.state.opened
+        later(link)
+        assert link.state.problem == "silent for 5 s"
+        link._port.close()
+
+
+@pytest.mark.live
+def test_who_waited_long_for_a_peer_does_not_take_him_for_silent():
+    port = free_port(socket.SOCK_STREAM)
+    link = Connection(f"tcpin:127.0.0.1:{port}", Identity(1, 191), Recorder())
+    link._step()
+    later(link)
+    with socket.create_connection(("127.0.0.1", port)):
+        later(link)
+        link._wake_ns = 0
+        link._step()
+        assert link.state.opened
+        assert link._port.silence_is_loss, "he is there"
+    link._port.close()
+
+
+# --- attention --------------------------------------------------------------------------------------------------------
+
+
+def test_a_process_that_looks_often_enough_has_not_stood_still():
+    attention = Attention()
+    assert [attention.look(t_ns) for t_ns in (5 * S, 5 * S + STALL_NS, 5 * S + 2 * STALL_NS)] == [0, 0, 0]
+    assert attention.lands(5 * S)
+    assert attention.commands(None)
+
+
+def test_one_that_stood_still_lands_after_reading_and_commands_when_it_has_heard_the_vehicle():
+    attention = Attention()
+    attention.look(0)
+    assert attention.look(2 * S) == 2 * S
+    assert not attention.lands(2 * S)
+    assert attention.lands(2 * S + READ_NS)
+    assert not any(attention.commands(heard_ns) for heard_ns in (None, 2 * S, 2 * S + DRAIN_NS - 1))
+    assert attention.commands(2 * S + DRAIN_NS)
