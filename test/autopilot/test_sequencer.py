@@ -230,6 +230,65 @@ def test_the_pilot_takes_over_and_nothing_more_is_sent(mission):
     assert flying.status.waypoint < 3
 
 
+def set_points(flying):
+    return flying.channel.sent.count("SET_POSITION_TARGET_LOCAL_NED")
+
+
+EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
+
+
+@EACH
+@pytest.mark.parametrize("mode", ["POSCTL", "AUTO.LOITER", "AUTO.RTL", "AUTO.LAND"])
+@pytest.mark.parametrize("action", [None, A.HOLD, A.LAND])
+def test_once_taken_over_nothing_is_flown_by_set_points_until_it_is_asked_for(kind, mode, action):
+    """An ArduCopter's pilot who picks GUIDED flies by whatever set-points there are: there are none of ours."""
+    flying = Flying(kind=kind)
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 1.0)
+    if action is not None:
+        flying.craft.flags.ignores = ("AUTO.LAND",)
+        assert flying.command(action) == ""
+        flying.run(100 * MS)
+    flying.craft.pilot_takes_over(mode, 600 * S)
+    flying.run(1500 * MS)  # two heartbeats of a PX4
+    before = set_points(flying)
+    flying.run(3 * S)
+    flying.craft.pilot_gives_back()
+    flying.craft.command_mode("OFFBOARD")
+    flying.run(6 * S)
+    assert set_points(flying) == before
+
+
+def test_a_takeoff_that_somebody_else_comes_before_leaves_no_set_points_behind():
+    flying = Flying()
+    flying.craft.flags.not_ready["rc"] = "no RC"
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.mode == "OFFBOARD", 5 * S)
+    flying.run(2 * S)
+    flying.craft.command_mode("AUTO.LOITER")
+    flying.until(lambda: "takeoff ended" in flying.status.message, 3 * S)
+    before = set_points(flying)
+    flying.craft.flags.not_ready.clear()
+    flying.craft.pilot_takes_over("OFFBOARD", 600 * S)
+    flying.craft.pilot_arms()
+    flying.run(3 * S)
+    assert set_points(flying) == before
+
+
+@EACH
+def test_a_vehicle_that_is_given_back_is_flown_on_when_the_engine_asks_for_it(kind):
+    flying = Flying(kind=kind)
+    flying.take_off("inside")
+    flying.until(lambda: flying.craft.position_m[0] > 1.0)
+    flying.craft.pilot_takes_over("POSCTL", 600 * S)
+    flying.run(2 * S)
+    flying.craft.pilot_gives_back()
+    flying.run(2 * S)
+    assert flying.command(A.RESUME) == ""
+    flying.until_phase(P.LANDED)
+    assert flying.status.waypoint == 3
+
+
 @BOTH
 def test_the_autopilot_returns_by_itself_and_is_not_called_back(mission):
     flying = Flying()

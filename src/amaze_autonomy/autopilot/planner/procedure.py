@@ -271,6 +271,7 @@ class Procedure:
         self._steps, self._means, self._spec, self._persistent = tuple(steps), means, spec, persistent
         self._number = 0
         self._start_mode = means.watch.mode
+        self._was_ours = not persistent and means.watch.mode in means.commanded  # what it leaves, somebody else takes
         self._since_ns = self._woken_ns = t_ns
         self.longest_pause_ns = 0  # for which this process stood still
         self._sent_ns: float = -math.inf
@@ -368,8 +369,9 @@ class Procedure:
         if watch.mode == self._start_mode:  # a vehicle stands in any mode before it is armed
             taken = bool(watch.armed) and watch.pilot
         else:
-            by_failsafe = watch.failsafe and bool(watch.armed) and watch.mode not in self._means.commanded
-            taken = is_foreign(watch.mode) or by_failsafe
+            other = bool(watch.armed) and watch.mode not in self._means.commanded
+            left = other and self._was_ours
+            taken = is_foreign(watch.mode) or (other and watch.failsafe) or left
         return f"the vehicle went to {watch.mode} by itself" if taken else "", mode_ns
 
     def _late(self, t_ns: int) -> None:

@@ -260,6 +260,8 @@ class Sequencer:
             self._means.resume_item = self._flight.item
         if action is _A.RESUME and self._flight.guidance is not None:
             self._flight.guidance.go_on()
+        if action in (_A.HOLD, _A.RESUME) and self._means.stream_ns is None and self._flight.guidance is not None:
+            self._means.stream_ns = t_ns
         if action is _A.RESUME and self._means.resume_item is not None:
             self._means.resume_item = max(self._means.resume_item, self._flight.item or 0)  # told late, it was passed
         if action in _LANDINGS:
@@ -464,6 +466,7 @@ class Sequencer:
 
     def _recall(self, t_ns: int, reason: str) -> List[Message]:
         """Give a takeoff up that somebody else came before: their mode stands, our ARM is taken back on the ground."""
+        self._means.stream_ns = None
         sent = self._land(t_ns, _TAKEN_OVER)
         self._flight.failure = self._message = reason
         return sent
@@ -485,6 +488,8 @@ class Sequencer:
     def _stream(self, t_ns: int) -> List[Message]:
         """Return the next set-point, as long as there is a flight by set-points that nobody else has taken over."""
         guidance = self._flight.guidance
+        if self._flight.airborne and self.watch.off_setpoints and not self._wants_offboard():
+            self._means.stream_ns = None  # for good: whoever chooses OFFBOARD now was not asked to by the engine
         if (
             guidance is None
             or self._means.stream_ns is None
@@ -492,8 +497,6 @@ class Sequencer:
             or not self._attention.lands(t_ns)  # set-points fly in one mode alone: they wait for no more than a landing
             or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9
         ):
-            return []
-        if self._flight.airborne and self.watch.off_setpoints and not self._wants_offboard():
             return []
         self._setpoint_ns = t_ns
         guidance.flying = bool(self.watch.armed) and self.watch.mode == OFFBOARD and not self._flight.down
