@@ -203,6 +203,96 @@ def test_met_in_the_air_in_a_mode_that_nobody_knows_it_is_left_to_its_pilot():
     assert (answer.message, messages) == ("the pilot has control, in MODE.0.0", [])
 
 
+# --- one message of the vehicle ---------------------------------------------------------------------------------------
+# Behind mavros there is a heartbeat a second, and nothing else that says mode, armed and failsafe: five statuses come
+# of one.
+
+
+FLIES, TAKEN, DISARMED, FAILSAFE = (
+    state("AUTO.MISSION", armed=True),
+    state("POSCTL", armed=True),
+    state("AUTO.MISSION"),
+    state("AUTO.MISSION", armed=True, status=5),
+)
+LIES = pytest.mark.parametrize("lie", [TAKEN, DISARMED, FAILSAFE], ids=["pilot", "disarmed", "failsafe"])
+
+
+class Told:
+    """A node that mavros tells states at given times, and what its statuses say of them at 20 Hz."""
+
+    def __init__(self, *states_at_s, until_s, backend="mavros"):
+        self.node = AutopilotClient(AutopilotSettings(backend=backend), BatterySpec(cells=4), lambda: (1, 1))
+        converter, waiting = Converter(), list(states_at_s)
+        self.said, self.asked = [], []
+        for step in range(round(20 * until_s)):
+            t_ns = step * S // 20
+            while waiting and waiting[0][0] * S <= t_ns:
+                self.asked += self.node.receive(t_ns, converter.convert(STATE, waiting.pop(0)[1]))
+            self.node.wake(t_ns)
+            status = self.node.vehicle.status(t_ns)
+            self.said.append((status.armed, status.mode, status.pilot_in_control, status.failsafe))
+
+    def between(self, from_s, to_s):
+        return set(self.said[round(20 * from_s) : round(20 * to_s)])
+
+
+TRUE = (True, "AUTO.MISSION", False, False)
+
+
+@LIES
+@pytest.mark.parametrize("after_s", [0.05, 0.5, 0.95])
+def test_what_one_message_alone_says_is_in_no_status(lie, after_s):
+    told = Told((0, FLIES), (1, FLIES), (2, FLIES), (2 + after_s, lie), (3, FLIES), (4, FLIES), until_s=5)
+    assert told.between(0, 5) == {TRUE}
+
+
+@LIES
+def test_what_two_messages_say_is_told_with_the_second(lie):
+    told = Told((0, FLIES), (1, FLIES), (2, lie), (2.2, lie), (3.2, lie), until_s=4)
+    assert told.between(0, 2.2) == {TRUE}
+    assert len(told.between(2.2, 4)) == 1
+    assert told.between(2.2, 4) != {TRUE}
+
+
+@LIES
+def test_what_nothing_contradicts_is_told_after_a_while(lie):
+    told = Told((0, FLIES), (1, FLIES), (2, lie), until_s=4)
+    assert told.between(0, 3.3) == {TRUE}
+    assert TRUE not in told.between(3.4, 4)
+
+
+def test_messages_that_never_agree_do_not_leave_the_status_as_it_was_for_good():
+    swings = [(2 + number / 2, TAKEN if number % 2 == 0 else FAILSAFE) for number in range(8)]
+    told = Told((0, FLIES), (1, FLIES), *swings, until_s=6)
+    assert told.between(0, 3.3) == {TRUE}
+    assert TRUE not in told.between(3.4, 6)
+
+
+@LIES
+def test_after_a_silence_nothing_is_told_that_is_older_than_it(lie):
+    told = Told((0, FLIES), (1, FLIES), (8, lie), until_s=9)
+    assert TRUE not in told.between(8, 9)
+
+
+@LIES
+def test_a_new_word_of_the_vehicle_has_another_heartbeat_asked_for(lie):
+    told = Told((0, FLIES), (1, FLIES), (2, lie), until_s=2.5)
+    request = request_of(told.asked[-1], PX4)
+    assert (request.service, request.command, request.lane) == ("cmd/command", 512, Lane.REST)
+    assert request.fields["param1"] == mavlink.MAVLINK_MSG_ID_HEARTBEAT
+
+
+def test_a_landing_is_not_sent_from_the_first_sign_of_a_pilot_on():
+    told = Told((0, FLIES), (1, FLIES), (2, TAKEN), until_s=2.5)
+    answer, messages = told.node.land(2 * S + S // 2)
+    assert (answer.message, messages) == ("the pilot has control, in POSCTL", [])
+
+
+def test_over_a_link_of_our_own_a_first_sign_is_told_at_once():
+    told = Told((0, FLIES), (1, FLIES), (2, TAKEN), until_s=2.5, backend="mavlink")
+    assert told.between(2, 2.5) == {(True, "POSCTL", True, False)}
+
+
 # --- what mavros receives ---------------------------------------------------------------------------------------------
 
 

@@ -330,7 +330,7 @@ class AutopilotClient:
     def _ask_beat(self, t_ns: int) -> List[Message]:
         """Ask for a heartbeat that was lost, or that must say whether what is new is so, or a failsafe's doing."""
         beat = self.vehicle.beat
-        if beat is None or t_ns < self._beat_due_ns or self.settings.backend != "mavlink":
+        if beat is None or t_ns < self._beat_due_ns:
             return []
         if not self.vehicle.in_doubt and t_ns - beat.t_ns <= _BEAT_LATE_NS:
             return []

@@ -30,6 +30,16 @@ _LANDED: Mapping[int, VehicleLanded] = {
     mavlink.MAV_LANDED_STATE_LANDING: VehicleLanded.LANDING,
 }
 _RESTART_MS = 1000
+_DOUBT_NS = 1_300_000_000  # of heartbeats at 1 Hz, another one has come
+
+
+class Told(NamedTuple):
+    """What a status says by heartbeats: mode and armed (None: not known), and who has control."""
+
+    armed: Optional[bool]
+    mode: str
+    pilot: bool
+    failsafe: bool
 
 
 class _Taken(NamedTuple):
@@ -89,6 +99,7 @@ class VehicleState:
         self.tilt = LastingTilt(settings.limits.state_age_limit_ns)
         self.restarts = 0
         self.in_doubt = False  # what is new: another heartbeat must say whether and why it is so
+        self._before_doubt: Optional[Tuple[int, Told]] = None
         self._heard_ns: Optional[int] = None
         self._landed: Optional[Tuple[int, int]] = None
         self._boot_ms: Optional[int] = None
@@ -169,6 +180,16 @@ class VehicleState:
         """Whether messages agree on a landing mode."""
         return self._in_landing_mode.lasts(self._engine.pilot_confirm_ns)
 
+    def told(self, t_ns: int) -> Told:
+        """Return what a status says by heartbeats; behind mavros, where one lasts for a second, by two that agree.
+
+        A first sign of something new is held back until the next one says so as well, or none has come in time.
+        """
+        began_ns, told = self._before_doubt or (0, None)
+        if told is not None and self._settings.backend == "mavros" and t_ns - began_ns < _DOUBT_NS:
+            return told
+        return Told(self.armed(t_ns), self.mode(t_ns), self.control.pilot, self.control.failsafe)
+
     def health(self, t_ns: int) -> Dict[str, Optional[bool]]:
         """Return the health of each sensor for the watchdog; None: unknown."""
         health = {name: self.system.healthy(t_ns, bits) for name, bits in SENSORS.items()}
@@ -177,15 +198,16 @@ class VehicleState:
 
     def status(self, t_ns: int) -> AutopilotStatus:
         """Return all of it as the engine takes it."""
+        told = self.told(t_ns)
         battery, place, tilt_rad = self.battery.reading(t_ns), self.position.place(t_ns), self.tilt.tilt_rad(t_ns)
         gps_fix, satellites = self.gps.fix(t_ns)
         return AutopilotStatus(
             t_ns=t_ns,
-            armed=self.armed(t_ns),
+            armed=told.armed,
             landed=self.landed(t_ns),
-            mode=self.mode(t_ns),
-            pilot_in_control=self.control.pilot,
-            failsafe=self.control.failsafe,
+            mode=told.mode,
+            pilot_in_control=told.pilot,
+            failsafe=told.failsafe,
             link_age_s=_seconds(self.link_age_ns(t_ns)),
             height_m=place.up_m,
             position_x_m=place.east_m,
@@ -206,6 +228,10 @@ class VehicleState:
     def _heartbeat(self, t_ns: int, message: Any) -> None:
         before, beat = self.beat, Heartbeat.of(t_ns, message)
         self.in_doubt = before is not None and before._replace(t_ns=t_ns) != beat
+        if not self.in_doubt or (before is not None and not self._fresh(t_ns, before.t_ns)):
+            self._before_doubt = None
+        elif self._before_doubt is None:
+            self._before_doubt = (t_ns, self.told(t_ns))
         self.control.add(beat)
         self.ground.add_armed(t_ns, armed=beat.armed)
         if self._landed is None:

@@ -151,11 +151,8 @@ class AutopilotNode:
         return (
             self.client.commanding,
             self.client.land_switch.on(t_ns),
-            vehicle.armed(t_ns),
-            vehicle.mode(t_ns),
+            vehicle.told(t_ns),
             vehicle.landed(t_ns),
-            vehicle.control.pilot,
-            vehicle.control.failsafe,
             vehicle.battery.critical(t_ns),
             tuple(vehicle.health(t_ns).items()),
         )
