@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from typing import Any, Callable, List, Tuple
 
 from mission_channel import MS, Channel, S, good
@@ -171,4 +172,42 @@ class Recorded(Flying):
         self.channel.fate = good
 
 
-__all__ = ["ARDUPILOT", "ARM", "BACK", "LIMITS", "LINE", "MS", "PLANS", "PX4", "SET_MODE", "Flying", "Recorded", "S"]
+def stand_still(flying, duration_ns, happens=lambda: None):
+    """Have the planner's process stand still: what the vehicle says meanwhile lies in its socket, and is read at once.
+
+    Half way through something happens.
+    """
+    channel, inbox, begun_ns = flying.channel, [], flying.t_ns
+    while channel.t_ns < begun_ns + duration_ns:
+        half = channel.t_ns < begun_ns + duration_ns // 2 <= channel.t_ns + 50 * MS
+        channel.t_ns += 50 * MS
+        if half:
+            happens()
+        while channel._queue and channel._queue[0][0] <= channel.t_ns:
+            _, _, to_vehicle, data = heapq.heappop(channel._queue)
+            if to_vehicle:
+                channel._deliver(data, to_vehicle=True)
+            else:
+                inbox.append(data)
+        channel._put(channel._theirs, flying.vehicle.wake(channel.t_ns), to_vehicle=False)
+    woken_ns = flying.t_ns
+    for data in inbox:
+        channel._deliver(data, to_vehicle=False)
+    return woken_ns
+
+
+__all__ = [
+    "ARDUPILOT",
+    "ARM",
+    "BACK",
+    "LIMITS",
+    "LINE",
+    "MS",
+    "PLANS",
+    "PX4",
+    "SET_MODE",
+    "Flying",
+    "Recorded",
+    "S",
+    "stand_still",
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from flying import ARDUPILOT, MS, PX4, Flying, S
+from flying import ARDUPILOT, MS, PX4, Flying, S, stand_still
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mission_channel import good
@@ -13,6 +13,7 @@ from mission_channel import good
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
 from amaze_autonomy.autopilot.planner.mission_upload import Dialect
+from amaze_autonomy.autopilot.vehicle.agreement import DRAIN_NS
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase, VehicleLanded
 
@@ -34,6 +35,7 @@ class Watched(Flying):
         self.landing = False  # a landing was taken, and nothing was loaded since
         self.unasked = False  # the vehicle was not heard for longer than the limit, and nothing was asked since
         self.armings = 0
+        self.woken_ns = 0  # when the planner's process went on after it had stood still
         super().__init__(**how)
         send = self.channel.ours
 
@@ -55,6 +57,8 @@ class Watched(Flying):
             return
         assert not (watch.armed and watch.pilot), "a vehicle that a pilot flies is commanded"
         meant = self.meant(message)
+        anew = (watch.mode_ns or 0) >= self.woken_ns
+        assert anew or meant in LANDINGS, f"{meant} before the vehicle was heard again"
         assert not self.landing or meant in LANDINGS, f"{meant} after a landing was taken"
         assert not self.unasked or meant in LANDINGS, f"{meant} after a silence, and nobody asked for it"
         fresh = watch.landed_ns is not None and self.t_ns - watch.landed_ns <= FRESH_NS
@@ -91,13 +95,16 @@ class Watched(Flying):
         self.note()
         watch, status = self.planner.watch, self.status
         if status.phase is P.HOLDING and watch.armed:
-            assert watch.mode in ("AUTO.LOITER", "OFFBOARD") or "by itself" in status.message or watch.pilot
+            holds = watch.mode in ("AUTO.LOITER", "OFFBOARD", "AUTO.LAND")  # the last: of somebody else
+            assert holds or "by itself" in status.message or watch.pilot
         if status.phase is P.LOADED:
             assert not status.waypoint
         assert 0 <= status.waypoint <= status.waypoints
         streamed = self.setpoint_ns and self.t_ns - self.setpoint_ns <= STREAM_GAP_NS
+        streamed = streamed or self.t_ns - self.woken_ns <= STREAM_GAP_NS
         begun = self.setpoint_ns or self.planner._means.watch.dialect is Dialect.PX4  # ArduPilot's: once it is up
-        if watch.mode == "OFFBOARD" and watch.armed and self.planner._flight.guidance is not None and begun:
+        up = watch.armed and self.craft.armed  # a PX4 that disarms shows the intended mode before it says so
+        if watch.mode == "OFFBOARD" and up and self.planner._flight.guidance is not None and begun:
             assert streamed, "the stream has stopped in flight"
 
 
@@ -116,6 +123,7 @@ EVENTS = st.one_of(
     st.tuples(st.just("other"), st.sampled_from(["AUTO.LAND", "DISARM", ""])),
     st.tuples(st.just("deaf to the ground"), st.booleans()),
     st.tuples(st.just("shutdown"), st.none()),
+    st.tuples(st.just("stands still"), st.sampled_from([600, 1500, 4000])),
 )
 PLANS = st.lists(st.tuples(st.sampled_from([0, 50, 300, 1000, 4000]), EVENTS), max_size=12)
 
@@ -165,7 +173,14 @@ def deaf(flying, so) -> None:
         watch.take = lambda t_ns, message: None if message.get_type() == "EXTENDED_SYS_STATE" else take(t_ns, message)
 
 
+def stand(flying, for_ms) -> None:
+    flying.woken_ns = flying.t_ns + for_ms * MS + DRAIN_NS  # before it reads
+    stand_still(flying, for_ms * MS)
+    flying.note()
+
+
 HAPPENS = {
+    "stands still": stand,
     "loses": lose,
     "slow": lambda flying, ms: setattr(flying.channel, "fate", lambda: (ms * MS,)),
     "other": other,
@@ -201,6 +216,8 @@ def calm_down(flying) -> None:
 @example("inside", PX4, [(50, ("refuses to arm", True)), (1000, ("cut", 5000)), (300, ("command", A.LAND))])
 @example("line", PX4, [(0, ("command", A.ABORT)), (4000, ("load", "line")), (50, ("command", A.LAND))])
 @example("line", PX4, [(50, ("deaf to the ground", True)), (1000, ("command", A.ABORT))])
+@example("line", PX4, [(4000, ("ignores", "AUTO.LOITER")), (0, ("command", A.HOLD)), (50, ("stands still", 1500))])
+@example("inside", ARDUPILOT, [(1000, ("stands still", 600)), (4000, ("command", A.LAND)), (0, ("stands still", 4000))])
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(["line", "inside"]), st.sampled_from([PX4, ARDUPILOT]), PLANS)
 def test_no_order_of_events_leads_to_what_must_not_be(mission, autopilot, events):

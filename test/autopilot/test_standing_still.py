@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import heapq
 import socket
 
 import pytest
 from autopilot_tools import Recorder, UdpVehicle, beat, free_port
 from client_bench import ClientBench
-from flying import ARDUPILOT, MS, PX4, SET_MODE, Recorded, S
+from flying import ARDUPILOT, MS, PX4, SET_MODE, Recorded, S, stand_still
 
 from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link import connection
@@ -20,30 +19,6 @@ from amaze_autonomy.engine.events import MissionPhase
 P, A = MissionPhase, MissionAction
 EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
 LATEST_NS = READ_NS + 50 * MS  # it is looked 20 times a second
-
-
-def stand_still(flying, duration_ns, happens=lambda: None):
-    """Have the planner's process stand still: what the vehicle says meanwhile lies in its socket, and is read at once.
-
-    Half way through something happens.
-    """
-    channel, inbox, begun_ns = flying.channel, [], flying.t_ns
-    while channel.t_ns < begun_ns + duration_ns:
-        half = channel.t_ns < begun_ns + duration_ns // 2 <= channel.t_ns + 50 * MS
-        channel.t_ns += 50 * MS
-        if half:
-            happens()
-        while channel._queue and channel._queue[0][0] <= channel.t_ns:
-            _, _, to_vehicle, data = heapq.heappop(channel._queue)
-            if to_vehicle:
-                channel._deliver(data, to_vehicle=True)
-            else:
-                inbox.append(data)
-        channel._put(channel._theirs, flying.vehicle.wake(channel.t_ns), to_vehicle=False)
-    woken_ns = flying.t_ns
-    for data in inbox:
-        channel._deliver(data, to_vehicle=False)
-    return woken_ns
 
 
 def hears_nothing(flying, duration_ns):
