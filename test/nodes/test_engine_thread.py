@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 from queue import SimpleQueue
 
 import pytest
@@ -62,6 +63,7 @@ class Run:
             lambda answer: self._do("answer", answer),
             lambda event, state, commands: self._do("record", event, state, commands),
             state,
+            lambda: self._do("keep", ""),
         )
 
     def _do(self, what, *values):
@@ -97,6 +99,21 @@ def test_requests_go_out_before_answers_and_both_before_the_record():
         assert run.next() == ("send", LAND)
         assert run.next() == ("answer", ANSWER)
         assert run.next() == ("record", started(), EngineState(t_ns=5), (NOTE, ANSWER, LAND))
+
+
+def test_a_takeoff_alone_goes_out_after_it_was_written():
+    """Killed in between, an engine that is started again would take its own vehicle for somebody else's."""
+    takeoff = replace(LAND, action=MissionAction.TAKEOFF)
+
+    def decide(state, event, _rules):
+        return evolve(state, t_ns=event.t_ns), (NOTE, takeoff)
+
+    with Run(decide) as run:
+        run.inbox.put(started())
+        assert [run.next()[0] for _ in range(3)] == ["record", "keep", "send"]
+    with Run(decide, fails={("record", started()): OSError("x"), ("keep", ""): OSError("x")}) as run:
+        run.inbox.put(started())
+        assert [run.next()[0] for _ in range(3)] == ["record", "keep", "send"], "whatever becomes of that"
 
 
 def test_events_are_decided_in_the_order_of_their_arrival():

@@ -230,9 +230,9 @@ def _urgent(event: Event) -> bool:
 
 
 # --- engine thread ----------------------------------------------------------------------------------------------------
-# The one thread that decides. It reads what comes itself; requests go out first, everything else after them. Nothing
-# that fails ends it: each part of a decision is tried, whatever becomes of the others. Should it end all the same, its
-# node sees that (`ending.py`).
+# The one thread that decides. It reads what comes itself; requests go out first, everything else after them; a takeoff
+# alone is written down before it goes out. Nothing that fails ends the thread: each part of a decision is tried,
+# whatever becomes of the others. Should it end all the same, its node sees that (`ending.py`).
 
 
 Decide = Callable[[EngineState, Event, Rules], Tuple[EngineState, Tuple[Command, ...]]]
@@ -242,6 +242,10 @@ Record = Callable[[Event, EngineState, Tuple[Command, ...]], None]
 _LONGEST_SLEEP_S = 3600.0
 _AFTER_DEFECT_S = 0.01
 _MOST_SAID = 100  # failures that are remembered as said
+
+
+def _takes_off(command: Command) -> bool:
+    return isinstance(command, MissionCommand) and command.action is MissionAction.TAKEOFF
 
 
 class EngineThread:
@@ -257,6 +261,7 @@ class EngineThread:
         answer: hands an answer to the user who waits for it; must not wait.
         record: takes (event, state after it, commands) to write and publish; must not wait.
         state: to start from.
+        keep: waits, not for long, until what was recorded is written; called before a takeoff goes out.
 
     `turns` counts how often it has waited for what comes.
     """
@@ -272,7 +277,9 @@ class EngineThread:
         answer: Callable[[Answer], None],
         record: Record,
         state: Optional[EngineState] = None,
+        keep: Callable[[], None] = lambda: None,
     ) -> None:
+        self._keep = keep
         self._decide, self._next_deadline, self._rules, self._clock = decide, next_deadline, rules, clock
         self._send, self._answer, self._record = send, answer, record
         self._inbox = inbox
@@ -365,13 +372,18 @@ class EngineThread:
         if self._replaced and threading.current_thread() is self._thread:
             return
         self.state = state
+        takes_off = any(map(_takes_off, commands))
+        if takes_off:  # killed behind it, and started again, it must know that what is in the air is its own
+            self._try("record", self._record, event, state, commands)
+            self._try("keep", self._keep)
         for command in commands:
             if isinstance(command, Request):
                 self._ask(command)
         for command in commands:
             if isinstance(command, Answer):
                 self._try("answer", self._answer, command)
-        self._try("record", self._record, event, state, commands)
+        if not takes_off:
+            self._try("record", self._record, event, state, commands)
 
     def _ask(self, request: Request) -> None:
         """Send a request; one that cannot be sent comes back as one that failed."""
@@ -388,7 +400,7 @@ class EngineThread:
         try:
             act(*values)
         except Exception as error:
-            self._say_once(what, values[0], error)
+            self._say_once(what, values[0] if values else "", error)
             return error
         return None
 

@@ -145,6 +145,7 @@ class AutonomyNode:
             self._desk.answer,
             self._record,
             state,
+            lambda: self._outbox.wait(),
         )
         self._clocks = PeerClocks(configuration.rules.limits)
         self._diagnostics = Diagnostics(
@@ -280,7 +281,7 @@ class AutonomyNode:
         self._inbox.put(event)
 
     def _record(self, event: Event, state: EngineState, commands: Tuple[Command, ...]) -> None:
-        """Hand on a step of the engine; on its thread, after the requests went out."""
+        """Hand on a step of the engine; on its thread, after the requests went out, or before a takeoff does."""
         self._clock.goes_on = state.flight.active  # a landing that is under way needs time that passes
         self._outbox.put(event, state, commands)
         self._clocks.see(event)

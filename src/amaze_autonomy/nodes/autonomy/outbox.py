@@ -168,6 +168,10 @@ class Outbox:
             self._publisher.do(lambda: self._tell(before, event, state, commands, written))
         self.state = state
 
+    def wait(self) -> None:
+        """Wait until the last step is in the journal, unless the disk is held; from the engine's thread."""
+        self._written.wait(0.0 if self._held else _WRITTEN_WITHIN_S)
+
     def log(self, job: Callable[[], None]) -> None:
         """Log something in its turn, which may have to wait for a disk; from any thread."""
         self._writer.do(job)
