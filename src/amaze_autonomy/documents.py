@@ -350,7 +350,6 @@ def _asked_for() -> str:
 
 
 _PARTS: Mapping[str, Callable[[], str]] = {
-    "asked-for": _asked_for,
     "decision-table": _shipped_decision_table,
     "severities": _severity_table,
     "losses": _loss_table,
@@ -367,5 +366,6 @@ _PARTS: Mapping[str, Callable[[], str]] = {
     "scenario-keys": _scenario,
     "expectations": _expectations,
     "recorded-faults": _faults,
+    "asked-for": _asked_for,
 }
 """By the name of the marker in a page."""
