@@ -57,6 +57,8 @@ class Vehicle:
         """Do what the planner or the autopilot was told."""
         self.mode = _MODES[action]
         if action is MissionAction.TAKEOFF:
+            if self._lead is not None and t_ns < self._lead.end_ns:
+                self.mode = "AUTO.TAKEOFF"  # the recording says in which mode its mission is flown
             self._takeoff_ns, self._land_ns, self._down_ns = t_ns, None, None
             self._flew = self._disarmed = False
             self._turning_ns = None
