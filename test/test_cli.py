@@ -90,6 +90,14 @@ def test_a_mistake_is_one_line_and_status_1(capsys, folder):
     )
 
 
+def test_a_rate_of_what_is_no_message_is_a_mistake_too(capsys, folder):
+    (folder / "autopilot.yaml").write_text("rates_hz: {WINDY: 2.0}\n")
+    assert main(["check-config", str(folder)]) == 1
+    assert capsys.readouterr().err.startswith("autopilot.yaml: rates_hz.WINDY: is no message; must be one of https:")
+    (folder / "autopilot.yaml").write_text("rates_hz: {WIND: 2.0}\n")
+    assert main(["check-config", str(folder)]) == 0
+
+
 def test_a_mistake_as_json_has_its_parts(capsys, folder):
     (folder / "autonomy.yaml").write_text("require_go: 1\n")
     assert main(["check-config", str(folder), "--json"]) == 1

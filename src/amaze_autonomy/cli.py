@@ -167,7 +167,11 @@ def _load(options: argparse.Namespace) -> Any:
     from .config import ConfigError, load_configuration  # noqa: PLC0415 (--help stays quick)
 
     try:
-        return load_configuration(options.folder or paths.config_folder(), options.overrides)
+        configuration = load_configuration(options.folder or paths.config_folder(), options.overrides)
+        if configuration.autopilot.rates_hz:
+            from .autopilot.vehicle.client import asked_rates_hz  # noqa: PLC0415 - it knows the messages
+
+            asked_rates_hz(configuration.autopilot)
     except ConfigError as error:
         if options.json:
             fields = {name: getattr(error, name) for name in ("file", "line", "key", "wrong", "right")}
@@ -175,6 +179,7 @@ def _load(options: argparse.Namespace) -> Any:
         else:
             print(error, file=sys.stderr)
         return None
+    return configuration
 
 
 def _print_json(value: Mapping[str, Any]) -> None:

@@ -146,7 +146,7 @@ def test_it_ticks_at_the_deadline_and_not_before():
     with Run(lambda state, event, _: (evolve(state, t_ns=event.t_ns), ()), next_deadline) as run:
         _, event, _, _ = run.next()
         assert isinstance(event, Tick)
-        assert deadline_ns <= event.t_ns <= deadline_ns + 50_000_000
+        assert deadline_ns <= event.t_ns  # how late is a matter of the computer; `next` waits for 2 s
         assert run.done.empty(), "it ticked again without a deadline"
 
 

@@ -485,6 +485,14 @@ def test_a_recorder_that_was_stopped_and_then_killed_is_one_gap():
     assert gap["seconds"] == pytest.approx(2.3, abs=0.3)
 
 
+def test_a_recorder_that_is_stopped_while_the_storage_is_full_can_close_its_file():
+    platform = recording()
+    platform.halted["cameras"], platform.free = True, 0
+    platform.turn()
+    assert Signal("cameras", "CONT") in platform.commands
+    assert Signal("cameras", "INT") in platform.commands
+
+
 def test_a_recorder_that_is_stopped_when_the_recording_ends_is_told_to_go_on_too():
     platform = recording()
     platform.halted["cameras"] = True

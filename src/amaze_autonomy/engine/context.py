@@ -35,7 +35,7 @@ from .state import Asked, EngineState, evolve
 LANDING_MODES: FrozenSet[str] = frozenset({"AUTO.LAND", "AUTO.PRECLAND"})
 HOLDING_MODES: FrozenSet[str] = frozenset({"AUTO.LOITER"})
 
-_TAKES_OFF = (MissionAction.TAKEOFF, MissionAction.RESUME)
+TAKES_OFF = (MissionAction.TAKEOFF, MissionAction.RESUME)
 _FLYING = frozenset({"AUTO.TAKEOFF", "AUTO.MISSION", "OFFBOARD"})
 
 DIRECT_MODES: Mapping[MissionAction, FrozenSet[str]] = {
@@ -83,7 +83,7 @@ def ours(
         return True
     actions = commanded if confirmed is None else (*commanded, confirmed)
     past = is_further(flown, mode)
-    return any(mode in MODES[action] and not (past and action in _TAKES_OFF) for action in actions)
+    return any(mode in MODES[action] and not (past and action in TAKES_OFF) for action in actions)
 
 
 # --- context ----------------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from .commands import (
     StartRecording,
     StopRecording,
 )
-from .context import Context
+from .context import TAKES_OFF, Context
 from .events import CHECKS, CheckName, Landed, RecordingPhase, checks_of
 from .failsafe import flown_without
 from .flight_guards import mission_flown
@@ -172,7 +172,7 @@ def _motion(context: Context, action: MissionAction) -> None:
     commanded = context.state.flight.commanded
     commanded = commanded if commanded[-1:] == (action,) else (*commanded, action)
     context.put("flight", motion=asked, mode_shown="", commanded=commanded)
-    if action in (MissionAction.TAKEOFF, MissionAction.RESUME):
+    if action in TAKES_OFF:
         context.put("flight", mode_flown="")
 
 

@@ -468,7 +468,7 @@ class PlatformRecorder:
         self._look_at_space()
         if self._full:
             told = [group for group in self.groups.values() if group.stop_for_space(t_ns)]
-            return [Signal(group.name, "INT") for group in told]
+            return [*self._wake(), *(Signal(group.name, "INT") for group in told)]
         removed = [group for group in self.groups.values() if group.stop_for_removal(t_ns)]
         wanting = [group for group in self.groups.values() if group.wants_child(t_ns)]
         commands: List[Command] = [*self._wake(), *(Signal(group.name, "INT") for group in removed)]

@@ -46,7 +46,7 @@ def switch_messages(settings: AutopilotSettings) -> Tuple[str, ...]:
     return ("RC_CHANNELS",) if settings.land_switch.channel else ()
 
 
-def _rates_hz(settings: AutopilotSettings) -> Dict[str, float]:
+def asked_rates_hz(settings: AutopilotSettings) -> Dict[str, float]:
     """Return the rate of each message that is asked for.
 
     Raises:
@@ -106,7 +106,7 @@ class AutopilotClient:
         self._confirm_ns = (limits or Limits()).flight_end_confirm_ns
         self.vehicle = VehicleState(settings, battery.cells, limits)
         self.land_switch = LandSwitchMonitor(settings.land_switch)
-        self._rates, self._parameters = Rates(_rates_hz(settings)), Parameters(settings.parameters)
+        self._rates, self._parameters = Rates(asked_rates_hz(settings)), Parameters(settings.parameters)
         pauses = CommandLimits(settings.commands.repeat_ns, settings.commands.limit_ns)
         self.landing = Confirmed(self._land_message, self._landing_seen, pauses, stands=True)
         self.disarming = Confirmed(self._disarm_message, self._disarm_seen, pauses)

@@ -145,7 +145,7 @@ class AutonomyNode:
             self._desk.answer,
             self._record,
             state,
-            lambda: self._outbox.wait(),
+            self._outbox.wait,
         )
         self._clocks = PeerClocks(configuration.rules.limits)
         self._diagnostics = Diagnostics(

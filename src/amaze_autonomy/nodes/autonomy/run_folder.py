@@ -182,7 +182,7 @@ def registered(session_id: str) -> Optional[Path]:
             found = os.fstat(descriptor)
             own = stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid() and path.name == JOURNAL_NAME
             header = codec.decode(file.readline(_LONGEST_HEADER).decode()).kind == "header" if own else False
-    except (OSError, ValueError, codec.JournalError):  # a name with NUL is a ValueError
+    except (OSError, ValueError):  # also no journal, and a name with NUL
         return None
     return path if header else None
 
