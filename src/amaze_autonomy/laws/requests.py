@@ -240,6 +240,34 @@ def everything_is_written_down(m: Moment) -> Verdict:
     return True if place == m.after.state.value else f"{m.after.state.value} is not written down"
 
 
+@law("3, 4.1", "What goes out at once goes by need: LAND, disarm, other requests, the answer, words, decisions.")
+def the_most_needed_goes_first(m: Moment) -> Verdict:
+    if len(m.commands) < 2:
+        return None
+    needs = [_need(command) for command in m.commands]
+    for first, second, need, next_need in zip(m.commands, m.commands[1:], needs, needs[1:]):
+        if need > next_need:
+            return f"{type(first).__name__} before {type(second).__name__}"
+    return True
+
+
+def _need(command: Any) -> int:
+    kind = "LAND" if getattr(command, "action", None) is A.LAND else type(command).__name__
+    return next((place for place, kinds in enumerate(_BY_NEED) if kind in kinds), len(_BY_NEED))
+
+
+_BY_NEED = (
+    ("LAND",),
+    ("AutopilotLand",),
+    ("AutopilotDisarm",),
+    ("MissionCommand",),
+    ("LoadMission", "RunCheck", "StartRecording", "StopRecording"),
+    ("Answer",),
+    ("Notify",),
+    ("Decision",),
+)
+
+
 @law("3, 4", "Nothing but the watchdog restarts anything: the engine has no such command, and asks for no other.")
 def the_engine_restarts_nothing(m: Moment) -> Verdict:
     for command in m.commands:
