@@ -12,18 +12,25 @@ from flying import ARDUPILOT, MS, PX4, SET_MODE, Recorded, S, stand_still
 from amaze_autonomy.autopilot import Connection, Identity
 from amaze_autonomy.autopilot.link import connection
 from amaze_autonomy.autopilot.planner.loading import LoadRequest
-from amaze_autonomy.autopilot.vehicle.agreement import DRAIN_NS, READ_NS, STALL_NS, Attention
+from amaze_autonomy.autopilot.vehicle.agreement import DRAIN_NS, KEPT_NS, MODE_NS, READ_NS, STALL_NS, Attention
 from amaze_autonomy.engine.commands import MissionAction
 from amaze_autonomy.engine.events import MissionPhase
 
 P, A = MissionPhase, MissionAction
 EACH = pytest.mark.parametrize("kind", [PX4, ARDUPILOT], ids=["px4", "ardupilot"])
-LATEST_NS = READ_NS + 50 * MS  # it is looked 20 times a second
+LOOK_NS = 50 * MS  # it is looked 20 times a second
 
 
-def hears_nothing(flying, duration_ns):
-    """Have it stand still, with nothing of the vehicle left in its socket."""
-    for _ in range(duration_ns // (50 * MS)):
+def latest_ns(stood_ns):
+    """When a landing goes out at the latest: what was said in a second is kept, after more a mode is waited for."""
+    return (READ_NS if stood_ns <= KEPT_NS else MODE_NS) + LOOK_NS
+
+
+def hears_nothing(flying, duration_ns, happens=lambda: None):
+    """Have it stand still, with nothing of the vehicle left in its socket; half way through something happens."""
+    for number in range(duration_ns // (50 * MS)):
+        if number == duration_ns // (100 * MS):
+            happens()
         flying.channel.t_ns += 50 * MS
         flying.vehicle.wake(flying.t_ns)
     woken_ns = flying.t_ns
@@ -62,15 +69,21 @@ def test_what_was_under_way_is_not_sent_over_a_pilot_who_took_over_meanwhile(kin
 
 
 @EACH
-@pytest.mark.parametrize("stood_ms", [600, 1500, 4000])
-def test_a_landing_is_not_sent_over_a_pilot_whose_takeover_lies_unread(kind, stood_ms):
+@pytest.mark.parametrize(
+    "read, stood_ms",
+    [
+        *((stand_still, stood_ms) for stood_ms in (600, 1500, 4000)),
+        *((hears_nothing, stood_ms) for stood_ms in (1050, 1200, 1350, 1500, 4000)),
+    ],
+)
+def test_a_landing_is_not_sent_over_a_pilot_whose_takeover_lies_unread_or_found_the_socket_full(kind, read, stood_ms):
     flying = under_way(A.LAND, kind)
 
     def taken_over():
         obeys(flying)
         flying.craft.pilot_takes_over("POSCTL", 60 * S)
 
-    woken_ns = stand_still(flying, stood_ms * MS, taken_over)
+    woken_ns = read(flying, stood_ms * MS, taken_over)
     flying.run(3 * S)
     assert (flying.since(woken_ns), flying.craft.mode) == ([], "POSCTL")
 
@@ -143,10 +156,20 @@ def test_a_hold_goes_on_once_the_vehicle_is_heard_anew(stood_ms):
 @EACH
 @pytest.mark.parametrize("read", [stand_still, hears_nothing])
 @pytest.mark.parametrize("stood_ms", [600, 1500, 4000])
-def test_a_landing_waits_for_no_more_than_what_lies_in_the_socket(kind, read, stood_ms):
+def test_a_landing_waits_for_what_lies_in_the_socket_and_after_more_than_it_holds_for_a_mode(kind, read, stood_ms):
     flying = under_way(A.LAND, kind)
     woken_ns = read(flying, stood_ms * MS)
-    flying.run(LATEST_NS)
+    assert flying.since(woken_ns) == []
+    flying.run(latest_ns(stood_ms * MS))
+    assert flying.since(woken_ns)[0] == "AUTO.LAND"
+
+
+@EACH
+def test_a_landing_of_a_vehicle_that_is_not_heard_is_sent_all_the_same(kind):
+    flying = under_way(A.LAND, kind)
+    woken_ns = hears_nothing(flying, 4 * S)
+    while flying.t_ns < woken_ns + latest_ns(4 * S):
+        hears_nothing(flying, 50 * MS)
     assert flying.since(woken_ns) == ["AUTO.LAND"]
 
 
@@ -163,7 +186,7 @@ def test_a_landing_that_is_asked_for_as_the_first_thing_afterwards_listens_as_we
         said = flying.vehicle.wake(flying.t_ns)
         for message in said:  # lay in the socket
             flying.channel._put(flying.channel._theirs, [message], to_vehicle=False)
-        flying.run(LATEST_NS)
+        flying.run(latest_ns(S))
         assert flying.since(asked_ns) == ([] if taken_over else ["AUTO.LAND"])
 
 
@@ -210,31 +233,36 @@ def landing(ignored_s=0.5):
     return bench
 
 
-def stop(bench, seconds):
-    """Have the node stand still; return when it woke."""
+def stop(bench, seconds, *, full=False):
+    """Have the node stand still; return when it woke. `full`: all that the vehicle said meanwhile is lost."""
     end_ns = bench.t_ns + round(seconds * S)
     while bench.t_ns < end_ns:
         bench.far.step(bench.t_ns + S // 50)
+    if full:
+        bench._at = len(bench.far.heard)
     return bench.t_ns
 
 
-@pytest.mark.parametrize("stood_s", [0.6, 1.0, 3.0])
-def test_the_autopilot_node_does_not_land_over_a_pilot_whose_takeover_lies_unread(stood_s):
+@pytest.mark.parametrize(
+    "stood_s, full", [(0.6, False), (1.0, False), (1.1, True), (1.3, True), (1.5, True), (3.0, True)]
+)
+def test_the_autopilot_node_does_not_land_over_a_pilot_whose_takeover_lies_unread_or_is_lost(stood_s, full):
     bench = landing()
     bench.far.craft.pilot_takes_over("POSCTL", 60 * S)
-    woken_ns = stop(bench, stood_s)
+    woken_ns = stop(bench, stood_s, full=full)
     bench.transmit(bench.client.wake(woken_ns))
     bench.advance(3.0)
     assert [t_ns for t_ns in bench.commands(SET_MODE) if t_ns >= woken_ns] == []
     assert bench.far.craft.mode == "POSCTL"
 
 
-def test_the_autopilot_node_lands_as_soon_as_it_has_read():
+@pytest.mark.parametrize("stood_s, full", [(1.0, False), (3.0, True)])
+def test_the_autopilot_node_lands_as_soon_as_it_has_heard(stood_s, full):
     bench = landing()
-    woken_ns = stop(bench, 1.0)
+    woken_ns = stop(bench, stood_s, full=full)
     bench.transmit(bench.client.wake(woken_ns))
     assert woken_ns not in bench.commands(SET_MODE)
-    bench.advance(LATEST_NS / S)
+    bench.advance(latest_ns(round(stood_s * S)) / S)
     assert bench.far.craft.mode == "AUTO.LAND"
 
 
@@ -246,7 +274,7 @@ def test_a_landing_that_is_asked_of_the_autopilot_node_as_the_first_thing_listen
     asked_ns = stop(bench, 1.0)
     assert not bench.ask(bench.client.land).final
     bench.advance(1.0)
-    late_ns = asked_ns + LATEST_NS + 20 * MS
+    late_ns = asked_ns + latest_ns(S) + 20 * MS
     assert any(asked_ns <= t_ns <= late_ns for t_ns in bench.commands(SET_MODE)) == lands
     assert bench.far.craft.mode == mode
 
@@ -333,15 +361,43 @@ def test_who_waited_long_for_a_peer_does_not_take_him_for_silent():
 def test_a_process_that_looks_often_enough_has_not_stood_still():
     attention = Attention()
     assert [attention.look(t_ns) for t_ns in (5 * S, 5 * S + STALL_NS, 5 * S + 2 * STALL_NS)] == [0, 0, 0]
-    assert attention.lands(5 * S)
+    assert attention.lands(5 * S, None)
     assert attention.commands(None)
 
 
-def test_one_that_stood_still_lands_after_reading_and_commands_when_it_has_heard_the_vehicle():
+def test_one_that_stood_still_lands_when_it_has_heard_the_vehicle_or_waited_for_that_and_then_commands():
     attention = Attention()
     attention.look(0)
     assert attention.look(2 * S) == 2 * S
-    assert not attention.lands(2 * S)
-    assert attention.lands(2 * S + READ_NS)
+    read_ns, last_ns = 2 * S + READ_NS, 2 * S + MODE_NS
+    assert [attention.streams(t_ns) for t_ns in (read_ns - 1, read_ns)] == [False, True]
+    assert [attention.lands(t_ns, read_ns - 1) for t_ns in (read_ns, last_ns - 1, last_ns)] == [False, False, True]
     assert not any(attention.commands(heard_ns) for heard_ns in (None, 2 * S, 2 * S + DRAIN_NS - 1))
     assert attention.commands(2 * S + DRAIN_NS)
+
+
+def test_a_landing_waits_for_no_mode_where_the_socket_held_all_that_was_said():
+    attention = Attention()
+    attention.look(0)
+    attention.look(KEPT_NS)
+    read_ns = KEPT_NS + READ_NS
+    assert [attention.lands(t_ns, None) for t_ns in (read_ns - 1, read_ns)] == [False, True]
+
+
+def test_a_mode_that_is_heard_after_what_was_read_lets_a_landing_out():
+    attention = Attention()
+    attention.look(0)
+    attention.look(2 * S)
+    read_ns = 2 * S + READ_NS
+    assert [attention.lands(read_ns, heard_ns) for heard_ns in (None, read_ns - 1, read_ns)] == [False, False, True]
+
+
+@pytest.mark.parametrize("chance", [False, True])
+def test_who_stands_still_again_reads_again_if_he_could_have_landed_meanwhile(chance):
+    attention = Attention()
+    attention.look(0)
+    attention.look(2 * S)
+    attention.look(2 * S + READ_NS)
+    assert attention.lands(2 * S + READ_NS, 2 * S + READ_NS if chance else None) is chance
+    attention.look(5 * S)
+    assert attention.lands(5 * S, None) is not chance

@@ -213,6 +213,48 @@ def code_16_while_the_engine_is_stopped_lands_when_it_goes_on(stack: Stack) -> N
         down(stack, vehicle)
 
 
+def in_the_pilots_hands(stack: Stack, vehicle: Px4Vehicle, wait_ns: int) -> None:
+    """He has the vehicle, and keeps it: nobody commands over him, for as long as he flies."""
+    with vehicle.lock:
+        vehicle.craft.flags.ignores = ()
+        vehicle.craft.pilot_takes_over("POSCTL", wait_ns)
+
+
+def kept_by_the_pilot(stack: Stack, vehicle: Px4Vehicle) -> None:
+    ended(stack)
+    assert stack.result()["result"] == "PILOT"
+    assert vehicle.modes[-1] == "POSCTL", f"somebody commanded against the pilot: {vehicle.modes}"
+
+
+@lies.add(processes=(), start=False)
+def planner_that_stood_still_resumes_nothing_over_the_pilot(stack: Stack) -> None:
+    """It is told to resume while it is stopped; when it goes on, the takeover lies unread in its socket as well."""
+    with flown(stack, "mission:=long", "unattended:=true", "exit_when_ended:=true") as vehicle:
+        in_flight(stack)
+        assert stack.ask("hold")[0] == DONE
+        decided(stack, "hold_confirmed")
+        with stopped(stack, "mission_planner"):
+            assert stack.ask("resume")[0] == DONE
+            stack.wait(lambda: any("RESUME" in text for each in stack.decisions() for text in each.commands), "RESUME")
+            in_the_pilots_hands(stack, vehicle, 6 * NS)
+            decided(stack, "pilot_took_over")
+        kept_by_the_pilot(stack, vehicle)
+
+
+@lies.add(processes=(), start=False)
+def planner_and_autopilot_node_that_stood_still_land_nothing_over_the_pilot(stack: Stack) -> None:
+    """One for so long that its socket was full when he took over, the other, landing meanwhile, for a moment."""
+    with flown(stack, "mission:=long", "unattended:=true", "exit_when_ended:=true") as vehicle:
+        in_flight(stack)
+        vehicle.craft.flags.ignores = (LAND,)
+        with stopped(stack, "mission_planner"):
+            decided(stack, "land_by_both_routes")
+            with stopped(stack, "autopilot"):
+                in_the_pilots_hands(stack, vehicle, 6 * NS)
+                time.sleep(0.7)  # the moment is the point: a stall that is noticed
+        kept_by_the_pilot(stack, vehicle)
+
+
 BEATS = """\
 import sys, rospy
 from amaze_autonomy.msg import WatchdogAction

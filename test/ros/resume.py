@@ -17,7 +17,7 @@ import rospy
 from behaviours import Behaviours
 from stack import Stack
 
-from amaze_autonomy.engine.events import EngineStarted
+from amaze_autonomy.engine.events import EngineStarted, MissionPhase, MissionStatus
 
 KILLS = 4
 IN_FLIGHT = ("TAKEOFF", "MISSION", "HOLD", "LAND")
@@ -117,6 +117,19 @@ def killed_after_its_folder_was_removed_in_flight(stack: Stack) -> None:
     kill_and_start(stack, 0)
     finish(stack)
     assert once(stack) == [1, 1, 1]
+
+
+@resume.add(mission="hop", overrides=("missions.flight.landing_speed_m_s=0.25",))
+def killed_in_the_planners_own_landing(stack: Stack) -> None:
+    """The next engine hears planner and vehicle before it commands: what lands, lands, and the mission is complete."""
+    landing = lambda: [each for each in stack.events(MissionStatus) if each.phase is MissionPhase.LANDING]  # noqa: E731
+    stack.wait(landing, "the planner's landing")
+    assert stack.state == "MISSION"
+    kill_and_start(stack, 0)
+    stack.wait_over()
+    told = [text for each in stack.decisions() for text in each.commands]
+    assert not [text for text in told if "HOLD" in text or "LAND" in text or "Land" in text], told
+    assert stack.states[-1].result == "COMPLETE"
 
 
 def _add(mission: str, seed: int) -> None:

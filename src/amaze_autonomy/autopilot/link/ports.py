@@ -99,6 +99,7 @@ _PENDING_LIMIT = 65536
 _CONNECT_LIMIT_S = 0.5
 _BURST = 64
 _PEERS_KEPT = 8
+_HOLDS = 1 << 20  # bytes that wait while this process stands still: by default it is a second of what a PX4 says
 _STAMPS = 35  # SO_TIMESTAMPNS of Linux (asm-generic/socket.h), for which Python has no name
 _STAMP = struct.Struct("@ll")  # timespec: seconds, nanoseconds
 _S = 1_000_000_000
@@ -309,6 +310,7 @@ class _Udp(Port):
     def _adopt(self, made: socket.socket) -> None:
         with contextlib.suppress(OSError):  # a system without stamps: it is not known how long something waited
             made.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _HOLDS)  # or what the system allows
         self._socket, self._empty_ns = made, time.monotonic_ns()
 
     def close(self) -> None:

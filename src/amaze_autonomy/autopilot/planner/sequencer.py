@@ -412,7 +412,7 @@ class Sequencer:
             return []  # not silent: not read yet
         self._verify()
         self._give_up_late_takeoff(procedure)
-        sends = self._attention.lands(t_ns) if lands else self._knows_the_vehicle
+        sends = self._attention.lands(t_ns, self.watch.mode_ns) if lands else self._knows_the_vehicle
         sent = procedure.wake(t_ns, sends=sends)
         if sent and procedure.action not in _LANDINGS:
             self._commanded_ns = t_ns
@@ -494,7 +494,7 @@ class Sequencer:
             guidance is None
             or self._means.stream_ns is None
             or not self._means.streams
-            or not self._attention.lands(t_ns)  # set-points fly in one mode alone: they wait for no more than a landing
+            or not self._attention.streams(t_ns)
             or t_ns - self._setpoint_ns < _S / self._spec.setpoint_rate_hz * 0.9
         ):
             return []

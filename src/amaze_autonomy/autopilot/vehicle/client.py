@@ -288,7 +288,7 @@ class AutopilotClient:
 
     def _land_message(self) -> Optional[Message]:
         beat, control, sent_ns = self.vehicle.beat, self.vehicle.control, self.landing.sent_ns
-        if beat is None or control.pilot or not self._attention.lands(self._t_ns):
+        if beat is None or control.pilot or not self._attention.lands(self._t_ns, control.mode_ns):
             return None
         if beat.mode in LANDING_MODES and sent_ns is not None and control.mode_ns > sent_ns:
             return None  # one message shows it; others will agree, or a pilot chooses another mode meanwhile
