@@ -62,6 +62,7 @@ def test_a_broken_law_is_told_once_with_its_first_moment_and_how_often():
         "no_request_twice": 2,
         "requests_say_what_they_mean": 2,
         "the_engine_restarts_nothing": 2,
+        "the_most_needed_goes_first": 2,
         "time_never_runs_back": 3,
     }
 

@@ -12,6 +12,7 @@ from typing import List, NamedTuple, Sequence, Tuple
 _TEST = Path(__file__).resolve().parents[1]
 _LIES = "engine/test_lies.py::test_"
 _SOURCES = "autopilot/test_sources.py::test_"
+_STOOD = "autopilot/test_standing_still.py::test_"
 _STANDS = "autopilot/test_landing_stands.py::test_"
 _MAVROS = "autopilot/test_mavros_messages.py::test_"
 _AGES = "autopilot/test_modes_and_ages.py::test_"
@@ -87,7 +88,10 @@ STORIES: Sequence[Told] = (
     Told(
         "Nothing holds a landing: no failure, no operator, whoever lands.",
         (f"{_LIES}what_fails_during_the_planners_own_landing_holds_nothing", f"{_LIES}nor_does_the_operator"),
-        (f"{_LIVE}nothing_holds_the_planners_own_landing",),
+        (
+            f"{_LIVE}nothing_holds_the_planners_own_landing",
+            "ros/resume.py::killed_in_the_planners_own_landing",
+        ),
         ("code_16_in_landing",),
     ),
     Told(
@@ -173,6 +177,18 @@ STORIES: Sequence[Told] = (
         (
             "ros/stalls.py::engine_that_is_stopped_for_less_than_a_limit_flies_on",
             f"{_LIVE}code_16_while_the_engine_is_stopped_lands_when_it_goes_on",
+        ),
+    ),
+    Told(
+        "A planner or autopilot node that was stopped listens before it commands, a landing no longer than it must.",
+        (
+            f"{_STOOD}what_was_under_way_is_not_sent_over_a_pilot_who_took_over_meanwhile",
+            f"{_STOOD}a_landing_is_not_sent_over_a_pilot_whose_takeover_lies_unread_or_found_the_socket_full",
+            f"{_STOOD}the_autopilot_node_does_not_land_over_a_pilot_whose_takeover_lies_unread_or_is_lost",
+        ),
+        (
+            f"{_LIVE}planner_that_stood_still_resumes_nothing_over_the_pilot",
+            f"{_LIVE}planner_and_autopilot_node_that_stood_still_land_nothing_over_the_pilot",
         ),
     ),
     Told(

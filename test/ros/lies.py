@@ -213,14 +213,15 @@ def code_16_while_the_engine_is_stopped_lands_when_it_goes_on(stack: Stack) -> N
         down(stack, vehicle)
 
 
-def in_the_pilots_hands(stack: Stack, vehicle: Px4Vehicle, wait_ns: int) -> None:
-    """He has the vehicle, and keeps it: nobody commands over him, for as long as he flies."""
+def in_the_pilots_hands(vehicle: Px4Vehicle, land_after_ns: int) -> None:
+    """Let the pilot take over; he lands after that time."""
     with vehicle.lock:
         vehicle.craft.flags.ignores = ()
-        vehicle.craft.pilot_takes_over("POSCTL", wait_ns)
+        vehicle.craft.pilot_takes_over("POSCTL", land_after_ns)
 
 
 def kept_by_the_pilot(stack: Stack, vehicle: Px4Vehicle) -> None:
+    """Wait for the end: nobody has commanded over him."""
     ended(stack)
     assert stack.result()["result"] == "PILOT"
     assert vehicle.modes[-1] == "POSCTL", f"somebody commanded against the pilot: {vehicle.modes}"
@@ -236,7 +237,7 @@ def planner_that_stood_still_resumes_nothing_over_the_pilot(stack: Stack) -> Non
         with stopped(stack, "mission_planner"):
             assert stack.ask("resume")[0] == DONE
             stack.wait(lambda: any("RESUME" in text for each in stack.decisions() for text in each.commands), "RESUME")
-            in_the_pilots_hands(stack, vehicle, 6 * NS)
+            in_the_pilots_hands(vehicle, 6 * NS)
             decided(stack, "pilot_took_over")
         kept_by_the_pilot(stack, vehicle)
 
@@ -250,7 +251,7 @@ def planner_and_autopilot_node_that_stood_still_land_nothing_over_the_pilot(stac
         with stopped(stack, "mission_planner"):
             decided(stack, "land_by_both_routes")
             with stopped(stack, "autopilot"):
-                in_the_pilots_hands(stack, vehicle, 6 * NS)
+                in_the_pilots_hands(vehicle, 6 * NS)
                 time.sleep(0.7)  # the moment is the point: a stall that is noticed
         kept_by_the_pilot(stack, vehicle)
 
