@@ -31,7 +31,18 @@ def test_without_a_job_it_lists_them_all(tmp_path):
     listed = [line.split()[0] for line in result.stdout.splitlines()[1:]]
     assert listed == [
         *("build", "demo", "demo-two-computers", "console", "replay", "test", "test-beside", "test-py38"),
-        *("test-lowest", "test-proof", "test-builds", "test-ros", "test-sitl", "test-long", "docs", "screens", "lint"),
+        *(
+            "test-lowest",
+            "test-python",
+            "test-proof",
+            "test-builds",
+            "test-ros",
+            "test-sitl",
+            "test-long",
+            "docs",
+            "screens",
+            "lint",
+        ),
         *(
             "proof",
             "mutate",
