@@ -8,7 +8,16 @@ import pytest
 
 from amaze_autonomy.autopilot.link.dialect import mavlink
 from amaze_autonomy.autopilot.mavros.messages import RECEIVED, STATE, Behind, Converter, sources_of
-from amaze_autonomy.autopilot.mavros.requests import Lane, Publication, Request, publication_of, request_of
+from amaze_autonomy.autopilot.mavros.requests import (
+    CALL_LIMITS_S,
+    LATE_NS,
+    Lane,
+    Publication,
+    Request,
+    is_late,
+    publication_of,
+    request_of,
+)
 from amaze_autonomy.autopilot.planner.sequencer import PLANNER_MESSAGES
 from amaze_autonomy.autopilot.vehicle.battery import Battery
 from amaze_autonomy.autopilot.vehicle.client import AutopilotClient, command_long, set_mode
@@ -413,11 +422,11 @@ def test_only_topics_of_wanted_messages_are_listened_to():
 
 def test_requests_of_the_client_are_services():
     land = request_of(set_mode(1, 1, 4, 6), PX4)
-    assert land == Request("set_mode", {"base_mode": 0, "custom_mode": "AUTO.LAND"}, 176, Lane.URGENT)
+    assert land == Request("set_mode", {"base_mode": 0, "custom_mode": "AUTO.LAND"}, 176, Lane.MODE, lands=True)
     assert land.kind == "SetMode"
     disarm = request_of(command_long(1, 1, 400, 0.0), PX4)
     assert (disarm.service, disarm.fields["command"], disarm.fields["param1"]) == ("cmd/command", 400, 0.0)
-    assert (disarm.lane, request_of(command_long(1, 1, 511, 0.0), PX4).lane) == (Lane.URGENT, Lane.REST)
+    assert (disarm.lane, request_of(command_long(1, 1, 511, 0.0), PX4).lane) == (Lane.ARMING, Lane.REST)
     asked = mavlink.MAVLink_param_request_read_message(1, 1, b"COM_LOW_BAT_ACT", -1)
     assert request_of(asked, PX4) == Request("param/get", {"param_id": "COM_LOW_BAT_ACT"})
     assert request_of(mavlink.MAVLink_timesync_message(0, 1), PX4) is None
@@ -426,7 +435,35 @@ def test_requests_of_the_client_are_services():
 @pytest.mark.parametrize("mode, name", [(9, "LAND"), (3, "AUTO"), (4, "GUIDED"), (17, "BRAKE")])
 def test_an_ardupilot_is_asked_for_a_mode_by_mavros_name_of_it(mode, name):
     fields = {"base_mode": 0, "custom_mode": name}
-    assert request_of(set_mode(1, 1, mode, 0), ARDUPILOT) == Request("set_mode", fields, 176, Lane.URGENT)
+    assert request_of(set_mode(1, 1, mode, 0), ARDUPILOT) == Request(
+        "set_mode", fields, 176, Lane.MODE, lands=name == "LAND"
+    )
+
+
+MISSION, DISARM, INTERVAL = set_mode(1, 1, 4, 4), command_long(1, 1, 400, 0.0), command_long(1, 1, 511, 0.0)
+
+
+@pytest.mark.parametrize(
+    "message, autopilot, late",
+    [
+        (set_mode(1, 1, 4, 6), PX4, False),
+        (set_mode(1, 1, 9, 0), ARDUPILOT, False),
+        (MISSION, PX4, True),
+        (set_mode(1, 1, 3, 0), ARDUPILOT, True),
+        (DISARM, PX4, True),
+        (INTERVAL, PX4, False),
+    ],
+    ids=["land", "land of ardupilot", "mission", "mission of ardupilot", "disarm", "interval"],
+)
+def test_what_has_waited_for_half_a_second_is_no_command_any_more_but_for_a_landing(message, autopilot, late):
+    request = request_of(message, autopilot)
+    assert [is_late(request, waited_ns) for waited_ns in (LATE_NS, LATE_NS + 1)] == [False, late]
+
+
+def test_a_landing_waits_for_nothing_that_mavros_waits_for():
+    assert Lane.MODE not in {request_of(each, PX4).lane for each in (DISARM, INTERVAL)}
+    assert CALL_LIMITS_S[Lane.MODE] <= 1.0
+    assert set(CALL_LIMITS_S) == set(Lane)
 
 
 def test_a_set_point_is_published_east_north_up():

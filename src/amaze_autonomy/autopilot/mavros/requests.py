@@ -1,7 +1,8 @@
 """What mavros is asked to do for a MAVLink message: a service to call, or a message to publish. Pure.
 
 Each request has a lane, and each lane its own thread: a landing waits for no transfer of a mission, and for no service
-that mavros answers only after its own 5 s.
+that mavros answers only after its own 5 s, an arming among them. A command that has waited is dropped: who wants it
+still says it again.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from ..link.dialect import Message, mavlink
-from ..vehicle.modes import mavros_name
+from ..vehicle.modes import LANDING_MODES, mavros_name, mode_name
 
 _SET_MODE, _COMMAND, _PARAMETER = "set_mode", "cmd/command", "param/get"
 _PUSH, _PULL, _SET_CURRENT = "mission/push", "mission/pull", "mission/set_current"
@@ -23,15 +24,25 @@ MISSION_SERVICES: Mapping[str, str] = {
     _SET_CURRENT: "WaypointSetCurrent",
 }
 """The same, by who flies missions."""
-_URGENT = (mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
+LATE_NS = 500_000_000  # as long as a node may stand still before it listens first
 
 
 class Lane(enum.Enum):
     """What waits for each other."""
 
-    URGENT = "urgent"
+    MODE = "mode"
+    ARMING = "arming"
     MISSION = "mission"
     REST = "rest"
+
+
+CALL_LIMITS_S: Mapping[Lane, float] = {Lane.MODE: 1.0, Lane.ARMING: 6.0, Lane.MISSION: 120.0, Lane.REST: 6.0}
+"""How long a call may take: a mode mavros sends at once, for a command's acknowledgement it waits 5 s; for each item of
+a mission, of which there are some hundred, up to 3 times 1 s in the worst case."""
+
+
+COMMAND_SERVICES: Mapping[Lane, str] = {Lane.MODE: _SET_MODE, Lane.ARMING: _COMMAND}
+"""The lanes of what the vehicle is commanded, and the service of each."""
 
 
 class Request(NamedTuple):
@@ -42,17 +53,24 @@ class Request(NamedTuple):
         fields: of the request; waypoints as dictionaries of their fields.
         command: MAV_CMD that the answer acknowledges; 0: none.
         lane: what it waits for.
+        lands: it asks for a landing mode.
     """
 
     service: str
     fields: Dict[str, Any]
     command: int = 0
     lane: Lane = Lane.REST
+    lands: bool = False
 
     @property
     def kind(self) -> str:
         """Its type in mavros_msgs."""
         return SERVICES.get(self.service) or MISSION_SERVICES[self.service]
+
+
+def is_late(request: Request, waited_ns: int) -> bool:
+    """Return whether a request has waited for so long that it is not to be sent: a landing never has."""
+    return waited_ns > LATE_NS and request.lane in COMMAND_SERVICES and not request.lands
 
 
 class Publication(NamedTuple):
@@ -85,12 +103,13 @@ def _parameter(message: Message, _: int) -> Request:
 
 
 def _command(message: Message, autopilot: int) -> Request:
-    lane = Lane.URGENT if message.command in _URGENT else Lane.REST
     if message.command == mavlink.MAV_CMD_DO_SET_MODE:
         main, sub = int(message.param2), int(message.param3)
         number = main if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA else sub << 24 | main << 16
         fields = {"base_mode": 0, "custom_mode": mavros_name(autopilot, number)}
-        return Request(_SET_MODE, fields, message.command, lane)
+        lands = mode_name(autopilot, number) in LANDING_MODES
+        return Request(_SET_MODE, fields, message.command, Lane.MODE, lands)
+    lane = Lane.ARMING if message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM else Lane.REST
     parameters = {f"param{number}": getattr(message, f"param{number}") for number in range(1, 8)}
     long = {"broadcast": False, "command": message.command, "confirmation": 0, **parameters}
     return Request(_COMMAND, long, message.command, lane)

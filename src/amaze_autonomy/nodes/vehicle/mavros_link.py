@@ -3,7 +3,8 @@
 Subscribes to the topics of which the wanted messages are made, calls `set_mode`, `cmd/command`, `param/get` and
 `mission/*`, publishes `setpoint_raw/local`. Behind it is PX4 or ArduPilot, by the names of its modes; of ArduPilot it
 listens to `mavlink/from` beside mavros' namespace, too (`messages.py`). Services are called by threads of their own,
-one for each lane, each call within a limit of mavros' own making; what was asked twice meanwhile is asked once.
+one for each lane, each call within a limit; what was asked twice meanwhile is asked once, and a command that has waited
+is dropped unless it lands. For a mode and an arming a connection stays open: a landing needs no ROS master.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import importlib
 import queue
 import threading
+import time
 from collections import deque
 from typing import Any, Callable, Deque, Dict, Iterable, Tuple
 
@@ -23,20 +25,25 @@ from ...autopilot.link.connection import ClientHost
 from ...autopilot.link.dialect import Message, mavlink
 from ...autopilot.mavros.messages import EKF, RECEIVED, STATE, VEHICLE, WAYPOINTS, Converter, Source, sources_of
 from ...autopilot.mavros.requests import (
+    CALL_LIMITS_S,
+    COMMAND_SERVICES,
     MISSION_SERVICES,
     SERVICES,
     Lane,
     MavrosMission,
     Publication,
     Request,
+    is_late,
     publication_of,
     request_of,
 )
-from ...ros.errors import StartError
+from ...ros.errors import CallError, StartError
+from ...ros.service_client import ServiceClient
 
 _QUEUE, _RECEIVED = 20, 200
 _WAKE_S = 0.05
 _WAITING = 16
+_LOOK_S = 0.5  # between two looks at a connection that stays open
 _HOW = "install mavros for this ROS, or use backend: mavlink through mavros' GCS port (docs/autopilot.md)"
 _TYPES = ("mavros_msgs/Waypoint", "mavros_msgs/PositionTarget")
 
@@ -65,7 +72,7 @@ class MavrosLink(ClientHost):
     ) -> None:
         super().__init__(client, now_ns, complain)
         self._namespace, self._converter, self._mission = namespace, Converter(), MavrosMission()
-        self._requests: Dict[Lane, queue.Queue[Request]] = {lane: queue.Queue(_WAITING) for lane in Lane}
+        self._requests: Dict[Lane, queue.Queue[Tuple[int, Request]]] = {lane: queue.Queue(_WAITING) for lane in Lane}
         self._ended = threading.Event()
         self._heartbeat_ns: Any = None
         self._listens = False
@@ -73,9 +80,13 @@ class MavrosLink(ClientHost):
         self._publishers: Dict[str, Any] = {}
         self._kinds = {source: _message(source.kind) for source in sources_of(wanted)}
         flies = WAYPOINTS in self._kinds
-        called = (*SERVICES.values(), *(MISSION_SERVICES.values() if flies else ()))
-        self._services = {name: _service(name) for name in called}
+        called = {**SERVICES, **(MISSION_SERVICES if flies else {})}
+        self._services = {name: self._client_of(name, kind) for name, kind in called.items()}
         self._types = {name: _message(name) for name in (_TYPES if flies else ())}
+
+    def _client_of(self, name: str, kind: str) -> ServiceClient:
+        resolved = rospy.resolve_name(f"{self._namespace}/{name}")
+        return ServiceClient(resolved, _service(kind), rosgraph.get_master_uri(), rospy.get_name())
 
     def start(self) -> None:
         """Subscribe, and begin to look at the time."""
@@ -90,7 +101,7 @@ class MavrosLink(ClientHost):
     def close(self) -> None:
         """Send what waits, and end."""
         deadline = rospy.Time.now() + rospy.Duration(1.0)
-        while not self._requests[Lane.URGENT].empty() and rospy.Time.now() < deadline:
+        while any(not self._requests[lane].empty() for lane in COMMAND_SERVICES) and rospy.Time.now() < deadline:
             self._ended.wait(0.02)
         self._ended.set()
 
@@ -209,18 +220,23 @@ class MavrosLink(ClientHost):
 
     def _enqueue(self, request: Request) -> None:
         waiting = self._requests[request.lane]
-        if request in waiting.queue:
+        if any(request == each for _, each in tuple(waiting.queue)):
             return
         try:
-            waiting.put_nowait(request)
+            waiting.put_nowait((time.monotonic_ns(), request))
         except queue.Full:
             self._unsent += 1
 
     def _serve(self, lane: Lane) -> None:
         while not self._ended.is_set():
             try:
-                request = self._requests[lane].get(timeout=0.2)
+                asked_ns, request = self._requests[lane].get(timeout=_LOOK_S)
             except queue.Empty:
+                if lane in COMMAND_SERVICES:
+                    self._services[COMMAND_SERVICES[lane]].keep(_LOOK_S)
+                continue
+            if is_late(request, time.monotonic_ns() - asked_ns):
+                self._unsent += 1
                 continue
             answer = self._call(request)
             with self._changed:
@@ -230,14 +246,15 @@ class MavrosLink(ClientHost):
 
     def _call(self, request: Request) -> Any:
         """Return what a service answers; None: nothing."""
-        name, fields = f"{self._namespace}/{request.service}", dict(request.fields)
+        service, fields = self._services[request.service], dict(request.fields)
         if "waypoints" in fields:
             fields["waypoints"] = [self._types["mavros_msgs/Waypoint"](**each) for each in fields["waypoints"]]
+        data = service.serialize(service.service._request_class(**fields))
         try:
-            return rospy.ServiceProxy(name, self._services[request.kind])(**fields)
-        except (rospy.ServiceException, rospy.ROSException) as error:
+            return service.call(data, time.monotonic() + CALL_LIMITS_S[request.lane])
+        except CallError as error:
             self._unsent += 1
-            self._say(f"{name}: {error}")
+            self._say(f"{service.name}: {error}")
             return None
 
     def _answers(self, request: Request, answer: Any) -> Iterable[Message]:
