@@ -36,10 +36,10 @@ class Services:
         self.called, self.hanging, self.kept = [], {}, []
         self.changed = threading.Condition()
 
-    def client(self, name, service, _master, _caller):
-        def call(data, _deadline_s):
+    def client(self, name, _service, _master, _caller):
+        def ask(_limit_s, **fields):
             with self.changed:
-                self.called.append(data)
+                self.called.append(fields.get("custom_mode", fields.get("command")))
                 self.changed.notify_all()
             goes_on = self.hanging.get(name)
             if goes_on is not None and not goes_on.wait(LIMIT_S):
@@ -51,7 +51,7 @@ class Services:
                 self.kept.append(name)
                 self.changed.notify_all()
 
-        return SimpleNamespace(name=name, service=service, serialize=lambda request: request, call=call, keep=keep)
+        return SimpleNamespace(name=name, ask=ask, keep=keep)
 
     def wait(self, expected):
         return self.until(lambda: expected in self.called)
@@ -64,8 +64,7 @@ class Services:
 @pytest.fixture
 def services(monkeypatch):
     made = Services()
-    kind = SimpleNamespace(_request_class=lambda **fields: fields.get("custom_mode", fields.get("command")))
-    monkeypatch.setattr(mavros_link, "_imported", lambda _module, _name: kind)
+    monkeypatch.setattr(mavros_link, "_imported", lambda _module, _name: None)
     monkeypatch.setattr(mavros_link, "ServiceClient", made.client)
     monkeypatch.setattr(mavros_link, "_LOOK_S", 0.01)
     return made

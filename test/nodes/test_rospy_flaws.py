@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import pytest
 
 rospy = pytest.importorskip("rospy", reason="a node is a matter of ROS")
 core = pytest.importorskip("rospy.core")
 
+rosout = pytest.importorskip("rospy.impl.rosout")
+
+from amaze_autonomy.ros import rospy_flaws  # noqa: E402
 from amaze_autonomy.ros.rospy_flaws import mend_rospy  # noqa: E402
 
 
@@ -66,3 +70,17 @@ def test_a_hook_that_comes_after_the_end_is_called(kind, monkeypatch):
     called = []
     ADD[kind](called.append)
     assert len(called) == 1
+
+
+def test_who_logs_asks_the_master_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(rospy_flaws, "_ask", lambda name, default: asked.append(name) or default)
+    monkeypatch.setattr(rospy_flaws, "_answers", {})
+    said = []
+    monkeypatch.setattr(rosout, "_rosout_pub", SimpleNamespace(publish=said.append))
+    monkeypatch.setattr(rosout.Time, "now", lambda: rospy.Time())
+    rospy_flaws.ask_master()
+    for word in ("one", "two"):
+        rosout._rosout(20, word, "file.py", 1, "function")
+    assert [message.msg for message in said] == ["one", "two"]
+    assert asked == ["/rosout_disable_topics_generation"]

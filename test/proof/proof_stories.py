@@ -192,6 +192,22 @@ STORIES: Sequence[Told] = (
         ),
     ),
     Told(
+        "In flight nobody needs the ROS master: one that hangs stops no thread, and no command.",
+        (
+            "nodes/test_rospy_flaws.py::test_who_logs_asks_the_master_once",
+            "nodes/test_mavros_link.py::test_what_is_commanded_has_a_connection_that_stays_open",
+        ),
+        ("ros/master.py::flight_goes_on_and_a_code_16_lands_while_the_master_is_stopped",),
+    ),
+    Told(
+        "Behind mavros a landing waits for nothing that mavros waits for, and what waited is not commanded late.",
+        (
+            "nodes/test_mavros_link.py::test_a_landing_waits_for_no_command_that_hangs",
+            "nodes/test_mavros_link.py::test_what_waited_behind_a_service_that_hung_is_not_sent_any_more_but_for_a_landing",
+        ),
+        ("ros/mavros.py::test_it_lands_through_set_mode_and_disarms_by_command",),
+    ),
+    Told(
         "An engine with a thread that ends or hangs lands and goes on anew; one that hangs altogether ends the stack.",
         (
             "nodes/test_ending.py::test_threads_go_on_that_live_and_of_which_the_one_that_decides_has_turned_within_five_seconds",

@@ -151,7 +151,7 @@ class TestConsole(unittest.TestCase):
         console.wait_for("STATE     MISSION")
         console.type("abort")
         line = console.wait_for("ANSWER")
-        self.assertEqual(line, f"ANSWER    abort: NO ANSWER service [{self.name}/command] unavailable")
+        self.assertEqual(line, f"ANSWER    abort: NO ANSWER {self.name}/command: no such service: no provider")
 
     def test_a_service_that_dies_in_mid_call(self) -> None:
         engine, console = self.engine(), self.console()
@@ -159,7 +159,7 @@ class TestConsole(unittest.TestCase):
         console.wait_for("STATE     MISSION")
         engine.answers["land"] = lambda: 1 // 0
         console.type("land")
-        self.assertIn("ANSWER    land: NO ANSWER service", console.wait_for("ANSWER"))
+        self.assertIn(f"ANSWER    land: NO ANSWER {self.name}/command: failed", console.wait_for("ANSWER"))
 
     def test_the_engine_is_waited_for_and_found_again_after_it_was_silent(self) -> None:
         console = self.console()

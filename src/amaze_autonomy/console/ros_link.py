@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -25,12 +25,15 @@ from amaze_autonomy.console.link import (
 from amaze_autonomy.console.model import DEFAULT_ENGINE, STALE_AFTER_S, Request, RequestKind, Verdict
 from amaze_autonomy.console.wire import collecting_of, missions_of, notes_of, snapshot_of, verdict_of
 from amaze_autonomy.msg import AutonomyState, OperatorMessages, RecordingStatus
+from amaze_autonomy.ros.errors import CallError, NodeError
 from amaze_autonomy.ros.rospy_flaws import mend_rospy
+from amaze_autonomy.ros.service_client import ServiceClient
 from amaze_autonomy.srv import ListMissions, SelectMission, UserCommand
 
 from .wire import clean
 
-_LOOK_S = 1.0
+_LOOK_S, _CONNECT_S, _ANSWER_S = 1.0, 0.5, 10.0
+_SERVICES = {"list_missions": ListMissions, "select_mission": SelectMission, "command": UserCommand}
 
 
 class RosLink(Link):
@@ -40,7 +43,8 @@ class RosLink(Link):
     (OperatorMessages, latched); `data_recorder/status` (RecordingStatus, 2 Hz) in the engine's name space, for the time
     that a phase still takes and the recording on each platform.
     Calls: `<engine>/list_missions` (ListMissions), `<engine>/select_mission` (SelectMission), `<engine>/command`
-    (UserCommand). Each call has its own thread: one that hangs delays no other.
+    (UserCommand). Each call has its own thread: one that hangs delays no other. Connections stay open: a command needs
+    no ROS master.
     Parameters: `~engine` (string), `~mission` (string, number or a list of them), where the command line says nothing.
 
     A master or an engine that is not there yet, goes away or comes back is waited for and found again.
@@ -56,6 +60,7 @@ class RosLink(Link):
         self._heard_s = 0.0
         self._closed = threading.Event()
         self._subscribers: List[rospy.Subscriber] = []
+        self._services: Dict[str, ServiceClient] = {}
 
     def start(self) -> None:
         """Connect in the background."""
@@ -86,6 +91,8 @@ class RosLink(Link):
             return
         while not self._closed.wait(_LOOK_S):
             self._repair()
+            for service in self._services.values():
+                service.keep(_CONNECT_S)
 
     def _connect(self) -> None:
         # rospy alone would take over the signals and wait for the master without an end.
@@ -102,6 +109,11 @@ class RosLink(Link):
         missions = _names(rospy.get_param("~mission", ""))
         if missions:
             self._post(MissionWanted(missions))
+        master, me = rosgraph.get_master_uri(), rospy.get_name()
+        self._services = {
+            name: ServiceClient(rospy.resolve_name(f"{engine}/{name}"), kind, master, me)
+            for name, kind in _SERVICES.items()
+        }
         self._subscribe()
 
     def _wait_for_master(self) -> None:
@@ -143,24 +155,32 @@ class RosLink(Link):
     def _call(self, request: Request) -> None:
         try:
             self._post(self._answer(request))
-        except (rospy.ROSException, rospy.ServiceException, OSError) as error:
+        except NodeError as error:
             self._post(AnswerCame(request.id, Verdict.NO_ANSWER, clean(str(error))))
 
     def _answer(self, request: Request) -> Happening:
         if request.kind is RequestKind.LIST:
-            return MissionsCame(request.id, missions_of(self._service("list_missions", ListMissions)()))
+            return MissionsCame(request.id, missions_of(self._ask("list_missions")))
         if request.kind is RequestKind.SELECT:
-            reply = self._service("select_mission", SelectMission)(mission_ids=list(request.missions))
+            reply = self._ask("select_mission", mission_ids=list(request.missions))
             verdict = Verdict.DONE if reply.accepted else Verdict.REFUSED
             return AnswerCame(request.id, verdict, clean(reply.message))
-        name = "" if request.command is None else request.command.value
-        reply = self._service("command", UserCommand)(name)
+        reply = self._ask("command", command="" if request.command is None else request.command.value)
         return AnswerCame(request.id, verdict_of(reply.answer), clean(reply.message))
 
-    def _service(self, name: str, kind: Any) -> Any:
-        if not rospy.core.is_initialized():
-            raise rospy.ROSException("not connected yet")
-        return rospy.ServiceProxy(f"{self._engine}/{name}", kind)
+    def _ask(self, name: str, **fields: Any) -> Any:
+        """Call a service of the engine.
+
+        Raises:
+            NodeError: There is no answer; the text says why.
+        """
+        service = self._services.get(name)
+        if service is None:
+            raise NodeError("not connected yet")
+        try:
+            return service.ask(_ANSWER_S, **fields)
+        except CallError as error:
+            raise NodeError(f"{service.name}: {error}") from error
 
 
 def _is_known() -> bool:

@@ -34,7 +34,7 @@ from .arguments import NODES, answer_words, configuration_folder, given, overrid
 from .clock import Clock, make_clock, wait_for_time
 from .errors import NodeError, StartError
 from .reconnector import Reconnector
-from .rospy_flaws import mend_rospy
+from .rospy_flaws import ask_master, mend_rospy
 
 _START_ERROR = 2
 UMASK = 0o027  # recordings, journals and sessions are for their user and group: 0750 and 0640
@@ -337,6 +337,7 @@ def begin(name: str) -> None:
     for number in END_SIGNALS:
         signal.signal(number, lambda *_: os._exit(0))  # an exception could be lost in rospy
     rospy.init_node(name, argv=sys.argv, disable_signals=True)
+    ask_master()
     detach_files()
 
 

@@ -11,13 +11,18 @@ every node ended with a traceback and the status 1, whatever its own was.
 
 A node that is told to end while it starts may run on for ever: rospy forgets a hook that is added while it calls the
 others. The node has left the master then, so that nobody can reach it, and roslaunch starts no other one.
+
+Whoever logs may wait for ever: with each message rospy asks the master whether to add the names of the node's topics,
+forgets the answer where nobody has set that parameter, and has no limit. A master that hangs stopped every thread of
+every node that said a word: the journal, a planner in the middle of a flight. It is asked once, at the start.
 """
 
 from __future__ import annotations
 
 import threading
-from typing import Any, Callable, List
+from typing import Any, Callable, Dict, List
 
+import rospy
 import rospy.core
 from rospy.impl.tcpros_base import TCPROSServer
 
@@ -26,8 +31,24 @@ def mend_rospy() -> None:
     """Call it before `rospy.init_node`; more than once is the same."""
     TCPROSServer._tcp_server_callback = _accept
     rospy.core._add_shutdown_hook = _add_hook
+    rospy.get_param_cached = _asked_once  # in all of rospy nobody else asks so
     if not hasattr(threading.Thread, "isAlive"):
         threading.Thread.isAlive = threading.Thread.is_alive  # type: ignore[method-assign]
+
+
+def ask_master() -> None:
+    """Call it after `rospy.init_node`: what would be asked in flight is asked now."""
+    rospy.get_param_cached("/rosout_disable_topics_generation", False)  # as rospy/impl/rosout.py does
+
+
+_ask = rospy.get_param_cached
+_answers: Dict[str, Any] = {}
+
+
+def _asked_once(name: str, default: Any = None) -> Any:
+    if name not in _answers:
+        _answers[name] = _ask(name, default)
+    return _answers[name]
 
 
 _read = TCPROSServer._tcp_server_callback

@@ -126,6 +126,14 @@ class ServiceClient:
         body = buffer.getvalue()
         return struct.pack("<I", len(body)) + body
 
+    def ask(self, limit_s: float, **fields: Any) -> Any:
+        """Make a request of its fields, send it, and wait for its answer.
+
+        Raises:
+            CallError: There was no good answer within the limit.
+        """
+        return self.call(self.serialize(self.service._request_class(**fields)), time.monotonic() + limit_s)
+
     def parse(self, body: bytes) -> Any:
         """Return the answer that a body holds.
 

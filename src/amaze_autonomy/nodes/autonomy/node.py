@@ -79,7 +79,7 @@ _LONGEST_STATUS = 1 << 22  # bytes
 _SAY_AGAIN_S = 10.0
 _LAST_WORDS_S = 0.3  # until what was published last is on the wire
 _LITTLE_MEMORY = 2e9
-_SPARE = {"mission_planner/command": 2, "autopilot/land": 1, "autopilot/disarm": 1}
+_SPARE = {"mission_planner/command": 2}  # connections that stay open; of all others one: in flight no master is needed
 
 
 class AutonomyNode:
@@ -163,7 +163,7 @@ class AutonomyNode:
     def _clients(self) -> Dict[str, ServiceClient]:
         master, me = rosgraph.get_master_uri(), rospy.get_name()
         return {
-            name: ServiceClient(rospy.resolve_name(name), service, master, me, _SPARE.get(name, 0))
+            name: ServiceClient(rospy.resolve_name(name), service, master, me, _SPARE.get(name, 1))
             for name, service in SERVICE_CLASSES.items()
         }
 

@@ -249,9 +249,8 @@ class MavrosLink(ClientHost):
         service, fields = self._services[request.service], dict(request.fields)
         if "waypoints" in fields:
             fields["waypoints"] = [self._types["mavros_msgs/Waypoint"](**each) for each in fields["waypoints"]]
-        data = service.serialize(service.service._request_class(**fields))
         try:
-            return service.call(data, time.monotonic() + CALL_LIMITS_S[request.lane])
+            return service.ask(CALL_LIMITS_S[request.lane], **fields)
         except CallError as error:
             self._unsent += 1
             self._say(f"{service.name}: {error}")
