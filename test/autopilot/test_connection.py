@@ -53,7 +53,7 @@ def test_a_change_of_what_is_observed_is_noticed_once_whoever_changes_it(link, v
     changes.get(timeout=5.0)
     connection.ask(lambda _t_ns: (said.append("by a question"), ()))
     assert changes.qsize() == 1, "a question is looked at before it returns"
-    changes.get()
+    changes.get(timeout=5.0)
     with pytest.raises(Empty):
         changes.get(timeout=0.2)  # nothing changes: the link's own thread looks 20 times a second
 
@@ -191,7 +191,7 @@ def test_a_tcp_link_that_waits_hears_its_peer(link):
     client, port = Recorder(), free_port(socket.SOCK_STREAM)
     connection = link(f"tcpin:127.0.0.1:{port}", client)
     wait_until(lambda: connection.state.opened)
-    with socket.create_connection(("127.0.0.1", port)) as far:
+    with socket.create_connection(("127.0.0.1", port), timeout=5.0) as far:
         far.sendall(Wire(1, 1).send(beat()))
         wait_until(lambda: client.heard)
         assert Wire(1, 1).receive(far.recv(4096))[0].get_type() == "HEARTBEAT"

@@ -346,7 +346,7 @@ def test_who_waited_long_for_a_peer_does_not_take_him_for_silent():
     link = Connection(f"tcpin:127.0.0.1:{port}", Identity(1, 191), Recorder())
     link._step()
     later(link)
-    with socket.create_connection(("127.0.0.1", port)):
+    with socket.create_connection(("127.0.0.1", port), timeout=5.0):
         later(link)
         link._wake_ns = 0
         link._step()

@@ -29,6 +29,7 @@ START_NS = 1_600_000_000_000_000_000
 SECOND = 1_000_000_000
 ROUNDS = 3
 IMAGE = 1_000_000
+LIMIT_S = 1800.0  # of one run: what takes longer hangs
 HEADER = struct.Struct("<IIII")
 
 CPP_MERGE = r"""
@@ -184,14 +185,22 @@ def apart(function: object, *arguments: object) -> None:
 
 def ours(*arguments: object) -> None:
     command = [sys.executable, "-m", "amaze_autonomy.bags.cli", *map(str, arguments)]
-    subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": str(ROOT / "src")}, stdout=subprocess.DEVNULL)
+    subprocess.run(
+        command,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stdout=subprocess.DEVNULL,
+        timeout=LIMIT_S,
+    )
 
 
 def repack(path: Path, kind: str, programs: dict) -> None:
     """Write a bag again as the recorder does with --lz4 --chunksize=64; the rosbags library's lz4 is another."""
     packed = path.with_suffix(".packed.bag")
     if "record" in programs:
-        subprocess.run(list(map(str, (programs["record"], packed, path, kind, 64, 1 << 40))), check=True)
+        subprocess.run(
+            list(map(str, (programs["record"], packed, path, kind, 64, 1 << 40))), check=True, timeout=LIMIT_S
+        )
     else:
         ours("merge", path, "-o", packed, "--compression", kind)
     packed.replace(path)
@@ -281,9 +290,10 @@ def compiled(folder: Path) -> dict:
             for each in ("rosbag_storage", "roscpp_serialization", "rostime", "cpp_common", "roscpp", "console_bridge")
         ]
         command = ["g++", "-O2", "-w", "-idirafter", folder / "shim", source, "-o", program, *libraries]
+        words = list(map(str, command))
         if (
             shutil.which("g++")
-            and subprocess.run(list(map(str, command)), check=False, capture_output=True).returncode == 0
+            and not subprocess.run(words, check=False, capture_output=True, timeout=LIMIT_S).returncode
         ):
             programs[name] = program
         else:
@@ -297,7 +307,7 @@ def recovery(folder: Path, source: Path, programs: dict, kind: str, chunk_kb: in
     """Kill a recorder in C++ and compare what is recovered."""
     active = folder / "killed.bag.active"
     command = [programs["record"], active, source, kind, chunk_kb, messages]
-    assert subprocess.run(list(map(str, command)), check=False).returncode == -signal.SIGKILL
+    assert subprocess.run(list(map(str, command)), check=False, timeout=LIMIT_S).returncode == -signal.SIGKILL
     os.sync()
     recover = [sys.executable, "-m", "amaze_autonomy.bags.cli", "recover", "--force"]
     recovered, work = folder / "killed.bag", folder / "reindexed.bag"
@@ -335,7 +345,9 @@ def in_process(what: str, path: Path) -> tuple[float, int]:
         "    best = min(best, time.perf_counter() - began)\nprint(best, n)"
     )
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=environment, timeout=LIMIT_S
+    )
     seconds, count = done.stdout.split()
     return float(seconds), int(count)
 

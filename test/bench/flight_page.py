@@ -91,6 +91,9 @@ def opened(page: Path, folder: Path) -> Opened:
         told.handle_request()
     finally:
         browser.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            browser.wait(10.0)
+        browser.kill()
         browser.wait()
         told.server_close()
     return Opened(told.told_ms[0], processor_ms, told.told_ms[1])

@@ -55,8 +55,11 @@ class Echo:
         self.process = subprocess.Popen(
             [sys.executable, str(HERE / "echo.py"), ECHO, str(nice)], start_new_session=True
         )
+        deadline_s = time.monotonic() + 20.0
         while not self._publisher.get_num_connections():
-            threading.Event().wait(0.05)
+            if time.monotonic() > deadline_s:
+                raise SystemExit("latency: the echo does not come")
+            time.sleep(0.05)
 
     def _note(self, _: Any, arrived_ns: int) -> Any:
         self._arrived_ns = arrived_ns

@@ -49,7 +49,10 @@ def measure(rate: float, seconds: float, *, everything: bool) -> None:
     link.start()
     feeder = subprocess.Popen([sys.executable, __file__, "--feed", str(port), "--rate", str(rate)])
     try:
+        deadline_s = time.monotonic() + 60.0  # the recording is read first
         while link.state.heartbeat_ns is None:
+            if time.monotonic() > deadline_s:
+                raise SystemExit("link_load: no heartbeat came")
             time.sleep(0.05)
         before, frames, wall = _cpu_s(), link.state.frames, time.monotonic()
         time.sleep(seconds)

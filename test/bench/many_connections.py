@@ -53,7 +53,7 @@ def info_s(path: Path, many: int) -> tuple[float, float]:
     for _ in range(ROUNDS):
         began, before = time.perf_counter(), os.times()
         command = [sys.executable, "-m", "amaze_autonomy.bags.cli", "info", str(path)]
-        said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600).stdout
         after = os.times()
         took_s.append(time.perf_counter() - began)
         computing_s.append(after[2] + after[3] - before[2] - before[3])  # of processes that have ended

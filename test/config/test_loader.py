@@ -158,6 +158,7 @@ def test_the_hash_does_not_depend_on_the_process(small, seed):
         env={"PYTHONHASHSEED": seed, "PYTHONPATH": source},
         stdout=subprocess.PIPE,
         check=True,
+        timeout=120,
     )
     assert ran.stdout.decode().strip() == load_configuration(small).hash
 

@@ -189,7 +189,7 @@ def test_it_ends_with_the_process_that_it_was_given():
     console = Console(pid=process.pid)
     console.shows("mission")
     assert console.session.status is None
-    process.communicate()
+    process.communicate(timeout=10)
     console.session.turn()
     assert (console.session.status, console.session.last_words) == (0, f"Process {process.pid} has ended.")
 

@@ -163,7 +163,7 @@ def test_a_block_runs_as_it_stands(block, tmp_path, monkeypatch, capsys):
         for word in arguments:
             provide(word.replace(f"{tmp_path}/", ""), arguments)
         if program == "pytest":
-            subprocess.run([sys.executable, "-m", program, *arguments], check=True)
+            subprocess.run([sys.executable, "-m", program, *arguments], check=True, timeout=600)
             continue
         status = OFFLINE[program][0](arguments)
         out, err = capsys.readouterr()

@@ -1,4 +1,5 @@
-"""Part of `./run lint`: tests that cannot fail, found in the source; each with file and line, and 1 if there are any.
+"""Part of `./run lint`: tests that cannot fail, or never end, found in the source; each with file and line, and 1 if
+there are any.
 
 What it finds:
 
@@ -12,7 +13,10 @@ What it finds:
   over constants goes through, and what is taken from them): for this case it says nothing. What hypothesis draws is
   no case: there are many;
 * a test that has an assertion for some of its cases only, the others being returned from or not in any branch;
-* an assertion in a test whose failure is caught: `suppress(AssertionError)`, `except Exception: pass`.
+* an assertion in a test whose failure is caught: `suppress(AssertionError)`, `except Exception: pass`;
+* a wait without a limit, in tests and helpers: `.wait()`, `.join()`, `.get()` and others without an argument, a
+  program or a connection without `timeout`, a loop that only sleeps and looks at no clock. What was killed before, in
+  the same block, ends; a method of ours is looked at where it is.
 
 A test that is meant so says why on its line: `# hollow: REASON`.
 """
@@ -40,11 +44,15 @@ _ALL_OF = {"zip", "product"}
 _MUTABLE = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp)
 _CLASS = re.compile(r"[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*$")  # an enumeration: it has members
 _CONSTANT = re.compile(r"[A-Z][A-Z0-9_]*$")
+_WAITS = {"acquire", "communicate", "get", "join", "result", "wait"}  # of what comes when it comes
+_PROGRAMS = {"call", "check_call", "check_output", "run"}  # of subprocess
+_LIMIT_AT = {"create_connection": 1, "urlopen": 2}  # the place of their limit
+_CLOCKS = {"monotonic", "monotonic_ns", "now", "perf_counter", "perf_counter_ns", "time", "time_ns"}
 Function = Union[ast.FunctionDef, ast.AsyncFunctionDef]
 
 
 class Hollow(NamedTuple):
-    """A test that cannot fail: where, and why."""
+    """A test that cannot fail, or may not end: where, and why."""
 
     path: Path
     line: int
@@ -92,7 +100,7 @@ def _assigned(body: Sequence[ast.stmt]) -> Iterator[Tuple[str, ast.expr]]:
 
 
 def hollow_tests(paths: Iterable[Path]) -> List[Hollow]:
-    """Return what cannot fail in some files of tests, helpers among them."""
+    """Return what cannot fail, or may not end, in some files of tests, helpers among them."""
     modules = [Module(path) for path in sorted(paths)]
     asserting = _asserting(modules)
     found: List[Hollow] = []
@@ -111,6 +119,8 @@ def _of_module(module: Module, modules: Sequence[Module], asserting: Set[int]) -
             yield node.lineno, "this is always true"
         if isinstance(node, ast.Call) and _raises_anything(node):
             yield node.lineno, "any exception will do, even of a name that is written wrongly: name it, or give a match"
+    for line in _endless(module.tree, _limited(module, modules)):
+        yield line, "this may wait for ever, and all tests after it: give it a limit"
     known = _callable_names(module, modules, asserting)
     for functions in module.functions.values():
         for test in functions:
@@ -205,6 +215,83 @@ def _catches(handler: ast.ExceptHandler) -> bool:
 
 def _passes_on(handler: ast.ExceptHandler) -> bool:
     return any(isinstance(inner, ast.Raise) or _asserts(inner) for each in handler.body for inner in ast.walk(each))
+
+
+# --- waits without a limit --------------------------------------------------------------------------------------------
+# A wait for what never comes is no failure: nothing is said of any test, until somebody looks.
+
+
+def _endless(tree: ast.AST, ours: Set[str]) -> Iterator[int]:
+    """Yield the lines of what waits without a limit."""
+    loops = (node for node in ast.walk(tree) if isinstance(node, ast.While))
+    yield from (loop.lineno for loop in loops if _only_sleeps(loop))
+    waits = [call for call in _calls(tree) if _unlimited(call, ours)]
+    ended = _ended(tree) if waits else set()
+    yield from (call.lineno for call in waits if id(call) not in ended)
+
+
+def _unlimited(call: ast.Call, ours: Set[str]) -> bool:
+    name = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+    given = {each.arg for each in call.keywords}
+    limited = bool(given & {"timeout", None})  # None: of `**more`, which may have one
+    if name in _LIMIT_AT:
+        return not limited and len(call.args) <= _LIMIT_AT[name]
+    if not isinstance(call.func, ast.Attribute):
+        return False
+    if _kinds(call.func.value) == {"subprocess"}:
+        return not limited and name in _PROGRAMS
+    return name in _WAITS - ours and not call.args and not given
+
+
+def _only_sleeps(loop: ast.While) -> bool:
+    """Tell whether a loop does nothing but sleep until something is so, whatever the time is."""
+    sleeps = all(isinstance(each, ast.Expr) and _called(each.value) & {"sleep", "wait"} for each in loop.body)
+    return sleeps and not any(_called(call) & _CLOCKS for call in _calls(loop.test))
+
+
+def _limited(module: Module, modules: Sequence[Module]) -> Set[str]:
+    """Return the names of the waits that are methods of ours, need no argument, and have a limit inside."""
+    named = [
+        (name, each) for seen in _seen_by(module, modules) for name in _WAITS for each in seen.functions.get(name, ())
+    ]
+    return {name for name, each in named if _needs_nothing(each) and not any(_endless(each, set()))}
+
+
+def _needs_nothing(function: Function) -> bool:
+    given = function.args
+    needed = {each.arg for each in given.args[: len(given.args) - len(given.defaults)]} - {"self", "cls"}
+    return not needed and None not in given.kw_defaults
+
+
+def _ended(tree: ast.AST) -> Set[int]:
+    """Return the waits, by identity, for what was killed before, in the same block."""
+    ended: Set[int] = set()
+    for node in ast.walk(tree):
+        for _, body in ast.iter_fields(node):
+            for number, statement in enumerate(body if isinstance(body, list) else ()):
+                killed = _killed(statement)
+                later = [call for each in body[number + 1 :] for call in _calls(each)] if killed else ()
+                ended |= {id(call) for call in later if killed == _waited_for(call)}
+    return ended
+
+
+def _killed(statement: ast.AST) -> Optional[str]:
+    """Return what a statement kills."""
+    call = statement.value if isinstance(statement, ast.Expr) else None
+    if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Attribute):
+        return None
+    name, first = call.func.attr, call.args[0] if call.args else None
+    if name == "kill" and first is None:
+        return ast.dump(call.func.value)
+    if "SIGKILL" not in ast.dump(call):
+        return None
+    if name in {"kill", "killpg"} and isinstance(first, ast.Attribute) and first.attr == "pid":
+        return ast.dump(first.value)
+    return ast.dump(call.func.value) if name == "send_signal" else None
+
+
+def _waited_for(call: ast.Call) -> Optional[str]:
+    return ast.dump(call.func.value) if isinstance(call.func, ast.Attribute) and call.func.attr == "wait" else None
 
 
 # --- tests that assert nothing ----------------------------------------------------------------------------------------
@@ -526,7 +613,7 @@ def _says(statement: ast.AST, fixed: Set[str], known: Set[str]) -> bool:
 
 
 def main() -> int:
-    """Print what cannot fail."""
+    """Print what cannot fail, or may not end."""
     paths = [path for path in TEST.rglob("*.py") if not {"found", "recorded"} & set(path.parts)]
     found = hollow_tests(paths)
     for path, line, why in found:

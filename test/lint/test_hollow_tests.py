@@ -1,4 +1,4 @@
-"""Tests that cannot fail are found, and those that can are not."""
+"""Tests that cannot fail, or may not end, are found, and those that do are not."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ SOMETIMES = "for some of its cases this says nothing: give each what is expected
 CASES = "test_it asserts nothing for some of its cases"
 SWALLOWED = "an assertion that fails in here is swallowed"
 ANYTHING = "any exception will do, even of a name that is written wrongly: name it, or give a match"
+ENDLESS = "this may wait for ever, and all tests after it: give it a limit"
 
 
 @pytest.fixture
@@ -314,6 +315,89 @@ def test_an_assertion_whose_failure_is_caught_by_a_bare_except_is_found(found):
 )
 def test_an_assertion_whose_failure_is_seen_is_not(found, body):
     assert (2, SWALLOWED) not in found(a_test(body))
+
+
+# --- waits without a limit --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "things.wait()",
+        "things.thread.join()",
+        "said, _ = things.communicate()",
+        "path = things[0].get()",
+        "path(things.result())",
+        "things.acquire()",
+        "subprocess.run(['ls'], check=True)",
+        "path = subprocess.check_output(things).decode()",
+        "subprocess.call(things)",
+        "subprocess.check_call(things)",
+        "urlopen(things)",
+        "urllib.request.urlopen(things, b'data')",
+        "socket.create_connection(('127.0.0.1', 1))",
+        "things.terminate()\nthings.wait()",
+        "things.send_signal(signal.SIGINT)\nthings.wait()",
+        "os.killpg(things.pid, signal.SIGTERM)\nthings.wait()",
+        "path.kill()\nthings.wait()",
+        "things.wait()\nthings.kill()",
+        "if path:\n    things.kill()\nthings.wait()",
+        "things.kill()\nthings.communicate()",  # a child of it may hold the other end
+        "while not things:\n    time.sleep(0.1)",
+        "while True:\n    things.wait(0.1)",
+    ],
+)
+def test_a_wait_without_a_limit_is_found(found, words):
+    assert [why for _, why in found(a_test(f"{words}\nassert things"))] == [ENDLESS]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "things.wait(10.0)",
+        "things.wait(timeout=10.0)",
+        "things.join(LIMIT_S)",
+        "path = ', '.join(things)",
+        "things.communicate(timeout=10.0)",
+        "things.get(timeout=1.0)",
+        "path = things.get('name')",
+        "things.acquire(blocking=False)",
+        "subprocess.run(things, check=True, timeout=60)",
+        "subprocess.run(things, **path)",
+        "subprocess.Popen(things)",
+        "things.run()",
+        "urlopen(things, timeout=5.0)",
+        "urlopen(things, None, 5.0)",
+        "socket.create_connection(path, 5.0)",
+        "things.kill()\nthings.wait()",
+        "things.send_signal(signal.SIGKILL)\npath()\nthings.wait()",
+        "os.kill(things.pid, signal.SIGKILL)\nthings.wait()",
+        "os.killpg(things.pid, signal.SIGKILL)\nthings.wait()",
+        "things.one.kill()\nwith suppress(OSError):\n    things.one.wait()",
+        "while not things and time.monotonic() < path:\n    time.sleep(0.1)",
+        "while not things:\n    assert time.monotonic() < path\n    time.sleep(0.1)",
+        "while things:\n    things.pop()",
+        "while things.hear(0.1) is not None:\n    pass",
+    ],
+)
+def test_a_wait_that_ends_is_not(found, words):
+    assert found(a_test(f"{words}\nassert things")) == []
+
+
+def test_a_wait_without_a_limit_is_found_in_helpers_and_fixtures(found):
+    assert found("def ended(process):\n    return process.wait()\n") == [(2, ENDLESS)]
+    assert found("@pytest.fixture\ndef it():\n    yield 1\n    subprocess.run(\n        [],\n    )\n") == [(4, ENDLESS)]
+    assert found("def ended(process):\n    process.wait()  # hollow: a thread that nobody waits for\n") == []
+
+
+def test_a_method_of_ours_that_waits_with_a_limit_is_none(found):
+    asks = "from mine import Mine\ndef test_it(things):\n    Mine().wait()\n    assert things\n"
+    mine = "class Mine:\n    def wait(self{}):\n        self.ended.wait({})\n"
+    assert found(asks, mine=mine.format("", "5.0")) == []
+    assert found(asks, mine=mine.format(", limit_s=1.0", "limit_s")) == []
+    assert found(asks, mine=mine.format("", "")) == [(3, ENDLESS), (3, ENDLESS)], "the helper, and who calls it"
+    assert found(asks, mine=mine.format(", limit_s", "limit_s")) == [(3, ENDLESS)], "it is another one's"
+    assert found(asks.replace("mine", "other"), mine=mine.format("", "5.0")) == [(3, ENDLESS)]
 
 
 def test_a_line_that_says_why_is_let_pass(found):

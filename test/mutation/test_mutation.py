@@ -57,7 +57,13 @@ def run(repository, *more):
     )
     environment = {"PATH": "/usr/bin:/bin", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False, cwd=repository
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=repository,
+        timeout=600,
     )
     assert done.stderr == ""
     return done.returncode, done.stdout

@@ -87,6 +87,13 @@ def started(t_ns=5):
     return EngineStarted(t_ns=t_ns)
 
 
+def wait_for(condition, limit_s=10.0):
+    deadline_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.001)
+
+
 S = 1_000_000_000
 
 
@@ -165,8 +172,7 @@ def test_what_has_come_is_decided_about_before_a_deadline_that_has_passed():
 
     engine = EngineThread(decide, overdue, Rules(), MonotonicClock(), inbox, print, print, lambda *_: None)
     engine.start()
-    while len(seen) < 2:
-        time.sleep(0.001)
+    wait_for(lambda: len(seen) >= 2)
     engine.stop()
     assert seen == [EngineStarted, Tick]
 
@@ -257,8 +263,7 @@ def test_a_defect_of_the_reading_ends_as_silence_and_not_as_the_end_of_deciding(
         decide, lambda *_: None if seen else 1, Rules(), clock, Broken(clock), print, print, lambda *_: None
     )
     engine.start()
-    while not seen:
-        time.sleep(0.001)
+    wait_for(lambda: seen)
     engine.stop()
     assert seen == [Tick]
 
@@ -444,10 +449,7 @@ def test_who_waits_for_its_end_sees_it():
 
 
 def ends(run):
-    deadline_s = time.monotonic() + 2.0
-    while run.thread.alive:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.001)
+    wait_for(lambda: not run.thread.alive)
 
 
 @ENDS
@@ -467,7 +469,7 @@ def test_who_replaces_it_while_it_hangs_decides_alone_also_when_it_goes_on():
     def hanging(state, event, _rules):
         if event.t_ns == 1:
             hangs.set()
-            goes_on.wait()
+            goes_on.wait(60.0)
         return evolve(state, t_ns=event.t_ns), (LAND,)
 
     with Run(hanging) as run:

@@ -61,7 +61,7 @@ class Desk:
 
     def publisher(self, name, callerid="/somebody"):
         with socket.create_server(("127.0.0.1", 0)) as server:
-            publisher = socket.create_connection(server.getsockname())
+            publisher = socket.create_connection(server.getsockname(), timeout=5.0)
             sock, _ = server.accept()
         publisher.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         look = self.inbox.look_for(TOPICS[name])({"callerid": callerid})

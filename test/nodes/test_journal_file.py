@@ -64,7 +64,8 @@ def test_two_nodes_do_not_write_one_journal(tmp_path):
     program += "from amaze_autonomy.ros.errors import StartError\n"
     program += "try: j.reopen(Path(sys.argv[1]), j.Place().elsewhere)\nexcept StartError as error: print(error)\n"
     command = [sys.executable, "-c", program, str(tmp_path / "journal.jsonl")]
-    assert "is written by another node" in subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    assert "is written by another node" in done.stdout
 
 
 def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):

@@ -89,7 +89,9 @@ def test_what_is_no_node_is_said():
         (["watchdog", "--help"], 0, "Nodes: autopilot"),
     ):
         code = "from amaze_autonomy.nodes.node_group import main; raise SystemExit(main())"
-        done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False, timeout=120
+        )
         assert (done.returncode, words in (done.stderr or done.stdout)) == (status, True)
 
 

@@ -30,7 +30,12 @@ def outcome(nice, *, session, before=""):
     """Return (niceness of the process, of its session, what was refused) as a process of its own finds it."""
     script = SCRIPT.format(nice=nice, before=before)
     result = subprocess.run(
-        [sys.executable, "-c", script], start_new_session=session, capture_output=True, text=True, check=True
+        [sys.executable, "-c", script],
+        start_new_session=session,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
     )
     return tuple(result.stdout.strip().split("|"))
 
@@ -135,7 +140,7 @@ def test_a_terminal_and_a_disk_that_are_held_hold_up_nobody_and_a_node_ends_all_
         assert process.wait(timeout=60) == 0
     finally:
         process.kill()
-        process.communicate()
+        process.communicate(timeout=10)
 
 
 def test_on_a_terminal_a_warning_has_its_colour():
@@ -144,7 +149,9 @@ def test_on_a_terminal_a_warning_has_its_colour():
     script = "import sys; from amaze_autonomy.ros import node_main; made = node_main._Outlet(sys.stdout)\n"
     script += "made.write(f'{made.isatty()} {made.fileno()}')"
     try:
-        subprocess.run([sys.executable, "-c", f"{script}; node_main.say_last_words()"], stdout=terminal, check=True)
+        subprocess.run(
+            [sys.executable, "-c", f"{script}; node_main.say_last_words()"], stdout=terminal, check=True, timeout=120
+        )
         assert os.read(master, 100) == b"True 1"
     finally:
         os.close(terminal)

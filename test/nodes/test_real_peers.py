@@ -38,7 +38,7 @@ def node(monkeypatch):
     yield made
     for process in made.processes:
         process.kill()
-        process.communicate()
+        process.communicate(timeout=10)
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ class Wire:
         with socket.socket() as server:
             server.bind(("127.0.0.1", 0))
             server.listen(1)
-            self.publisher = socket.create_connection(server.getsockname())
+            self.publisher = socket.create_connection(server.getsockname(), timeout=5.0)
             sock, _ = server.accept()
         self.seen, self.closed = [], []
         self.tally = Tally("/topic", wanted)

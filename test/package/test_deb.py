@@ -97,7 +97,7 @@ def test_every_command_is_in_the_path_and_every_node_where_roslaunch_looks_for_i
 @pytest.fixture
 def at_its_place(unpacked):
     """Run a command where the package is installed, which only that command sees."""
-    if subprocess.run(["unshare", "--mount", "true"], capture_output=True, check=False).returncode:
+    if subprocess.run(["unshare", "--mount", "true"], capture_output=True, check=False, timeout=60).returncode:
         pytest.skip("mounts nothing here: only root can")
 
     def run(command: str) -> list[str]:

@@ -75,7 +75,9 @@ def test_what_is_no_job_is_refused_with_the_list(tmp_path, job):
 @pytest.mark.skipif(not (ROOT / ".venv" / "made").is_file(), reason="there is no environment that ./run made")
 def test_a_folder_that_was_copied_to_a_path_with_spaces_and_umlauts_works_without_a_network(tmp_path, shell):
     folder = tmp_path / "neue übergabe"
-    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    tracked = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
+    ).stdout
     for name in tracked.splitlines():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, folder / name)
@@ -97,7 +99,7 @@ def test_a_folder_that_was_copied_to_a_path_with_spaces_and_umlauts_works_withou
         "-c",
         "import amaze_autonomy; print(amaze_autonomy.__file__)",
     ]
-    found = subprocess.run(where, cwd="/", capture_output=True, text=True, check=True).stdout
+    found = subprocess.run(where, cwd="/", capture_output=True, text=True, check=True, timeout=120).stdout
     assert found.strip() == str(folder / "src" / "amaze_autonomy" / "__init__.py")
     node = "build/devel/lib/amaze_autonomy/amaze-replay maps; roslaunch --nodes amaze_autonomy autonomy.launch"
     started = shell(f"source build/devel/setup.bash; {node}", folder)
@@ -204,6 +206,7 @@ def check_laws(folder: Path, status: int = 0) -> subprocess.CompletedProcess:
         text=True,
         check=False,
         env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"},
+        timeout=60,
     )
 
 
@@ -268,6 +271,6 @@ def test_ctrl_c_once_or_more_before_a_mission_is_selected_is_no_success(tmp_path
         if "MISSION_INPUT" in line:  # at the prompt, at the console's end, and while the result is told
             os.killpg(demo.pid, signal.SIGINT)
 
-    assert demo.wait() == 2, "".join(said)
+    assert demo.wait(timeout=60) == 2, "".join(said)
     assert said[-1] == "run: it ended before a mission was begun\n"
     assert "COMPLETE" not in "".join(said)

@@ -55,7 +55,7 @@ def forked(asked):
 
 def ended(process):
     lines = [json.loads(line) for line in process.stdout]
-    process.wait()
+    process.wait(timeout=60)
     process.stdin.close()
     process.stdout.close()
     process.stderr.close()

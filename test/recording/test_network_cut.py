@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -44,17 +44,17 @@ def missing():
     if tools:
         return f"missing: {', '.join(tools)}"
     probe = f"{NAME}probe"
-    done = subprocess.run(["ip", "netns", "add", probe], capture_output=True, text=True, check=False)
+    done = subprocess.run(["ip", "netns", "add", probe], capture_output=True, text=True, check=False, timeout=60)
     if done.returncode:
         return f"no network namespaces here: {done.stderr.strip()}"
     # to enter one takes a root that is a mount point: a chroot is not
-    done = subprocess.run(["ip", "-n", probe, "link", "show"], capture_output=True, text=True, check=False)
-    subprocess.run(["ip", "netns", "delete", probe], check=True)
+    done = subprocess.run(["ip", "-n", probe, "link", "show"], capture_output=True, text=True, check=False, timeout=60)
+    subprocess.run(["ip", "netns", "delete", probe], check=True, timeout=60)
     return f"no network namespace can be entered here: {done.stderr.strip()}" if done.returncode else ""
 
 
 def ip(*words):
-    subprocess.run(["ip", *words], check=True)
+    subprocess.run(["ip", *words], check=True, timeout=60)
 
 
 def received():
@@ -78,7 +78,8 @@ def cable():
         yield far
     finally:
         # A namespace ends some time after its last process: the cable is taken away at once.
-        subprocess.run(["ip", "link", "delete", near], check=False, capture_output=True)
+        with suppress(subprocess.TimeoutExpired):
+            subprocess.run(["ip", "link", "delete", near], check=False, capture_output=True, timeout=60)
         ip("netns", "delete", NAME)
 
 
@@ -86,7 +87,9 @@ def cable():
 def sshd(folder):
     """A real ssh server in the namespace, with keys of its own."""
     for name in ("host", "user"):
-        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / name)], check=True)
+        subprocess.run(
+            ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / name)], check=True, timeout=60
+        )
     shutil.copy(folder / "user.pub", folder / "authorized")
     (folder / "config").write_text(
         f"ListenAddress {OTHER}\nPort 2222\nHostKey {folder}/host\nAuthorizedKeysFile {folder}/authorized\n"
@@ -101,7 +104,7 @@ def sshd(folder):
         wait_for(lambda: b"listening" in (folder / "log").read_bytes(), "sshd")
         yield
     finally:
-        process.terminate()
+        process.kill()
         process.wait()
 
 

@@ -37,7 +37,9 @@ def test_a_key_file_never_breaks_out_of_its_word(tmp_path, name):
     ssh.chmod(0o755)
     (tmp_path / "names").write_text("a\n")
     command = transfer_command(Transfer("rsync", "second", ssh_key=f"/k/{name}"), "/rec", tmp_path, tmp_path / "names")
-    subprocess.run(command, env={"PATH": f"{ssh.parent}:{os.environ['PATH']}"}, capture_output=True, check=False)
+    subprocess.run(
+        command, env={"PATH": f"{ssh.parent}:{os.environ['PATH']}"}, capture_output=True, check=False, timeout=60
+    )
     given = told.read_text().split("\0")
     assert given[given.index("-i") + 1 :][:2] == [f"/k/{name}", "second"]
 

@@ -76,7 +76,7 @@ def other_python():
         ]
     for python in candidates:
         command = [str(python), "-c", "import rosbags.rosbag1, rich, yaml, sys; print(sys.version_info[:2])"]
-        if python.is_file() and subprocess.run(command, capture_output=True, check=False).returncode == 0:
+        if python.is_file() and subprocess.run(command, capture_output=True, check=False, timeout=60).returncode == 0:
             return python
     return None
 

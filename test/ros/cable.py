@@ -95,7 +95,7 @@ class FarComputer:
         self._do(*self._there(*command))
 
     def _do(self, *command):
-        subprocess.run(command, check=True)
+        subprocess.run(command, check=True, timeout=60)
 
     def _forward(self):
         uri = urlparse(rosgraph.get_master_uri())
@@ -104,7 +104,8 @@ class FarComputer:
                 near, _ = self.master.accept()
             except OSError:
                 return
-            far = socket.create_connection((uri.hostname, uri.port))
+            far = socket.create_connection((uri.hostname, uri.port), timeout=10.0)
+            far.settimeout(None)  # nothing may be said on it for long
             for source, sink in ((near, far), (far, near)):
                 threading.Thread(target=_copy, args=(source, sink), daemon=True).start()
 
@@ -124,7 +125,7 @@ def _copy(source, sink):
 class TestCable(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        if subprocess.run(["unshare", "--net", "true"], check=False, stderr=subprocess.DEVNULL).returncode:
+        if subprocess.run(["unshare", "--net", "true"], check=False, stderr=subprocess.DEVNULL, timeout=60).returncode:
             raise unittest.SkipTest("NOT RUN: making a network namespace is not permitted here")
         cls.actions, cls.infos = [], []
         rospy.Subscriber(

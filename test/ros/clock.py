@@ -53,7 +53,7 @@ class FastClock:
 
     def _run(self) -> None:
         tick = threading.Event()
-        while self._publisher.get_num_connections() < NODES and not rospy.is_shutdown():
+        while self._publisher.get_num_connections() < NODES and not rospy.is_shutdown():  # hollow: a thread
             tick.wait(0.05)
         self._began_s = time.monotonic()
         while not tick.wait(0.005) and not rospy.is_shutdown():

@@ -131,7 +131,7 @@ def doctor(*words: str) -> List[Dict[str, str]]:
     """Return what the doctor finds."""
     options = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["amaze-autonomy", "doctor", str(FOLDER / "config"), "--for", "2", "--json", *options, *words]
-    return json.loads(subprocess.run(command, capture_output=True, check=False).stdout)["findings"]
+    return json.loads(subprocess.run(command, capture_output=True, check=False, timeout=120).stdout)["findings"]
 
 
 class TestCns(unittest.TestCase):
@@ -158,7 +158,9 @@ class TestCns(unittest.TestCase):
         try:
             wait_for(lambda: FLYING in phases, lambda: f"the mission: {log.read_text()[-3000:]}", 60.0)
             self.stack.silent = ("mission_planner",)  # until somebody hears it
-            subprocess.run(["pkill", "-KILL", "-P", str(process.pid), "-f", "__name:=cns_peers"], check=True)
+            subprocess.run(
+                ["pkill", "-KILL", "-P", str(process.pid), "-f", "__name:=cns_peers"], check=True, timeout=60
+            )
             wait_for(lambda: process.poll() is not None or RESTARTED in log.read_text(), log.read_text, 60.0)
             phases.clear()
             wait_for(lambda: FLYING in phases, lambda: f"the mission: {log.read_text()[-3000:]}", 60.0)

@@ -187,7 +187,7 @@ class TestCnsServed(unittest.TestCase):
         engine.ask(Request.RESUME)
         self.wait_answer(Request.RESUME, DONE)
         self.wait_answer(Request.UNDEF, COMPLETED)
-        subprocess.run(["pkill", "-KILL", "-P", str(pid), "-f", "__name:=cns_server"], check=True)
+        subprocess.run(["pkill", "-KILL", "-P", str(pid), "-f", "__name:=cns_server"], check=True, timeout=60)
         words = "started again in flight: mission 7 is in stage "
         self.wait(lambda: words in self.log.read_text(), "another cns_server")
         landing = ("LAND", ACCEPTED)

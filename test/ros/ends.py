@@ -230,7 +230,7 @@ def engine_whose_journal_is_damaged_lands_what_flies(stack: Stack) -> None:
 def node_that_is_killed_by_name_in_flight_lands(stack: Stack) -> None:
     stack.wait_state("MISSION")
     told_ns = time.monotonic_ns()
-    subprocess.run(["rosnode", "kill", f"/{stack.name}/autonomy"], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(["rosnode", "kill", f"/{stack.name}/autonomy"], check=True, stdout=subprocess.DEVNULL, timeout=60)
     assert stack.wait_end(10.0) == 8
     assert set(stack.routes_after(told_ns)) == {"LAND", "autopilot/land"}
     assert stack.result()["result"] == "INTERRUPTED_IN_FLIGHT"

@@ -138,7 +138,7 @@ class Network:
 
     def refuse(self) -> None:
         self.sshd.terminate()
-        self.sshd.wait()
+        self.sshd.wait(10.0)
 
     def serve(self) -> None:
         self.sshd = run_sshd(self._cleanup, self.far, self.folder)
@@ -291,7 +291,7 @@ def enter() -> None:
     except Unavailable as error:
         os.environ["AMAZE_NOT_HERE"] = str(error)
         return
-    done = subprocess.run([*words, "true"], capture_output=True, text=True, check=False)
+    done = subprocess.run([*words, "true"], capture_output=True, text=True, check=False, timeout=60)
     if done.returncode:
         os.environ["AMAZE_NOT_HERE"] = done.stderr.strip()
         return

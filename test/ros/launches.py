@@ -354,7 +354,9 @@ def told(stack: Stack, namespace: str, *words: str) -> Tuple[int, str]:
     """Run a command of the package in a namespace; return its exit status and what it printed."""
     command = ["amaze-autonomy", *words]
     environment = {**os.environ, "ROS_NAMESPACE": namespace}
-    done = subprocess.run(command, env=environment, cwd=stack.folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, env=environment, cwd=stack.folder, capture_output=True, text=True, check=False, timeout=120
+    )
     return done.returncode, done.stdout or done.stderr
 
 

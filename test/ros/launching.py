@@ -115,7 +115,7 @@ class Terminal:
     def close(self) -> None:
         """Hang up."""
         self._closing.set()
-        self._thread.join()
+        self._thread.join(10.0)
         os.close(self.slave)
         os.close(self._master)
 

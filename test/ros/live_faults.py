@@ -57,7 +57,7 @@ def _fly(name: str, folder: Path, port: int, limit_s: float) -> bool:
     folder.mkdir(parents=True, exist_ok=True)
     offline, live = folder / "offline.jsonl", folder / "live" / "journal.jsonl"
     command = [str(ROOT / ".venv/bin/amaze-autonomy"), "simulate", "--faults", name, "--journal", str(offline)]
-    subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
+    subprocess.run(command, stdout=subprocess.DEVNULL, check=False, timeout=600)
     began = time.monotonic()
     told_to_end = _demo(name, folder, port, limit_s)
     wall = time.monotonic() - began

@@ -18,6 +18,7 @@ import tempfile
 import threading
 import time
 import unittest
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
 
@@ -103,7 +104,7 @@ class Numbers:
 
     def stop(self) -> None:
         self._stopped.set()
-        self._thread.join()
+        self._thread.join(10.0)
         self._publisher.unregister()
 
 
@@ -243,7 +244,7 @@ class Ext4:
         self.mount()
 
     def _run(self, *command: str) -> None:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
         if done.returncode:
             raise unittest.SkipTest(f"NOT TESTED: power cuts: {' '.join(command[:1])}: {done.stderr.strip()}")
 
@@ -251,7 +252,8 @@ class Ext4:
         self._run("mount", "-o", "loop", str(self._image), str(self.folder))
 
     def unmount(self) -> None:
-        subprocess.run(["umount", "--lazy", str(self.folder)], check=False)
+        with suppress(subprocess.TimeoutExpired):
+            subprocess.run(["umount", "--lazy", str(self.folder)], check=False, timeout=60)
 
     def cut(self) -> None:
         """Cut the power: what is not on the disk now never gets there."""
@@ -274,7 +276,7 @@ def another_clock(folder: Path) -> Path:
     """Return a library whose users have a clock that is 3 s ahead."""
     library = folder / "another_clock.so"
     command = ["cc", "-shared", "-fPIC", "-o", str(library), "-xc", "-", "-ldl"]
-    subprocess.run(command, input=ANOTHER_CLOCK.encode(), check=True)
+    subprocess.run(command, input=ANOTHER_CLOCK.encode(), check=True, timeout=120)
     return library
 
 
@@ -409,7 +411,10 @@ class TestRecorder(unittest.TestCase):
         if os.geteuid() != 0:
             self.skipTest("NOT TESTED: only root can mount a small storage")
         done = subprocess.run(
-            ["mount", "-t", "tmpfs", "-o", "size=50m", "tmpfs", str(folder)], capture_output=True, check=False
+            ["mount", "-t", "tmpfs", "-o", "size=50m", "tmpfs", str(folder)],
+            capture_output=True,
+            check=False,
+            timeout=60,
         )
         if done.returncode:
             self.skipTest(f"NOT TESTED: a small storage cannot be mounted here: {done.stderr.decode().strip()}")
@@ -430,7 +435,7 @@ class TestRecorder(unittest.TestCase):
         for part in parts:
             with Index(part) as index:
                 self.assertGreater(sum(chunk.messages for chunk in index.chunks), 100)
-        subprocess.run(["mount", "-o", "remount,size=400m", str(folder)], check=True)
+        subprocess.run(["mount", "-o", "remount,size=400m", str(folder)], check=True, timeout=60)
         self.assertTrue(recorders.ask("stop").accepted)
         status = recorders.wait_phase(PHASE.COMPLETE)
         self.assertEqual([holes(recorders.received(each)) for each in PLATFORMS], [[], []])
@@ -476,7 +481,7 @@ class TestRecorder(unittest.TestCase):
             for pid in (*(node.pid for node in recorders.nodes.values()), *recorder_pids):
                 os.kill(pid, signal.SIGKILL)
             for node in recorders.nodes.values():
-                node.wait()
+                node.wait(10.0)
             disk.restart()
             for platform in PLATFORMS:
                 numbers = self.left_of(disk.folder / platform, f"/{name}{number}/{platform}/numbers")

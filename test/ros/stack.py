@@ -185,7 +185,7 @@ class Stack:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)  # each is the leader of its own group
         for process in processes:
-            process.wait()
+            process.wait(10.0)
 
     def remove(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -86,7 +86,7 @@ def connections_that_say_nothing_keep_no_command_out(stack: Stack) -> None:
     assert place.hostname is not None
     with contextlib.ExitStack() as opened:
         for _ in range(3):
-            opened.enter_context(socket.create_connection((place.hostname, place.port or 0)))
+            opened.enter_context(socket.create_connection((place.hostname, place.port or 0), timeout=5.0))
         asked_ns = time.monotonic_ns()
         assert stack.ask("land")[0] == 1
         assert time.monotonic_ns() - asked_ns < allowed_s(1.0, asked_ns / 1e9) * 1e9

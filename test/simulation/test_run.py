@@ -238,6 +238,7 @@ def test_the_journal_does_not_depend_on_the_hash_seed(configuration, config_fold
         capture_output=True,
         text=True,
         check=True,
+        timeout=600,
     )
     assert told.stdout.strip() == expected
 

@@ -223,7 +223,9 @@ def _document(row: Row) -> Dict[str, Any]:
 
 
 def _commit() -> str:
-    done = subprocess.run(["git", "-C", str(ROOT), "describe", "--always", "--dirty"], capture_output=True, check=False)
+    done = subprocess.run(
+        ["git", "-C", str(ROOT), "describe", "--always", "--dirty"], capture_output=True, check=False, timeout=60
+    )
     return done.stdout.decode().strip() or "unknown"
 
 

@@ -76,7 +76,7 @@ def _attempt(name: str, number: int) -> Dict[str, float]:
 
 
 def _fly(name: str, folder: Path) -> Dict[str, float]:
-    subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+    subprocess.run(["ip", "link", "set", "lo", "up"], check=True, timeout=60)
     kind, program = KINDS[name], folder_of(name)
     if program is None:
         raise SystemExit(f"no {name} here")

@@ -145,6 +145,6 @@ class Autopilot:
         if self._process is not None:
             if self.runs:
                 os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
+            self._process.wait(10.0)
         if self._log is not None:
             self._log.close()

@@ -131,7 +131,7 @@ def _in_virtual_time(name: str) -> Tuple[List[str], str]:
         journal = Path(folder) / "journal.jsonl"
         tool = str(Path(sys.executable).with_name("amaze-autonomy"))
         command = [tool, "simulate", "--faults", name, "--journal", str(journal)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
         rows = (json.loads(line) for line in journal.read_text(encoding="utf-8").splitlines())
         states = [row["after"] for row in rows if row["kind"] == "decision"]
     way = [state for state, _ in itertools.groupby(states) if state not in SKIPPED]

@@ -229,6 +229,8 @@ class Flight:
             time.sleep(0.05)
         took = time.monotonic() - began
         while not self._station.real_time():
+            if time.monotonic() - began - took > _READY_S:
+                raise SystemExit(f"the simulator was not in real time within {_READY_S:g} s: see {self._folder}")
             time.sleep(0.2)
         time.sleep(_SETTLE_S)
         return round(took, 1)
@@ -456,7 +458,7 @@ def main() -> int:
     """Fly one, and write what only this process knows to facts.json."""
     name, autopilot, folder, program = sys.argv[1], sys.argv[2], Path(sys.argv[3]), Path(sys.argv[4])
     scenario = find(name)
-    subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
+    subprocess.run(["ip", "link", "set", "lo", "up"], check=True, timeout=60)
     facts = Flight(scenario, autopilot, folder, program).fly()
     (folder / "facts.json").write_text(json.dumps(facts, indent=2, default=str), encoding="utf-8")
     return 0

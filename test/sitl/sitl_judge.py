@@ -228,7 +228,7 @@ def _replayed(path: Path) -> List[str]:
     tool = str(Path(sys.executable).with_name("amaze-replay"))
     wrong = []
     for words, command in (("its journal is decided differently", "journal"), ("it breaks a law", "laws")):
-        done = subprocess.run([tool, command, str(path)], capture_output=True, text=True, check=False)
+        done = subprocess.run([tool, command, str(path)], capture_output=True, text=True, check=False, timeout=600)
         if done.returncode != 0:
             lines = (done.stdout + done.stderr).strip().splitlines()
             wrong.append(f"{words}: {lines[-1] if lines else done.returncode}")
@@ -244,7 +244,7 @@ def _log_replayed(folder: Path, facts: Mapping[str, Any], scenario: Scenario, wi
         return []
     with tempfile.TemporaryDirectory() as out:
         command = [str(Path(sys.executable).with_name("amaze-replay")), "run", str(log), "--map", _MAP, "--out", out]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
         replayed = Path(out) / "journal.jsonl"
         if not replayed.exists():
             return [f"its telemetry log cannot be replayed: {(done.stderr.strip().splitlines() or ['?'])[-1]}"]

@@ -52,7 +52,7 @@ def golden(tmp_path_factory, recording):
     program = str(Path(sys.executable).parent / "amaze-replay")
     environment = {**os.environ, "AMAZE_DATA": str(recording.parent)}
     command = [program, "accept", str(folder), "--reason", "the demo, seen and right"]
-    subprocess.run(command, env=environment, check=True, capture_output=True)
+    subprocess.run(command, env=environment, check=True, capture_output=True, timeout=600)
     (golden,) = folder.rglob("*.golden.jsonl")
     return golden
 
@@ -80,7 +80,9 @@ def run(team, recipe):
         if status and not always:
             continue
         command = ["bash", "-e", "-o", "pipefail", "-c", line]
-        done = subprocess.run(command, cwd=team, env=environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=team, env=environment, capture_output=True, text=True, check=False, timeout=600
+        )
         status, said = status or done.returncode, said + done.stdout + done.stderr
     return status, said
 

@@ -48,6 +48,7 @@ def test_another_process_with_another_hash_seed_decides_the_same_to_the_byte(cho
         stdout=subprocess.PIPE,
         text=True,
         check=True,
+        timeout=600,
     )
     monkeypatch.setenv("AMAZE_DATA", data)
     there = [tuple(line.rsplit(" ", 2)) for line in process.stdout.splitlines()]

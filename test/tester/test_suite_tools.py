@@ -160,7 +160,7 @@ def run_pytest(folder):
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(folder), *words]
         if "amaze_autonomy.tester.pytest_plugin" not in _entry_points():
             command[3:3] = ["-p", "amaze_autonomy.tester.pytest_plugin"]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
 
     return run
 

@@ -224,6 +224,6 @@ def test_the_command_does_not_load_numpy_which_takes_longer_than_it_does(active,
     script = "import sys; from amaze_autonomy.bags.cli import main; status = main(sys.argv[1:])\n"
     script += "print(status, sorted({'numpy', 'hashlib', 'rosbags', 'rich', 'traceback'} & {*sys.modules}))"
     done = subprocess.run(
-        [sys.executable, "-c", script, *arguments, str(active)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", script, *arguments, str(active)], capture_output=True, text=True, check=True, timeout=120
     )
     assert done.stdout.splitlines()[-1] == "3 []"
