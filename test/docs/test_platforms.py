@@ -50,5 +50,6 @@ def test_readme_classifiers_and_page_promise_the_same_pythons():
 
 def test_whatever_system_is_promised_has_a_python_that_is():
     offline = versions(next(python for system, python, _, _ in rows() if "without ROS" in system))
-    pythons = {system: versions(python.partition(",")[0]) for system, python, _, _ in rows()[1:]}
-    assert all(named and named <= offline for named in pythons.values()), pythons
+    systems = {system: versions(python.partition(",")[0]) for system, python, _, _ in rows()[1:]}
+    assert len(systems) > 3
+    assert {system: named for system, named in systems.items() if not named or named - offline} == {}

@@ -36,8 +36,8 @@ FIRST_BOUNDS = (300, 1_500)
 """Transitions in each world before the bound of the proof: most mutants are caught by then."""
 _PYTEST = ("-x", "-q", "-W", "ignore::pytest.PytestAssertRewriteWarning")
 TIMES, START_S, MOST_S, MEMORY_LIMIT = 10, 30, 900, 3 << 30
-"""A mutant is noticed that needs ten times the processor time of the original, and a start, or a quarter of an hour: all
-worlds of the explorer need two minutes and a half, and twice that beside other work."""
+"""A mutant is noticed that needs ten times the processor time of the original, and a start, or a quarter of an hour:
+all worlds of the explorer need two minutes and a half, and twice that beside other work."""
 
 
 class Look(NamedTuple):
