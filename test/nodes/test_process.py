@@ -13,6 +13,8 @@ import pytest
 
 rospy = pytest.importorskip("rospy")
 
+from amaze_autonomy.ros.arguments import NODES as TAKEN  # noqa: E402
+
 AUTOGROUP = Path("/proc/self/autogroup")
 SCRIPT = """
 import os
@@ -91,6 +93,64 @@ def test_who_asks_for_help_starts_no_node_that_would_end_the_one_that_flies(
     told = capsys.readouterr()
     assert said in (told.err if status else told.out)
     assert ("~" in told.out) == (status == 0), "its parameters are shown to who asks"
+
+
+# --- whom is what it writes for ---------------------------------------------------------------------------------------
+
+BEGINS = """\
+import os, sys
+import rospy
+from amaze_autonomy.ros import node_main
+
+os.umask(int(sys.argv[1], 8))
+rospy.init_node = lambda *_, **__: open("log of the node", "w")
+node_main.begin("node")
+open("file", "w")
+os.mkdir("folder")
+os.system("touch of_a_program")
+names = ("log of the node", "file", "folder", "of_a_program")
+os.write(1, " ".join(f"{os.stat(name).st_mode & 0o777:o}" for name in names).encode())
+os._exit(0)
+"""
+
+
+@pytest.mark.parametrize("umask", ["000", "022", "077"])
+def test_whoever_starts_a_node_what_it_and_its_programs_write_is_for_its_user_and_group(tmp_path, umask):
+    command = [sys.executable, "-c", BEGINS, umask]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["640", "640", "750", "640"]
+
+
+EACH = """\
+import os, runpy, sys
+import rospy
+from amaze_autonomy.nodes.autonomy import node
+from amaze_autonomy.nodes.recorder import node
+from amaze_autonomy.nodes.simulation import node  # what all of them need is loaded once
+
+def reached(*_, **__):
+    os.write(2, f"{os.path.basename(sys.argv[0])} {os.umask(0):03o}\\n".encode())
+    os._exit(0)
+
+rospy.init_node = reached
+for path in sys.argv[1:]:
+    if os.fork() == 0:
+        os.umask(0)
+        sys.argv = [path, *(("--port", "0") if path.endswith("web") else ())]
+        runpy.run_path(path)
+    os.wait()
+"""
+NO_NODE = "mavlink_router"  # it becomes a program of others
+
+
+def test_each_node_has_decided_that_before_it_is_one_and_before_it_writes_anything(tmp_path):
+    names = sorted(set(TAKEN) - {NO_NODE})
+    command = [sys.executable, "-c", EACH, *(str(Path(__file__).parents[2] / "scripts" / name) for name in names)]
+    home = {"ROS_HOME": str(tmp_path / "home")}
+    done = subprocess.run(command, env={**os.environ, **home}, capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines() == [f"{name} 027" for name in names]
+    written = {str(path.relative_to(tmp_path)): f"{path.stat().st_mode & 0o777:o}" for path in tmp_path.rglob("*")}
+    assert written == {"home": "750", "home/amaze_autonomy": "750", "home/amaze_autonomy/web_token": "600"}
 
 
 # --- words to people --------------------------------------------------------------------------------------------------

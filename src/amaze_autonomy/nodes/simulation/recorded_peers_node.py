@@ -19,6 +19,7 @@ It ends when the recording does: exit status 0, or 1 and a line that says what d
 from __future__ import annotations
 
 import json
+import os
 import sys
 import threading
 import time
@@ -198,6 +199,7 @@ def main() -> int:
     answered = answer_words("recorded_peers", __doc__)
     if answered is not None:
         return answered
+    os.umask(node_main.UMASK)
     mend_rospy()
     rospy.init_node("recorded_peers")
     try:
